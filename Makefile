@@ -1,0 +1,48 @@
+# Two commands matter on a fresh machine: `make emulator` and `make test`.
+PYTHON ?= python3
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+MODEL  ?= ur3
+ARGS   ?=
+JOBS   ?= auto
+
+.PHONY: emulator test check wheel-check benchmarks docs clean
+
+emulator: $(VENV)/.base
+	$(BIN)/ur-emulator --model $(MODEL) $(ARGS)
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
+
+check: $(VENV)/.dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	@echo "make check: all clean"
+
+# The wheel installs into a clean environment and is not confused by namesakes in the current folder.
+wheel-check: $(VENV)/.dev
+	$(BIN)/python tests/packaging/check_wheel.py
+
+benchmarks: $(VENV)/.dev
+	$(BIN)/python benchmarks/run.py
+
+# Rewrites the generated tables in docs/ from the registries in the code.
+docs: $(VENV)/.dev
+	$(BIN)/python docs/generate.py
+
+$(VENV)/bin/python:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed; set PYTHON=python3.12 or such" >&2; exit 2; }
+	$(PYTHON) -m venv $(VENV) || { echo "python3-venv is missing: install it (Debian: apt install python3-venv)" >&2; exit 2; }
+	$(BIN)/python -m pip install --quiet --upgrade pip
+
+$(VENV)/.base: pyproject.toml | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --editable .
+	touch $@
+
+$(VENV)/.dev: pyproject.toml | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --editable '.[test,check]'
+	touch $@ $(VENV)/.base
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

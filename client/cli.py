@@ -1,0 +1,88 @@
+"""``ur-client``: the everyday things, from a terminal, against any robot or emulator."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from client import dashboard, primary, rtde
+from client.errors import ClientError
+from urproto.errors import ProtocolError, RobotRefused
+from urproto.modes import RobotMode, RuntimeState, SafetyMode
+from urproto.rtde.fields import OUTPUT_FIELDS
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+
+RobotIP = Annotated[str, typer.Option("--robot-ip", help="Address of the robot.")]
+PortOffset = Annotated[int, typer.Option("--port-offset", help="Added to each port, as given to the emulator.")]
+
+_STATE = (
+    "timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction",
+    "actual_q", "actual_qd", "actual_TCP_pose",
+)  # fmt: skip
+_NAMES = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": RuntimeState}
+_MAIN_PROGRAM = "def "  # only such programs report that they started
+
+
+@app.command("dashboard")
+def dashboard_command(
+    line: Annotated[str, typer.Argument(help='A dashboard command, for example "power on".')],
+    robot_ip: RobotIP = "127.0.0.1",
+    port_offset: PortOffset = 0,
+) -> None:
+    """Send one dashboard command and print the answer."""
+    with dashboard.BlockingDashboardClient(robot_ip, dashboard.PORT + port_offset) as robot:
+        typer.echo(robot.ask(dashboard.command(line)))
+
+
+@app.command("state")
+def state_command(robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
+    """Print what the robot is doing right now."""
+    with rtde.BlockingRTDEClient(robot_ip, _STATE, port=rtde.PORT + port_offset) as robot:
+        state = robot.receive()
+        version = robot.core.version
+    table = Table("variable", "value", "unit", title=f"{robot_ip}, PolyScope {version}")
+    for name, value in state.items():
+        table.add_row(name, _readable(name, value), OUTPUT_FIELDS[name].unit)
+    Console(width=100).print(table)
+
+
+@app.command("send")
+def send_command(
+    file: Annotated[Path, typer.Argument(help="A URScript file.", exists=True, dir_okay=False)],
+    robot_ip: RobotIP = "127.0.0.1",
+    port_offset: PortOffset = 0,
+    wait: Annotated[bool, typer.Option("--wait", help="Wait until the program ends.")] = False,
+) -> None:
+    """Send a script; a program is waited for until it runs."""
+    text = file.read_text("utf-8")
+    with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
+        if not text.lstrip().startswith(_MAIN_PROGRAM):
+            robot.run(robot.core.send_script(text))
+            typer.echo(f"sent {file}")
+            return
+        typer.echo(f"{robot.run(robot.core.run_script(text))} is running")
+        if wait:
+            name = robot.run(robot.core.wait_until_stopped(), float("inf"))
+            typer.echo(f"{name} has ended")
+
+
+def _readable(name: str, value: Any) -> str:
+    if name in _NAMES:
+        return _NAMES[name](value).name
+    numbers = value if isinstance(value, tuple) else (value,)
+    return ", ".join(f"{number:.4f}" for number in numbers)
+
+
+def main() -> None:
+    """Entry point of ``ur-client``: errors are one line, exit status 1."""
+    try:
+        app()
+    except (ClientError, ProtocolError, RobotRefused, UnicodeDecodeError) as error:
+        typer.echo(f"ur-client: {error}", err=True)
+        sys.exit(1)

@@ -1,0 +1,94 @@
+"""The whole emulator: controller, clock and servers, started and stopped together.
+
+async with Emulator(EmulatorConfig(controller=ControllerConfig(model=load_model("ur3")))) as emulator:
+    print(emulator.ports)
+    await emulator.stopped.wait()
+"""
+
+import asyncio
+from contextlib import AsyncExitStack
+from types import TracebackType
+from typing import Self
+
+from emulator.clock import Clock, RealClock
+from emulator.config import EmulatorConfig
+from emulator.controller import Controller
+from emulator.primary_state import robot_state
+from emulator.servers.base import PortServer
+from emulator.servers.dashboard import DashboardServer
+from emulator.servers.primary import PrimaryServer
+from emulator.servers.realtime import RealtimeServer
+from emulator.servers.rtde import RTDEServer
+from emulator.servers.script_sockets import NetworkSockets
+from emulator.snapshot import Snapshot
+from urproto.primary.state import encode_robot_state
+
+__all__ = ["Emulator"]
+
+
+class Emulator:
+    """A controller that answers on its ports while the context is entered.
+
+    clock: what drives it, real time unless given. stopped: set when a client shut the
+    controller down, or by ``stop``.
+    """
+
+    def __init__(self, config: EmulatorConfig, clock: Clock | None = None) -> None:
+        self.config = config
+        self.controller = Controller(config.controller)
+        self.clock = clock or RealClock(self.controller.period_s, config.speed)
+        self.servers: dict[str, PortServer] = {server.name: server for server in _servers(self.controller)}
+        self.stopped = asyncio.Event()
+        self._sockets = NetworkSockets()
+        self._running = AsyncExitStack()
+
+    @property
+    def ports(self) -> dict[str, int]:
+        """The port each server listens on, by its name."""
+        return {name: server.port for name, server in self.servers.items()}
+
+    def stop(self) -> None:
+        """Let whoever waits for ``stopped`` go on."""
+        self.stopped.set()
+
+    async def __aenter__(self) -> Self:
+        """Open the ports and start the clock. Raises OSError for a port that cannot be opened."""
+        async with AsyncExitStack() as starting:
+            for name, port in self.config.wanted_ports.items():
+                server = self.servers[name]
+                starting.push_async_callback(server.stop)
+                await server.start(self.config.host, port)
+            starting.push_async_callback(self._sockets.close)
+            self.controller.programs.socket_backend = self._sockets
+            starting.callback(self.clock.close)
+            self.clock.start(self._tick)
+            self._running = starting.pop_all()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        await self._running.aclose()
+
+    def _tick(self) -> None:
+        controller = self.controller
+        controller.execution_time_ms = self.clock.last_tick_s * 1000.0
+        controller.tick()
+        if controller.shutdown_requested:
+            self.stop()
+
+
+def _servers(controller: Controller) -> tuple[PortServer, ...]:
+    def state(snapshot: Snapshot, full: bool) -> bytes:
+        return encode_robot_state(robot_state(snapshot, controller.model), controller.version, full=full)
+
+    return (
+        DashboardServer(controller),
+        PrimaryServer("primary", controller, state, messages=True, read_only=False),
+        PrimaryServer("secondary", controller, state, messages=False, read_only=False),
+        RealtimeServer("realtime", controller, read_only=False),
+        RTDEServer(controller),
+        PrimaryServer("primary read-only", controller, state, messages=True, read_only=True),
+        PrimaryServer("secondary read-only", controller, state, messages=False, read_only=True),
+        RealtimeServer("realtime read-only", controller, read_only=True),
+    )

@@ -1,0 +1,172 @@
+"""Force mode, freedrive, contact and the force/torque sensor."""
+
+from typing import Any
+
+from emulator.builtins.values import six, three, within_range
+from emulator.programs.host import ProgramHost
+from urscript.builtins import Library
+from urscript.errors import RuntimeFault
+from urscript.values import Bool, Int, Joints, ListArg, Num, PoseArg, PoseOrJoints
+
+__all__ = ["LIBRARY"]
+
+LIBRARY = Library("force", host=True)
+
+# defaults: a tuple stands for a list or pose that scripts see
+_ORIGIN: Any = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_ALL_AXES: Any = (1, 1, 1, 1, 1, 1)
+_NO_OFFSET: Any = (0, 0, 0)
+
+
+@LIBRARY.builtin(status="partial", note="an admittance driven by the emulated contact force")
+def force_mode(
+    host: ProgramHost,
+    task_frame: PoseArg,
+    selection_vector: Joints,
+    wrench: Joints,
+    type_: Int,
+    limits: Joints,
+) -> None:
+    """Be compliant along the axes of `task_frame` that `selection_vector` marks with 1, aiming at `wrench`.
+
+    Stays in force beside other movements until end_force_mode() or the program's end. `type`: 1 the
+    frame points to the TCP, 2 it stays, 3 it follows the motion. `limits`: speeds [m/s, rad/s] along
+    compliant axes, deviations [m, rad] along the others.
+    """
+    if type_ not in (1, 2, 3):
+        raise RuntimeFault(f"force_mode: type must be 1, 2 or 3, not {type_}")
+    if any(axis not in (0, 1) for axis in selection_vector):
+        raise RuntimeFault(f"force_mode: the selection vector must hold only 0 and 1, not {list(selection_vector)}")
+    _main_only(host, "force_mode")
+    with within_range():
+        host.motion.start_force_mode(six(task_frame), six(selection_vector), six(wrench), type_, six(limits))
+
+
+@LIBRARY.builtin()
+def end_force_mode(host: ProgramHost) -> None:
+    """Leave force mode."""
+    host.motion.end_force_mode()
+
+
+@LIBRARY.builtin(cb3="3.0", e="5.0")
+def force_mode_set_damping(host: ProgramHost, damping: Num) -> None:
+    """Damping of force mode, 0 (none) to 1 (full); applies from then on."""
+    _check_range("force_mode_set_damping", damping, 1)
+    host.motion.force_damping = float(damping)
+
+
+# The official control script contains this name on CB3 too, where it is never called; so it has to exist there.
+@LIBRARY.builtin(cb3="3.0", e="5.0")
+def force_mode_set_gain_scaling(host: ProgramHost, scaling: Num) -> None:
+    """Gain of force mode, 0 to 2; applies from then on."""
+    _check_range("force_mode_set_gain_scaling", scaling, 2)
+    host.motion.force_gain_scaling = float(scaling)
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def force_mode_get_damping(host: ProgramHost) -> float:
+    """Damping of force mode."""
+    return host.motion.force_damping
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def force_mode_get_gain_scaling(host: ProgramHost) -> float:
+    """Gain of force mode."""
+    return host.motion.force_gain_scaling
+
+
+@LIBRARY.builtin(status="partial", note="the arm follows the emulated external force")
+def freedrive_mode(host: ProgramHost, freeAxes: ListArg = _ALL_AXES, feature: PoseArg = _ORIGIN) -> None:
+    """Let the arm be moved by hand along the axes of `feature` that `freeAxes` marks with 1."""
+    if len(freeAxes) != 6 or any(axis not in (0, 1) for axis in freeAxes):
+        raise RuntimeFault("freedrive_mode: freeAxes must be a list of six numbers, each 0 or 1")
+    _main_only(host, "freedrive_mode")
+    host.motion.freedrive(six(freeAxes), six(feature))
+
+
+@LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="the payload is never checked here")
+def freedrive_mode_no_incorrect_payload_check(host: ProgramHost) -> None:
+    """freedrive_mode() without looking at the payload first."""
+    freedrive_mode(host)
+
+
+@LIBRARY.builtin()
+def end_freedrive_mode(host: ProgramHost) -> None:
+    """Leave freedrive."""
+    host.motion.end_freedrive()
+
+
+@LIBRARY.builtin(cb3="3.10", e="5.0", status="partial", note="always 0: nearness to singularities is not judged")
+def get_freedrive_status(host: ProgramHost) -> int:
+    """0 normal, 1 close to a singularity, 2 too close for freedrive."""
+    return 0
+
+
+@LIBRARY.builtin(status="partial", note="the arm follows the emulated external force")
+def teach_mode(host: ProgramHost) -> None:
+    """Freedrive by its old name."""
+    freedrive_mode(host)
+
+
+@LIBRARY.builtin()
+def end_teach_mode(host: ProgramHost) -> None:
+    """Leave freedrive."""
+    host.motion.end_freedrive()
+
+
+@LIBRARY.builtin(
+    cb3="3.0", e="5.0", status="partial", note="contact is an emulated external force over a fixed threshold"
+)
+def tool_contact(host: ProgramHost, direction: PoseOrJoints = _ORIGIN) -> int:
+    """Control periods since the tool met something while moving along `direction`; 0 without contact.
+
+    `direction`: six numbers in the base frame, as a speed vector; all zero means any direction.
+    """
+    return host.programs.history.contact_steps(direction)
+
+
+@LIBRARY.builtin(cb3="3.0", e="5.0")
+def zero_ftsensor(host: ProgramHost) -> None:
+    """Take the present force and torque for zero."""
+    host.arm.zero_force()
+
+
+@LIBRARY.builtin(cb3="3.0", e="5.0", status="partial", note="the readings are taken as free of the sensor's own weight")
+def ft_rtde_input_enable(
+    host: ProgramHost,
+    enable: Bool,
+    sensor_mass: Num = 0.0,
+    sensor_measuring_offset: ListArg = _NO_OFFSET,
+    sensor_cog: ListArg = _NO_OFFSET,
+) -> None:
+    """Take the wrench at the flange from the RTDE input external_force_torque.
+
+    `sensor_mass` [kg], `sensor_measuring_offset` and `sensor_cog` from the flange [m].
+    """
+    sensor = host.controller.ft_input
+    sensor.measuring_offset = three(sensor_measuring_offset, "sensor_measuring_offset")
+    sensor.sensor_cog = three(sensor_cog, "sensor_cog")
+    sensor.sensor_mass = float(sensor_mass)
+    sensor.enabled = enable
+
+
+@LIBRARY.builtin(cb3="3.3", e="5.0", status="partial", note="the readings are taken as free of the sensor's own weight")
+def enable_external_ft_sensor(
+    host: ProgramHost,
+    enable: Bool,
+    sensor_mass: Num = 0.0,
+    sensor_measuring_offset: ListArg = _NO_OFFSET,
+    sensor_cog: ListArg = _NO_OFFSET,
+) -> None:
+    """ft_rtde_input_enable by its old name."""
+    ft_rtde_input_enable(host, enable, sensor_mass, sensor_measuring_offset, sensor_cog)
+
+
+def _main_only(host: ProgramHost, name: str) -> None:
+    if host.secondary:
+        raise RuntimeFault(f"{name}: a secondary program cannot control the robot")
+
+
+def _check_range(name: str, value: float, most: float) -> None:
+    if not 0 <= value <= most:
+        raise RuntimeFault(f"{name}: the value must be 0 to {most}, not {value}")

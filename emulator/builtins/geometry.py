@@ -1,0 +1,70 @@
+"""Between joint angles and TCP poses, with the arm and TCP of the running program."""
+
+import math
+from collections.abc import Sequence
+
+from emulator.builtins.values import Vector6, six
+from emulator.programs.host import ProgramHost
+from urproto.robots.pose import pose_inv, pose_trans
+from urscript.errors import RuntimeFault
+from urscript.values import Pose
+
+__all__ = ["active_tcp", "forward", "inverse", "joints_for", "nearest_angle", "no_solution", "pose_for", "twist_of"]
+
+
+def forward(host: ProgramHost, q: Sequence[float], tcp: Sequence[float] | None = None) -> Vector6:
+    """TCP pose in the base frame of joint angles; with the active TCP unless another is given."""
+    return host.arm.kinematics.forward(six(q), active_tcp(host) if tcp is None else six(tcp))
+
+
+def inverse(
+    host: ProgramHost, pose: Sequence[float], q_near: Sequence[float] | None = None, tcp: Sequence[float] | None = None
+) -> Vector6 | None:
+    """Joint angles within their limits for a TCP pose, nearest to ``q_near`` (the present ones); None without any."""
+    flange = pose_trans(pose, pose_inv(active_tcp(host) if tcp is None else tcp))
+    near = host.motion.q if q_near is None else six(q_near)
+    if not all(map(math.isfinite, flange)):
+        return None
+    model = host.controller.model
+    return host.arm.kinematics.inverse_near(flange, near, model.q_min, model.q_max)
+
+
+def joints_for(host: ProgramHost, target: Sequence[float]) -> Vector6:
+    """Joint angles of a pose or of joint angles; RuntimeFault when the pose is out of reach."""
+    if not isinstance(target, Pose):
+        return six(target)
+    q = inverse(host, target)
+    if q is None:
+        raise no_solution(target)
+    return q
+
+
+def pose_for(host: ProgramHost, target: Sequence[float]) -> Vector6:
+    """TCP pose of a pose or of joint angles."""
+    return six(target) if isinstance(target, Pose) else forward(host, target)
+
+
+def twist_of(host: ProgramHost, q: Vector6, qd: Vector6) -> Vector6:
+    """TCP velocity in the base frame [m/s, rad/s]."""
+    rows = host.arm.kinematics.jacobian(q, active_tcp(host))
+    return six([_dot(row, qd) for row in rows])
+
+
+def active_tcp(host: ProgramHost) -> Vector6:
+    """The TCP in use, flange to TCP."""
+    return host.controller.installation.tcp
+
+
+def no_solution(pose: Sequence[float]) -> RuntimeFault:
+    """What movej and get_inverse_kin raise for a pose out of reach."""
+    place = ", ".join(f"{value:.4g}" for value in pose)
+    return RuntimeFault(f"no inverse kinematics solution for p[{place}]: it is out of reach for this arm and TCP")
+
+
+def nearest_angle(angle: float, near: float) -> float:
+    """The angle equivalent to ``angle`` that is nearest to ``near`` [rad]."""
+    return angle + 2.0 * math.pi * round((near - angle) / (2.0 * math.pi))
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return sum(x * y for x, y in zip(a, b, strict=True))

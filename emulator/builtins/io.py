@@ -1,0 +1,162 @@
+"""Digital and analog signals of the control box and the tool."""
+
+from emulator.builtins.values import within_range
+from emulator.programs.host import ProgramHost
+from emulator.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
+from urscript.builtins import Library
+from urscript.errors import RuntimeFault
+from urscript.values import Bool, Int, Num
+
+__all__ = ["LIBRARY"]
+
+LIBRARY = Library("io", host=True)
+
+_OLD_TOOL = 8  # get_digital_in(8) and (9) are the tool's, as before there were configurable signals
+
+
+def _read_input(host: ProgramHost, group: DigitalGroup, n: int) -> bool:
+    with within_range():
+        return host.controller.signals.get_digital_input(group, n)
+
+
+def _read_output(host: ProgramHost, group: DigitalGroup, n: int) -> bool:
+    with within_range():
+        return host.controller.signals.get_digital_output(group, n)
+
+
+def _write_output(host: ProgramHost, group: DigitalGroup, n: int, level: bool) -> None:
+    with within_range():
+        host.controller.signals.set_digital_output(group, n, level)
+
+
+def _old(n: int) -> tuple[DigitalGroup, int]:
+    return (STANDARD, n) if n < _OLD_TOOL else (TOOL, n - _OLD_TOOL)
+
+
+@LIBRARY.builtin()
+def get_standard_digital_in(host: ProgramHost, n: Int) -> bool:
+    """Standard digital input 0 to 7."""
+    return _read_input(host, STANDARD, n)
+
+
+@LIBRARY.builtin()
+def get_configurable_digital_in(host: ProgramHost, n: Int) -> bool:
+    """Configurable digital input 0 to 7."""
+    return _read_input(host, CONFIGURABLE, n)
+
+
+@LIBRARY.builtin()
+def get_tool_digital_in(host: ProgramHost, n: Int) -> bool:
+    """Tool digital input 0 or 1."""
+    return _read_input(host, TOOL, n)
+
+
+@LIBRARY.builtin(note="deprecated")
+def get_digital_in(host: ProgramHost, n: Int) -> bool:
+    """Standard digital input 0 to 7, or tool digital input as 8 and 9."""
+    return _read_input(host, *_old(n))
+
+
+@LIBRARY.builtin()
+def get_standard_digital_out(host: ProgramHost, n: Int) -> bool:
+    """Level of standard digital output 0 to 7."""
+    return _read_output(host, STANDARD, n)
+
+
+@LIBRARY.builtin()
+def get_configurable_digital_out(host: ProgramHost, n: Int) -> bool:
+    """Level of configurable digital output 0 to 7."""
+    return _read_output(host, CONFIGURABLE, n)
+
+
+@LIBRARY.builtin()
+def get_tool_digital_out(host: ProgramHost, n: Int) -> bool:
+    """Level of tool digital output 0 or 1."""
+    return _read_output(host, TOOL, n)
+
+
+@LIBRARY.builtin(note="deprecated")
+def get_digital_out(host: ProgramHost, n: Int) -> bool:
+    """Level of standard digital output 0 to 7, or of the tool's as 8 and 9."""
+    return _read_output(host, *_old(n))
+
+
+@LIBRARY.builtin()
+def set_standard_digital_out(host: ProgramHost, n: Int, b: Bool) -> None:
+    """Set standard digital output 0 to 7."""
+    _write_output(host, STANDARD, n, b)
+
+
+@LIBRARY.builtin()
+def set_configurable_digital_out(host: ProgramHost, n: Int, b: Bool) -> None:
+    """Set configurable digital output 0 to 7."""
+    _write_output(host, CONFIGURABLE, n, b)
+
+
+@LIBRARY.builtin()
+def set_tool_digital_out(host: ProgramHost, n: Int, b: Bool) -> None:
+    """Set tool digital output 0 or 1."""
+    _write_output(host, TOOL, n, b)
+
+
+@LIBRARY.builtin(note="deprecated")
+def set_digital_out(host: ProgramHost, n: Int, b: Bool) -> None:
+    """Set standard digital output 0 to 7, or the tool's as 8 and 9."""
+    group, index = _old(n)
+    _write_output(host, group, index, b)
+
+
+@LIBRARY.builtin()
+def get_standard_analog_in(host: ProgramHost, n: Int) -> float:
+    """Analog input 0 or 1 [A or V, by its domain]."""
+    return host.controller.signals.analog_inputs[_analog(n, "analog input")]
+
+
+@LIBRARY.builtin()
+def get_tool_analog_in(host: ProgramHost, n: Int) -> float:
+    """Tool analog input 0 or 1 [A or V, by its domain]."""
+    return host.controller.signals.tool_analog_inputs[_analog(n, "tool analog input")]
+
+
+@LIBRARY.builtin(note="deprecated")
+def get_analog_in(host: ProgramHost, n: Int) -> float:
+    """Analog input 0 or 1, or the tool's as 2 and 3 [A or V, by its domain]."""
+    return get_standard_analog_in(host, n) if n < 2 else get_tool_analog_in(host, n - 2)
+
+
+@LIBRARY.builtin()
+def get_standard_analog_out(host: ProgramHost, n: Int) -> float:
+    """Analog output 0 or 1 as a ratio of its range, 0 to 1."""
+    return host.controller.signals.analog_output_ratios[_analog(n, "analog output")]
+
+
+@LIBRARY.builtin(note="deprecated")
+def get_analog_out(host: ProgramHost, n: Int) -> float:
+    """Analog output 0 or 1 as a ratio of its range, 0 to 1."""
+    return get_standard_analog_out(host, n)
+
+
+@LIBRARY.builtin()
+def set_standard_analog_out(host: ProgramHost, n: Int, f: Num) -> None:
+    """Set analog output 0 or 1 to a ratio of its range; clipped to 0 to 1."""
+    with within_range():
+        host.controller.signals.set_analog_output(n, f)
+
+
+@LIBRARY.builtin(note="deprecated")
+def set_analog_out(host: ProgramHost, n: Int, f: Num) -> None:
+    """Set analog output 0 or 1 to a ratio of its range; clipped to 0 to 1."""
+    set_standard_analog_out(host, n, f)
+
+
+@LIBRARY.builtin()
+def set_tool_voltage(host: ProgramHost, voltage: Int) -> None:
+    """Supply voltage of the tool: 0, 12 or 24 [V]."""
+    with within_range():
+        host.controller.signals.set_tool_voltage(voltage)
+
+
+def _analog(n: int, what: str) -> int:
+    if n not in (0, 1):
+        raise RuntimeFault(f"there is no {what} {n}: they are 0 and 1")
+    return n

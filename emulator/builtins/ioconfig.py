@@ -1,0 +1,215 @@
+"""How signals are set up. PolyScope writes these calls at the head of every program."""
+
+from emulator.builtins.values import within_range
+from emulator.programs.host import ProgramHost
+from emulator.programs.outputs import ANALOG_ACTIONS, DIGITAL_ACTIONS
+from emulator.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
+from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolOutputMode
+from urscript.builtins import Library
+from urscript.errors import RuntimeFault
+from urscript.values import Bool, Int, ListArg, Num, Str
+
+__all__ = ["LIBRARY"]
+
+LIBRARY = Library("ioconfiguration", host=True)
+
+_BAUD_RATES = (9600, 19200, 38400, 57600, 115200, 1000000, 2000000, 5000000)  # Script Manual, set_tool_communication
+
+
+@LIBRARY.builtin()
+def set_analog_outputdomain(host: ProgramHost, port: Int, domain: Int) -> None:
+    """Domain of analog output 0 or 1: 0 current, 1 voltage."""
+    host.controller.signals.analog_output_domains[_port(port)] = _domain(domain)
+
+
+@LIBRARY.builtin()
+def set_standard_analog_input_domain(host: ProgramHost, port: Int, domain: Int) -> None:
+    """Domain of analog input 0 or 1: 0 current, 1 voltage."""
+    host.controller.signals.analog_input_domains[_port(port)] = _domain(domain)
+
+
+@LIBRARY.builtin()
+def set_tool_analog_input_domain(host: ProgramHost, port: Int, domain: Int) -> None:
+    """Domain of tool analog input 0 or 1: 0 current, 1 voltage."""
+    host.controller.signals.tool_analog_input_domains[_port(port)] = _domain(domain)
+
+
+@LIBRARY.builtin(status="partial", note="deprecated; checked only: the domain says all there is to say")
+def set_analog_inputrange(host: ProgramHost, port: Int, range_: Int) -> None:
+    """Range of an analog input of old control boxes."""
+    if not 0 <= port <= 3:
+        raise RuntimeFault(f"there is no analog input {port}: they are 0 to 3")
+
+
+@LIBRARY.builtin(cb3=None, e="5.0")
+def set_tool_output_mode(host: ProgramHost, mode: Int) -> None:
+    """What the tool outputs are for: 0 digital outputs, 1 dual-pin power."""
+    if mode not in (0, 1):
+        raise RuntimeFault(f"set_tool_output_mode: mode must be 0 (digital) or 1 (dual-pin power), not {mode}")
+    host.controller.signals.tool_output_mode = ToolOutputMode(mode)
+
+
+@LIBRARY.builtin(cb3=None, e="5.0")
+def set_tool_digital_output_mode(host: ProgramHost, n: Int, mode: Int) -> None:
+    """Type of tool output 0 or 1: 1 sinking, 2 sourcing, 3 push/pull (0 is taken for 1)."""
+    if not 0 <= mode <= 3:
+        raise RuntimeFault(f"set_tool_digital_output_mode: mode must be 1, 2 or 3, not {mode}")
+    host.controller.signals.tool_digital_output_modes[_port(n)] = ToolDigitalOutputMode(max(mode, 1))
+
+
+@LIBRARY.builtin(
+    cb3="3.0", e="5.0", status="partial", note="checked and kept; nothing is connected to the tool's serial line"
+)
+def set_tool_communication(
+    host: ProgramHost,
+    enabled: Bool,
+    baud_rate: Int,
+    parity: Int,
+    stop_bits: Int,
+    rx_idle_chars: Num,
+    tx_idle_chars: Num,
+) -> None:
+    """Serial line of the tool: `parity` 0 none, 1 odd, 2 even; idle times in characters."""
+    if baud_rate not in _BAUD_RATES:
+        raise RuntimeFault(f"set_tool_communication: baud_rate must be one of {_BAUD_RATES}, not {baud_rate}")
+    if parity not in (0, 1, 2) or stop_bits not in (1, 2):
+        raise RuntimeFault("set_tool_communication: parity must be 0, 1 or 2, and stop_bits 1 or 2")
+    host.programs.tool_communication = (enabled, baud_rate, parity, stop_bits, rx_idle_chars, tx_idle_chars)
+
+
+_ACTION_NOTE = 'only "default"; "freedrive" by an input is refused'
+
+
+@LIBRARY.builtin(status="partial", note=_ACTION_NOTE)
+def set_standard_digital_input_action(host: ProgramHost, port: Int, action: Str) -> None:
+    """What standard digital input 0 to 7 triggers: "default" (nothing) or "freedrive"."""
+    _input_action(STANDARD, port, action)
+
+
+@LIBRARY.builtin(status="partial", note=_ACTION_NOTE)
+def set_configurable_digital_input_action(host: ProgramHost, port: Int, action: Str) -> None:
+    """What configurable digital input 0 to 7 triggers: "default" (nothing) or "freedrive"."""
+    _input_action(CONFIGURABLE, port, action)
+
+
+@LIBRARY.builtin(status="partial", note=_ACTION_NOTE)
+def set_tool_digital_input_action(host: ProgramHost, port: Int, action: Str) -> None:
+    """What tool digital input 0 or 1 triggers: "default" (nothing) or "freedrive"."""
+    _input_action(TOOL, port, action)
+
+
+@LIBRARY.builtin(cb3="3.3", e="5.0", status="partial", note=_ACTION_NOTE)
+def set_gp_boolean_input_action(host: ProgramHost, port: Int, action: Str) -> None:
+    """What a boolean input register triggers: "default" (nothing) or "freedrive"."""
+    with within_range():
+        host.controller.registers.input.get_bit(port)
+    _check_action(action)
+
+
+@LIBRARY.builtin(note='inputs have no action but "default" here')
+def set_input_actions_to_default(host: ProgramHost) -> None:
+    """Let no input trigger anything."""
+
+
+@LIBRARY.builtin()
+def set_runstate_standard_digital_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
+    """Standard digital output 0 to 7 by run state.
+
+    `state`: 0 keep, 1 low, 2 high while no program runs; 3 high while one runs, 4 low while one runs.
+    """
+    _runstate(host, STANDARD, outputId, state)
+
+
+@LIBRARY.builtin()
+def set_runstate_configurable_digital_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
+    """Configurable digital output 0 to 7 by run state; `state` as for the standard ones."""
+    _runstate(host, CONFIGURABLE, outputId, state)
+
+
+@LIBRARY.builtin()
+def set_runstate_tool_digital_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
+    """Tool digital output 0 or 1 by run state; `state` as for the standard ones."""
+    _runstate(host, TOOL, outputId, state)
+
+
+@LIBRARY.builtin(cb3="3.3", e="5.0")
+def set_runstate_gp_boolean_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
+    """Boolean output register by run state; `state` as for the standard outputs."""
+    with within_range():
+        host.programs.outputs.set_register(outputId, _action(state))
+
+
+@LIBRARY.builtin()
+def set_runstate_standard_analog_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
+    """Analog output 0 or 1 while no program runs: 0 keep, 1 minimum, 2 maximum."""
+    if state not in ANALOG_ACTIONS:
+        raise RuntimeFault(f"the run-state action of an analog output must be 0, 1 or 2, not {state}")
+    with within_range():
+        host.programs.outputs.set_analog(outputId, state)
+
+
+_OLD_NOTE = "undocumented; the listed outputs follow the program (a guess)"
+
+
+@LIBRARY.builtin(status="partial", note=_OLD_NOTE)
+def set_runstate_outputs(host: ProgramHost, outputs: ListArg) -> None:
+    """Numbers of the standard outputs that are high while a program runs."""
+    _runstate_list(host, STANDARD, outputs)
+
+
+@LIBRARY.builtin(status="partial", note=_OLD_NOTE)
+def set_runstate_standard_digital_outputs(host: ProgramHost, outputs: ListArg) -> None:
+    """Numbers of the standard outputs that are high while a program runs."""
+    _runstate_list(host, STANDARD, outputs)
+
+
+@LIBRARY.builtin(status="partial", note=_OLD_NOTE)
+def set_runstate_configurable_digital_outputs(host: ProgramHost, outputs: ListArg) -> None:
+    """Numbers of the configurable outputs that are high while a program runs."""
+    _runstate_list(host, CONFIGURABLE, outputs)
+
+
+_HIGH_WHILE_RUNNING = 3
+
+
+def _runstate_list(host: ProgramHost, group: DigitalGroup, outputs: list[int]) -> None:
+    for index in outputs:
+        if not isinstance(index, int):
+            raise RuntimeFault(f"the list must hold numbers of outputs, not {index!r}")
+        _runstate(host, group, index, _HIGH_WHILE_RUNNING)
+
+
+def _runstate(host: ProgramHost, group: DigitalGroup, index: int, state: int) -> None:
+    with within_range():
+        host.programs.outputs.set_digital(group, index, _action(state))
+
+
+def _action(state: int) -> int:
+    if state not in DIGITAL_ACTIONS:
+        raise RuntimeFault(f"the run-state action of a digital output must be 0 to 4, not {state}")
+    return state
+
+
+def _input_action(group: DigitalGroup, port: int, action: str) -> None:
+    with within_range():
+        group.bit(port)
+    _check_action(action)
+
+
+def _check_action(action: str) -> None:
+    if action == "freedrive":
+        raise RuntimeFault('inputs that trigger "freedrive" are not emulated; call freedrive_mode() instead')
+    if action != "default":
+        raise RuntimeFault(f'an input action must be "default" or "freedrive", not "{action}"')
+
+
+def _port(port: int) -> int:
+    if port not in (0, 1):
+        raise RuntimeFault(f"there is no port {port}: they are 0 and 1")
+    return port
+
+
+def _domain(domain: int) -> AnalogDomain:
+    if domain not in (0, 1):
+        raise RuntimeFault(f"a domain must be 0 (current) or 1 (voltage), not {domain}")
+    return AnalogDomain(domain)

@@ -1,0 +1,107 @@
+"""Kinematics and dynamics of the arm the program runs on."""
+
+from collections.abc import Sequence
+
+from emulator.builtins.geometry import active_tcp, forward, inverse, no_solution
+from emulator.builtins.values import Vector6, six
+from emulator.programs.host import ProgramHost
+from urscript.builtins import Library
+from urscript.errors import RuntimeFault
+from urscript.values import Bool, Joints, Matrix, Num, Pose, PoseArg, PoseOrJoints
+
+__all__ = ["LIBRARY"]
+
+LIBRARY = Library("kinematics", host=True)
+
+
+@LIBRARY.builtin(cb3="3.1", e="5.0")
+def get_forward_kin(host: ProgramHost, q: Joints | None = None, tcp: PoseOrJoints | None = None) -> Pose:
+    """TCP pose in the base frame of joint angles `q` [rad] (the present ones) with `tcp` (the active one)."""
+    return Pose(forward(host, host.motion.q if q is None else q, tcp))
+
+
+@LIBRARY.builtin(note="closed form, so the error limits are always met")
+def get_inverse_kin(
+    host: ProgramHost,
+    x: PoseArg,
+    qnear: Joints | None = None,
+    maxPositionError: Num = 1e-10,
+    maxOrientationError: Num = 1e-10,
+    tcp: PoseOrJoints | None = None,
+) -> list[float]:
+    """Joint angles [rad] for a TCP pose, nearest to `qnear` (the present ones).
+
+    Ends the program when there are none within the joint limits.
+    """
+    q = inverse(host, x, qnear, tcp)
+    if q is None:
+        raise no_solution(x)
+    return list(q)
+
+
+@LIBRARY.builtin(cb3="3.14", e="5.9.4", note="closed form, so the error limits are always met")
+def get_inverse_kin_has_solution(
+    host: ProgramHost,
+    pose: PoseArg,
+    qnear: Joints | None = None,
+    maxPositionError: Num = 1e-10,
+    maxOrientationError: Num = 1e-10,
+    tcp: PoseOrJoints | None = None,
+) -> bool:
+    """Whether get_inverse_kin would find joint angles."""
+    return inverse(host, pose, qnear, tcp) is not None
+
+
+@LIBRARY.builtin(status="partial", note="reach and joint limits; safety planes are not emulated")
+def is_within_safety_limits(host: ProgramHost, pose: PoseOrJoints) -> bool:
+    """Whether a TCP pose, or joint angles, can be reached within the joint limits."""
+    if isinstance(pose, Pose):
+        return inverse(host, pose) is not None
+    model = host.controller.model
+    return all(low <= q <= high for low, q, high in zip(model.q_min, pose, model.q_max, strict=True))
+
+
+@LIBRARY.builtin(cb3=None, e="5.20")
+def get_jacobian(host: ProgramHost, q: Joints | None = None, tcp: PoseOrJoints | None = None) -> Matrix:
+    """Geometric Jacobian at the TCP in the base frame, 6×6: linear rows, then angular."""
+    return _matrix(host.arm.kinematics.jacobian(_q(host, q), _tcp(host, tcp)))
+
+
+@LIBRARY.builtin(cb3=None, e="5.20")
+def get_jacobian_time_derivative(
+    host: ProgramHost, q: Joints | None = None, qd: Joints | None = None, tcp: PoseOrJoints | None = None
+) -> Matrix:
+    """Time derivative of the Jacobian for joint speeds `qd` [rad/s]."""
+    return _matrix(host.arm.dynamics.jacobian_time_derivative(_q(host, q), _qd(host, qd), _tcp(host, tcp)))
+
+
+@LIBRARY.builtin(cb3=None, e="5.20", status="partial", note="without the inertia of the rotors, which is not known")
+def get_mass_matrix(host: ProgramHost, q: Joints | None = None, include_rotors_inertia: Bool = False) -> Matrix:
+    """Joint-space mass matrix with payload, 6×6 [kg m2]."""
+    if include_rotors_inertia:
+        raise RuntimeFault("get_mass_matrix: the inertia of the rotors is not emulated")
+    return _matrix(host.arm.dynamics.mass_matrix(_q(host, q)))
+
+
+@LIBRARY.builtin(cb3=None, e="5.20")
+def get_coriolis_and_centrifugal_torques(
+    host: ProgramHost, q: Joints | None = None, qd: Joints | None = None
+) -> list[float]:
+    """Joint torques [Nm] that the joint speeds cause."""
+    return list(host.arm.dynamics.coriolis_torques(_q(host, q), _qd(host, qd)))
+
+
+def _q(host: ProgramHost, q: Sequence[float] | None) -> Vector6:
+    return host.motion.q if q is None else six(q)
+
+
+def _qd(host: ProgramHost, qd: Sequence[float] | None) -> Vector6:
+    return host.motion.qd if qd is None else six(qd)
+
+
+def _tcp(host: ProgramHost, tcp: Sequence[float] | None) -> Vector6:
+    return active_tcp(host) if tcp is None else six(tcp)
+
+
+def _matrix(rows: Sequence[Sequence[float]]) -> Matrix:
+    return Matrix(tuple(tuple(float(value) for value in row) for row in rows))

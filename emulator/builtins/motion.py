@@ -1,0 +1,270 @@
+"""Movements: the arm goes somewhere, and the call takes the time that needs."""
+
+from emulator.builtins.geometry import joints_for, nearest_angle, pose_for
+from emulator.builtins.values import six
+from emulator.programs.host import Frames, ProgramHost
+from urscript.builtins import Library
+from urscript.errors import RuntimeFault
+from urscript.values import Bool, Int, Joints, Num, PoseOrJoints
+
+__all__ = ["LIBRARY"]
+
+LIBRARY = Library("motion", host=True)
+
+
+@LIBRARY.builtin()
+def movej(host: ProgramHost, q: PoseOrJoints, a: Num = 1.4, v: Num = 1.05, t: Num = 0, r: Num = 0) -> Frames[None]:
+    """Move linearly in joint space to joint angles [rad], or to a TCP pose by inverse kinematics.
+
+    `a` [rad/s2] and `v` [rad/s] of the leading joint, or the time `t` [s] instead; with a blend
+    radius `r` [m] the call returns where the blend into the next movement begins. A pose out of
+    reach ends the program.
+    """
+    goal = joints_for(host, q)
+    _check_profile("movej", a, v, t)
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.movej(goal, a=a, v=v, t=t, r=r))
+
+
+@LIBRARY.builtin()
+def movel(host: ProgramHost, pose: PoseOrJoints, a: Num = 1.2, v: Num = 0.25, t: Num = 0, r: Num = 0) -> Frames[None]:
+    """Move the tool on a straight line to a TCP pose, or to the pose of joint angles.
+
+    `a` [m/s2], `v` [m/s], or the time `t` [s]; blend radius `r` [m]. A pose out of reach causes a
+    protective stop.
+    """
+    goal = pose_for(host, pose)
+    _check_profile("movel", a, v, t)
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.movel(goal, a=a, v=v, t=t, r=r))
+
+
+@LIBRARY.builtin()
+def movep(host: ProgramHost, pose: PoseOrJoints, a: Num = 1.2, v: Num = 0.25, r: Num = 0) -> Frames[None]:
+    """Process move: constant tool speed `v` [m/s] on straight lines with circular blends of radius `r` [m]."""
+    goal = pose_for(host, pose)
+    _check_profile("movep", a, v, 0)
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.movep(goal, a=a, v=v, r=r))
+
+
+@LIBRARY.builtin()
+def movec(
+    host: ProgramHost,
+    pose_via: PoseOrJoints,
+    pose_to: PoseOrJoints,
+    a: Num = 1.2,
+    v: Num = 0.25,
+    r: Num = 0,
+    mode: Int = 0,
+) -> Frames[None]:
+    """Move the tool on the arc through `pose_via` to `pose_to`.
+
+    `a` [m/s2], `v` [m/s], blend radius `r` [m]. `mode` 0: the orientation goes linearly to that of
+    `pose_to`; 1: it stays as it is relative to the arc's tangent.
+    """
+    via, to = pose_for(host, pose_via), pose_for(host, pose_to)
+    if mode not in (0, 1):
+        raise RuntimeFault(f"movec: mode must be 0 (unconstrained) or 1 (fixed orientation), not {mode}")
+    _check_profile("movec", a, v, 0)
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.movec(via, to, a=a, v=v, r=r, mode=mode))
+
+
+@LIBRARY.builtin(
+    cb3=None, e="5.19", status="partial", note="a trapezoidal profile with a and v as shares of the limits"
+)
+def optimovej(host: ProgramHost, goal: PoseOrJoints, a: Num = 0.3, v: Num = 0.3, r: Num = 0) -> Frames[None]:
+    """Joint move with `a` and `v` as fractions (0 to 1) of what the arm can do."""
+    q = joints_for(host, goal)
+    _check_fractions("optimovej", a, v)
+    model = host.controller.model
+    speed, acceleration = v * min(model.qd_max), a * min(model.qdd_max)
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.movej(q, a=acceleration, v=speed, t=0, r=r))
+
+
+_TOOL_SPEED_M_S = 3.0  # guess: the top tool speed that clients accept
+_TOOL_ACCELERATION_M_S2 = 15.0  # guess
+
+
+@LIBRARY.builtin(
+    cb3=None, e="5.19", status="partial", note="a trapezoidal profile with a and v as shares of the limits"
+)
+def optimovel(host: ProgramHost, goal: PoseOrJoints, a: Num = 0.3, v: Num = 0.3, r: Num = 0) -> Frames[None]:
+    """Straight tool move with `a` and `v` as fractions (0 to 1) of what the arm can do."""
+    pose = pose_for(host, goal)
+    _check_fractions("optimovel", a, v)
+    speed, acceleration = v * _TOOL_SPEED_M_S, a * _TOOL_ACCELERATION_M_S2
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.movel(pose, a=acceleration, v=speed, t=0, r=r))
+
+
+@LIBRARY.builtin()
+def servoj(
+    host: ProgramHost,
+    q: Joints,
+    a: Num = 0,
+    v: Num = 0,
+    t: Num | None = None,
+    lookahead_time: Num = 0.1,
+    gain: Num = 300,
+) -> Frames[None]:
+    """Follow joint angles [rad] that change all the time; blocks for `t` [s], one control period when omitted.
+
+    `lookahead_time` [s] smooths, `gain` stiffens; `a` and `v` are ignored. End with stopj().
+    """
+    with host.motion_control() as motion:
+        duration = host.period_s if t is None else t
+        yield from host.until_ready(motion.servoj(six(q), t=duration, lookahead_time=lookahead_time, gain=gain))
+
+
+@LIBRARY.builtin()
+def servoc(host: ProgramHost, pose: PoseOrJoints, a: Num = 1.2, v: Num = 0.25, r: Num = 0) -> Frames[None]:
+    """Servo the tool along circular blends towards a TCP pose; `a` [m/s2], `v` [m/s], `r` [m]."""
+    goal = pose_for(host, pose)
+    _check_profile("servoc", a, v, 0)
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.servoc(goal, a=a, v=v, r=r))
+
+
+@LIBRARY.builtin(aliases={"t": ("t", "t_min")})
+def speedj(host: ProgramHost, qd: Joints, a: Num = 1.4, t: Num | None = None) -> Frames[None]:
+    """Accelerate the joints with `a` [rad/s2] to the speeds `qd` [rad/s] and hold them.
+
+    Returns after `t` [s], or when the speed is reached when `t` is omitted.
+    """
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.speedj(six(qd), a=a, t=t))
+
+
+@LIBRARY.builtin(aliases={"t": ("t", "t_min")})
+def speedl(
+    host: ProgramHost, xd: PoseOrJoints, a: Num = 1.2, t: Num | None = None, aRot: Num | None = None
+) -> Frames[None]:
+    """Accelerate the tool to the velocity `xd` (base frame, m/s and rad/s) and hold it.
+
+    `a` [m/s2] and `aRot` [rad/s2], which is `a` when omitted. Returns after `t` [s], or when the
+    speed is reached when `t` is omitted.
+    """
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.speedl(six(xd), a=a, a_rot=a if aRot is None else aRot, t=t))
+
+
+@LIBRARY.builtin()
+def stopj(host: ProgramHost, a: Num = 2.0) -> Frames[None]:
+    """Bring the joints to rest with `a` [rad/s2]."""
+    _check_positive("stopj", a=a)
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.stopj(a))
+
+
+@LIBRARY.builtin()
+def stopl(host: ProgramHost, a: Num = 2.0, aRot: Num | None = None) -> Frames[None]:
+    """Bring the tool to rest along its path with `a` [m/s2] and `aRot` [rad/s2]."""
+    _check_positive("stopl", a=a)
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.stopl(a, a if aRot is None else aRot))
+
+
+_TORQUE_ACCELERATION = 1e6  # rad/s2: the integrated speed is to be reached within the control period
+
+
+@LIBRARY.builtin(
+    cb3=None,
+    e="5.23",
+    status="partial",
+    note="rigid-body dynamics; the emulated joints have no friction, so all friction options give the same motion",
+)
+def direct_torque(
+    host: ProgramHost,
+    torques: Joints,
+    friction_comp: Bool = True,
+    viscous_scale: Joints | None = None,
+    coulomb_scale: Joints | None = None,
+) -> Frames[None]:
+    """Command joint torques [Nm] on top of what gravity needs, for one control period."""
+    dynamics, q, qd = host.arm.dynamics, host.motion.q, host.motion.qd
+    gravity = dynamics.gravity_torques(q)
+    torque = [given + weight for given, weight in zip(torques, gravity, strict=True)]
+    qdd = dynamics.forward_dynamics(q, qd, torque)
+    speed = six([rate + acceleration * host.period_s for rate, acceleration in zip(qd, qdd, strict=True)])
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.speedj(speed, a=_TORQUE_ACCELERATION, t=host.period_s))
+
+
+@LIBRARY.builtin()
+def set_pos(host: ProgramHost, q: Joints) -> None:
+    """Put the simulated arm at joint angles [rad] at once; only while it stands still."""
+    if not host.motion.idle:
+        raise RuntimeFault("set_pos: the arm is moving; stop it first")
+    with host.motion_control() as motion:
+        motion.set_position(six(q))
+
+
+@LIBRARY.builtin(cb3="3.1", e="5.0")
+def reset_revolution_counter(host: ProgramHost, qNear: Joints | None = None) -> None:
+    """Count the turns of an unlimited wrist 3 anew: it is at the equivalent angle nearest to `qNear`, else to 0.
+
+    Does nothing on an arm whose wrist 3 is limited.
+    """
+    if not host.controller.model.wrist3_unlimited:
+        return
+    if not host.motion.idle:
+        raise RuntimeFault("reset_revolution_counter: the arm is moving; stop it first")
+    near = 0.0 if qNear is None else qNear[5]
+    with host.motion_control() as motion:
+        motion.set_position((*motion.q[:5], nearest_angle(motion.q[5], near)))
+
+
+# Settings of the motion generator that change nothing in this one. PolyScope writes them into programs.
+
+
+@LIBRARY.builtin(cb3="3.1", e="5.0", note="the ideal arm never deviates from its path")
+def position_deviation_warning(host: ProgramHost, enabled: Bool, threshold: Num = 0.8) -> None:
+    """Log warnings when the arm gets close to the deviation limit; `threshold` 0 to 1 of the limit."""
+    if not 0 <= threshold <= 1:
+        raise RuntimeFault(f"position_deviation_warning: threshold must be 0 to 1, not {threshold}")
+
+
+@LIBRARY.builtin(
+    cb3="3.1", e="5.0", status="partial", note="checked only: reduced mode always slows the arm within one period"
+)
+def set_safety_mode_transition_hardness(host: ProgramHost, type_: Int) -> None:
+    """How hard the arm slows when the safety mode changes: 0 hard, 1 soft."""
+    if type_ not in (0, 1):
+        raise RuntimeFault(f"set_safety_mode_transition_hardness: type must be 0 (hard) or 1 (soft), not {type_}")
+
+
+@LIBRARY.builtin(cb3=None, e="5.19", status="partial", note="kept and given back; there is one motion implementation")
+def motion_version_set(host: ProgramHost, version: Int) -> None:
+    """Select the motion implementation."""
+    host.programs.motion_version = version
+
+
+@LIBRARY.builtin(cb3=None, e="5.19", status="partial", note="gives back what was set")
+def motion_version_get(host: ProgramHost) -> int:
+    """The selected motion implementation."""
+    return host.programs.motion_version
+
+
+@LIBRARY.builtin(cb3=None, e="5.19", note="limits cannot be set here, so there is none to remove")
+def tool_wrench_limit_disable(host: ProgramHost) -> None:
+    """Remove the limit on the tool wrench."""
+
+
+def _check_profile(name: str, a: float, v: float, t: float) -> None:
+    if t <= 0:
+        _check_positive(name, a=a, v=v)
+
+
+def _check_positive(name: str, **values: float) -> None:
+    for key, value in values.items():
+        if not value > 0:
+            raise RuntimeFault(f"{name}: {key} must be greater than 0, not {value}")
+
+
+def _check_fractions(name: str, a: float, v: float) -> None:
+    for key, value in (("a", a), ("v", v)):
+        if not 0 < value <= 1:
+            raise RuntimeFault(f"{name}: {key} is a fraction, greater than 0 and at most 1, not {value}")

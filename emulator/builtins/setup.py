@@ -1,0 +1,106 @@
+"""Tool and mounting: TCP, payload, gravity."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from emulator.builtins.values import Vector3, numbers, six, three
+from emulator.installation import Payload
+from emulator.programs.host import ProgramHost
+from urscript.builtins import Library
+from urscript.errors import RuntimeFault
+from urscript.values import ListArg, Num, PoseArg, Str
+
+__all__ = ["LIBRARY"]
+
+LIBRARY = Library("setup", host=True)
+
+_NO_INERTIA: Any = (0, 0, 0, 0, 0, 0)  # a tuple stands for a list that scripts see
+
+
+@LIBRARY.builtin()
+def set_tcp(host: ProgramHost, pose: PoseArg, tcp_name: Str = "") -> None:
+    """Use another TCP, given from the tool flange."""
+    host.controller.set_tcp(six(pose))
+
+
+@LIBRARY.builtin()
+def set_gravity(host: ProgramHost, d: ListArg) -> None:
+    """Gravity as an acceleration in the base frame [m/s2], [0, 0, 9.82] when upright."""
+    host.controller.installation.gravity = three(d, "set_gravity: the vector")
+
+
+@LIBRARY.builtin(cb3=None, e="5.20")
+def get_gravity(host: ProgramHost) -> list[float]:
+    """Gravity as set_gravity takes it [m/s2]."""
+    return list(host.controller.installation.gravity)
+
+
+@LIBRARY.builtin()
+def set_payload(host: ProgramHost, m: Num, cog: ListArg | None = None) -> None:
+    """Payload mass [kg] and centre of gravity from the flange [m], the TCP when omitted."""
+    centre = _xyz(host.controller.installation.tcp) if cog is None else three(cog, "set_payload: cog")
+    _use(host, Payload.of(_mass(m), centre))
+
+
+@LIBRARY.builtin()
+def set_payload_mass(host: ProgramHost, m: Num) -> None:
+    """Payload mass [kg]."""
+    _use(host, Payload.of(_mass(m), host.controller.installation.target_payload.cog))
+
+
+@LIBRARY.builtin()
+def set_payload_cog(host: ProgramHost, CoG: ListArg) -> None:
+    """Payload centre of gravity from the flange [m]."""
+    _use(host, Payload.of(host.controller.installation.target_payload.mass, three(CoG, "set_payload_cog: CoG")))
+
+
+# On CB3 from the first version on: the official control script names it there, in branches that never run.
+@LIBRARY.builtin(cb3="3.0", e="5.10")
+def set_target_payload(
+    host: ProgramHost,
+    m: Num,
+    cog: ListArg,
+    inertia: ListArg = _NO_INERTIA,
+    transition_time: Num = 0,
+) -> None:
+    """Payload mass [kg], centre of gravity [m] and inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2].
+
+    Takes effect gradually over `transition_time` [s].
+    """
+    moments = numbers(inertia, 6, "set_target_payload: inertia")
+    if min(moments[:3]) < 0:
+        raise RuntimeFault(f"set_target_payload: Ixx, Iyy and Izz must not be negative: {list(moments)}")
+    _use(host, Payload(_mass(m), three(cog, "set_target_payload: cog"), six(moments)), transition_time)
+
+
+@LIBRARY.builtin(cb3="3.11", e="5.0")
+def get_target_payload(host: ProgramHost) -> float:
+    """Payload mass [kg]."""
+    return host.controller.installation.target_payload.mass
+
+
+@LIBRARY.builtin(cb3="3.11", e="5.0")
+def get_target_payload_cog(host: ProgramHost) -> list[float]:
+    """Payload centre of gravity from the flange [m]."""
+    return list(host.controller.installation.target_payload.cog)
+
+
+@LIBRARY.builtin(cb3="3.15", e="5.10")
+def get_target_payload_inertia(host: ProgramHost) -> list[float]:
+    """Payload inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2]."""
+    return list(host.controller.installation.target_payload.inertia)
+
+
+def _use(host: ProgramHost, payload: Payload, transition_s: float = 0.0) -> None:
+    host.controller.installation.set_payload(payload, transition_s)
+    host.arm.zero_force()
+
+
+def _mass(m: float) -> float:
+    if not m >= 0:
+        raise RuntimeFault(f"the payload mass must be 0 or more, not {m}")
+    return float(m)
+
+
+def _xyz(pose: Sequence[float]) -> Vector3:
+    return (pose[0], pose[1], pose[2])

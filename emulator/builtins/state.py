@@ -1,0 +1,201 @@
+"""What the arm and the controller are doing."""
+
+import math
+from typing import Any
+
+from emulator.builtins.geometry import active_tcp, forward, twist_of
+from emulator.programs.host import ProgramHost
+from urproto.rtde.fields import OUTPUT_FIELDS
+from urscript.builtins import Library
+from urscript.errors import RuntimeFault
+from urscript.values import Int, Pose, Str
+
+__all__ = ["LIBRARY"]
+
+LIBRARY = Library("state", host=True)
+
+_ZERO = (0.0,) * 6
+
+
+@LIBRARY.builtin()
+def get_actual_joint_positions(host: ProgramHost) -> list[float]:
+    """Measured joint angles [rad]."""
+    return list(host.arm.q)
+
+
+@LIBRARY.builtin(note="old name of get_actual_joint_positions")
+def get_joint_positions(host: ProgramHost) -> list[float]:
+    """Measured joint angles [rad]."""
+    return list(host.arm.q)
+
+
+@LIBRARY.builtin()
+def get_actual_joint_positions_history(host: ProgramHost, steps: Int = 0) -> list[float]:
+    """Measured joint angles [rad] some control periods ago; beyond what is kept, the oldest known."""
+    if steps < 0:
+        raise RuntimeFault(f"get_actual_joint_positions_history: steps must be 0 or more, not {steps}")
+    return list(host.programs.history.q_ago(steps) or host.arm.q)
+
+
+@LIBRARY.builtin()
+def get_actual_joint_speeds(host: ProgramHost) -> list[float]:
+    """Measured joint speeds [rad/s]."""
+    return list(host.arm.qd)
+
+
+@LIBRARY.builtin(cb3=None, e="5.20")
+def get_actual_joint_accelerations(host: ProgramHost) -> list[float]:
+    """Measured joint accelerations [rad/s2]."""
+    return list(host.arm.qdd)
+
+
+@LIBRARY.builtin()
+def get_target_joint_positions(host: ProgramHost) -> list[float]:
+    """Commanded joint angles [rad]."""
+    return list(host.motion.q)
+
+
+@LIBRARY.builtin()
+def get_target_joint_speeds(host: ProgramHost) -> list[float]:
+    """Commanded joint speeds [rad/s]."""
+    return list(host.motion.qd)
+
+
+@LIBRARY.builtin(cb3=None, e="5.20")
+def get_target_joint_accelerations(host: ProgramHost) -> list[float]:
+    """Commanded joint accelerations [rad/s2]."""
+    return list(host.motion.qdd)
+
+
+@LIBRARY.builtin()
+def get_actual_tcp_pose(host: ProgramHost) -> Pose:
+    """Measured TCP pose in the base frame."""
+    return Pose(forward(host, host.arm.q))
+
+
+@LIBRARY.builtin()
+def get_actual_tcp_speed(host: ProgramHost) -> list[float]:
+    """Measured TCP velocity in the base frame [m/s, rad/s]."""
+    return list(twist_of(host, host.arm.q, host.arm.qd))
+
+
+@LIBRARY.builtin()
+def get_actual_tool_flange_pose(host: ProgramHost) -> Pose:
+    """Measured pose of the tool flange in the base frame."""
+    return Pose(forward(host, host.arm.q, _ZERO))
+
+
+@LIBRARY.builtin(note="undocumented; PolyScope's force nodes use it")
+def tool_pose(host: ProgramHost) -> Pose:
+    """Measured TCP pose in the base frame."""
+    return Pose(forward(host, host.arm.q))
+
+
+@LIBRARY.builtin()
+def get_target_tcp_pose(host: ProgramHost) -> Pose:
+    """Commanded TCP pose in the base frame."""
+    return Pose(forward(host, host.motion.q))
+
+
+@LIBRARY.builtin()
+def get_target_tcp_speed(host: ProgramHost) -> list[float]:
+    """Commanded TCP velocity in the base frame [m/s, rad/s]."""
+    return list(twist_of(host, host.motion.q, host.motion.qd))
+
+
+@LIBRARY.builtin(note="path offsets are refused, so the path is the target")
+def get_target_tcp_pose_along_path(host: ProgramHost) -> Pose:
+    """Commanded TCP pose before path offsets."""
+    return Pose(forward(host, host.motion.q))
+
+
+@LIBRARY.builtin(note="path offsets are refused, so the path is the target")
+def get_target_tcp_speed_along_path(host: ProgramHost) -> list[float]:
+    """Commanded TCP velocity before path offsets [m/s, rad/s]."""
+    return list(twist_of(host, host.motion.q, host.motion.qd))
+
+
+@LIBRARY.builtin()
+def get_target_waypoint(host: ProgramHost) -> Pose:
+    """TCP pose the movement in progress leads to; the present target pose without one."""
+    waypoint = host.motion.target_waypoint
+    return Pose(forward(host, host.motion.q) if waypoint is None else waypoint)
+
+
+@LIBRARY.builtin()
+def get_tcp_offset(host: ProgramHost) -> Pose:
+    """The TCP in use, from the tool flange."""
+    return Pose(active_tcp(host))
+
+
+@LIBRARY.builtin()
+def get_tcp_force(host: ProgramHost) -> list[float]:
+    """External force and torque at the TCP, base frame [N, Nm]."""
+    return list(host.arm.tcp_force)
+
+
+@LIBRARY.builtin()
+def force(host: ProgramHost) -> float:
+    """Size of the external force at the TCP [N]."""
+    return math.hypot(*host.arm.tcp_force[:3])
+
+
+@LIBRARY.builtin()
+def get_joint_torques(host: ProgramHost) -> list[float]:
+    """Joint torques [Nm] beyond what moves and holds the arm itself: those the outside causes."""
+    arm = host.arm
+    return [actual - own for actual, own in zip(arm.actual_torque, arm.target_torque, strict=True)]
+
+
+@LIBRARY.builtin()
+def get_joint_temp(host: ProgramHost, j: Int) -> float:
+    """Temperature of joint `j` (0 to 5) [degC]."""
+    if not 0 <= j <= 5:
+        raise RuntimeFault(f"get_joint_temp: there is no joint {j}: they are 0 to 5")
+    return host.controller.snapshot.joint_temperatures[j]
+
+
+@LIBRARY.builtin(status="partial", note="a constant")
+def get_controller_temp(host: ProgramHost) -> float:
+    """Temperature of the control box [degC]."""
+    return 25.0  # guess: a control box in a cool room
+
+
+@LIBRARY.builtin(cb3=None, e="5.0")
+def get_tool_temp(host: ProgramHost) -> float:
+    """Temperature of the tool flange [degC]."""
+    return host.controller.snapshot.tool_temperature
+
+
+@LIBRARY.builtin()
+def get_tool_current(host: ProgramHost) -> float:
+    """Current of the tool supply [A]."""
+    return host.controller.snapshot.tool_output_current
+
+
+@LIBRARY.builtin()
+def get_tool_accelerometer_reading(host: ProgramHost) -> list[float]:
+    """Acceleration measured in the tool flange, gravity included [m/s2]."""
+    return list(host.arm.tool_acceleration)
+
+
+@LIBRARY.builtin()
+def is_steady(host: ProgramHost) -> bool:
+    """Whether the arm has stood still for a while and is in neither force mode nor freedrive."""
+    return host.motion.steady
+
+
+@LIBRARY.builtin(cb3="3.2", e="5.0")
+def get_steptime(host: ProgramHost) -> float:
+    """Control period [s]: 0.008 on CB3, 0.002 on e-Series."""
+    return host.period_s
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def get_rtde_value(host: ProgramHost, key: Str) -> Any:
+    """The RTDE output variable of that name, as last published."""
+    field = OUTPUT_FIELDS.get(key)
+    if field is None or not field.available.covers(host.controller.version):
+        raise RuntimeFault(f"get_rtde_value: there is no RTDE output variable {key!r} in this version")
+    value = field.read(host.controller.snapshot)
+    return list(value) if isinstance(value, tuple) else value

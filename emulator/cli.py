@@ -1,0 +1,156 @@
+"""The command line: ``ur-emulator``, or ``python -m emulator``.
+
+``python -m`` looks for modules in the current folder first, so started from a folder that
+has an ``emulator`` of its own it runs that one. The console script does not.
+"""
+
+import asyncio
+import json
+import logging
+import signal
+import sys
+from collections.abc import Callable
+from enum import Enum
+from importlib.metadata import version as distribution_version
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+from rich.console import Console
+from rich.logging import RichHandler
+
+from emulator.app import Emulator
+from emulator.clock import claim_real_time
+from emulator.config import (
+    ConfigError,
+    EmulatorConfig,
+    choose_model,
+    choose_version,
+    read_initial_positions,
+    read_programs_dir,
+)
+from emulator.controller import ControllerConfig
+from emulator.readiness import NotReady, check_ready
+from emulator.welcome import first_screen, ready_line
+
+__all__ = ["main"]
+
+_USAGE_ERROR = 2
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+class LogLevel(str, Enum):
+    """How much is logged, on standard error."""
+
+    DEBUG = "debug"
+    INFO = "info"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+def main() -> None:
+    """Run the command line."""
+    app()
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"ur-emulator {distribution_version('ur-emulator')}")
+        raise typer.Exit
+
+
+@app.command()
+def _run(
+    model: Annotated[str, typer.Option(help="The arm, for example ur3 or ur5e.")] = "ur3",
+    polyscope: Annotated[str | None, typer.Option(help="PolyScope version to report, for example 3.15.8.")] = None,
+    host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 lets other machines in.")] = "127.0.0.1",
+    port_offset: Annotated[int, typer.Option(help="Added to each of the usual ports.")] = 0,
+    ephemeral_ports: Annotated[bool, typer.Option("--ephemeral-ports", help="Take free ports instead.")] = False,
+    ports_file: Annotated[Path | None, typer.Option(help="Write the ports here as JSON once ready.")] = None,
+    programs: Annotated[Path | None, typer.Option(help="Folder that the dashboard's load looks in.")] = None,
+    initial_positions: Annotated[Path | None, typer.Option(help="YAML file: joint names to radians.")] = None,
+    running: Annotated[bool, typer.Option("--running", help="Start with the brakes released.")] = False,
+    remote_control: Annotated[
+        bool, typer.Option("--remote-control", help="Answer true to 'is in remote control' (e-Series).")
+    ] = False,
+    speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
+    log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
+    exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Stand in for a Universal Robots controller on this machine. Not for validating safety."""
+    _log_to_stderr(log_level)
+    try:
+        arm = choose_model(model)
+        controller = ControllerConfig(
+            model=arm,
+            version=choose_version(polyscope, arm),
+            initial_q=read_initial_positions(initial_positions, arm) if initial_positions else None,
+            running=running,
+            programs_dir=read_programs_dir(programs),
+            remote_control=remote_control,
+        )
+        config = EmulatorConfig(
+            controller=controller, host=host, port_offset=port_offset, ephemeral_ports=ephemeral_ports, speed=speed
+        )
+        asyncio.run(_serve(config, ports_file, exit_when_ready=exit_when_ready))
+    except ConfigError as error:
+        _fail(str(error))
+    except OSError as error:
+        _fail(error.strerror or str(error))
+    except NotReady as error:
+        _fail(f"not ready: {error}")
+    except KeyboardInterrupt:  # where the event loop cannot handle signals
+        pass
+
+
+async def _serve(config: EmulatorConfig, ports_file: Path | None, *, exit_when_ready: bool) -> None:
+    console = Console(highlight=False)
+    async with Emulator(config) as emulator:
+        _stop_on_signals(emulator.stop)
+        console.print(first_screen(emulator))
+        await check_ready(config.host, emulator.ports)
+        if ports_file is not None:
+            _write_ports(ports_file, emulator.ports)
+        console.print(ready_line(emulator))
+        if config.speed == 1.0:
+            logging.getLogger(__name__).info("granted by the system: %s", ", ".join(claim_real_time()))
+        if not exit_when_ready:
+            await emulator.stopped.wait()
+    console.print("The controller has shut down.")
+
+
+def _stop_on_signals(stop: Callable[[], None]) -> None:
+    """End cleanly on the first Ctrl-C; a second one interrupts."""
+    loop = asyncio.get_running_loop()
+
+    def stop_once(number: signal.Signals) -> None:
+        loop.remove_signal_handler(number)
+        stop()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if sys.platform != "win32":
+            loop.add_signal_handler(number, stop_once, number)
+
+
+def _write_ports(path: Path, ports: dict[str, int]) -> None:
+    """Complete or not at all: others wait for the file."""
+    draft = path.with_name(f"{path.name}.part")
+    try:
+        draft.write_text(json.dumps(ports, indent=2) + "\n")
+        draft.replace(path)
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _log_to_stderr(level: LogLevel) -> None:
+    handler = RichHandler(console=Console(stderr=True), show_path=False, rich_tracebacks=False)
+    logging.basicConfig(level=level.value.upper(), format="%(message)s", datefmt="%X", handlers=[handler])
+
+
+def _fail(message: str) -> NoReturn:
+    typer.echo(f"ur-emulator: {message}", err=True)
+    raise typer.Exit(_USAGE_ERROR)

@@ -1,0 +1,81 @@
+"""What servers ask of the controller: each command is queued and applied at the next tick.
+
+A command's ``apply`` returns its answer at once, or is a generator that yields once for
+every control period it waits and returns the answer. ``failure`` is the answer when
+applying it raised.
+"""
+
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+from emulator import dashboard, inputs, textcommands
+from urproto.dashboard import failed
+
+if TYPE_CHECKING:
+    from emulator.controller import Controller
+
+__all__ = ["Command", "DashboardLine", "PopupAnswer", "RTDEInputs", "ScriptUnit"]
+
+
+class Command:
+    """Base of everything that can be posted to the controller."""
+
+    def apply(self, controller: "Controller") -> Any:
+        """Carry the command out; the answer, or a generator that returns it."""
+        raise NotImplementedError
+
+    @property
+    def failure(self) -> Any:
+        """The answer when ``apply`` raised."""
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class DashboardLine(Command):
+    """One line of the dashboard server, without its line end. Answer: the reply line, or
+    None when there is nothing to reply to (an empty line)."""
+
+    text: str
+
+    def apply(self, controller: "Controller") -> str | Generator[None, None, str | None] | None:
+        return dashboard.execute(controller, self.text)
+
+    @property
+    def failure(self) -> str:
+        return failed(self.text.strip())
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptUnit(Command):
+    """One program or line from a script port. A line that is one of the controller's own
+    text commands is carried out as such, everything else goes to the interpreter."""
+
+    text: str
+    kind: Literal["block", "line"]
+
+    def apply(self, controller: "Controller") -> None:
+        if self.kind == "line" and textcommands.execute(controller, self.text):
+            return
+        controller.programs.submit(self.text, self.kind)
+
+
+@dataclass(frozen=True, slots=True)
+class RTDEInputs(Command):
+    """The values of one RTDE input package by variable name."""
+
+    values: Mapping[str, Any]
+
+    def apply(self, controller: "Controller") -> None:
+        inputs.apply_inputs(controller, self.values)
+
+
+@dataclass(frozen=True, slots=True)
+class PopupAnswer(Command):
+    """A primary client's answer to a request. Answer: whether such a request was open."""
+
+    request_id: int
+    value: Any
+
+    def apply(self, controller: "Controller") -> bool:
+        return controller.popups.answer(self.request_id, self.value)

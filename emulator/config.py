@@ -1,0 +1,145 @@
+"""What the user asked for, checked: every mistake is one clear line."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from emulator.controller import ControllerConfig
+from urproto.robots import RobotModel, UnknownModel, load_model
+from urproto.robots.model import Joints
+from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+
+__all__ = [
+    "JOINT_NAMES",
+    "PORTS",
+    "ConfigError",
+    "EmulatorConfig",
+    "choose_model",
+    "choose_version",
+    "read_initial_positions",
+    "read_programs_dir",
+]
+
+PORTS: Final[Mapping[str, int]] = {
+    "dashboard": 29999,
+    "primary": 30001,
+    "secondary": 30002,
+    "realtime": 30003,
+    "rtde": 30004,
+    "primary read-only": 30011,
+    "secondary read-only": 30012,
+    "realtime read-only": 30013,
+}
+JOINT_NAMES: Final = (  # as in ur_description
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
+_LAST_PORT: Final = 65535
+_MAJOR: Final = {Series.CB3: 3, Series.E: 5}
+_NEWEST_CB3_MINOR: Final = 15  # the CB3 line ended with 3.15
+
+
+class ConfigError(ValueError):
+    """The user asked for something that cannot be."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmulatorConfig:
+    """A controller, where it listens, and how fast its time goes.
+
+    host: an address of this machine. port_offset is added to each of the usual ports;
+    ephemeral_ports takes free ones instead. speed: simulated seconds per second.
+    """
+
+    controller: ControllerConfig
+    host: str = "127.0.0.1"
+    port_offset: int = 0
+    ephemeral_ports: bool = False
+    speed: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.speed < math.inf:
+            raise ConfigError(f"the speed must be a positive number, not {self.speed}")
+        if not 0 <= self.port_offset <= _LAST_PORT - max(PORTS.values()):
+            most = _LAST_PORT - max(PORTS.values())
+            raise ConfigError(f"the port offset must be from 0 to {most}, not {self.port_offset}")
+
+    @property
+    def wanted_ports(self) -> dict[str, int]:
+        """The port to listen on, by server name; 0 where any free one will do."""
+        if self.ephemeral_ports:
+            return dict.fromkeys(PORTS, 0)
+        return {name: port + self.port_offset for name, port in PORTS.items()}
+
+
+def choose_model(name: str) -> RobotModel:
+    """The arm of this name. Raises ConfigError listing the known ones."""
+    try:
+        return load_model(name.lower())
+    except UnknownModel as error:
+        raise ConfigError(str(error)) from error
+
+
+def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
+    """The PolyScope version to report, the series' usual one when nothing is asked for.
+
+    Raises ConfigError when the text is no version or the arm never ran it.
+    """
+    if text is None:
+        return DEFAULT_VERSION[model.series]
+    try:
+        version = PolyscopeVersion.parse(text)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    major = _MAJOR[model.series]
+    newer_than_any = model.series is Series.CB3 and version.minor > _NEWEST_CB3_MINOR
+    if version.major != major or newer_than_any:
+        known = "3.0 to 3.15" if model.series is Series.CB3 else "5.x"
+        raise ConfigError(f"{model.title} is a {model.series.value} arm: its PolyScope version is {known}, not {text}")
+    return version
+
+
+def read_initial_positions(path: Path, model: RobotModel) -> Joints:
+    """Joint angles [rad] from a YAML file of joint names, such as ur_description's.
+
+    Raises ConfigError when the file is unreadable, does not name exactly the six joints, or
+    has an angle the arm cannot take.
+    """
+    try:
+        content = yaml.safe_load(path.read_text("utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeError) as error:
+        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(content, dict) or set(content) != set(JOINT_NAMES):
+        raise ConfigError(f"{path} must give radians for each of {', '.join(JOINT_NAMES)}, and nothing else")
+    first, second, third, fourth, fifth, sixth = (
+        _angle(path, model, index, content[name]) for index, name in enumerate(JOINT_NAMES)
+    )
+    return (first, second, third, fourth, fifth, sixth)
+
+
+def _angle(path: Path, model: RobotModel, index: int, value: Any) -> float:
+    name, low, high = JOINT_NAMES[index], model.q_min[index], model.q_max[index]
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ConfigError(f"{path}: {name} must be a number of radians, not {value!r}")
+    if not low <= value <= high:
+        raise ConfigError(f"{path}: {name} is {value} rad; {model.title} allows {low:.3f} to {high:.3f} rad")
+    return float(value)
+
+
+def read_programs_dir(path: Path | None) -> Path | None:
+    """An existing folder, made absolute. Raises ConfigError when it is none."""
+    if path is None:
+        return None
+    if not path.is_dir():
+        raise ConfigError(f"the programs folder {path} is not a folder")
+    return path.resolve()

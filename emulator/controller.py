@@ -1,0 +1,361 @@
+"""The controller: one synchronous, deterministic tick per control period.
+
+    controller = Controller(ControllerConfig(model=load_model("ur3")))
+    controller.post(DashboardLine("power on"), reply=print)
+    snapshot = controller.tick()
+
+A tick latches what was posted since the last one, gives every script thread its frame,
+advances the motion by one period, moves the arm, judges it, and publishes one snapshot.
+There is no clock in here: time is the number of ticks.
+"""
+
+import logging
+from collections import deque
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from emulator.arm import Arm
+from emulator.commands import Command
+from emulator.electrics import Electrics
+from emulator.errorcodes import StopCause
+from emulator.ftinput import ForceInput
+from emulator.installation import Installation
+from emulator.messages import MessageLog
+from emulator.motion import Motion, MotionFault
+from emulator.popups import Popups
+from emulator.power import Power, PowerEvent, PowerState, PowerTimings
+from emulator.programs.runner import Programs
+from emulator.registers import Registers
+from emulator.safety import Safety, SafetyEvent
+from emulator.signals import Signals
+from emulator.snapshot import Snapshot, Vector6
+from emulator.speed import Speed
+from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatus
+from urproto.robots import RobotModel
+from urproto.robots.pose import Pose
+from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+
+__all__ = ["Controller", "ControllerConfig"]
+
+_ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+# As found in program files of the vendor's simulators; clients want digits only, starting with 20.
+_SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
+
+Reply = Callable[[Any], None]
+_Waiting = Generator[None, None, Any]
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerConfig:
+    """What a controller is born with.
+
+    version: None takes the default of the model's series. initial_q: [rad], None takes the
+    model's. running: start with the brakes released. uptime_s: clients wait for 40 s of it.
+    programs_dir: where ``load`` looks and reports are written. remote_control: what
+    ``is in remote control`` answers; commands are accepted either way, as by a simulator.
+    """
+
+    model: RobotModel
+    version: PolyscopeVersion | None = None
+    initial_q: Vector6 | None = None
+    running: bool = False
+    uptime_s: float = 41.0
+    programs_dir: Path | None = None
+    serial_number: str | None = None
+    remote_control: bool = False
+    popup_auto_close_s: float | None = None
+    timings: PowerTimings = field(default_factory=PowerTimings)
+
+
+class Controller:
+    """The whole controller but its sockets and its clock."""
+
+    def __init__(self, config: ControllerConfig) -> None:
+        self.config = config
+        self.model = config.model
+        self.version = config.version or DEFAULT_VERSION[config.model.series]
+        self.serial_number = config.serial_number or _SERIAL_NUMBERS[self.version.series]
+        self.period_s = self.version.series.period_s
+        self._frequency_hz = self.version.series.frequency_hz
+        self.step_count = round(config.uptime_s * self._frequency_hz)
+        self.shutdown_requested = False
+        self.execution_time_ms = 0.0  # the clock may tell how long the last tick took
+        self.user_role = "NONE"
+        self.operational_mode = "NONE"
+
+        self.messages = MessageLog(self._time_us)
+        self.popups = Popups(self.messages, lambda: self.time_s, config.popup_auto_close_s)
+        self.registers = Registers()
+        self.signals = Signals()
+        self.rtde_inputs: dict[str, Any] = {}  # last value of every RTDE input by name
+        self.rtde_refreshed: dict[str, int] = {}  # step at which it came
+        self.installation = Installation()
+        self.speed = Speed()
+        self.power = Power(config.timings, running=config.running)
+        self.safety = Safety()
+        self.external_wrench: Vector6 = _ZERO6  # what the world does to the TCP, base frame [N, Nm]
+        self.ft_input = ForceInput()
+        self.arm = Arm(self.model)
+        self.electrics = Electrics()
+        self.motion = Motion(self.model, self.period_s, config.initial_q or self.model.home_q)
+        self.programs = Programs(self)
+
+        self._queue: deque[tuple[Command, Reply | None]] = deque()
+        self._waiting: list[tuple[_Waiting, Command, Reply | None]] = []
+        self._subscribers: list[Callable[[Snapshot], None]] = []
+        self._resume_after_safeguard = False
+        self._power_seen = PowerState.OFF
+        self._arm_changed = False
+        self._fault: MotionFault | None = None
+        self.snapshot = Snapshot(target_execution_time=1000.0 * self.period_s)
+        self._move_arm()
+        self._publish()
+
+    # time
+
+    @property
+    def time_s(self) -> float:
+        """Uptime [s], from the step counter."""
+        return self.step_count / self._frequency_hz
+
+    def _time_us(self) -> int:
+        return self.step_count * 1_000_000 // self._frequency_hz
+
+    # doors for the servers
+
+    def post(self, command: Command, reply: Reply | None = None) -> None:
+        """Queue a command for the next tick. ``reply`` is called with its answer, once."""
+        self._queue.append((command, reply))
+
+    def subscribe(self, callback: Callable[[Snapshot], None]) -> Callable[[], None]:
+        """Call back with every snapshot from now on; returns what ends the subscription."""
+        self._subscribers.append(callback)
+        return lambda: self._subscribers.remove(callback)
+
+    def tick(self) -> Snapshot:
+        """One control period; returns its snapshot."""
+        self.step_count += 1
+        self._run_commands()
+        self._advance_timers()
+        self.programs.step()
+        self._move_arm()
+        self._judge()
+        self._publish()
+        for callback in tuple(self._subscribers):
+            self._guarded(callback, self.snapshot)
+        return self.snapshot
+
+    # doors for programs, commands and faults
+
+    @property
+    def may_run(self) -> bool:
+        """True when the arm may move: brakes released and no stop in force."""
+        return self.power.running and not self.safety.stopped
+
+    def power_event(self, event: PowerEvent) -> bool:
+        """Apply an event to the power state; False when the safety system forbids it."""
+        if event is PowerEvent.POWER_OFF:
+            self.programs.stop("power off")
+            self.motion.halt()
+        elif not self.safety.power_allowed:
+            return False
+        self.power.handle(event)
+        return True
+
+    def safety_event(self, event: SafetyEvent) -> bool:
+        """Apply an event to the safety mode with all its consequences; True when it changed."""
+        before = self.safety.mode
+        if not self.safety.handle(event):
+            return False
+        self.messages.safety_mode(self.safety.mode)
+        if self.safety.stopped:
+            self._safety_stop(before)
+        else:
+            self._safety_release(before)
+        return True
+
+    def protective_stop(self, cause: StopCause) -> None:
+        """Stop the arm protectively and log why; nothing more happens when it is stopped already."""
+        if self.safety_event(SafetyEvent.PROTECTIVE_STOP):
+            self.messages.error(cause.code, cause.argument, ReportLevel.WARNING, cause.text)
+
+    def set_tcp(self, tcp_offset: Pose) -> None:
+        """Use another TCP (flange to TCP) from now on, within this period."""
+        self.installation.tcp = tcp_offset
+        self.motion.tcp_offset = tcp_offset
+
+    def load_installation(self, path: Path) -> None:
+        """Apply an installation file. Raises OSError or InstallationError; then nothing changed."""
+        self.installation.load(path)
+        self.set_tcp(self.installation.tcp)
+
+    # the tick's steps
+
+    def _run_commands(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for frames, command, reply in waiting:
+            self._continue(frames, command, reply)
+        for _ in range(len(self._queue)):
+            command, reply = self._queue.popleft()
+            try:
+                answer = command.apply(self)
+            except Exception:
+                self._failed(command, reply)
+                continue
+            if isinstance(answer, Generator):
+                self._continue(answer, command, reply)
+            else:
+                self._answer(reply, answer)
+
+    def _continue(self, frames: _Waiting, command: Command, reply: Reply | None) -> None:
+        try:
+            next(frames)
+        except StopIteration as done:
+            self._answer(reply, done.value)
+        except Exception:
+            self._failed(command, reply)
+        else:
+            self._waiting.append((frames, command, reply))
+
+    def _failed(self, command: Command, reply: Reply | None) -> None:
+        """A command must never end the tick."""
+        _logger.exception("carrying out %r failed", command)
+        self._answer(reply, command.failure)
+
+    def _answer(self, reply: Reply | None, answer: Any) -> None:
+        if reply is not None:
+            self._guarded(reply, answer)
+
+    def _guarded(self, callback: Callable[[Any], None], value: Any) -> None:
+        try:
+            callback(value)
+        except Exception:
+            _logger.exception("a listener of the controller failed")
+
+    def _advance_timers(self) -> None:
+        self.power.advance(self.period_s)
+        self.safety.advance(self.period_s)
+        self.installation.advance(self.period_s)
+        self.popups.advance()
+
+    def _move_arm(self) -> None:
+        driven = self.power.running
+        wrench = self.external_wrench
+        if self.ft_input.enabled:
+            wrench = self.ft_input.wrench_base(self.arm)
+        self.speed.scaling = self.safety.speed_factor
+        motion = self.motion
+        if driven:
+            motion.external_wrench = wrench
+            self._fault = motion.advance(self.speed.fraction)
+        targets = (motion.q, motion.qd, motion.qdd)
+        self._arm_changed = self.arm.update(targets, self.installation, wrench, self.period_s, driven=driven)
+        power_changed = self.power.state is not self._power_seen
+        self._power_seen = self.power.state
+        self.electrics.advance(
+            self.arm, self.period_s, powered=self.power.report.powered, changed=self._arm_changed or power_changed
+        )
+
+    def _judge(self) -> None:
+        """A movement that cannot go on stops the arm; an emergency stop switches it off once it stands."""
+        if self._fault is not None:
+            self.protective_stop(StopCause(self._fault.code, self._fault.argument, self._fault.text))
+            self._fault = None
+        if not self.safety.power_allowed and self.power.state is not PowerState.OFF and not any(self.motion.qd):
+            self.power.handle(PowerEvent.POWER_OFF)
+
+    def _safety_stop(self, before: SafetyMode) -> None:
+        mode = self.safety.mode
+        if mode is SafetyMode.SAFEGUARD_STOP:
+            self._resume_after_safeguard = self.programs.state is RuntimeState.PLAYING
+        elif before is not SafetyMode.SAFEGUARD_STOP:
+            self._resume_after_safeguard = False
+        if mode in (SafetyMode.VIOLATION, SafetyMode.FAULT):
+            self.programs.stop(mode.name)
+        else:
+            self.programs.pause(mode.name)
+        if self._program_paused:
+            self.motion.protective_stop()
+        else:
+            self.motion.stop(min(self.model.qdd_max))
+
+    def _safety_release(self, before: SafetyMode) -> None:
+        """A paused program waits until somebody resumes it; after a safeguard stop nobody has to."""
+        if before is SafetyMode.SAFEGUARD_STOP and self._resume_after_safeguard:
+            self.programs.resume()
+
+    @property
+    def _program_paused(self) -> bool:
+        return self.programs.state in (RuntimeState.PAUSING, RuntimeState.PAUSED)
+
+    # the snapshot
+
+    def _publish(self) -> None:
+        snapshot = self.snapshot.successor()
+        snapshot.step, snapshot.timestamp = self.step_count, self.time_s
+        if self._arm_changed:
+            self.arm.publish(snapshot)
+        self.electrics.publish(snapshot, powered=self.power.report.powered)
+        self._publish_modes(snapshot)
+        self._publish_program(snapshot)
+        self._publish_loads(snapshot)
+        self._publish_signals(snapshot)
+        self._publish_registers(snapshot)
+        snapshot.messages = self.messages.take()
+        self.snapshot = snapshot
+
+    def _publish_modes(self, snapshot: Snapshot) -> None:
+        report = self.power.report
+        snapshot.robot_mode = report.robot_mode
+        snapshot.joint_mode = (report.joint_mode,) * 6
+        snapshot.tool_mode = report.tool_mode
+        snapshot.safety_mode = self.safety.mode
+        snapshot.safety_status = SafetyStatus(self.safety.mode)
+        snapshot.safety_status_bits = self.safety.status_bits
+        snapshot.target_speed_fraction = self.speed.slider
+        snapshot.speed_scaling = self.speed.scaling
+        snapshot.actual_execution_time = self.execution_time_ms
+
+    def _publish_program(self, snapshot: Snapshot) -> None:
+        state = self.programs.state
+        snapshot.runtime_state = state
+        snapshot.program_name = self.programs.name
+        snapshot.script_control_line = self.programs.line
+        snapshot.program_running = state in (RuntimeState.PLAYING, RuntimeState.RESUMING)
+        snapshot.program_paused = self._program_paused
+        bits = int(RobotStatusBits.POWER_ON) if self.power.report.powered else 0
+        snapshot.robot_status_bits = bits | (RobotStatusBits.PROGRAM_RUNNING if snapshot.program_running else 0)
+
+    def _publish_loads(self, snapshot: Snapshot) -> None:
+        payload = self.installation.payload
+        snapshot.payload = payload.mass
+        snapshot.payload_cog = payload.cog
+        snapshot.payload_inertia = payload.inertia
+        snapshot.target_gravity = self.installation.gravity
+
+    def _publish_signals(self, snapshot: Snapshot) -> None:
+        signals = self.signals
+        snapshot.actual_digital_input_bits = signals.digital_inputs
+        snapshot.actual_digital_output_bits = signals.digital_outputs
+        snapshot.actual_configurable_digital_input_bits = signals.digital_inputs >> 8 & 0xFF
+        snapshot.actual_configurable_digital_output_bits = signals.digital_outputs >> 8 & 0xFF
+        snapshot.analog_io_types = signals.analog_io_types
+        snapshot.standard_analog_input0, snapshot.standard_analog_input1 = signals.analog_inputs
+        snapshot.standard_analog_output0 = signals.analog_output(0)
+        snapshot.standard_analog_output1 = signals.analog_output(1)
+        snapshot.tool_analog_input_types = signals.tool_analog_input_types
+        snapshot.tool_analog_input0, snapshot.tool_analog_input1 = signals.tool_analog_inputs
+        snapshot.tool_output_voltage = signals.tool_voltage
+        snapshot.tool_output_mode = signals.tool_output_mode
+        snapshot.tool_digital_output0_mode, snapshot.tool_digital_output1_mode = signals.tool_digital_output_modes
+
+    def _publish_registers(self, snapshot: Snapshot) -> None:
+        given, made = self.registers.input, self.registers.output
+        snapshot.input_bit_registers = given.bits
+        snapshot.input_int_registers, snapshot.input_double_registers = given.ints, given.doubles
+        snapshot.output_bit_registers = made.bits
+        snapshot.output_int_registers, snapshot.output_double_registers = made.ints, made.doubles

@@ -1,0 +1,91 @@
+"""What an RTDE input package does to the controller.
+
+A ``*_mask`` names the bits of its companions that apply in the package that carries the
+mask; a companion alone changes nothing until a mask comes (variables keep their last
+value). Registers and the external wrench apply as they arrive.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+from emulator.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
+from urproto.modes import AnalogDomain
+from urproto.rtde.fields import INPUT_FIELDS, Field
+from urproto.rtde.types import FieldType
+
+if TYPE_CHECKING:
+    from emulator.controller import Controller
+
+__all__ = ["apply_inputs"]
+
+_Setter = Callable[["Controller", Any], None]
+
+
+def apply_inputs(controller: "Controller", values: Mapping[str, Any]) -> None:
+    """Apply one package; every variable in it counts as refreshed in this period.
+
+    Raises KeyError for a name that is no input variable; nothing has changed then.
+    """
+    setters = [(_SETTERS[name], value) for name, value in values.items()]
+    controller.rtde_inputs.update(values)
+    controller.rtde_refreshed.update(dict.fromkeys(values, controller.step_count))
+    for setter, value in setters:
+        setter(controller, value)
+
+
+def _keep(controller: "Controller", value: Any) -> None:
+    """A companion of a mask: kept in ``rtde_inputs`` until its mask selects it."""
+
+
+def _speed_slider(controller: "Controller", mask: int) -> None:
+    if mask & 1:
+        controller.speed.set_slider(controller.rtde_inputs.get("speed_slider_fraction", 0.0))
+
+
+def _digital(group: DigitalGroup) -> _Setter:
+    levels_name = f"{group.name}_digital_output"
+
+    def set_outputs(controller: "Controller", mask: int) -> None:
+        controller.signals.apply_outputs(group, mask, controller.rtde_inputs.get(levels_name, 0))
+
+    return set_outputs
+
+
+def _analog(controller: "Controller", mask: int) -> None:
+    domains = controller.rtde_inputs.get("standard_analog_output_type", 0)
+    for index in (0, 1):
+        if mask >> index & 1:
+            controller.signals.analog_output_domains[index] = AnalogDomain(domains >> index & 1)
+            ratio = controller.rtde_inputs.get(f"standard_analog_output_{index}", 0.0)
+            controller.signals.set_analog_output(index, ratio)
+
+
+def _external_wrench(controller: "Controller", wrench: Any) -> None:
+    x, y, z, rx, ry, rz = wrench
+    controller.ft_input.wrench_flange = (x, y, z, rx, ry, rz)
+
+
+def _register(field: Field) -> _Setter:
+    index = field.index
+    assert index is not None
+    if field.attribute == "input_int_registers":
+        return lambda controller, value: controller.registers.input.set_int(index, value)
+    if field.attribute == "input_double_registers":
+        return lambda controller, value: controller.registers.input.set_double(index, value)
+    if field.type is FieldType.BOOL:
+        return lambda controller, value: controller.registers.input.set_bit(index, value)
+    return lambda controller, value: controller.registers.input.set_bits(index, 32, value)
+
+
+_SETTERS: Final[dict[str, _Setter]] = {
+    **{name: _register(field) for name, field in INPUT_FIELDS.items() if field.index is not None},
+    **{f"{group.name}_digital_output_mask": _digital(group) for group in (STANDARD, CONFIGURABLE, TOOL)},
+    **{f"{group.name}_digital_output": _keep for group in (STANDARD, CONFIGURABLE, TOOL)},
+    "speed_slider_mask": _speed_slider,
+    "speed_slider_fraction": _keep,
+    "standard_analog_output_mask": _analog,
+    "standard_analog_output_type": _keep,
+    "standard_analog_output_0": _keep,
+    "standard_analog_output_1": _keep,
+    "external_force_torque": _external_wrench,
+}

@@ -1,0 +1,131 @@
+"""What the installation says about tool and mounting: TCP, payload, gravity.
+
+A program may change all of it; loading an installation file sets it anew.
+"""
+
+import gzip
+import math
+import xml.etree.ElementTree as ET
+import zlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from urproto.robots.pose import Pose
+
+__all__ = ["Installation", "InstallationError", "Payload"]
+
+Vector3 = tuple[float, float, float]
+Vector6 = tuple[float, float, float, float, float, float]
+
+_UPRIGHT_GRAVITY: Final[Vector3] = (0.0, 0.0, 9.82)  # m/s2; the value of the Script Manual's set_gravity example
+_NO_TCP: Final[Pose] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_PAYLOAD_DENSITY: Final = 1000.0  # kg/m3: Script Manual, set_payload assumes a sphere of 1 g/cm3
+
+
+class InstallationError(ValueError):
+    """The file is not an installation this emulator can apply."""
+
+
+@dataclass(frozen=True, slots=True)
+class Payload:
+    """What hangs on the flange. ``cog``: from the flange [m]; ``inertia``: at the centre of
+    gravity, flange axes, Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2]."""
+
+    mass: float = 0.0
+    cog: Vector3 = (0.0, 0.0, 0.0)
+    inertia: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    @classmethod
+    def of(cls, mass: float, cog: Vector3, inertia: Vector6 | None = None) -> "Payload":
+        """A payload; without an inertia it is taken for a sphere of water."""
+        return cls(mass, cog, inertia if inertia is not None else _sphere_inertia(mass))
+
+    def towards(self, target: "Payload", alpha: float) -> "Payload":
+        """Linear mixture: 0 is this payload, 1 the target."""
+        return Payload(
+            self.mass + alpha * (target.mass - self.mass),
+            _mix3(self.cog, target.cog, alpha),
+            _mix6(self.inertia, target.inertia, alpha),
+        )
+
+
+@dataclass(slots=True)
+class _Transition:
+    start: Payload
+    target: Payload
+    duration_s: float
+    elapsed_s: float = 0.0
+
+
+@dataclass
+class Installation:
+    """Tool and mounting in use. ``tcp``: flange to TCP pose. ``gravity``: as set_gravity,
+    base frame, upright (0, 0, 9.82) [m/s2]."""
+
+    name: str = "default.installation"
+    tcp: Pose = _NO_TCP
+    payload: Payload = field(default_factory=Payload)
+    gravity: Vector3 = _UPRIGHT_GRAVITY
+    _transition: _Transition | None = None
+
+    @property
+    def target_payload(self) -> Payload:
+        """Where a payload transition ends; the payload itself when none is under way."""
+        return self._transition.target if self._transition else self.payload
+
+    def set_payload(self, payload: Payload, transition_s: float = 0.0) -> None:
+        """Use another payload, at once or by a linear transition. A later call wins."""
+        self._transition = None
+        if transition_s > 0.0:
+            self._transition = _Transition(self.payload, payload, transition_s)
+        else:
+            self.payload = payload
+
+    def advance(self, period_s: float) -> None:
+        """One control period of a payload transition."""
+        moving = self._transition
+        if moving is None:
+            return
+        moving.elapsed_s += period_s
+        if moving.elapsed_s >= moving.duration_s:
+            self.payload, self._transition = moving.target, None
+        else:
+            self.payload = moving.start.towards(moving.target, moving.elapsed_s / moving.duration_s)
+
+    def load(self, path: Path) -> None:
+        """Apply TCP and payload of an ``.installation`` file (gzip-compressed XML).
+
+        Raises OSError when the file cannot be read and InstallationError when it is no
+        installation; then nothing has changed. Safety settings and URCaps in it are not
+        emulated and stay as they are.
+        """
+        tcp, mass = _read_installation(path)
+        self.name, self.tcp = path.name, tcp
+        self.set_payload(Payload.of(mass, (0.0, 0.0, 0.0)))
+
+
+def _read_installation(path: Path) -> tuple[Pose, float]:
+    try:
+        root = ET.fromstring(gzip.decompress(path.read_bytes()))
+        settings = next(element for element in root.iter() if "activePose" in element.attrib)
+        offsets = {tcp.get("name"): tcp.get("offset", "") for tcp in settings.iter("tcp")}
+        x, y, z, rx, ry, rz = (float(number) for number in offsets[settings.get("activePose")].split(","))
+        return (x, y, z, rx, ry, rz), float(settings.get("toolPayload", "0"))
+    except (gzip.BadGzipFile, zlib.error, EOFError, ET.ParseError, StopIteration, KeyError, ValueError) as error:
+        raise InstallationError(f"{path.name} is not an installation file: {error!r}") from error
+
+
+def _sphere_inertia(mass: float) -> Vector6:
+    radius = (3.0 * max(mass, 0.0) / (4.0 * math.pi * _PAYLOAD_DENSITY)) ** (1.0 / 3.0)
+    moment = 0.4 * mass * radius * radius
+    return (moment, moment, moment, 0.0, 0.0, 0.0)
+
+
+def _mix3(a: Vector3, b: Vector3, alpha: float) -> Vector3:
+    return (a[0] + alpha * (b[0] - a[0]), a[1] + alpha * (b[1] - a[1]), a[2] + alpha * (b[2] - a[2]))
+
+
+def _mix6(a: Vector6, b: Vector6, alpha: float) -> Vector6:
+    x, y, z, u, v, w = (p + alpha * (q - p) for p, q in zip(a, b, strict=True))
+    return (x, y, z, u, v, w)

@@ -1,0 +1,89 @@
+"""What happened in this control period: the messages for the primary interface and the log."""
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+from emulator.errorcodes import error_text
+from urproto.modes import ReportLevel, SafetyMode
+from urproto.primary.messages import (
+    ErrorCodeMessage,
+    KeyMessage,
+    RobotMessage,
+    RuntimeExceptionMessage,
+    SafetyModeMessage,
+    TextMessage,
+)
+
+__all__ = ["MessageLog"]
+
+_HISTORY_LINES: Final = 10_000  # guess; bounds memory
+
+_logger = logging.getLogger(__name__)
+
+
+class MessageLog:
+    """Collects messages during a control period and stamps them with the controller's time.
+
+    ``time_us`` tells the controller's uptime. ``history`` is the text log that the
+    dashboard's ``saveLog`` writes.
+    """
+
+    def __init__(self, time_us: Callable[[], int]) -> None:
+        self._time_us = time_us
+        self._pending: list[RobotMessage] = []
+        self.history: deque[str] = deque(maxlen=_HISTORY_LINES)
+
+    def emit(self, message: RobotMessage) -> None:
+        """Send a message out with this period's snapshot; a missing time stamp is filled in."""
+        if not message.timestamp_us:
+            message = replace(message, timestamp_us=self._time_us())
+        self._pending.append(message)
+        self.note(_describe(message))
+
+    def note(self, text: str) -> None:
+        """Write a line to the text log only."""
+        _logger.debug("%s", text)
+        self.history.append(f"{self._time_us() / 1e6:.3f} {text}")
+
+    def text(self, text: str) -> None:
+        """What ``textmsg()`` sends."""
+        self.emit(TextMessage(text=text))
+
+    def key(self, title: str, text: str) -> None:
+        """A fixed title with a free text, such as PROGRAM_XXX_STARTED with the program's name."""
+        self.emit(KeyMessage(title=title, text=text))
+
+    def safety_mode(self, mode: SafetyMode) -> None:
+        """The safety mode changed."""
+        self.emit(SafetyModeMessage(safety_mode=mode))
+
+    def error(self, code: int, argument: int = 0, level: ReportLevel = ReportLevel.WARNING, text: str = "") -> None:
+        """An entry C<code>A<argument> of the error log; the text comes from the table unless given."""
+        self.emit(ErrorCodeMessage(code=code, argument=argument, level=level, text=text or error_text(code)))
+
+    def runtime_exception(self, line: int, column: int, text: str) -> None:
+        """A script did not compile or failed; line and column count from 1."""
+        self.emit(RuntimeExceptionMessage(line=line, column=column, text=text))
+
+    def take(self) -> tuple[RobotMessage, ...]:
+        """The messages since the last call, in order."""
+        if not self._pending:
+            return ()
+        taken = tuple(self._pending)
+        self._pending.clear()
+        return taken
+
+
+def _describe(message: RobotMessage) -> str:
+    if isinstance(message, ErrorCodeMessage):
+        return f"{message.label} {message.text}"
+    if isinstance(message, SafetyModeMessage):
+        return f"safety mode {SafetyMode(message.safety_mode).name}"
+    if isinstance(message, KeyMessage):
+        return f"{message.title} {message.text}"
+    if isinstance(message, RuntimeExceptionMessage):
+        return f"runtime exception at {message.line}:{message.column}: {message.text}"
+    return getattr(message, "text", type(message).__name__)

@@ -1,0 +1,172 @@
+"""Rounding the corner between two moves, and taking over from an arm in motion.
+
+A blend adds two motions around the waypoint W they share: leaving leg A, whose last r0 of path is run with steadily
+falling speed, and entering leg B, whose first r1 of path is run with steadily rising speed:
+
+    position(u) = A(L - r0 (1-u)^2) + B(r1 u^2) - W,   u = t / T from 0 to 1
+
+so the speed is always a convex combination of A's speed at the begin (2 r0 / T) and B's at the end (2 r1 / T), and
+cannot exceed the larger one. A is entered at the speed its own profile has there, from which it could still stop at W;
+so nothing is lost when no next move comes. Between two tool paths positions and orientations are composed; every other
+pair is added in joint space. A hand-over is the same with A = "coast to a standstill".
+"""
+
+from math import acos, cos, sin, sqrt, tan
+from typing import Protocol
+
+from urproto.robots.pose import Pose, pose_add, pose_sub
+
+from .legs import Leg, ToolLeg, mark_after_start
+from .tool_moves import LineLeg
+from .vectors import Joints, Vec3, as_six, lerp, norm3, sub
+
+__all__ = ["Blend", "Coast", "Leaving", "blend_into"]
+
+_CORNERS_ROUNDED = (0.01, 2.8)  # rad: movep rounds corners that turn by this much; sharper or flatter ones are added
+
+
+class Leaving(Protocol):
+    """The end of a motion: r0 of path, left with steadily falling speed."""
+
+    duration: float
+    corner: Joints
+
+    def joints(self, u: float) -> Joints:
+        """Configuration at 0 <= u <= 1; ``corner`` at u = 1."""
+
+
+class LegEnd:
+    """The rest of a leg, from path length s at the speed it has there."""
+
+    def __init__(self, leg: Leg, s: float, speed: float) -> None:
+        self.leg = leg
+        self.rest = leg.length - s
+        self.speed = speed
+        self.duration = 2.0 * self.rest / speed
+        self.corner = leg.joints(leg.length)
+
+    def path(self, u: float) -> float:
+        """Path length on the leg."""
+        return self.leg.length - self.rest * (1.0 - u) ** 2
+
+    def joints(self, u: float) -> Joints:
+        return self.leg.joints(self.path(u))
+
+
+class Coast:
+    """An arm in motion brakes evenly; all joints come to rest together, one straight line in joint space."""
+
+    def __init__(self, q: Joints, qd: Joints, duration: float) -> None:
+        self.duration = duration
+        self._distance = as_six(0.5 * speed * duration for speed in qd)
+        self.corner = lerp(q, self._distance, 1.0)
+
+    def joints(self, u: float) -> Joints:
+        return lerp(self.corner, self._distance, -((1.0 - u) ** 2))
+
+
+class Blend:
+    """The sum in joint space. ``exit_s`` and ``exit_speed`` say where and how fast leg B goes on."""
+
+    def __init__(self, leaving: Leaving, entering: Leg, exit_speed: float) -> None:
+        self.duration = leaving.duration
+        self.exit_speed = exit_speed
+        self.exit_s = 0.5 * exit_speed * self.duration
+        self._leaving = leaving
+        self._entering = entering
+
+    def joints(self, t: float) -> Joints:
+        """Configuration t seconds into the blend."""
+        u = t / self.duration
+        entered = self._entering.joints(self.exit_s * u * u)
+        return lerp(entered, sub(self._leaving.joints(u), self._leaving.corner), 1.0)
+
+
+class ToolBlend(Blend):
+    """The sum of two tool paths: positions add, orientations compose."""
+
+    def __init__(self, leaving: LegEnd, before: ToolLeg, after: ToolLeg, exit_speed: float) -> None:
+        super().__init__(leaving, after, exit_speed)
+        self.before, self.after, self.leg_end = before, after, leaving
+        self._corner = after.pose(0.0)
+
+    def joints(self, t: float) -> Joints:
+        return self.after.solve(self.pose(t / self.duration))
+
+    def pose(self, u: float) -> Pose:
+        """TCP pose at 0 <= u <= 1."""
+        entered = pose_sub(self.after.pose(self.exit_s * u * u), self._corner)
+        return pose_add(entered, self.before.pose(self.leg_end.path(u)))
+
+
+class RoundedCorner(ToolBlend):
+    """movep: the corner is an arc of a circle, run at constant tool speed."""
+
+    def __init__(self, leaving: LegEnd, before: LineLeg, after: LineLeg, turn_rad: float) -> None:
+        self._turn = turn_rad
+        self._radius = leaving.rest / tan(0.5 * turn_rad)
+        leaving.duration = self._radius * turn_rad / leaving.speed
+        super().__init__(leaving, before, after, leaving.speed)
+        self.exit_s = leaving.rest
+        start = before.pose(leaving.path(0.0))
+        self._start = (start[0], start[1], start[2])
+        self._ahead = _unit(before)
+        along = cos(turn_rad)
+        self._aside = _scaled_sum(_unit(after), 1.0 / sin(turn_rad), self._ahead, -along / sin(turn_rad))
+
+    def pose(self, u: float) -> Pose:
+        angle = u * self._turn
+        offset = _scaled_sum(self._ahead, self._radius * sin(angle), self._aside, self._radius * (1.0 - cos(angle)))
+        position = _scaled_sum(self._start, 1.0, offset, 1.0)
+        return (*position, *super().pose(u)[3:])
+
+
+def blend_into(leaving: Leaving, entering: Leg, radius_m: float | None) -> Blend:
+    """The blend from the end of a motion into a leg that starts at its corner.
+
+    ``radius_m`` keeps the exit within this distance of the corner; None for a hand-over, which has no radius.
+    """
+    exit_speed = _exit_speed(leaving.duration, entering)
+    if radius_m is not None:
+        exit_speed = min(exit_speed, 2.0 * mark_after_start(entering, radius_m) / leaving.duration)
+    if not isinstance(leaving, LegEnd):
+        return Blend(leaving, entering, exit_speed)
+    before = leaving.leg
+    if isinstance(before, LineLeg) and isinstance(entering, LineLeg) and before.process and entering.process:
+        turn = _corner_to_round(leaving, before, entering)
+        if turn is not None:
+            return RoundedCorner(leaving, before, entering, turn)
+    if isinstance(before, ToolLeg) and isinstance(entering, ToolLeg):
+        return ToolBlend(leaving, before, entering, exit_speed)
+    return Blend(leaving, entering, exit_speed)
+
+
+def _exit_speed(duration: float, leg: Leg) -> float:
+    """The highest speed on the leg that can be reached in this time, in its first half, and stopped from."""
+    a = leg.limits.acceleration
+    return min(leg.limits.speed, leg.length / duration, a * duration, sqrt(a * leg.length))
+
+
+def _corner_to_round(leaving: LegEnd, before: LineLeg, after: LineLeg) -> float | None:
+    """The angle by which the path turns, when an arc at constant speed fits there; else None."""
+    speed, rest = leaving.speed, leaving.rest
+    straight_enough = before.is_translation and after.is_translation
+    if not straight_enough or rest > 0.5 * after.length or speed > after.limits.speed:
+        return None
+    ahead, then = _unit(before), _unit(after)
+    turn = acos(max(-1.0, min(1.0, sum(a * b for a, b in zip(ahead, then, strict=True)))))
+    if not _CORNERS_ROUNDED[0] < turn < _CORNERS_ROUNDED[1]:
+        return None
+    sideways = speed**2 * tan(0.5 * turn) / rest
+    can_stop = speed**2 <= 2.0 * after.limits.acceleration * (after.length - rest)
+    return turn if can_stop and sideways <= after.limits.acceleration else None
+
+
+def _unit(leg: LineLeg) -> Vec3:
+    x, y, z = leg.change[:3]
+    size = norm3(x, y, z)
+    return (x / size, y / size, z / size)
+
+
+def _scaled_sum(a: Vec3, fa: float, b: Vec3, fb: float) -> Vec3:
+    return (fa * a[0] + fb * b[0], fa * a[1] + fb * b[1], fa * a[2] + fb * b[2])

@@ -1,0 +1,159 @@
+"""Force mode and freedrive: the tool gives way in chosen directions of a frame.
+
+In a compliant direction the tool behaves like a mass with viscous friction pushed by the wanted force plus the external
+one; in the others it follows the movement in progress. Mass and friction are guesses: a real controller's force loop is
+not documented.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import exp
+
+from urproto.robots.pose import Pose, pose_add, pose_sub, rotvec_to_matrix
+
+from .reach import Reach
+from .vectors import ZERO, Joints, Vec3, as_six, norm3
+
+__all__ = ["Compliance", "Task"]
+
+_MASS = 20.0  # kg, kg m2 for turning: gives time constants around 0.1 s (guess)
+_INERTIA = 1.0
+_FRICTION = (200.0, 1800.0)  # N s/m at damping 0, and how much full damping adds (guess)
+_TURN_FRICTION = (10.0, 90.0)  # Nm s/rad
+_REST = 1e-6  # m/s, rad/s: slower than this the tool stands (guess)
+_FREEDRIVE_LIMITS: Joints = (1.0, 1.0, 1.0, 3.0, 3.0, 3.0)  # m/s, rad/s (guess)
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What to comply with: ``frame`` in the base frame, six flags, wrench [N, Nm] and speed limits in that frame.
+
+    ``kind`` as in force_mode: 1 turns y towards the frame's origin, 2 takes the frame as it is, 3 turns x along the
+    tool's velocity.
+    """
+
+    frame: Pose
+    compliant: tuple[bool, ...]
+    wrench: Joints
+    kind: int
+    limits: Joints
+
+    @classmethod
+    def force(
+        cls, frame: Pose, selection: Sequence[float], wrench: Sequence[float], kind: int, limits: Sequence[float]
+    ) -> "Task":
+        """From force_mode's arguments. ValueError for a type other than 1, 2, 3."""
+        if kind not in (1, 2, 3):
+            raise ValueError(f"force mode type {kind} is unknown: give 1, 2 or 3")
+        return cls(frame, tuple(flag != 0 for flag in selection), as_six(wrench), kind, as_six(limits))
+
+    @classmethod
+    def free(cls, frame: Pose, free_axes: Sequence[float]) -> "Task":
+        """Freedrive: only outside forces count."""
+        return cls(frame, tuple(flag != 0 for flag in free_axes), ZERO, 2, _FREEDRIVE_LIMITS)
+
+
+class Compliance:
+    """Turns movements of the nominal arm into movements of the compliant one."""
+
+    def __init__(self, reach: Reach, q: Joints, task: Task) -> None:
+        self.reach = reach
+        self.task = task
+        self.released = False
+        self._pose = reach.pose(q)
+        self._speed = ZERO  # of the compliant directions, in the task frame
+
+    def standing(self) -> bool:
+        """No motion of its own."""
+        return self._speed == ZERO
+
+    def halt(self) -> None:
+        """Forget the motion of the compliant directions."""
+        self._speed = ZERO
+
+    def release(self) -> None:
+        """Comply no more; what speed there is dies away."""
+        self.released = True
+        self.task = Task(self.task.frame, (False,) * 6, ZERO, 2, self.task.limits)
+
+    def step(
+        self, dt: float, q: Joints, nominal: tuple[Joints, Joints], external: Joints, damping: float, gain: float
+    ) -> Joints:
+        """Joints after dt, while the nominal arm goes from the first to the second of ``nominal``.
+
+        ``external`` is the wrench that acts on the tool at the TCP, in the base frame. Raises MotionFault out of reach.
+        """
+        before, after = nominal
+        shift = ZERO if before == after else pose_sub(self.reach.pose(after), self.reach.pose(before))
+        axes = self._axes(shift)
+        self._speed = self._accelerated(dt, axes, external, damping, gain)
+        wanted = _into(axes, shift)
+        own = self._speed
+        compliant = self.task.compliant
+        moved = as_six((0.0 if compliant[i] else wanted[i]) + own[i] * dt for i in range(6))
+        if moved == ZERO:
+            return q
+        pose = pose_add((*_out_of(axes, moved[:3]), *_out_of(axes, moved[3:])), self._pose)
+        target = self.reach.joints(pose, q)
+        self._pose = pose
+        return target
+
+    def _accelerated(
+        self, dt: float, axes: tuple[Vec3, Vec3, Vec3], external: Joints, damping: float, gain: float
+    ) -> Joints:
+        """Exact response of mass and friction over dt, bounded by the task's speed limits."""
+        push = _into(axes, external)
+        speeds = []
+        for i, speed in enumerate(self._speed):
+            base, span, mass = (*_FRICTION, _MASS) if i < 3 else (*_TURN_FRICTION, _INERTIA)
+            friction = base + span * damping
+            final = gain * (self.task.wrench[i] + push[i]) / friction if self.task.compliant[i] else 0.0
+            bound = abs(self.task.limits[i])
+            final = max(-bound, min(bound, final))
+            now = final + (speed - final) * exp(-dt * friction / mass)
+            speeds.append(0.0 if abs(now) < _REST and abs(final) < _REST else now)
+        return as_six(speeds)
+
+    def _axes(self, shift: Joints) -> tuple[Vec3, Vec3, Vec3]:
+        """The task frame's axes in the base frame."""
+        m = rotvec_to_matrix(*self.task.frame[3:])
+        x, y, z = (m[0], m[3], m[6]), (m[1], m[4], m[7]), (m[2], m[5], m[8])
+        if self.task.kind == 1:
+            origin, tool = self.task.frame, self._pose
+            y = _unit((origin[0] - tool[0], origin[1] - tool[1], origin[2] - tool[2]), y)
+            x = _unit(_cross(y, z), x)
+            return x, y, _cross(x, y)
+        if self.task.kind == 3:
+            along = (_dot(shift, x), _dot(shift, y))
+            x = _unit(_out_of((x, y, z), (*along, 0.0)), x)
+            return x, _cross(z, x), z
+        return x, y, z
+
+
+def _into(axes: tuple[Vec3, Vec3, Vec3], screw: Joints) -> Joints:
+    """A base-frame (linear, angular) pair in the axes."""
+    x, y, z = axes
+    lin, ang = screw[:3], screw[3:]
+    return (_dot(lin, x), _dot(lin, y), _dot(lin, z), _dot(ang, x), _dot(ang, y), _dot(ang, z))
+
+
+def _out_of(axes: tuple[Vec3, Vec3, Vec3], v: Vec3) -> Vec3:
+    x, y, z = axes
+    return (
+        x[0] * v[0] + y[0] * v[1] + z[0] * v[2],
+        x[1] * v[0] + y[1] * v[1] + z[1] * v[2],
+        x[2] * v[0] + y[2] * v[1] + z[2] * v[2],
+    )
+
+
+def _unit(v: Vec3, otherwise: Vec3) -> Vec3:
+    size = norm3(*v)
+    return (v[0] / size, v[1] / size, v[2] / size) if size > 1e-9 else otherwise
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vec3, b: Vec3) -> Vec3:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

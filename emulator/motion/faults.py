@@ -1,0 +1,64 @@
+"""Why a movement had to end in a protective stop."""
+
+from dataclasses import dataclass
+
+__all__ = ["MotionFault", "bad_setpoint", "joint_limit", "near_singularity", "unreachable"]
+
+# Report codes and arguments of the controller's error list. Which of them a real controller gives for a pose out of
+# reach is a guess; the others are named in that list.
+_CLOSE_TO_JOINT_LIMIT = 150
+_PATH_SANITY = 204
+_INVALID_SETPOINT = 5
+_SINGULARITY = 7
+
+
+@dataclass(eq=False)
+class MotionFault(Exception):  # noqa: N818 - it is what the controller calls a fault, raised or not
+    """A movement cannot go on; the arm is being stopped protectively.
+
+    ``code`` and ``argument`` form the report code (C204A7), ``text`` says what happened and what to do next,
+    ``joint`` is 0-5 or None when no single joint is to blame.
+    """
+
+    code: int
+    argument: int
+    text: str
+    joint: int | None = None
+
+    def __str__(self) -> str:
+        return f"C{self.code}A{self.argument}: {self.text}"
+
+
+def joint_limit(joint: int, position_rad: float, lower_rad: float, upper_rad: float) -> MotionFault:
+    """The arm would leave the position range of a joint."""
+    return MotionFault(
+        _CLOSE_TO_JOINT_LIMIT,
+        0,
+        f"joint {joint} is at its position limit: {position_rad:.4f} rad is not within "
+        f"{lower_rad:.4f} to {upper_rad:.4f} rad; move it the other way or choose another target",
+        joint,
+    )
+
+
+def unreachable(pose_base_tcp: tuple[float, ...]) -> MotionFault:
+    """No joint configuration puts the tool at this pose."""
+    place = ", ".join(f"{value:.4f}" for value in pose_base_tcp)
+    return MotionFault(
+        _PATH_SANITY,
+        _INVALID_SETPOINT,
+        f"p[{place}] is out of reach for this arm and TCP; choose a pose inside the work space",
+    )
+
+
+def bad_setpoint(what: str) -> MotionFault:
+    """The program asked for something that is not a finite number."""
+    return MotionFault(_PATH_SANITY, _INVALID_SETPOINT, f"{what} is not finite; check the program's arithmetic")
+
+
+def near_singularity() -> MotionFault:
+    """The path cannot be followed within the joint speed limits, however slowly."""
+    return MotionFault(
+        _PATH_SANITY,
+        _SINGULARITY,
+        "the path runs through a singularity and cannot be followed; use movej or move the waypoint",
+    )

@@ -1,0 +1,254 @@
+"""The movements a program can ask for, one method each.
+
+Every method returns a `Move`; the program waits until it is ready. A command that cannot be begun (target out of reach,
+outside the joint limits, not a number) gives a failed Move, and the next `advance` reports the fault and stops the arm.
+"""
+
+from collections.abc import Callable, Sequence
+from math import isfinite
+
+from urproto.robots.pose import Pose
+
+from .blends import Coast, Leaving, blend_into
+from .circular_moves import ArcLeg, circle_through
+from .compliance import Compliance, Task
+from .faults import MotionFault, bad_setpoint
+from .legs import TOOL_LIMITS, JointLeg, Leg
+from .path_motion import PathMotion
+from .profile import Limits
+from .servo import JointServo, ToolServo
+from .speed import JointSpeed, ToolSpeed
+from .stepping import Move, Stepper
+from .stops import ToolStop, brake_together
+from .tool_moves import LineLeg
+from .vectors import ZERO, Joints, all_finite, as_six, largest, norm3, scaled
+
+__all__ = ["Motion"]
+
+_HANDOVER_RAD_S2 = 10.0  # leading joint, when a movement of another kind takes over from an arm in motion (guess)
+_TURN_ACCELERATION_MAX = TOOL_LIMITS.acceleration / 0.25  # rad/s2, at the equivalent radius (guess)
+
+
+class Motion(Stepper):
+    """Motion generator of one arm. Joint vectors (6,) base to wrist 3 [rad]; poses base to TCP [m, rotation vector]."""
+
+    # moves along a path
+
+    def movej(self, q: Sequence[float], *, a: float = 1.4, v: float = 1.05, t: float = 0.0, r: float = 0.0) -> Move:
+        """Joint line to q; ``a`` and ``v`` of the leading joint [rad/s2, rad/s]; t > 0 [s] overrides both; r [m]."""
+        fault = _not_usable("movej", (*q, t, r), a, v, t) or self._outside(as_six(q))
+        if fault is not None:
+            return self._refuse(fault)
+        goal = as_six(q)
+        return self._follow(lambda start: JointLeg(self._reach, start, goal, Limits(v, a), t), r)
+
+    def movel(self, pose: Sequence[float], *, a: float = 1.2, v: float = 0.25, t: float = 0.0, r: float = 0.0) -> Move:
+        """Straight tool path; a and v of the TCP [m/s2, m/s]; t > 0 [s] overrides both; blend radius r [m]."""
+        return self._line("movel", pose, a, v, t, r, process=False)
+
+    def movep(self, pose: Sequence[float], *, a: float = 1.2, v: float = 0.25, r: float = 0.0) -> Move:
+        """As movel, with corners between two movep rounded by arcs at constant tool speed."""
+        return self._line("movep", pose, a, v, 0.0, r, process=True)
+
+    def movec(
+        self,
+        via: Sequence[float],
+        to: Sequence[float],
+        *,
+        a: float = 1.2,
+        v: float = 0.25,
+        r: float = 0.0,
+        mode: int = 0,
+    ) -> Move:
+        """Circular tool path over ``via``; mode 1 keeps the orientation relative to the arc."""
+        fault = _not_usable("movec", (*via, *to, r), a, v)
+        if fault is not None:
+            return self._refuse(fault)
+        goal = as_six(to)
+
+        def leg(start: Joints) -> Leg:
+            here = self._reach.pose(start)
+            circle = circle_through(here[:3], as_six(via)[:3], goal[:3])
+            if circle is None:
+                return LineLeg(self._reach, start, goal, Limits(v, a))
+            return ArcLeg(self._reach, start, circle, goal, Limits(v, a), fixed=mode == 1)
+
+        return self._follow(leg, r)
+
+    def _line(self, name: str, pose: Sequence[float], a: float, v: float, t: float, r: float, *, process: bool) -> Move:
+        fault = _not_usable(name, (*pose, t, r), a, v, t)
+        if fault is not None:
+            return self._refuse(fault)
+        goal = as_six(pose)
+        return self._follow(lambda start: LineLeg(self._reach, start, goal, Limits(v, a), t, process=process), r)
+
+    def _follow(self, make_leg: Callable[[Joints], Leg], radius_m: float) -> Move:
+        """Begin a leg: from rest, by blending with the leg before, or by taking over from an arm in motion."""
+        before = self._generator
+        try:
+            if isinstance(before, PathMotion) and self._blendable and (end := before.leg_end()) is not None:
+                return self._install(self._path(make_leg, radius_m, end, before.radius_m))
+            movement = self._path(make_leg, radius_m, self._coast(), None)
+        except MotionFault as fault:
+            return self._refuse(fault)
+        self._take_over()
+        return self._install(movement)
+
+    def _path(
+        self, make_leg: Callable[[Joints], Leg], radius_m: float, leaving: Leaving | None, corner_m: float | None
+    ) -> PathMotion:
+        """The leg, entered from rest or through a blend that stays within corner_m of its start."""
+        leg = make_leg(self.q if leaving is None else leaving.corner)
+        self._reachable(leg.goal())
+        blend = None if leaving is None else blend_into(leaving, leg, corner_m)
+        return PathMotion(leg, max(radius_m, 0.0), blend)
+
+    def _coast(self) -> Coast | None:
+        """From the present speed to rest within the position limits; None at rest."""
+        fastest = largest(self.qd)
+        if fastest == 0.0:
+            return None
+        duration = fastest / _HANDOVER_RAD_S2
+        for position, speed, low, high in zip(self.q, self.qd, self._q_min, self._q_max, strict=True):
+            room = high - position if speed > 0.0 else position - low
+            if speed:
+                duration = min(duration, 2.0 * max(room, 0.0) / abs(speed))
+        return Coast(self.q, self.qd, duration) if duration > 0.0 else None
+
+    # streaming
+
+    def servoj(self, q: Sequence[float], *, t: float, lookahead_time: float = 0.1, gain: float = 300.0) -> Move:
+        """Follow q for t seconds of the program's time (one period at least), then keep heading for it."""
+        numbers = (*q, t, lookahead_time, gain)
+        fault = bad_setpoint("servoj's target") if not all_finite(numbers) else self._outside(as_six(q))
+        if fault is not None:
+            return self._refuse(fault)
+        servo = self._generator
+        if not isinstance(servo, JointServo):
+            servo = JointServo(self._reach, self.q, self.qd)
+            self._take_over()
+        servo.command(as_six(q), t, lookahead_time, gain)
+        return self._install(servo)
+
+    def servoc(self, pose: Sequence[float], *, a: float = 1.2, v: float = 0.25, r: float = 0.0) -> Move:
+        """Head for the pose at tool speed v; ready within r of it."""
+        fault = _not_usable("servoc", (*pose, r), a, v)
+        if fault is not None:
+            return self._refuse(fault)
+        goal = as_six(pose)
+        try:
+            self._reachable(goal)
+        except MotionFault as unreachable:
+            return self._refuse(unreachable)
+        servo = self._generator
+        if not isinstance(servo, ToolServo):
+            servo = ToolServo(self._reach, self.q, self.qd)
+            self._take_over()
+        servo.command(goal, Limits(min(v, TOOL_LIMITS.speed), min(a, TOOL_LIMITS.acceleration)), r)
+        return self._install(servo)
+
+    def speedj(self, qd: Sequence[float], *, a: float, t: float | None = None) -> Move:
+        """Accelerate to joint speeds and hold them; ready after t, or without t at that speed."""
+        fault = _not_finite("speedj", qd, a, t)
+        if fault is not None:
+            return self._refuse(fault)
+        wanted = as_six(qd)
+        excess = max(abs(speed) / most for speed, most in zip(wanted, self.model.qd_max, strict=True))
+        if excess > 1.0:
+            wanted = scaled(wanted, 1.0 / excess)
+        speed = self._generator
+        if not isinstance(speed, JointSpeed):
+            speed = JointSpeed(self.qd)
+            self._take_over()
+        speed.command(wanted, min(a, *self.model.qdd_max), t)
+        return self._install(speed)
+
+    def speedl(self, xd: Sequence[float], *, a: float, a_rot: float | None = None, t: float | None = None) -> Move:
+        """Accelerate to a tool velocity in the base frame [m/s, rad/s] and hold it; a_rot defaults to a."""
+        turn_a = a if a_rot is None else a_rot
+        fault = _not_finite("speedl", xd, a + turn_a, t)
+        if fault is not None:
+            return self._refuse(fault)
+        wanted = as_six(xd)
+        excess = norm3(*wanted[:3]) / TOOL_LIMITS.speed
+        if excess > 1.0:
+            wanted = scaled(wanted, 1.0 / excess)
+        speed = self._generator
+        if not isinstance(speed, ToolSpeed):
+            speed = ToolSpeed(self._reach, self.q, self.qd)
+            self._take_over()
+        speed.command(wanted, min(a, TOOL_LIMITS.acceleration), min(turn_a, _TURN_ACCELERATION_MAX), t)
+        return self._install(speed)
+
+    # stops of a program
+
+    def stopj(self, a: float) -> Move:
+        """Slow all joints to rest together, the leading one by ``a`` [rad/s2]; ready at rest."""
+        if not (isfinite(a) and a > 0.0):
+            return self._refuse(bad_setpoint("stopj's deceleration"))
+        return self._install(brake_together(self.q, self.qd, min(a, *self.model.qdd_max)))
+
+    def stopl(self, a: float, a_rot: float | None = None) -> Move:
+        """Slow the tool to rest by ``a`` [m/s2] and ``a_rot`` [rad/s2], which defaults to a."""
+        turn_a = a if a_rot is None else a_rot
+        if not (isfinite(a + turn_a) and a > 0.0 and turn_a > 0.0):
+            return self._refuse(bad_setpoint("stopl's deceleration"))
+        a, turn_a = min(a, TOOL_LIMITS.acceleration), min(turn_a, _TURN_ACCELERATION_MAX)
+        return self._install(ToolStop(self._reach, self.q, self.qd, a, turn_a))
+
+    def program_stopped(self) -> None:
+        """The program is over: no more force mode or freedrive, and the arm comes to rest."""
+        self.end_force_mode()
+        self.stop()
+
+    # compliance
+
+    def start_force_mode(
+        self,
+        task_frame: Sequence[float],
+        selection: Sequence[float],
+        wrench: Sequence[float],
+        type: int,  # noqa: A002 - the name of the script function's parameter
+        limits: Sequence[float],
+    ) -> None:
+        """Comply in the selected directions of task_frame (in the base frame), beside any other movement.
+
+        ``limits`` are speeds [m/s, rad/s] in compliant directions. Raises ValueError for an unknown type.
+        """
+        if not all_finite((*task_frame, *selection, *wrench, *limits)):
+            raise ValueError("force mode needs finite numbers")
+        self._comply(Task.force(as_six(task_frame), selection, wrench, type, limits))
+
+    def end_force_mode(self) -> None:
+        """Comply no more; the arm comes to rest where it is. Also ends freedrive."""
+        if self._compliance is not None:
+            self._compliance.release()
+
+    def freedrive(self, free_axes: Sequence[float] = (1,) * 6, feature: Pose = ZERO) -> None:
+        """Let the external wrench move the tool along the free axes of a frame given in the base frame."""
+        if self._generator is not None:
+            self.stopj(_HANDOVER_RAD_S2)
+        self._comply(Task.free(as_six(feature), free_axes))
+
+    def end_freedrive(self) -> None:
+        """As end_force_mode."""
+        self.end_force_mode()
+
+    def _comply(self, task: Task) -> None:
+        if self._compliance is None or self._compliance.released:
+            self._compliance = Compliance(self._reach, self.q, task)
+        else:
+            self._compliance.task = task
+
+
+def _not_usable(name: str, numbers: Sequence[float], a: float, v: float, t: float = 0.0) -> MotionFault | None:
+    """A fault unless the numbers are finite and speed and acceleration (where no time is given) positive."""
+    if not all_finite((*numbers, a, v)):
+        return bad_setpoint(f"{name}'s target")
+    if t <= 0.0 and (a <= 0.0 or v <= 0.0):
+        return bad_setpoint(f"{name}'s acceleration or speed")
+    return None
+
+
+def _not_finite(name: str, speeds: Sequence[float], a: float, t: float | None) -> MotionFault | None:
+    return None if all_finite((*speeds, a, t or 0.0)) else bad_setpoint(f"{name}'s speed")

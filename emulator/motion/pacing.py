@@ -1,0 +1,121 @@
+"""How far a movement's own time may advance in one control period.
+
+A movement says where the arm would be after h seconds of its own time. Normally h is the control period times the
+speed fraction. It is less
+
+- while the fraction changes, or for a pause: the leading joint's speed then changes by a known acceleration;
+- where the joints could not follow: near a singularity a tool path needs more joint speed than there is, so the tool
+  slows down. Only when no speed is slow enough the movement fails.
+
+Shortening h changes when the arm is somewhere, never where it goes.
+"""
+
+from urproto.robots.model import RobotModel
+
+from .faults import near_singularity
+from .generator import Generator
+from .vectors import Joints, largest, sub
+
+__all__ = ["RAMP_RAD_S2", "Pacer"]
+
+RAMP_RAD_S2 = 10.0  # leading joint, when the speed fraction changes or a program pauses (guess)
+_ROUNDS = 4  # proposals per period while looking for a step the joints can follow
+_HALVINGS = 12  # and as many more before giving up
+_TOLERANCE = 1e-6  # of limits: rounding of differences of positions
+_STUCK_SHARE = 1e-3  # a movement slower than this share of its speed ...
+_STUCK_S = 0.1  # ... for so long does not get through a singularity (guess)
+
+
+class Pacer:
+    """Keeps the time scale of the movement in progress."""
+
+    def __init__(self, model: RobotModel, period_s: float) -> None:
+        self._period = period_s
+        self._qd_max = model.qd_max
+        self._qdd_max = model.qdd_max
+        self.scale = 1.0
+        self._pace = 0.0  # speed of the leading joint in the movement's own time [rad/s]; 0 = not yet known
+        self._gain = 0.0  # how fast that grows [rad/s2]
+        self._stuck_s = 0.0
+
+    def reset(self, pace_rad_s: float = 0.0) -> None:
+        """A new movement starts, from rest or at this speed of the leading joint."""
+        self.scale, self._pace, self._gain, self._stuck_s = 1.0, pace_rad_s, 0.0, 0.0
+
+    def advance(
+        self, movement: Generator, q: Joints, qd: Joints, goal: float, ramp: float = RAMP_RAD_S2
+    ) -> Joints | None:
+        """Propose the next configuration, heading for time scale ``goal`` (0..1).
+
+        None when the movement has come to a standstill. Raises MotionFault when the joints cannot follow.
+        """
+        goal = self._slewed(goal, ramp)
+        h = goal * self._period
+        if h <= 0.0:
+            self.scale = self._gain = 0.0
+            return None
+        target = movement.propose(h, q)
+        for _ in range(_ROUNDS):
+            better = self._bounded(h, goal * self._period, sub(target, q), qd)
+            if abs(better - h) <= _TOLERANCE * h:
+                break
+            h = better
+            target = movement.propose(h, q)
+        h, target = self._enforced(movement, h, target, q)
+        self._judge(h, goal)
+        self._remember(h, largest(sub(target, q)))
+        return target
+
+    def _slewed(self, goal: float, ramp: float) -> float:
+        if self._pace <= 0.0 or goal == self.scale:
+            return goal
+        if goal > self.scale:
+            return min(goal, self.scale + ramp * self._period / self._pace)
+        own = self._gain * self.scale**2
+        slower = self.scale - (ramp + own) * self._period / self._pace
+        return max(goal, slower if slower > _TOLERANCE else 0.0)
+
+    def _bounded(self, h: float, h_goal: float, step: Joints, qd: Joints) -> float:
+        """The own time, at most h_goal, with which joint speeds and their changes stay within limits.
+
+        Where changes of speed cannot all be within limits the excess is shared; speeds are always kept.
+        """
+        dt = self._period
+        low, high, cap = 0.0, h_goal, h_goal
+        for move, speed, most, acceleration in zip(step, qd, self._qd_max, self._qdd_max, strict=True):
+            if abs(move) < 1e-12:
+                continue
+            rate = abs(move) / h
+            keep = speed * dt / rate if move > 0.0 else -speed * dt / rate
+            change = acceleration * (1.0 + _TOLERANCE) * dt * dt / rate
+            low, high = max(low, keep - change), min(high, keep + change)
+            cap = min(cap, most * dt / rate)
+        wanted = high if low <= high else max(0.5 * (low + high), 0.5 * h)
+        return min(wanted, cap)
+
+    def _enforced(self, movement: Generator, h: float, target: Joints, q: Joints) -> tuple[float, Joints]:
+        """Halve the step until no joint is too fast."""
+        for _ in range(_HALVINGS):
+            if self._within_speed(sub(target, q)):
+                return h, target
+            h *= 0.5
+            target = movement.propose(h, q)
+        raise near_singularity()
+
+    def _within_speed(self, step: Joints) -> bool:
+        reach = self._period * (1.0 + _TOLERANCE)
+        return all(abs(move) <= most * reach for move, most in zip(step, self._qd_max, strict=True))
+
+    def _judge(self, h: float, goal: float) -> None:
+        if h >= _STUCK_SHARE * goal * self._period:
+            self._stuck_s = 0.0
+            return
+        self._stuck_s += self._period
+        if self._stuck_s > _STUCK_S:
+            raise near_singularity()
+
+    def _remember(self, h: float, moved: float) -> None:
+        pace = moved / h
+        self._gain = max(0.0, (pace - self._pace) / h)
+        self._pace = pace
+        self.scale = h / self._period

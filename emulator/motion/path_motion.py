@@ -1,0 +1,66 @@
+"""The generator of movej, movel, movep and movec: an optional blend, then the leg under its speed profile."""
+
+from urproto.robots.pose import Pose
+
+from .blends import Blend, LegEnd
+from .legs import Leg, mark_before_end
+from .profile import Profile
+from .vectors import Joints
+
+__all__ = ["PathMotion"]
+
+_TIME_TOLERANCE = 1e-9  # s: rounding of summed periods must not cost a whole period
+
+
+class PathMotion:
+    """Follows one leg; its time may run slower than the clock without leaving the path.
+
+    ``ready`` as soon as the TCP is within ``radius_m`` of the goal: from then on a next move may blend in.
+    """
+
+    scaled = True
+
+    def __init__(self, leg: Leg, radius_m: float = 0.0, blend: Blend | None = None) -> None:
+        self.leg = leg
+        self.radius_m = radius_m
+        self._blend = blend
+        self._t = 0.0  # in the blend while there is one, else on the leg's profile
+        self._proposed: tuple[float, Blend | None] = (0.0, blend)
+        self._exit_s = mark_before_end(leg, radius_m)
+        self.profile = leg.profile
+        if blend is not None:
+            self.profile = Profile.plan(blend.exit_s, leg.length, leg.limits, blend.exit_speed)
+
+    def propose(self, h: float, q: Joints) -> Joints:
+        t, blend = self._t + h, self._blend
+        if blend is not None:
+            if t < blend.duration:
+                self._proposed = (t, blend)
+                return blend.joints(t)
+            t -= blend.duration
+        if t >= self.profile.duration - _TIME_TOLERANCE:
+            t = self.profile.duration
+        self._proposed = (t, None)
+        return self.leg.joints(self.profile.position(t))
+
+    def commit(self, clock_s: float) -> None:
+        self._t, self._blend = self._proposed
+
+    @property
+    def done(self) -> bool:
+        return self._blend is None and self._t >= self.profile.duration
+
+    @property
+    def ready(self) -> bool:
+        return self._blend is None and (self.done or self.profile.position(self._t) >= self._exit_s)
+
+    def goal(self) -> Pose:
+        return self.leg.goal()
+
+    def leg_end(self) -> LegEnd | None:
+        """What the next move can blend with; None before the blend radius, and without one."""
+        if not self.ready or self.done or self.radius_m <= 0.0:
+            return None
+        speed = self.profile.speed(self._t)
+        s = self.profile.position(self._t)
+        return LegEnd(self.leg, s, speed) if speed > 0.0 and s < self.leg.length else None

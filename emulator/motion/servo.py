@@ -1,0 +1,161 @@
+"""Streaming of targets: servoj and servoc.
+
+servoj is a critically damped follower whose lag behind a steadily moving target is
+
+    lookahead_time + 1 / sqrt(gain)
+
+(52 ms with 0.03 and 2000, 158 ms with the defaults 0.1 and 300). The controller documents neither filter; this one is a
+guess that has the documented tendencies (longer lookahead: smoother and later; higher gain: stiffer) and the lag that
+joint trajectory drivers tolerate. A target further away is approached within the joints' limits, without overshoot.
+"""
+
+from math import exp, sqrt
+
+from urproto.robots.model import RobotModel
+from urproto.robots.pose import Pose, point_dist, pose_add, pose_sub
+
+from .profile import Limits
+from .reach import Reach
+from .tool_moves import path_length
+from .vectors import ZERO, Joints, as_six, largest, lerp, norm3, scaled, sub
+
+__all__ = ["GAIN_RANGE", "LOOKAHEAD_RANGE_S", "JointServo", "ToolServo"]
+
+LOOKAHEAD_RANGE_S = (0.03, 0.2)  # Script Manual, servoj; values outside are brought to the nearest bound (guess)
+GAIN_RANGE = (100.0, 2000.0)  # Script Manual, servoj
+
+_TIME_TOLERANCE = 1e-9  # s
+_BRAKE_SHARE = 0.8  # of the acceleration is planned with when a far target is approached; the rest corrects
+_ARRIVED_RAD = 1e-7  # closer and slower than this the arm stands on its target (guess)
+_ARRIVED_RAD_S = 1e-5
+
+
+class JointServo:
+    """servoj: follows the newest joint target; keeps its speed from one command to the next."""
+
+    scaled = True
+
+    def __init__(self, reach: Reach, q: Joints, qd: Joints) -> None:
+        self._reach = reach
+        self._model: RobotModel = reach.model
+        self._target = q
+        self._at = self._next_at = q
+        self._qd = self._next = qd
+        self._omega = 1.0
+        self._left = 0.0
+        self._begun = False
+
+    def command(self, target: Joints, t: float, lookahead_time: float, gain: float) -> None:
+        """New target [rad] that rules for t seconds of the program's time, one period at least."""
+        lag = _within(lookahead_time, LOOKAHEAD_RANGE_S) + 1.0 / sqrt(_within(gain, GAIN_RANGE))
+        self._target, self._omega = target, 2.0 / lag
+        self._left, self._begun = t, False
+
+    def propose(self, h: float, q: Joints) -> Joints:
+        model, decay = self._model, exp(-self._omega * h)
+        moved = [
+            self._joint(h, decay, *state)
+            for state in zip(q, self._qd, self._target, model.qd_max, model.qdd_max, strict=True)
+        ]
+        self._next = as_six(qd for _, qd in moved)
+        self._next_at = as_six(position for position, _ in moved)
+        if self._settled(self._next_at, self._next):
+            self._next, self._next_at = ZERO, self._target
+        return self._next_at
+
+    def _joint(
+        self, h: float, decay: float, q: float, qd: float, target: float, most: float, acceleration: float
+    ) -> tuple[float, float]:
+        """Position and speed after h: the exact step of the critically damped follower unless a limit says less."""
+        error = q - target
+        slope = qd + self._omega * error
+        free = (qd - self._omega * slope * h) * decay
+        most = min(most, sqrt(2.0 * _BRAKE_SHARE * acceleration * abs(error)) + acceleration * h)
+        speed = max(-most, min(most, free))
+        speed = max(qd - acceleration * h, min(qd + acceleration * h, speed))
+        if speed == free:
+            return target + (error + slope * h) * decay, speed
+        return q + 0.5 * (qd + speed) * h, speed
+
+    def _settled(self, q: Joints, qd: Joints) -> bool:
+        return largest(sub(q, self._target)) < _ARRIVED_RAD and largest(qd) < _ARRIVED_RAD_S
+
+    def commit(self, clock_s: float) -> None:
+        self._at, self._qd = self._next_at, self._next
+        self._left -= clock_s
+        self._begun = True
+
+    @property
+    def done(self) -> bool:
+        return self.ready and self._qd == ZERO and self._at == self._target
+
+    @property
+    def ready(self) -> bool:
+        return self._begun and self._left <= _TIME_TOLERANCE
+
+    def goal(self) -> Pose:
+        return self._reach.pose(self._target)
+
+
+class ToolServo:
+    """servoc: the tool heads for the newest pose at limited speed, turning its velocity by limited acceleration.
+
+    Ready within ``radius_m`` of the pose.
+    """
+
+    scaled = True
+
+    def __init__(self, reach: Reach, q: Joints, qd: Joints) -> None:
+        self._reach = reach
+        self._pose = self._next_pose = reach.pose(q)
+        self._twist = self._next = reach.twist(q, qd) if qd != ZERO else ZERO
+        self._target = self._pose
+        self._limits = Limits(1.0, 1.0)
+        self._radius = 0.0
+        self._begun = False
+
+    def command(self, target: Pose, limits: Limits, radius_m: float) -> None:
+        """New pose to go to, in the base frame."""
+        self._target, self._limits, self._radius = target, limits, radius_m
+        self._begun = False
+
+    def propose(self, h: float, q: Joints) -> Joints:
+        pose, a = self._pose, self._limits.acceleration
+        error = pose_sub(self._target, pose)
+        length = self._length(error)
+        if length <= 2.0 * a * h * h and self._length(self._twist) <= 2.0 * a * h:
+            self._next, self._next_pose = ZERO, self._target
+        else:
+            speed = min(self._limits.speed, sqrt(2.0 * _BRAKE_SHARE * a * length))
+            wanted = scaled(error, speed / length) if length > 0.0 else ZERO
+            change = sub(wanted, self._twist)
+            size = self._length(change)
+            self._next = now = wanted if size <= a * h else lerp(self._twist, change, a * h / size)
+            self._next_pose = pose_add(scaled(now, h), pose)
+        return q if self._next_pose == pose else self._reach.joints(self._next_pose, q)
+
+    def _length(self, screw: Joints) -> float:
+        """Size of a change of pose or of a tool velocity, turning taken at the equivalent radius: m, m/s."""
+        return path_length(norm3(*screw[:3]), norm3(*screw[3:]), self._reach.model.eq_radius)
+
+    def commit(self, clock_s: float) -> None:
+        self._pose, self._twist = self._next_pose, self._next
+        self._begun = True
+
+    @property
+    def done(self) -> bool:
+        return self._begun and self._twist == ZERO and self._pose == self._target
+
+    @property
+    def ready(self) -> bool:
+        if not self._begun:
+            return False
+        near = point_dist(self._target, self._pose)
+        return self.done or (self._radius > 0.0 and near <= self._radius)
+
+    def goal(self) -> Pose:
+        return self._target
+
+
+def _within(value: float, bounds: tuple[float, float]) -> float:
+    return max(bounds[0], min(bounds[1], value))

@@ -1,0 +1,308 @@
+"""One control period at a time: from the movement in progress to the target joint configuration.
+
+Rules, in order: an unscaled movement (a stop) runs by the clock; a scaled one runs at the speed fraction, or slows to a
+standstill on its path while paused; force mode and freedrive add to it; the result must leave every joint a way to
+brake before its position limit. Whatever breaks a rule is a MotionFault: the movement is dropped and each joint brakes
+at its acceleration limit.
+"""
+
+from dataclasses import dataclass
+from enum import Enum, auto
+from math import inf
+
+from urproto.robots.kinematics import Kinematics
+from urproto.robots.model import RobotModel
+from urproto.robots.pose import Pose
+
+from .compliance import Compliance
+from .faults import MotionFault, joint_limit
+from .generator import Generator
+from .pacing import RAMP_RAD_S2, Pacer
+from .reach import Reach
+from .stops import JointStop
+from .vectors import ZERO, Joints, as_six, largest, scaled, sub
+
+__all__ = ["Move", "Stepper"]
+
+_POSITION_TOLERANCE_RAD = 1e-9
+
+
+@dataclass(slots=True, eq=False)
+class Move:
+    """A movement that was asked for: its program waits until ``ready`` or ``failed``."""
+
+    ready: bool = False  # arrived, blend begun, time over, or taken over by another movement
+    failed: MotionFault | None = None
+
+
+class _Mode(Enum):
+    RUN = auto()
+    PAUSE = auto()  # stand still on the path, go on later
+    STOP = auto()  # stand still on the path, then forget it
+
+
+class Stepper:
+    """Target state of the arm and the movement that changes it. Angles rad, poses of the TCP in the base frame."""
+
+    def __init__(self, model: RobotModel, period_s: float, q: Joints) -> None:
+        self.model = model
+        self.period_s = period_s
+        self.q: Joints = as_six(q)
+        self.qd: Joints = ZERO
+        self.qdd: Joints = ZERO
+        self.external_wrench: Joints = ZERO  # on the tool at the TCP, base frame [N, Nm]; set by the controller
+        self.force_damping = 0.025  # force_mode_set_damping; default from recollection of the Script Manual
+        self.force_gain_scaling = 1.0  # force_mode_set_gain_scaling
+        self.fault: MotionFault | None = None  # the last one
+        self._q_min, self._q_max = _position_limits(model)
+        self._kinematics = Kinematics(model.dh)
+        self._reach = Reach(model, self._kinematics, ZERO)
+        self._pacer = Pacer(model, period_s)
+        self._generator: Generator | None = None
+        self._move: Move | None = None
+        self._nominal: Joints = self.q  # where the movement is, without what force mode adds
+        self._compliance: Compliance | None = None
+        self._mode = _Mode.RUN
+        self._ramp = RAMP_RAD_S2
+        self._refusal: MotionFault | None = None
+        self._goal: Generator | None = None
+
+    # state
+
+    @property
+    def tcp_offset(self) -> Pose:
+        """Flange to TCP. A movement in progress keeps the one it began with."""
+        return self._reach.tcp_offset
+
+    @tcp_offset.setter
+    def tcp_offset(self, offset: Pose) -> None:
+        self._reach = Reach(self.model, self._kinematics, as_six(offset))
+
+    @property
+    def target_waypoint(self) -> Pose:
+        """Where the movement in progress, or the last one, goes."""
+        goal = self._goal.goal() if self._goal is not None else None
+        return goal if goal is not None else self._reach.pose(self.q)
+
+    @property
+    def idle(self) -> bool:
+        """Nothing moves the arm, and it stands."""
+        return self._generator is None and self._compliance is None and self.qd == ZERO
+
+    @property
+    def steady(self) -> bool:
+        """As is_steady(): the arm stands and is not compliant. True also while a movement is paused."""
+        return self._compliance is None and self.qd == ZERO and (self._generator is None or self.paused)
+
+    @property
+    def paused(self) -> bool:
+        """Held by `pause` or a protective stop until `resume` (the arm may still be slowing down)."""
+        return self._mode is _Mode.PAUSE
+
+    @property
+    def scale(self) -> float:
+        """How fast the movement's own time runs just now, 1 = as planned."""
+        return self._pacer.scale
+
+    # pausing and stopping
+
+    def pause(self) -> None:
+        """Slow to a standstill on the path; `resume` goes on."""
+        self._mode, self._ramp = _Mode.PAUSE, RAMP_RAD_S2
+
+    def resume(self) -> None:
+        """Go on after `pause` or `protective_stop`."""
+        self._mode, self._ramp = _Mode.RUN, RAMP_RAD_S2
+
+    def protective_stop(self) -> None:
+        """Stop on the path as quickly as the joints' acceleration limit allows; `resume` goes on."""
+        self._mode, self._ramp = _Mode.PAUSE, min(self.model.qdd_max)
+
+    def stop(self, decel: float | None = None) -> None:
+        """Stop on the path, the leading joint slowing by ``decel`` [rad/s2], and end the movement."""
+        self._ramp = RAMP_RAD_S2 if decel is None else decel
+        self._mode = _Mode.STOP if self._generator is not None else _Mode.RUN
+
+    def halt(self) -> None:
+        """Power is gone: stand still at once and forget everything."""
+        self._drop()
+        self._compliance = self._refusal = None
+        self.qd = self.qdd = ZERO
+        self._mode = _Mode.RUN
+
+    def set_position(self, q: Joints) -> None:
+        """Put the arm elsewhere. Raises ValueError while it moves, or outside the position limits."""
+        position = as_six(q)
+        if not self.idle:
+            raise ValueError("the arm is moving: stop it before setting its position")
+        fault = self._outside(position)
+        if fault is not None:
+            raise ValueError(fault.text)
+        self.q = self._nominal = position
+        self._goal = None
+
+    # one control period
+
+    def advance(self, fraction: float) -> MotionFault | None:
+        """One control period with the program's time running at ``fraction`` (0..1).
+
+        Returns the fault that ended the movement in this period; the arm is then already braking.
+        """
+        fault, self._refusal = self._refusal, None
+        if fault is None:
+            try:
+                self._publish(*self._next(fraction))
+                return None
+            except MotionFault as error:
+                fault = error
+        self._fail(fault)
+        self._publish(*self._next(fraction))
+        return fault
+
+    def _next(self, fraction: float) -> tuple[Joints, bool]:
+        """The next configuration, and whether the arm then stands."""
+        running = fraction if self._mode is _Mode.RUN else 0.0
+        generator = self._generator
+        nominal = self._proposal(generator, running) if generator is not None else None
+        target = self._complied(self._nominal if nominal is None else nominal)
+        self._check(target)
+        self._nominal = target if self._compliance is None else (self._nominal if nominal is None else nominal)
+        standing = True
+        if generator is not None and nominal is not None:
+            generator.commit(running * self.period_s)
+            standing = self._account(generator)
+        elif self._mode is _Mode.STOP:
+            self._drop()
+        return target, standing and (self._compliance is None or self._compliance.standing())
+
+    def _proposal(self, generator: Generator, running: float) -> Joints | None:
+        if not generator.scaled:
+            return generator.propose(self.period_s, self._nominal)
+        speed = self.qd if self._compliance is None else ZERO
+        return self._pacer.advance(generator, self._nominal, speed, running, self._ramp)
+
+    def _account(self, generator: Generator) -> bool:
+        """Tell the waiting program; True when the movement is over."""
+        if self._move is not None and generator.ready:
+            self._move.ready = True
+        if generator.done:
+            self._drop()
+            return True
+        return False
+
+    def _drop(self) -> None:
+        self._generator = None
+        if self._move is not None:
+            self._move.ready = True
+        self._move = None
+        if self._mode is _Mode.STOP:
+            self._mode = _Mode.RUN
+
+    def _complied(self, nominal: Joints) -> Joints:
+        """What force mode or freedrive makes of the movement's configuration."""
+        compliance = self._compliance
+        if compliance is None:
+            return nominal
+        if compliance.released and compliance.standing() and self._generator is None:
+            self._compliance = None
+            return self.q
+        active = self._mode is _Mode.RUN
+        push = self.external_wrench if active else ZERO
+        gain = self.force_gain_scaling if active else 0.0
+        try:
+            target = compliance.step(self.period_s, self.q, (self._nominal, nominal), push, self.force_damping, gain)
+            self._check(target)
+        except MotionFault:
+            if nominal != self._nominal:
+                raise
+            compliance.halt()  # the end of the work space: it yields no further
+            return self.q
+        return target
+
+    def _check(self, target: Joints) -> None:
+        """Raise MotionFault when a joint could not stop before its position limit."""
+        dt = self.period_s
+        for i, (now, was) in enumerate(zip(target, self.q, strict=True)):
+            speed = (now - was) / dt
+            end = now + speed * abs(speed) / (2.0 * self.model.qdd_max[i])
+            margin = abs(speed) * dt + _POSITION_TOLERANCE_RAD  # the speed is the period's mean, not its end's
+            low, high = self._q_min[i], self._q_max[i]
+            if not low - margin <= end <= high + margin:
+                raise joint_limit(i, end, low, high)
+        fault = self._outside(target)
+        if fault is not None:
+            raise fault
+
+    def _outside(self, q: Joints) -> MotionFault | None:
+        for i, position in enumerate(q):
+            low, high = self._q_min[i], self._q_max[i]
+            if not low - _POSITION_TOLERANCE_RAD <= position <= high + _POSITION_TOLERANCE_RAD:
+                return joint_limit(i, position, low, high)
+        return None
+
+    def _fail(self, fault: MotionFault) -> None:
+        self.fault = fault
+        if self._move is not None:
+            self._move.failed = fault
+        self._drop()
+        self._compliance = None
+        self._nominal = self.q
+        self._generator = self._brake()
+
+    def _brake(self) -> JointStop:
+        """Each joint at its acceleration limit, harder only where the position limit is nearer than that."""
+        durations = []
+        for i, speed in enumerate(self.qd):
+            room = self._q_max[i] - self.q[i] if speed > 0.0 else self.q[i] - self._q_min[i]
+            natural = abs(speed) / self.model.qdd_max[i]
+            durations.append(min(natural, 2.0 * max(room, 0.0) / abs(speed)) if speed else 0.0)
+        return JointStop(self.q, self.qd, as_six(durations))
+
+    def _publish(self, q: Joints, standing: bool) -> None:
+        qd = ZERO if standing else scaled(sub(q, self.q), 1.0 / self.period_s)
+        self.qdd = scaled(sub(qd, self.qd), 1.0 / self.period_s)
+        self.q, self.qd = q, qd
+
+    # for the commands
+
+    def _install(self, generator: Generator) -> Move:
+        """Make this the movement in progress; whoever waited for the one before waits no longer."""
+        if self._move is not None:
+            self._move.ready = True
+        if self._mode is _Mode.STOP:
+            self._mode = _Mode.RUN
+        if self._compliance is not None and self._compliance.released:
+            self._compliance = None
+        if generator is not self._generator:
+            self._nominal = self.q
+        self._generator = generator
+        if generator.goal() is not None:
+            self._goal = generator
+        self._move = Move()
+        return self._move
+
+    @property
+    def _blendable(self) -> bool:
+        """The movement in progress is where its generator says, and on its way."""
+        return self._compliance is None and self._mode is not _Mode.STOP
+
+    def _take_over(self) -> None:
+        """A movement of another kind starts from the arm's present speed."""
+        self._pacer.reset(largest(self.qd))
+
+    def _refuse(self, fault: MotionFault) -> Move:
+        """A command that cannot be begun: it fails now, and the arm stops protectively in the next period."""
+        self._refusal = fault
+        return Move(failed=fault)
+
+    def _reachable(self, pose_base_tcp: Pose) -> None:
+        """Raise MotionFault when no joint configuration has this pose."""
+        self._reach.joints(pose_base_tcp, self.q)
+
+
+def _position_limits(model: RobotModel) -> tuple[Joints, Joints]:
+    """Of the model; a wrist 3 without end stop has none."""
+    low, high = as_six(model.q_min), as_six(model.q_max)
+    if model.wrist3_unlimited:
+        return (*low[:5], -inf), (*high[:5], inf)
+    return low, high

@@ -1,0 +1,119 @@
+"""Bringing the arm to rest by the clock, whatever the speed slider says: stopj, stopl and the protective stop."""
+
+from urproto.robots.pose import Pose, pose_add
+
+from .faults import MotionFault
+from .reach import Reach
+from .vectors import ZERO, Joints, as_six, largest, norm3, scaled, sub
+
+__all__ = ["JointStop", "ToolStop", "brake_together"]
+
+_TIME_TOLERANCE = 1e-9  # s
+
+
+class JointStop:
+    """Every joint brakes evenly from its own speed, in its own time. All standing is ``done``."""
+
+    scaled = False
+
+    def __init__(self, q: Joints, qd: Joints, durations: Joints) -> None:
+        self._q, self._qd, self._durations = q, qd, durations
+        self._last = max(durations)
+        self._t = self._proposed = 0.0
+        self._begun = False
+
+    def propose(self, h: float, q: Joints) -> Joints:
+        self._proposed = self._t + h
+        return self._at(self._proposed)
+
+    def _at(self, t: float) -> Joints:
+        return as_six(
+            q + qd * (0.5 * end if t >= end else t - 0.5 * t * t / end)
+            for q, qd, end in zip(self._q, self._qd, self._durations, strict=True)
+        )
+
+    def commit(self, clock_s: float) -> None:
+        self._t, self._begun = self._proposed, True
+
+    @property
+    def done(self) -> bool:
+        return self._begun and self._t >= self._last - _TIME_TOLERANCE
+
+    @property
+    def ready(self) -> bool:
+        return self.done
+
+    def goal(self) -> Pose | None:
+        return None
+
+
+def brake_together(q: Joints, qd: Joints, deceleration: float) -> JointStop:
+    """stopj: the leading joint brakes with ``deceleration`` [rad/s2], the others come to rest with it."""
+    return JointStop(q, qd, (largest(qd) / deceleration,) * 6)
+
+
+class ToolStop:
+    """stopl: the tool brakes on the screw it is moving on, speed and turn rate falling evenly together.
+
+    When the joints cannot follow within their speed limits they brake each for itself.
+    """
+
+    scaled = False
+
+    def __init__(self, reach: Reach, q: Joints, qd: Joints, deceleration: float, turn_deceleration: float) -> None:
+        self._reach = reach
+        self._pose = reach.pose(q)
+        twist = reach.twist(q, qd) if qd != ZERO else ZERO
+        self._twist = twist
+        self._duration = max(norm3(*twist[:3]) / deceleration, norm3(*twist[3:]) / turn_deceleration)
+        self._t = self._proposed = 0.0
+        self._begun = False
+        self._fallback: JointStop | None = None
+        self._speed = qd
+
+    def propose(self, h: float, q: Joints) -> Joints:
+        if self._fallback is None:
+            self._proposed = t = min(self._t + h, self._duration)
+            try:
+                target = self._reach.joints(self._at(t), q) if t > 0.0 else q
+            except MotionFault:
+                target = None
+            if target is not None and self._followable(sub(target, q), h):
+                return target
+            most = self._reach.model.qdd_max
+            self._fallback = JointStop(
+                q, self._speed, as_six(abs(qd) / a for qd, a in zip(self._speed, most, strict=True))
+            )
+        return self._fallback.propose(h, q)
+
+    def _followable(self, step: Joints, h: float) -> bool:
+        self._next_speed = scaled(step, 1.0 / h)
+        model = self._reach.model
+        return all(
+            abs(qd) <= most and abs(qd - before) <= 2.0 * a * h
+            for qd, before, most, a in zip(self._next_speed, self._speed, model.qd_max, model.qdd_max, strict=True)
+        )
+
+    def _at(self, t: float) -> Pose:
+        share = t - 0.5 * t * t / self._duration
+        return pose_add(scaled(self._twist, share), self._pose)
+
+    def commit(self, clock_s: float) -> None:
+        self._begun = True
+        if self._fallback is not None:
+            self._fallback.commit(clock_s)
+        else:
+            self._t, self._speed = self._proposed, self._next_speed
+
+    @property
+    def done(self) -> bool:
+        if self._fallback is not None:
+            return self._fallback.done
+        return self._begun and self._t >= self._duration - _TIME_TOLERANCE
+
+    @property
+    def ready(self) -> bool:
+        return self.done
+
+    def goal(self) -> Pose | None:
+        return None

@@ -1,0 +1,95 @@
+"""Dialogues on the teach pendant: popups, and requests that want an answer."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from emulator.messages import MessageLog
+from urproto.modes import RequestedType
+from urproto.primary.messages import PopupMessage, RequestValueMessage
+
+__all__ = ["Popup", "Popups"]
+
+
+@dataclass(eq=False, kw_only=True)
+class Popup:
+    """One dialogue. A blocking script waits while ``open``; ``answer`` is None until given."""
+
+    request_id: int
+    text: str
+    title: str = ""
+    warning: bool = False
+    error: bool = False
+    blocking: bool = False
+    requested_type: RequestedType = RequestedType.NONE
+    open: bool = True
+    answer: Any = None
+    opened_at_s: float = 0.0
+
+
+class Popups:
+    """The dialogues that are open, oldest first.
+
+    ``time_s`` tells the controller's uptime. ``auto_close_s``: close plain popups after
+    this time as an operator would (None: never).
+    """
+
+    def __init__(self, messages: MessageLog, time_s: Callable[[], float], auto_close_s: float | None = None) -> None:
+        self._messages = messages
+        self._time_s = time_s
+        self._auto_close_s = auto_close_s
+        self._last_id = 0
+        self.shown: list[Popup] = []
+
+    def show(
+        self, text: str, *, title: str = "Popup", warning: bool = False, error: bool = False, blocking: bool = False
+    ) -> Popup:
+        """Open a popup and tell the primary clients."""
+        popup = self._open(Popup(request_id=0, text=text, title=title, warning=warning, error=error, blocking=blocking))
+        self._messages.emit(
+            PopupMessage(
+                request_id=popup.request_id, title=title, text=text, warning=warning, error=error, blocking=blocking
+            )
+        )
+        return popup
+
+    def request(self, text: str, requested_type: RequestedType) -> Popup:
+        """Ask the operator for a value; the dialogue closes with the answer."""
+        popup = self._open(Popup(request_id=0, text=text, blocking=True, requested_type=requested_type))
+        self._messages.emit(RequestValueMessage(request_id=popup.request_id, requested_type=requested_type, text=text))
+        return popup
+
+    def close_all(self) -> None:
+        """What the dashboard's ``close popup`` does: every plain popup; requests stay."""
+        self._close([popup for popup in self.shown if popup.requested_type is RequestedType.NONE])
+
+    def withdraw(self, popup: Popup) -> None:
+        """Close one dialogue, as when the program that asked has ended."""
+        self._close([popup])
+
+    def answer(self, request_id: int, value: Any) -> bool:
+        """Close a dialogue with an answer. False when no open one has this id."""
+        found = [popup for popup in self.shown if popup.request_id == request_id]
+        for popup in found:
+            popup.answer = value
+        self._close(found)
+        return bool(found)
+
+    def advance(self) -> None:
+        """One control period: close what has been open long enough."""
+        if self.shown and self._auto_close_s is not None:
+            now = self._time_s()
+            plain = (popup for popup in self.shown if popup.requested_type is RequestedType.NONE)
+            self._close([popup for popup in plain if now - popup.opened_at_s >= self._auto_close_s])
+
+    def _open(self, popup: Popup) -> Popup:
+        self._last_id += 1
+        popup.request_id = self._last_id
+        popup.opened_at_s = self._time_s()
+        self.shown.append(popup)
+        return popup
+
+    def _close(self, popups: list[Popup]) -> None:
+        for popup in popups:
+            popup.open = False
+        self.shown = [popup for popup in self.shown if popup.open]

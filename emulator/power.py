@@ -1,0 +1,150 @@
+"""Power life cycle of the arm as a table.
+
+    OFF --power on--> BOOTING --timer--> POWERED --timer--> IDLE
+    IDLE --brake release--> RELEASING --timer--> RUNNING
+    any --power off--> OFF
+
+Releasing the brakes of an arm that is off powers it on first. Each state says what the
+robot mode, the joints and the tool report; RELEASING is reported as IDLE.
+"""
+
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Final
+
+from urproto.modes import JointMode, RobotMode, ToolMode
+
+__all__ = ["POWER_TABLE", "Power", "PowerEvent", "PowerReport", "PowerState", "PowerTimings"]
+
+
+class PowerState(Enum):
+    """Where the arm is between off and running."""
+
+    CONTROLLER_BOOTING = auto()
+    OFF = auto()
+    BOOTING = auto()
+    POWERED = auto()
+    IDLE = auto()
+    RELEASING = auto()
+    RUNNING = auto()
+
+
+class PowerEvent(Enum):
+    """What can happen to the arm's power. TIMEOUT: the timed step under way is complete."""
+
+    POWER_ON = auto()
+    BRAKE_RELEASE = auto()
+    POWER_OFF = auto()
+    TIMEOUT = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class PowerReport:
+    """What one power state looks like from outside."""
+
+    robot_mode: RobotMode
+    joint_mode: JointMode
+    tool_mode: ToolMode
+    powered: bool
+
+
+@dataclass(frozen=True, slots=True)
+class PowerTimings:
+    """How long the steps take [s]. A real arm needs about 5-10 s and 2-6 s, a simulator 2-4 s
+    and 2 s; the split and the exact values are guesses at the quick end of a simulator."""
+
+    controller_boot_s: float = 0.0  # 0: the controller is up when the emulator is
+    joint_boot_s: float = 1.5
+    power_on_s: float = 0.5
+    brake_release_s: float = 1.5
+
+
+REPORTS: Final[dict[PowerState, PowerReport]] = {
+    PowerState.CONTROLLER_BOOTING: PowerReport(RobotMode.BOOTING, JointMode.POWER_OFF, ToolMode.POWER_OFF, False),
+    PowerState.OFF: PowerReport(RobotMode.POWER_OFF, JointMode.POWER_OFF, ToolMode.POWER_OFF, False),
+    PowerState.BOOTING: PowerReport(RobotMode.BOOTING, JointMode.BOOTING, ToolMode.BOOTING, True),
+    PowerState.POWERED: PowerReport(RobotMode.POWER_ON, JointMode.IDLE, ToolMode.IDLE, True),
+    PowerState.IDLE: PowerReport(RobotMode.IDLE, JointMode.IDLE, ToolMode.RUNNING, True),
+    PowerState.RELEASING: PowerReport(RobotMode.IDLE, JointMode.IDLE, ToolMode.RUNNING, True),
+    PowerState.RUNNING: PowerReport(RobotMode.RUNNING, JointMode.RUNNING, ToolMode.RUNNING, True),
+}
+
+POWER_TABLE: Final[dict[tuple[PowerState, PowerEvent], PowerState]] = {
+    (PowerState.CONTROLLER_BOOTING, PowerEvent.TIMEOUT): PowerState.OFF,
+    (PowerState.OFF, PowerEvent.POWER_ON): PowerState.BOOTING,
+    (PowerState.OFF, PowerEvent.BRAKE_RELEASE): PowerState.BOOTING,
+    (PowerState.BOOTING, PowerEvent.POWER_OFF): PowerState.OFF,
+    (PowerState.BOOTING, PowerEvent.TIMEOUT): PowerState.POWERED,
+    (PowerState.POWERED, PowerEvent.POWER_OFF): PowerState.OFF,
+    (PowerState.POWERED, PowerEvent.TIMEOUT): PowerState.IDLE,
+    (PowerState.IDLE, PowerEvent.BRAKE_RELEASE): PowerState.RELEASING,
+    (PowerState.IDLE, PowerEvent.POWER_OFF): PowerState.OFF,
+    (PowerState.RELEASING, PowerEvent.POWER_OFF): PowerState.OFF,
+    (PowerState.RELEASING, PowerEvent.TIMEOUT): PowerState.RUNNING,
+    (PowerState.RUNNING, PowerEvent.POWER_OFF): PowerState.OFF,
+}
+
+# a brake release that arrives in these states is carried out once IDLE is reached
+_ON_THE_WAY: Final = frozenset({PowerState.OFF, PowerState.BOOTING, PowerState.POWERED})
+
+
+class Power:
+    """The power state, its timer, and whether the brakes shall be released on reaching IDLE."""
+
+    def __init__(self, timings: PowerTimings, *, running: bool = False) -> None:
+        self.timings = timings
+        self._release_wanted = False
+        self._remaining_s: float | None = None
+        self.state = PowerState.OFF
+        if running:
+            self._enter(PowerState.RUNNING)
+        elif timings.controller_boot_s > 0.0:
+            self._enter(PowerState.CONTROLLER_BOOTING)
+
+    @property
+    def report(self) -> PowerReport:
+        """What robot mode, joints and tool say."""
+        return REPORTS[self.state]
+
+    @property
+    def robot_mode(self) -> RobotMode:
+        """The robot mode all interfaces report."""
+        return REPORTS[self.state].robot_mode
+
+    @property
+    def running(self) -> bool:
+        """True when the brakes are released and the arm may move."""
+        return self.state is PowerState.RUNNING
+
+    def handle(self, event: PowerEvent) -> None:
+        """Apply an event; a pair that is not in the table changes nothing."""
+        if event is PowerEvent.BRAKE_RELEASE and self.state in _ON_THE_WAY:
+            self._release_wanted = True
+        if event is PowerEvent.POWER_OFF:
+            self._release_wanted = False
+        state = POWER_TABLE.get((self.state, event), self.state)
+        if state is not self.state:
+            self._enter(state)
+
+    def advance(self, period_s: float) -> None:
+        """One control period of the timed step under way."""
+        if self._remaining_s is None:
+            return
+        self._remaining_s -= period_s
+        if self._remaining_s <= period_s / 2:  # rounding must not add a period
+            self.handle(PowerEvent.TIMEOUT)
+
+    def _enter(self, state: PowerState) -> None:
+        self.state = state
+        self._remaining_s = self._duration_s(state)
+        if state is PowerState.IDLE and self._release_wanted:
+            self._release_wanted = False
+            self.handle(PowerEvent.BRAKE_RELEASE)
+
+    def _duration_s(self, state: PowerState) -> float | None:
+        return {
+            PowerState.CONTROLLER_BOOTING: self.timings.controller_boot_s,
+            PowerState.BOOTING: self.timings.joint_boot_s,
+            PowerState.POWERED: self.timings.power_on_s,
+            PowerState.RELEASING: self.timings.brake_release_s,
+        }.get(state)

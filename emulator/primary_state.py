@@ -1,0 +1,160 @@
+"""The robot state of the primary interface, out of a snapshot."""
+
+from emulator.snapshot import Snapshot
+from urproto.modes import AnalogDomain, RobotMode, SafetyMode, SafetyStatusBits
+from urproto.primary.state import (
+    AdditionalInfo,
+    CalibrationData,
+    CartesianInfo,
+    ConfigurationData,
+    ForceModeData,
+    JointData,
+    JointState,
+    KinematicsInfo,
+    MasterboardData,
+    ModeData,
+    RobotStateData,
+    SafetyData,
+    ToolCommunicationInfo,
+    ToolData,
+    ToolModeInfo,
+)
+from urproto.robots import RobotModel
+
+__all__ = ["configuration_data", "kinematics_info", "robot_state"]
+
+_MASTERBOARD_VERSION = 6  # as a UR5e simulator of 5.24 sends it; that all send the same is a guess
+_POWERED = frozenset({RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.BACKDRIVE, RobotMode.RUNNING})
+
+
+def robot_state(snapshot: Snapshot, model: RobotModel) -> RobotStateData:
+    """All parts of the state; the encoder leaves out those a version or a repeated state does not have."""
+    return RobotStateData(
+        mode=_mode(snapshot),
+        joints=_joints(snapshot),
+        cartesian=CartesianInfo(pose_base_tcp=snapshot.actual_TCP_pose, tcp_offset=snapshot.tcp_offset),
+        kinematics=kinematics_info(model),
+        calibration=CalibrationData(),
+        masterboard=_masterboard(snapshot),
+        tool=_tool(snapshot),
+        configuration=configuration_data(model),
+        force_mode=ForceModeData(wrench=snapshot.actual_TCP_force),
+        additional=AdditionalInfo(),
+        safety=SafetyData(elbow_position=snapshot.elbow_position),
+        tool_communication=ToolCommunicationInfo(),
+        tool_mode=ToolModeInfo(
+            output_mode=snapshot.tool_output_mode,
+            digital_output0_mode=snapshot.tool_digital_output0_mode,
+            digital_output1_mode=snapshot.tool_digital_output1_mode,
+        ),
+    )
+
+
+def kinematics_info(model: RobotModel) -> KinematicsInfo:
+    """Nominal Denavit-Hartenberg parameters, as a simulator sends them."""
+    dh = model.dh
+    return KinematicsInfo(dh_theta=dh.theta, dh_a=dh.a, dh_d=dh.d, dh_alpha=dh.alpha)
+
+
+def configuration_data(model: RobotModel) -> ConfigurationData:
+    """Limits, defaults and type numbers of the arm."""
+    dh = model.dh
+    return ConfigurationData(
+        q_min=model.q_min,
+        q_max=model.q_max,
+        qd_max=model.qd_max,
+        qdd_max=model.qdd_max,
+        v_joint_default=model.v_joint_default,
+        a_joint_default=model.a_joint_default,
+        v_tool_default=model.v_tool_default,
+        a_tool_default=model.a_tool_default,
+        eq_radius=model.eq_radius,
+        dh_a=dh.a,
+        dh_d=dh.d,
+        dh_alpha=dh.alpha,
+        dh_theta=dh.theta,
+        masterboard_version=_MASTERBOARD_VERSION,
+        controller_box=model.controller_box,
+        robot_type=model.robot_type,
+        sub_type=model.sub_type,
+    )
+
+
+def _mode(snapshot: Snapshot) -> ModeData:
+    safety_bits = snapshot.safety_status_bits
+    return ModeData(
+        timestamp_us=round(snapshot.timestamp * 1e6),
+        real_robot_enabled=True,
+        robot_power_on=snapshot.robot_mode in _POWERED,
+        emergency_stopped=bool(safety_bits & SafetyStatusBits.EMERGENCY_STOPPED),
+        protective_stopped=snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP,
+        program_running=snapshot.program_running,
+        program_paused=snapshot.program_paused,
+        robot_mode=snapshot.robot_mode,
+        control_mode=snapshot.control_mode,
+        target_speed_fraction=snapshot.target_speed_fraction,
+        speed_scaling=snapshot.speed_scaling,
+    )
+
+
+def _joints(snapshot: Snapshot) -> JointData:
+    rows = zip(
+        snapshot.actual_q,
+        snapshot.target_q,
+        snapshot.actual_qd,
+        snapshot.actual_current,
+        snapshot.actual_joint_voltage,
+        snapshot.joint_temperatures,
+        snapshot.joint_mode,
+        strict=True,
+    )
+    return JointData(
+        joints=tuple(
+            JointState(
+                q_actual=q,
+                q_target=q_target,
+                qd_actual=qd,
+                current=current,
+                voltage=voltage,
+                motor_temperature=temperature,
+                mode=mode,
+            )
+            for q, q_target, qd, current, voltage, temperature, mode in rows
+        )
+    )
+
+
+def _masterboard(snapshot: Snapshot) -> MasterboardData:
+    types = snapshot.analog_io_types
+    return MasterboardData(
+        digital_input_bits=snapshot.actual_digital_input_bits,
+        digital_output_bits=snapshot.actual_digital_output_bits,
+        analog_input_range0=types & 1,
+        analog_input_range1=types >> 1 & 1,
+        analog_input0=snapshot.standard_analog_input0,
+        analog_input1=snapshot.standard_analog_input1,
+        analog_output_domain0=AnalogDomain(types >> 2 & 1),
+        analog_output_domain1=AnalogDomain(types >> 3 & 1),
+        analog_output0=snapshot.standard_analog_output0,
+        analog_output1=snapshot.standard_analog_output1,
+        robot_voltage_48V=snapshot.actual_robot_voltage,
+        robot_current=snapshot.actual_robot_current,
+        io_current=snapshot.io_current,
+        safety_mode=snapshot.safety_mode,
+        reduced_mode=snapshot.safety_mode is SafetyMode.REDUCED,
+    )
+
+
+def _tool(snapshot: Snapshot) -> ToolData:
+    types = snapshot.tool_analog_input_types
+    return ToolData(
+        analog_input_range0=types & 1,
+        analog_input_range1=types >> 1 & 1,
+        analog_input0=snapshot.tool_analog_input0,
+        analog_input1=snapshot.tool_analog_input1,
+        tool_voltage_48V=snapshot.actual_robot_voltage,
+        tool_output_voltage=snapshot.tool_output_voltage,
+        tool_current=snapshot.tool_output_current,
+        tool_temperature=snapshot.tool_temperature,
+        tool_mode=snapshot.tool_mode,
+    )

@@ -1,0 +1,1 @@
+"""Running URScript programs against the controller."""

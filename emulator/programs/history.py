@@ -1,0 +1,61 @@
+"""What the arm did in the last moments: looked back at by contact detection."""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import Final
+
+__all__ = ["MotionHistory"]
+
+Vector6 = tuple[float, float, float, float, float, float]
+
+_DEPTH_S: Final = 2.0  # guess: long enough to step back to any contact a program still reacts to
+_CONTACT_N: Final = 20.0  # guess: force against the direction that counts as contact
+_CONTACT_NM: Final = 2.0  # guess, likewise for a torque
+
+
+class MotionHistory:
+    """A ring of joint positions [rad] and external wrenches on the TCP (base frame, N and Nm)."""
+
+    def __init__(self, period_s: float) -> None:
+        depth = max(1, round(_DEPTH_S / period_s))
+        self._q: deque[Vector6] = deque(maxlen=depth)  # newest first
+        self._wrench: deque[Vector6] = deque(maxlen=depth)
+
+    def record(self, q: Vector6, wrench: Vector6) -> None:
+        """Remember one control period."""
+        self._q.appendleft(q)
+        self._wrench.appendleft(wrench)
+
+    def q_ago(self, steps: int) -> Vector6 | None:
+        """Joint positions ``steps`` control periods ago, the oldest known beyond the ring; None before the first."""
+        return self._q[min(max(steps, 0), len(self._q) - 1)] if self._q else None
+
+    def contact_steps(self, direction: Sequence[float]) -> int:
+        """Control periods since something began to resist a motion along ``direction``; 0 when nothing does.
+
+        ``direction``: six numbers, translation then rotation, base frame; all zero means any direction.
+        """
+        if not self._wrench or not any(self._wrench[0]):
+            return 0
+        steps = 0
+        for wrench in self._wrench:
+            if not _resists(wrench, direction):
+                break
+            steps += 1
+        return steps
+
+
+def _resists(wrench: Vector6, direction: Sequence[float]) -> bool:
+    force, torque = wrench[:3], wrench[3:]
+    return _against(force, direction[:3], any(direction)) > _CONTACT_N or (
+        _against(torque, direction[3:], any(direction)) > _CONTACT_NM
+    )
+
+
+def _against(load: Sequence[float], direction: Sequence[float], directed: bool) -> float:
+    """Size of the load against the direction; its full size when no direction is given at all."""
+    if not directed:
+        return math.hypot(*load)
+    length = math.hypot(*direction)
+    return -sum(f * d for f, d in zip(load, direction, strict=True)) / length if length > 0.0 else 0.0

@@ -1,0 +1,120 @@
+"""What a built-in can reach: the controller, its own program, and the rules of motion ownership."""
+
+import math
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final, TypeAlias, TypeVar
+
+from emulator.motion import Motion, Move
+from emulator.programs.sockets import SocketTable
+from urscript.errors import RuntimeFault
+
+if TYPE_CHECKING:
+    from emulator.arm import Arm
+    from emulator.controller import Controller
+    from emulator.popups import Popup
+    from emulator.programs.runner import Programs
+    from urscript.runtime import Runtime, ScriptThread
+
+__all__ = ["Frames", "ProgramHost"]
+
+ResultT = TypeVar("ResultT")
+Frames: TypeAlias = Generator[None, None, ResultT]
+"""A built-in that takes physical time: every bare ``yield`` ends the frame of its thread."""
+
+_ROUNDING: Final = 1e-6  # of a control period; 0.008 / 0.002 must be 4 periods, not 5
+
+
+class ProgramHost:
+    """One running program, as its built-ins see it.
+
+    ``secondary``: a ``sec`` program, which may neither move nor take time. ``sockets``: those
+    the program opened, by name. ``waiting_for``: a blocking popup that suspends the program.
+    """
+
+    def __init__(self, controller: "Controller", *, name: str, secondary: bool = False) -> None:
+        self.controller = controller
+        self.name = name
+        self.secondary = secondary
+        self.sockets = SocketTable()
+        self.waiting_for: Popup | None = None
+        self.dialogues: list[Popup] = []
+        self.label = ""  # the program label reached last
+        self._runtime: Runtime | None = None
+
+    def attach(self, runtime: "Runtime") -> None:
+        """Tell the host which interpreter runs its program."""
+        self._runtime = runtime
+
+    @property
+    def runtime(self) -> "Runtime":
+        """The interpreter of this program."""
+        assert self._runtime is not None, "a host is attached before its program runs"
+        return self._runtime
+
+    @property
+    def period_s(self) -> float:
+        """Control period [s]."""
+        return self.controller.period_s
+
+    @property
+    def motion(self) -> Motion:
+        """The arm's motion generator, for reading; to command it use ``motion_control``."""
+        return self.controller.motion
+
+    @property
+    def arm(self) -> "Arm":
+        """The measured arm."""
+        return self.controller.arm
+
+    @property
+    def programs(self) -> "Programs":
+        """What outlives this program: flags, history, watchdogs, the socket backend."""
+        return self.controller.programs
+
+    def on_label(self, number: int, text: str, thread: "ScriptThread") -> None:
+        """A thread reached a program label (``$ number "text"``)."""
+        self.label = text
+
+    def frames(self, seconds: float) -> int:
+        """Control periods that cover a time, at least 1."""
+        return max(1, math.ceil(seconds / self.period_s - _ROUNDING))
+
+    @contextmanager
+    def motion_control(self) -> Iterator[Motion]:
+        """Own the arm while inside. Also left when the thread is killed, so nothing stays locked.
+
+        Raises RuntimeFault when another thread owns it, or when a secondary program asks.
+        """
+        if self.secondary:
+            raise RuntimeFault("a secondary program cannot control the robot: move in a main program")
+        runtime = self.runtime
+        if runtime.motion_thread not in (None, runtime.current):
+            raise RuntimeFault("Another thread is already controlling the robot")
+        runtime.motion_thread = runtime.current
+        try:
+            yield self.motion
+        finally:
+            runtime.motion_thread = None
+
+    def until_ready(self, move: Move) -> Frames[None]:
+        """Wait until the program may go on after a movement: always at least one frame.
+
+        A movement that failed has stopped the arm protectively; a program resumed after that
+        ends with an error at the movement.
+        """
+        yield
+        while not (move.ready or move.failed):
+            yield
+        if move.failed is not None:
+            raise RuntimeFault(f"the movement failed: {move.failed}")
+
+    def suspend(self, popup: "Popup") -> None:
+        """Hold the whole program, and the arm on its path, until a dialogue is closed."""
+        self.waiting_for = self.remember(popup)
+        self.motion.pause()
+
+    def remember(self, popup: "Popup") -> "Popup":
+        """Take a dialogue back when the program ends."""
+        self.dialogues.append(popup)
+        return popup

@@ -1,0 +1,288 @@
+"""Running programs: one main program, secondary programs beside it, and what happens between two.
+
+A new main program ends the running one. The old one's sockets close at once and the next
+program starts some control periods later: a driver that handles its listening socket before
+its connected ones would otherwise take the new connection for a second client. The last
+program submitted in that gap wins.
+
+A program that does not compile changes nothing: the running one goes on.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
+
+from emulator.builtins import LIBRARIES
+from emulator.programs.history import MotionHistory
+from emulator.programs.host import ProgramHost
+from emulator.programs.loading import LoadedProgram, load_program
+from emulator.programs.outputs import RunstateOutputs
+from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
+from emulator.programs.watchdog import Watchdogs
+from emulator.runstate import RunEvent, next_run_state
+from urproto.modes import RuntimeState
+from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED
+from urscript.builtins import LibrarySet
+from urscript.compiler import CompiledProgram, compile_script
+from urscript.errors import CompileError
+from urscript.runtime import Runtime
+
+if TYPE_CHECKING:
+    from emulator.controller import Controller
+
+__all__ = ["Programs"]
+
+# enabled, baud rate, parity, stop bits, rx and tx idle characters; the values of a simulator's capture
+ToolCommunication: TypeAlias = tuple[bool, int, int, int, float, float]
+
+LIBRARY_SET: Final = LibrarySet(LIBRARIES)
+_SOCKET_GAP_S: Final = 0.012  # between closing sockets and the next program; the official driver needs more than 0.2 ms
+_FLAGS: Final = 32  # Script Manual, set_flag
+_SECONDARY_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title seen on a real controller
+
+
+class Programs:
+    """The interpreter's side of the controller.
+
+    ``state``: the main program's run state. ``socket_backend``: where script sockets come
+    from. ``history``, ``flags``, ``outputs``, ``tool_communication`` and ``loaded`` outlive
+    a program.
+    """
+
+    def __init__(self, controller: "Controller") -> None:
+        self._controller = controller
+        self.state = RuntimeState.STOPPED
+        self.loaded: LoadedProgram | None = None
+        self.socket_backend: ScriptSocketBackend = NoNetwork()
+        self.watchdogs = Watchdogs()
+        self.history = MotionHistory(controller.period_s)
+        self.outputs = RunstateOutputs(controller.signals, controller.registers.output)
+        self.flags = [False] * _FLAGS
+        self.motion_version = 1  # guess: what motion_version_get() says before it was set
+        self.tool_communication: ToolCommunication = (False, 115200, 0, 1, 1.5, 3.5)
+        self._main: Runtime | None = None
+        self._host: ProgramHost | None = None
+        self._ended = ""  # name of the program that is STOPPING
+        self._next: CompiledProgram | None = None
+        self._secondary: list[CompiledProgram] = []
+        self._not_before = 0  # step from which the next program may start
+
+    # what is running
+
+    @property
+    def name(self) -> str:
+        """Name of the program that runs, else of the loaded file, else empty."""
+        if self._host is not None:
+            return self._host.name
+        return self.loaded.path.name if self.loaded else ""
+
+    @property
+    def host(self) -> ProgramHost | None:
+        """The main program's host."""
+        return self._host
+
+    @property
+    def line(self) -> int:
+        """Line of the main program that executes, 0 without one."""
+        return self._main.line if self._main else 0
+
+    @property
+    def variables(self) -> Mapping[str, Any]:
+        """The main program's global variables."""
+        return self._main.globals if self._main else {}
+
+    # what clients ask for
+
+    def submit(self, text: str, kind: Literal["block", "line"] = "block") -> bool:
+        """Run a text: a ``sec`` program beside the main one, anything else in its place.
+
+        False when it does not compile, or when the arm is not ready for a main program; a
+        message says why.
+        """
+        program = self._compile(text)
+        if program is None:
+            return False
+        if program.kind == "secondary":
+            self._secondary.append(program)
+            return True
+        if not self._controller.may_run:
+            self._say(f"program {program.name} was not started: power the arm on, release its brakes, clear any stop")
+            return False
+        self.stop("replaced by another program")
+        self._next = program
+        return True
+
+    def load_file(self, path: Path) -> None:
+        """Choose the program that ``play`` starts and end the running one. Raises ProgramLoadError or OSError."""
+        self.loaded = load_program(path)
+        self.stop("another program was loaded")
+
+    def play(self) -> bool:
+        """Resume the paused program or start the loaded one; False when neither is possible."""
+        if self.state in (RuntimeState.PAUSED, RuntimeState.PAUSING):
+            return self.resume()
+        if self.state is RuntimeState.PLAYING or self._next is not None:
+            return True
+        if self.loaded is None:
+            return False
+        if not self.loaded.script:
+            self._say(f"{self.loaded.path.name} cannot be played: there is no {self.loaded.name}.script beside it")
+            return False
+        return self.submit(self.loaded.script)
+
+    def pause(self, reason: str = "") -> bool:
+        """Let the arm come to rest on its path and hold the program; False when none runs."""
+        if not self._event(RunEvent.PAUSE):
+            return False
+        self._controller.motion.pause()
+        self._note(reason)
+        self._controller.messages.key(PROGRAM_PAUSED, self.name)
+        return True
+
+    def resume(self) -> bool:
+        """Go on after a pause; False when the program is not paused or the arm may not move."""
+        if not self._controller.may_run or not self._event(RunEvent.RESUME):
+            return False
+        self._controller.motion.resume()
+        self.watchdogs.restart(self._controller.step_count)
+        self._controller.messages.key(PROGRAM_RESUMED, self.name)
+        return True
+
+    def stop(self, reason: str = "") -> bool:
+        """End the main program, paused or not, and the one about to start; False when there is none."""
+        waiting, self._next = self._next, None
+        if not self._event(RunEvent.STOP):
+            return waiting is not None
+        self._note(reason)
+        self._end()
+        return True
+
+    # once a control period
+
+    def step(self) -> None:
+        """Run every program for one control period."""
+        controller = self._controller
+        self.history.record(controller.arm.q, controller.arm.tcp_force)
+        self._feed_watchdogs()
+        self._settle()
+        self._start_next()
+        self._run_secondary()
+        if self.state is RuntimeState.PLAYING:
+            self._run_main()
+
+    def _feed_watchdogs(self) -> None:
+        if self.state is not RuntimeState.PLAYING:
+            return
+        for watchdog in self.watchdogs.expired(self._controller.step_count, self._controller.rtde_refreshed):
+            reason = f"RTDE watchdog: {watchdog.variable} was not written in time"
+            if watchdog.action == "pause":
+                self.pause(reason)
+            elif watchdog.action == "stop":
+                self.stop(reason)
+
+    def _settle(self) -> None:
+        """Complete a transition once the arm allows it."""
+        motion = self._controller.motion
+        if self.state is RuntimeState.RESUMING or (self.state is RuntimeState.PAUSING and not any(motion.qd)):
+            self._event(RunEvent.SETTLED)
+        elif self.state is RuntimeState.STOPPING and (motion.idle or self._next is not None):
+            self._event(RunEvent.SETTLED)
+            self._controller.messages.key(PROGRAM_STOPPED, self._ended)
+
+    def _start_next(self) -> None:
+        program = self._next
+        if program is None or self.state is not RuntimeState.STOPPED:
+            return
+        if self._controller.step_count < self._not_before:
+            return
+        self._next = None
+        if self._controller.motion.paused:  # a protective stop without a program
+            self._controller.motion.resume()
+        self._host = ProgramHost(self._controller, name=program.name)
+        self._main = Runtime(program, self._host)
+        self._host.attach(self._main)
+        self._event(RunEvent.START)
+        self.outputs.program_started()
+        self._controller.messages.key(PROGRAM_STARTED, program.name)
+
+    def _run_main(self) -> None:
+        main, host = self._main, self._host
+        assert main is not None
+        assert host is not None
+        if self._suspended(host):
+            return
+        main.step()
+        if main.error is not None:
+            self._controller.messages.runtime_exception(main.error.line, main.error.column, main.error.message)
+        if main.finished and self._event(RunEvent.FINISH):
+            self._end()
+
+    def _suspended(self, host: ProgramHost) -> bool:
+        """True while a blocking popup holds the program; the arm waits on its path."""
+        popup = host.waiting_for
+        if popup is None:
+            return False
+        if popup.open:
+            return True
+        host.waiting_for = None
+        self._controller.motion.resume()
+        return False
+
+    def _run_secondary(self) -> None:
+        programs, self._secondary = self._secondary, []
+        for program in programs:
+            host = ProgramHost(self._controller, name=program.name, secondary=True)
+            runtime = Runtime(program, host)
+            host.attach(runtime)
+            runtime.step()
+            if runtime.error is not None:
+                self._controller.messages.key(_SECONDARY_EXCEPTION, runtime.error.message)
+            elif not runtime.finished:
+                self._controller.messages.key(
+                    _SECONDARY_EXCEPTION, f"{program.name} takes physical time: Runtime is too much behind"
+                )
+            runtime.stop()
+            host.sockets.close_all()
+
+    # beginnings and ends
+
+    def _compile(self, text: str) -> CompiledProgram | None:
+        try:
+            return compile_script(text, LIBRARY_SET, self._controller.version)
+        except CompileError as error:
+            self._controller.messages.runtime_exception(error.line, error.column, error.wire)
+            self._note(error.render())
+            return None
+
+    def _end(self) -> None:
+        """Leave nothing of the main program behind."""
+        controller, main, host = self._controller, self._main, self._host
+        assert main is not None
+        assert host is not None
+        main.stop()
+        if len(host.sockets):
+            host.sockets.close_all()
+            self._not_before = controller.step_count + host.frames(_SOCKET_GAP_S)
+        for popup in host.dialogues:
+            controller.popups.withdraw(popup)
+        self.watchdogs.clear()
+        controller.motion.end_force_mode()
+        controller.motion.end_freedrive()
+        controller.motion.program_stopped()
+        self.outputs.program_stopped()
+        self._ended, self._main, self._host = host.name, None, None
+
+    def _event(self, event: RunEvent) -> bool:
+        """Follow the run-state table; False when the event changes nothing."""
+        state = next_run_state(self.state, event)
+        if state is self.state:
+            return False
+        self.state = state
+        return True
+
+    def _say(self, text: str) -> None:
+        self._controller.messages.text(text)
+
+    def _note(self, text: str) -> None:
+        if text:
+            self._controller.messages.note(text)

@@ -1,0 +1,138 @@
+"""Is a controller really there? A true handshake on each port, as its clients do it.
+
+    await check_ready("127.0.0.1", emulator.ports)
+
+Works against any controller of known ports, emulated or not.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Final
+
+from urproto.dashboard import GREETING, LineDecoder
+from urproto.errors import RemoteProtocolError
+from urproto.primary.framing import PrimaryDecoder
+from urproto.primary.messages import VersionMessage
+from urproto.primary.state import RobotStateData
+from urproto.realtime import RealtimeDecoder
+from urproto.rtde.codec import (
+    GetVersion,
+    ProtocolReply,
+    Reply,
+    RequestProtocol,
+    RTDEDecoder,
+    VersionReply,
+    decode_reply,
+)
+
+__all__ = ["NotReady", "check_ready"]
+
+_TIMEOUT_S: Final = 5.0  # guess; an idle machine needs 0.2 s
+_READ_BYTES: Final = 4096
+_PROTOCOL: Final = 2
+_UNSPECIFIED: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}  # listen anywhere, ask here
+
+
+class NotReady(Exception):  # noqa: N818 - named for what is the case
+    """A port does not answer as a controller does."""
+
+
+class _Stream:
+    """One connection to ask on."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader = reader
+        self._writer = writer
+
+    def send(self, data: bytes) -> None:
+        self._writer.write(data)
+
+    async def read(self) -> bytes:
+        data = await self._reader.read(_READ_BYTES)
+        if not data:
+            raise NotReady("the connection was closed")
+        return data
+
+
+async def _dashboard(stream: _Stream) -> None:
+    decoder = LineDecoder()
+    while not (lines := decoder.feed(await stream.read())):
+        pass
+    if lines[0] != GREETING:
+        raise NotReady(f"the greeting is {lines[0]!r}")
+    stream.send(b"robotmode\n")
+    while not (lines := decoder.feed(await stream.read())):
+        pass
+    if not lines[0].startswith("Robotmode: "):
+        raise NotReady(f"the answer to robotmode is {lines[0]!r}")
+
+
+async def _primary(stream: _Stream) -> None:
+    """The version message first, then a robot state with kinematics and configuration."""
+    decoder = PrimaryDecoder()
+    messages = decoder.feed(await stream.read())
+    while len(messages) < 2:
+        messages += decoder.feed(await stream.read())
+    if not isinstance(messages[0], VersionMessage):
+        raise NotReady(f"the first message is no version message but {type(messages[0]).__name__}")
+    state = next((message for message in messages if isinstance(message, RobotStateData)), None)
+    if state is None or state.configuration is None:
+        raise NotReady("there is no full robot state after the version message")
+
+
+async def _realtime(stream: _Stream) -> None:
+    decoder = RealtimeDecoder()
+    while not decoder.feed(await stream.read()):
+        pass
+
+
+async def _rtde(stream: _Stream) -> None:
+    decoder = RTDEDecoder()
+    stream.send(RequestProtocol(_PROTOCOL).encode(1))
+    if await _rtde_reply(stream, decoder) != ProtocolReply(accepted=True):
+        raise NotReady(f"protocol {_PROTOCOL} is refused")
+    stream.send(GetVersion().encode(_PROTOCOL))
+    if not isinstance(await _rtde_reply(stream, decoder), VersionReply):
+        raise NotReady("the version is not told")
+
+
+async def _rtde_reply(stream: _Stream, decoder: RTDEDecoder) -> Reply:
+    while not (packages := decoder.feed(await stream.read())):
+        pass
+    return decode_reply(packages[0], _PROTOCOL)
+
+
+_HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[None]]]] = {
+    "dashboard": _dashboard,
+    "primary": _primary,
+    "secondary": _primary,
+    "realtime": _realtime,
+    "rtde": _rtde,
+}
+
+
+async def check_ready(host: str, ports: Mapping[str, int], timeout_s: float = _TIMEOUT_S) -> None:
+    """Shake hands on every port at once; the read-only ones as those they mirror.
+
+    Raises NotReady naming the port and what is wrong with it.
+    """
+    address = _UNSPECIFIED.get(host, host)
+    checks = (_check(name, address, port, timeout_s) for name, port in ports.items())
+    for problem in await asyncio.gather(*checks, return_exceptions=True):
+        if problem is not None:
+            raise problem
+
+
+async def _check(name: str, host: str, port: int, timeout_s: float) -> None:
+    handshake = _HANDSHAKES[name.removesuffix(" read-only")]
+    try:
+        async with asyncio.timeout(timeout_s):
+            reader, writer = await asyncio.open_connection(host, port)
+            try:
+                await handshake(_Stream(reader, writer))
+            finally:
+                writer.close()
+    except TimeoutError as error:
+        raise NotReady(f"{name} port {port} on {host} does not answer within {timeout_s:g} s") from error
+    except (OSError, RemoteProtocolError, NotReady) as error:
+        raise NotReady(f"{name} port {port} on {host}: {error}") from error

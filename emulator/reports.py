@@ -1,0 +1,57 @@
+"""Files the dashboard can ask for: the log, a flight report, a support file.
+
+Written to the programs directory; file names count control periods, since nothing here
+knows the date.
+"""
+
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from emulator.controller import Controller
+
+__all__ = ["write_flight_report", "write_log", "write_support_file"]
+
+_FLIGHT_REPORTS: Final = ("controller", "software", "system")
+
+
+def write_log(controller: "Controller") -> Path:
+    """Write the log. Raises ValueError without a programs directory, OSError when it cannot be written."""
+    path = _directory(controller) / "log_history.txt"
+    path.write_text("".join(f"{line}\n" for line in controller.messages.history), "utf-8")
+    return path
+
+
+def write_flight_report(controller: "Controller", kind: str) -> str:
+    """Write a report and return its id. Raises ValueError for an unknown kind or without a programs directory."""
+    if kind.lower() not in _FLIGHT_REPORTS:
+        raise ValueError(f"no report {kind!r}: choose one of {', '.join(_FLIGHT_REPORTS)}")
+    report_id = f"{controller.serial_number}_{controller.step_count}_{kind.lower()}"
+    (_directory(controller) / f"flightreport_{report_id}.txt").write_text(_summary(controller), "utf-8")
+    return report_id
+
+
+def write_support_file(controller: "Controller", directory: str) -> Path:
+    """Write log and state as one zip file. Raises ValueError for a directory outside the programs directory."""
+    root = _directory(controller)
+    target = (root / directory.strip().lstrip("/")).resolve()
+    if not target.is_relative_to(root.resolve()) or not target.is_dir():
+        raise ValueError(f"{directory!r} is not a directory below the programs directory")
+    path = target / f"ur_{controller.serial_number}_{controller.step_count}.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("log_history.txt", "\n".join(controller.messages.history))
+        archive.writestr("state.txt", _summary(controller))
+    return path
+
+
+def _directory(controller: "Controller") -> Path:
+    directory = controller.config.programs_dir
+    if directory is None:
+        raise ValueError("there is no programs directory to write to: give one when starting the emulator")
+    return directory
+
+
+def _summary(controller: "Controller") -> str:
+    head = f"{controller.model.title}, serial number {controller.serial_number}, PolyScope {controller.version}\n"
+    return head + "".join(f"{name}: {value}\n" for name, value in vars(controller.snapshot).items())

@@ -1,0 +1,136 @@
+"""Safety modes as a table, the conditions that hold them, and the unlocking rules.
+
+A protective stop lasts until it is unlocked. Emergency stop, safeguard stop and reduced
+mode last as long as their condition (button, gate, input) does: when a mode is left, the
+conditions that still hold are applied again. Violations and faults last until the safety
+system is restarted.
+"""
+
+from enum import Enum, auto
+from typing import Final
+
+from urproto.modes import SafetyMode, SafetyStatusBits
+
+__all__ = ["PROTECTIVE_STOP_LOCK_S", "SAFETY_TABLE", "Safety", "SafetyEvent"]
+
+PROTECTIVE_STOP_LOCK_S: Final = 5.0  # dashboard manual: no unlock earlier than this after the stop
+_REDUCED_SPEED_FACTOR: Final = 0.5  # guess: the real limits of reduced mode are in the installation
+
+
+class SafetyEvent(Enum):
+    """What can happen to the safety system."""
+
+    PROTECTIVE_STOP = auto()
+    UNLOCK = auto()
+    ROBOT_EMERGENCY_STOP = auto()
+    SYSTEM_EMERGENCY_STOP = auto()
+    EMERGENCY_STOP_RELEASED = auto()
+    SAFEGUARD_OPEN = auto()
+    SAFEGUARD_CLOSED = auto()
+    REDUCED = auto()
+    NOT_REDUCED = auto()
+    VIOLATION = auto()
+    FAULT = auto()
+    RESTART = auto()
+
+
+_M = SafetyMode
+_E = SafetyEvent
+_OPERATIONAL: Final = (_M.NORMAL, _M.REDUCED, _M.RECOVERY)
+_STOPPED: Final = (_M.PROTECTIVE_STOP, _M.SAFEGUARD_STOP)
+_EMERGENCY: Final = (_M.SYSTEM_EMERGENCY_STOP, _M.ROBOT_EMERGENCY_STOP)
+_HARD: Final = (_M.VIOLATION, _M.FAULT)
+
+SAFETY_TABLE: Final[dict[tuple[SafetyMode, SafetyEvent], SafetyMode]] = {
+    (_M.NORMAL, _E.REDUCED): _M.REDUCED,
+    (_M.REDUCED, _E.NOT_REDUCED): _M.NORMAL,
+    (_M.PROTECTIVE_STOP, _E.UNLOCK): _M.NORMAL,
+    (_M.SAFEGUARD_STOP, _E.SAFEGUARD_CLOSED): _M.NORMAL,
+    **{(mode, _E.PROTECTIVE_STOP): _M.PROTECTIVE_STOP for mode in (*_OPERATIONAL, _M.SAFEGUARD_STOP)},
+    **{(mode, _E.SAFEGUARD_OPEN): _M.SAFEGUARD_STOP for mode in _OPERATIONAL},
+    **{(mode, _E.ROBOT_EMERGENCY_STOP): _M.ROBOT_EMERGENCY_STOP for mode in (*_OPERATIONAL, *_STOPPED)},
+    **{(mode, _E.SYSTEM_EMERGENCY_STOP): _M.SYSTEM_EMERGENCY_STOP for mode in (*_OPERATIONAL, *_STOPPED)},
+    **{(mode, _E.EMERGENCY_STOP_RELEASED): _M.NORMAL for mode in _EMERGENCY},
+    **{(mode, _E.VIOLATION): _M.VIOLATION for mode in (*_OPERATIONAL, *_STOPPED, *_EMERGENCY)},
+    **{(mode, _E.FAULT): _M.FAULT for mode in (*_OPERATIONAL, *_STOPPED, *_EMERGENCY, _M.VIOLATION)},
+    **{(mode, _E.RESTART): _M.NORMAL for mode in _HARD},
+}
+
+# lasting conditions: the event that ends each of them; strongest first
+_CONDITIONS: Final[dict[SafetyEvent, SafetyEvent]] = {
+    _E.ROBOT_EMERGENCY_STOP: _E.EMERGENCY_STOP_RELEASED,
+    _E.SYSTEM_EMERGENCY_STOP: _E.EMERGENCY_STOP_RELEASED,
+    _E.SAFEGUARD_OPEN: _E.SAFEGUARD_CLOSED,
+    _E.REDUCED: _E.NOT_REDUCED,
+}
+
+_STOP: Final = SafetyStatusBits.STOPPED_DUE_TO_SAFETY
+_ESTOP: Final = SafetyStatusBits.EMERGENCY_STOPPED | _STOP
+_STATUS_BITS: Final[dict[SafetyMode, SafetyStatusBits]] = {
+    _M.NORMAL: SafetyStatusBits.NORMAL,
+    _M.REDUCED: SafetyStatusBits.REDUCED,
+    _M.PROTECTIVE_STOP: SafetyStatusBits.PROTECTIVE_STOPPED | _STOP,
+    _M.RECOVERY: SafetyStatusBits.RECOVERY,
+    _M.SAFEGUARD_STOP: SafetyStatusBits.SAFEGUARD_STOPPED | _STOP,
+    _M.SYSTEM_EMERGENCY_STOP: SafetyStatusBits.SYSTEM_EMERGENCY_STOPPED | _ESTOP,
+    _M.ROBOT_EMERGENCY_STOP: SafetyStatusBits.ROBOT_EMERGENCY_STOPPED | _ESTOP,
+    _M.VIOLATION: SafetyStatusBits.VIOLATION | _STOP,
+    _M.FAULT: SafetyStatusBits.FAULT | _STOP,
+}
+
+
+class Safety:
+    """The safety mode, how long it has lasted, and the conditions that hold."""
+
+    def __init__(self) -> None:
+        self.mode = SafetyMode.NORMAL
+        self.mode_age_s = 0.0
+        self._conditions: set[SafetyEvent] = set()
+
+    @property
+    def stopped(self) -> bool:
+        """True while the arm must not move."""
+        return self.mode not in _OPERATIONAL
+
+    @property
+    def power_allowed(self) -> bool:
+        """False while the safety system keeps the arm switched off."""
+        return self.mode not in (*_EMERGENCY, *_HARD)
+
+    @property
+    def may_unlock_remotely(self) -> bool:
+        """False during the first 5 s of a protective stop: the dashboard refuses to unlock."""
+        return self.mode is not SafetyMode.PROTECTIVE_STOP or self.mode_age_s >= PROTECTIVE_STOP_LOCK_S
+
+    @property
+    def speed_factor(self) -> float:
+        """What the safety system leaves of the speed: less than 1 in reduced mode."""
+        return _REDUCED_SPEED_FACTOR if self.mode is SafetyMode.REDUCED else 1.0
+
+    @property
+    def status_bits(self) -> int:
+        """RTDE safety_status_bits."""
+        return int(_STATUS_BITS[self.mode])
+
+    def handle(self, event: SafetyEvent) -> bool:
+        """Apply an event; True when the mode changed. A pair not in the table changes nothing."""
+        if event in _CONDITIONS:
+            self._conditions.add(event)
+        self._conditions -= {begun for begun, ended in _CONDITIONS.items() if ended is event}
+        before = self.mode
+        self._follow(event)
+        return self.mode is not before
+
+    def advance(self, period_s: float) -> None:
+        """One control period."""
+        self.mode_age_s += period_s
+
+    def _follow(self, event: SafetyEvent) -> None:
+        mode = SAFETY_TABLE.get((self.mode, event))
+        if mode is None or mode is self.mode:
+            return
+        self.mode, self.mode_age_s = mode, 0.0
+        if mode is SafetyMode.NORMAL:
+            for condition in _CONDITIONS:
+                if condition in self._conditions:
+                    self._follow(condition)

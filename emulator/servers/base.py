@@ -1,0 +1,304 @@
+"""What every port has in common: connections, what is sent to them, and hooks.
+
+A client that reads too slowly harms nobody else. State, which the next package supersedes,
+is skipped while earlier bytes still wait for it. Everything else must be delivered: when
+too much of that waits, the connection ends.
+
+Requests of one connection are carried out in order, a few per control period; the
+connection is not read further while too many wait.
+"""
+
+import asyncio
+import errno
+import logging
+import socket
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import partial
+from typing import Any, Final, Protocol
+
+from emulator.commands import Command
+from emulator.snapshot import Snapshot
+from urproto.errors import RemoteProtocolError
+from urproto.versions import PolyscopeVersion
+
+__all__ = ["CommandQueue", "Connection", "ControllerDoor", "Direction", "Hooks", "PortServer"]
+
+_READ_BYTES: Final = 8192  # at once, so that a flood leaves time to others (guess)
+_SEND_BUFFER: Final = 256 * 1024  # the system's, per connection: what a late reader finds is no older (guess)
+_MOST_UNDELIVERED: Final = 1024 * 1024  # bytes that must be delivered and are not read (guess)
+_MOST_WAITING: Final = 64  # requests of one connection before it is not read further (guess)
+_BACKLOG: Final = 128
+
+_logger = logging.getLogger(__name__)
+
+Reply = Callable[[Any], None]
+
+
+class ControllerDoor(Protocol):
+    """All that a server sees of the controller."""
+
+    @property
+    def version(self) -> PolyscopeVersion: ...
+
+    @property
+    def snapshot(self) -> Snapshot: ...
+
+    def post(self, command: Command, reply: Reply | None = None) -> None: ...
+
+    def subscribe(self, callback: Callable[[Snapshot], None]) -> Callable[[], None]: ...
+
+
+class Direction(Enum):
+    """Which way something travels, as the controller sees it."""
+
+    RECEIVED = "received"
+    SENT = "sent"
+
+
+@dataclass
+class Hooks:
+    """Functions that see, and may change, what passes through a port. Called in order.
+
+    on_connect: False turns the client away. on_bytes: returns the bytes that pass instead,
+    possibly none. on_message: as on_bytes for one decoded request or encoded-to-be answer;
+    None drops it. State broadcasts pass on_bytes only.
+    """
+
+    on_connect: list[Callable[["Connection"], bool]] = field(default_factory=list)
+    on_bytes: list[Callable[["Connection", Direction, bytes], bytes]] = field(default_factory=list)
+    on_message: list[Callable[["Connection", Direction, Any], Any]] = field(default_factory=list)
+
+    def admits(self, connection: "Connection") -> bool:
+        """True when no hook turns the client away."""
+        return all(hook(connection) for hook in self.on_connect)
+
+    def bytes(self, connection: "Connection", direction: Direction, data: bytes) -> bytes:
+        """The bytes that pass."""
+        for hook in self.on_bytes:
+            data = hook(connection, direction, data)
+        return data
+
+    def message(self, connection: "Connection", direction: Direction, message: Any) -> Any:
+        """The message that passes, None when one of the hooks dropped it."""
+        for hook in self.on_message:
+            if message is not None:
+                message = hook(connection, direction, message)
+        return message
+
+
+class Connection(asyncio.BufferedProtocol):
+    """One client of one port. This base takes no notice of what the client sends."""
+
+    def __init__(self, server: "PortServer") -> None:
+        self.server = server
+        self._transport: asyncio.Transport | None = None
+        self._read_buffer = bytearray(_READ_BYTES)
+        self.peer = "?"
+
+    # for the kinds of connection
+
+    def opened(self) -> None:
+        """The client is connected; the place for a greeting."""
+
+    def received(self, data: bytes) -> None:
+        """Bytes from the client, in any split. RemoteProtocolError ends the connection."""
+
+    def at_end(self) -> bool:
+        """The client will send no more; True keeps the connection open for answers."""
+        return False
+
+    def lost(self) -> None:
+        """The connection is gone."""
+
+    def send(self, data: bytes) -> None:
+        """Send bytes the client must get; a client that lets too many wait is dropped."""
+        transport = self._transport
+        if transport is None or transport.is_closing():
+            return
+        if self.server.hooks.on_bytes:
+            data = self.server.hooks.bytes(self, Direction.SENT, data)
+        if transport.get_write_buffer_size() + len(data) > _MOST_UNDELIVERED:
+            _logger.warning("%s: %s does not read what it is sent and is disconnected", self.server.name, self.peer)
+            transport.abort()
+        elif data:
+            transport.write(data)
+
+    def send_state(self, data: bytes) -> None:
+        """Send bytes that the next ones supersede: skipped when earlier ones still wait."""
+        transport = self._transport
+        if transport is not None and not transport.get_write_buffer_size():
+            self.send(data)
+
+    def close(self) -> None:
+        """Deliver what was sent, then end the connection."""
+        if self._transport is not None:
+            self._transport.close()
+
+    def close_now(self) -> None:
+        """End the connection, without waiting for a client that does not read."""
+        transport = self._transport
+        if transport is not None and transport.get_write_buffer_size():
+            transport.abort()
+        else:
+            self.close()
+
+    def read_on(self, going: bool) -> None:
+        """Read the client's bytes, or leave them with the system for now."""
+        transport = self._transport
+        if transport is None or transport.is_closing() or transport.is_reading() is going:
+            return
+        if going:
+            transport.resume_reading()
+        else:
+            transport.pause_reading()
+
+    # asyncio's side
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self.peer = _peer_name(transport)
+        transport.set_write_buffer_limits(high=_MOST_UNDELIVERED)
+        if not self.server.hooks.admits(self):
+            transport.abort()
+            return
+        self.server.connections.append(self)
+        _logger.info("%s: %s connected", self.server.name, self.peer)
+        self.opened()
+
+    def get_buffer(self, sizehint: int) -> bytearray:
+        return self._read_buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        data = bytes(self._read_buffer[:nbytes])
+        if self.server.hooks.on_bytes:
+            data = self.server.hooks.bytes(self, Direction.RECEIVED, data)
+        try:
+            if data:
+                self.received(data)
+        except RemoteProtocolError as error:
+            _logger.warning("%s: %s is disconnected: %s", self.server.name, self.peer, error)
+            self.close()
+
+    def eof_received(self) -> bool:
+        return self.at_end()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._transport = None
+        if self in self.server.connections:
+            self.server.connections.remove(self)
+            _logger.info("%s: %s disconnected%s", self.server.name, self.peer, f" ({exc})" if exc else "")
+            self.lost()
+
+
+def _peer_name(transport: asyncio.BaseTransport) -> str:
+    address = transport.get_extra_info("peername")
+    return f"{address[0]}:{address[1]}" if address else "a client"
+
+
+class CommandQueue:
+    """Hands one connection's commands to the controller in order, ``at_once`` of them unanswered.
+
+    ``read_on`` is called with False when too many wait and with True when they are done.
+    The queue outlives its connection: a script sent just before closing still runs.
+    """
+
+    def __init__(self, controller: ControllerDoor, read_on: Callable[[bool], None], at_once: int = 1) -> None:
+        self._controller = controller
+        self._read_on = read_on
+        self._at_once = at_once
+        self._waiting: deque[tuple[Command, Reply | None]] = deque()
+        self._unanswered = 0
+
+    @property
+    def idle(self) -> bool:
+        """True when everything has been answered."""
+        return not self._waiting and not self._unanswered
+
+    def put(self, command: Command, reply: Reply | None = None) -> None:
+        """Carry out a command after those before it."""
+        self._waiting.append((command, reply))
+        self._post()
+        if len(self._waiting) > _MOST_WAITING:
+            self._read_on(False)
+
+    def clear(self) -> None:
+        """Forget what was not yet handed over."""
+        self._waiting.clear()
+
+    def _post(self) -> None:
+        while self._waiting and self._unanswered < self._at_once:
+            command, reply = self._waiting.popleft()
+            self._unanswered += 1
+            self._controller.post(command, partial(self._answered, reply))
+
+    def _answered(self, reply: Reply | None, answer: Any) -> None:
+        self._unanswered -= 1
+        try:
+            if reply is not None:
+                reply(answer)
+        finally:
+            self._post()
+            if not self._waiting:
+                self._read_on(True)
+
+
+class PortServer:
+    """Listens on one port and keeps the connections to it."""
+
+    def __init__(self, name: str, controller: ControllerDoor) -> None:
+        self.name = name
+        self.controller = controller
+        self.hooks = Hooks()
+        self.connections: list[Connection] = []
+        self._unsubscribe: Callable[[], None] | None = None
+        self._listening: asyncio.Server | None = None
+
+    def connect(self) -> Connection:
+        """The protocol object of a new connection."""
+        return Connection(self)
+
+    def publish(self, snapshot: Snapshot) -> None:
+        """A control period is over; the place to send state."""
+
+    @property
+    def port(self) -> int:
+        """The port it listens on."""
+        assert self._listening is not None
+        return int(self._listening.sockets[0].getsockname()[1])
+
+    async def start(self, host: str, port: int) -> None:
+        """Listen. Port 0 takes a free one. Raises OSError saying which port and why."""
+        listening = _listen(self.name, host, port)
+        loop = asyncio.get_running_loop()
+        self._listening = await loop.create_server(self.connect, sock=listening, backlog=_BACKLOG)
+        self._unsubscribe = self.controller.subscribe(self.publish)
+
+    async def stop(self) -> None:
+        """End every connection and listen no longer."""
+        if self._unsubscribe is not None:
+            self._unsubscribe()
+            self._unsubscribe = None
+        if self._listening is not None:
+            self._listening.close()
+        for connection in tuple(self.connections):
+            connection.close_now()
+        while self.connections:
+            await asyncio.sleep(0)
+        if self._listening is not None:
+            await self._listening.wait_closed()
+
+
+def _listen(name: str, host: str, port: int) -> socket.socket:
+    try:
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
+        listening = socket.create_server(address[:2], family=family, backlog=_BACKLOG)
+    except OSError as error:
+        reason = "another program uses it" if error.errno == errno.EADDRINUSE else error.strerror
+        raise OSError(error.errno, f"cannot listen on {host} port {port} ({name}): {reason}") from error
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)  # accepted sockets inherit these
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    return listening

@@ -1,0 +1,54 @@
+"""Dashboard server (TCP 29999)."""
+
+from emulator.commands import DashboardLine
+from emulator.servers.base import CommandQueue, Connection, ControllerDoor, Direction, PortServer
+from urproto.dashboard import DISCONNECTED, GREETING, LineDecoder, encode_line
+
+__all__ = ["DashboardServer"]
+
+
+class DashboardServer(PortServer):
+    """Lines in, one answer a line out; each client's lines wait for the answers before them."""
+
+    def __init__(self, controller: ControllerDoor) -> None:
+        super().__init__("dashboard", controller)
+
+    def connect(self) -> Connection:
+        return _DashboardConnection(self)
+
+
+class _DashboardConnection(Connection):
+    def __init__(self, server: PortServer) -> None:
+        super().__init__(server)
+        self._decoder = LineDecoder()
+        self._queue = CommandQueue(server.controller, self.read_on)
+        self._ended = False
+
+    def opened(self) -> None:
+        self._send_line(GREETING)
+
+    def received(self, data: bytes) -> None:
+        for line in self._decoder.feed(data):
+            passed = self.server.hooks.message(self, Direction.RECEIVED, line)
+            if passed is not None:
+                self._queue.put(DashboardLine(passed), self._answer)
+        if self._decoder.error is not None:
+            raise self._decoder.error
+
+    def at_end(self) -> bool:
+        self._ended = True
+        return not self._queue.idle
+
+    def _answer(self, reply: str | None) -> None:
+        if reply is not None:
+            self._send_line(reply)
+        if reply == DISCONNECTED:
+            self._queue.clear()
+            self.close()
+        elif self._ended and self._queue.idle:
+            self.close()
+
+    def _send_line(self, line: str) -> None:
+        passed = self.server.hooks.message(self, Direction.SENT, line)
+        if passed is not None:
+            self.send(encode_line(passed))

@@ -1,0 +1,87 @@
+"""Primary and secondary client interface (TCP 30001 and 30002, read-only 30011 and 30012).
+
+A client gets the version message at once, alone, for clients that take what they read first
+for one message; then a robot state ten times a second, the first of them full. Messages go
+to primary clients only, those of a control period before its state: a client that is told
+about a stop must not see it in the state first.
+"""
+
+from collections.abc import Callable
+from typing import Final
+
+from emulator.servers.base import Connection, ControllerDoor, PortServer
+from emulator.servers.scripts import ScriptConnection
+from emulator.snapshot import Snapshot
+from urproto.primary.messages import VersionMessage
+
+__all__ = ["EncodeState", "PrimaryServer"]
+
+EncodeState = Callable[[Snapshot, bool], bytes]
+
+_STATES_PER_S: Final = 10  # client interface manual
+_BUILD_DATE: Final = "20-06-2022, 00:00:00"  # day of 3.15.8; other versions send the same, which is a guess
+
+
+class PrimaryServer(PortServer):
+    """``encode_state(snapshot, full)`` gives the robot state message, full or repeated."""
+
+    def __init__(
+        self, name: str, controller: ControllerDoor, encode_state: EncodeState, *, messages: bool, read_only: bool
+    ) -> None:
+        super().__init__(name, controller)
+        self._encode_state = encode_state
+        self._messages = messages
+        self._fresh: list[Connection] = []  # had no state yet
+        self._greets = _Greeted if read_only else _GreetedScripts
+        self._version_message = VersionMessage.of(controller.version, _BUILD_DATE).encode(controller.version)
+
+    def connect(self) -> Connection:
+        return self._greets(self)
+
+    def greet(self, connection: Connection) -> None:
+        """Send what a new client gets at once."""
+        self._fresh = [*(fresh for fresh in self._fresh if fresh in self.connections), connection]
+        connection.send(self._version_message)
+
+    def publish(self, snapshot: Snapshot) -> None:
+        if not self.connections:
+            return
+        if self._messages:
+            for message in snapshot.messages:
+                self._broadcast(message.encode(self.controller.version))
+        if self._state_is_due(snapshot.step):
+            self._broadcast_state(snapshot)
+
+    def _broadcast(self, data: bytes) -> None:
+        for connection in tuple(self.connections):
+            connection.send(data)
+
+    def _broadcast_state(self, snapshot: Snapshot) -> None:
+        fresh, self._fresh = self._fresh, []
+        state = self._encode_state(snapshot, False)
+        full_state = self._encode_state(snapshot, True) if fresh else b""
+        for connection in tuple(self.connections):
+            if connection in fresh:
+                connection.send(full_state)
+            else:
+                connection.send_state(state)
+
+    def _state_is_due(self, step: int) -> bool:
+        """125 Hz is no multiple of 10 Hz: states are 12 or 13 control periods apart."""
+        frequency_hz = self.controller.version.series.frequency_hz
+        return step * _STATES_PER_S // frequency_hz != (step - 1) * _STATES_PER_S // frequency_hz
+
+
+class _Greeted(Connection):
+    def opened(self) -> None:
+        _greet(self)
+
+
+class _GreetedScripts(ScriptConnection):
+    def opened(self) -> None:
+        _greet(self)
+
+
+def _greet(connection: Connection) -> None:
+    assert isinstance(connection.server, PrimaryServer)
+    connection.server.greet(connection)

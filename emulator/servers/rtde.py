@@ -1,0 +1,87 @@
+"""RTDE server (TCP 30004)."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from emulator.commands import Command, RTDEInputs
+from emulator.servers.base import CommandQueue, Connection, ControllerDoor, Direction, PortServer
+from emulator.servers.rtde_session import Packer, RTDEHost, RTDESession
+from emulator.snapshot import Snapshot
+from urproto.rtde.codec import Package, Reply, RTDEDecoder, TextMessage
+
+if TYPE_CHECKING:
+    from emulator.controller import Controller
+
+__all__ = ["RTDEServer"]
+
+_INPUTS_AT_ONCE: Final = 16  # packages of one client in a control period (guess; clients send one)
+
+
+class RTDEServer(PortServer):
+    """Input packages are applied in the next control period; each distinct output recipe is encoded once."""
+
+    def __init__(self, controller: ControllerDoor) -> None:
+        super().__init__("rtde", controller)
+        self.host = RTDEHost(controller.version)
+
+    def connect(self) -> Connection:
+        return _RTDEConnection(self, self.host)
+
+    def publish(self, snapshot: Snapshot) -> None:
+        encoded: dict[Packer, bytes] = {}
+        for connection in tuple(self.connections):
+            assert isinstance(connection, _RTDEConnection)
+            packer = connection.session.due()
+            if packer is None:
+                continue
+            if packer not in encoded:
+                encoded[packer] = packer(snapshot)
+            connection.send_state(encoded[packer])
+
+
+class _RTDEConnection(Connection):
+    def __init__(self, server: PortServer, host: RTDEHost) -> None:
+        super().__init__(server)
+        self.session = RTDESession(host, self._write_inputs, self._note)
+        self._decoder = RTDEDecoder()
+        self._queue = CommandQueue(server.controller, self.read_on, _INPUTS_AT_ONCE)
+
+    def received(self, data: bytes) -> None:
+        for package in self._decoder.feed(data):
+            self._handle(package)
+        if self._decoder.error is not None:
+            raise self._decoder.error
+
+    def lost(self) -> None:
+        self.session.close()
+
+    def _handle(self, package: Package) -> None:
+        request = self.session.read(package)
+        if isinstance(request, TextMessage):
+            self._reply(request)
+            return
+        passed = self.server.hooks.message(self, Direction.RECEIVED, request)
+        if passed is not None:
+            for reply in self.session.answer(passed):
+                self._reply(reply)
+
+    def _reply(self, reply: Reply) -> None:
+        passed = self.server.hooks.message(self, Direction.SENT, reply)
+        if passed is not None:
+            self.send(passed.encode(self.session.protocol))
+
+    def _write_inputs(self, values: dict[str, Any]) -> None:
+        self._queue.put(RTDEInputs(values))
+
+    def _note(self, text: str) -> None:
+        self._queue.put(_Note(text))
+
+
+@dataclass(frozen=True, slots=True)
+class _Note(Command):
+    """A client's remark, for the controller's log."""
+
+    text: str
+
+    def apply(self, controller: "Controller") -> None:
+        controller.messages.note(self.text)

@@ -1,0 +1,313 @@
+"""One RTDE connection's conversation, without its socket.
+
+States of the output side, by event:
+
+    NO_RECIPE  no valid output recipe: a start is refused
+    PAUSED     a recipe, no data
+    STARTED    data flows
+
+Inputs do not depend on that state: a public client sends them without ever starting.
+Undocumented and therefore guesses: a new output recipe while data flows goes on flowing; an
+empty recipe, and a frequency that is no positive number, are refused.
+
+A variable has one writer at a time: another connection that asks for it is told IN_USE
+until the first one has closed.
+"""
+
+from collections.abc import Callable, Mapping
+from enum import Enum
+from functools import lru_cache
+from typing import Any, Final
+
+from emulator.snapshot import Snapshot
+from urproto.errors import RemoteProtocolError
+from urproto.rtde.codec import (
+    KNOWN_PROTOCOLS,
+    ClientMessage,
+    GetVersion,
+    InputData,
+    MessageLevel,
+    Package,
+    Pause,
+    PauseReply,
+    ProtocolReply,
+    Reply,
+    Request,
+    RequestProtocol,
+    SetupInputs,
+    SetupInputsReply,
+    SetupOutputs,
+    SetupOutputsReply,
+    Start,
+    StartReply,
+    TextMessage,
+    VersionReply,
+    decode_request,
+    output_packer,
+)
+from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field, available_fields
+from urproto.rtde.recipes import Recipe, type_names
+from urproto.rtde.types import IN_USE, NOT_FOUND
+from urproto.versions import PolyscopeVersion
+
+__all__ = ["TRANSITIONS", "Packer", "RTDEHost", "RTDESession", "Reservations", "SessionEvent", "SessionState"]
+
+Packer = Callable[[Snapshot], bytes]
+
+_MOST_NAME_BYTES: Final = 2048  # RTDE guide: longer lists of names are not supported
+_MOST_INPUT_RECIPES: Final = 255  # the id is one byte, 0 means refused
+_OUTPUT_RECIPE: Final = 1
+_REFUSED: Final = 0
+_SOURCE: Final = "RTDE"  # of the controller's text messages (guess)
+
+
+class SessionState(Enum):
+    """What the output side is doing."""
+
+    NO_RECIPE = "no recipe"
+    PAUSED = "paused"
+    STARTED = "started"
+
+
+class SessionEvent(Enum):
+    """What changes it."""
+
+    VALID_RECIPE = "valid recipe"
+    INVALID_RECIPE = "invalid recipe"
+    START = "start"
+    PAUSE = "pause"
+
+
+_S, _E = SessionState, SessionEvent
+TRANSITIONS: Final[Mapping[tuple[SessionState, SessionEvent], SessionState]] = {
+    (_S.NO_RECIPE, _E.VALID_RECIPE): _S.PAUSED,
+    (_S.NO_RECIPE, _E.INVALID_RECIPE): _S.NO_RECIPE,
+    (_S.NO_RECIPE, _E.START): _S.NO_RECIPE,
+    (_S.NO_RECIPE, _E.PAUSE): _S.NO_RECIPE,
+    (_S.PAUSED, _E.VALID_RECIPE): _S.PAUSED,
+    (_S.PAUSED, _E.INVALID_RECIPE): _S.NO_RECIPE,
+    (_S.PAUSED, _E.START): _S.STARTED,
+    (_S.PAUSED, _E.PAUSE): _S.PAUSED,
+    (_S.STARTED, _E.VALID_RECIPE): _S.STARTED,
+    (_S.STARTED, _E.INVALID_RECIPE): _S.NO_RECIPE,
+    (_S.STARTED, _E.START): _S.STARTED,
+    (_S.STARTED, _E.PAUSE): _S.PAUSED,
+}
+
+
+class Reservations:
+    """Which connection writes which input variable."""
+
+    def __init__(self) -> None:
+        self._owners: dict[str, object] = {}
+
+    def taken(self, name: str, owner: object) -> bool:
+        """True when somebody else writes the variable."""
+        return self._owners.get(name, owner) is not owner
+
+    def take(self, names: tuple[str, ...], owner: object) -> None:
+        """Reserve variables that are not taken."""
+        self._owners.update(dict.fromkeys(names, owner))
+
+    def release(self, owner: object) -> None:
+        """Give back everything an owner holds."""
+        self._owners = {name: holder for name, holder in self._owners.items() if holder is not owner}
+
+
+class RTDEHost:
+    """What all sessions of one controller share, and the way their inputs take to it."""
+
+    def __init__(self, version: PolyscopeVersion) -> None:
+        self.version = version
+        self.outputs = available_fields(OUTPUT_FIELDS, version)
+        self.inputs = available_fields(INPUT_FIELDS, version)
+        self.reservations = Reservations()
+        self.packer = lru_cache(maxsize=256)(self._packer)  # equal recipes are encoded once a period
+
+    def _packer(self, names: tuple[str, ...], protocol: int) -> Packer:
+        return output_packer(Recipe.of(names, self.outputs), protocol, _OUTPUT_RECIPE)
+
+
+class RTDESession:
+    """Answers one client's requests.
+
+    write_inputs gets the values of every input package by variable name; note gets remarks
+    for the controller's log.
+    """
+
+    def __init__(
+        self, host: RTDEHost, write_inputs: Callable[[dict[str, Any]], None], note: Callable[[str], None]
+    ) -> None:
+        self.state = SessionState.NO_RECIPE
+        self.protocol = 1
+        self._host = host
+        self._write_inputs = write_inputs
+        self._note = note
+        self._outputs: tuple[str, ...] = ()
+        self._packer: Packer | None = None
+        self._every = 1  # control periods between two packages
+        self._periods_left = 0
+        self._inputs: dict[int, Recipe] = {}
+        self._said: set[str] = set()
+
+    def due(self) -> Packer | None:
+        """Call once per control period: what encodes this period's package, None when none is due."""
+        if self.state is not SessionState.STARTED:
+            return None
+        self._periods_left -= 1
+        if self._periods_left > 0:
+            return None
+        self._periods_left = self._every
+        return self._packer
+
+    def close(self) -> None:
+        """The client is gone: others may write its inputs."""
+        self._host.reservations.release(self)
+
+    def read(self, package: Package) -> Request | TextMessage:
+        """What a package asks for; the answer, when it makes no sense."""
+        try:
+            return decode_request(package, self.protocol)
+        except RemoteProtocolError as error:
+            return _warning(f"ignored: {error}")
+
+    def answer(self, request: Request) -> list[Reply]:
+        """Carry a request out; the answers, in order."""
+        return _HANDLERS[type(request)](self, request)
+
+    # one method a request
+
+    def _request_protocol(self, request: RequestProtocol) -> list[Reply]:
+        accepted = request.version in KNOWN_PROTOCOLS
+        if accepted and request.version != self.protocol:
+            self.protocol = request.version
+            self._renew_packer()
+        return [ProtocolReply(accepted)]
+
+    def _get_version(self, request: GetVersion) -> list[Reply]:
+        return [VersionReply(self._host.version)]
+
+    def _setup_outputs(self, request: SetupOutputs) -> list[Reply]:
+        types = self._types(request.names, self._host.outputs)
+        problem = _problem(request.names, types) or self._set_frequency(request.frequency_hz)
+        if problem:
+            self._event(SessionEvent.INVALID_RECIPE)
+            self._outputs, self._packer = (), None
+            return [SetupOutputsReply(types, _REFUSED), _error(f"the output recipe is not valid: {problem}")]
+        self._outputs = request.names
+        self._renew_packer()
+        self._event(SessionEvent.VALID_RECIPE)
+        return [SetupOutputsReply(types, _OUTPUT_RECIPE)]
+
+    def _setup_inputs(self, request: SetupInputs) -> list[Reply]:
+        reservations = self._host.reservations
+        types = tuple(
+            IN_USE if reservations.taken(name, self) else kind
+            for name, kind in zip(request.names, self._types(request.names, self._host.inputs), strict=False)
+        )
+        problem = _problem(request.names, types)
+        if len(self._inputs) >= _MOST_INPUT_RECIPES:
+            problem = f"there are {_MOST_INPUT_RECIPES} input recipes on this connection already"
+        if problem:
+            return [SetupInputsReply(types, _REFUSED), _error(f"the input recipe is not valid: {problem}")]
+        recipe_id = len(self._inputs) + 1
+        self._inputs[recipe_id] = Recipe.of(request.names, self._host.inputs)
+        reservations.take(request.names, self)
+        return [SetupInputsReply(types, recipe_id)]
+
+    def _start(self, request: Start) -> list[Reply]:
+        self._event(SessionEvent.START)
+        self._periods_left = 0
+        if self.state is SessionState.STARTED:
+            return [StartReply(True)]
+        return [StartReply(False), _error("cannot start without a valid output recipe")]
+
+    def _pause(self, request: Pause) -> list[Reply]:
+        self._event(SessionEvent.PAUSE)
+        return [PauseReply(True)]
+
+    def _input_data(self, request: InputData) -> list[Reply]:
+        """A package that is too long is used as far as its recipe goes: ur_rtde sends such."""
+        recipe = self._inputs.get(request.recipe_id)
+        if recipe is None:
+            return self._once(f"input data for recipe {request.recipe_id}, which was not set up, is ignored")
+        data, size = request.data, recipe.size
+        if len(data) >= size:
+            self._write_inputs(dict(zip(recipe.names, recipe.unpack(data[:size]), strict=True)))
+        if len(data) == size:
+            return []
+        fate = "used up to that size" if len(data) > size else "ignored"
+        return self._once(f"input data of recipe {request.recipe_id} has {len(data)} bytes, not {size}: {fate}")
+
+    def _client_message(self, request: ClientMessage) -> list[Reply]:
+        level = MessageLevel(request.level).name if request.level in list(MessageLevel) else str(request.level)
+        self._note(f"RTDE client {request.source}: {level}: {request.text}")
+        return []
+
+    # helpers
+
+    def _event(self, event: SessionEvent) -> None:
+        self.state = TRANSITIONS[self.state, event]
+
+    def _types(self, names: tuple[str, ...], fields: Mapping[str, Field]) -> tuple[str, ...]:
+        """The types to answer with; an over-long list is not looked at, yet answered name by name.
+
+        (As far as names of at least one letter can go: the answer has to fit its package.)
+        """
+        return (NOT_FOUND,) * min(len(names), _MOST_NAME_BYTES) if _too_long(names) else type_names(names, fields)
+
+    def _set_frequency(self, frequency_hz: float | None) -> str:
+        """Every how many control periods a package goes out; a problem when that makes no sense."""
+        most_hz = self._host.version.series.frequency_hz
+        if frequency_hz is None:
+            frequency_hz = most_hz
+        if not 0.0 < frequency_hz < float("inf"):
+            return f"a frequency of {frequency_hz} Hz"
+        # whole periods, rounded down as the guide says; the addend forgives binary fractions
+        self._every = max(1, int(min(most_hz / frequency_hz + 1e-9, 2.0**31)))
+        return ""
+
+    def _renew_packer(self) -> None:
+        self._packer = self._host.packer(self._outputs, self.protocol) if self._outputs else None
+
+    def _once(self, text: str) -> list[Reply]:
+        """A warning that would otherwise repeat with every package."""
+        if text in self._said or len(self._said) > _MOST_INPUT_RECIPES:
+            return []
+        self._said.add(text)
+        return [_warning(text)]
+
+
+def _problem(names: tuple[str, ...], types: tuple[str, ...]) -> str:
+    """Why a recipe cannot be, empty when it can."""
+    if _too_long(names):
+        return f"its names take more than {_MOST_NAME_BYTES} bytes"
+    for bad in (NOT_FOUND, IN_USE):
+        refused = [name for name, kind in zip(names, types, strict=True) if kind == bad]
+        if refused:
+            return f"{bad} {', '.join(refused)}"
+    return "" if names else "it names no variable"
+
+
+def _too_long(names: tuple[str, ...]) -> bool:
+    return len(",".join(names)) > _MOST_NAME_BYTES
+
+
+def _warning(text: str) -> TextMessage:
+    return TextMessage(text, _SOURCE, MessageLevel.WARNING)
+
+
+def _error(text: str) -> TextMessage:
+    return TextMessage(text, _SOURCE, MessageLevel.ERROR)
+
+
+_HANDLERS: Final[Mapping[type, Callable[[RTDESession, Any], list[Reply]]]] = {
+    RequestProtocol: RTDESession._request_protocol,
+    GetVersion: RTDESession._get_version,
+    SetupOutputs: RTDESession._setup_outputs,
+    SetupInputs: RTDESession._setup_inputs,
+    Start: RTDESession._start,
+    Pause: RTDESession._pause,
+    InputData: RTDESession._input_data,
+    ClientMessage: RTDESession._client_message,
+}

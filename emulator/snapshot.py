@@ -1,0 +1,156 @@
+"""What the controller publishes once per control period.
+
+A snapshot is the only thing servers see of the controller. Its attributes carry the
+names of the RTDE output fields, so that the RTDE field table needs no getter of its own:
+the row's name is the attribute. Vectors are tuples of floats in the field's units.
+
+Each period's snapshot starts as a shallow copy of the one before (``successor``) and only
+what changed is written to it; at rest a snapshot costs a few microseconds.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+from urproto.modes import (
+    ControlMode,
+    JointMode,
+    RobotMode,
+    RuntimeState,
+    SafetyMode,
+    SafetyStatus,
+    ToolDigitalOutputMode,
+    ToolMode,
+    ToolOutputMode,
+)
+from urproto.primary.messages import RobotMessage
+
+__all__ = ["Snapshot", "Vector3", "Vector6"]
+
+Vector3 = tuple[float, float, float]
+Vector6 = tuple[float, float, float, float, float, float]
+
+_ZERO3: Vector3 = (0.0, 0.0, 0.0)
+_ZERO6: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(kw_only=True)
+class Snapshot:
+    """One control period, as seen from outside. Never changed after it is published.
+
+    Joint vectors: base, shoulder, elbow, wrist 1-3. Poses: x, y, z [m] and rotation
+    vector rx, ry, rz [rad] of the TCP in the base frame. The defaults are those of an arm
+    that is off and stands at zero.
+    """
+
+    # time
+    step: int = 0  # control periods since the controller started
+    timestamp: float = 0.0  # controller uptime [s], from the step counter
+    # joints: rad, rad/s, rad/s2, A, Nm
+    target_q: Vector6 = _ZERO6
+    target_qd: Vector6 = _ZERO6
+    target_qdd: Vector6 = _ZERO6
+    target_current: Vector6 = _ZERO6
+    target_moment: Vector6 = _ZERO6
+    actual_q: Vector6 = _ZERO6
+    actual_qd: Vector6 = _ZERO6
+    actual_current: Vector6 = _ZERO6
+    actual_current_window: Vector6 = _ZERO6
+    actual_current_as_torque: Vector6 = _ZERO6
+    joint_control_output: Vector6 = _ZERO6
+    joint_temperatures: Vector6 = _ZERO6  # degC
+    actual_joint_voltage: Vector6 = _ZERO6  # V
+    joint_mode: tuple[JointMode, ...] = (JointMode.POWER_OFF,) * 6
+    # tool centre point, in the base frame
+    actual_TCP_pose: Vector6 = _ZERO6
+    actual_TCP_speed: Vector6 = _ZERO6
+    actual_TCP_force: Vector6 = _ZERO6  # N, Nm
+    target_TCP_pose: Vector6 = _ZERO6
+    target_TCP_speed: Vector6 = _ZERO6
+    actual_TCP_acceleration: Vector6 = _ZERO6
+    target_TCP_acceleration: Vector6 = _ZERO6
+    tcp_offset: Vector6 = _ZERO6  # flange to TCP
+    tcp_force_scalar: float = 0.0
+    elbow_position: Vector3 = _ZERO3
+    elbow_velocity: Vector3 = _ZERO3
+    actual_tool_accelerometer: Vector3 = _ZERO3  # m/s2
+    actual_momentum: float = 0.0
+    ft_raw_wrench: Vector6 = _ZERO6  # in the flange frame
+    wrench_calc_from_currents: Vector6 = _ZERO6
+    # payload
+    payload: float = 0.0
+    payload_cog: Vector3 = _ZERO3
+    payload_inertia: Vector6 = _ZERO6  # Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2]
+    target_gravity: Vector3 = _ZERO3
+    target_base_acceleration: Vector6 = _ZERO6
+    target_base_wrench: Vector6 = _ZERO6
+    # modes
+    robot_mode: RobotMode = RobotMode.POWER_OFF
+    safety_mode: SafetyMode = SafetyMode.NORMAL
+    safety_status: SafetyStatus = SafetyStatus.NORMAL
+    control_mode: ControlMode = ControlMode.POSITION
+    runtime_state: RuntimeState = RuntimeState.STOPPED
+    robot_status_bits: int = 0
+    safety_status_bits: int = 1
+    # speed
+    speed_scaling: float = 1.0
+    target_speed_fraction: float = 1.0
+    time_scale_source: int = 0
+    # electrics
+    actual_main_voltage: float = 0.0
+    actual_robot_voltage: float = 0.0
+    actual_robot_current: float = 0.0
+    io_current: float = 0.0
+    actual_execution_time: float = 0.0
+    target_execution_time: float = 0.0
+    actual_robot_energy_consumed: float = 0.0
+    actual_robot_braking_energy_dissipated: float = 0.0
+    joint_position_deviation_ratio: float = 0.0
+    collision_detection_ratio: float = 0.0
+    # inputs and outputs: bits 0-7 standard, 8-15 configurable, 16-17 tool
+    actual_digital_input_bits: int = 0
+    actual_digital_output_bits: int = 0
+    actual_configurable_digital_input_bits: int = 0
+    actual_configurable_digital_output_bits: int = 0
+    analog_io_types: int = 0
+    standard_analog_input0: float = 0.0
+    standard_analog_input1: float = 0.0
+    standard_analog_output0: float = 0.0
+    standard_analog_output1: float = 0.0
+    euromap67_input_bits: int = 0
+    euromap67_output_bits: int = 0
+    euromap67_24V_voltage: float = 0.0
+    euromap67_24V_current: float = 0.0
+    encoder0_raw: int = 0
+    encoder1_raw: int = 0
+    # tool
+    tool_mode: ToolMode = ToolMode.POWER_OFF
+    tool_analog_input_types: int = 0
+    tool_analog_input0: float = 0.0
+    tool_analog_input1: float = 0.0
+    tool_output_voltage: int = 0
+    tool_output_current: float = 0.0
+    tool_temperature: float = 0.0
+    tool_output_mode: int = ToolOutputMode.DIGITAL
+    tool_digital_output0_mode: int = ToolDigitalOutputMode.SINKING_NPN
+    tool_digital_output1_mode: int = ToolDigitalOutputMode.SINKING_NPN
+    # registers: 128 booleans packed into one integer (bit n is register n), 48 integers, 48 doubles
+    output_bit_registers: int = 0
+    output_int_registers: tuple[int, ...] = (0,) * 48
+    output_double_registers: tuple[float, ...] = (0.0,) * 48
+    input_bit_registers: int = 0
+    input_int_registers: tuple[int, ...] = (0,) * 48
+    input_double_registers: tuple[float, ...] = (0.0,) * 48
+    # program
+    script_control_line: int = 0
+    program_name: str = ""
+    program_running: bool = False  # playing (not paused)
+    program_paused: bool = False
+    # what happened in this period, in order
+    messages: tuple[RobotMessage, ...] = ()
+    force_mode_wrench: Vector6 = _ZERO6
+
+    def successor(self) -> Self:
+        """A shallow copy to write the next period into."""
+        copy = object.__new__(type(self))
+        copy.__dict__.update(self.__dict__)
+        return copy

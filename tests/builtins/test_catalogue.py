@@ -1,0 +1,112 @@
+"""Every function of the controller exists in the versions that have it."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from emulator.builtins import LIBRARIES
+from urproto.versions import PolyscopeVersion
+from urscript.builtins import LibrarySet
+
+SET = LibrarySet(LIBRARIES)
+# Names and first versions as in public function tables and client sources: a number is sure, "?" a guess, "-" never.
+ROWS = list(csv.DictReader((Path(__file__).parent / "names.csv").read_text().splitlines()))
+
+# What the script that ur_rtde 1.6 uploads calls on every version (its lines without a version tag and those of 3.x).
+UR_RTDE = """
+enable_external_ft_sensor end_force_mode end_teach_mode force_mode force_mode_set_damping get_actual_tcp_pose
+get_actual_tool_flange_pose get_forward_kin get_inverse_kin get_inverse_kin_has_solution get_joint_torques
+get_target_tcp_speed get_tcp_offset is_steady is_within_safety_limits movej movel movep norm pose_sub pose_trans
+protective_stop read_input_float_register read_input_integer_register rtde_set_watchdog servoc servoj set_gravity
+set_payload set_tcp speedj speedl stopj stopl sync teach_mode textmsg write_output_float_register
+write_output_integer_register zero_ftsensor
+""".split()
+UR_RTDE_5 = """
+end_freedrive_mode force_mode_set_gain_scaling freedrive_mode ft_rtde_input_enable get_actual_joint_positions_history
+get_freedrive_status get_steptime get_target_payload get_target_payload_cog get_target_payload_inertia
+get_target_waypoint set_target_payload tool_contact
+""".split()
+UR_RTDE_523 = """
+get_coriolis_and_centrifugal_torques get_jacobian get_jacobian_time_derivative get_mass_matrix
+get_target_joint_accelerations direct_torque
+""".split()
+
+# What the External Control program of the official client library calls; one text serves 3.14.3 to 5.9.
+EXTERNAL_CONTROL = """
+socket_open socket_close socket_read_binary_integer socket_send_int servoj speedj speedl movej movel movep movec stopj
+stopl get_steptime get_joint_positions get_target_joint_positions get_target_joint_speeds get_actual_tcp_speed
+get_actual_joint_positions_history get_inverse_kin force_mode end_force_mode force_mode_set_damping
+force_mode_set_gain_scaling freedrive_mode end_freedrive_mode tool_contact set_payload set_target_payload set_tcp
+set_gravity set_tool_voltage zero_ftsensor ft_rtde_input_enable set_tool_communication sleep sync textmsg popup str_cat
+to_str norm pow get_list_length protective_stop get_target_tcp_pose pose_trans
+""".split()
+
+# What PolyScope writes at the head of programs, documented or not (counted in public programs).
+PREAMBLE = """
+set_gravity set_analog_outputdomain set_tool_voltage set_tcp set_standard_analog_input_domain
+set_tool_analog_input_domain set_input_actions_to_default set_safety_mode_transition_hardness set_tool_communication
+set_tool_output_mode set_tool_digital_output_mode set_target_payload set_runstate_gp_boolean_output_to_value
+set_runstate_standard_digital_output_to_value set_runstate_standard_digital_outputs set_runstate_outputs
+set_runstate_configurable_digital_outputs set_analog_inputrange close_popup varmsg tool_pose motion_version_set
+tool_wrench_limit_disable position_deviation_warning
+""".split()
+
+
+def available(version: str) -> set[str]:
+    return set(SET.available(PolyscopeVersion.parse(version)))
+
+
+@pytest.mark.parametrize(("column", "newest"), [("cb3", "3.15.8"), ("e", "5.29")])
+def test_newest_version_has_every_name_of_its_series(column, newest):
+    expected = {row["name"] for row in ROWS if row[column] != "-"}
+    assert expected - available(newest) == set()
+
+
+def _sure(text: str) -> PolyscopeVersion | None:
+    return PolyscopeVersion.parse(text) if text.replace(".", "").isdigit() else None
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row["name"])
+def test_name_appears_in_its_first_version(row):
+    builtin = SET.builtins[row["name"]]
+    for first in (_sure(row["cb3"]), _sure(row["e"])):
+        assert first is None or builtin.availability.covers(first) or row["name"] in {"set_target_payload"}
+
+
+@pytest.mark.parametrize("version", ["3.14.3", "3.15.8", "5.9.4", "5.12.8", "5.22", "5.25.1"])
+def test_clients_find_their_names(version):
+    names = available(version)
+    wanted = {*EXTERNAL_CONTROL}
+    if version not in ("3.14.3", "5.9.4"):
+        wanted |= {*UR_RTDE}
+    parsed = PolyscopeVersion.parse(version)
+    if parsed >= PolyscopeVersion(5, 10):
+        wanted |= {*UR_RTDE_5}
+    if parsed >= PolyscopeVersion(5, 23):
+        wanted |= {*UR_RTDE_523}
+    missing = wanted - names
+    if parsed < PolyscopeVersion(5, 10) and parsed.major == 5:
+        missing -= {"set_target_payload"}  # the script chooses set_payload there
+    assert missing == set()
+
+
+def test_nothing_a_client_or_a_preamble_needs_is_refused():
+    needed = {*UR_RTDE, *UR_RTDE_5, *UR_RTDE_523, *EXTERNAL_CONTROL, *PREAMBLE}
+    assert {name for name in needed if SET.builtins[name].status == "refused"} == set()
+
+
+def test_every_partial_built_in_says_what_is_missing():
+    assert [b.name for b in SET.builtins.values() if b.status != "supported" and not b.note] == []
+
+
+def test_every_built_in_that_is_not_refused_is_documented():
+    assert [b.name for b in SET.builtins.values() if b.status != "refused" and not b.doc] == []
+
+
+def test_refused_name_compiles_and_stops_the_program_only_when_called(rig):
+    rig.run('if False:\n  rpc_factory("xmlrpc", "http://127.0.0.1:80")\nend\ntextmsg("fine")')
+    assert rig.texts == ["fine"]
+    text = rig.fault('rpc_factory("xmlrpc", "http://127.0.0.1:80")')
+    assert text == "rpc_factory is not emulated: XML-RPC"
+    assert (rig.exceptions[-1].line, rig.exceptions[-1].column) == (2, 3)

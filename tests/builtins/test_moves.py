@@ -1,0 +1,214 @@
+"""Movements from scripts: where the arm ends and how long it takes."""
+
+import math
+
+import pytest
+
+from urproto.modes import RuntimeState, SafetyMode
+from urproto.primary.messages import ErrorCodeMessage
+from urproto.robots.pose import pose_trans
+
+HOME = (0.0, -1.5, 1.5, -1.6, -1.57, 0.0)
+START = "[0, -1.5, 1.5, -1.6, -1.57, 0]"
+
+
+def trapezoid(distance: float, v: float, a: float) -> float:
+    """Time of a rest-to-rest move [s]."""
+    if distance < v * v / a:
+        return 2.0 * math.sqrt(distance / a)
+    return distance / v + v / a
+
+
+@pytest.mark.parametrize(("distance", "a", "v"), [(1.0, 1.4, 1.05), (0.1, 2.0, 1.0), (2.0, 5.0, 0.5)])
+def test_movej_ends_at_its_target_after_the_profile_s_time(rig, distance, a, v):
+    took = rig.run(f"movej([{distance}, -1.5, 1.5, -1.6, -1.57, 0], a={a}, v={v})")
+    assert rig.q == pytest.approx((distance, *HOME[1:]), abs=1e-9)
+    assert took == pytest.approx(trapezoid(distance, v, a), abs=0.03)
+
+
+def test_movej_on_cb3_runs_at_its_period(cb3):
+    took = cb3.run("movej([0.5, -1.5, 1.5, -1.6, -1.57, 0])")
+    assert cb3.q[0] == pytest.approx(0.5, abs=1e-9)
+    assert took == pytest.approx(trapezoid(0.5, 1.05, 1.4), abs=0.08)
+
+
+def test_time_overrides_speed(rig):
+    assert rig.run("movej([0.5, -1.5, 1.5, -1.6, -1.57, 0], t=2)") == pytest.approx(2.0, abs=0.03)
+
+
+def test_movej_to_a_pose_takes_the_nearest_configuration(rig):
+    rig.run("movej([0.3, -1.4, 1.4, -1.6, -1.5, 0.2])")
+    reached = rig.q
+    rig.run(f"target = get_actual_tcp_pose()\nmovej({START})\nmovej(target)")
+    assert rig.q == pytest.approx(reached, abs=1e-6)
+
+
+def test_movel_goes_straight(rig):
+    start = rig.controller.snapshot.actual_TCP_pose
+    rig.start("movel(pose_add(get_actual_tcp_pose(), p[0, 0.1, -0.1, 0, 0, 0]), a=1, v=0.2)")
+    worst = 0.0
+    rig.tick()
+    while rig.state is not RuntimeState.STOPPED:
+        rig.tick()
+        x, y, z = rig.controller.snapshot.actual_TCP_pose[:3]
+        worst = max(worst, abs(x - start[0]), abs((y - start[1]) + (z - start[2])))
+    end = rig.controller.snapshot.actual_TCP_pose
+    assert end[:3] == pytest.approx((start[0], start[1] + 0.1, start[2] - 0.1), abs=1e-7)
+    assert worst < 1e-6
+
+
+def test_movel_takes_joint_angles_too(rig):
+    rig.run(f"movej([0.3, -1.4, 1.4, -1.6, -1.5, 0.2])\nmovel({START})")
+    assert rig.q == pytest.approx(HOME, abs=1e-6)
+
+
+def test_movec_and_movep_arrive(rig):
+    rig.run(
+        """
+        p0 = get_actual_tcp_pose()
+        via = pose_add(p0, p[-0.05, 0.05, 0, 0, 0, 0])
+        to = pose_add(p0, p[0, 0.1, 0, 0, 0, 0])
+        movec(via, to, 0.5, 0.1, 0, 1)
+        movep(p0, a=0.5, v=0.1, r=0.01)
+        """
+    )
+    assert rig.q == pytest.approx(HOME, abs=1e-4)
+
+
+def test_blended_move_returns_early_and_does_not_stop(rig):
+    rig.start(
+        """
+        movej([0.5, -1.5, 1.5, -1.6, -1.57, 0], a=3, v=1, r=0.05)
+        textmsg("blending")
+        movej([1.0, -1.5, 1.5, -1.6, -1.57, 0], a=3, v=1)
+        """
+    )
+    rig.until(lambda: rig.texts == ["blending"])
+    assert 0.3 < rig.q[0] < 0.5
+    slowest = 1.0
+    while rig.q[0] < 0.7:
+        rig.tick()
+        slowest = min(slowest, rig.controller.snapshot.target_qd[0])
+    assert slowest > 0.9
+    rig.until(lambda: rig.state is RuntimeState.STOPPED)
+    assert rig.q[0] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_movej_out_of_reach_is_a_runtime_exception(rig):
+    text = rig.fault("movej(p[10, 0, 0, 0, 0, 0])")
+    assert "inverse kinematics" in text
+    assert rig.controller.snapshot.safety_mode is SafetyMode.NORMAL
+
+
+def test_movel_out_of_reach_is_a_protective_stop(rig):
+    rig.start("movel(p[10, 0, 0, 0, 0, 0])")
+    rig.until(lambda: rig.state is RuntimeState.PAUSED, 1.0)
+    assert rig.controller.snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP
+    assert rig.exceptions == []
+    assert len([m for m in rig.messages if isinstance(m, ErrorCodeMessage)]) == 1
+
+
+@pytest.mark.parametrize("call", ["movej(%s, v=0)", "movel(%s, a=-1)", "optimovej(%s, v=1.5)", "stopj(0)"])
+def test_impossible_profiles_are_refused(rig, call):
+    assert "must be" in (text := rig.fault(call.replace("%s", START))) or "fraction" in text
+
+
+def test_optimovej_arrives(rig):
+    rig.run("optimovej([0.5, -1.5, 1.5, -1.6, -1.57, 0], a=0.1, v=0.2)")
+    assert rig.q[0] == pytest.approx(0.5, abs=1e-9)
+
+
+def test_servoj_blocks_for_its_time(rig):
+    steps = 100
+    took = rig.run(
+        f"""
+        i = 0
+        while i < {steps}:
+          servoj([0.0005 * i, -1.5, 1.5, -1.6, -1.57, 0], t=0.002, lookahead_time=0.03, gain=2000)
+          i = i + 1
+        end
+        stopj(5)
+        """
+    )
+    assert took >= steps * rig.period
+    assert took == pytest.approx(steps * rig.period, abs=0.15)
+    assert rig.q[0] == pytest.approx(0.05, abs=0.02)
+
+
+def test_one_frame_calls_take_one_frame_each(rig):
+    took = rig.run("i = 0\nwhile i < 50:\n  servoj(get_actual_joint_positions())\n  i = i + 1\nend")
+    assert took == pytest.approx(50 * rig.period, abs=3 * rig.period)
+    took = rig.run(
+        "i = 0\nwhile i < 50:\n  speedj([0, 0, 0, 0, 0, 0], 1, get_steptime())\n  i = i + 1\nend"
+    )
+    assert took == pytest.approx(50 * rig.period, abs=3 * rig.period)
+
+
+def test_stopping_an_arm_at_rest_takes_one_frame(rig):
+    took = rig.run("i = 0\nwhile i < 20:\n  stopj(4)\n  stopl(4)\n  i = i + 1\nend")
+    assert took == pytest.approx(40 * rig.period, abs=3 * rig.period)
+
+
+def test_speedj_accelerates_and_holds(rig):
+    rig.start("speedj([0.5, 0, 0, 0, 0, 0], 2, 1)\nstopj(2)")
+    rig.seconds(0.6)
+    assert rig.controller.snapshot.target_qd[0] == pytest.approx(0.5)
+    rig.until(lambda: rig.state is RuntimeState.STOPPED)
+    assert rig.q[0] == pytest.approx(0.5 * 1 - 0.5**2 / 4 + 0.5**2 / 4, abs=0.01)
+    assert rig.controller.snapshot.target_qd == (0.0,) * 6
+
+
+def test_speedl_moves_the_tool(rig):
+    start = rig.controller.snapshot.actual_TCP_pose
+    rig.run("speedl([0, 0, -0.1, 0, 0, 0], a=1, t=0.5)\nstopl(1)")
+    end = rig.controller.snapshot.actual_TCP_pose
+    assert end[2] - start[2] == pytest.approx(-0.05, abs=2e-3)
+    assert end[:2] == pytest.approx(start[:2], abs=1e-4)
+
+
+def test_speed_slider_stretches_movements_but_not_sleep(rig):
+    rig.controller.speed.set_slider(0.5)
+    took = rig.run("movej([0.5, -1.5, 1.5, -1.6, -1.57, 0])")
+    assert took == pytest.approx(2 * trapezoid(0.5, 1.05, 1.4), abs=0.15)
+    assert rig.run("sleep(0.5)") == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.parametrize(("seconds", "frames"), [("0.5", 250), ("1.0E-10", 1), ("0", 1), ("0.0021", 2)])
+def test_sleep_takes_whole_periods(rig, seconds, frames):
+    took = rig.run(f"sleep({seconds})")
+    assert took == pytest.approx(frames * rig.period, abs=1.5 * rig.period)
+
+
+def test_set_pos_puts_the_simulated_arm_elsewhere(rig):
+    rig.run("set_pos([0.1, -1.4, 1.3, -1.2, -1.1, 0.9])")
+    assert rig.q == pytest.approx((0.1, -1.4, 1.3, -1.2, -1.1, 0.9))
+
+
+def test_direct_torque_without_torque_holds_the_arm(rig):
+    rig.controller.version = rig.controller.version.parse("5.25.1")
+    rig.run("i = 0\nwhile i < 100:\n  direct_torque([0, 0, 0, 0, 0, 0])\n  i = i + 1\nend")
+    assert rig.q == pytest.approx(HOME, abs=1e-9)
+
+
+def test_direct_torque_accelerates_by_the_mass_matrix(rig):
+    rig.controller.version = rig.controller.version.parse("5.25.1")
+    torque, time = 20.0, 0.1
+    mass = rig.controller.arm.dynamics.mass_matrix(HOME)[0][0]
+    rig.run(
+        f"i = 0\nwhile i < 50:\n  direct_torque([{torque}, 0, 0, 0, 0, 0], friction_comp=True)\n  i = i + 1\nend\nstopj(20)"
+    )
+    assert rig.q[0] > 0.3 * torque / mass * time**2 / 2
+
+
+def test_move_with_another_tcp_brings_that_point_to_the_target(rig):
+    rig.run(
+        """
+        target = pose_add(get_actual_tcp_pose(), p[0, 0, -0.05, 0, 0, 0])
+        set_tcp(p[0, 0, 0.1, 0, 0, 0])
+        movel(target)
+        """
+    )
+    snapshot = rig.controller.snapshot
+    flange = rig.controller.arm.kinematics.forward(rig.q)
+    assert snapshot.tcp_offset == (0, 0, 0.1, 0, 0, 0)
+    assert snapshot.actual_TCP_pose == pytest.approx(pose_trans(flange, (0, 0, 0.1, 0, 0, 0)), abs=1e-9)

@@ -1,0 +1,354 @@
+"""Programs as a whole: start, end, replacement, pause, secondary programs, watchdogs, popups."""
+
+import pytest
+
+from emulator.commands import DashboardLine, RTDEInputs, ScriptUnit
+from emulator.power import PowerEvent
+from urproto.modes import RuntimeState, SafetyMode
+from urproto.primary.messages import PopupMessage, RequestValueMessage
+
+
+def test_start_and_end_are_told_once_around_the_text(rig):
+    rig.start('textmsg("hello ", 3)', name="greet")
+    rig.seconds(0.1)
+    kinds = [(m.title, m.text) if hasattr(m, "title") else m.text for m in rig.messages]
+    assert kinds == [("PROGRAM_XXX_STARTED", "greet"), "hello 3", ("PROGRAM_XXX_STOPPED", "greet")]
+    assert rig.state is RuntimeState.STOPPED
+
+
+def test_bare_line_is_a_program_of_its_own(rig):
+    rig.controller.post(ScriptUnit("set_digital_out(2, True)\n", "line"))
+    rig.seconds(0.1)
+    assert rig.controller.snapshot.actual_digital_output_bits == 0b100
+    assert [title for title, _ in rig.keys] == ["PROGRAM_XXX_STARTED", "PROGRAM_XXX_STOPPED"]
+
+
+def test_unknown_name_is_reported_with_place_and_starts_nothing(rig):
+    rig.submit("def illegal_fun():\n  calldoesntexist()\nend\n")
+    rig.tick(3)
+    (error,) = rig.exceptions
+    assert (error.line, error.column, error.text) == (2, 3, "compile_error_name_not_found:calldoesntexist:")
+    assert rig.keys == []
+
+
+def test_program_that_does_not_compile_leaves_the_running_one_alone(rig):
+    rig.start("while True:\n  sync()\nend", name="keeper")
+    rig.tick(3)
+    rig.submit("def broken(:\nend\n")
+    rig.tick(3)
+    assert rig.state is RuntimeState.PLAYING
+    assert rig.controller.programs.name == "keeper"
+    assert len(rig.exceptions) == 1
+
+
+def test_runtime_error_ends_the_program_after_its_message(rig):
+    rig.start("a = [1, 2]\nb = a[5]", name="careless")
+    rig.seconds(0.1)
+    assert [type(m).__name__ for m in rig.messages] == ["KeyMessage", "RuntimeExceptionMessage", "KeyMessage"]
+    assert rig.exceptions[0].line == 3
+
+
+def test_new_program_replaces_the_running_one(rig):
+    rig.start("while True:\n  sync()\nend", name="old")
+    rig.tick(5)
+    rig.start("while True:\n  sync()\nend", name="new")
+    rig.tick(10)
+    assert rig.keys == [
+        ("PROGRAM_XXX_STARTED", "old"),
+        ("PROGRAM_XXX_STOPPED", "old"),
+        ("PROGRAM_XXX_STARTED", "new"),
+    ]
+    assert rig.controller.programs.name == "new"
+
+
+def test_sockets_close_well_before_the_next_program_starts(rig):
+    loop = 'socket_open("10.0.0.1", 50001, "a")\nwhile True:\n  sync()\nend'
+    rig.start(loop)
+    rig.tick(5)
+    rig.start(loop)
+    closed = rig.controller.step_count
+    assert [socket.state for socket in rig.sockets.opened] == ["closed"]
+    rig.until(lambda: len(rig.sockets.opened) == 2, 1.0)
+    assert (rig.controller.step_count - closed) * rig.period >= 0.010
+
+
+def test_halt_ends_all_threads_and_closes_sockets(rig):
+    rig.run(
+        """
+        thread busy():
+          while True:
+            sync()
+          end
+        end
+        run busy()
+        socket_open("10.0.0.1", 50001)
+        sleep(0.02)
+        halt
+        """
+    )
+    assert [socket.state for socket in rig.sockets.opened] == ["closed"]
+
+
+def test_stop_lets_the_arm_come_to_rest_before_it_is_stopped(rig):
+    rig.start("movej([1, -1.5, 1.5, -1.6, -1.57, 0], a=5, v=2)")
+    rig.seconds(0.4)
+    assert rig.controller.snapshot.target_qd[0] > 1.0
+    rig.controller.programs.stop("test")
+    assert rig.state is RuntimeState.STOPPING
+    rig.until(lambda: rig.state is RuntimeState.STOPPED, 2.0)
+    assert rig.controller.snapshot.target_qd == (0.0,) * 6
+    assert rig.q[0] < 0.9
+
+
+def test_pause_and_resume_keep_to_the_path_and_arrive(rig):
+    rig.start("movej([0.5, -1.5, 1.5, -1.6, -1.57, 0])")
+    rig.seconds(0.3)
+    assert rig.controller.programs.pause()
+    rig.until(lambda: rig.state is RuntimeState.PAUSED, 2.0)
+    held = rig.q
+    rig.seconds(1.0)
+    assert rig.q == held
+    assert rig.controller.programs.resume()
+    rig.until(lambda: rig.state is RuntimeState.STOPPED)
+    assert rig.q[0] == pytest.approx(0.5, abs=1e-9)
+    assert [title for title, _ in rig.keys] == [
+        f"PROGRAM_XXX_{what}" for what in ("STARTED", "PAUSED", "RESUMED", "STOPPED")
+    ]
+
+
+def test_arm_without_power_runs_no_program_and_says_so(make_rig):
+    rig = make_rig("ur5e", None, running=False)
+    rig.start('textmsg("no")')
+    rig.tick(5)
+    assert rig.keys == []
+    assert "was not started" in rig.texts[0]
+
+
+def test_power_off_ends_the_program(rig):
+    rig.start("while True:\n  sync()\nend")
+    rig.tick(3)
+    rig.controller.power_event(PowerEvent.POWER_OFF)
+    rig.until(lambda: rig.state is RuntimeState.STOPPED, 1.0)
+
+
+def test_secondary_program_runs_beside_the_main_one(rig):
+    rig.start("while True:\n  sync()\nend", name="main")
+    rig.tick(3)
+    rig.submit("sec aside():\n  set_standard_digital_out(1, True)\nend\n")
+    rig.tick(2)
+    assert rig.controller.signals.digital_outputs == 0b10
+    assert rig.controller.programs.name == "main"
+    assert rig.keys == [("PROGRAM_XXX_STARTED", "main")]
+
+
+@pytest.mark.parametrize(
+    ("statement", "part"),
+    [("sleep(0.5)", "too much behind"), ("movej([0,0,0,0,0,0])", "cannot control the robot"), ('x = to_num("a")', "")],
+)
+def test_secondary_program_that_fails_leaves_the_main_one_alone(rig, statement, part):
+    rig.start("while True:\n  sync()\nend", name="main")
+    rig.tick(3)
+    rig.submit(f"sec aside():\n  {statement}\nend\n")
+    rig.tick(3)
+    title, text = rig.keys[-1]
+    assert title == "SECONDARY_PROGRAM_EXCEPTION_XXX"
+    assert part in text
+    assert rig.state is RuntimeState.PLAYING
+
+
+def test_protective_stop_pauses_and_resuming_goes_on_behind_the_call(rig):
+    rig.start('protective_stop()\ntextmsg("after")')
+    rig.until(lambda: rig.state is RuntimeState.PAUSED, 1.0)
+    snapshot = rig.controller.snapshot
+    assert snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP
+    assert not rig.controller.programs.resume()
+    rig.controller.post(ScriptUnit("set unlock protective stop\n", "line"))
+    rig.tick(3)
+    assert rig.state is RuntimeState.PAUSED
+    rig.controller.programs.resume()
+    rig.until(lambda: rig.state is RuntimeState.STOPPED, 1.0)
+    assert rig.texts == ["after"]
+
+
+def test_program_after_a_protective_stop_without_program_moves(rig):
+    rig.submit("protective_stop()\n")
+    rig.tick(5)
+    rig.controller.programs.stop()
+    rig.seconds(0.1)
+    rig.controller.post(ScriptUnit("set unlock protective stop\n", "line"))
+    rig.tick(2)
+    rig.run("movej([0.2, -1.5, 1.5, -1.6, -1.57, 0])")
+    assert rig.q[0] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(("action", "state"), [("stop", RuntimeState.STOPPED), ("pause", RuntimeState.PAUSED)])
+def test_watchdog_acts_when_the_client_falls_silent(rig, action, state):
+    rig.start(f'rtde_set_watchdog("input_int_register_0", 10, "{action}")\nwhile True:\n  sync()\nend')
+    rig.tick()
+    for _ in range(10):
+        rig.controller.post(RTDEInputs({"input_int_register_0": 1}))
+        rig.seconds(0.08)
+    assert rig.state is RuntimeState.PLAYING
+    silent = rig.until(lambda: rig.state is state, 1.0)
+    assert silent == pytest.approx(0.02, abs=0.01)
+
+
+def test_watchdog_that_ignores_does_nothing_and_ends_with_the_program(rig):
+    rig.run('rtde_set_watchdog("input_int_register_0", 100, "ignore")\nsleep(0.2)')
+    rig.run('rtde_set_watchdog("input_int_register_0", 100, "stop")')
+    rig.run("sleep(0.3)")
+
+
+@pytest.mark.parametrize(
+    "call", ['"no_such_field", 10', '"input_int_register_0", 10, "explode"', '"input_int_register_0", -1']
+)
+def test_watchdog_refuses_nonsense(rig, call):
+    assert "rtde_set_watchdog" in rig.fault(f"rtde_set_watchdog({call})")
+
+
+def test_blocking_popup_suspends_the_whole_program_until_it_is_closed(rig):
+    rig.start(
+        """
+        thread count():
+          while True:
+            ticks = ticks + 1
+            sync()
+          end
+        end
+        global ticks = 0
+        run count()
+        popup("Really?", title="Question", blocking=True)
+        textmsg("closed")
+        sleep(0.1)
+        """
+    )
+    rig.seconds(0.1)
+    (shown,) = [m for m in rig.messages if isinstance(m, PopupMessage)]
+    assert (shown.title, shown.text, shown.blocking) == ("Question", "Really?", True)
+    held = rig.controller.programs.variables["ticks"]
+    rig.seconds(0.1)
+    assert rig.controller.programs.variables["ticks"] == held
+    assert rig.texts == []
+    rig.controller.post(DashboardLine("close popup"))
+    rig.tick(3)
+    assert rig.texts == ["closed"]
+
+
+def test_popup_that_does_not_block_stops_nothing_and_outlives_the_program(rig):
+    rig.run('popup(p[1, 2, 3, 4, 5, 6], "Point")\ntextmsg("on")')
+    assert rig.texts == ["on"]
+    assert [popup.text for popup in rig.controller.popups.shown] == ["p[1,2,3,4,5,6]"]
+
+
+def test_blocking_popup_goes_with_its_program(rig):
+    rig.start('popup("wait", blocking=True)')
+    rig.tick(3)
+    rig.controller.programs.stop()
+    assert rig.controller.popups.shown == []
+
+
+def test_question_to_the_operator_waits_for_its_answer(rig):
+    rig.start('textmsg(request_integer_from_primary_client("How many?"))')
+    rig.seconds(0.5)
+    (asked,) = [m for m in rig.messages if isinstance(m, RequestValueMessage)]
+    assert asked.text == "How many?"
+    assert rig.controller.popups.answer(asked.request_id, 7)
+    rig.tick(3)
+    assert rig.texts == ["7"]
+
+
+def test_only_one_thread_moves_the_robot(rig):
+    text = rig.fault(
+        """
+        thread spin():
+          while True:
+            speedj([0.1, 0, 0, 0, 0, 0], 1, 0.1)
+          end
+        end
+        run spin()
+        sleep(0.1)
+        stopj(2)
+        """
+    )
+    assert text == "Another thread is already controlling the robot"
+
+
+def test_killed_thread_gives_the_robot_up_and_leaves_it_moving(rig):
+    rig.run(
+        """
+        thread go():
+          movej([1.5, -1.5, 1.5, -1.6, -1.57, 0], a=2, v=1)
+        end
+        h = run go()
+        sleep(0.8)
+        kill h
+        global before = get_target_joint_speeds()
+        textmsg(before[0] > 0.9)
+        stopj(4)
+        textmsg(norm(get_target_joint_speeds()))
+        """
+    )
+    assert rig.texts == ["True", "0"]
+    assert 0.4 < rig.q[0] < 0.8
+
+
+def test_thread_owns_the_robot_only_while_it_moves(rig):
+    rig.run(
+        """
+        thread first():
+          movej([0.2, -1.5, 1.5, -1.6, -1.57, 0])
+        end
+        h = run first()
+        join h
+        movej([0, -1.5, 1.5, -1.6, -1.57, 0])
+        """
+    )
+    assert rig.q[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_loaded_script_plays_and_its_name_is_known(rig, tmp_path):
+    path = tmp_path / "tool.urp"
+    path.write_bytes(b"")
+    path.with_suffix(".script").write_text('def tool():\n  textmsg("played")\nend\n')
+    rig.controller.programs.load_file(path)
+    assert rig.controller.programs.loaded.path == path
+    assert rig.controller.programs.play()
+    rig.seconds(0.1)
+    assert rig.texts == ["played"]
+
+
+def test_program_tree_without_script_cannot_be_played(rig, tmp_path):
+    path = tmp_path / "bare.urp"
+    path.write_bytes(b"")
+    rig.controller.programs.load_file(path)
+    assert not rig.controller.programs.play()
+    rig.tick()
+    assert "bare.script" in rig.texts[0]
+
+
+def test_run_state_outputs_follow_the_program(rig):
+    rig.run(
+        """
+        set_runstate_standard_digital_output_to_value(0, 3)
+        set_runstate_standard_digital_output_to_value(1, 2)
+        set_runstate_gp_boolean_output_to_value(5, 4)
+        textmsg(get_standard_digital_out(0))
+        textmsg(get_standard_digital_out(1))
+        """
+    )
+    assert rig.texts == ["True", "False"]
+    rig.tick()
+    assert rig.controller.signals.digital_outputs == 0b10
+    assert rig.controller.registers.output.get_bit(5)
+
+
+def test_flags_survive_programs(rig):
+    rig.run("set_flag(3, True)")
+    assert rig.value("get_flag(3)") is True
+    assert "no flag 32" in rig.fault("set_flag(32, True)")
+
+
+def test_busy_loop_does_not_hold_the_controller_up(rig):
+    rig.start("while True:\n  x = 1\nend")
+    rig.tick(20)
+    assert rig.state is RuntimeState.PLAYING

@@ -1,0 +1,157 @@
+"""Sockets of scripts, against a network made of memory."""
+
+import math
+
+import pytest
+
+OPEN = 'socket_open("10.0.0.1", 50001, "s")\n'
+
+
+def talk(rig, body: str, *sent: bytes, limit_s: float = 10.0):
+    """Run a body with an open socket; the peer sends its bytes one after the other, some frames apart."""
+    rig.start(OPEN + body)
+    rig.until(lambda: bool(rig.sockets.opened), 1.0)
+    for data in sent:
+        rig.tick(3)
+        rig.sockets.opened[0].feed(data)
+    rig.until(lambda: rig.state.name == "STOPPED", limit_s)
+    assert rig.exceptions == []
+    return rig.sockets.opened[0]
+
+
+def test_open_tells_success_refusal_and_silence(rig):
+    rig.sockets.silent.add(("10.0.0.9", 1))
+    took = rig.run(
+        """
+        textmsg(socket_open("10.0.0.1", 50001))
+        textmsg(socket_open("10.0.0.2", 50001, "refused"))
+        textmsg(socket_open("10.0.0.9", 1, "silent"))
+        textmsg(socket_send_string("x", "silent"))
+        """
+    )
+    assert rig.texts == ["True", "False", "False", "False"]
+    assert took == pytest.approx(2.0, abs=0.02)
+
+
+def test_opening_a_name_again_closes_the_first(rig):
+    rig.run(OPEN * 2 + "sleep(0.01)")
+    assert len(rig.sockets.opened) == 2
+
+
+@pytest.mark.parametrize(
+    ("call", "wire"),
+    [
+        ('socket_send_string("abc", "s")', b"abc"),
+        ('socket_send_string(12.5, "s")', b"12.5"),
+        ('socket_send_line("abc", "s")', b"abc\n"),
+        ('socket_send_line(p[1,2,3,0,0,0], "s")', b"p[1, 2, 3, 0, 0, 0]\n"),
+        ('socket_send_byte(255, "s")', b"\xff"),
+        ('socket_send_byte("A", "s")', b"A"),
+        ('socket_send_int(-2, "s")', b"\xff\xff\xff\xfe"),
+        ('socket_set_var("SPE", 100, "s")', b"SET SPE 100\n"),
+    ],
+)
+def test_what_is_sent(rig, call, wire):
+    assert bytes(talk(rig, call).sent) == wire
+
+
+@pytest.mark.parametrize(
+    ("call", "sent", "text"),
+    [
+        ('socket_read_binary_integer(2, "s", 1)', b"\0\0\0\5\xff\xff\xff\xff", "[2,5,-1]"),
+        ('socket_read_byte_list(3, "s", 1)', b"abc", "[3,97,98,99]"),
+        ('socket_read_ascii_float(2, "s", 1)', b"noise(1.5, -2)", "[2,1.5,-2]"),
+        ('socket_read_ascii_float(2, "s", 1)', b"(1.5)", "[0,nan,nan]"),
+        ('socket_read_line("s", 1)', b"one\r\ntwo\n", "one"),
+        ('socket_read_string("s", timeout=1)', b"hello", "hello"),
+        ('socket_read_string("s", "<", ">", timeout=1)', b"xx<in>out", "in"),
+        ('socket_read_string("s", suffix="\\n", interpret_escape=True, timeout=1)', b"ab\ncd", "ab"),
+        ('socket_get_var("POS", "s")', b"POS 42\n", "42"),
+        ('socket_get_var("POS", "s")', b"OTHER 42\n", "0"),
+    ],
+)
+def test_what_is_read(rig, call, sent, text):
+    talk(rig, f"textmsg({call})", sent)
+    assert rig.texts == [text]
+
+
+def test_bytes_in_pieces_are_waited_for(rig):
+    talk(rig, 'textmsg(socket_read_binary_integer(1, "s", 1))', b"\0", b"\0\1", b"\2")
+    assert rig.texts == ["[1,258]"]
+
+
+def test_what_follows_the_suffix_is_kept(rig):
+    body = 'textmsg(socket_read_string("s", "<", ">"))\ntextmsg(socket_read_byte_list(2, "s", 1))'
+    talk(rig, body, b"<a>bc")
+    assert rig.texts == ["a", "[2,98,99]"]
+
+
+@pytest.mark.parametrize("timeout", [0.1, 0.002, 0.5])
+def test_timeout_is_counted_in_control_periods(rig, timeout):
+    took = rig.run(OPEN + f'textmsg(socket_read_binary_integer(2, "s", {timeout}))')
+    assert rig.texts == ["[0,-1,-1]"]
+    assert took == pytest.approx(timeout, abs=3 * rig.period)
+
+
+@pytest.mark.parametrize("timeout", [0, -1])
+def test_no_timeout_waits_for_ever_and_a_closed_peer_wakes_it(rig, timeout):
+    rig.start(OPEN + f'textmsg(socket_read_binary_integer(1, "s", {timeout}))')
+    rig.seconds(5.0)
+    assert rig.texts == []
+    rig.sockets.opened[0].close()
+    rig.tick(3)
+    assert rig.texts == ["[0,-1]"]
+
+
+def test_bytes_that_came_before_the_peer_closed_are_read(rig):
+    rig.start(OPEN + 'sleep(0.1)\ntextmsg(socket_read_byte_list(1, "s", 1))')
+    rig.tick(5)
+    rig.sockets.opened[0].feed(b"z")
+    rig.sockets.opened[0].close()
+    rig.seconds(0.2)
+    assert rig.texts == ["[1,122]"]
+
+
+def test_reading_what_is_there_takes_no_time(rig):
+    rig.start(OPEN + 'sleep(0.1)\ni = 0\nwhile i < 10:\n  x = socket_read_byte_list(1, "s")\n  i = i + 1\nend')
+    rig.tick(5)
+    rig.sockets.opened[0].feed(b"0123456789")
+    took = rig.until(lambda: rig.state.name == "STOPPED", 1.0)
+    assert took == pytest.approx(0.1, abs=0.02)
+
+
+def test_socket_that_was_never_opened_fails_at_once(rig):
+    took = rig.run(
+        """
+        textmsg(socket_read_string("nobody"))
+        textmsg(socket_read_byte_list(1, "nobody"))
+        textmsg(socket_send_int(1, "nobody"))
+        socket_close("nobody")
+        """
+    )
+    assert rig.texts == ["", "[0,-1]", "False"]
+    assert took < 0.02
+
+
+def test_text_longer_than_a_string_is_an_error(rig):
+    rig.start(OPEN + 'x = socket_read_string("s")')
+    rig.tick(3)
+    rig.sockets.opened[0].feed(b"x" * 1024)
+    rig.tick(3)
+    assert rig.exceptions[0].text == "Received String exceeds maximum length (1023 Bytes)."
+
+
+def test_bytes_survive_the_way_through_a_string(rig):
+    socket = talk(rig, 'socket_send_string(socket_read_string("s"), "s")', bytes(range(256)))
+    assert bytes(socket.sent) == bytes(range(256))
+
+
+@pytest.mark.parametrize("call", ["socket_read_ascii_float(31)", "socket_send_byte(256)", "socket_send_int(3000000000)"])
+def test_values_out_of_range_are_errors(rig, call):
+    assert rig.fault(call)
+
+
+def test_failed_floats_are_not_numbers(rig):
+    value = rig.value("socket_read_ascii_float(2)")
+    assert value[0] == 0
+    assert all(map(math.isnan, value[1:]))

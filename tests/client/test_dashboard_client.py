@@ -1,0 +1,156 @@
+"""The dashboard client, in both shells, against a port that answers from a table."""
+
+import socket
+
+import pytest
+
+from client import dashboard
+from client.dashboard import BlockingDashboardClient, DashboardClient, DashboardCore, Operation
+from client.errors import ConnectionLostError, NoAnswerError, RobotUnreachableError
+from urproto.dashboard import GREETING, LineDecoder, ProgramState, encode_line
+from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
+from urproto.modes import RobotMode, SafetyMode, SafetyStatus
+from urproto.versions import PolyscopeVersion
+
+ANSWERS = {
+    "power on": "Powering on",
+    "power off": "Powering off",
+    "brake release": "Brake releasing",
+    "play": "Failed to execute: play",
+    "stop": "Stopped",
+    "robotmode": "Robotmode: IDLE",
+    "safetymode": "Safetymode: NORMAL",
+    "safetystatus": "Safetystatus: REDUCED",
+    "programState": "PAUSED pick.urp",
+    "get loaded program": "No program loaded",
+    "running": "Program running: true",
+    "is in remote control": "false",
+    "PolyscopeVersion": "URSoftware 5.11.9.1010327 (Mar 21 2022)",
+    "get serial number": "20175599999",
+    "get robot model": "UR3",
+    "load pick.urp": "Loading program: /programs/pick.urp",
+    "popup look here": "showing popup",
+    "addToLog noted": "Added log message",
+}
+
+
+def answer_from_table(connection: socket.socket) -> None:
+    connection.sendall(encode_line(GREETING))
+    lines = LineDecoder()
+    while data := connection.recv(4096):
+        for line in lines.feed(data):
+            if line == "hang up":
+                return
+            if line != "be silent":
+                connection.sendall(encode_line(ANSWERS.get(line, f"could not understand: '{line}'")))
+
+
+ASKED = [
+    (dashboard.POWER_ON, None),
+    (dashboard.POWER_OFF, None),
+    (dashboard.BRAKE_RELEASE, None),
+    (dashboard.STOP, None),
+    (dashboard.ROBOT_MODE, RobotMode.IDLE),
+    (dashboard.SAFETY_MODE, SafetyMode.NORMAL),
+    (dashboard.SAFETY_STATUS, SafetyStatus.REDUCED),
+    (dashboard.PROGRAM_STATE, (ProgramState.PAUSED, "pick.urp")),
+    (dashboard.LOADED_PROGRAM, None),
+    (dashboard.IS_RUNNING, True),
+    (dashboard.IS_IN_REMOTE_CONTROL, False),
+    (dashboard.POLYSCOPE_VERSION, PolyscopeVersion(5, 11, 9, 1010327)),
+    (dashboard.SERIAL_NUMBER, "20175599999"),
+    (dashboard.ROBOT_MODEL, "UR3"),
+    (dashboard.load("pick.urp"), None),
+    (dashboard.popup("look here"), None),
+    (dashboard.add_to_log("noted"), None),
+    (dashboard.command("dance"), "could not understand: 'dance'"),
+]
+
+
+def test_blocking_operations(serve):
+    with BlockingDashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
+        assert [robot.ask(operation) for operation, _ in ASKED] == [expected for _, expected in ASKED]
+
+
+async def test_async_operations(serve):
+    async with DashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
+        assert [await robot.ask(operation) for operation, _ in ASKED] == [expected for _, expected in ASKED]
+
+
+def test_a_refusal_tells_request_and_answer(serve):
+    with BlockingDashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
+        with pytest.raises(RobotRefused, match="Failed to execute: play") as refused:
+            robot.ask(dashboard.PLAY)
+        assert refused.value.request == "play"
+        with pytest.raises(RobotRefused):
+            robot.ask(dashboard.PAUSE)
+        assert robot.ask(dashboard.ROBOT_MODE) is RobotMode.IDLE
+
+
+def test_silence_and_hanging_up(serve):
+    with BlockingDashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
+        with pytest.raises(NoAnswerError, match=r"0\.05 s"):
+            robot.ask(dashboard.command("be silent"), timeout_s=0.05)
+        with pytest.raises(ConnectionLostError):
+            robot.ask(dashboard.command("hang up"))
+
+
+async def test_async_silence_and_hanging_up(serve):
+    async with DashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
+        with pytest.raises(NoAnswerError):
+            await robot.ask(dashboard.command("be silent"), timeout_s=0.05)
+        with pytest.raises(ConnectionLostError):
+            await robot.ask(dashboard.command("hang up"))
+
+
+def test_a_late_answer_is_not_taken_for_the_next_one():
+    core = DashboardCore()
+    first = core.ask(dashboard.STOP)
+    assert next(first) == b"stop\n"
+    assert first.send(b"") is None
+    first.close()  # timed out
+    second = core.ask(dashboard.ROBOT_MODE)
+    assert next(second) == b"robotmode\n"
+    assert second.send(b"") is None
+    assert second.send(b"Stopped\nRobotmode: ") is None
+    with pytest.raises(StopIteration) as end:
+        second.send(b"IDLE\n")
+    assert end.value.value is RobotMode.IDLE
+
+
+def test_another_greeting(serve):
+    def greet(connection):
+        connection.sendall(b"SSH-2.0\r\n")
+        connection.recv(1)
+
+    with pytest.raises(RemoteProtocolError, match="SSH"), BlockingDashboardClient("127.0.0.1", serve(greet)):
+        pytest.fail("entered")
+
+
+def test_nobody_listens(serve):
+    port = serve(answer_from_table) + 0
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        unused = free.getsockname()[1]
+    assert unused != port
+    with (
+        pytest.raises(RobotUnreachableError, match=f"127.0.0.1:{unused}"),
+        BlockingDashboardClient("127.0.0.1", unused),
+    ):
+        pytest.fail("entered")
+
+
+async def test_nobody_listens_async():
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        unused = free.getsockname()[1]
+    with pytest.raises(RobotUnreachableError, match="check the address"):
+        await DashboardClient("127.0.0.1", unused).__aenter__()
+
+
+def test_asking_without_a_connection():
+    with pytest.raises(ConnectionLostError):
+        BlockingDashboardClient("127.0.0.1").ask(dashboard.STOP)
+
+
+def test_a_command_is_one_line():
+    with pytest.raises(LocalProtocolError):
+        next(DashboardCore().ask(Operation("play\nstop", str)))

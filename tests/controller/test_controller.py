@@ -1,0 +1,450 @@
+"""The tick: time, commands, power, safety and program together."""
+
+import pytest
+
+from emulator.commands import Command, DashboardLine
+from emulator.controller import Controller, ControllerConfig
+from emulator.errorcodes import SCRIPT_PROTECTIVE_STOP
+from emulator.safety import SafetyEvent
+from urproto.modes import JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode
+from urproto.primary.messages import ErrorCodeMessage, KeyMessage, RuntimeExceptionMessage, SafetyModeMessage
+from urproto.robots import load_model
+
+LONG_MOVE = "def far():\n  movej([1.0, -1.0, 0.5, -1.0, 0.3, 0.2], a=1.0, v=0.5)\nend\n"
+ZERO6 = (0.0,) * 6
+
+
+def is_state(state):
+    return lambda snapshot: snapshot.runtime_state is state
+
+
+# time
+
+
+def test_a_new_controller_needs_only_a_model():
+    controller = Controller(ControllerConfig(model=load_model("ur3")))
+    assert controller.snapshot.robot_mode is RobotMode.POWER_OFF
+    assert controller.snapshot.actual_q == (0.0, -1.57, 0.0, -1.57, 0.0, 0.0)
+    assert controller.tick() is controller.snapshot
+
+
+@pytest.mark.parametrize(("model", "period_s"), [("ur3", 0.008), ("ur5e", 0.002)])
+def test_time_comes_from_the_step_counter(make, model, period_s):
+    rig = make(model)
+    first = rig.now
+    assert first.timestamp > 40.0
+    later = rig.tick(1000)
+    assert later.step - first.step == 1000
+    assert later.timestamp - first.timestamp == pytest.approx(1000 * period_s, abs=1e-9)
+    assert first.target_execution_time == pytest.approx(1000 * period_s)
+
+
+def test_the_same_history_gives_the_same_snapshots(make):
+    def run():
+        rig = make(running=True)
+        rig.script(LONG_MOVE)
+        return [rig.tick() for _ in range(200)]
+
+    assert [vars(a) for a in run()] == [vars(b) for b in run()]
+
+
+def test_a_published_snapshot_never_changes(ready):
+    ready.script(LONG_MOVE)
+    snapshot = ready.seconds(0.5)
+    copy = dict(vars(snapshot))
+    ready.seconds(0.5)
+    assert vars(snapshot) == copy
+    assert ready.now.actual_q != snapshot.actual_q
+
+
+# commands
+
+
+class Recorder(Command):
+    def __init__(self, log, answer):
+        self.log, self.answer = log, answer
+
+    def apply(self, controller):
+        self.log.append(self.answer)
+        return self.answer
+
+
+class Slow(Command):
+    def apply(self, controller):
+        yield
+        yield
+        return "done"
+
+
+class Broken(Command):
+    failure = "sorry"
+
+    def apply(self, controller):
+        raise RuntimeError("on purpose")
+
+
+class BrokenLater(Broken):
+    def apply(self, controller):
+        yield
+        raise RuntimeError("on purpose")
+
+
+def test_commands_apply_in_order_at_the_next_tick(rig):
+    log, answers = [], []
+    for number in range(3):
+        rig.controller.post(Recorder(log, number), answers.append)
+    assert log == []
+    rig.tick()
+    assert log == answers == [0, 1, 2]
+    rig.tick()
+    assert answers == [0, 1, 2]
+
+
+def test_a_generator_command_answers_when_it_returns(rig):
+    answers = []
+    rig.controller.post(Slow(), answers.append)
+    rig.tick(2)
+    assert answers == []
+    rig.tick()
+    assert answers == ["done"]
+
+
+@pytest.mark.parametrize("command", [Broken(), BrokenLater()])
+def test_a_broken_command_is_answered_and_the_tick_goes_on(rig, command, caplog):
+    answers = []
+    rig.controller.post(command, answers.append)
+    rig.controller.post(DashboardLine("robotmode"), answers.append)
+    rig.tick(2)
+    assert sorted(answers) == ["Robotmode: POWER_OFF", "sorry"]
+    assert "on purpose" in caplog.text
+
+
+def test_a_broken_listener_disturbs_nobody(rig, caplog):
+    seen = []
+
+    def broken(_):
+        raise RuntimeError("on purpose")
+
+    rig.controller.subscribe(broken)
+    rig.controller.subscribe(seen.append)
+    rig.controller.post(DashboardLine("robotmode"), broken)
+    rig.tick(2)
+    assert [snapshot.step for snapshot in seen] == [rig.now.step - 1, rig.now.step]
+    assert "on purpose" in caplog.text
+
+
+def test_unsubscribing_ends_the_calls(rig):
+    seen = []
+    end = rig.controller.subscribe(seen.append)
+    rig.tick()
+    end()
+    rig.tick()
+    assert len(seen) == 1
+
+
+# power
+
+
+def test_power_cycle(rig):
+    rig.ask("power on")
+    assert rig.now.robot_mode is RobotMode.BOOTING
+    assert rig.now.robot_status_bits & 1
+    rig.until(lambda s: s.robot_mode is RobotMode.IDLE, 1.0)
+    assert set(rig.now.joint_mode) == {JointMode.IDLE}
+    rig.ask("brake release")
+    rig.until(lambda s: s.robot_mode is RobotMode.RUNNING, 1.0)
+    assert set(rig.now.joint_mode) == {JointMode.RUNNING}
+    assert rig.now.actual_current != ZERO6
+    rig.ask("power off")
+    assert rig.now.robot_mode is RobotMode.POWER_OFF
+    assert rig.now.actual_current == ZERO6
+    assert rig.now.actual_robot_voltage == 0.0
+    assert rig.now.robot_status_bits == 0
+    assert rig.messages == []  # no message of any kind while nothing runs
+
+
+def test_default_timings_are_those_of_a_simulator(make):
+    controller = Controller(ControllerConfig(model=load_model("ur3")))
+    controller.post(DashboardLine("power on"))
+    times = {}
+    for _ in range(2000):
+        snapshot = controller.tick()
+        times.setdefault(snapshot.robot_mode, snapshot.timestamp)
+        if snapshot.robot_mode is RobotMode.IDLE:
+            controller.post(DashboardLine("brake release"))
+    start = times[RobotMode.BOOTING]
+    assert 1.0 <= times[RobotMode.IDLE] - start <= 4.0
+    assert 1.0 <= times[RobotMode.RUNNING] - times[RobotMode.IDLE] <= 6.0
+
+
+def test_power_off_stops_arm_and_program_at_once(ready):
+    ready.script(LONG_MOVE)
+    ready.seconds(0.5)
+    assert ready.now.target_qd != ZERO6
+    ready.ask("power off")
+    assert ready.now.target_qd == ZERO6
+    standing = ready.now.actual_q
+    ready.until(is_state(RuntimeState.STOPPED), 1.0)
+    ready.ask("brake release")
+    ready.until(lambda s: s.robot_mode is RobotMode.RUNNING, 1.0)
+    ready.seconds(0.2)
+    assert ready.now.actual_q == standing
+
+
+# protective stop
+
+
+def test_protective_stop_pauses_and_unlocking_lets_it_go_on_where_it_was(ready):
+    ready.script(LONG_MOVE)
+    ready.seconds(0.5)
+    ready.controller.protective_stop(SCRIPT_PROTECTIVE_STOP)
+    ready.tick()
+    assert ready.now.safety_mode is SafetyMode.PROTECTIVE_STOP
+    assert ready.now.robot_mode is RobotMode.RUNNING
+    assert ready.now.safety_status_bits & 0b100
+    ready.until(is_state(RuntimeState.PAUSED), 1.0)
+    ready.until(lambda s: s.target_qd == ZERO6, 1.0)
+    assert ready.ask("play") == "Failed to execute: play"
+
+    ready.script("set unlock protective stop")
+    ready.tick()
+    assert ready.now.safety_mode is SafetyMode.NORMAL
+    ready.seconds(0.2)
+    assert ready.now.runtime_state is RuntimeState.PAUSED
+    assert ready.ask("play") == "Starting program"
+    ready.until(is_state(RuntimeState.STOPPED))
+    assert ready.now.actual_q == pytest.approx((1.0, -1.0, 0.5, -1.0, 0.3, 0.2), abs=1e-9)
+
+
+def test_messages_of_a_protective_stop_and_its_release(ready):
+    ready.controller.protective_stop(SCRIPT_PROTECTIVE_STOP)
+    ready.controller.protective_stop(SCRIPT_PROTECTIVE_STOP)
+    ready.tick()
+    mode, error = ready.messages
+    assert isinstance(mode, SafetyModeMessage)
+    assert mode.safety_mode == SafetyMode.PROTECTIVE_STOP
+    assert isinstance(error, ErrorCodeMessage)
+    assert (error.label, error.level) == ("C209A0", ReportLevel.WARNING)
+    assert error.timestamp_us == mode.timestamp_us > 40_000_000
+    ready.messages.clear()
+    ready.script("set unlock protective stop")
+    ready.tick()
+    (released,) = ready.messages
+    assert released.safety_mode == SafetyMode.NORMAL
+
+
+def test_the_dashboard_unlocks_only_after_five_seconds(ready):
+    ready.controller.protective_stop(SCRIPT_PROTECTIVE_STOP)
+    ready.seconds(4.9)
+    assert ready.ask("unlock protective stop").startswith("Cannot unlock protective stop until 5s after occurrence.")
+    assert ready.now.safety_mode is SafetyMode.PROTECTIVE_STOP
+    ready.seconds(0.2)
+    assert ready.ask("unlock protective stop") == "Protective stop releasing"
+    assert ready.now.safety_mode is SafetyMode.NORMAL
+
+
+def test_unlocking_does_not_finish_what_a_stopped_program_began(ready):
+    ready.script(LONG_MOVE)
+    ready.seconds(0.5)
+    ready.script("stop program")
+    ready.tick()
+    ready.controller.protective_stop(SCRIPT_PROTECTIVE_STOP)
+    ready.tick(2)
+    ready.script("set unlock protective stop")
+    ready.seconds(0.5)
+    assert ready.now.target_qd == ZERO6
+    assert ready.now.actual_q[0] < 0.5
+
+
+@pytest.mark.parametrize("playing", [False, True])
+def test_the_arm_moves_again_after_a_protective_stop(ready, playing):
+    if playing:
+        ready.script(LONG_MOVE)
+        ready.seconds(0.5)
+    ready.controller.protective_stop(SCRIPT_PROTECTIVE_STOP)
+    ready.seconds(0.5)
+    ready.script("set unlock protective stop")
+    ready.script("stop program")
+    ready.tick(20)
+    ready.script(LONG_MOVE)
+    ready.until(is_state(RuntimeState.PLAYING), 0.5)
+    ready.until(is_state(RuntimeState.STOPPED))
+    assert ready.now.actual_q == pytest.approx((1.0, -1.0, 0.5, -1.0, 0.3, 0.2), abs=1e-9)
+
+
+def test_protective_stop_called_by_a_script(ready):
+    ready.script("def p():\n  protective_stop()\nend\n")
+    ready.seconds(0.5)
+    assert [message.label for message in ready.said(ErrorCodeMessage)] == ["C209A0"]
+    assert ready.now.safety_mode is SafetyMode.PROTECTIVE_STOP
+
+
+def test_an_unreachable_line_stops_protectively(ready):
+    ready.script("movel(p[10, 0, 0, 0, 0, 0])")
+    ready.until(lambda s: s.safety_mode is SafetyMode.PROTECTIVE_STOP, 1.0)
+    assert ready.said(RuntimeExceptionMessage) == []
+    (error,) = ready.said(ErrorCodeMessage)
+    assert error.level >= ReportLevel.WARNING
+
+
+def test_no_program_starts_during_a_protective_stop(ready):
+    ready.controller.protective_stop(SCRIPT_PROTECTIVE_STOP)
+    ready.tick()
+    ready.script(LONG_MOVE)
+    ready.seconds(0.3)
+    assert ready.now.runtime_state is RuntimeState.STOPPED
+    assert ready.now.target_qd == ZERO6
+
+
+# emergency stop, safeguard, reduced, violation
+
+
+@pytest.mark.parametrize(
+    ("event", "mode", "bits"),
+    [
+        (SafetyEvent.ROBOT_EMERGENCY_STOP, SafetyMode.ROBOT_EMERGENCY_STOP, 0b1100_0000),
+        (SafetyEvent.SYSTEM_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP, 0b1010_0000),
+    ],
+)
+def test_emergency_stop(ready, event, mode, bits):
+    ready.script(LONG_MOVE)
+    ready.seconds(0.5)
+    ready.controller.safety_event(event)
+    ready.until(lambda s: s.robot_mode is RobotMode.POWER_OFF, 1.0)
+    assert ready.now.safety_mode is mode
+    assert ready.now.safety_status_bits & 0b1110_0000 == bits
+    assert ready.now.target_qd == ZERO6
+    ready.until(is_state(RuntimeState.PAUSED), 0.1)
+    assert ready.ask("power on") == "Failed to execute: power on"
+    ready.controller.safety_event(SafetyEvent.EMERGENCY_STOP_RELEASED)
+    ready.tick()
+    assert ready.now.safety_mode is SafetyMode.NORMAL
+    assert ready.now.robot_mode is RobotMode.POWER_OFF
+    ready.ask("brake release")
+    ready.until(lambda s: s.robot_mode is RobotMode.RUNNING, 1.0)
+    assert ready.ask("play") == "Starting program"
+    ready.until(is_state(RuntimeState.STOPPED))
+    assert ready.now.actual_q == pytest.approx((1.0, -1.0, 0.5, -1.0, 0.3, 0.2), abs=1e-9)
+
+
+def test_emergency_stop_works_with_the_speed_slider_at_zero(ready):
+    ready.script(LONG_MOVE)
+    ready.seconds(0.3)
+    ready.controller.speed.set_slider(0.0)
+    ready.controller.safety_event(SafetyEvent.ROBOT_EMERGENCY_STOP)
+    ready.until(lambda s: s.robot_mode is RobotMode.POWER_OFF, 2.0)
+
+
+def test_safeguard_stop_resumes_by_itself(ready):
+    ready.script(LONG_MOVE)
+    ready.seconds(0.5)
+    ready.controller.safety_event(SafetyEvent.SAFEGUARD_OPEN)
+    ready.until(is_state(RuntimeState.PAUSED), 1.0)
+    assert ready.now.robot_mode is RobotMode.RUNNING
+    ready.controller.safety_event(SafetyEvent.SAFEGUARD_CLOSED)
+    ready.until(is_state(RuntimeState.STOPPED))
+    assert ready.now.actual_q == pytest.approx((1.0, -1.0, 0.5, -1.0, 0.3, 0.2), abs=1e-9)
+
+
+def test_safeguard_does_not_resume_what_was_paused_before(ready):
+    ready.script(LONG_MOVE)
+    ready.seconds(0.5)
+    ready.ask("pause")
+    ready.controller.safety_event(SafetyEvent.SAFEGUARD_OPEN)
+    ready.tick()
+    ready.controller.safety_event(SafetyEvent.SAFEGUARD_CLOSED)
+    ready.seconds(0.3)
+    assert ready.now.runtime_state is RuntimeState.PAUSED
+
+
+def test_reduced_mode_is_slower(make):
+    def duration(reduced):
+        rig = make(running=True)
+        if reduced:
+            rig.controller.safety_event(SafetyEvent.REDUCED)
+        rig.script(LONG_MOVE)
+        rig.until(is_state(RuntimeState.PLAYING), 1.0)
+        start = rig.now.timestamp
+        return rig.until(is_state(RuntimeState.STOPPED), 20.0).timestamp - start
+
+    assert duration(True) == pytest.approx(2 * duration(False), rel=0.1)
+
+
+def test_violation_stops_the_program_and_needs_a_restart(ready):
+    ready.script(LONG_MOVE)
+    ready.seconds(0.5)
+    ready.controller.safety_event(SafetyEvent.VIOLATION)
+    ready.until(lambda s: s.robot_mode is RobotMode.POWER_OFF, 1.0)
+    ready.until(is_state(RuntimeState.STOPPED), 1.0)
+    assert ready.now.safety_mode is SafetyMode.VIOLATION
+    assert ready.ask("brake release") == "Failed to execute: brake release"
+    assert ready.ask("restart safety") == "Restarting safety"
+    assert ready.now.safety_mode is SafetyMode.NORMAL
+    assert ready.now.robot_mode is RobotMode.POWER_OFF
+
+
+# programs
+
+
+def test_program_start_and_end(ready):
+    ready.script(LONG_MOVE)
+    ready.until(is_state(RuntimeState.PLAYING), 0.1)
+    assert ready.now.program_name == "far"
+    assert ready.now.program_running
+    assert ready.now.robot_status_bits == 0b11
+    ready.until(is_state(RuntimeState.STOPPED))
+    assert ready.now.robot_status_bits == 0b01
+    assert ready.now.target_qd == ZERO6
+    assert [message.title for message in ready.said(KeyMessage)] == ["PROGRAM_XXX_STARTED", "PROGRAM_XXX_STOPPED"]
+    assert {message.text for message in ready.said(KeyMessage)} == {"far"}
+    assert ready.said(ErrorCodeMessage) == []
+
+
+def test_pause_holds_the_arm_on_its_path_and_play_goes_on(ready):
+    ready.script(LONG_MOVE)
+    ready.seconds(0.5)
+    assert ready.ask("pause") == "Pausing program"
+    assert ready.now.runtime_state is RuntimeState.PAUSED
+    assert ready.now.program_paused
+    assert ready.now.target_qd == ZERO6
+    standing = ready.now.actual_q
+    ready.seconds(0.5)
+    assert ready.now.actual_q == standing
+    assert ready.ask("play") == "Starting program"
+    ready.until(is_state(RuntimeState.STOPPED))
+    assert ready.now.actual_q == pytest.approx((1.0, -1.0, 0.5, -1.0, 0.3, 0.2), abs=1e-9)
+
+
+def test_stop_brings_the_arm_to_rest(ready):
+    ready.script(LONG_MOVE)
+    ready.seconds(0.5)
+    assert ready.ask("stop") == "Stopped"
+    assert ready.now.runtime_state is RuntimeState.STOPPED
+    ready.seconds(0.5)
+    assert ready.now.target_qd == ZERO6
+
+
+def test_speed_slider_stretches_a_move(make):
+    def duration(slider):
+        rig = make(running=True)
+        rig.rtde(speed_slider_mask=1, speed_slider_fraction=slider)
+        assert rig.now.target_speed_fraction == slider
+        assert rig.now.speed_scaling == 1.0
+        rig.script(LONG_MOVE)
+        rig.until(is_state(RuntimeState.PLAYING), 1.0)
+        start = rig.now.timestamp
+        return rig.until(is_state(RuntimeState.STOPPED), 30.0).timestamp - start
+
+    assert duration(0.25) == pytest.approx(4 * duration(1.0), rel=0.05)
+
+
+def test_at_rest_everything_but_time_and_energy_is_bit_stable(ready):
+    ready.script(LONG_MOVE)
+    ready.until(is_state(RuntimeState.PLAYING), 1.0)
+    ready.until(is_state(RuntimeState.STOPPED))
+    ready.seconds(0.1)
+    first = dict(vars(ready.now))
+    for _ in range(50):
+        ready.tick()
+        changed = {name for name, value in vars(ready.now).items() if value != first[name]}
+        assert changed == {"step", "timestamp", "actual_robot_energy_consumed"}

@@ -1,0 +1,250 @@
+"""Every dashboard command: its reply, its effect, and the versions that have it.
+
+Reply texts: the reference tables of the dashboard manuals and of the official C++ client.
+"""
+
+import gzip
+import re
+import zipfile
+
+import pytest
+
+from emulator import dashboard
+from urproto.modes import RobotMode, RuntimeState
+from urproto.versions import PolyscopeVersion
+
+MOVE = "def far():\n  movej([1.0, -1.0, 0.5, -1.0, 0.3, 0.2], a=1.0, v=0.5)\nend\n"
+INSTALLATION = (
+    '<Installation><TCPSettings activePose="TCP" toolPayload="0.5"><availablePoses>'
+    '<tcp name="TCP" offset="0, 0, 0.2, 0, 0, 0"/></availablePoses></TCPSettings></Installation>'
+)
+
+
+@pytest.fixture
+def programs(tmp_path):
+    (tmp_path / "far.script").write_text(MOVE)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "inner.script").write_text(MOVE)
+    (tmp_path / "broken.txt").write_text("?")
+    (tmp_path / "cell.installation").write_bytes(gzip.compress(INSTALLATION.encode()))
+    (tmp_path / "bad.installation").write_bytes(b"?")
+    return tmp_path
+
+
+# replies that need nothing else: command, reply pattern on a CB3 that is off
+SIMPLE = [
+    ("running", "Program running: false"),
+    ("robotmode", "Robotmode: POWER_OFF"),
+    ("safetymode", "Safetymode: NORMAL"),
+    ("safetystatus", "Safetystatus: NORMAL"),
+    ("get loaded program", "No program loaded"),
+    ("programState", "STOPPED null"),
+    ("isProgramSaved", "true null"),
+    ("stop", "Stopped"),
+    ("play", "Failed to execute: play"),
+    ("pause", "Failed to execute: pause"),
+    ("popup hello there", "showing popup"),
+    ("close popup", "closing popup"),
+    ("close safety popup", "closing safety popup"),
+    ("addToLog  some text ", "Added log message"),
+    ("addToLog", "No log message to add"),
+    ("setUserRole programmer", "Setting user role: programmer"),
+    ("setUserRole boss", "Failed setting user role: boss"),
+    ("getUserRole", "NONE"),
+    ("PolyscopeVersion", r"URSoftware 3\.15\.8\.106339 \(Jun 20 2022\)"),
+    ("get serial number", r"20\d+"),
+    ("get robot model", "UR3"),
+    ("power on", "Powering on"),
+    ("power off", "Powering off"),
+    ("brake release", "Brake releasing"),
+    ("unlock protective stop", "Protective stop releasing"),
+    ("restart safety", "Restarting safety"),
+    ("load nothing.urp", "File not found: nothing.urp"),
+    ("load installation nothing.installation", "File not found: nothing.installation"),
+    ("saveLog", "Failed to save log: there is no programs directory.*"),
+    ("generate flight report system", "Failed to generate flight report: .*"),
+    ("generate support file .", "Failed to generate support file: .*"),
+    ("shutdown", "Shutting down"),
+    ("quit", "Disconnected"),
+]
+
+
+@pytest.mark.parametrize(("line", "reply"), SIMPLE)
+def test_reply_on_an_idle_cb3(rig, line, reply):
+    assert re.fullmatch(reply, rig.ask(line))
+
+
+def test_every_cb3_command_is_in_the_table_above():
+    lines = [line.lower() for line, _ in SIMPLE]
+    for command in dashboard.available_commands(PolyscopeVersion(3, 15, 8)):
+        assert any(line == command.words.lower() or line.startswith(command.words.lower() + " ") for line in lines)
+
+
+def test_every_command_has_help():
+    assert all(command.help for command in dashboard.COMMANDS.values())
+
+
+@pytest.mark.parametrize("line", ["ROBOTMODE", "RobotMode", "  robotmode  ", "robotmode\r"])
+def test_case_and_surrounding_space_do_not_matter(rig, line):
+    assert rig.ask(line) == "Robotmode: POWER_OFF"
+
+
+@pytest.mark.parametrize("line", ["foo", "robotmode now", "loadx", "power", "is in remote control", "version", "\x00"])
+def test_what_a_cb3_does_not_understand(rig, line):
+    assert rig.ask(line) == f"could not understand: '{line}'"
+
+
+@pytest.mark.parametrize("line", ["", "   ", "\r"])
+def test_empty_lines_have_no_reply(rig, line):
+    assert rig.ask(line) is None
+
+
+E_SERIES = [
+    ("is in remote control", "false"),
+    ("version", r"5\.\d+\.\d+\.\d+"),
+    ("get robot model", "UR5"),
+    ("programState", "STOPPED <unnamed>"),
+    ("get operational mode", "NONE"),
+    ("set operational mode automatic", "Operational mode automatic is set"),
+    ("set operational mode sideways", "Failed setting operational mode: sideways"),
+    ("clear operational mode", r"No longer controlling the operational mode\..*"),
+    ("setUserRole none", "could not understand: 'setUserRole none'"),
+    ("getUserRole", "could not understand: 'getUserRole'"),
+]
+
+
+@pytest.mark.parametrize(("line", "reply"), E_SERIES)
+def test_reply_on_an_e_series(make, line, reply):
+    assert re.fullmatch(reply, make("ur5e").ask(line))
+
+
+# command, last version without it, first version with it
+GATES = [
+    ("safetystatus", "3.10.0", "3.11.0"),
+    ("get robot model", "3.11.0", "3.12.0"),
+    ("saveLog", "3.12.1", "3.13.0"),
+    ("restart safety", "3.6.1", "3.7.0"),
+    ("load installation x", "3.2.18000", "3.2.18654"),
+    ("unlock protective stop", "3.0.0", "3.1.0"),
+    ("safetystatus", "5.3.0", "5.4.0"),
+    ("is in remote control", "5.5.1", "5.6.0"),
+    ("get serial number", "5.5.1", "5.6.0"),
+    ("generate support file .", "5.7.0", "5.8.0"),
+    ("restart safety", "5.0.2", "5.1.0"),
+]
+
+
+@pytest.mark.parametrize(("line", "without", "having"), GATES)
+def test_version_gates(make, line, without, having):
+    model = "ur3" if without.startswith("3") else "ur3e"
+    refused = make(model, without).ask(line)
+    if line == "load installation x":  # older software takes it for a program's name
+        assert refused == "File not found: installation x"
+    else:
+        assert refused == f"could not understand: '{line}'"
+    assert "understand" not in make(model, having).ask(line)
+
+
+def test_load_play_pause_stop(make, programs):
+    rig = make(running=True, programs_dir=programs)
+    assert rig.ask("load far.script") == "Loading program: /programs/far.script"
+    assert rig.ask("get loaded program") == "Loaded program: /programs/far.script"
+    assert rig.ask("isProgramSaved") == "true far.script"
+    assert rig.ask("programState") == "STOPPED far.script"
+    assert rig.ask("play") == "Starting program"
+    assert rig.now.runtime_state is RuntimeState.PLAYING
+    assert rig.ask("play") == "Failed to execute: play"
+    assert rig.ask("running") == "Program running: true"
+    assert rig.ask("programState").startswith("PLAYING far")
+    assert rig.ask("pause") == "Pausing program"
+    assert rig.ask("programState").startswith("PAUSED far")
+    assert rig.ask("running") == "Program running: false"
+    assert rig.ask("play") == "Starting program"
+    assert rig.ask("stop") == "Stopped"
+    assert rig.ask("running") == "Program running: false"
+    assert rig.ask("programState") == "STOPPED far.script"
+
+
+@pytest.mark.parametrize("name", ["sub/inner.script", "/programs/sub/inner.script", "/ursim/programs/sub/inner.script"])
+def test_programs_are_found_by_the_names_clients_use(make, programs, name):
+    assert make(programs_dir=programs).ask(f"load {name}") == "Loading program: /programs/sub/inner.script"
+
+
+@pytest.mark.parametrize("name", ["../secret.script", "/etc/passwd", "sub", ""])
+def test_nothing_outside_the_programs_directory_is_loaded(make, programs, name):
+    (programs.parent / "secret.script").write_text(MOVE)
+    assert make(programs_dir=programs).ask(f"load {name}").startswith("File not found:")
+
+
+def test_a_file_that_is_no_program(make, programs):
+    rig = make(programs_dir=programs)
+    assert rig.ask("load broken.txt") == "Error while loading program: broken.txt"
+    assert rig.ask("get loaded program") == "No program loaded"
+
+
+def test_loading_stops_what_runs(make, programs):
+    rig = make(running=True, programs_dir=programs)
+    rig.script(MOVE)
+    rig.seconds(0.3)
+    assert rig.ask("load far.script").startswith("Loading program")
+    assert rig.now.runtime_state is RuntimeState.STOPPED
+
+
+def test_play_needs_released_brakes(make, programs):
+    rig = make(programs_dir=programs)
+    rig.ask("load far.script")
+    assert rig.ask("play") == "Failed to execute: play"
+
+
+def test_load_installation(make, programs):
+    rig = make(programs_dir=programs)
+    height = rig.now.actual_TCP_pose
+    assert rig.ask("load installation cell.installation") == "Loading installation: /programs/cell.installation"
+    assert rig.now.payload == 0.5
+    assert rig.now.tcp_offset == (0, 0, 0.2, 0, 0, 0)
+    assert rig.now.actual_TCP_pose != height
+    assert rig.ask("load installation bad.installation") == "Failed to load installation: bad.installation"
+
+
+def test_popups_open_and_close(rig):
+    rig.ask("popup mind the arm")
+    assert [popup.text for popup in rig.controller.popups.shown] == ["mind the arm"]
+    rig.ask("close popup")
+    assert rig.controller.popups.shown == []
+
+
+def test_operational_mode_can_be_set_and_cleared(make):
+    rig = make("ur5e")
+    rig.ask("set operational mode MANUAL")
+    assert rig.ask("get operational mode") == "MANUAL"
+    rig.ask("clear operational mode")
+    assert rig.ask("get operational mode") == "NONE"
+
+
+@pytest.mark.parametrize("role", ["programmer", "OPERATOR", "none", "Locked", "restricted"])
+def test_user_roles(rig, role):
+    rig.ask(f"setUserRole {role}")
+    assert rig.ask("getUserRole") == role.upper()
+
+
+def test_log_and_reports_are_real_files(make, programs):
+    rig = make(programs_dir=programs)
+    rig.ask("addToLog remember this")
+    assert rig.ask("saveLog") == "Log saved to disk"
+    assert "remember this" in (programs / "log_history.txt").read_text()
+    report = rig.ask("generate flight report system")
+    report_id = report.removeprefix("Flight Report generated with id: ")
+    assert "UR3" in (programs / f"flightreport_{report_id}.txt").read_text()
+    assert rig.ask("generate flight report").startswith("Flight Report generated with id:")
+    assert rig.ask("generate flight report gossip").startswith("Failed to generate flight report: no report 'gossip'")
+    answer = rig.ask("generate support file sub")
+    name = answer.removeprefix("Completed successfully: ")
+    with zipfile.ZipFile(programs / "sub" / name) as archive:
+        assert "remember this" in archive.read("log_history.txt").decode()
+    assert rig.ask("generate support file ../..").startswith("Failed to generate support file:")
+
+
+def test_shutdown_switches_off_and_asks_to_end(ready):
+    ready.ask("shutdown")
+    assert ready.controller.shutdown_requested
+    assert ready.now.robot_mode is RobotMode.POWER_OFF

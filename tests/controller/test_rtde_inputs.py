@@ -1,0 +1,104 @@
+"""RTDE input packages: masks, registers, speed slider, external wrench."""
+
+import math
+
+import pytest
+
+from emulator.inputs import _SETTERS
+from urproto.rtde.fields import INPUT_FIELDS
+
+
+def test_every_input_variable_does_something():
+    assert set(_SETTERS) == set(INPUT_FIELDS)
+
+
+@pytest.mark.parametrize(("group", "first"), [("standard", 0), ("configurable", 8), ("tool", 16)])
+def test_masks_select_the_outputs(rig, group, first):
+    rig.rtde(**{f"{group}_digital_output_mask": 0b11, f"{group}_digital_output": 0b01})
+    assert rig.now.actual_digital_output_bits == 0b01 << first
+    rig.rtde(**{f"{group}_digital_output_mask": 0b10, f"{group}_digital_output": 0b10})
+    assert rig.now.actual_digital_output_bits == 0b11 << first
+    rig.rtde(**{f"{group}_digital_output_mask": 0, f"{group}_digital_output": 0})
+    assert rig.now.actual_digital_output_bits == 0b11 << first
+
+
+def test_levels_wait_for_their_mask(rig):
+    rig.rtde(standard_digital_output=0b101)
+    assert rig.now.actual_digital_output_bits == 0
+    rig.rtde(standard_digital_output_mask=0b111)
+    assert rig.now.actual_digital_output_bits == 0b101
+    rig.rtde(standard_digital_output=0)
+    assert rig.now.actual_digital_output_bits == 0b101
+
+
+def test_speed_slider_needs_its_mask(rig):
+    rig.rtde(speed_slider_mask=0, speed_slider_fraction=0.2)
+    assert rig.now.target_speed_fraction == 1.0
+    rig.rtde(speed_slider_mask=1, speed_slider_fraction=0.2)
+    assert rig.now.target_speed_fraction == 0.2
+    rig.rtde(speed_slider_mask=1, speed_slider_fraction=7.0)
+    assert rig.now.target_speed_fraction == 1.0
+    rig.rtde(speed_slider_mask=1, speed_slider_fraction=math.nan)
+    assert rig.now.target_speed_fraction == 1.0
+
+
+def test_analog_outputs_by_mask_and_domain(rig):
+    rig.rtde(
+        standard_analog_output_mask=0b01,
+        standard_analog_output_type=0b11,
+        standard_analog_output_0=0.5,
+        standard_analog_output_1=0.5,
+    )
+    assert rig.now.standard_analog_output0 == 5.0
+    assert rig.now.standard_analog_output1 == 0.004
+    assert rig.now.analog_io_types >> 2 == 0b01
+    rig.rtde(
+        standard_analog_output_mask=0b10,
+        standard_analog_output_type=0b00,
+        standard_analog_output_0=0.0,
+        standard_analog_output_1=1.0,
+    )
+    assert rig.now.standard_analog_output0 == 5.0
+    assert rig.now.standard_analog_output1 == 0.020
+
+
+def test_registers_are_read_back_in_the_same_period(rig):
+    rig.rtde(
+        input_int_register_0=-5,
+        input_int_register_47=2**31 - 1,
+        input_double_register_24=1.5,
+        input_bit_register_64=True,
+        input_bit_registers32_to_63=0x8000_0001,
+    )
+    assert rig.now.input_int_registers[0] == -5
+    assert rig.now.input_int_registers[47] == 2**31 - 1
+    assert rig.now.input_double_registers[24] == 1.5
+    assert rig.now.input_bit_registers == 1 << 64 | 1 << 63 | 1 << 32
+    rig.rtde(input_bit_register_64=False)
+    assert rig.now.input_bit_registers == 1 << 63 | 1 << 32
+
+
+def test_inputs_tell_when_they_were_refreshed(rig):
+    rig.rtde(input_int_register_3=1)
+    at = rig.now.step
+    rig.tick(5)
+    assert rig.controller.rtde_refreshed["input_int_register_3"] == at
+
+
+def test_an_unknown_name_changes_nothing(rig, caplog):
+    rig.rtde(input_int_register_0=9, no_such_input=1)
+    assert rig.now.input_int_registers[0] == 0
+    assert "no_such_input" in caplog.text
+    rig.rtde(input_int_register_0=9)
+    assert rig.now.input_int_registers[0] == 9
+
+
+def test_external_wrench_counts_once_enabled(ready):
+    ready.rtde(external_force_torque=(0.0, 0.0, -12.0, 0.0, 0.0, 0.0))
+    assert ready.now.actual_TCP_force == (0.0,) * 6
+    ready.controller.ft_input.enabled = True
+    ready.tick()
+    assert math.hypot(*ready.now.actual_TCP_force[:3]) == pytest.approx(12.0)
+    assert ready.now.tcp_force_scalar == pytest.approx(12.0)
+    ready.controller.ft_input.enabled = False
+    assert ready.tick().actual_TCP_force == (0.0,) * 6

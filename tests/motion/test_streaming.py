@@ -1,0 +1,242 @@
+"""servoj, servoc, speedj, speedl and the stops that end them."""
+
+from math import dist, sin
+
+import pytest
+
+ZERO = (0.0,) * 6
+START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # where the rig stands
+DRIVER = {"lookahead_time": 0.03, "gain": 2000.0}  # what the External Control program asks for
+PERIODS = [0.002, 0.008]
+
+
+def add(pose, *shift):
+    return tuple(a + b for a, b in zip(pose, (*shift, *ZERO)[:6], strict=True))
+
+
+def servo(rig, target, **arguments):
+    """One servoj call of one period."""
+    move = rig.motion.servoj(target, t=rig.motion.period_s, **arguments)
+    rig.step()
+    assert move.ready
+    return max(abs(a - b) for a, b in zip(target, rig.motion.q, strict=True))
+
+
+@pytest.mark.parametrize("t", [0.0, 0.002, 0.008, 0.1])
+def test_servoj_blocks_for_t(rig, t):
+    move = rig.motion.servoj((0.4, *START[1:]), t=t)
+    assert rig.finish(move) == pytest.approx(max(t, 0.002))
+
+
+def test_servoj_blocks_longer_with_the_slider_down(rig):
+    assert rig.finish(rig.motion.servoj((0.4, *START[1:]), t=0.002), 0.5) == pytest.approx(0.004)
+
+
+@pytest.mark.parametrize("period_s", PERIODS)
+@pytest.mark.parametrize(("settings", "lag"), [(DRIVER, 0.0524), ({}, 0.1577)])
+def test_lag_behind_a_steady_target(make_rig, period_s, settings, lag):
+    """Drivers tolerate 0.08 s at 2 rad/s, acceleration included."""
+    rig = make_rig(period_s=period_s)
+    speed, worst, late = 2.0, 0.0, 0.0
+    for k in range(int(1.2 / period_s)):
+        late = servo(rig, (START[0] + speed * k * period_s, *START[1:]), **settings)
+        worst = max(worst, late)
+    assert late == pytest.approx(speed * lag, abs=speed * period_s)
+    assert worst <= speed * lag + speed * period_s
+    if settings is DRIVER:
+        assert worst < 2.0 * 0.08
+    assert rig.motion.qd[0] == pytest.approx(speed, rel=1e-3)
+
+
+@pytest.mark.parametrize("period_s", PERIODS)
+@pytest.mark.parametrize("step", [0.001, 0.1, 2.0])
+@pytest.mark.parametrize("settings", [DRIVER, {}, {"lookahead_time": 0.2, "gain": 100.0}])
+def test_step_of_the_target_is_reached_without_overshoot(make_rig, period_s, step, settings):
+    rig = make_rig(period_s=period_s)
+    goal = (START[0] + step, *START[1:])
+    rig.motion.servoj(goal, t=0.0, **settings)
+    rig.step()
+    assert rig.rest() < 4.0
+    assert rig.motion.q == goal
+    assert max(q[0] for q in rig.q) <= goal[0] + 1e-3 * step
+    assert rig.hardest() <= 40.0 * 1.01
+
+
+def test_a_target_that_runs_away_is_left_behind_and_its_hold_point_met(rig):
+    """1 rad in 0.05 s is beyond the joints; aborted there, the arm settles on the target that holds."""
+    for k in range(25):
+        servo(rig, (START[0] - 20.0 * k * 0.002, *START[1:]), **DRIVER)
+    hold = rig.motion.q
+    for _ in range(1000):
+        servo(rig, hold, **DRIVER)
+    assert rig.motion.q == pytest.approx(hold, abs=0.01)
+    assert rig.motion.qd == ZERO
+
+
+def test_servoj_follows_a_sine_smoothly(rig):
+    for k in range(1000):
+        servo(rig, (START[0] + 0.3 * sin(3 * k * 0.002), *START[1:]), **DRIVER)
+    assert rig.hardest() < 10.0
+
+
+def test_servoj_then_stopj(rig):
+    for k in range(300):
+        servo(rig, (START[0] + 0.002 * k, *START[1:]), **DRIVER)
+    assert rig.finish(rig.motion.stopj(4.0)) == pytest.approx(1.0 / 4.0, abs=0.004)
+    assert rig.motion.qd == ZERO
+    assert rig.motion.idle
+
+
+@pytest.mark.parametrize("period_s", PERIODS)
+def test_servoc_arrives_without_overshoot(make_rig, period_s):
+    rig = make_rig(period_s=period_s)
+    start = rig.pose()
+    goal = add(start, 0.1, 0.05, 0.0, 0.0, 0.0, 0.2)
+    taken = rig.finish(rig.motion.servoc(goal, a=1.0, v=0.2))
+    assert rig.pose() == pytest.approx(goal, abs=1e-6)
+    assert rig.motion.idle
+    assert taken < 1.2 * (dist(start[:3], goal[:3]) / 0.2 + 0.2)
+
+
+def test_servoc_is_ready_within_its_radius_and_turns_to_the_next(rig):
+    start = rig.pose()
+    first = add(start, 0.1)
+    rig.finish(rig.motion.servoc(first, r=0.02))
+    assert dist(rig.pose()[:3], first[:3]) == pytest.approx(0.02, abs=1e-3)
+    goal = add(first, 0.0, 0.1)
+    rig.finish(rig.motion.servoc(goal))
+    assert rig.pose() == pytest.approx(goal, abs=1e-6)
+    assert rig.hardest() < 40.0
+
+
+def test_speedj_without_t_returns_at_speed_and_holds_it(rig):
+    wanted = (0.6, -0.3, 0.0, 0.0, 0.0, 0.1)
+    assert rig.finish(rig.motion.speedj(wanted, a=2.0)) == pytest.approx(0.6 / 2.0, abs=0.002)
+    rig.steps(100)
+    assert rig.motion.qd == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.parametrize("t", [0.002, 0.1, 0.5])
+def test_speedj_with_t_returns_after_t(rig, t):
+    assert rig.finish(rig.motion.speedj((1.0, 0, 0, 0, 0, 0), a=2.0, t=t)) == pytest.approx(t)
+    assert rig.motion.qd[0] == pytest.approx(min(1.0, 2.0 * (t - 0.001)), abs=1e-9)
+
+
+@pytest.mark.parametrize("t", [1e-16, 0.0, 0.0005])
+def test_speedj_takes_one_period_at_least(rig, t):
+    assert rig.finish(rig.motion.speedj((1.0, 0, 0, 0, 0, 0), a=2.0, t=t)) == 0.002
+
+
+def test_speedj_without_acceleration_keeps_its_speed(rig):
+    rig.finish(rig.motion.speedj((0.5, 0, 0, 0, 0, 0), a=2.0))
+    for _ in range(10):
+        move = rig.motion.speedj((0.5, 0, 0, 0, 0, 0), a=0.0, t=0.002)
+        rig.step()
+        assert move.ready
+        assert rig.motion.qd[0] == pytest.approx(0.5, abs=1e-9)
+
+
+@pytest.mark.parametrize("fraction", [1.0, 0.5])
+def test_speedj_follows_a_spline_sampled_by_its_speed(rig, fraction):
+    """The External Control program runs splines so: the acceleration fills the period exactly."""
+    duration, h, speed = 1.0, 0.002, 0.0
+    for k in range(1, 501):
+        share = k * h / duration
+        wanted = 0.6 * (6 * share - 6 * share**2) / duration  # cubic from 0 to 0.6 rad
+        move = rig.motion.speedj((wanted, 0, 0, 0, 0, 0), a=abs(wanted - speed) / h, t=h)
+        rig.finish(move, fraction)
+        speed = wanted
+    assert rig.motion.q[0] - START[0] == pytest.approx(0.6, abs=1e-4)
+    rig.finish(rig.motion.stopj(4.0))
+    assert rig.motion.qd == ZERO
+
+
+def test_speedj_beyond_the_joint_limit_is_scaled_as_a_whole(rig):
+    rig.finish(rig.motion.speedj((8.0, 0, 0, 0, 4.0, 0), a=40.0))
+    rig.step()
+    most = rig.model.qd_max[0]
+    assert rig.motion.qd == pytest.approx((most, 0, 0, 0, most / 2, 0), abs=1e-9)
+
+
+def test_speedj_to_zero_is_rest(rig):
+    rig.finish(rig.motion.speedj((0.5, 0, 0, 0, 0, 0), a=2.0))
+    rig.finish(rig.motion.speedj(ZERO, a=2.0))
+    assert rig.motion.qd == ZERO
+    assert rig.motion.idle
+
+
+@pytest.mark.parametrize("joint", range(6))
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_speedj_into_a_position_limit_is_a_fault_and_stops_inside(make_rig, joint, direction):
+    rig = make_rig("ur10e", period_s=0.008)
+    speeds = tuple(direction * 2.0 if i == joint else 0.3 for i in range(6))
+    move = rig.motion.speedj(speeds, a=10.0)
+    for _ in range(1000):
+        rig.step()
+        if rig.fault is not None:
+            break
+    assert rig.fault is not None
+    assert (rig.fault.code, rig.fault.joint) == (150, joint)
+    assert move.failed is None  # speedj had returned long before; the program learns of the stop from the controller
+    assert rig.rest() < 0.1
+    limit = rig.model.q_max[joint] if direction > 0 else rig.model.q_min[joint]
+    assert rig.motion.q[joint] == pytest.approx(limit, abs=0.04)
+
+
+def test_speedl_moves_the_tool_straight(rig):
+    start = rig.pose()
+    rig.finish(rig.motion.speedl((0.1, 0, 0, 0, 0, 0), a=0.5, t=1.0))
+    at = rig.pose()
+    assert at[0] - start[0] == pytest.approx(0.1 * 1.0 - 0.1**2 / (2 * 0.5), abs=1e-9)
+    assert at[1:] == pytest.approx(start[1:], abs=1e-9)
+    assert rig.finish(rig.motion.stopl(0.5)) == pytest.approx(0.2, abs=0.004)
+    assert rig.pose()[0] - at[0] == pytest.approx(0.1**2 / (2 * 0.5), abs=1e-4)
+    assert rig.pose()[1:] == pytest.approx(start[1:], abs=1e-6)
+    assert rig.motion.qd == ZERO
+
+
+def test_speedl_turns_the_tool(rig):
+    rig.finish(rig.motion.speedl((0, 0, 0, 0, 0, 0.5), a=1.0, a_rot=2.0))
+    before = rig.pose()
+    rig.steps(100)
+    assert rig.pose()[:3] == pytest.approx(before[:3], abs=1e-9)
+    row = rig.kinematics.jacobian(rig.motion.q)
+    turn = [sum(row[k][i] * rig.motion.qd[i] for i in range(6)) for k in range(6)]
+    assert turn == pytest.approx((0, 0, 0, 0, 0, 0.5), abs=2e-3)
+
+
+def test_speedl_out_of_the_work_space_stops_with_a_fault(rig):
+    rig.motion.speedl((0.3, 0, 0.3, 0, 0, 0), a=1.0)
+    for _ in range(5000):
+        rig.step()
+        if rig.fault:
+            break
+    assert rig.fault is not None
+    assert rig.fault.code == 204
+    rig.rest()
+    assert rig.motion.qd == ZERO
+
+
+@pytest.mark.parametrize("a", [0.5, 4.0, 40.0])
+def test_stopj_keeps_the_direction_and_takes_v_over_a(rig, a):
+    rig.finish(rig.motion.speedj((1.0, -0.5, 0.25, 0, 0, 0), a=10.0))
+    rig.steps(50)
+    before = rig.motion.q
+    assert rig.finish(rig.motion.stopj(a)) == pytest.approx(1.0 / a, abs=0.004)
+    moved = [x - y for x, y in zip(rig.motion.q, before, strict=True)]
+    assert moved[:3] == pytest.approx((0.5 / a, -0.25 / a, 0.125 / a), abs=1e-6)
+    assert rig.motion.qd == ZERO
+
+
+def test_stopl_from_a_joint_move_stays_near_its_screw(rig):
+    rig.motion.movej((1.3, -1.1, 1.5, -1.5, -1.9, 0.9))
+    rig.steps(400)
+    rig.finish(rig.motion.stopl(1.0, 4.0))
+    assert rig.motion.qd == ZERO
+    assert rig.hardest() < 80.0
+
+
+def test_stop_ignores_the_slider(rig):
+    """A stop must end in time even when the operator slows the program down."""
+    rig.finish(rig.motion.speedj((1.0, 0, 0, 0, 0, 0), a=10.0))
+    assert rig.finish(rig.motion.stopj(4.0), 0.01) == pytest.approx(0.25, abs=0.004)

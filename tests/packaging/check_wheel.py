@@ -1,0 +1,74 @@
+"""Build the wheel, install it into a clean environment, run it beside namesakes.
+
+Users often have a file called ``client.py`` or a folder called ``emulator`` next to them;
+the console scripts must not pick those up.
+"""
+
+import subprocess
+import sys
+import tempfile
+import venv
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = {"urproto", "urscript", "emulator", "client"}
+
+
+def main() -> None:
+    """Exit non-zero, with the failing command's output, when the wheel is not fit to ship."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        wheel = build_wheel(folder)
+        check_contents(wheel)
+        environment = install(wheel, folder)
+        run_beside_namesakes(environment, folder)
+    sys.stdout.write("make wheel-check: the wheel installs and runs\n")
+
+
+def build_wheel(folder: Path) -> Path:
+    run([sys.executable, "-m", "build", "--wheel", "--outdir", str(folder), str(ROOT)])
+    (wheel,) = folder.glob("ur_emulator-*.whl")
+    return wheel
+
+
+def check_contents(wheel: Path) -> None:
+    names = zipfile.ZipFile(wheel).namelist()
+    top_level = {name.split("/")[0] for name in names if ".dist-info/" not in name}
+    if top_level != PACKAGES:
+        raise SystemExit(f"the wheel holds {sorted(top_level)}, it should hold exactly {sorted(PACKAGES)}")
+    for package in PACKAGES:
+        if f"{package}/py.typed" not in names:
+            raise SystemExit(f"{package}/py.typed is missing in the wheel")
+    models = [name for name in names if name.startswith("urproto/robots/data/") and name.endswith(".toml")]
+    if len(models) < 12:
+        raise SystemExit(f"the wheel holds {len(models)} robot models, it should hold twelve")
+
+
+def install(wheel: Path, folder: Path) -> Path:
+    environment = folder / "environment"
+    venv.create(environment, with_pip=True)
+    run([str(environment / "bin" / "python"), "-m", "pip", "install", "--quiet", str(wheel)])
+    return environment / "bin"
+
+
+def run_beside_namesakes(binaries: Path, folder: Path) -> None:
+    workplace = folder / "workplace"
+    (workplace / "emulator").mkdir(parents=True)
+    (workplace / "emulator" / "__init__.py").write_text("raise ImportError('the decoy emulator was imported')\n")
+    (workplace / "client.py").write_text("raise ImportError('the decoy client was imported')\n")
+    (workplace / "hello.script").write_text('def hello():\n  textmsg("hello")\nend\n')
+    run([str(binaries / "ur-emulator"), "--version"], cwd=workplace)
+    run([str(binaries / "ur-emulator"), "--model", "ur3", "--ephemeral-ports", "--exit-when-ready"], cwd=workplace)
+    run([str(binaries / "ur-client"), "--help"], cwd=workplace)
+    run([str(binaries / "urscript"), "check", "hello.script"], cwd=workplace)
+
+
+def run(command: list[str], cwd: Path = ROOT) -> None:
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=600, check=False)
+    if done.returncode != 0:
+        raise SystemExit(f"{' '.join(command)} ended with {done.returncode}\n{done.stdout}\n{done.stderr}")
+
+
+if __name__ == "__main__":
+    main()

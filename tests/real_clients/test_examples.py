@@ -1,0 +1,39 @@
+"""The numbered examples run as they are and end well."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rig import Rig
+
+EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("[0-9][0-9]_*.py"))
+DEADLINE_S = 45.0
+
+
+def run(example: Path, host: str) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, str(example), host]
+    return subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+
+
+def test_the_examples_are_found_and_short() -> None:
+    assert len(EXAMPLES) >= 7
+    for example in EXAMPLES:
+        assert len(example.read_text().splitlines()) < 60, example.name
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)
+def test_example(rig: Rig, example: Path) -> None:
+    done = run(example, rig.host)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout
+
+
+def test_first_connection_wakes_a_robot_that_is_off(rig: Rig) -> None:
+    with rig.watch() as state:
+        rig.process.dashboard("power off")
+        state.wait_until(lambda sample: sample["robot_mode"] == 3)
+        subprocess.run(
+            [sys.executable, str(EXAMPLES[0]), rig.host], check=True, timeout=DEADLINE_S, capture_output=True
+        )
+        assert state.newest()["robot_mode"] == 7

@@ -1,0 +1,232 @@
+"""Connecting, losing and regaining the controller; scripts of the user's own; the dashboard client."""
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dashboard_client import DashboardClient
+from emulator_process import EmulatorProcess
+from rig import PLAYING, START_Q, STOPPED, Rig
+from rtde_control import RTDEControlInterface
+from rtde_receive import RTDEReceiveInterface
+from script_client import ScriptClient
+
+both_series = pytest.mark.parametrize("rig", ["ur3", "ur3e"], indirect=True)
+
+POWER_OFF, IDLE, RUNNING = 3, 5, 7  # robot modes
+NEAR_Q = [START_Q[0] + 0.2, *START_Q[1:]]
+
+
+@both_series
+def test_the_constructor_starts_the_control_program(rig: Rig, control: RTDEControlInterface) -> None:
+    assert control.isConnected()
+    assert control.isProgramRunning()
+    assert control.getRobotStatus() & 0b11 == 0b11  # power is on, a program runs
+    with rig.watch() as state:
+        assert state.next()["runtime_state"] == PLAYING
+    assert rig.process.dashboard("running") == ["Program running: true"]
+
+
+@both_series
+def test_stop_script_and_reupload(rig: Rig, control: RTDEControlInterface) -> None:
+    with rig.watch() as state:
+        control.stopScript()
+        state.wait_until(lambda sample: sample["runtime_state"] == STOPPED)
+        assert control.reuploadScript()
+        state.wait_until(lambda sample: sample["runtime_state"] == PLAYING)
+        assert control.moveJ(NEAR_Q, 2.0, 8.0)
+        assert state.newest()["actual_q"] == pytest.approx(NEAR_Q, abs=1e-5)
+
+
+@both_series
+def test_disconnect_and_reconnect(rig: Rig, control: RTDEControlInterface) -> None:
+    control.disconnect()
+    assert not control.isConnected()
+    with rig.watch() as state:
+        assert state.next()["runtime_state"] == PLAYING  # ur_rtde leaves its program behind
+    assert control.reconnect()
+    assert control.isConnected()
+    assert control.moveJ(NEAR_Q, 2.0, 8.0)
+
+
+def test_a_second_client_takes_over_the_program_left_behind(rig: Rig, control: RTDEControlInterface) -> None:
+    control.disconnect()
+    second = RTDEControlInterface(rig.host)
+    assert second.moveJ(NEAR_Q, 2.0, 8.0)
+    second.disconnect()
+
+
+def test_many_calls_in_a_row(rig: Rig, control: RTDEControlInterface) -> None:
+    """A call's round trip is some control periods, never many."""
+    with rig.watch() as state:
+        begin = state.newest()["timestamp"]
+        for _ in range(50):
+            assert control.isSteady()
+        took = state.newest()["timestamp"] - begin
+    assert took / 50 < 6 * rig.period_s + 0.01
+
+
+@both_series
+def test_two_receivers_at_125_hz(rig: Rig, tmp_path: Path) -> None:
+    receivers = [RTDEReceiveInterface(rig.host, 125.0) for _ in range(2)]
+    files = [tmp_path / f"{number}.csv" for number in range(2)]
+    for receiver, file in zip(receivers, files, strict=True):
+        assert receiver.startFileRecording(str(file), ["timestamp", "actual_q"])
+    with rig.watch() as state:
+        state.wait_for(2.0)
+    for receiver, file in zip(receivers, files, strict=True):
+        assert receiver.stopFileRecording()
+        receiver.disconnect()
+        rows = list(csv.DictReader(file.open()))
+        steps = np.diff([float(row["timestamp"]) for row in rows])
+        assert np.median(steps) == pytest.approx(0.008, abs=1e-6)
+        assert len(rows) > 0.9 * 2.0 / 0.008
+        assert [float(rows[-1][f"actual_q_{joint}"]) for joint in range(6)] == pytest.approx(START_Q, abs=1e-4)
+
+
+@both_series
+def test_receive_interface_at_rest(rig: Rig, receive: RTDEReceiveInterface) -> None:
+    assert receive.isConnected()
+    assert receive.getTimestamp() > 40.0
+    assert receive.getRobotMode() == RUNNING
+    assert receive.getSafetyMode() == 1
+    assert receive.getJointMode() == [253] * 6
+    assert receive.getActualQ() == pytest.approx(START_Q, abs=1e-5)
+    assert receive.getTargetQ() == receive.getActualQ()
+    assert receive.getActualQd() == receive.getTargetQd() == [0.0] * 6
+    assert receive.getSpeedScaling() == pytest.approx(1.0)
+    assert receive.getSafetyStatusBits() & 1
+    assert min(receive.getJointTemperatures()) > 20.0
+    assert 40.0 < receive.getActualRobotVoltage() < 56.0
+    if rig.model == "ur3e":
+        assert len(receive.getFtRawWrench()) == 6
+
+
+def test_custom_script_function_runs_before_the_control_program_returns(
+    rig: Rig, control: RTDEControlInterface, receive: RTDEReceiveInterface
+) -> None:
+    body = f"    movej({NEAR_Q}, a=8, v=2)\n    write_output_integer_register(14, 4711)\n"
+    assert control.sendCustomScriptFunction("go_near", body)
+    rig.eventually(lambda: receive.getOutputIntRegister(14) == 4711)
+    assert receive.getActualQ() == pytest.approx(NEAR_Q, abs=1e-5)
+    assert control.moveJ(list(START_Q), 2.0, 8.0)
+
+
+def test_custom_script_file(
+    rig: Rig, control: RTDEControlInterface, receive: RTDEReceiveInterface, tmp_path: Path
+) -> None:
+    script = tmp_path / "mine.script"
+    script.write_text(
+        "def mine():\n"
+        "  write_output_integer_register(0, 1)\n"
+        "  write_output_float_register(14, 2.5)\n"
+        "  write_output_integer_register(0, 2)\n"
+        "end\n"
+    )
+    assert control.sendCustomScriptFile(str(script))
+    rig.eventually(lambda: receive.getOutputDoubleRegister(14) == 2.5)
+
+
+def test_script_client(rig: Rig) -> None:
+    client = ScriptClient(rig.host, *rig.polyscope)
+    client.connect()
+    assert client.isConnected()
+    with rig.watch() as state:
+        assert client.sendScriptCommand(f"movej({NEAR_Q}, a=8, v=2)\n")
+        state.wait_until(lambda sample: sample["actual_q"] == pytest.approx(NEAR_Q, abs=1e-5))
+        assert client.sendScriptCommand("def note():\n  write_output_float_register(20, 1.5)\nend\n")
+        state.wait_until(lambda sample: sample["output_double_register_20"] == 1.5)
+        assert client.sendScript()  # the whole control program
+        state.wait_until(lambda sample: sample["runtime_state"] == PLAYING)
+    client.disconnect()
+
+
+@pytest.fixture
+def dashboard(rig: Rig) -> Iterator[DashboardClient]:
+    client = DashboardClient(rig.host)
+    client.connect()
+    yield client
+    client.disconnect()
+
+
+@both_series
+def test_dashboard_power_cycle(rig: Rig, dashboard: DashboardClient, receive: RTDEReceiveInterface) -> None:
+    assert dashboard.robotmode() == "Robotmode: RUNNING"
+    with rig.watch() as state:
+        dashboard.powerOff()
+        state.wait_until(lambda sample: sample["robot_mode"] == POWER_OFF)
+        dashboard.powerOn()
+        state.wait_until(lambda sample: sample["robot_mode"] == IDLE, timeout_s=15)
+        assert receive.getActualQ() == pytest.approx(START_Q, abs=1e-5)
+        dashboard.brakeRelease()
+        state.wait_until(lambda sample: sample["robot_mode"] == RUNNING, timeout_s=15)
+    assert dashboard.robotmode() == "Robotmode: RUNNING"
+
+
+@both_series
+def test_dashboard_answers(rig: Rig, dashboard: DashboardClient) -> None:
+    major, minor = rig.polyscope
+    assert dashboard.polyscopeVersion().startswith(f"{major}.{minor}.")
+    assert dashboard.getRobotModel() == "UR3"
+    assert dashboard.getSerialNumber().isdigit()
+    assert dashboard.safetymode() == "Safetymode: NORMAL"
+    assert not dashboard.running()
+    assert dashboard.programState().startswith("STOPPED")
+    assert dashboard.isInRemoteControl() is (rig.model == "ur3e")
+    dashboard.popup("hello")
+    dashboard.closePopup()
+    dashboard.closeSafetyPopup()
+    dashboard.addToLog("a line in the log")
+    dashboard.stop()
+
+
+def test_dashboard_errors_reach_the_caller(rig: Rig, dashboard: DashboardClient) -> None:
+    with pytest.raises(RuntimeError, match="File not found"):
+        dashboard.loadURP("nowhere.urp")
+    with pytest.raises(RuntimeError, match="Failed to execute: play"):
+        dashboard.play()
+    with pytest.raises(RuntimeError, match="Failed to execute: pause"):
+        dashboard.pause()
+
+
+@pytest.fixture
+def doomed() -> Iterator[EmulatorProcess]:
+    """An emulator of the test's own, which may die."""
+    process = EmulatorProcess(["--model", "ur3", "--running"])
+    process.start()
+    yield process
+    assert process.stop() == 0
+    process.dispose()
+
+
+def test_clients_survive_a_restart_of_the_controller(doomed: EmulatorProcess) -> None:
+    control, receive = RTDEControlInterface(doomed.host), RTDEReceiveInterface(doomed.host)
+    doomed.kill()
+    doomed.start()
+    assert receive.reconnect()
+    assert receive.isConnected()
+    assert control.reconnect()
+    assert control.isProgramRunning()
+    q = receive.getActualQ()
+    q[0] += 0.1
+    assert control.moveJ(q, 2.0, 8.0)
+    assert receive.getActualQ() == pytest.approx(q, abs=1e-4)
+    control.disconnect()
+    receive.disconnect()
+
+
+def test_a_vanished_controller_is_noticed(doomed: EmulatorProcess) -> None:
+    control, receive = RTDEControlInterface(doomed.host), RTDEReceiveInterface(doomed.host)
+    doomed.kill()
+    for _ in range(5 * 125):
+        began = receive.initPeriod()
+        if not receive.isConnected() and not control.isConnected():
+            break
+        receive.waitPeriod(began)
+    else:
+        pytest.fail("a client still believes in the connection after 5 s")
+    control.disconnect()
+    receive.disconnect()
+    doomed.start()

@@ -1,0 +1,141 @@
+"""The shape of the code: who imports whom, no cycles, where time and sockets may appear."""
+
+import ast
+from collections.abc import Iterator
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("urproto", "urscript", "emulator", "client")
+
+# package -> the project's packages it may import
+MAY_IMPORT = {
+    "urproto": {"urproto"},
+    "urscript": {"urscript", "urproto"},
+    "emulator": {"emulator", "urproto", "urscript"},
+    "client": {"client", "urproto"},
+}
+# third-party package -> the parts of the project that may import it
+THIRD_PARTY = {
+    "numpy": ("urproto", "urscript", "emulator", "client"),
+    "construct": ("urproto",),
+    "pinocchio": ("urproto.robots",),
+    "yaml": ("emulator", "client"),
+    "typer": ("emulator.cli", "client.cli", "urscript.cli"),
+    "rich": ("emulator", "client", "urscript.cli"),
+}
+URSCRIPT_SEES = ("urproto.robots.pose", "urproto.versions")
+# the world outside the tick: only these parts of the emulator and of the client may touch it
+OUTSIDE_WORLD = {"asyncio", "socket", "threading", "select", "time", "selectors", "datetime"}
+MAY_TOUCH_OUTSIDE = (
+    "emulator.clock",
+    "emulator.app",
+    "emulator.cli",
+    "emulator.readiness",
+    "emulator.servers",
+    "client",
+)
+LONGEST_FILE = 600
+
+
+def modules() -> list[str]:
+    """Dotted names of every module of the project."""
+    files = (path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py")))
+    return [module_name(path) for path in files]
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def module_path(name: str) -> Path:
+    base = ROOT.joinpath(*name.split("."))
+    return base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
+
+
+@cache
+def syntax_tree(name: str) -> ast.Module:
+    return ast.parse(module_path(name).read_text())
+
+
+def imports(name: str, *, at_import_time: bool = False) -> Iterator[str]:
+    """Absolute dotted names that a module imports; optionally only those executed on import."""
+    nodes = _executed_on_import(syntax_tree(name)) if at_import_time else ast.walk(syntax_tree(name))
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name}: relative import; the project writes absolute ones"
+            assert node.module is not None
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                yield inner if inner in _known() else node.module
+
+
+def _executed_on_import(tree: ast.AST) -> Iterator[ast.AST]:
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            continue
+        yield node
+        yield from _executed_on_import(node)
+
+
+@cache
+def _known() -> frozenset[str]:
+    return frozenset(modules())
+
+
+def within(name: str, parts: tuple[str, ...]) -> bool:
+    return any(name == part or name.startswith(f"{part}.") for part in parts)
+
+
+@pytest.mark.parametrize("name", modules())
+def test_dependency_table(name: str) -> None:
+    package = name.split(".")[0]
+    for imported in imports(name):
+        top = imported.split(".")[0]
+        if top in PACKAGES:
+            assert top in MAY_IMPORT[package], f"{name} imports {imported}"
+            if package == "urscript" and top == "urproto":
+                assert within(imported, URSCRIPT_SEES), f"{name} imports {imported}: the language knows no robot"
+        elif top in THIRD_PARTY:
+            assert within(name, THIRD_PARTY[top]), f"{name} imports {imported}"
+
+
+@pytest.mark.parametrize("name", modules())
+def test_only_the_shells_touch_the_outside_world(name: str) -> None:
+    if within(name, MAY_TOUCH_OUTSIDE):
+        return
+    touched = {imported.split(".")[0] for imported in imports(name)} & OUTSIDE_WORLD
+    assert not touched, f"{name} imports {sorted(touched)}"
+
+
+def test_pinocchio_is_not_loaded_by_importing_the_language_or_the_protocols() -> None:
+    for name in modules():
+        if "pinocchio" in set(imports(name, at_import_time=True)):
+            assert name == "urproto.robots.dynamics"
+
+
+def test_no_import_cycles() -> None:
+    graph = {name: {i for i in imports(name, at_import_time=True) if i in _known() and i != name} for name in modules()}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(f"import cycle: {' -> '.join(error.args[1])}")
+
+
+@pytest.mark.parametrize("name", modules())
+def test_files_stay_readable(name: str) -> None:
+    lines = len(module_path(name).read_text().splitlines())
+    assert lines <= LONGEST_FILE, f"{name} has {lines} lines: split it"
+
+
+def test_exactly_four_packages() -> None:
+    found = {path.parent.name for path in ROOT.glob("*/__init__.py")}
+    assert found == set(PACKAGES)

@@ -1,0 +1,189 @@
+"""Dashboard server (TCP 29999): one line of text each way, ended by a line feed.
+
+Texts: the vendor's dashboard manuals, console captures of a 3.15.8 and 5.11 controller and
+the reply patterns of public clients.
+"""
+
+import re
+from enum import Enum
+from typing import TypeVar
+
+from urproto.errors import RemoteProtocolError
+from urproto.modes import RobotMode, SafetyMode, SafetyStatus
+from urproto.versions import PolyscopeVersion
+
+__all__ = [
+    "BRAKE_RELEASING",
+    "CLOSING_POPUP",
+    "CLOSING_SAFETY_POPUP",
+    "DISCONNECTED",
+    "GREETING",
+    "LOG_ADDED",
+    "MAX_LINE",
+    "NO_LOG_MESSAGE",
+    "NO_PROGRAM_LOADED",
+    "PAUSING",
+    "POWERING_OFF",
+    "POWERING_ON",
+    "RESTARTING_SAFETY",
+    "SHOWING_POPUP",
+    "SHUTTING_DOWN",
+    "STARTING",
+    "STOPPED",
+    "UNLOCKING",
+    "UNLOCK_TOO_EARLY",
+    "UNNAMED_PROGRAM",
+    "LineDecoder",
+    "ProgramState",
+    "encode_line",
+    "failed",
+    "not_understood",
+    "parse_boolean",
+    "parse_loaded_program",
+    "parse_polyscope_version",
+    "parse_program_state",
+    "parse_robot_mode",
+    "parse_safety_mode",
+    "parse_safety_status",
+]
+
+GREETING = "Connected: Universal Robots Dashboard Server"
+
+POWERING_ON = "Powering on"
+POWERING_OFF = "Powering off"
+BRAKE_RELEASING = "Brake releasing"
+STARTING = "Starting program"
+STOPPED = "Stopped"
+PAUSING = "Pausing program"
+SHUTTING_DOWN = "Shutting down"
+DISCONNECTED = "Disconnected"
+SHOWING_POPUP = "showing popup"
+CLOSING_POPUP = "closing popup"
+CLOSING_SAFETY_POPUP = "closing safety popup"
+LOG_ADDED = "Added log message"
+NO_LOG_MESSAGE = "No log message to add"
+NO_PROGRAM_LOADED = "No program loaded"
+RESTARTING_SAFETY = "Restarting safety"
+UNLOCKING = "Protective stop releasing"
+UNLOCK_TOO_EARLY = (
+    "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
+)
+UNNAMED_PROGRAM = "<unnamed>"  # e-Series, in the answer to programState; CB3 says null
+
+MAX_LINE = 65536  # bytes; guess: ample for a popup text, bounds what an endless line can cost
+
+
+class ProgramState(Enum):
+    """First word of the answer to ``programState``."""
+
+    STOPPED = "STOPPED"
+    PLAYING = "PLAYING"
+    PAUSED = "PAUSED"
+
+
+_Member = TypeVar("_Member", bound=Enum)
+
+
+def failed(command: str) -> str:
+    """The answer to a command that was understood and could not be done."""
+    return f"Failed to execute: {command}"
+
+
+def not_understood(line: str) -> str:
+    """The answer to an unknown command; that the quotes are these is uncertain."""
+    return f"could not understand: '{line}'"
+
+
+def encode_line(text: str) -> bytes:
+    """A line on the wire. Line breaks inside become spaces: an answer is one line."""
+    return " ".join(text.splitlines()).encode("utf-8", "replace") + b"\n"
+
+
+class LineDecoder:
+    """Cuts lines out of a stream that arrives in any split. A CR before the LF is dropped."""
+
+    def __init__(self, max_line: int = MAX_LINE) -> None:
+        self._max_line = max_line
+        self._buffer = bytearray()
+        self.error: RemoteProtocolError | None = None
+
+    def feed(self, data: bytes) -> list[str]:
+        """Take bytes, give the lines they complete; bytes that are not UTF-8 are replaced.
+
+        A line over the limit ends the stream: lines before it are still given, and this
+        call, or the next one if there were any, raises RemoteProtocolError; ``error`` is
+        set at once.
+        """
+        lines: list[str] = []
+        start = 0
+        while self.error is None and start <= len(data):
+            end = data.find(b"\n", start)
+            self._buffer += data[start:] if end < 0 else data[start:end]
+            if len(self._buffer) > self._max_line:
+                self.error = RemoteProtocolError(f"a dashboard line is longer than {self._max_line} bytes")
+                self._buffer.clear()
+            elif end >= 0:
+                lines.append(self._buffer.removesuffix(b"\r").decode("utf-8", "replace"))
+                self._buffer.clear()
+            start = len(data) + 1 if end < 0 else end + 1
+        if self.error is not None and not lines:
+            raise self.error
+        return lines
+
+
+def _after(prefix: str, reply: str) -> str:
+    head, separator, value = reply.partition(":")
+    if not separator or head.lower() != prefix.lower():
+        raise RemoteProtocolError(f"{reply!r} does not begin with {prefix!r}")
+    return value.strip()
+
+
+def _member(members: type[_Member], name: str) -> _Member:
+    try:
+        return members[name]
+    except KeyError:
+        raise RemoteProtocolError(f"{name!r} is no {members.__name__}") from None
+
+
+def parse_robot_mode(reply: str) -> RobotMode:
+    """``Robotmode: RUNNING`` and the like; RemoteProtocolError for anything else."""
+    return _member(RobotMode, _after("Robotmode", reply))
+
+
+def parse_safety_mode(reply: str) -> SafetyMode:
+    """``Safetymode: NORMAL`` and the like; RemoteProtocolError for anything else."""
+    return _member(SafetyMode, _after("Safetymode", reply))
+
+
+def parse_safety_status(reply: str) -> SafetyStatus:
+    """``Safetystatus: NORMAL`` and the like; RemoteProtocolError for anything else."""
+    return _member(SafetyStatus, _after("Safetystatus", reply))
+
+
+def parse_program_state(reply: str) -> tuple[ProgramState, str | None]:
+    """``PLAYING pick.urp`` as state and program name, the name None when there is no program."""
+    word, _, name = reply.partition(" ")
+    return _member(ProgramState, word), None if name in ("", "null", UNNAMED_PROGRAM) else name
+
+
+def parse_loaded_program(reply: str) -> str | None:
+    """``Loaded program: /programs/x.urp`` as a path; None when no program is loaded."""
+    if reply == NO_PROGRAM_LOADED:
+        return None
+    return _after("Loaded program", reply)
+
+
+def parse_boolean(reply: str) -> bool:
+    """The truth in ``true``, ``false`` and ``Program running: true``, in any case of letters."""
+    word = reply.rpartition(":")[2].strip().lower()
+    if word not in ("true", "false"):
+        raise RemoteProtocolError(f"{reply!r} says neither true nor false")
+    return word == "true"
+
+
+def parse_polyscope_version(reply: str) -> PolyscopeVersion:
+    """The number in ``URSoftware 3.15.8.106339 (Jun 20 2022)``."""
+    match = re.search(r"\d+\.\d+(\.\d+){0,2}", reply)
+    if match is None:
+        raise RemoteProtocolError(f"there is no version number in {reply!r}")
+    return PolyscopeVersion.parse(match[0])

@@ -1,0 +1,30 @@
+"""What can go wrong between two ends of a protocol.
+
+    ProtocolError
+    ├── LocalProtocolError    we were asked to send something the protocol does not allow
+    └── RemoteProtocolError   the peer sent bytes that are not this protocol
+    RobotRefused              the protocol was followed and the robot said no
+"""
+
+__all__ = ["LocalProtocolError", "ProtocolError", "RemoteProtocolError", "RobotRefused"]
+
+
+class ProtocolError(Exception):
+    """Base of both kinds of protocol violation."""
+
+
+class LocalProtocolError(ProtocolError):
+    """The caller asked for a message that the protocol cannot carry."""
+
+
+class RemoteProtocolError(ProtocolError):
+    """The peer sent bytes that do not parse as this protocol."""
+
+
+class RobotRefused(Exception):
+    """The robot understood the request and refused it (mode, safety, remote control)."""
+
+    def __init__(self, request: str, answer: str) -> None:
+        super().__init__(f"the robot refused {request!r}: {answer}")
+        self.request = request
+        self.answer = answer

@@ -1,0 +1,94 @@
+"""Messages of the primary interface out of a byte stream, in any split."""
+
+from dataclasses import dataclass
+
+from urproto.errors import RemoteProtocolError
+from urproto.primary._wire import MESSAGE_HEADER, PROGRAM_STATE, ROBOT_MESSAGE, ROBOT_STATE
+from urproto.primary.messages import RobotMessage, VersionMessage, decode_robot_message
+from urproto.primary.program_state import (
+    GlobalVariableNames,
+    GlobalVariableValues,
+    UnknownProgramState,
+    decode_program_state,
+)
+from urproto.primary.state import RobotStateData, decode_robot_state
+from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+
+__all__ = ["MAX_MESSAGE_SIZE", "OtherMessage", "PrimaryDecoder", "PrimaryMessage"]
+
+MAX_MESSAGE_SIZE = 1 << 20  # bytes; guess: ample, the longest message in any capture has 1471
+
+
+@dataclass(frozen=True, slots=True)
+class OtherMessage:
+    """A message of another type, or one that does not parse; then ``error`` says why."""
+
+    type: int
+    payload: bytes
+    error: str | None = None
+
+
+PrimaryMessage = (
+    RobotStateData | RobotMessage | GlobalVariableNames | GlobalVariableValues | UnknownProgramState | OtherMessage
+)
+
+
+class PrimaryDecoder:
+    """Cuts messages out of the stream and reads them.
+
+    ``version`` is the sender's. It is taken from the version message, which comes first on
+    every connection; until then the newest version is assumed.
+    """
+
+    def __init__(self, version: PolyscopeVersion = DEFAULT_VERSION[Series.E]) -> None:
+        self.version = version
+        self._buffer = bytearray()
+        self.error: RemoteProtocolError | None = None
+
+    def feed(self, data: bytes) -> list[PrimaryMessage]:
+        """Take bytes, give the messages they complete.
+
+        A size that cannot be ends the stream: messages before it are still given, and this
+        call, or the next one if there were any, raises RemoteProtocolError; ``error`` is set
+        at once. A message with a sound size and an unreadable payload is an OtherMessage.
+        """
+        messages: list[PrimaryMessage] = []
+        self._buffer += data
+        while self.error is None and (framed := self._next()):
+            messages.append(self._read(*framed))
+        if self.error is not None:
+            self._buffer.clear()
+            if not messages:
+                raise self.error
+        return messages
+
+    def _next(self) -> tuple[int, bytes] | None:
+        if len(self._buffer) < MESSAGE_HEADER.size:
+            return None
+        size, kind = MESSAGE_HEADER.unpack_from(self._buffer)
+        if not MESSAGE_HEADER.size <= size <= MAX_MESSAGE_SIZE:
+            self.error = RemoteProtocolError(f"a primary interface message cannot have {size} bytes")
+            return None
+        if len(self._buffer) < size:
+            return None
+        payload = bytes(self._buffer[MESSAGE_HEADER.size : size])
+        del self._buffer[:size]
+        return kind, payload
+
+    def _read(self, kind: int, payload: bytes) -> PrimaryMessage:
+        try:
+            if kind == ROBOT_STATE:
+                return decode_robot_state(payload)
+            if kind == PROGRAM_STATE:
+                return decode_program_state(payload, self.version)
+            if kind == ROBOT_MESSAGE:
+                return self._read_robot_message(payload)
+        except RemoteProtocolError as error:
+            return OtherMessage(kind, payload, str(error))
+        return OtherMessage(kind, payload)
+
+    def _read_robot_message(self, payload: bytes) -> RobotMessage:
+        message = decode_robot_message(payload, self.version)
+        if isinstance(message, VersionMessage):
+            self.version = message.version
+        return message

@@ -1,0 +1,389 @@
+"""Robot messages (type 20) of the primary interface: what happened, when, and who says so.
+
+A message is one dataclass with the order of its body in ``_layout``: a struct letter for a
+number, ``short`` for text behind a length byte, ``text`` for text to the end. Messages of
+a kind not known here decode to UnknownMessage and lose nothing.
+
+Layouts: the vendor's client interface documents as read by several public clients. The
+part each kind of message comes from: captures of a 5.4 simulator and of a live 5.11 arm,
+tests of the official C++ client.
+"""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+from urproto._wire import Reader, pack, short_text, to_bytes, to_text
+from urproto.modes import MessageSource, ReportDataType, ReportLevel, RequestedType
+from urproto.primary._wire import ROBOT_MESSAGE, frame
+from urproto.versions import Availability, PolyscopeVersion
+
+__all__ = [
+    "NO_TIMESTAMP_US",
+    "PROGRAM_PAUSED",
+    "PROGRAM_RESUMED",
+    "PROGRAM_STARTED",
+    "PROGRAM_STOPPED",
+    "ErrorCodeMessage",
+    "KeyMessage",
+    "PopupMessage",
+    "ProgramLabelMessage",
+    "ProgramThread",
+    "ProgramThreadsMessage",
+    "RequestValueMessage",
+    "RobotMessage",
+    "RuntimeExceptionMessage",
+    "SafetyModeMessage",
+    "TextMessage",
+    "UnknownMessage",
+    "VersionMessage",
+    "decode_robot_message",
+]
+
+# Titles of the key messages about a program; its name is the text.
+PROGRAM_STARTED = "PROGRAM_XXX_STARTED"
+PROGRAM_STOPPED = "PROGRAM_XXX_STOPPED"
+PROGRAM_PAUSED = "PROGRAM_XXX_PAUSED"  # two public clients know it
+PROGRAM_RESUMED = "PROGRAM_XXX_RESUMED"  # guess, after the three above
+
+# Stamp of messages that belong to no control cycle: version messages, compile errors and
+# program states carry it in captures of 3.10, 5.4, 5.11 and 5.12 controllers.
+NO_TIMESTAMP_US = 2**64 - 1
+
+# Popups carry a request id and type from some 3.x on; which one is a guess.
+_LONG_POPUP = Availability.since("3.3", "5.0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotMessage:
+    """Base of all robot messages.
+
+    timestamp_us counts from the controller's start [us]; 0 until somebody stamps it.
+    source is a MessageSource value, or any other number a peer sent.
+    """
+
+    kind: ClassVar[int]
+    _layout: ClassVar[tuple[tuple[str, str], ...]]
+
+    timestamp_us: int = 0
+    source: int = MessageSource.ROBOT_INTERFACE
+
+    def encode(self, version: PolyscopeVersion) -> bytes:
+        """The whole message as a controller of this version sends it.
+
+        Titles and names are cut at 255 bytes, the most their length byte can say.
+        Raises LocalProtocolError for a number its field cannot hold.
+        """
+        header = pack("QbB", self.timestamp_us, self.source, self._kind())
+        return frame(ROBOT_MESSAGE, header + self._body(version))
+
+    def _kind(self) -> int:
+        return self.kind
+
+    @classmethod
+    def _layout_for(cls, version: PolyscopeVersion) -> tuple[tuple[str, str], ...]:
+        return cls._layout
+
+    def _body(self, version: PolyscopeVersion) -> bytes:
+        return b"".join(_encode_item(how, getattr(self, name)) for name, how in self._layout_for(version))
+
+    @classmethod
+    def _read(cls, reader: Reader, version: PolyscopeVersion, timestamp_us: int, source: int) -> Self:
+        values = {name: _decode_item(how, reader) for name, how in cls._layout_for(version)}
+        return cls(timestamp_us=timestamp_us, source=source, **values)
+
+
+def _encode_item(how: str, value: Any) -> bytes:
+    if how == "text":
+        return to_bytes(value)
+    if how == "short":
+        return short_text(value)
+    return pack(how, value)
+
+
+def _decode_item(how: str, reader: Reader) -> Any:
+    if how == "text":
+        return to_text(reader.rest())
+    if how == "short":
+        return reader.short_text()
+    return reader.unpack(how)[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TextMessage(RobotMessage):
+    """A line for the log, as ``textmsg()`` writes it."""
+
+    kind: ClassVar[int] = 0
+    _layout: ClassVar[tuple[tuple[str, str], ...]] = (("text", "text"),)
+
+    source: int = MessageSource.RT_MACHINE
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProgramLabelMessage(RobotMessage):
+    """The program reached a labelled line (old controllers)."""
+
+    kind: ClassVar[int] = 1
+    _layout: ClassVar[tuple[tuple[str, str], ...]] = (("label_id", "i"), ("text", "text"))
+
+    label_id: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PopupMessage(RobotMessage):
+    """A dialogue on the teach pendant; requested_type is a RequestedType."""
+
+    kind: ClassVar[int] = 2
+    _layout: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("request_id", "I"),
+        ("requested_type", "I"),
+        ("warning", "?"),
+        ("error", "?"),
+        ("blocking", "?"),
+        ("title", "short"),
+        ("text", "text"),
+    )
+    _short_layout: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("warning", "?"),
+        ("error", "?"),
+        ("title", "short"),
+        ("text", "text"),
+    )
+
+    request_id: int = 0
+    requested_type: int = RequestedType.NONE
+    warning: bool = False
+    error: bool = False
+    blocking: bool = False
+    title: str
+    text: str
+
+    @classmethod
+    def _layout_for(cls, version: PolyscopeVersion) -> tuple[tuple[str, str], ...]:
+        return cls._layout if _LONG_POPUP.covers(version) else cls._short_layout
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VersionMessage(RobotMessage):
+    """Who is speaking: the first message on every connection."""
+
+    kind: ClassVar[int] = 3
+    _layout: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("project", "short"),
+        ("major", "B"),
+        ("minor", "B"),
+        ("bugfix", "i"),
+        ("build", "i"),
+        ("build_date", "text"),
+    )
+
+    timestamp_us: int = NO_TIMESTAMP_US
+    project: str = "URControl"
+    major: int
+    minor: int
+    bugfix: int
+    build: int
+    build_date: str  # for example "04-10-2025, 00:25:33"
+
+    @classmethod
+    def of(cls, version: PolyscopeVersion, build_date: str) -> Self:
+        """The message a controller of this version sends.
+
+        The build number is 0, as in every capture (3.10, 5.4, 5.11, 5.12, 5.13, 5.24).
+        """
+        return cls(major=version.major, minor=version.minor, bugfix=version.bugfix, build=0, build_date=build_date)
+
+    @property
+    def version(self) -> PolyscopeVersion:
+        """The version as a comparable value."""
+        return PolyscopeVersion(self.major, self.minor, self.bugfix, self.build)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SafetyModeMessage(RobotMessage):
+    """The safety mode changed; safety_mode is a SafetyMode."""
+
+    kind: ClassVar[int] = 5
+    _layout: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("code", "i"),
+        ("argument", "i"),
+        ("safety_mode", "B"),
+        ("data_type", "I"),
+        ("data", "I"),
+    )
+
+    source: int = MessageSource.RT_MACHINE
+    code: int = 0
+    argument: int = 0
+    safety_mode: int
+    data_type: int = ReportDataType.UINT32
+    data: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorCodeMessage(RobotMessage):
+    """An entry of the error log, shown to people as ``C<code>A<argument>``.
+
+    level is a ReportLevel; data is the raw 32-bit word, to be read as data_type says.
+    """
+
+    kind: ClassVar[int] = 6
+    _layout: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("code", "i"),
+        ("argument", "i"),
+        ("level", "i"),
+        ("data_type", "I"),
+        ("data", "I"),
+        ("text", "text"),
+    )
+
+    source: int = MessageSource.RT_MACHINE
+    code: int
+    argument: int = 0
+    level: int = ReportLevel.INFO
+    data_type: int = ReportDataType.NONE
+    data: int = 0
+    text: str = ""
+
+    @property
+    def label(self) -> str:
+        """The code as the log shows it."""
+        return f"C{self.code}A{self.argument}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeyMessage(RobotMessage):
+    """A fixed title with a free text, such as a program's start (see PROGRAM_STARTED)."""
+
+    kind: ClassVar[int] = 7
+    _layout: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("code", "i"),
+        ("argument", "i"),
+        ("title", "short"),
+        ("text", "text"),
+    )
+
+    source: int = MessageSource.RT_MACHINE
+    code: int = 0
+    argument: int = 0
+    title: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RequestValueMessage(RobotMessage):
+    """The program asks the operator for a value; requested_type is a RequestedType."""
+
+    kind: ClassVar[int] = 9
+    _layout: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("request_id", "I"),
+        ("requested_type", "I"),
+        ("text", "text"),
+    )
+
+    request_id: int
+    requested_type: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RuntimeExceptionMessage(RobotMessage):
+    """A script did not compile or failed while running; line and column count from 1."""
+
+    kind: ClassVar[int] = 10
+    _layout: ClassVar[tuple[tuple[str, str], ...]] = (("line", "i"), ("column", "i"), ("text", "text"))
+
+    source: int = MessageSource.RT_MACHINE
+    line: int
+    column: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramThread:
+    """Where one thread of the running program stands."""
+
+    label_id: int
+    label: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProgramThreadsMessage(RobotMessage):
+    """All threads of the running program."""
+
+    kind: ClassVar[int] = 14
+
+    threads: tuple[ProgramThread, ...]
+
+    def _body(self, version: PolyscopeVersion) -> bytes:
+        return b"".join(
+            pack("i", thread.label_id) + _long_text(thread.label) + _long_text(thread.name) for thread in self.threads
+        )
+
+    @classmethod
+    def _read(cls, reader: Reader, version: PolyscopeVersion, timestamp_us: int, source: int) -> Self:
+        threads = []
+        while reader.remaining:
+            (label_id,) = reader.unpack("i")
+            threads.append(ProgramThread(label_id, _read_long_text(reader), _read_long_text(reader)))
+        return cls(timestamp_us=timestamp_us, source=source, threads=tuple(threads))
+
+
+def _long_text(text: str) -> bytes:
+    data = to_bytes(text)
+    return pack("i", len(data)) + data
+
+
+def _read_long_text(reader: Reader) -> str:
+    (size,) = reader.unpack("i")
+    return to_text(reader.take(size))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnknownMessage(RobotMessage):
+    """A message of a kind this module does not know, kept as it came."""
+
+    kind: ClassVar[int] = -1
+
+    message_kind: int
+    body: bytes
+
+    def _kind(self) -> int:
+        return self.message_kind
+
+    def _body(self, version: PolyscopeVersion) -> bytes:
+        return self.body
+
+
+_KINDS: dict[int, type[RobotMessage]] = {
+    cls.kind: cls
+    for cls in (
+        TextMessage,
+        ProgramLabelMessage,
+        PopupMessage,
+        VersionMessage,
+        SafetyModeMessage,
+        ErrorCodeMessage,
+        KeyMessage,
+        RequestValueMessage,
+        RuntimeExceptionMessage,
+        ProgramThreadsMessage,
+    )
+}
+
+
+def decode_robot_message(payload: bytes, version: PolyscopeVersion) -> RobotMessage:
+    """Read the payload of a type 20 message (everything after size and type).
+
+    ``version`` is the sender's, from its version message. Bytes after a fixed layout are
+    ignored, newer software appends fields. Raises RemoteProtocolError when a known kind is
+    shorter than its layout.
+    """
+    reader = Reader(payload, "robot message")
+    timestamp_us, source, kind = reader.unpack("QbB")
+    known = _KINDS.get(kind)
+    if known is None:
+        return UnknownMessage(timestamp_us=timestamp_us, source=source, message_kind=kind, body=reader.rest())
+    return known._read(reader, version, timestamp_us, source)

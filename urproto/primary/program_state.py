@@ -1,0 +1,243 @@
+"""Program state messages (type 25): names and values of the running program's variables.
+
+The names come once, when a program starts; values follow in the same order. Both say at
+which variable they start, so a long list may be split. Each value carries its type; the
+type codes changed with 3.14 and 5.9.
+
+Sources: decoders of two public clients for the value encoding; a 5.4 simulator's capture
+for the header.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from urproto._wire import Reader, pack, to_bytes, to_text
+from urproto.errors import LocalProtocolError, RemoteProtocolError
+from urproto.primary._wire import PROGRAM_STATE, frame
+from urproto.primary.messages import NO_TIMESTAMP_US
+from urproto.versions import Availability, PolyscopeVersion
+
+__all__ = [
+    "GlobalVariableNames",
+    "GlobalVariableValues",
+    "MatrixValue",
+    "PoseValue",
+    "UnknownProgramState",
+    "Value",
+    "decode_program_state",
+]
+
+_NEW_CODES = Availability.since("3.14", "5.9")
+_MAX_DEPTH = 16  # lists within lists; URScript allows two (guess: nothing nests deeper)
+_MAX_TEXT = 65535  # bytes: a string's length travels in two bytes
+_NAMES = 0
+_VALUES = 1
+
+_NONE, _CONST_STRING, _VAR_STRING = "none", "const string", "var string"
+_LIST, _POSE, _BOOL, _NUM, _INT, _FLOAT, _MATRIX = "list", "pose", "bool", "num", "int", "float", "matrix"
+_OLD_TYPES = {
+    0: _NONE,
+    3: _CONST_STRING,
+    4: _VAR_STRING,
+    5: _LIST,
+    10: _POSE,
+    12: _BOOL,
+    13: _NUM,
+    14: _INT,
+    15: _FLOAT,
+}
+_NEW_TYPES = {
+    0: _NONE,
+    3: _CONST_STRING,
+    4: _VAR_STRING,
+    12: _POSE,
+    13: _BOOL,
+    14: _NUM,
+    15: _INT,
+    16: _FLOAT,
+    17: _LIST,
+    18: _MATRIX,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PoseValue:
+    """A pose: x, y, z [m], rotation vector [rad]. The wire carries 32-bit floats."""
+
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MatrixValue:
+    """A matrix by rows (from 3.14 and 5.9)."""
+
+    rows: tuple[tuple["Value", ...], ...]
+
+
+Value = None | bool | int | float | str | PoseValue | MatrixValue | tuple["Value", ...]
+
+
+def _types(version: PolyscopeVersion) -> dict[int, str]:
+    return _NEW_TYPES if _NEW_CODES.covers(version) else _OLD_TYPES
+
+
+def _type_of(value: Value) -> str:
+    for kind, name in ((bool, _BOOL), (int, _INT), (float, _FLOAT), (str, _VAR_STRING), (tuple, _LIST)):
+        if isinstance(value, kind):
+            return name
+    if isinstance(value, PoseValue):
+        return _POSE
+    return _MATRIX if isinstance(value, MatrixValue) else _NONE
+
+
+class _Writer:
+    """Encodes values for one version."""
+
+    def __init__(self, version: PolyscopeVersion) -> None:
+        self._codes = {name: code for code, name in _types(version).items()}
+        self._bodies: dict[str, Callable[[Any], bytes]] = {
+            _NONE: lambda value: b"",
+            _BOOL: lambda value: pack("?", value),
+            _INT: lambda value: pack("i", value),
+            _FLOAT: lambda value: pack("f", value),
+            _VAR_STRING: self._string,
+            _POSE: lambda value: pack("6f", *value.values),
+            _LIST: lambda value: pack("H", len(value)) + b"".join(map(self.write, value)),
+            _MATRIX: self._matrix,
+        }
+
+    def write(self, value: Value) -> bytes:
+        """Type code and body."""
+        name = _type_of(value)
+        if name not in self._codes:
+            raise LocalProtocolError(f"this version cannot report a {name}")
+        return pack("B", self._codes[name]) + self._bodies[name](value)
+
+    def _string(self, value: str) -> bytes:
+        data = to_bytes(value)[:_MAX_TEXT]
+        return pack("H", len(data)) + data
+
+    def _matrix(self, value: MatrixValue) -> bytes:
+        columns = len(value.rows[0]) if value.rows else 0
+        if any(len(row) != columns for row in value.rows):
+            raise LocalProtocolError("the rows of a matrix differ in length")
+        items = b"".join(self.write(item) for row in value.rows for item in row)
+        return pack("2H", len(value.rows), columns) + items
+
+
+class _Parser:
+    """Decodes values of one version."""
+
+    def __init__(self, version: PolyscopeVersion, reader: Reader) -> None:
+        self._types = _types(version)
+        self._reader = reader
+        self._depth = 0
+        self._bodies: dict[str, Callable[[], Value]] = {
+            _NONE: lambda: None,
+            _BOOL: lambda: bool(reader.unpack("?")[0]),
+            _INT: lambda: int(reader.unpack("i")[0]),
+            _NUM: lambda: float(reader.unpack("f")[0]),
+            _FLOAT: lambda: float(reader.unpack("f")[0]),
+            _CONST_STRING: self._string,
+            _VAR_STRING: self._string,
+            _POSE: lambda: PoseValue(reader.unpack("6f")),
+            _LIST: self._list,
+            _MATRIX: self._matrix,
+        }
+
+    def read(self) -> Value:
+        """One value. Raises RemoteProtocolError for an unknown type code."""
+        (code,) = self._reader.unpack("B")
+        if code not in self._types:
+            raise RemoteProtocolError(f"no program variable has type code {code}")
+        self._depth += 1
+        if self._depth > _MAX_DEPTH:
+            raise RemoteProtocolError(f"a program variable nests deeper than {_MAX_DEPTH} lists")
+        value = self._bodies[self._types[code]]()
+        self._depth -= 1
+        return value
+
+    def _string(self) -> str:
+        (size,) = self._reader.unpack("H")
+        return to_text(self._reader.take(size))
+
+    def _list(self) -> Value:
+        (count,) = self._reader.unpack("H")
+        return tuple(self.read() for _ in range(count))
+
+    def _matrix(self) -> Value:
+        rows, columns = self._reader.unpack("2H")
+        return MatrixValue(tuple(tuple(self.read() for _ in range(columns)) for _ in range(rows)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GlobalVariableNames:
+    """Names of a starting program's variables; the first has index ``start_index``."""
+
+    timestamp_us: int = NO_TIMESTAMP_US
+    start_index: int = 0
+    names: tuple[str, ...]
+
+    def encode(self, version: PolyscopeVersion) -> bytes:
+        """The whole message."""
+        text = to_bytes("\n".join(self.names))
+        return frame(PROGRAM_STATE, pack("QBH", self.timestamp_us, _NAMES, self.start_index) + text)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GlobalVariableValues:
+    """Values, in the order of the names; the first belongs to index ``start_index``."""
+
+    timestamp_us: int = NO_TIMESTAMP_US
+    start_index: int = 0
+    values: tuple[Value, ...]
+
+    def encode(self, version: PolyscopeVersion) -> bytes:
+        """The whole message; LocalProtocolError for a value this version has no code for."""
+        writer = _Writer(version)
+        data = b"".join(writer.write(value) + b"\n" for value in self.values)
+        return frame(PROGRAM_STATE, pack("QBH", self.timestamp_us, _VALUES, self.start_index) + data)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnknownProgramState:
+    """A program state message of another kind, kept as it came."""
+
+    timestamp_us: int
+    kind: int
+    body: bytes
+
+    def encode(self, version: PolyscopeVersion) -> bytes:
+        """The whole message."""
+        return frame(PROGRAM_STATE, pack("QB", self.timestamp_us, self.kind) + self.body)
+
+
+def _read_values(reader: Reader, version: PolyscopeVersion) -> tuple[Value, ...]:
+    parser = _Parser(version, reader)
+    values = []
+    while reader.remaining:
+        values.append(parser.read())
+        if reader.take(1) != b"\n":
+            raise RemoteProtocolError("a program variable does not end with a line feed")
+    return tuple(values)
+
+
+def decode_program_state(
+    payload: bytes, version: PolyscopeVersion
+) -> GlobalVariableNames | GlobalVariableValues | UnknownProgramState:
+    """Read the payload of a type 25 message (everything after size and type).
+
+    ``version`` is the sender's, from its version message. Raises RemoteProtocolError.
+    """
+    reader = Reader(payload, "program state")
+    timestamp_us, kind = reader.unpack("QB")
+    if kind not in (_NAMES, _VALUES):
+        return UnknownProgramState(timestamp_us=timestamp_us, kind=kind, body=reader.rest())
+    (start_index,) = reader.unpack("H")
+    if kind == _NAMES:
+        text = to_text(reader.rest()).removesuffix("\n")
+        names = tuple(text.split("\n")) if text else ()
+        return GlobalVariableNames(timestamp_us=timestamp_us, start_index=start_index, names=names)
+    values = _read_values(reader, version)
+    return GlobalVariableValues(timestamp_us=timestamp_us, start_index=start_index, values=values)

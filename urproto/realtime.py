@@ -1,0 +1,213 @@
+"""Realtime interface (TCP 30003, read-only 30013): one fixed packet every control period.
+
+``int32 size`` and then 8-byte columns, nearly all doubles, big-endian. Software grew by
+appending columns, so the size tells the layout. Columns carry the RTDE names; internal
+ones are sent as zeros.
+
+Layout: the realtime columns of the vendor's client interface manual, which add up to the
+sizes that public clients know. That the digital bits are 64-bit integers in a double's
+place follows the manual's remark and one client; another client reads doubles.
+"""
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from urproto.errors import RemoteProtocolError
+from urproto.versions import Availability, PolyscopeVersion
+
+__all__ = [
+    "COLUMNS",
+    "Column",
+    "RealtimeDecoder",
+    "RealtimeState",
+    "decode_realtime",
+    "encode_realtime",
+    "packet_size",
+    "realtime_packer",
+]
+
+RealtimeState = dict[str, Any]
+
+_SIZE = struct.Struct(">i")
+_MAX_SIZE = 65536  # bytes; guess: ample, the longest known packet has 1220
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A run of ``count`` 8-byte numbers. ``name`` is a snapshot attribute, None when internal."""
+
+    name: str | None
+    count: int
+    since: Availability
+    letter: str = "d"
+
+    @property
+    def layout(self) -> str:
+        """Struct layout, without byte order."""
+        return f"{self.count}{self.letter}"
+
+
+_FROM_3_0 = Availability.since("3.0", "5.0")
+_FROM_3_2 = Availability.since("3.2", "5.0")
+_FROM_3_5 = Availability.since("3.5", "5.0")
+_FROM_5_1 = Availability.since(None, "5.1")
+_FROM_5_4 = Availability.since(None, "5.4")
+_FROM_5_10 = Availability.since(None, "5.10")
+
+COLUMNS = (
+    Column("timestamp", 1, _FROM_3_0),
+    Column("target_q", 6, _FROM_3_0),
+    Column("target_qd", 6, _FROM_3_0),
+    Column("target_qdd", 6, _FROM_3_0),
+    Column("target_current", 6, _FROM_3_0),
+    Column("target_moment", 6, _FROM_3_0),
+    Column("actual_q", 6, _FROM_3_0),
+    Column("actual_qd", 6, _FROM_3_0),
+    Column("actual_current", 6, _FROM_3_0),
+    Column("joint_control_output", 6, _FROM_3_0),
+    Column("actual_TCP_pose", 6, _FROM_3_0),
+    Column("actual_TCP_speed", 6, _FROM_3_0),
+    Column("actual_TCP_force", 6, _FROM_3_0),
+    Column("target_TCP_pose", 6, _FROM_3_0),
+    Column("target_TCP_speed", 6, _FROM_3_0),
+    Column("actual_digital_input_bits", 1, _FROM_3_0, "Q"),
+    Column("joint_temperatures", 6, _FROM_3_0),
+    Column("actual_execution_time", 1, _FROM_3_0),
+    Column(None, 1, _FROM_3_0),  # test value
+    Column("robot_mode", 1, _FROM_3_0),
+    Column("joint_mode", 6, _FROM_3_0),
+    Column("safety_mode", 1, _FROM_3_0),
+    Column(None, 6, _FROM_3_0),
+    Column("actual_tool_accelerometer", 3, _FROM_3_0),
+    Column(None, 6, _FROM_3_0),
+    Column("speed_scaling", 1, _FROM_3_0),
+    Column("actual_momentum", 1, _FROM_3_0),
+    Column(None, 2, _FROM_3_0),
+    Column("actual_main_voltage", 1, _FROM_3_0),
+    Column("actual_robot_voltage", 1, _FROM_3_0),
+    Column("actual_robot_current", 1, _FROM_3_0),
+    Column("actual_joint_voltage", 6, _FROM_3_0),
+    Column("actual_digital_output_bits", 1, _FROM_3_2, "Q"),
+    Column("runtime_state", 1, _FROM_3_2),
+    Column("elbow_position", 3, _FROM_3_5),
+    Column("elbow_velocity", 3, _FROM_3_5),
+    Column("safety_status", 1, _FROM_5_1),
+    Column(None, 3, _FROM_5_4),
+    Column("payload", 1, _FROM_5_10),
+    Column("payload_cog", 3, _FROM_5_10),
+    Column("payload_inertia", 6, _FROM_5_10),
+)
+
+
+def _columns(version: PolyscopeVersion) -> tuple[Column, ...]:
+    return tuple(column for column in COLUMNS if column.since.covers(version))
+
+
+def _packer(columns: tuple[Column, ...]) -> struct.Struct:
+    return struct.Struct(">" + "".join(column.layout for column in columns))
+
+
+def packet_size(version: PolyscopeVersion) -> int:
+    """Bytes of a packet of this version, the size field included."""
+    return _SIZE.size + _packer(_columns(version)).size
+
+
+def _expression(column: Column) -> str:
+    if column.name is None:
+        return ", ".join(["0.0"] * column.count)
+    return f"*s.{column.name}" if column.count > 1 else f"s.{column.name}"
+
+
+@lru_cache(maxsize=32)
+def realtime_packer(version: PolyscopeVersion) -> Callable[[Any], bytes]:
+    """A function from a snapshot to the whole packet, for use in every control period.
+
+    One generated expression reads all attributes; the names come from COLUMNS.
+    """
+    columns = _columns(version)
+    arguments = ", ".join(map(_expression, columns))
+    names = {"head": _SIZE.pack(packet_size(version)), "pack": _packer(columns).pack}
+    pack: Callable[[Any], bytes] = eval(f"lambda s: head + pack({arguments})", names)
+    return pack
+
+
+def encode_realtime(snapshot: Any, version: PolyscopeVersion) -> bytes:
+    """The whole packet, from an object with the columns' names as attributes."""
+    return realtime_packer(version)(snapshot)
+
+
+def _columns_by_size() -> dict[int, tuple[Column, ...]]:
+    """Every layout there was, by packet size."""
+    layouts = {}
+    for end in range(1, len(COLUMNS) + 1):
+        if end == len(COLUMNS) or COLUMNS[end].since != COLUMNS[end - 1].since:
+            layouts[_SIZE.size + _packer(COLUMNS[:end]).size] = COLUMNS[:end]
+    return layouts
+
+
+_LAYOUTS = _columns_by_size()
+_NEWEST = max(_LAYOUTS)
+
+
+def decode_realtime(packet: bytes) -> RealtimeState:
+    """Values by column name; vectors as tuples, bits as int.
+
+    What a packet longer than any known one has beyond that is ignored. Raises
+    RemoteProtocolError for a size no 3.x or 5.x software sends.
+    """
+    columns = _LAYOUTS.get(min(len(packet), _NEWEST))
+    if columns is None:
+        known = ", ".join(map(str, sorted(_LAYOUTS)))
+        raise RemoteProtocolError(f"a realtime packet has {len(packet)} bytes; known sizes are {known}")
+    values = _packer(columns).unpack_from(packet, _SIZE.size)
+    state: RealtimeState = {}
+    offset = 0
+    for column in columns:
+        if column.name is not None:
+            state[column.name] = values[offset] if column.count == 1 else values[offset : offset + column.count]
+        offset += column.count
+    return state
+
+
+class RealtimeDecoder:
+    """Cuts packets out of the stream and reads them."""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+        self.error: RemoteProtocolError | None = None
+
+    def feed(self, data: bytes) -> list[RealtimeState]:
+        """Take bytes, give the packets they complete.
+
+        An impossible size ends the stream: packets before it are still given, and this
+        call, or the next one if there were any, raises RemoteProtocolError; ``error`` is
+        set at once.
+        """
+        states: list[RealtimeState] = []
+        self._buffer += data
+        while self.error is None and (packet := self._next()):
+            try:
+                states.append(decode_realtime(packet))
+            except RemoteProtocolError as error:
+                self.error = error
+        if self.error is not None:
+            self._buffer.clear()
+            if not states:
+                raise self.error
+        return states
+
+    def _next(self) -> bytes | None:
+        if len(self._buffer) < _SIZE.size:
+            return None
+        (size,) = _SIZE.unpack_from(self._buffer)
+        if not _SIZE.size < size <= _MAX_SIZE:
+            self.error = RemoteProtocolError(f"a realtime packet cannot have {size} bytes")
+            return None
+        if len(self._buffer) < size:
+            return None
+        packet = bytes(self._buffer[:size])
+        del self._buffer[:size]
+        return packet

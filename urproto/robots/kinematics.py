@@ -1,0 +1,229 @@
+"""Forward and inverse kinematics in closed form, on plain floats.
+
+Every Universal Robots arm has the same shape, and only six lengths differ: joint 1 turns
+about the vertical; joints 2, 3 and 4 are parallel and move the arm in one vertical plane;
+joint 5 is square to joint 4, joint 6 square to joint 5. In the notation below, x1 is the
+horizontal axis of that plane, z1 its normal (the direction of axes 2, 3 and 4), z4 the axis
+of joint 5, and z6 that of joint 6 and of the flange:
+
+    x1 = (c1, s1, 0)      z1 = (s1, -c1, 0)      z4 = s234 x1 - c234 z      (z is up)
+    z6 = c5 z1 - s5 (c234 x1 + s234 z)
+    p6 = d1 z + a2 (c2 x1 + s2 z) + a3 (c23 x1 + s23 z) + d4 z1 + d5 z4 + d6 z6
+
+The inverse undoes this from the outside in. p5 = p6 - d6 z6 lies d4 away from the plane
+through the base axis, which gives joint 1 (two shoulders). The flange's axes seen along
+z1 give joints 5 and 6 (two wrists), what remains in the plane is a triangle with the sides
+a2 and a3 (two elbows): up to eight solutions.
+
+Where two solutions meet, rounding must not lose them nor blow up: within ``_MERGE`` of the
+boundary they are taken as one, and a wrist within ``_SINGULAR_WRIST`` of straight keeps the
+joint 6 it has, since only the sum or difference of joints 4 and 6 is determined there.
+"""
+
+from collections.abc import Iterator, Sequence
+from math import atan2, copysign, cos, dist, hypot, pi, sin, sqrt, tau
+from typing import Final
+
+from urproto.robots.model import DH, Joints
+from urproto.robots.pose import Matrix3, Pose, Vec3, matrix_to_rotvec, pose_trans, rotvec_to_matrix
+
+__all__ = ["Jacobian", "Kinematics"]
+
+Jacobian = tuple[Joints, Joints, Joints, Joints, Joints, Joints]
+"""Six rows: linear x, y, z [m/rad], angular x, y, z [rad/rad]; one column a joint."""
+
+# A cosine (a ratio of lengths) up to this much over 1 counts as 1: the arm then ends 2 to 4 nm short of the pose.
+# Rounding needs it: where the wrist is nearly singular as well, it shows up here with up to 5e-9.
+_OUT_OF_REACH: Final = 1e-8
+# A cosine this near to 1 is 1: ten times the rounding of a pose (1e-15), so the angle is snapped by 1.4e-7 rad at
+# most, and the pose by less than 1e-14 m.
+_MERGE: Final = 1e-14
+# Sine of joint 5. Rounding makes joint 6 uncertain by 1e-15 over this sine, and near a singular shoulder the sine
+# itself by 5e-9. Keeping joint 6 turns the tool by no more than twice this [rad].
+_SINGULAR_WRIST: Final = 1e-7
+_RIGHT_ANGLE_ERROR: Final = 1e-6  # rad; data files give pi/2 with nine decimals
+
+
+class Kinematics:
+    """The geometry of one arm. Raises ValueError for parameters that are not of this shape."""
+
+    def __init__(self, dh: DH) -> None:
+        _check_shape(dh)
+        self._d1, _, _, self._d4, self._d5, self._d6 = dh.d
+        _, self._a2, self._a3, _, _, _ = dh.a
+
+    def forward(self, q_rad: Sequence[float], tcp_offset: Sequence[float] | None = None) -> Pose:
+        """Flange in the base frame for joint angles (6,), or the TCP that ``tcp_offset`` puts on the flange."""
+        q1, q2, q3, q4, q5, q6 = q_rad
+        s1, c1, s5, c5, s6, c6 = sin(q1), cos(q1), sin(q5), cos(q5), sin(q6), cos(q6)
+        q23, q234 = q2 + q3, q2 + q3 + q4
+        s, c = sin(q234), cos(q234)
+        # flange axes as (x1, z1, z) components
+        ux, uy, uz = c * c5, s5, s * c5
+        z6x, z6y, z6z = -c * s5, c5, -s * s5
+        xx, xy, xz = c6 * ux - s6 * s, c6 * uy, c6 * uz + s6 * c
+        yx, yy, yz = -s6 * ux - c6 * s, -s6 * uy, c6 * c - s6 * uz
+        reach = self._a2 * cos(q2) + self._a3 * cos(q23) + self._d5 * s + self._d6 * z6x
+        aside = self._d4 + self._d6 * z6y
+        height = self._d1 + self._a2 * sin(q2) + self._a3 * sin(q23) - self._d5 * c + self._d6 * z6z
+        axes = (
+            *(c1 * xx + s1 * xy, c1 * yx + s1 * yy, c1 * z6x + s1 * z6y),
+            *(s1 * xx - c1 * xy, s1 * yx - c1 * yy, s1 * z6x - c1 * z6y),
+            *(xz, yz, z6z),
+        )
+        flange = (c1 * reach + s1 * aside, s1 * reach - c1 * aside, height, *matrix_to_rotvec(axes))
+        return flange if tcp_offset is None else pose_trans(flange, tcp_offset)
+
+    def elbow_position(self, q_rad: Sequence[float]) -> Vec3:
+        """Where the axis of joint 3 crosses the arm's plane, in the base frame [m].
+
+        That the controller means this point, and not the housing beside it, is a guess.
+        """
+        q1, q2, *_ = q_rad
+        reach = self._a2 * cos(q2)
+        return (cos(q1) * reach, sin(q1) * reach, self._d1 + self._a2 * sin(q2))
+
+    def jacobian(self, q_rad: Sequence[float], tcp_offset: Sequence[float] | None = None) -> Jacobian:
+        """Geometric Jacobian at the TCP (at the flange without an offset), in base axes: [v, w] = J qd."""
+        px, py, pz, *_ = self.forward(q_rad, tcp_offset)
+        q1, q2, q3, q4, q5, _ = q_rad
+        s1, c1, s5, c5 = sin(q1), cos(q1), sin(q5), cos(q5)
+        s, c = sin(q2 + q3 + q4), cos(q2 + q3 + q4)
+        x2, z2 = self._a2 * cos(q2), self._d1 + self._a2 * sin(q2)
+        x3, z3 = x2 + self._a3 * cos(q2 + q3), z2 + self._a3 * sin(q2 + q3)
+        along = c1 * px + s1 * py  # of the tool point, on x1
+        # column of a joint: axis x (tool point - a point of the axis); axes 2-4 are z1 = (s1, -c1, 0)
+        h1, h2, h3 = pz - self._d1, pz - z2, pz - z3
+        z4 = (c1 * s, s1 * s, -c)
+        z5 = (-c1 * c * s5 + s1 * c5, -s1 * c * s5 - c1 * c5, -s * s5)
+        wrist = (c1 * x3 + s1 * self._d4, s1 * x3 - c1 * self._d4, z3)
+        arm = (px - wrist[0], py - wrist[1], pz - wrist[2])
+        # the axis of joint 6 runs d5 z4 further out
+        arm_6 = (arm[0] - self._d5 * z4[0], arm[1] - self._d5 * z4[1], arm[2] - self._d5 * z4[2])
+        v5, v6 = _cross(z4, arm), _cross(z5, arm_6)
+        return (
+            (-py, -c1 * h1, -c1 * h2, -c1 * h3, v5[0], v6[0]),
+            (px, -s1 * h1, -s1 * h2, -s1 * h3, v5[1], v6[1]),
+            (0.0, along, along - x2, along - x3, v5[2], v6[2]),
+            (0.0, s1, s1, s1, z4[0], z5[0]),
+            (0.0, -c1, -c1, -c1, z4[1], z5[1]),
+            (1.0, 0.0, 0.0, 0.0, z4[2], z5[2]),
+        )
+
+    def inverse_all(self, pose_base_flange: Sequence[float], q_near: Sequence[float] | None = None) -> list[Joints]:
+        """Every joint configuration (up to 8) that puts the flange there; empty when out of reach.
+
+        Angles are in (-pi, pi]. Where the wrist is singular (axes 4 and 6 parallel) joint 6 is
+        that of ``q_near``, as it stands there, or 0 without one.
+        """
+        px, py, pz, rx, ry, rz = pose_base_flange
+        axes = rotvec_to_matrix(rx, ry, rz)
+        q6_free = 0.0 if q_near is None else q_near[5]
+        x5, y5 = px - self._d6 * axes[2], py - self._d6 * axes[5]
+        z5 = pz - self._d6 * axes[8] - self._d1
+        solutions: list[Joints] = []
+        for q1 in _shoulders(x5, y5, self._d4):
+            s1, c1 = sin(q1), cos(q1)
+            for q5, q6 in _wrists(axes, s1, c1, q6_free):
+                s6, c6 = sin(q6), cos(q6)
+                # z4 out of the flange's x and y axes
+                up = -(s6 * axes[6] + c6 * axes[7])
+                along = -(c1 * (s6 * axes[0] + c6 * axes[1]) + s1 * (s6 * axes[3] + c6 * axes[4]))
+                q234 = atan2(along, -up)
+                x, z = c1 * x5 + s1 * y5 - self._d5 * along, z5 - self._d5 * up
+                for q2, q3 in self._elbows(x, z):
+                    solutions.append((q1, _wrap(q2), q3, _wrap(q234 - q2 - q3), q5, q6))
+        return solutions
+
+    def inverse_near(
+        self,
+        pose_base_flange: Sequence[float],
+        q_near: Sequence[float],
+        q_min: Sequence[float],
+        q_max: Sequence[float],
+    ) -> Joints | None:
+        """The configuration nearest to ``q_near`` (Euclidean) within the joint limits, all (6,) in rad.
+
+        Whole turns are added where that is nearer. None when nothing within the limits reaches there.
+        """
+        best, least = None, float("inf")
+        for solution in self.inverse_all(pose_base_flange, q_near):
+            unwound = _unwind(solution, q_near, q_min, q_max)
+            if unwound is not None and (distance := dist(unwound, q_near)) < least:
+                best, least = unwound, distance
+        return best
+
+    def _elbows(self, x: float, z: float) -> Iterator[tuple[float, float]]:
+        """Joints 2 and 3 that bring the far end of the forearm to (x, z) in the arm's plane, seen from joint 2."""
+        cosine = (x * x + z * z - self._a2 * self._a2 - self._a3 * self._a3) / (2.0 * self._a2 * self._a3)
+        if abs(cosine) > 1.0 + _OUT_OF_REACH:
+            return
+        if abs(cosine) > 1.0 - _MERGE:
+            bends: tuple[float, ...] = (0.0 if cosine > 0.0 else pi,)
+        else:
+            bend = atan2(sqrt(1.0 - cosine * cosine), cosine)
+            bends = (bend, -bend)
+        for q3 in bends:
+            yield atan2(z, x) - atan2(self._a3 * sin(q3), self._a2 + self._a3 * cos(q3)), q3
+
+
+def _check_shape(dh: DH) -> None:
+    quarter = pi / 2
+    expected = (quarter, 0.0, 0.0, quarter, -quarter, 0.0)
+    square = all(abs(a - b) < _RIGHT_ANGLE_ERROR for a, b in zip(dh.alpha, expected, strict=True))
+    lengths = (dh.a[0], dh.a[3], dh.a[4], dh.a[5], dh.d[1], dh.d[2])
+    if not square or any(lengths) or any(dh.theta) or not (dh.a[1] and dh.a[2]):
+        raise ValueError(
+            f"{dh} is not the shape that the closed form solves: alpha must be pi/2, 0, 0, pi/2, -pi/2, 0, "
+            "theta zero, and the only lengths d1, a2, a3, d4, d5, d6"
+        )
+
+
+def _shoulders(x5: float, y5: float, d4: float) -> tuple[float, ...]:
+    """Joint 1 for a wrist centre seen from above: d4 beside the plane of the arm."""
+    distance = hypot(x5, y5)
+    if distance < abs(d4) * (1.0 - _OUT_OF_REACH):
+        return ()
+    bearing = atan2(y5, x5)
+    if distance <= abs(d4) * (1.0 + _MERGE):
+        return (_wrap(bearing + copysign(pi / 2, d4)),)
+    along = sqrt((distance - d4) * (distance + d4))
+    return (_wrap(bearing + atan2(d4, along)), _wrap(bearing + atan2(d4, -along)))
+
+
+def _wrists(axes: Matrix3, s1: float, c1: float, q6_free: float) -> tuple[tuple[float, float], ...]:
+    """Joints 5 and 6 from the flange's axes along z1, the normal of the arm's plane."""
+    x, y, z = s1 * axes[0] - c1 * axes[3], s1 * axes[1] - c1 * axes[4], s1 * axes[2] - c1 * axes[5]
+    sine = hypot(x, y)
+    if sine < _SINGULAR_WRIST:
+        return ((0.0 if z > 0.0 else pi, q6_free),)
+    q5 = atan2(sine, z)
+    return ((q5, atan2(-y, x)), (-q5, atan2(y, -x)))
+
+
+def _wrap(angle: float) -> float:
+    """The same direction in (-pi, pi]."""
+    if -pi < angle <= pi:
+        return angle
+    turned = angle % tau
+    return turned if turned <= pi else turned - tau
+
+
+def _unwind(q: Joints, q_near: Sequence[float], q_min: Sequence[float], q_max: Sequence[float]) -> Joints | None:
+    """Each angle moved by whole turns to the nearest to ``q_near`` that the limits allow; None if there is none."""
+    unwound = []
+    for angle, near, low, high in zip(q, q_near, q_min, q_max, strict=True):
+        nearest = angle if -pi <= near - angle <= pi else angle + tau * round((near - angle) / tau)
+        if nearest > high:
+            nearest -= tau
+        elif nearest < low:
+            nearest += tau
+        if not low <= nearest <= high:
+            return None
+        unwound.append(nearest)
+    a, b, c, d, e, f = unwound
+    return (a, b, c, d, e, f)
+
+
+def _cross(a: Vec3, b: Vec3) -> Vec3:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

@@ -1,0 +1,185 @@
+"""The arms: one data file each, read once, checked, and never changed.
+
+Everything model-specific in the project comes from here. A new arm is a new file in
+``data/``; its comments say where each number comes from.
+"""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, Self
+
+from urproto.robots.pose import Vec3
+from urproto.versions import Series
+
+__all__ = ["DH", "MODELS", "Joints", "Link", "RobotModel", "UnknownModel", "load_model"]
+
+Joints = tuple[float, float, float, float, float, float]
+"""One number for each joint: base, shoulder, elbow, wrist 1, wrist 2, wrist 3."""
+
+_DATA: Final = Path(__file__).parent / "data"
+
+
+class UnknownModel(ValueError):  # noqa: N818 - named for what happened, as RobotRefused is
+    """No data file describes an arm of this name."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"unknown robot model {name!r}: known are {', '.join(MODELS)}")
+        self.name = name
+
+
+@dataclass(frozen=True, slots=True)
+class DH:
+    """Denavit-Hartenberg parameters; link transform Rot_z(theta) Trans_z(d) Trans_x(a) Rot_x(alpha)."""
+
+    a: Joints  # m
+    d: Joints  # m
+    alpha: Joints  # rad
+    theta: Joints  # rad, added to the joint angle
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """Mass properties of the link that a joint moves, in the Denavit-Hartenberg frame at its far end."""
+
+    mass_kg: float
+    com_m: Vec3
+    inertia_kg_m2: tuple[float, float, float, float, float, float]
+    """Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotModel:
+    """What tells one arm from another. Joint vectors hold six numbers, base to wrist 3."""
+
+    name: str  # "ur3"
+    title: str  # "UR3"
+    series: Series
+    robot_type: int  # of the configuration data, as are the next two
+    sub_type: int
+    controller_box: int
+    payload_max_kg: float
+    reach_m: float
+    dh: DH
+    q_min: Joints  # rad
+    q_max: Joints  # rad
+    qd_max: Joints  # rad/s
+    qdd_max: Joints  # rad/s2
+    torque_max: Joints  # Nm
+    wrist3_unlimited: bool
+    v_joint_default: float  # rad/s, of movej
+    a_joint_default: float  # rad/s2
+    v_tool_default: float  # m/s, of movel
+    a_tool_default: float  # m/s2
+    eq_radius: float  # m, weighs tool rotation against translation
+    home_q: Joints  # rad, where an emulated arm starts
+    torque_constants: Joints  # Nm/A
+    links: tuple[Link, ...]  # shoulder, upper arm, forearm, wrist 1, wrist 2, wrist 3
+
+    @classmethod
+    def from_toml(cls, text: str, name: str) -> Self:
+        """Build from a data file's text. Raises ValueError naming the entry that is missing or wrong."""
+        table = _Table(tomllib.loads(text), f"{name}.toml")
+        limits, motion, links = table.sub("limits"), table.sub("motion"), table.tables("links")
+        if len(links) != 6:
+            raise ValueError(f"{name}.toml: {len(links)} [[links]], an arm has six")
+        return cls(
+            name=name,
+            title=table.text("title"),
+            series=Series(table.text("series")),
+            robot_type=table.integer("robot_type"),
+            sub_type=table.integer("sub_type"),
+            controller_box=table.integer("controller_box"),
+            payload_max_kg=table.number("payload_max_kg"),
+            reach_m=table.number("reach_m"),
+            dh=_dh(table.sub("dh")),
+            q_min=limits.joints("q_min_rad"),
+            q_max=limits.joints("q_max_rad"),
+            qd_max=limits.joints("qd_max_rad_s"),
+            qdd_max=limits.joints("qdd_max_rad_s2"),
+            torque_max=limits.joints("torque_max_Nm"),
+            wrist3_unlimited=limits.flag("wrist3_unlimited"),
+            v_joint_default=motion.number("v_joint_rad_s"),
+            a_joint_default=motion.number("a_joint_rad_s2"),
+            v_tool_default=motion.number("v_tool_m_s"),
+            a_tool_default=motion.number("a_tool_m_s2"),
+            eq_radius=motion.number("eq_radius_m"),
+            home_q=motion.joints("home_q_rad"),
+            torque_constants=table.sub("electrics").joints("torque_constants_Nm_A"),
+            links=tuple(_link(link) for link in links),
+        )
+
+
+class _Table:
+    """A TOML table that names the file and the entry when something is wrong with it."""
+
+    def __init__(self, values: Mapping[str, Any], where: str) -> None:
+        self._values = values
+        self._where = where
+
+    def _get(self, key: str, kind: type | tuple[type, ...], what: str) -> Any:
+        value = self._values.get(key)
+        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+            raise ValueError(f"{self._where}: {key} must be {what}, it is {value!r}")
+        return value
+
+    def sub(self, key: str) -> "_Table":
+        return _Table(self._get(key, dict, "a table"), f"{self._where} [{key}]")
+
+    def tables(self, key: str) -> list["_Table"]:
+        tables = self._get(key, list, "an array of tables")
+        return [_Table(table, f"{self._where} [[{key}]] no. {n}") for n, table in enumerate(tables, 1)]
+
+    def text(self, key: str) -> str:
+        return str(self._get(key, str, "a text"))
+
+    def flag(self, key: str) -> bool:
+        return bool(self._get(key, bool, "true or false"))
+
+    def integer(self, key: str) -> int:
+        return int(self._get(key, int, "a whole number"))
+
+    def number(self, key: str) -> float:
+        return float(self._get(key, (int, float), "a number"))
+
+    def _numbers(self, key: str, count: int) -> list[float]:
+        values = self._get(key, list, f"{count} numbers")
+        if len(values) != count or not all(type(value) in (int, float) for value in values):
+            raise ValueError(f"{self._where}: {key} must be {count} numbers, it is {values!r}")
+        return [float(value) for value in values]
+
+    def joints(self, key: str) -> Joints:
+        a, b, c, d, e, f = self._numbers(key, 6)
+        return (a, b, c, d, e, f)
+
+    def vector(self, key: str) -> Vec3:
+        x, y, z = self._numbers(key, 3)
+        return (x, y, z)
+
+
+def _dh(table: _Table) -> DH:
+    return DH(table.joints("a_m"), table.joints("d_m"), table.joints("alpha_rad"), table.joints("theta_rad"))
+
+
+def _link(table: _Table) -> Link:
+    return Link(table.number("mass_kg"), table.vector("com_m"), table.joints("inertia_kg_m2"))
+
+
+def _by_size(name: str) -> tuple[int, str]:
+    match = re.fullmatch(r"ur(\d+)(\w*)", name)
+    return (int(match[1]), match[2]) if match else (0, name)
+
+
+MODELS: Final[tuple[str, ...]] = tuple(sorted((path.stem for path in _DATA.glob("*.toml")), key=_by_size))
+"""Names of the known arms, smallest first: ("ur3", "ur3e", "ur5", ...)."""
+
+
+@cache
+def load_model(name: str) -> RobotModel:
+    """The arm of this name. Raises UnknownModel, which lists the known ones."""
+    if name not in MODELS:
+        raise UnknownModel(name)
+    return RobotModel.from_toml((_DATA / f"{name}.toml").read_text(encoding="utf-8"), name)

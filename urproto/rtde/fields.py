@@ -1,0 +1,115 @@
+"""Every variable RTDE offers, one row of ``outputs.csv`` and ``inputs.csv`` each.
+
+The rows are transcribed from the RTDE guide and the version tables of public clients. A
+family of registers is one row, ``name_{first..last}``. A version with a question mark is a
+guess: the guide gives none for that variable.
+
+A row's name is the attribute of the controller's snapshot, but for registers, which sit
+in one tuple a kind, and booleans, which are the bits of one integer.
+"""
+
+import csv
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from types import MappingProxyType
+from typing import Any
+
+from urproto.rtde.types import FieldType
+from urproto.versions import Availability, PolyscopeVersion
+
+__all__ = ["INPUT_FIELDS", "OUTPUT_FIELDS", "Field", "available_fields"]
+
+_WORD = 0xFFFFFFFF
+_FAMILY = re.compile(r"(?P<stem>\w+)_\{(?P<first>\d+)\.\.(?P<last>\d+)\}")
+_REGISTER = re.compile(r"(?P<kind>(?:in|out)put_(?:int|double|bit)_register)_(?P<index>\d+)")
+_BIT_WORD = re.compile(r"(?P<attribute>(?:in|out)put_bit_registers)(?P<index>\d+)_to_\d+")
+_RENAMED = {"control_step": "step"}
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One RTDE variable.
+
+    attribute and index say where its value lives: the attribute itself when index is None,
+    the element of a tuple for an integer or double register, the bit (or first bit of 32)
+    for boolean registers. version_is_guess marks a first version no document gives.
+    """
+
+    name: str
+    type: FieldType
+    unit: str
+    available: Availability
+    version_is_guess: bool
+    attribute: str
+    index: int | None
+    doc: str
+
+    @property
+    def is_bits(self) -> bool:
+        """True when the value is cut out of an integer that holds boolean registers."""
+        return self.attribute in {"input_bit_registers", "output_bit_registers"}
+
+    def read(self, source: Any) -> Any:
+        """The variable's value out of a snapshot (or anything with the same attributes)."""
+        value = getattr(source, self.attribute)
+        if self.index is None:
+            return value
+        if not self.is_bits:
+            return value[self.index]
+        if self.type is FieldType.BOOL:
+            return bool(value >> self.index & 1)
+        return value >> self.index & _WORD
+
+    @property
+    def expression(self) -> str:
+        """Python source that reads the value from a snapshot called ``s``, as read() does."""
+        source = f"s.{self.attribute}"
+        if self.index is None:
+            return f"*{source}" if self.type.count > 1 else source
+        if not self.is_bits:
+            return f"{source}[{self.index}]"
+        mask = 1 if self.type is FieldType.BOOL else _WORD
+        return f"{source} >> {self.index} & {mask}"
+
+
+def _place(name: str) -> tuple[str, int | None]:
+    """Attribute and index a variable's name stands for."""
+    if match := _REGISTER.fullmatch(name):
+        return f"{match['kind']}s", int(match["index"])
+    if match := _BIT_WORD.fullmatch(name):
+        return match["attribute"], int(match["index"])
+    return _RENAMED.get(name, name), None
+
+
+def _names(text: str) -> Iterator[str]:
+    match = _FAMILY.fullmatch(text)
+    if match is None:
+        yield text
+        return
+    for number in range(int(match["first"]), int(match["last"]) + 1):
+        yield f"{match['stem']}_{number}"
+
+
+def _fields_of_row(row: dict[str, str]) -> Iterator[Field]:
+    first = Availability.since(row["cb3"].lstrip("?") or None, row["e"].lstrip("?") or None)
+    guessed = "?" in row["cb3"] + row["e"]
+    for name in _names(row["name"]):
+        attribute, index = _place(name)
+        yield Field(name, FieldType[row["type"]], row["unit"], first, guessed, attribute, index, row["doc"])
+
+
+def _load(file_name: str) -> Mapping[str, Field]:
+    text = files("urproto.rtde").joinpath(file_name).read_text("utf-8")
+    rows = csv.DictReader(text.splitlines())
+    return MappingProxyType({field.name: field for row in rows for field in _fields_of_row(row)})
+
+
+OUTPUT_FIELDS: Mapping[str, Field] = _load("outputs.csv")
+INPUT_FIELDS: Mapping[str, Field] = _load("inputs.csv")
+
+
+def available_fields(table: Mapping[str, Field], version: PolyscopeVersion) -> Mapping[str, Field]:
+    """The rows a controller of this version offers."""
+    return {name: field for name, field in table.items() if field.available.covers(version)}

@@ -1,0 +1,93 @@
+"""Recipes: the list of variables one data package carries, in order."""
+
+import struct
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Self
+
+from urproto.errors import LocalProtocolError, RemoteProtocolError
+from urproto.rtde.fields import Field
+from urproto.rtde.types import NOT_FOUND
+
+__all__ = ["Recipe", "split_names", "type_names"]
+
+
+def split_names(text: str) -> tuple[str, ...]:
+    """The names in a set-up request. An empty last one is dropped: ur_rtde ends with a comma."""
+    return tuple(text.removesuffix(",").split(",")) if text else ()
+
+
+def type_names(names: Iterable[str], fields: Mapping[str, Field]) -> tuple[str, ...]:
+    """The reply to a set-up request: each name's type, NOT_FOUND where there is no such field."""
+    return tuple(fields[name].type.wire_name if name in fields else NOT_FOUND for name in names)
+
+
+class Recipe:
+    """Packs and unpacks the data of one recipe, without the package header and recipe id."""
+
+    def __init__(self, fields: Iterable[Field]) -> None:
+        self.fields = tuple(fields)
+        self._struct = struct.Struct(">" + "".join(field.type.layout for field in self.fields))
+
+    @classmethod
+    def of(cls, names: Iterable[str], fields: Mapping[str, Field]) -> Self:
+        """The recipe of these names. Raises LocalProtocolError naming the ones not in ``fields``."""
+        names = tuple(names)
+        missing = [name for name in names if name not in fields]
+        if missing:
+            raise LocalProtocolError(f"no such RTDE variable: {', '.join(missing)}")
+        return cls(fields[name] for name in names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the variables, in order."""
+        return tuple(field.name for field in self.fields)
+
+    @property
+    def types(self) -> tuple[str, ...]:
+        """Types of the variables as a set-up reply spells them, in order."""
+        return tuple(field.type.wire_name for field in self.fields)
+
+    @property
+    def size(self) -> int:
+        """Bytes of data."""
+        return self._struct.size
+
+    def pack(self, values: Sequence[Any]) -> bytes:
+        """Pack one value for each field; vectors are sequences.
+
+        Raises LocalProtocolError when a value is missing or does not fit its type.
+        """
+        if len(values) != len(self.fields):
+            raise LocalProtocolError(f"the recipe has {len(self.fields)} variables, {len(values)} values were given")
+        flat: list[Any] = []
+        for field, value in zip(self.fields, values, strict=True):
+            flat.extend(value) if field.type.count > 1 else flat.append(value)
+        try:
+            return self._struct.pack(*flat)
+        except (struct.error, OverflowError) as error:
+            raise LocalProtocolError(f"values do not fit the recipe {','.join(self.names)}: {error}") from error
+
+    def unpack(self, data: bytes) -> tuple[Any, ...]:
+        """The values of one package, vectors as tuples; RemoteProtocolError on a wrong size."""
+        if len(data) != self._struct.size:
+            raise RemoteProtocolError(f"the recipe takes {self._struct.size} bytes of data, {len(data)} came")
+        flat = self._struct.unpack(data)
+        values: list[Any] = []
+        offset = 0
+        for field in self.fields:
+            count = field.type.count
+            values.append(flat[offset] if count == 1 else flat[offset : offset + count])
+            offset += count
+        return tuple(values)
+
+    def packer(self, head: bytes = b"") -> Callable[[Any], bytes]:
+        """A function from a snapshot to ``head`` and the packed data, for every control period.
+
+        One generated expression reads all attributes, in a third of the time a loop over
+        the fields takes. The names in it come from the field table, never from the wire.
+        """
+        arguments = ", ".join(field.expression for field in self.fields)
+        pack: Callable[[Any], bytes] = eval(
+            f"lambda s: head + pack({arguments})", {"head": head, "pack": self._struct.pack}
+        )
+        return pack

@@ -1,0 +1,275 @@
+"""Built-ins: one typed Python function each, declared to a library.
+
+    motion = Library("motion", host=True)
+
+    @motion.builtin(cb3="3.0", e="5.0")
+    def stopj(host: ProgramHost, a: Num) -> Generator[None, None, None]:
+        \"\"\"Decelerate the joints with `a` [rad/s2] until they stand still.\"\"\"
+        while not host.stopped(a):
+            yield
+
+The signature is the declaration: parameter names are the keyword names, defaults are the
+defaults, annotations from `urscript.values` are what each argument is checked against, the
+docstring is the documentation. A function that takes physical time is a generator function;
+every bare ``yield`` ends the thread's frame, the return value is the value of the call.
+
+A trailing underscore is dropped from function and parameter names (``type_`` is ``type``);
+`aliases` names a parameter that cannot be spelled in Python or has several names
+(``aliases={"t": ("t", "t_min")}``). Defaults must be None, bool, int, float, str or a tuple of
+them; None stands for "not given". A result that is a tuple becomes a pose or a list when the
+return annotation says so.
+"""
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, NoReturn, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
+
+from urproto.versions import Availability, PolyscopeVersion
+from urscript.errors import RuntimeFault
+from urscript.values import ANY, LIST, PLAIN_KINDS, Kind, KindMismatchError, Pose, Value, type_name
+
+__all__ = ["OMITTED", "Builtin", "Library", "LibrarySet", "Parameter", "Status"]
+
+Status: TypeAlias = Literal["supported", "partial", "refused"]
+AnyFunction: TypeAlias = Callable[..., Any]
+FunctionT = TypeVar("FunctionT", bound=AnyFunction)
+
+OMITTED = object()
+"""Stands in a compiled call for an argument that was not given."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter as scripts see it."""
+
+    names: tuple[str, ...]  # the first is the documented one
+    kind: Kind
+    optional: bool  # None is let through unchecked
+    required: bool
+    default: Value = None
+
+    @property
+    def text(self) -> str:
+        """``q``, or ``t=0``."""
+        return self.names[0] if self.required else f"{self.names[0]}={_default_text(self.default)}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Builtin:
+    """A function every program can call."""
+
+    name: str
+    chapter: str
+    function: AnyFunction
+    host: bool
+    parameters: tuple[Parameter, ...]
+    variadic: bool  # takes whatever it is given, by position or keyword
+    takes_time: bool
+    returns: AnyFunction | None
+    availability: Availability
+    status: Status
+    note: str
+    doc: str
+
+    @property
+    def signature(self) -> str:
+        """``movej(q, a=1.4, v=1.05, t=0, r=0)``."""
+        return f"{self.name}({'...' if self.variadic else ', '.join(p.text for p in self.parameters)})"
+
+    def bind(self, host: object) -> AnyFunction:
+        """The function a running program calls: every declared argument by position, OMITTED for its default."""
+        accepts = [_acceptor(parameter) for parameter in self.parameters]
+        function, returns = self.function, self.returns
+        leading = (host,) if self.host else ()
+
+        def call(*arguments: Value) -> Value:
+            try:
+                accepted = [accept(value) for accept, value in zip(accepts, arguments, strict=True)]
+            except KindMismatchError:
+                self._mismatch(arguments)
+            result = function(*leading, *accepted)
+            return result if returns is None else returns(result)
+
+        def call_any(*arguments: Value) -> Value:
+            return function(*leading, *arguments)
+
+        return call_any if self.variadic else call
+
+    def _mismatch(self, arguments: tuple[Value, ...]) -> NoReturn:
+        for parameter, value in zip(self.parameters, arguments, strict=True):
+            try:
+                _acceptor(parameter)(value)
+            except KindMismatchError:
+                raise RuntimeFault(
+                    f"Type error: argument '{parameter.names[0]}' of {self.name} expected type "
+                    f"'{parameter.kind.title}' but found '{type_name(value)}'"
+                ) from None
+        raise AssertionError("no argument mismatches")
+
+
+class Library:
+    """The built-ins of one chapter, in the order they were declared."""
+
+    def __init__(self, chapter: str, *, host: bool = False) -> None:
+        """With `host`, the first parameter of every function is the program's host, which scripts do not see."""
+        self.chapter = chapter
+        self.host = host
+        self.builtins: dict[str, Builtin] = {}
+
+    def builtin(
+        self,
+        *,
+        cb3: str | None = "3.0",
+        e: str | None = "5.0",
+        status: Status = "supported",
+        note: str = "",
+        aliases: Mapping[str, str | tuple[str, ...]] | None = None,
+    ) -> Callable[[FunctionT], FunctionT]:
+        """Declare the decorated function; `cb3` and `e` are the first versions that have it, None for never.
+
+        Raises TypeError when the signature cannot be offered to scripts.
+        """
+
+        def declare(function: FunctionT) -> FunctionT:
+            availability = Availability.since(cb3, e)
+            self._add(_describe(self, function, availability, status, note, aliases or {}))
+            return function
+
+        return declare
+
+    def refuse(self, name: str, *, cb3: str | None = "3.0", e: str | None = "5.0", note: str = "") -> None:
+        """Declare a name that programs may contain but that stops them with an error when called."""
+
+        def refused(*_arguments: Any) -> NoReturn:
+            raise RuntimeFault(f"{name} is not emulated" + (f": {note}" if note else ""))
+
+        availability = Availability.since(cb3, e)
+        self._add(
+            Builtin(
+                name=name,
+                chapter=self.chapter,
+                function=refused,
+                host=False,
+                parameters=(),
+                variadic=True,
+                takes_time=False,
+                returns=None,
+                availability=availability,
+                status="refused",
+                note=note,
+                doc="",
+            )
+        )
+
+    def _add(self, builtin: Builtin) -> None:
+        if builtin.name in self.builtins:
+            raise TypeError(f"built-in {builtin.name} is declared twice in {self.chapter}")
+        self.builtins[builtin.name] = builtin
+
+
+class LibrarySet:
+    """The libraries a program is compiled against."""
+
+    def __init__(self, libraries: Iterable[Library]) -> None:
+        self._builtins: dict[str, Builtin] = {}
+        self._available: dict[PolyscopeVersion, Mapping[str, Builtin]] = {}
+        for library in libraries:
+            for name, builtin in library.builtins.items():
+                if name in self._builtins:
+                    raise TypeError(
+                        f"built-in {name} is declared in {self._builtins[name].chapter} and in {library.chapter}"
+                    )
+                self._builtins[name] = builtin
+
+    @property
+    def builtins(self) -> Mapping[str, Builtin]:
+        """All of them, whatever the version."""
+        return self._builtins
+
+    def available(self, version: PolyscopeVersion) -> Mapping[str, Builtin]:
+        """The built-ins a controller of this version has, by name."""
+        if version not in self._available:
+            self._available[version] = {n: b for n, b in self._builtins.items() if b.availability.covers(version)}
+        return self._available[version]
+
+
+def _describe(
+    library: Library,
+    function: AnyFunction,
+    availability: Availability,
+    status: Status,
+    note: str,
+    aliases: Mapping[str, str | tuple[str, ...]],
+) -> Builtin:
+    hints = get_type_hints(function, include_extras=True)
+    declared = list(inspect.signature(function).parameters.values())[1 if library.host else 0 :]
+    variadic = any(p.kind is p.VAR_POSITIONAL for p in declared)
+    return Builtin(
+        name=function.__name__.rstrip("_"),
+        chapter=library.chapter,
+        function=function,
+        host=library.host,
+        parameters=() if variadic else tuple(_parameter(p, hints, aliases) for p in declared),
+        variadic=variadic,
+        takes_time=inspect.isgeneratorfunction(function),
+        returns=None if inspect.isgeneratorfunction(function) else _result_converter(hints.get("return")),
+        availability=availability,
+        status=status,
+        note=note,
+        doc=inspect.getdoc(function) or "",
+    )
+
+
+def _parameter(
+    declared: inspect.Parameter, hints: Mapping[str, Any], aliases: Mapping[str, str | tuple[str, ...]]
+) -> Parameter:
+    if declared.kind is not declared.POSITIONAL_OR_KEYWORD or declared.name not in hints:
+        raise TypeError(f"parameter {declared.name} of a built-in must be a plain, annotated parameter")
+    names = aliases.get(declared.name, declared.name.rstrip("_"))
+    kind, optional = _kind_of(hints[declared.name])
+    required = declared.default is declared.empty
+    default = None if required else declared.default
+    if not isinstance(default, (type(None), bool, int, float, str, tuple)):
+        raise TypeError(f"the default of parameter {declared.name} must be a scalar or a tuple, not {default!r}")
+    if default is not None and not optional and kind is not ANY and not isinstance(default, tuple):
+        kind.accept(default)
+    names = (names,) if isinstance(names, str) else names
+    return Parameter(names, kind, optional or (not required and default is None), required, default)
+
+
+def _kind_of(annotation: Any) -> tuple[Kind, bool]:
+    """The kind an annotation stands for, and whether None is allowed besides."""
+    if get_origin(annotation) is Annotated:
+        return next(item for item in get_args(annotation) if isinstance(item, Kind)), False
+    if annotation in PLAIN_KINDS:
+        return PLAIN_KINDS[annotation], False
+    if annotation is list or get_origin(annotation) is list:
+        return LIST, False
+    members = [item for item in get_args(annotation) if item is not type(None)]
+    if len(members) == 1:
+        return _kind_of(members[0])[0], True
+    raise TypeError(f"{annotation!r} is not an annotation for a built-in: use the aliases of urscript.values")
+
+
+def _result_converter(annotation: Any) -> AnyFunction | None:
+    origin = get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
+    if origin is Pose:
+        return lambda result: Pose(result) if result.__class__ is tuple else result
+    if origin is list or get_origin(origin) is list:
+        return lambda result: list(result) if result.__class__ is tuple else result
+    return None
+
+
+def _acceptor(parameter: Parameter) -> Callable[[Value], Value]:
+    accept = parameter.kind.accept
+    if parameter.required and not parameter.optional:
+        return accept
+    default, optional = parameter.default, parameter.optional
+    return lambda value: default if value is OMITTED else value if optional and value is None else accept(value)
+
+
+def _default_text(value: Value) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(str, value))}]"
+    return f'"{value}"' if isinstance(value, str) else str(value)

@@ -1,0 +1,288 @@
+"""Expressions to Python: arithmetic and access become calls of `urscript.operators`."""
+
+import ast
+import difflib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from urscript.analysis import FunctionPlan
+from urscript.arguments import BindingError, Slot, bind_arguments
+from urscript.builtins import Builtin
+from urscript.errors import CompileError
+from urscript.pycode import STORE, Place, call, constant, load, place_of, subscript, yield_from
+from urscript.syntax import (
+    Binary,
+    Call,
+    Constant,
+    Expression,
+    Index,
+    ListLiteral,
+    Member,
+    MethodCall,
+    Name,
+    PoseLiteral,
+    Program,
+    Run,
+    Scope,
+    Unary,
+)
+
+__all__ = ["MUTATORS", "ExpressionCompiler", "Unit", "Warning_"]
+
+MUTATORS = frozenset(["append", "clear", "insert", "pop", "remove"])
+"""List methods that change the list: the variable is bound to the list they return."""
+
+_ARITHMETIC = {"+": "_add", "-": "_sub", "*": "_mul", "/": "_div", "%": "_mod"}
+_ORDER: dict[str, tuple[str, type[ast.cmpop]]] = {
+    "<": ("_lt", ast.Lt),
+    "<=": ("_le", ast.LtE),
+    ">": ("_gt", ast.Gt),
+    ">=": ("_ge", ast.GtE),
+}
+_LOGIC: dict[str, type[ast.boolop]] = {"and": ast.And, "or": ast.Or}
+_TRUTH_OPERATORS = frozenset(["and", "or", "xor", "==", "!=", "<", "<=", ">", ">="])
+
+
+@dataclass(frozen=True, slots=True)
+class Warning_:  # noqa: N801  # Warning is Python's
+    """A call that will fail when it is executed."""
+
+    message: str
+    line: int
+    column: int
+
+
+@dataclass(slots=True)
+class Unit:
+    """What all bodies of one program share while it is compiled."""
+
+    program: Program
+    source: str
+    builtins: Mapping[str, Builtin]
+    plans: Mapping[str, FunctionPlan]
+    structs: bool  # this version has struct()
+    fixed_lists: bool  # this version cannot resize a list variable
+    used: dict[str, Builtin] = field(default_factory=dict)
+    errors: list[CompileError] = field(default_factory=list)
+    warnings: list[Warning_] = field(default_factory=list)
+
+
+class ExpressionCompiler:
+    """Compiles the expressions of one body."""
+
+    def __init__(self, unit: Unit, scope: Scope, *, recursive: bool = False) -> None:
+        self.unit = unit
+        self.scope = scope
+        self.recursive = recursive
+        self.stored_globals: set[str] = set()
+        self._handlers: dict[type, Callable[[Any, Place], ast.expr]] = {
+            Constant: self._constant,
+            Name: self._name,
+            ListLiteral: self._list,
+            PoseLiteral: self._pose,
+            Unary: self._unary,
+            Binary: self._binary,
+            Index: self._index,
+            Member: self._member,
+            Call: self._call,
+            MethodCall: self._method,
+            Run: self._run,
+        }
+
+    def expression(self, node: Expression) -> ast.expr:
+        """Python for the value of an expression."""
+        return self._handlers[node.__class__](node, place_of(node))
+
+    def condition(self, node: Expression) -> ast.expr:
+        """Python for an expression used as a condition: a Python bool."""
+        code = self.expression(node)
+        return code if _is_truth(node) else call("_truth", place_of(node), code)
+
+    # names
+
+    def is_local(self, name: str) -> bool:
+        """True for parameters, names declared local, and names only ever assigned here."""
+        scope = self.scope
+        return name in scope.locals or (name in scope.assigned and name not in self.unit.program.globals)
+
+    def known(self, name: str) -> bool:
+        """True when the name is a variable here."""
+        return name in self.unit.program.globals or self.is_local(name)
+
+    def name_not_found(self, name: str, node: Expression, kind: str) -> None:
+        """Note the error; the first one of the text is raised in the end."""
+        unit = self.unit
+        if kind == "variable":
+            candidates = [*unit.program.globals, *self.scope.locals, *self.scope.assigned]
+        else:
+            candidates = [*unit.program.functions, *unit.builtins]
+        close = difflib.get_close_matches(name, candidates, n=1)
+        hint = f"; did you mean '{close[0]}'?" if close else ""
+        message = f"{kind} '{name}' is not known{hint}"
+        unit.errors.append(CompileError.name_not_found(name, message, node.line, node.column, unit.source))
+
+    # leaves
+
+    def _constant(self, node: Constant, place: Place) -> ast.expr:
+        return constant(node.value, place)
+
+    def _name(self, node: Name, place: Place) -> ast.expr:
+        if not self.known(node.name):
+            self.name_not_found(node.name, node, "variable")
+        return load(f"v_{node.name}", place)
+
+    def _list(self, node: ListLiteral, place: Place) -> ast.expr:
+        items = [self.expression(item) for item in node.items]
+        if all(isinstance(item, Constant) for item in node.items):
+            return ast.List(elts=items, ctx=ast.Load(), **place)
+        return call("_list", place, *items)
+
+    def _pose(self, node: PoseLiteral, place: Place) -> ast.expr:
+        return call("_pose", place, *[self.expression(item) for item in node.items])
+
+    # operators
+
+    def _unary(self, node: Unary, place: Place) -> ast.expr:
+        if node.operator == "not":
+            return ast.UnaryOp(op=ast.Not(), operand=self.condition(node.operand), **place)
+        return call("_neg" if node.operator == "-" else "_pos", place, self.expression(node.operand))
+
+    def _binary(self, node: Binary, place: Place) -> ast.expr:
+        operator = node.operator
+        if operator in _LOGIC:
+            values = [self.condition(node.left), self.condition(node.right)]
+            return ast.BoolOp(op=_LOGIC[operator](), values=values, **place)
+        if operator == "xor":
+            return _compare(self.condition(node.left), ast.IsNot(), self.condition(node.right), place)
+        left, right = self.expression(node.left), self.expression(node.right)
+        if operator in _ARITHMETIC:
+            return call(_ARITHMETIC[operator], place, left, right)
+        if operator in _ORDER:
+            helper, native = _ORDER[operator]
+            # Python compares a number literal with any number itself, and refuses anything else.
+            simple = _is_number(node.left) or _is_number(node.right)
+            return _compare(left, native(), right, place) if simple else call(helper, place, left, right)
+        if isinstance(node.left, Constant) or isinstance(node.right, Constant):
+            return _compare(left, ast.Eq() if operator == "==" else ast.NotEq(), right, place)
+        return call("_eq" if operator == "==" else "_ne", place, left, right)
+
+    def _index(self, node: Index, place: Place) -> ast.expr:
+        positions = [self.expression(position) for position in node.positions]
+        return call("_index" if len(positions) == 1 else "_cell", place, self.expression(node.target), *positions)
+
+    def _member(self, node: Member, place: Place) -> ast.expr:
+        return call("_member", place, self.expression(node.target), constant(node.name, place))
+
+    # calls
+
+    def _call(self, node: Call, place: Place) -> ast.expr:
+        plan = self.unit.plans.get(node.name)
+        builtin = self.unit.builtins.get(node.name)
+        try:
+            if plan is not None and not plan.definition.scope.is_thread:
+                return self._user_call(node, plan, place)
+            if node.name == "struct" and self.unit.structs:
+                return self._struct(node, place)
+            if builtin is not None:
+                return self._builtin_call(node, builtin, place)
+        except BindingError as error:
+            self.unit.warnings.append(Warning_(str(error), node.line, node.column))
+            return call("_fault", place, constant(str(error), place))
+        self.name_not_found(node.name, node, "function")
+        for argument in [*node.arguments, *[value for _, value in node.keywords]]:
+            self.expression(argument)  # for the errors in them
+        return constant(None, place)
+
+    def _user_call(self, node: Call, plan: FunctionPlan, place: Place) -> ast.expr:
+        parameters = plan.definition.scope.parameters
+        bound = bind_arguments(node, [Slot((p.name,), p.default is None) for p in parameters])
+        defaults = ExpressionCompiler(self.unit, Scope(""))  # a default sees globals only
+        arguments: list[ast.expr] = []
+        for value, parameter in zip(bound, parameters, strict=True):
+            if value is not None:
+                arguments.append(self.expression(value))
+            elif parameter.default is not None:
+                arguments.append(defaults.expression(parameter.default))
+        if plan.recursive:
+            depth = call("_deeper", place, load("_depth", place)) if self.recursive else constant(1, place)
+            arguments.insert(0, depth)
+        code = call(f"f_{node.name}", place, *arguments)
+        return yield_from(code, place) if plan.generator else code
+
+    def _builtin_call(self, node: Call, builtin: Builtin, place: Place) -> ast.expr:
+        self.unit.used[builtin.name] = builtin
+        if builtin.variadic:
+            arguments = [self.expression(a) for a in [*node.arguments, *[value for _, value in node.keywords]]]
+        else:
+            bound = bind_arguments(node, [Slot(p.names, p.required) for p in builtin.parameters])
+            arguments = [load("_omitted", place) if a is None else self.expression(a) for a in bound]
+        code = call(f"b_{builtin.name}", place, *arguments)
+        return yield_from(code, place) if builtin.takes_time else code
+
+    def _struct(self, node: Call, place: Place) -> ast.expr:
+        names = tuple(name for name, _ in node.keywords)
+        if node.arguments or len(set(names)) != len(names):
+            raise BindingError("Type error: struct takes members as name=value, each name once")
+        return call("_struct", place, constant(names, place), *[self.expression(value) for _, value in node.keywords])
+
+    def _method(self, node: MethodCall, place: Place) -> ast.expr:
+        """``(yield from _method(...))[1]``; item 0 is the target as the method leaves it."""
+        arguments = [self.expression(node.target), constant(node.name, place), *map(self.expression, node.arguments)]
+        pair = yield_from(call("_method", place, *arguments), place)
+        if node.name not in MUTATORS:
+            return subscript(pair, 1, place)
+        keep = ast.NamedExpr(target=ast.Name(id="_pair", ctx=STORE, **place), value=pair, **place)
+        store = self.store(node.target, subscript(keep, 0, place), place)
+        if store is None:
+            return subscript(pair, 1, place)
+        root, value = store
+        bind = ast.NamedExpr(target=ast.Name(id=root, ctx=STORE, **place), value=value, **place)
+        result = subscript(load("_pair", place), 1, place)
+        return subscript(ast.Tuple(elts=[bind, result], ctx=ast.Load(), **place), 1, place)
+
+    def store(self, target: Expression, value: ast.expr, place: Place) -> tuple[str, ast.expr] | None:
+        """The Python variable to bind and the value to bind it to, so that `target` gets `value`.
+
+        None when the target is not a variable nor a part of one.
+        """
+        path: list[ast.expr] = []
+        while not isinstance(target, Name):
+            if isinstance(target, Index):
+                keys = [self.expression(position) for position in target.positions]
+                path.insert(0, keys[0] if len(keys) == 1 else ast.Tuple(elts=keys, ctx=ast.Load(), **place))
+            elif isinstance(target, Member):
+                path.insert(0, constant(target.name, place))
+            else:
+                return None
+            target = target.target
+        root = self._name(target, place)
+        if not self.is_local(target.name):
+            self.stored_globals.add(f"v_{target.name}")
+        if len(path) == 1:
+            return f"v_{target.name}", call("_set_item", place, root, path[0], value)
+        keys_code = ast.Tuple(elts=path, ctx=ast.Load(), **place)
+        return f"v_{target.name}", call("_set_path", place, root, keys_code, value) if path else value
+
+    def _run(self, node: Run, place: Place) -> ast.expr:
+        plan = self.unit.plans.get(node.name)
+        if plan is None or not plan.definition.scope.is_thread:
+            self.name_not_found(node.name, node, "thread")
+        return call("_run", place, load(f"f_{node.name}", place), constant(node.name, place))
+
+
+def _compare(left: ast.expr, operator: ast.cmpop, right: ast.expr, place: Place) -> ast.expr:
+    return ast.Compare(left=left, ops=[operator], comparators=[right], **place)
+
+
+def _is_number(node: Expression) -> bool:
+    return isinstance(node, Constant) and node.value.__class__ in (int, float)
+
+
+def _is_truth(node: Expression) -> bool:
+    """True when the Python for this expression can only give a bool."""
+    if isinstance(node, Constant):
+        return node.value.__class__ is bool
+    if isinstance(node, Unary):
+        return node.operator == "not"
+    return isinstance(node, Binary) and node.operator in _TRUTH_OPERATORS

@@ -1,0 +1,189 @@
+"""Statements to Python. Every generator draws its work from the meter and parks when it is empty."""
+
+import ast
+from collections.abc import Callable
+from typing import Any
+
+from urscript.analysis import FunctionPlan
+from urscript.compile_expressions import ExpressionCompiler, Unit
+from urscript.pycode import STORE, Place, attribute, call, charge, constant, function, load, place_of
+from urscript.syntax import (
+    Assign,
+    ExpressionStatement,
+    FunctionDef,
+    If,
+    Label,
+    Name,
+    Node,
+    Return,
+    Scope,
+    Statement,
+    ThreadControl,
+    While,
+    Word,
+)
+
+__all__ = ["compile_function", "compile_main"]
+
+_RUN_COST = 200
+"""Most work between two looks at the meter, in its units: about 10 us."""
+
+_LOOP_COST = 3
+
+
+def compile_main(unit: Unit) -> ast.stmt:
+    """The program body as the generator function ``main``."""
+    program = unit.program
+    compiler = _BodyCompiler(unit, program.scope, charged=True)
+    place = place_of(program.body[0] if program.body else Node(1, 1))
+    return function("main", [], compiler.body(program.body, place), place)
+
+
+def compile_function(unit: Unit, plan: FunctionPlan) -> ast.stmt:
+    """One def or thread as a Python function."""
+    definition = plan.definition
+    scope, place = definition.scope, place_of(definition)
+    compiler = _BodyCompiler(unit, scope, charged=plan.generator, recursive=plan.recursive)
+    parameters = [f"v_{parameter.name}" for parameter in scope.parameters]
+    if plan.recursive:
+        parameters.insert(0, "_depth")
+    body = compiler.body(definition.body, place)
+    return function(f"f_{scope.name}", parameters, body, place)
+
+
+class _BodyCompiler(ExpressionCompiler):
+    def __init__(self, unit: Unit, scope: Scope, *, charged: bool, recursive: bool = False) -> None:
+        super().__init__(unit, scope, recursive=recursive)
+        self._charged = charged  # a generator, so that it can park
+        self._compilers: dict[type, Callable[[Any, Place], list[ast.stmt]]] = {
+            Assign: self._assign,
+            ExpressionStatement: self._expression_statement,
+            If: self._if,
+            While: self._while,
+            Return: self._return,
+            Word: self._word,
+            ThreadControl: self._thread_control,
+            Label: self._label,
+        }
+
+    def body(self, statements: list[Statement], place: Place) -> list[ast.stmt]:
+        """All of a function's Python body."""
+        if self._charged:
+            code = self._metered(statements) or charge(1, place, park=True)
+        else:
+            code = [*charge(self.scope.cost, place, park=False), *self._plain(statements)]
+        if self.stored_globals:
+            code.insert(0, ast.Global(names=sorted(self.stored_globals), **place))
+        return code
+
+    # blocks
+
+    def _plain(self, statements: list[Statement]) -> list[ast.stmt]:
+        code: list[ast.stmt] = []
+        for statement in statements:
+            if not isinstance(statement, FunctionDef):
+                code += self._compilers[statement.__class__](statement, place_of(statement))
+        return code
+
+    def _metered(self, statements: list[Statement]) -> list[ast.stmt]:
+        """The statements in runs of bounded work, each run charged before it starts."""
+        code: list[ast.stmt] = []
+        run: list[Statement] = []
+        work = 0
+        for statement in statements:
+            if isinstance(statement, FunctionDef):
+                continue
+            cost = _LOOP_COST if _is_heavy(statement) else statement.cost
+            if run and work + cost > _RUN_COST:
+                code += self._charged_run(run, work)
+                run, work = [], 0
+            run.append(statement)
+            work += cost
+        return code + self._charged_run(run, work) if run else code
+
+    def _charged_run(self, run: list[Statement], work: int) -> list[ast.stmt]:
+        return [*charge(work, place_of(run[0]), park=True), *self._plain(run)]
+
+    def _inner(self, statements: list[Statement], heavy: bool) -> list[ast.stmt]:
+        return self._metered(statements) if heavy and self._charged else self._plain(statements)
+
+    # statements
+
+    def _assign(self, node: Assign, place: Place) -> list[ast.stmt]:
+        value = self.expression(node.value)
+        target = node.target
+        if isinstance(target, Name):
+            if self.is_local(target.name):
+                return [_bind(f"v_{target.name}", value, place)]
+            return self._assign_global(f"v_{target.name}", value, place)
+        stored = self.store(target, value, place)
+        assert stored is not None, "the parser lets only variables and their parts be assigned"
+        return [_bind(stored[0], stored[1], place)]
+
+    def _assign_global(self, name: str, value: ast.expr, place: Place) -> list[ast.stmt]:
+        """A global keeps the type of its first value; checked here, in line, because it is so frequent."""
+        self.stored_globals.add(name)
+        if self.unit.fixed_lists:
+            return [_bind(name, call("_retype_fixed", place, load(name, place), value), place)]
+        new, old = load("_new", place), load(name, place)
+        same = ast.Compare(
+            left=attribute(new, "__class__", place),
+            ops=[ast.IsNot()],
+            comparators=[attribute(old, "__class__", place)],
+            **place,
+        )
+        retype = _bind("_new", call("_retype", place, old, new), place)
+        check = ast.If(test=same, body=[retype], orelse=[], **place)
+        return [_bind("_new", value, place), check, _bind(name, load("_new", place), place)]
+
+    def _expression_statement(self, node: ExpressionStatement, place: Place) -> list[ast.stmt]:
+        return [ast.Expr(value=self.expression(node.value), **place)]
+
+    def _if(self, node: If, place: Place) -> list[ast.stmt]:
+        heavy = _is_heavy(node)
+        branches = [(self.condition(test), self._inner(body, heavy)) for test, body in node.branches]
+        otherwise = self._inner(node.otherwise, heavy)
+        for (test, body), (source, _) in zip(reversed(branches), reversed(node.branches), strict=True):
+            at = place_of(source)
+            otherwise = [ast.If(test=test, body=body or [ast.Pass(**at)], orelse=otherwise, **at)]
+        return otherwise
+
+    def _while(self, node: While, place: Place) -> list[ast.stmt]:
+        test = self.condition(node.condition)
+        body = [*charge(_LOOP_COST, place, park=True), *self._metered(node.body)]
+        return [ast.While(test=test, body=body, orelse=[], **place)]
+
+    def _return(self, node: Return, place: Place) -> list[ast.stmt]:
+        return [ast.Return(value=None if node.value is None else self.expression(node.value), **place)]
+
+    def _word(self, node: Word, place: Place) -> list[ast.stmt]:
+        match node.word:
+            case "break":
+                return [ast.Break(**place)]
+            case "continue":
+                return [ast.Continue(**place)]
+            case "halt":
+                return [ast.Raise(exc=load("_Halt", place), cause=None, **place)]
+            case _:
+                return [ast.Expr(value=call(f"_{node.word}", place), **place)]
+
+    def _thread_control(self, node: ThreadControl, place: Place) -> list[ast.stmt]:
+        code = call(f"_{node.word}", place, self.expression(node.handle))
+        if node.word == "join":
+            code = ast.YieldFrom(value=code, **place)
+        return [ast.Expr(value=code, **place)]
+
+    def _label(self, node: Label, place: Place) -> list[ast.stmt]:
+        code = call("_label", place, constant(node.number, place), constant(node.text, place))
+        return [ast.Expr(value=code, **place)]
+
+
+def _bind(name: str, value: ast.expr, place: Place) -> ast.stmt:
+    return ast.Assign(targets=[ast.Name(id=name, ctx=STORE, **place)], value=value, **place)
+
+
+def _is_heavy(statement: Statement) -> bool:
+    """True when the blocks inside charge their own work."""
+    return isinstance(statement, While) or (
+        isinstance(statement, If) and (statement.loops or statement.cost > _RUN_COST)
+    )

@@ -1,0 +1,83 @@
+"""What can go wrong with a script.
+
+    ScriptError                 has line, column, message, source; ``render()`` draws the caret
+    ├── CompileError            the program was refused before it started; ``wire`` is the controller's text
+    └── ScriptRuntimeError      the program stopped while it ran
+    RuntimeFault                raised by a built-in; becomes a ScriptRuntimeError at the caller's position
+
+Lines and columns count from 1, and line 1 is the first line with code (the ``def`` line): that
+is how the controller counts.
+"""
+
+from typing import Self
+
+__all__ = ["CompileError", "RuntimeFault", "ScriptError", "ScriptRuntimeError"]
+
+
+class RuntimeFault(Exception):  # noqa: N818  # becomes an error only with a place in a script
+    """A built-in refuses its arguments or cannot go on. The runtime adds line and column."""
+
+
+class ScriptError(Exception):
+    """A fault at a place in a script."""
+
+    def __init__(self, message: str, line: int, column: int, source: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.line = line
+        self.column = column
+        self.source = source
+
+    def __str__(self) -> str:
+        return f"line {self.line}, column {self.column}: {self.message}"
+
+    @property
+    def source_line(self) -> str:
+        """The text of the line at fault, without its line end; empty when unknown."""
+        lines = self.source.split("\n")
+        return lines[self.line - 1].rstrip("\r") if 0 < self.line <= len(lines) else ""
+
+    def render(self, file: str = "<script>") -> str:
+        """Message, place, source line and a caret below the column, as several lines of text."""
+        text = self.source_line
+        indent = "".join("\t" if char == "\t" else " " for char in text[: self.column - 1])
+        number = str(self.line)
+        return "\n".join(
+            [
+                f"{file}:{self.line}:{self.column}: {self.message}",
+                f"  {number} | {text}",
+                f"  {' ' * len(number)} | {indent}^",
+            ]
+        )
+
+
+class CompileError(ScriptError):
+    """The program was not started.
+
+    ``wire`` is the text a controller puts into its runtime exception message, as seen on real
+    ones: ``syntax_error_on_line:3:end:`` and ``compile_error_name_not_found:foo:``.
+    """
+
+    def __init__(self, message: str, line: int, column: int, source: str, wire: str) -> None:
+        super().__init__(message, line, column, source)
+        self.wire = wire
+
+    @classmethod
+    def syntax(cls, message: str, line: int, column: int, source: str) -> Self:
+        """A text that does not parse; the wire text quotes the line where parsing failed."""
+        error = cls(message, line, column, source, "")
+        error.wire = f"syntax_error_on_line:{line}:{error.source_line}:"
+        return error
+
+    @classmethod
+    def name_not_found(cls, name: str, message: str, line: int, column: int, source: str) -> Self:
+        """A name that is neither a variable, a function of the program, nor a built-in of this version."""
+        return cls(message, line, column, source, f"compile_error_name_not_found:{name}:")
+
+
+class ScriptRuntimeError(ScriptError):
+    """The program stopped: a built-in refused, a type did not fit, an index was out of range."""
+
+    def __init__(self, message: str, line: int, column: int, source: str = "", thread: str = "") -> None:
+        super().__init__(message, line, column, source)
+        self.thread = thread

@@ -1,0 +1,241 @@
+"""The expression half of the parser: a Pratt parser over the token list.
+
+Precedence, loosest first (Script Manual chapter 3, and what the official control script relies
+on): ``or xor`` · ``and`` · ``not`` · comparison · ``+ -`` · ``* / %`` · unary ``-`` · call,
+index, member.
+"""
+
+from typing import NoReturn
+
+from urscript.errors import CompileError
+from urscript.syntax import (
+    Binary,
+    Call,
+    Constant,
+    Expression,
+    Index,
+    ListLiteral,
+    Member,
+    MethodCall,
+    Name,
+    PoseLiteral,
+    Run,
+    Scope,
+    Unary,
+)
+from urscript.tokens import Token, tokenize
+
+__all__ = ["ExpressionParser"]
+
+_BINARY_POWER = {
+    "or": 1, "xor": 1, "and": 2,
+    "==": 4, "!=": 4, "<": 4, ">": 4, "<=": 4, ">=": 4,
+    "+": 5, "-": 5, "*": 6, "/": 6, "%": 6,
+}  # fmt: skip
+_NOT_POWER = 3
+_UNARY_POWER = 7
+
+_CONSTANTS: dict[str, bool | None] = {"True": True, "False": False, "None": None}
+
+CALL_COST = 30
+"""Extra work of a call, in the units of the meter: a built-in takes a few microseconds."""
+
+_MAX_DEPTH = 150
+"""Deepest nesting of one expression: a guess, far above real programs and below what Python's compiler bears."""
+
+
+class ExpressionParser:
+    """Reads expressions; the statement parser builds on it."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+        self.tokens = tokenize(source)
+        self.at = 0
+        self.scope = Scope("")
+        self._depth = 0
+        self._operands = {
+            "name": self._name,
+            "number": self._number,
+            "string": self._string,
+            "True": self._constant,
+            "False": self._constant,
+            "None": self._constant,
+            "(": self._parenthesis,
+            "[": self._list,
+            "-": self._unary,
+            "+": self._unary,
+            "not": self._not,
+            "!": self._not,
+            "run": self._run,
+        }
+
+    # tokens
+
+    @property
+    def token(self) -> Token:
+        """The next token."""
+        return self.tokens[self.at]
+
+    def take(self) -> Token:
+        """The next token, and step past it."""
+        token = self.tokens[self.at]
+        self.at += 1
+        return token
+
+    def expect(self, kind: str, where: str) -> Token:
+        """Step past a token that must be there."""
+        if self.tokens[self.at].kind != kind:
+            self.fail(f"expected '{kind}' {where}")
+        return self.take()
+
+    def fail(self, problem: str, token: Token | None = None) -> NoReturn:
+        """Raise the syntax error at the next token, or at the given one."""
+        token = token or self.token
+        if token.text == '"':
+            problem = "the string that starts here is never closed"
+        found = f"'{token.text}'" if token.text else token.kind
+        raise CompileError.syntax(f"syntax error at {found}: {problem}", token.line, token.column, self.source)
+
+    # expressions
+
+    def expression(self, power: int = 0) -> Expression:
+        """Read one expression whose operators bind tighter than `power`."""
+        depth = self._depth
+        self._deeper()
+        operand = self._operands.get(self.token.kind)
+        if operand is None:
+            self.fail("expected an expression")
+        left = operand(self.take())
+        while (binding := _BINARY_POWER.get(self.token.kind, 0)) > power:
+            self._deeper()
+            operator = self.take()
+            left = Binary(operator.line, operator.column, operator.kind, left, self.expression(binding))
+        self._depth = depth
+        return left
+
+    def _deeper(self) -> None:
+        self._depth += 1
+        if self._depth > _MAX_DEPTH:
+            self.fail(f"the expression is nested more than {_MAX_DEPTH} deep")
+
+    def _constant(self, token: Token) -> Expression:
+        return Constant(token.line, token.column, _CONSTANTS[token.kind])
+
+    def _number(self, token: Token) -> Expression:
+        text = token.text
+        if text.isdigit() and len(text) <= 10 and (whole := int(text)) < 2**31:
+            return Constant(token.line, token.column, whole)
+        # An integer literal beyond 32 bits becomes a float: a guess.
+        return Constant(token.line, token.column, float(text))
+
+    def _string(self, token: Token) -> Expression:
+        return Constant(token.line, token.column, token.text[1:-1])
+
+    def _unary(self, token: Token) -> Expression:
+        operand = self.expression(_UNARY_POWER)
+        if isinstance(operand, Constant) and operand.value.__class__ in (int, float) and token.kind == "-":
+            return Constant(token.line, token.column, -operand.value)
+        return Unary(token.line, token.column, token.kind, operand)
+
+    def _not(self, token: Token) -> Expression:
+        return Unary(token.line, token.column, "not", self.expression(_NOT_POWER))
+
+    def _run(self, token: Token) -> Expression:
+        name = self.expect("name", "after run: the thread to start").text
+        self.expect("(", "after the thread's name")
+        self.expect(")", "a thread takes no arguments")
+        return Run(token.line, token.column, name)
+
+    def _parenthesis(self, opening: Token) -> Expression:
+        items = self._items(")", "to close '('")
+        if len(items) == 1:
+            return self._postfix(items[0])
+        # python-urx sends a list in round brackets: set_payload(m, (x, y, z)).
+        return self._postfix(ListLiteral(opening.line, opening.column, items))
+
+    def _list(self, opening: Token) -> Expression:
+        if self.token.kind == "]":
+            self.take()
+            return ListLiteral(opening.line, opening.column, [])
+        return self._postfix(ListLiteral(opening.line, opening.column, self._items("]", "to close '['")))
+
+    def _items(self, closing: str, where: str) -> list[Expression]:
+        items = [self.expression()]
+        while self.token.kind == ",":
+            self.take()
+            items.append(self.expression())
+        self.expect(closing, where)
+        return items
+
+    def _name(self, token: Token) -> Expression:
+        following = self.token
+        if following.kind == "(" and not following.after_newline:
+            return self._postfix(self._call(token))
+        if token.text == "p" and following.kind == "[" and not following.after_newline:
+            return self._postfix(self._pose_or_index(token))
+        return self._postfix(Name(token.line, token.column, token.text))
+
+    def _pose_or_index(self, token: Token) -> Expression:
+        """``p[`` is a pose when six expressions follow, otherwise an index into a variable called p."""
+        opening = self.take()
+        items = self._items("]", "to close 'p['")
+        if len(items) == 6:
+            return PoseLiteral(token.line, token.column, items)
+        if len(items) > 2:
+            self.fail(f"a pose has six elements, not {len(items)}", opening)
+        return Index(opening.line, opening.column, Name(token.line, token.column, "p"), items)
+
+    def _call(self, token: Token) -> Call:
+        self.take()
+        call = Call(token.line, token.column, token.text, [], [])
+        self.scope.calls.append(call)
+        self.scope.cost += CALL_COST
+        if self.token.kind != ")":
+            self._argument(call)
+            while self.token.kind == ",":
+                self.take()
+                self._argument(call)
+        self.expect(")", f"to close the call of {token.text}")
+        return call
+
+    def _argument(self, call: Call) -> None:
+        if self.token.kind == "name" and self.tokens[self.at + 1].kind == "=":
+            name = self.take().text
+            self.take()
+            call.keywords.append((name, self.expression()))
+        elif call.keywords:
+            self.fail("an argument by position cannot follow one by keyword")
+        else:
+            call.arguments.append(self.expression())
+
+    def _postfix(self, value: Expression) -> Expression:
+        depth = self._depth
+        while True:
+            token = self.token
+            if token.kind == "[" and not token.after_newline:
+                self.take()
+                positions = self._items("]", "to close '['")
+                if len(positions) > 2:
+                    self.fail("an index has one position, or two for a matrix", token)
+                value = Index(token.line, token.column, value, positions)
+            elif token.kind == ".":
+                self.take()
+                value = self._member(value, self.expect("name", "after '.'"))
+            else:
+                break
+            self._deeper()
+        self._depth = depth
+        return value
+
+    def _member(self, target: Expression, name: Token) -> Expression:
+        if self.token.kind != "(" or self.token.after_newline:
+            return Member(name.line, name.column, target, name.text)
+        self.take()
+        self.scope.waits = True
+        self.scope.cost += CALL_COST
+        arguments: list[Expression] = []
+        if self.token.kind == ")":
+            self.take()
+        else:
+            arguments = self._items(")", f"to close the call of {name.text}")
+        return MethodCall(name.line, name.column, target, name.text, arguments)

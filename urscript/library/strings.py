@@ -1,0 +1,111 @@
+"""Strings (Script Manual, module internals). A string is a sequence of bytes; see `urscript.values`."""
+
+import math
+import re
+
+from urscript.builtins import Library
+from urscript.errors import RuntimeFault
+from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Int, Str, Value, from_bytes, to_bytes, to_text
+
+__all__ = ["LIBRARY"]
+
+LIBRARY = Library("strings")
+
+_NUMBER = re.compile(
+    r"[ \t\r\n\f\v]*([+-]?)(0[xX][0-9a-fA-F]+|[0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?)"
+)
+_SPECIAL = re.compile(r"[ \t\r\n\f\v]*([+-]?)(inf|infinity|nan)\Z", re.IGNORECASE)
+
+
+def _slice(text: str, start: int, stop: int) -> str:
+    """Bytes `start` to `stop` of a string."""
+    return text[start:stop] if text.isascii() else from_bytes(to_bytes(text)[start:stop])
+
+
+def _length(text: str) -> int:
+    return len(text) if text.isascii() else len(to_bytes(text))
+
+
+@LIBRARY.builtin(cb3="3.8", e="5.2")
+def str_at(src: Str, index: Int) -> str:
+    """The byte at `index` (from 0) as a string; a runtime error outside the string."""
+    if not 0 <= index < _length(src):
+        raise RuntimeFault(f"str_at: index {index} is outside a string of {_length(src)} bytes")
+    return _slice(src, index, index + 1)
+
+
+@LIBRARY.builtin(cb3="3.8", e="5.2")
+def str_cat(op1: Any_, op2: Any_) -> str:
+    """The texts of two values, one after the other; a runtime error beyond 1023 bytes."""
+    text = to_text(op1) + to_text(op2)
+    if not text.isascii():
+        data = to_bytes(text)
+        text = from_bytes(data)  # two halves of a character become one
+        if len(data) > MAX_STRING:
+            raise RuntimeFault(f"String exceeds maximum length ({MAX_STRING} Bytes).")
+    return to_text(text)
+
+
+@LIBRARY.builtin(cb3="3.8", e="5.2")
+def str_empty(str_: Str) -> bool:
+    """True for the empty string."""
+    return not str_
+
+
+@LIBRARY.builtin(cb3="3.8", e="5.2")
+def str_find(src: Str, target: Str, start_from: Int = 0) -> int:
+    """Index of the first `target` in `src` at or after `start_from`, -1 when there is none."""
+    if start_from < 0:
+        raise RuntimeFault(f"str_find: start_from must not be negative, it is {start_from}")
+    return to_bytes(src).find(to_bytes(target), start_from)
+
+
+@LIBRARY.builtin(cb3="3.8", e="5.2")
+def str_len(str_: Str) -> int:
+    """Number of bytes of a string."""
+    return _length(str_)
+
+
+@LIBRARY.builtin(cb3="3.8", e="5.2", aliases={"length": "len"})
+def str_sub(src: Str, index: Int = 0, length: Int | None = None) -> str:
+    """`length` bytes of `src` from `index`, or all the rest; fewer when the string ends before.
+
+    A runtime error when `index` is outside 0..str_len(src) or the length is negative.
+    """
+    if not 0 <= index <= _length(src):
+        raise RuntimeFault(f"str_sub: index {index} is outside a string of {_length(src)} bytes")
+    if length is not None and length < 0:
+        raise RuntimeFault(f"str_sub: the length must not be negative, it is {length}")
+    return _slice(src, index, MAX_STRING + index if length is None else index + length)
+
+
+@LIBRARY.builtin(cb3="3.8", e="5.2")
+def to_num(str_: Str) -> Value:
+    """The number at the beginning of a string: an int, or a float when it has a '.' or an exponent.
+
+    Leading blanks, a sign, 0x, INF and NAN are understood; anything else is a runtime error.
+    """
+    special = _SPECIAL.match(str_)
+    if special:
+        return math.copysign(float(special[2]), -1.0 if special[1] == "-" else 1.0)
+    match = _NUMBER.match(str_)
+    if not match or str_[match.end() :].strip():
+        raise RuntimeFault(f'to_num: "{str_[:40]}" is not a number')
+    sign = -1 if match[1] == "-" else 1
+    digits = match[2]
+    if digits[:2] in ("0x", "0X"):
+        return _integer(sign * int(digits, 16))
+    if digits.isdigit():
+        return _integer(sign * int(digits[:400])) if len(digits) < 400 else sign * math.inf
+    return sign * float(digits)
+
+
+def _integer(value: int) -> Value:
+    """An int when it fits 32 bits, otherwise a float (a guess)."""
+    return value if INT_MIN <= value <= INT_MAX else float(value)
+
+
+@LIBRARY.builtin(cb3="3.8", e="5.2")
+def to_str(val: Any_) -> str:
+    """The text of a value."""
+    return to_text(val)

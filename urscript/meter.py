@@ -1,0 +1,26 @@
+"""The work budget of a frame.
+
+One script thread executes at a time in a process, so there is one meter. The scheduler fills it
+before it resumes a thread, compiled code draws from it and parks the thread when it is empty,
+and whatever does work in proportion to its arguments charges it too. Counting instead of
+measuring time keeps programs deterministic.
+"""
+
+__all__ = ["METER", "Meter", "charge"]
+
+
+class Meter:
+    """`left` is the work the running thread may still do in this frame, in units of about 50 ns."""
+
+    __slots__ = ("left",)
+
+    def __init__(self) -> None:
+        self.left = 0
+
+
+METER = Meter()
+
+
+def charge(units: int) -> None:
+    """Count work that the compiler could not foresee, such as going through a long list."""
+    METER.left -= units

@@ -1,0 +1,95 @@
+"""Calls by attribute: the list methods of PolyScope 5.15, and handles of built-ins (RPC proxies and the like).
+
+A method is a generator function that gives the target as it is after the call, and the result.
+"""
+
+from collections.abc import Callable, Generator
+from typing import Any
+
+from urscript.errors import RuntimeFault
+from urscript.meter import charge
+from urscript.operators import check_size, whole
+from urscript.values import BoundedList, Value, to_text, type_name
+
+__all__ = ["Handle", "call_method", "refuse_list_methods"]
+
+MethodResult = tuple[Value, Value]
+
+
+class Handle:
+    """A value that only built-ins understand; scripts call its methods.
+
+    Subclass it and override `call_method`. `type_title` is its type name in error texts.
+    """
+
+    type_title = "Handle"
+
+    def call_method(self, name: str, arguments: tuple[Value, ...]) -> Generator[None, None, Value]:
+        """Carry out one method call; each bare ``yield`` ends the thread's frame."""
+        raise RuntimeFault(f"{self.type_title} has no method '{name}'")
+        yield
+
+
+def call_method(target: Value, name: str, *arguments: Value) -> Generator[None, None, MethodResult]:
+    """``target.name(arguments)``."""
+    if isinstance(target, Handle):
+        return target, (yield from target.call_method(name, arguments))
+    if isinstance(target, list) and name in _LIST_METHODS:
+        method, arity = _LIST_METHODS[name]
+        if len(arguments) != arity:
+            raise RuntimeFault(f"Type error: {name} takes exactly {arity} arguments ({len(arguments)} given)")
+        charge(len(target) // 8)
+        return method(target, *arguments)
+    raise RuntimeFault(f"Type error: '{type_name(target)}' has no method '{name}'")
+
+
+def refuse_list_methods(target: Value, name: str, *arguments: Value) -> Generator[None, None, MethodResult]:
+    """``target.name(arguments)`` before 5.15, when lists had no methods."""
+    if isinstance(target, list):
+        raise RuntimeFault(f"Type error: '{type_name(target)}' has no method '{name}'")
+    return (yield from call_method(target, name, *arguments))
+
+
+def _capacity(target: list[Any]) -> int:
+    # A list that was not made by make_list has room for what it holds: a guess.
+    return target.capacity if isinstance(target, BoundedList) else len(target)
+
+
+def _append(target: list[Any], value: Value) -> MethodResult:
+    return _insert(target, len(target), value)
+
+
+def _insert(target: list[Any], position: Value, value: Value) -> MethodResult:
+    at, capacity = whole(position, "an index"), _capacity(target)
+    if not 0 <= at <= len(target):
+        raise RuntimeFault(f"Index out of bounds: {at}, the length is {len(target)}")
+    if len(target) >= capacity:
+        raise RuntimeFault(f"The list is full: its capacity is {capacity}; make_list(length, value, capacity) sets it")
+    return check_size(BoundedList([*target[:at], value, *target[at:]], capacity)), None
+
+
+def _remove(target: list[Any], position: Value) -> MethodResult:
+    at = whole(position, "an index")
+    if not 0 <= at < len(target):
+        raise RuntimeFault(f"Index out of bounds: {at}, the length is {len(target)}")
+    return BoundedList([*target[:at], *target[at + 1 :]], _capacity(target)), target[at]
+
+
+def _pop(target: list[Any]) -> MethodResult:
+    return _remove(target, len(target) - 1)
+
+
+def _clear(target: list[Any]) -> MethodResult:
+    return BoundedList([], _capacity(target)), None
+
+
+_LIST_METHODS: dict[str, tuple[Callable[..., MethodResult], int]] = {
+    "append": (_append, 1),
+    "capacity": (lambda target: (target, _capacity(target)), 0),
+    "clear": (_clear, 0),
+    "insert": (_insert, 2),
+    "length": (lambda target: (target, len(target)), 0),
+    "pop": (_pop, 0),
+    "remove": (_remove, 1),
+    "to_string": (lambda target: (target, to_text(target)), 0),
+}

@@ -1,0 +1,425 @@
+"""What compiled programs do with values. Every function raises RuntimeFault for types that do not fit.
+
+Rules, with what they rest on in docs/urscript.md: ``/`` is always real division, ``+ - *`` of
+ints stay ints and wrap at 32 bits, ``%`` takes the sign of the dividend, floats follow IEEE 754,
+lists combine element by element, poses do not combine.
+"""
+
+import math
+import operator
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+from urscript.errors import RuntimeFault
+from urscript.meter import charge
+from urscript.values import (
+    INT_MAX,
+    INT_MIN,
+    MAX_ELEMENTS,
+    MAX_STRING,
+    UNSET,
+    BoundedList,
+    Matrix,
+    Pose,
+    Struct,
+    Value,
+    is_number,
+    type_name,
+)
+
+__all__ = [
+    "add",
+    "cell",
+    "check_size",
+    "div",
+    "eq",
+    "fault",
+    "ge",
+    "gt",
+    "index",
+    "le",
+    "list_literal",
+    "lt",
+    "make_struct",
+    "member",
+    "mod",
+    "mul",
+    "ne",
+    "neg",
+    "pos",
+    "pose_literal",
+    "retype",
+    "retype_fixed",
+    "set_item",
+    "set_path",
+    "sub",
+    "truth",
+    "whole",
+    "wrap32",
+]
+
+_SCALARS: frozenset[Any] = frozenset([type(None), bool, int, float, str])
+_NUMBERS: frozenset[Any] = frozenset([int, float])
+_LISTS: frozenset[Any] = frozenset([list, BoundedList])
+
+Operator = Callable[[Any, Any], Any]
+
+
+def fault(message: str) -> NoReturn:
+    """Stop the program."""
+    raise RuntimeFault(message)
+
+
+# numbers
+
+
+def wrap32(value: int) -> int:
+    """Two's complement at 32 bits. A guess: the manual only says that ints have 32 bits."""
+    return (value - INT_MIN) % 2**32 + INT_MIN
+
+
+def whole(value: Value, what: str) -> int:
+    """An int from a number without fraction."""
+    if value.__class__ is int:
+        return int(value)
+    if value.__class__ is float and value.is_integer():
+        return int(value)
+    raise RuntimeFault(f"Type error: {what} must be a whole number, not '{type_name(value)}'")
+
+
+def _divide(left: float, right: float) -> float:
+    if right == 0:
+        # IEEE 754, a guess: the official control script can divide a list by a remaining time of zero.
+        if left == 0 or math.isnan(left):
+            return math.nan
+        return math.copysign(math.inf, left) * math.copysign(1.0, right)
+    return left / right
+
+
+def _modulo(left: float, right: float) -> float:
+    if left.__class__ is int and right.__class__ is int:
+        if right == 0:
+            raise RuntimeFault("Division by zero: % with an integer 0 on its right")
+        return int(math.fmod(left, right))
+    if right == 0 or math.isinf(left):
+        return math.nan
+    return math.fmod(left, right)
+
+
+def add(left: Value, right: Value) -> Value:
+    if left.__class__ in _NUMBERS and right.__class__ in _NUMBERS:
+        result = left + right
+        return result if result.__class__ is float or INT_MIN <= result <= INT_MAX else wrap32(result)
+    if left.__class__ is str and right.__class__ is str:
+        if len(left) + len(right) > MAX_STRING:
+            raise RuntimeFault(f"String exceeds maximum length ({MAX_STRING} Bytes).")
+        return left + right
+    return _elementwise("+", add, left, right)
+
+
+def sub(left: Value, right: Value) -> Value:
+    if left.__class__ in _NUMBERS and right.__class__ in _NUMBERS:
+        result = left - right
+        return result if result.__class__ is float or INT_MIN <= result <= INT_MAX else wrap32(result)
+    return _elementwise("-", sub, left, right)
+
+
+def mul(left: Value, right: Value) -> Value:
+    if left.__class__ in _NUMBERS and right.__class__ in _NUMBERS:
+        result = left * right
+        return result if result.__class__ is float or INT_MIN <= result <= INT_MAX else wrap32(result)
+    if left.__class__ is Matrix and right.__class__ in (Matrix, list, BoundedList):
+        return _product(left, right)
+    return _elementwise("*", mul, left, right)
+
+
+def div(left: Value, right: Value) -> Value:
+    if left.__class__ in _NUMBERS and right.__class__ in _NUMBERS:
+        return left / right if right else _divide(left, right)
+    return _elementwise("/", div, left, right)
+
+
+def mod(left: Value, right: Value) -> Value:
+    if left.__class__ in _NUMBERS and right.__class__ in _NUMBERS:
+        return _modulo(left, right)
+    return _elementwise("%", mod, left, right)
+
+
+def neg(value: Value) -> Value:
+    if value.__class__ in _NUMBERS:
+        return -value if value != INT_MIN else value
+    return mul(value, -1) if value.__class__ in _LISTS or value.__class__ is Matrix else _refuse("-", value)
+
+
+def pos(value: Value) -> Value:
+    return value if value.__class__ in _NUMBERS else _refuse("+", value)
+
+
+def _refuse(sign: str, *operands: Value) -> NoReturn:
+    found = " and ".join(f"'{type_name(operand)}'" for operand in operands)
+    raise RuntimeFault(f"Type error: operator {sign} cannot be used with {found}")
+
+
+def _elementwise(sign: str, operation: Operator, left: Value, right: Value) -> Value:
+    if left.__class__ is Matrix or right.__class__ is Matrix:
+        return _matrix_elementwise(sign, operation, left, right)
+    left_list, right_list = left.__class__ in _LISTS, right.__class__ in _LISTS
+    if left_list and right_list:
+        if len(left) != len(right):
+            raise RuntimeFault(f"Lists of different lengths ({len(left)} and {len(right)}) with operator {sign}")
+        charge(2 * len(left))
+        return [_scalar(sign, operation, a, b) for a, b in zip(left, right, strict=True)]
+    if left_list and right.__class__ in _NUMBERS:
+        charge(2 * len(left))
+        return [_scalar(sign, operation, a, right) for a in left]
+    if right_list and left.__class__ in _NUMBERS:
+        charge(2 * len(right))
+        return [_scalar(sign, operation, left, b) for b in right]
+    _refuse(sign, left, right)
+
+
+def _scalar(sign: str, operation: Operator, left: Value, right: Value) -> Value:
+    if left.__class__ in _NUMBERS and right.__class__ in _NUMBERS:
+        return operation(left, right)
+    _refuse(sign, left, right)
+
+
+# matrices
+
+
+def _matrix_elementwise(sign: str, operation: Operator, left: Value, right: Value) -> Matrix:
+    if left.__class__ in _NUMBERS:
+        return _matrix_map(right, lambda item: operation(left, item))
+    if right.__class__ in _NUMBERS:
+        return _matrix_map(left, lambda item: operation(item, right))
+    if left.__class__ is not Matrix or right.__class__ is not Matrix:
+        _refuse(sign, left, right)
+    if left.shape != right.shape:
+        raise RuntimeFault(f"Matrices of different shapes {left.shape} and {right.shape} with operator {sign}")
+    charge(2 * len(left.rows) * len(left.rows[0]))
+    rows = zip(left.rows, right.rows, strict=True)
+    return Matrix(tuple(tuple(map(operation, a, b)) for a, b in rows))
+
+
+def _matrix_map(matrix: Matrix, operation: Callable[[Value], Value]) -> Matrix:
+    charge(2 * len(matrix.rows) * len(matrix.rows[0]))
+    return Matrix(tuple(tuple(map(operation, row)) for row in matrix.rows))
+
+
+def _product(left: Matrix, right: Value) -> Value:
+    if right.__class__ is not Matrix:
+        return [_dot(row, right) for row in left.rows]
+    charge(len(left.rows) * len(right.rows) * len(right.rows[0]))
+    columns = list(zip(*right.rows, strict=True))
+    return Matrix(tuple(tuple(_dot(row, column) for column in columns) for row in left.rows))
+
+
+def _dot(row: tuple[Value, ...], column: Value) -> Value:
+    if len(row) != len(column) or not all(map(is_number, column)):
+        raise RuntimeFault(f"Matrix product: {len(row)} columns on the left do not fit {len(column)} on the right")
+    total = sum(map(operator.mul, row, column))
+    return total if total.__class__ is float else wrap32(int(total))
+
+
+# comparison
+
+
+def truth(value: Value) -> bool:
+    """A condition. Numbers count as in C and an empty string is False (Script Manual, socket_read_string)."""
+    if value.__class__ is bool or value.__class__ in _NUMBERS or value.__class__ is str:
+        return bool(value)
+    raise RuntimeFault(f"Type error: a condition expected type 'Bool' but found '{type_name(value)}'")
+
+
+def eq(left: Value, right: Value) -> bool:
+    if left.__class__ not in _SCALARS and right.__class__ not in _SCALARS:
+        charge(_size(left))
+    return bool(left == right)
+
+
+def ne(left: Value, right: Value) -> bool:
+    return not eq(left, right)
+
+
+def _ordering(sign: str, compare: Operator) -> Operator:
+    def ordered(left: Value, right: Value) -> bool:
+        if left.__class__ in _NUMBERS and right.__class__ in _NUMBERS:
+            return bool(compare(left, right))
+        _refuse(sign, left, right)
+
+    return ordered
+
+
+lt = _ordering("<", operator.lt)
+le = _ordering("<=", operator.le)
+gt = _ordering(">", operator.gt)
+ge = _ordering(">=", operator.ge)
+
+
+# building
+
+
+def list_literal(*items: Value) -> Value:
+    """``[a, b]``: a list, or a matrix when every item is a list of numbers of one length."""
+    for item in items:
+        if item.__class__ not in _SCALARS:
+            return _nested(list(items))
+    return list(items)
+
+
+def _nested(items: list[Value]) -> Value:
+    check_size(items)
+    first = items[0]
+    if first.__class__ in _LISTS and first:
+        fits = (item.__class__ in _LISTS and len(item) == len(first) and all(map(is_number, item)) for item in items)
+        if all(fits):
+            return Matrix(tuple(map(tuple, items)))
+    return items
+
+
+def pose_literal(*items: Value) -> Pose:
+    """``p[x, y, z, rx, ry, rz]``."""
+    for item in items:
+        if item.__class__ not in _NUMBERS:
+            raise RuntimeFault(f"Type error: a pose holds numbers, not '{type_name(item)}'")
+    return Pose(map(float, items))
+
+
+def make_struct(names: tuple[str, ...], *values: Value) -> Struct:
+    """``struct(a=1, b=2)``."""
+    check_size(list(values))
+    return Struct(dict(zip(names, values, strict=True)))
+
+
+def check_size(value: Value) -> Value:
+    """The value again; raises RuntimeFault when it is too large, or holds a global that has no value yet."""
+    charge(_size(value))
+    return value
+
+
+def _size(value: Value, budget: int = MAX_ELEMENTS) -> int:
+    """Elements of a value, all levels together."""
+    if value.__class__ in _SCALARS:
+        return 1
+    if value is UNSET:
+        raise RuntimeFault("A variable is used before it has a value")
+    if isinstance(value, Matrix):
+        return len(value.rows) * len(value.rows[0])
+    items = value.members.values() if isinstance(value, Struct) else value
+    if not isinstance(value, (list, Struct)):
+        return 1
+    total = 1
+    for item in items:
+        total += 1 if item.__class__ in _SCALARS else _size(item, budget - total)
+        if total > budget:
+            raise RuntimeFault(f"The value has more than {MAX_ELEMENTS} elements")
+    return total
+
+
+# access
+
+
+def index(value: Value, position: Value) -> Value:
+    """``value[position]`` of a list, a pose, or a matrix (a row)."""
+    if isinstance(value, list):
+        return value[_within(position, len(value))]
+    if value.__class__ is Matrix:
+        return list(value.rows[_within(position, len(value.rows))])
+    raise RuntimeFault(f"Type error: '{type_name(value)}' cannot be indexed")
+
+
+def cell(value: Value, row: Value, column: Value) -> Value:
+    """``value[row, column]`` of a matrix."""
+    if value.__class__ is not Matrix:
+        raise RuntimeFault(f"Type error: '{type_name(value)}' cannot be indexed by row and column")
+    rows, columns = value.shape
+    return value.rows[_within(row, rows)][_within(column, columns)]
+
+
+def _within(position: Value, length: int) -> int:
+    if position.__class__ is not int:
+        position = whole(position, "an index")
+    if 0 <= position < length:
+        return int(position)
+    raise RuntimeFault(f"Index out of bounds: {position}, the length is {length}")
+
+
+def member(value: Value, name: str) -> Value:
+    """``value.name`` of a struct."""
+    if value.__class__ is not Struct:
+        raise RuntimeFault(f"Type error: '{type_name(value)}' has no member '{name}'")
+    if name not in value.members:
+        raise RuntimeFault(f"The struct has no member '{name}'; it has {', '.join(value.members)}")
+    return value.members[name]
+
+
+Key = Any  # str: a member; a number: an index; a pair: a matrix cell
+
+
+def set_item(value: Value, key: Key, item: Value) -> Value:
+    """A copy of `value` in which the element `key` is `item`."""
+    if key.__class__ is str:
+        member(value, key)
+        result: Value = Struct({**value.members, key: item})
+    elif key.__class__ is tuple:
+        cell(value, *key)
+        result = _with_cell(value, int(key[0]), int(key[1]), item)
+    elif value.__class__ is Pose:
+        result = list(value)
+        result[_within(key, 6)] = item
+        return pose_literal(*result)
+    elif isinstance(value, list):
+        result = BoundedList(value, value.capacity) if isinstance(value, BoundedList) else value.copy()
+        result[_within(key, len(value))] = item
+        charge(len(value) // 8)
+    else:
+        raise RuntimeFault(f"Type error: '{type_name(value)}' cannot be indexed")
+    return result if item.__class__ in _SCALARS else check_size(result)
+
+
+def _with_cell(value: Matrix, row: int, column: int, item: Value) -> Matrix:
+    if item.__class__ not in _NUMBERS:
+        raise RuntimeFault(f"Type error: a matrix holds numbers, not '{type_name(item)}'")
+    rows = list(value.rows)
+    rows[row] = (*rows[row][:column], item, *rows[row][column + 1 :])
+    charge(len(rows) + len(rows[0]))
+    return Matrix(tuple(rows))
+
+
+def set_path(value: Value, path: tuple[Key, ...], item: Value) -> Value:
+    """A copy of `value` in which the element at the end of `path` is `item`."""
+    if len(path) == 1:
+        return set_item(value, path[0], item)
+    key = path[0]
+    if value.__class__ is Matrix and len(path) == 2 and key.__class__ is not tuple:
+        return set_item(value, (key, path[1]), item)
+    inner = member(value, key) if key.__class__ is str else index(value, key)
+    return set_item(value, key, set_path(inner, path[1:], item))
+
+
+# assignment to globals
+
+
+def retype(old: Value, new: Value) -> Value:
+    """The new value of a global whose value has another Python type; refused when its URScript type differs.
+
+    int and float are one type (production programs rely on it), and none fits every variable (a guess).
+    """
+    if old is UNSET or old is None or new is None:
+        return new
+    if old.__class__ in _NUMBERS and new.__class__ in _NUMBERS:
+        return new
+    if new is UNSET:
+        raise RuntimeFault("A variable is used before it has a value")
+    expected, found = type_name(old), type_name(new)
+    if expected == found:
+        return new
+    # "exected" is how the controller spells it.
+    raise RuntimeFault(f"Type error: left-hand side of the expression exected type '{expected}' but found '{found}'")
+
+
+def retype_fixed(old: Value, new: Value) -> Value:
+    """As `retype`, on versions before 5.15, where a list variable keeps its length."""
+    if old.__class__ is list and new.__class__ is list and len(old) != len(new):
+        raise RuntimeFault("Resizing of 'List' is not supported")
+    return new if old.__class__ is new.__class__ else retype(old, new)

@@ -1,0 +1,271 @@
+"""The statement half of the parser, and the entry `parse`.
+
+A statement ends where its grammar can no longer continue: PolyScope and several vendors write
+two statements on one line, or a statement and its ``end``, with nothing between them.
+"""
+
+import re
+from collections.abc import Callable
+
+from urscript.expressions import ExpressionParser
+from urscript.syntax import (
+    Assign,
+    Call,
+    Expression,
+    ExpressionStatement,
+    FunctionDef,
+    If,
+    Index,
+    Label,
+    Member,
+    MethodCall,
+    Name,
+    Parameter,
+    Program,
+    ProgramKind,
+    Return,
+    Run,
+    Scope,
+    Statement,
+    ThreadControl,
+    While,
+    Word,
+)
+from urscript.tokens import Token
+
+__all__ = ["normalize", "parse"]
+
+_LEADING = re.compile(r"(?:[ \t\r\f\v\n]|#[^\n]*)*")
+_BLOCK_ENDS = frozenset(["end", "else", "elif", "end of text"])
+_MAX_BLOCKS = 60
+"""Deepest nesting of blocks: a guess, above real programs and below what Python's compiler bears."""
+
+
+def normalize(text: str) -> str:
+    """The text from the first line with code on: the controller does not count what comes before it."""
+    text = text.removeprefix("\ufeff")
+    leading = _LEADING.match(text)
+    first = leading.end() if leading else 0
+    return text[text.rfind("\n", 0, first) + 1 :]
+
+
+def parse(source: str) -> Program:
+    """The syntax tree of one normalized program.
+
+    Raises CompileError for text that is not one program: ``def name(): … end``,
+    ``sec name(): … end``, or statements.
+    """
+    return _Parser(source).program()
+
+
+class _Parser(ExpressionParser):
+    def __init__(self, source: str) -> None:
+        super().__init__(source)
+        self._program = Program("statement", "", [], self.scope, {}, {}, [])
+        self._blocks = 0
+        self._loops = 0
+        self._statements: dict[str, Callable[[Token], Statement]] = {
+            "def": self._function,
+            "thread": self._function,
+            "if": self._if,
+            "while": self._while,
+            "return": self._return,
+            "global": self._declaration,
+            "local": self._declaration,
+            "break": self._loop_word,
+            "continue": self._loop_word,
+            "halt": self._word,
+            "enter_critical": self._word,
+            "exit_critical": self._word,
+            "join": self._thread_control,
+            "kill": self._thread_control,
+            "$": self._label,
+        }
+
+    def program(self) -> Program:
+        program = self._program
+        if self.token.kind in ("def", "sec"):
+            program.kind = _PROGRAM_KINDS[self.take().kind]
+            program.name = self.expect("name", "the name of the program").text
+            self.expect("(", "after the name of the program")
+            self.expect(")", "a program takes no parameters")
+            self.expect(":", "after ')'")
+            program.body = self._block("to close the program")
+        else:
+            while self.token.kind != "end of text":
+                program.body.append(self._statement())
+        if self.token.kind != "end of text":
+            self.fail("the program ended before this")
+        return program
+
+    # blocks
+
+    def _block(self, where: str) -> list[Statement]:
+        body = self._open_block()
+        self.expect("end", where)
+        return body
+
+    def _open_block(self) -> list[Statement]:
+        """Statements up to the word that ends the block, which is left for the caller."""
+        self._blocks += 1
+        if self._blocks > _MAX_BLOCKS:
+            self.fail(f"blocks are nested more than {_MAX_BLOCKS} deep")
+        body: list[Statement] = []
+        while self.token.kind not in _BLOCK_ENDS:
+            body.append(self._statement())
+        self._blocks -= 1
+        return body
+
+    def _statement(self) -> Statement:
+        """One statement; its cost is the number of its tokens and the surcharges of its calls."""
+        first, surcharge = self.at, self.scope.cost
+        handler = self._statements.get(self.token.kind)
+        statement = handler(self.take()) if handler else self._assignment_or_call(None)
+        if isinstance(statement, FunctionDef):
+            return statement
+        statement.cost = self.at - first + self.scope.cost - surcharge
+        return statement
+
+    # simple statements
+
+    def _declaration(self, token: Token) -> Statement:
+        return self._assignment_or_call(token.kind)
+
+    def _assignment_or_call(self, declared: str | None) -> Statement:
+        start = self.token
+        if start.kind not in ("name", "run"):
+            self.fail("expected a statement")
+        value = self.expression(_ABOVE_OPERATORS)
+        if self.token.kind == "=":
+            return self._assign(value, start, declared)
+        if declared:
+            self.fail(f"'{declared}' needs an assignment")
+        if not isinstance(value, (Call, MethodCall, Run)):
+            self.fail("this is neither an assignment nor a call" if self.token.kind in _BLOCK_ENDS else "expected '='")
+        return ExpressionStatement(value.line, value.column, value)
+
+    def _assign(self, target: Expression, start: Token, declared: str | None) -> Statement:
+        if not isinstance(target, (Name, Index, Member)) or (root := _root(target)) is None:
+            self.fail("this cannot be assigned to", start)
+        self.take()
+        self._bind(root, declared)
+        return Assign(target.line, target.column, target, self.expression())
+
+    def _bind(self, name: str, declared: str | None) -> None:
+        at_program_level = self.scope is self._program.scope
+        if at_program_level or declared == "global":
+            self._program.globals.setdefault(name)
+        elif declared == "local":
+            self.scope.locals.add(name)
+        else:
+            self.scope.assigned.add(name)
+
+    def _return(self, token: Token) -> Statement:
+        following = self.token
+        bare = following.after_newline or following.kind in _BLOCK_ENDS
+        return Return(token.line, token.column, None if bare else self.expression())
+
+    def _word(self, token: Token) -> Statement:
+        return Word(token.line, token.column, token.kind)
+
+    def _loop_word(self, token: Token) -> Statement:
+        if not self._loops:
+            self.fail("not inside a loop", token)
+        return self._word(token)
+
+    def _thread_control(self, token: Token) -> Statement:
+        if token.kind == "join":
+            self.scope.waits = True
+        return ThreadControl(token.line, token.column, token.kind, self.expression())
+
+    def _label(self, token: Token) -> Statement:
+        number = self.expect("number", "of the program label").text
+        if not number.isdigit() or len(number) > 9:
+            self.fail("a program label has a whole number", token)
+        text = self.expect("string", "of the program label").text[1:-1]
+        option = self.take().text[1:-1] if self.token.kind == "string" else ""
+        label = Label(token.line, token.column, int(number), text, option)
+        self._program.labels.append(label)
+        return label
+
+    # compound statements
+
+    def _if(self, token: Token) -> Statement:
+        outer_loops, self.scope.loops = self.scope.loops, False
+        branches = [self._branch("if")]
+        while self.token.kind == "elif":
+            self.take()
+            branches.append(self._branch("elif"))
+        otherwise: list[Statement] = []
+        if self.token.kind == "else":
+            self.take()
+            self.expect(":", "after else")
+            otherwise = self._open_block()
+        self.expect("end", f"to close the if of line {token.line}")
+        loops = self.scope.loops
+        self.scope.loops = loops or outer_loops
+        return If(token.line, token.column, branches, otherwise, loops)
+
+    def _branch(self, word: str) -> tuple[Expression, list[Statement]]:
+        condition = self.expression()
+        self.expect(":", f"after the condition of {word}")
+        return condition, self._open_block()
+
+    def _while(self, token: Token) -> Statement:
+        condition = self.expression()
+        self.expect(":", "after the condition of while")
+        self._loops += 1
+        body = self._block(f"to close the while of line {token.line}")
+        self._loops -= 1
+        self.scope.loops = True
+        return While(token.line, token.column, condition, body)
+
+    def _function(self, token: Token) -> Statement:
+        name = self.expect("name", f"after {token.kind}").text
+        outer, outer_loops = self.scope, self._loops
+        self.scope, self._loops = Scope(name, is_thread=token.kind == "thread"), 0
+        self._parameters(token)
+        self.expect(":", f"after the parameters of {name}")
+        first = self.at
+        body = self._block(f"to close the {token.kind} of line {token.line}")
+        self.scope.cost += self.at - first
+        function = FunctionDef(token.line, token.column, self.scope, body)
+        self._program.functions[name] = function  # a second def of a name replaces the first
+        self.scope, self._loops = outer, outer_loops
+        return function
+
+    def _parameters(self, token: Token) -> None:
+        self.expect("(", f"after the name of the {token.kind}")
+        if token.kind == "thread" and self.token.kind != ")":
+            self.fail("a thread takes no parameters")
+        if self.token.kind != ")":
+            self._parameter()
+            while self.token.kind == ",":
+                self.take()
+                self._parameter()
+        self.expect(")", "to close the parameters")
+
+    def _parameter(self) -> None:
+        token = self.expect("name", "the name of a parameter")
+        if token.text in self.scope.locals:
+            self.fail(f"two parameters are called {token.text}", token)
+        default = None
+        if self.token.kind == "=":
+            self.take()
+            default = self.expression()
+        elif self.scope.parameters and self.scope.parameters[-1].default is not None:
+            self.fail("a parameter without default cannot follow one with a default", token)
+        self.scope.parameters.append(Parameter(token.line, token.column, token.text, default))
+        self.scope.locals.add(token.text)
+
+
+_PROGRAM_KINDS: dict[str, ProgramKind] = {"def": "program", "sec": "secondary"}
+
+_ABOVE_OPERATORS = 10
+"""A statement starts with a target or a call, so no binary operator may be taken with it."""
+
+
+def _root(target: Expression) -> str | None:
+    while isinstance(target, (Index, Member)):
+        target = target.target
+    return target.name if isinstance(target, Name) else None

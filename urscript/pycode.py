@@ -1,0 +1,88 @@
+"""Small makers of Python syntax tree nodes that carry a URScript position."""
+
+import ast
+from typing import TypedDict
+
+from urscript.syntax import Node
+
+__all__ = [
+    "LOAD",
+    "STORE",
+    "Place",
+    "attribute",
+    "call",
+    "charge",
+    "constant",
+    "function",
+    "load",
+    "place_of",
+    "subscript",
+    "yield_from",
+]
+
+LOAD, STORE = ast.Load(), ast.Store()
+
+
+class Place(TypedDict):
+    """Where a node stands; line and column of the script are line and column of the Python code."""
+
+    lineno: int
+    col_offset: int
+    end_lineno: int
+    end_col_offset: int
+
+
+def place_of(node: Node) -> Place:
+    """The place of a URScript node."""
+    line, column = node.line, node.column
+    return {"lineno": line, "col_offset": column - 1, "end_lineno": line, "end_col_offset": column}
+
+
+def constant(value: object, place: Place) -> ast.expr:
+    return ast.Constant(value=value, **place)  # type: ignore[arg-type]  # typeshed narrows what a constant may be
+
+
+def load(name: str, place: Place) -> ast.expr:
+    return ast.Name(id=name, ctx=LOAD, **place)
+
+
+def call(name: str, place: Place, *arguments: ast.expr) -> ast.expr:
+    return ast.Call(func=ast.Name(id=name, ctx=LOAD, **place), args=list(arguments), keywords=[], **place)
+
+
+def attribute(value: ast.expr, name: str, place: Place) -> ast.expr:
+    return ast.Attribute(value=value, attr=name, ctx=LOAD, **place)
+
+
+def subscript(value: ast.expr, position: int, place: Place) -> ast.expr:
+    return ast.Subscript(value=value, slice=constant(position, place), ctx=LOAD, **place)
+
+
+def yield_from(value: ast.expr, place: Place) -> ast.expr:
+    return ast.YieldFrom(value=value, **place)
+
+
+def charge(units: int, place: Place, *, park: bool) -> list[ast.stmt]:
+    """``_meter.left -= units`` and, with `park`, ``if _meter.left < 0: yield True``."""
+    target = ast.Attribute(value=load("_meter", place), attr="left", ctx=STORE, **place)
+    draw: list[ast.stmt] = [ast.AugAssign(target=target, op=ast.Sub(), value=constant(units, place), **place)]
+    if park:
+        left = attribute(load("_meter", place), "left", place)
+        empty = ast.Compare(left=left, ops=[ast.Lt()], comparators=[constant(0, place)], **place)
+        pause: ast.stmt = ast.Expr(value=ast.Yield(value=constant(True, place), **place), **place)
+        draw.append(ast.If(test=empty, body=[pause], orelse=[], **place))
+    return draw
+
+
+def function(name: str, parameters: list[str], body: list[ast.stmt], place: Place) -> ast.stmt:
+    arguments = ast.arguments(
+        posonlyargs=[],
+        args=[ast.arg(arg=parameter, **place) for parameter in parameters],
+        kwonlyargs=[],
+        kw_defaults=[],
+        defaults=[],
+    )
+    node = ast.FunctionDef(name=name, args=arguments, body=body, decorator_list=[], returns=None, **place)
+    if "type_params" in node._fields:  # a required field from Python 3.12 on
+        setattr(node, "type_params", [])  # noqa: B010  # unknown to the type checker before 3.12
+    return node

@@ -1,0 +1,388 @@
+"""Running a program: frames, threads, critical sections.
+
+How it works
+------------
+Every thread is a Python generator. `Runtime.step` is one frame (one control period): each thread
+is resumed once and runs until it yields.
+
+* A bare ``yield`` (motion, sleep, sync, a blocking read, join) means the thread used its physical
+  time; it goes on in the next frame.
+* ``yield True`` means the thread's budget is empty: it was *parked* and goes on in the next frame.
+  The budget counts work, not time, so a program runs the same on every machine, and a busy loop
+  never holds the controller up. Threads share a frame's budget; what one does not use goes to the
+  next. A thread that overdrew (one operation on a long list) sits out frames until it is paid back.
+
+Threads run in the order they were started, the program body first; a thread started in a frame
+runs in that frame.
+
+Between two yields nothing else runs, so ``enter_critical`` matters only for parking: a thread
+parked inside a critical section keeps all others from running until it leaves the section or uses
+physical time. While it waits in motion, sync, sleep, a read or join, the others do run (Script
+Manual 9.2, and PolyScope's and the official control script depend on it). A thread that ends or
+is killed leaves no section behind.
+
+A thread handle is an int, so ``thread = 0`` is a handle of no thread: killing and joining it does
+nothing. A kill takes the children of the thread with it.
+"""
+
+from collections import deque
+from collections.abc import Callable, Generator, Mapping
+from types import CodeType, GeneratorType, TracebackType
+from typing import Any, Protocol
+
+from urscript import operators
+from urscript.builtins import OMITTED
+from urscript.compiler import FILE_NAME, CompiledProgram
+from urscript.errors import RuntimeFault, ScriptRuntimeError
+from urscript.meter import METER
+from urscript.methods import call_method, refuse_list_methods
+from urscript.values import UNSET, Value
+
+__all__ = ["Host", "Runtime", "ScriptThread"]
+
+WORK_PER_SECOND = 4_000_000
+"""Work all threads may do per second of controller time [meter units of about 50 ns]: 0.4 ms of a 2 ms frame.
+
+A guess about what a controller's interpreter does; chosen so that a frame leaves time for the rest of the tick.
+"""
+
+MIN_SHARE = 100
+"""Least budget of a thread in a frame [meter units], so that every thread advances."""
+
+MAX_THREADS = 64
+"""Most threads alive at a time. A guess: the real limit is not known."""
+
+MAX_CALL_DEPTH = 200
+"""Deepest recursion. A guess; vendor programs recurse a few levels."""
+
+ThreadBody = Generator[bool | None, None, Value]
+
+
+class Host(Protocol):
+    """What the runtime itself asks of whoever runs programs. Built-ins ask for more: see their library."""
+
+    @property
+    def period_s(self) -> float:
+        """Length of a frame [s]."""
+
+    def on_label(self, number: int, text: str, thread: "ScriptThread") -> None:
+        """A thread passed the program label ``$ number "text"``."""
+
+
+class _Halt(BaseException):
+    """``halt``: the program ends. Not an Exception, so that no built-in catches it by accident."""
+
+
+class _Killed(BaseException):
+    """The running thread killed itself or one of its ancestors."""
+
+
+class ScriptThread:
+    """One thread of a running program; handle 0 is the program body."""
+
+    __slots__ = ("balance", "body", "critical", "id", "name", "parent", "parked_frames")
+
+    def __init__(self, handle: int, name: str, parent: int | None, body: ThreadBody) -> None:
+        self.id = handle
+        self.name = name
+        self.parent = parent
+        self.body = body
+        self.critical = 0  # nested critical sections it is in
+        self.balance = 0  # overdrawn budget, never positive
+        self.parked_frames = 0  # frames in a row that ended because the budget was empty
+
+    @property
+    def position(self) -> tuple[int, int]:
+        """Line and column (from 1) of what the thread is doing; line 0 before it has started."""
+        code, instruction = None, -1
+        body: object = self.body
+        while isinstance(body, GeneratorType):
+            if body.gi_code.co_filename == FILE_NAME and body.gi_frame is not None:
+                code, instruction = body.gi_code, body.gi_frame.f_lasti
+            body = body.gi_yieldfrom
+        return (0, 0) if code is None or instruction < 0 else _position(code, instruction)
+
+    @property
+    def line(self) -> int:
+        """Line (from 1) of what the thread is doing."""
+        return self.position[0]
+
+
+class Runtime:
+    """One run of a program.
+
+    `motion_thread` is for the host: the thread that owns the motion of the robot, if any.
+    """
+
+    def __init__(self, program: CompiledProgram, host: Host) -> None:
+        self.program = program
+        self.host = host
+        self.finished = False
+        self.halted = False
+        self.error: ScriptRuntimeError | None = None
+        self.current: ScriptThread | None = None
+        self.motion_thread: ScriptThread | None = None
+        self._budget = round(WORK_PER_SECOND * host.period_s)
+        self._threads: dict[int, ScriptThread] = {}
+        self._waiting: deque[ScriptThread] = deque()  # not yet resumed in this frame
+        self._holder: ScriptThread | None = None  # parked inside a critical section
+        self._next_handle = 0
+        self._namespace = self._make_namespace()
+        self._start(self._namespace["main"], program.name or "main", None)
+
+    # what the host sees
+
+    @property
+    def threads(self) -> tuple[ScriptThread, ...]:
+        """The threads alive, oldest first."""
+        return tuple(self._threads.values())
+
+    @property
+    def globals(self) -> Mapping[str, Value]:
+        """The global variables that have a value, in order of appearance in the program."""
+        values = ((name, self._namespace[f"v_{name}"]) for name in self.program.global_names)
+        return {name: value for name, value in values if value is not UNSET}
+
+    @property
+    def line(self) -> int:
+        """Line of the thread that owns the motion, else of the program body; 0 when finished."""
+        owner = self.motion_thread
+        if owner is None or owner.id not in self._threads:
+            owner = self._threads.get(0)
+        return owner.line if owner is not None else 0
+
+    def step(self) -> None:
+        """Run one frame. Does nothing once finished; never raises what the program raises."""
+        if self.finished:
+            return
+        budget = self._budget
+        threads = self._threads.values()
+        self._waiting = deque(sorted(threads, key=lambda thread: thread is not self._holder))
+        while self._waiting:
+            thread = self._waiting.popleft()
+            share = max(budget // (len(self._waiting) + 1), MIN_SHARE)
+            budget -= share - self._resume(thread, share)
+            if self.finished:
+                return
+            if thread.parked_frames and thread.critical and thread.id in self._threads:
+                self._holder = thread
+                return
+            if self._holder is thread:
+                self._holder = None
+
+    def stop(self) -> None:
+        """End the program: every thread is closed where it stands."""
+        self._finish()
+
+    # one thread
+
+    def _resume(self, thread: ScriptThread, share: int) -> int:
+        """Run a thread until it yields; the part of its share that it did not use."""
+        METER.left = share + thread.balance
+        if METER.left > 0:
+            self.current = thread
+            try:
+                parked = thread.body.send(None)
+                thread.parked_frames = thread.parked_frames + 1 if parked else 0
+            except StopIteration:
+                self._ended(thread)
+            except _Killed:
+                self._forget(thread)
+            except _Halt:
+                self.halted = True
+                self._forget(thread)
+                self._finish()
+            except Exception as error:
+                self.error = self._describe(error, thread)
+                self._forget(thread)
+                self._finish()
+            finally:
+                self.current = None
+            if self.finished:
+                self._close_all()
+        thread.balance = min(0, METER.left)
+        return max(0, METER.left)
+
+    def _ended(self, thread: ScriptThread) -> None:
+        self._forget(thread)
+        if thread.id == 0:
+            self._finish()
+
+    def _forget(self, thread: ScriptThread) -> None:
+        self._threads.pop(thread.id, None)
+        if self._holder is thread:
+            self._holder = None
+        if thread in self._waiting:
+            self._waiting.remove(thread)
+
+    def _finish(self) -> None:
+        self.finished = True
+        if self.current is None:
+            self._close_all()
+
+    def _close_all(self) -> None:
+        for thread in list(self._threads.values()):
+            self._close(thread)
+
+    def _close(self, thread: ScriptThread) -> None:
+        self._forget(thread)
+        try:
+            thread.body.close()
+        except Exception as error:
+            # Clean-up code of a built-in failed; the program is being ended anyway.
+            self.error = self.error or self._describe(error, thread)
+
+    def _describe(self, error: Exception, thread: ScriptThread) -> ScriptRuntimeError:
+        """The error as scripts know it: at the innermost line of the program."""
+        line, column, inside = _error_position(error.__traceback__)
+        source = self.program.source
+        described = ScriptRuntimeError(_message(error, inside), line, column, source, thread.name)
+        described.__cause__ = error
+        return described
+
+    # what compiled code calls
+
+    def _make_namespace(self) -> dict[str, Any]:
+        program = self.program
+        namespace: dict[str, Any] = {
+            **_HELPERS,
+            "_method": call_method if program.list_methods else refuse_list_methods,
+            "_run": self._start_child,
+            "_kill": self._kill,
+            "_join": self._join,
+            "_label": self._label,
+            "_enter_critical": self._enter_critical,
+            "_exit_critical": self._exit_critical,
+        }
+        for name in program.global_names:
+            namespace[f"v_{name}"] = UNSET
+        for name, builtin in program.builtins.items():
+            namespace[f"b_{name}"] = builtin.bind(self.host)
+        exec(program.code, namespace)
+        return namespace
+
+    def _start(self, body: Callable[[], ThreadBody], name: str, parent: int | None) -> int:
+        if len(self._threads) >= MAX_THREADS:
+            raise RuntimeFault(f"More than {MAX_THREADS} threads are running")
+        handle = self._next_handle
+        self._next_handle += 1
+        thread = ScriptThread(handle, name, parent, body())
+        self._threads[handle] = thread
+        self._waiting.append(thread)
+        return handle
+
+    def _start_child(self, body: Callable[[], ThreadBody], name: str) -> int:
+        current = self.current
+        return self._start(body, name, current.id if current is not None else None)
+
+    def _kill(self, handle: Value) -> None:
+        if handle.__class__ is not int:
+            raise RuntimeFault("Type error: kill expects a thread handle")
+        if handle not in self._threads or handle == 0:
+            return
+        doomed = self._family(handle)
+        for thread in doomed:
+            if thread is not self.current:
+                self._close(thread)
+        if self.current in doomed:
+            raise _Killed
+
+    def _family(self, handle: int) -> list[ScriptThread]:
+        """A thread and its descendants; a child always has a higher handle than its parent."""
+        family = {handle}
+        for thread in self._threads.values():
+            if thread.parent in family:
+                family.add(thread.id)
+        return [thread for thread in self._threads.values() if thread.id in family]
+
+    def _join(self, handle: Value) -> Generator[None, None, None]:
+        if handle.__class__ is not int:
+            raise RuntimeFault("Type error: join expects a thread handle")
+        while handle != 0 and handle in self._threads:
+            yield
+
+    def _label(self, number: int, text: str) -> None:
+        if self.current is not None:
+            self.host.on_label(number, text, self.current)
+
+    def _enter_critical(self) -> None:
+        if self.current is not None:
+            self.current.critical += 1
+
+    def _exit_critical(self) -> None:
+        if self.current is not None and self.current.critical:
+            self.current.critical -= 1
+
+
+def _deeper(depth: int) -> int:
+    if depth >= MAX_CALL_DEPTH:
+        raise RuntimeFault(f"Functions call each other more than {MAX_CALL_DEPTH} levels deep")
+    return depth + 1
+
+
+_HELPERS: dict[str, Any] = {
+    "__builtins__": {},
+    "_meter": METER,
+    "_omitted": OMITTED,
+    "_Halt": _Halt,
+    "_deeper": _deeper,
+    "_fault": operators.fault,
+    "_truth": operators.truth,
+    "_add": operators.add,
+    "_sub": operators.sub,
+    "_mul": operators.mul,
+    "_div": operators.div,
+    "_mod": operators.mod,
+    "_neg": operators.neg,
+    "_pos": operators.pos,
+    "_eq": operators.eq,
+    "_ne": operators.ne,
+    "_lt": operators.lt,
+    "_le": operators.le,
+    "_gt": operators.gt,
+    "_ge": operators.ge,
+    "_list": operators.list_literal,
+    "_pose": operators.pose_literal,
+    "_struct": operators.make_struct,
+    "_index": operators.index,
+    "_cell": operators.cell,
+    "_member": operators.member,
+    "_set_item": operators.set_item,
+    "_set_path": operators.set_path,
+    "_retype": operators.retype,
+    "_retype_fixed": operators.retype_fixed,
+}
+
+
+# errors
+
+
+def _position(code: CodeType, instruction: int) -> tuple[int, int]:
+    """Line and column (from 1) of an instruction; column 1 when Python runs without column tables."""
+    positions = list(code.co_positions())
+    line, _, column, _ = positions[instruction // 2]
+    return line or 0, (column or 0) + 1
+
+
+def _error_position(trace: TracebackType | None) -> tuple[int, int, bool]:
+    """Line, column, and whether the error arose in compiled code itself and not in something it called."""
+    line, column, inside = 0, 0, False
+    while trace is not None:
+        code = trace.tb_frame.f_code
+        inside = code.co_filename == FILE_NAME
+        if inside:
+            line, column = _position(code, trace.tb_lasti)
+        trace = trace.tb_next
+    return line, column, inside
+
+
+def _message(error: Exception, inside: bool) -> str:
+    if isinstance(error, RuntimeFault):
+        return str(error)
+    if isinstance(error, RecursionError):
+        return "Functions call each other too deeply"
+    if inside and isinstance(error, NameError):
+        return "A variable is used before it has a value"
+    if inside and isinstance(error, TypeError):
+        return "Type error: these values cannot be compared"
+    return f"internal error: {error!r}"

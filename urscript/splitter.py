@@ -1,0 +1,167 @@
+"""Cutting the byte stream of a script port into programs.
+
+A unit is either a block (``def``, ``sec``, ``thread``, ``if`` or ``while`` with everything up to
+its ``end``) or a line. Text comes in any pieces; a unit is complete when the byte after it has
+arrived, so a line or a closing ``end`` without a newline waits. Blank lines and lines that hold
+only a comment are dropped.
+
+Inside a block only words, strings, comments and nesting are looked at: whether it is a program is
+for the parser to say. A line outside blocks ends at its newline whatever it holds, so junk never
+swallows the next command.
+"""
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from urscript.values import from_bytes
+
+__all__ = ["MAX_UNIT_BYTES", "ScriptSplitter", "Unit"]
+
+MAX_UNIT_BYTES = 4_000_000
+"""Longest unit [bytes]. A guess: several times the longest program seen in the wild."""
+
+_BLANK = re.compile(rb"(?:[ \t\r\n\f\v]|\xef\xbb\xbf|#[^\n]*\n)*")
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_FIRST_WORD = re.compile(rb"[A-Za-z_][A-Za-z0-9_]*")
+_PIECE = re.compile(rb'[A-Za-z_][A-Za-z0-9_]*|["#]|[^A-Za-z_"#]+')
+_OPENING = frozenset([b"def", b"sec", b"thread", b"if", b"while"])
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """One program or command, as text.
+
+    `complete` is False for what `flush` found unfinished. A unit of kind ``error`` holds in `text`
+    the beginning of something too long; the rest of it is lost up to the next newline.
+    """
+
+    text: str
+    kind: Literal["block", "line", "error"]
+    complete: bool = True
+
+
+class ScriptSplitter:
+    """One per connection."""
+
+    def __init__(self, max_unit_bytes: int = MAX_UNIT_BYTES) -> None:
+        self._max = max_unit_bytes
+        self._buffer = bytearray()
+        self._skipping = False  # the rest of a line that was too long
+        self._restart()
+
+    def _restart(self) -> None:
+        """At the start of the buffer a new unit may begin."""
+        self._scanned = 0
+        self._start: int | None = None  # where the unit begins, once its kind is known
+        self._is_block = False
+        self._depth = 0  # open blocks
+        self._inside = b""  # '"' in a string, '#' in a comment
+
+    @property
+    def pending(self) -> bool:
+        """True while the beginning of a unit waits for the rest of it."""
+        return bool(bytes(self._buffer).strip())
+
+    def feed(self, data: bytes) -> list[Unit]:
+        """The units that these bytes complete. Never raises."""
+        self._buffer += data
+        units: list[Unit] = []
+        while (unit := self._next()) is not None:
+            units.append(unit)
+        if len(self._buffer) > self._max:
+            units.append(self._give_up())
+        return units
+
+    def flush(self) -> list[Unit]:
+        """What is left when the connection ends: units that only miss a newline are complete."""
+        units = self.feed(b"\n")
+        text = bytes(self._buffer).strip()
+        if text:
+            units.append(Unit(from_bytes(bytes(self._buffer)), "block", complete=False))
+        self._buffer.clear()
+        self._restart()
+        return units
+
+    def _next(self) -> Unit | None:
+        if self._skipping and not self._skip_line():
+            return None
+        if self._start is None and not self._begin():
+            return None
+        end = self._end_of_block() if self._is_block else self._end_of_line()
+        return None if end is None else self._cut(end)
+
+    def _skip_line(self) -> bool:
+        newline = self._buffer.find(b"\n")
+        del self._buffer[: newline + 1 if newline >= 0 else len(self._buffer)]
+        self._skipping = newline < 0
+        return newline >= 0
+
+    def _begin(self) -> bool:
+        """Drop what is blank and find out what begins; False while that is not known yet."""
+        buffer = self._buffer
+        blank = _BLANK.match(buffer)
+        first = blank.end() if blank else 0
+        indent = buffer.rfind(b"\n", 0, first) + 1
+        del buffer[:indent]
+        first -= indent
+        word = _FIRST_WORD.match(buffer, first)
+        stop = word.end() if word else first + 1
+        rest = buffer[first : first + 3]
+        if stop >= len(buffer) or rest.startswith(b"#") or (rest in _BYTE_ORDER_MARK and len(rest) < 3):
+            return False
+        self._start = first
+        self._is_block = word is not None and bytes(word[0]) in _OPENING
+        self._depth = int(self._is_block)
+        self._scanned = stop if self._is_block else first
+        return True
+
+    def _end_of_line(self) -> int | None:
+        newline = self._buffer.find(b"\n", self._scanned)
+        self._scanned = len(self._buffer)
+        return None if newline < 0 else newline
+
+    def _end_of_block(self) -> int | None:
+        buffer = self._buffer
+        while self._scanned < len(buffer):
+            if self._inside:
+                if not self._leave():
+                    return None
+                continue
+            piece = _PIECE.match(buffer, self._scanned)
+            if piece is None:  # every byte starts a piece
+                return None
+            if piece.end() == len(buffer) and _FIRST_WORD.match(piece[0]):
+                return None  # the word may go on
+            self._scanned = piece.end()
+            if piece[0] in (b'"', b"#"):
+                self._inside = bytes(piece[0])
+            elif piece[0] in _OPENING:
+                self._depth += 1
+            elif piece[0] == b"end":
+                self._depth -= 1
+                if self._depth == 0:
+                    return self._scanned
+        return None
+
+    def _leave(self) -> bool:
+        """Step past the string or comment; False when its end has not arrived."""
+        end = self._buffer.find(b'"' if self._inside == b'"' else b"\n", self._scanned)
+        self._scanned = end + 1 if end >= 0 else len(self._buffer)
+        if end >= 0:
+            self._inside = b""
+        return end >= 0
+
+    def _cut(self, end: int) -> Unit:
+        text = from_bytes(bytes(self._buffer[:end])).rstrip("\r")
+        kind: Literal["block", "line"] = "block" if self._is_block else "line"
+        del self._buffer[:end]
+        self._restart()
+        return Unit(text, kind)
+
+    def _give_up(self) -> Unit:
+        text = from_bytes(bytes(self._buffer[:200]))
+        self._buffer.clear()
+        self._restart()
+        self._skipping = True
+        return Unit(text, "error")

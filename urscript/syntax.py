@@ -1,0 +1,215 @@
+"""The syntax tree, as the parser leaves it.
+
+Every node has the line and column (from 1) that an error about it should point at. A `Scope`
+gathers, for the program body and for each def and thread, what the later stages ask about it.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+__all__ = [
+    "Assign",
+    "Binary",
+    "Call",
+    "Constant",
+    "Expression",
+    "ExpressionStatement",
+    "FunctionDef",
+    "If",
+    "Index",
+    "Label",
+    "ListLiteral",
+    "Member",
+    "MethodCall",
+    "Name",
+    "Parameter",
+    "PoseLiteral",
+    "Program",
+    "ProgramKind",
+    "Return",
+    "Run",
+    "Scope",
+    "Statement",
+    "ThreadControl",
+    "Unary",
+    "While",
+    "Word",
+]
+
+ProgramKind: TypeAlias = Literal["program", "secondary", "statement"]
+
+
+@dataclass(slots=True)
+class Node:
+    line: int
+    column: int
+
+
+@dataclass(slots=True)
+class Constant(Node):
+    value: bool | int | float | str | None
+
+
+@dataclass(slots=True)
+class Name(Node):
+    name: str
+
+
+@dataclass(slots=True)
+class PoseLiteral(Node):
+    items: list["Expression"]
+
+
+@dataclass(slots=True)
+class ListLiteral(Node):
+    items: list["Expression"]
+
+
+@dataclass(slots=True)
+class Unary(Node):
+    operator: str  # - + not
+    operand: "Expression"
+
+
+@dataclass(slots=True)
+class Binary(Node):
+    operator: str
+    left: "Expression"
+    right: "Expression"
+
+
+@dataclass(slots=True)
+class Index(Node):
+    target: "Expression"
+    positions: list["Expression"]  # one, or two for a matrix
+
+
+@dataclass(slots=True)
+class Member(Node):
+    target: "Expression"
+    name: str
+
+
+@dataclass(slots=True)
+class Call(Node):
+    name: str
+    arguments: list["Expression"]
+    keywords: list[tuple[str, "Expression"]]
+
+
+@dataclass(slots=True)
+class MethodCall(Node):
+    target: "Expression"
+    name: str
+    arguments: list["Expression"]
+
+
+@dataclass(slots=True)
+class Run(Node):
+    name: str
+
+
+Expression: TypeAlias = (
+    Constant | Name | PoseLiteral | ListLiteral | Unary | Binary | Index | Member | Call | MethodCall | Run
+)
+
+
+@dataclass(slots=True)
+class Assign(Node):
+    target: Name | Index | Member
+    value: Expression
+    cost: int = 0
+
+
+@dataclass(slots=True)
+class ExpressionStatement(Node):
+    value: Expression
+    cost: int = 0
+
+
+@dataclass(slots=True)
+class If(Node):
+    branches: list[tuple[Expression, list["Statement"]]]
+    otherwise: list["Statement"]
+    loops: bool  # a while loop is somewhere inside
+    cost: int = 0
+
+
+@dataclass(slots=True)
+class While(Node):
+    condition: Expression
+    body: list["Statement"]
+    cost: int = 0
+
+
+@dataclass(slots=True)
+class Return(Node):
+    value: Expression | None
+    cost: int = 0
+
+
+@dataclass(slots=True)
+class Word(Node):
+    """A statement that is one keyword: break, continue, halt, enter_critical, exit_critical."""
+
+    word: str
+    cost: int = 0
+
+
+@dataclass(slots=True)
+class ThreadControl(Node):
+    """``join handle`` and ``kill handle``."""
+
+    word: str
+    handle: Expression
+    cost: int = 0
+
+
+@dataclass(slots=True)
+class Label(Node):
+    number: int
+    text: str
+    option: str  # "", "breakAfter", "noBreak"
+    cost: int = 0
+
+
+@dataclass(slots=True)
+class Parameter(Node):
+    name: str
+    default: Expression | None
+
+
+@dataclass(slots=True)
+class Scope:
+    """What a body uses and does; bodies of nested defs and threads are scopes of their own."""
+
+    name: str
+    is_thread: bool = False
+    parameters: list[Parameter] = field(default_factory=list)
+    locals: set[str] = field(default_factory=set)  # parameters, and names declared local
+    assigned: set[str] = field(default_factory=set)  # names assigned without a declaration
+    calls: list[Call] = field(default_factory=list)
+    loops: bool = False
+    waits: bool = False  # join, or a method call
+    cost: int = 0
+
+
+@dataclass(slots=True)
+class FunctionDef(Node):
+    scope: Scope
+    body: list["Statement"]
+    cost: int = 0
+
+
+Statement: TypeAlias = Assign | ExpressionStatement | If | While | Return | Word | ThreadControl | Label | FunctionDef
+
+
+@dataclass(slots=True)
+class Program:
+    kind: ProgramKind
+    name: str
+    body: list[Statement]
+    scope: Scope
+    functions: dict[str, FunctionDef]  # every def and thread of the text, whatever its nesting
+    globals: dict[str, None]  # in order of appearance
+    labels: list[Label]

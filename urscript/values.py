@@ -1,0 +1,331 @@
+"""The values of the language, and the annotations that built-ins are declared with.
+
+| URScript | Python            |
+|----------|-------------------|
+| none     | ``None``          |
+| bool     | ``bool``          |
+| number   | ``int`` (32 bit, signed) or ``float`` |
+| string   | ``str``           |
+| pose     | ``Pose``, a list of six floats: x, y, z [m], rotation vector [rad] |
+| list     | ``list``          |
+| matrix   | ``Matrix``        |
+| struct   | ``Struct``        |
+| thread handle | ``int``      |
+
+Values are never changed in place: ``a[0] = 1`` makes a new list and binds ``a`` to it. That is
+how assignment and argument passing copy without copying. A built-in must therefore neither
+change its arguments nor keep a list it will change later.
+
+Strings are byte strings on the controller. Here they are text decoded from UTF-8, undecodable
+bytes as surrogate escapes; `to_bytes` and `from_bytes` are the one way across.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeAlias
+
+from urscript.errors import RuntimeFault
+
+__all__ = [
+    "MAX_ELEMENTS",
+    "MAX_STRING",
+    "UNSET",
+    "Any_",
+    "Bool",
+    "BoundedList",
+    "Int",
+    "Joints",
+    "Kind",
+    "ListArg",
+    "Matrix",
+    "Num",
+    "Pose",
+    "PoseArg",
+    "PoseOrJoints",
+    "Str",
+    "Struct",
+    "Value",
+    "copy_value",
+    "from_bytes",
+    "is_number",
+    "to_bytes",
+    "to_text",
+    "type_name",
+]
+
+Value: TypeAlias = Any
+"""Any value of the language; see the table above."""
+
+MAX_STRING = 1023
+"""Longest string a program can build [bytes] (Script Manual, str_cat)."""
+
+MAX_ELEMENTS = 10_000
+"""Most elements a list, matrix or struct may hold, all levels together. A guess: the real limit is memory."""
+
+INT_MIN, INT_MAX = -(2**31), 2**31 - 1
+
+
+class Pose(list[float]):
+    """Six floats: position x, y, z [m] and rotation vector rx, ry, rz [rad]. Equal only to a pose."""
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        return other.__class__ is Pose and list.__eq__(self, other)
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+
+class BoundedList(list[Any]):
+    """A list whose capacity differs from its length (PolyScope 5.15 on: make_list, pop, clear)."""
+
+    __slots__ = ("capacity",)
+
+    def __init__(self, items: Iterable[Value], capacity: int) -> None:
+        super().__init__(items)
+        self.capacity = capacity
+
+
+@dataclass(frozen=True, slots=True)
+class Matrix:
+    """Rows of numbers, all of one length."""
+
+    rows: tuple[tuple[Value, ...], ...]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        return len(self.rows), len(self.rows[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Struct:
+    """Named members in the order they were written."""
+
+    members: dict[str, Value]
+
+
+class _Unset:
+    """The value of a global that nothing has been assigned to yet."""
+
+    __slots__ = ()
+
+
+UNSET = _Unset()
+
+
+def copy_value(value: Value) -> Value:
+    """An equal value that shares no list with the original, for a host that changes lists itself."""
+    if isinstance(value, BoundedList):
+        return BoundedList(map(copy_value, value), value.capacity)
+    if isinstance(value, Pose):
+        return Pose(value)
+    if isinstance(value, list):
+        return [copy_value(item) for item in value]
+    if isinstance(value, Struct):
+        return Struct({name: copy_value(item) for name, item in value.members.items()})
+    return value
+
+
+def is_number(value: object) -> bool:
+    """True for int and float, but not for bool."""
+    return value.__class__ is float or value.__class__ is int
+
+
+_TYPE_NAMES: dict[type, str] = {
+    type(None): "None",
+    bool: "Bool",
+    int: "Int",
+    float: "Float",
+    str: "Const String",
+    Pose: "Pose",
+    list: "List",
+    BoundedList: "List",
+    Matrix: "Matrix",
+    Struct: "Struct",
+    _Unset: "variable without a value",
+}
+
+
+def type_name(value: object) -> str:
+    """The controller's word for the type of a value (``Int``, ``Const String`` and ``List`` seen, others guessed)."""
+    return _TYPE_NAMES.get(value.__class__, value.__class__.__name__)
+
+
+# text
+
+
+def to_bytes(text: str) -> bytes:
+    """The bytes of a string, as sent on sockets."""
+    return text.encode("utf-8", "surrogateescape")
+
+
+def from_bytes(data: bytes) -> str:
+    """A string from bytes, reversible whatever the bytes are."""
+    return data.decode("utf-8", "surrogateescape")
+
+
+def _float_text(value: float) -> str:
+    text = f"{value:.6f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def _scalar_text(value: Value, message: bool) -> str:
+    if value.__class__ is float:
+        return f"{value:g}" if message else _float_text(value)
+    return str(value)
+
+
+def _between(parts: Sequence[Iterator[str]], separator: str) -> Iterator[str]:
+    for number, part in enumerate(parts):
+        if number:
+            yield separator
+        yield from part
+
+
+def _chunks(value: Value, message: bool, inner: bool) -> Iterator[str]:
+    """The text in pieces, so that whoever collects it can stop at a limit."""
+    separator = "," if message else ", "
+    if isinstance(value, list):
+        yield "p[" if value.__class__ is Pose else "["
+        yield from _between([_chunks(item, message, True) for item in value], separator)
+        yield "]"
+    elif isinstance(value, Matrix):
+        yield from _chunks([list(row) for row in value.rows], message, True)
+    elif isinstance(value, Struct):
+        yield "struct("
+        yield from _between([_member_chunks(*item, message) for item in value.members.items()], separator)
+        yield ")"
+    elif value.__class__ is str and inner:
+        yield f'"{value}"'
+    else:
+        yield _scalar_text(value, message)
+
+
+def _member_chunks(name: str, value: Value, message: bool) -> Iterator[str]:
+    yield f"{name}="
+    yield from _chunks(value, message, True)
+
+
+def to_text(value: Value, *, message: bool = False, limit: int = MAX_STRING) -> str:
+    """The text of a value.
+
+    The default is the form of to_str and str_cat: floats with up to six decimals, ``", "``
+    between elements (Script Manual). ``message=True`` is the form of textmsg: six significant
+    digits and no blanks (``p[0.605825,-0.720087,...]``, seen on a real log). Struct and nested
+    string forms are guesses.
+
+    Raises RuntimeFault when the text is longer than `limit` characters.
+    """
+    if value.__class__ is str:
+        return _limited(value, limit)
+    pieces: list[str] = []
+    length = 0
+    for piece in _chunks(value, message, False):
+        pieces.append(piece)
+        length += len(piece)
+        if length > limit:
+            break
+    return _limited("".join(pieces), limit)
+
+
+def _limited(text: str, limit: int) -> str:
+    if len(text) > limit:
+        raise RuntimeFault(f"String exceeds maximum length ({limit} Bytes).")
+    return text
+
+
+# annotations of built-ins
+
+
+class KindMismatchError(Exception):
+    """A value is not of the kind a parameter asks for."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a built-in's parameter accepts. `title` is the type name in the error text."""
+
+    title: str
+
+    def accept(self, value: Value) -> Value:
+        """The value as the built-in gets it; raises KindMismatchError."""
+        return value
+
+
+class _NumberKind(Kind):
+    def accept(self, value: Value) -> Value:
+        if value.__class__ is float or value.__class__ is int:
+            return value
+        raise KindMismatchError
+
+
+class _IntKind(Kind):
+    # The official control script passes the integer arguments of force_mode as floats.
+    def accept(self, value: Value) -> Value:
+        if value.__class__ is int:
+            return value
+        if value.__class__ is float and value.is_integer() and INT_MIN <= value <= INT_MAX:
+            return int(value)
+        raise KindMismatchError
+
+
+@dataclass(frozen=True)
+class _ClassKind(Kind):
+    classes: tuple[type, ...]
+
+    def accept(self, value: Value) -> Value:
+        if value.__class__ in self.classes:
+            return value
+        raise KindMismatchError
+
+
+class _JointsKind(Kind):
+    def accept(self, value: Value) -> Value:
+        if value.__class__ in (list, BoundedList) and len(value) == 6 and all(map(is_number, value)):
+            return value
+        raise KindMismatchError
+
+
+class _PoseOrJointsKind(_JointsKind):
+    def accept(self, value: Value) -> Value:
+        return value if value.__class__ is Pose else super().accept(value)
+
+
+ANY = Kind("any")
+NUMBER = _NumberKind("Num")
+INT = _IntKind("Int")
+BOOL = _ClassKind("Bool", (bool,))
+STRING = _ClassKind("Const String", (str,))
+POSE = _ClassKind("Pose", (Pose,))
+LIST = _ClassKind("List", (list, BoundedList))
+MATRIX = _ClassKind("Matrix", (Matrix,))
+JOINTS = _JointsKind("List of 6 numbers")
+POSE_OR_JOINTS = _PoseOrJointsKind("Pose or List of 6 numbers")
+
+Num = Annotated[float, NUMBER]
+"""int or float."""
+Int = Annotated[int, INT]
+"""int, or a float without fraction (arrives as int)."""
+Bool = Annotated[bool, BOOL]
+Str = Annotated[str, STRING]
+PoseArg = Annotated[Pose, POSE]
+Joints = Annotated[list[float], JOINTS]
+"""A list of six numbers."""
+PoseOrJoints = Annotated[list[float], POSE_OR_JOINTS]
+"""A pose, or a list of six numbers; tell them apart with ``isinstance(value, Pose)``."""
+ListArg = Annotated[list[Any], LIST]
+Any_ = Annotated[Any, ANY]
+
+PLAIN_KINDS: dict[Any, Kind] = {
+    float: NUMBER,
+    int: INT,
+    bool: BOOL,
+    str: STRING,
+    Pose: POSE,
+    Matrix: MATRIX,
+    Any: ANY,
+    object: ANY,
+}
+"""Bare annotations, read as their aliases."""
