@@ -23,7 +23,7 @@ from emulator.servers.script_sockets import NetworkSockets
 from emulator.snapshot import Snapshot
 from urproto.primary.state import encode_robot_state
 
-__all__ = ["Emulator"]
+__all__ = ["Emulator", "make_servers"]
 
 
 class Emulator:
@@ -37,7 +37,7 @@ class Emulator:
         self.config = config
         self.controller = Controller(config.controller)
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
-        self.servers: dict[str, PortServer] = {server.name: server for server in _servers(self.controller)}
+        self.servers: dict[str, PortServer] = {server.name: server for server in make_servers(self.controller)}
         self.stopped = asyncio.Event()
         self._sockets = NetworkSockets()
         self._running = AsyncExitStack()
@@ -78,7 +78,9 @@ class Emulator:
             self.stop()
 
 
-def _servers(controller: Controller) -> tuple[PortServer, ...]:
+def make_servers(controller: Controller) -> tuple[PortServer, ...]:
+    """One server for each port of a controller, not listening yet."""
+
     def state(snapshot: Snapshot, full: bool) -> bytes:
         return encode_robot_state(robot_state(snapshot, controller.model), controller.version, full=full)
 

@@ -9,8 +9,9 @@ import json
 import logging
 import signal
 import sys
-from collections.abc import Callable
-from enum import Enum
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import StrEnum
 from importlib.metadata import version as distribution_version
 from pathlib import Path
 from typing import Annotated, NoReturn
@@ -40,7 +41,7 @@ _USAGE_ERROR = 2
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 
-class LogLevel(str, Enum):
+class LogLevel(StrEnum):
     """How much is logged, on standard error."""
 
     DEBUG = "debug"
@@ -83,7 +84,7 @@ def _run(
 ) -> None:
     """Stand in for a Universal Robots controller on this machine. Not for validating safety."""
     _log_to_stderr(log_level)
-    try:
+    with _mistakes_in_one_line():
         arm = choose_model(model)
         controller = ControllerConfig(
             model=arm,
@@ -97,30 +98,37 @@ def _run(
             controller=controller, host=host, port_offset=port_offset, ephemeral_ports=ephemeral_ports, speed=speed
         )
         asyncio.run(_serve(config, ports_file, exit_when_ready=exit_when_ready))
+
+
+@contextmanager
+def _mistakes_in_one_line() -> Iterator[None]:
+    try:
+        yield
     except ConfigError as error:
         _fail(str(error))
-    except OSError as error:
-        _fail(error.strerror or str(error))
     except NotReady as error:
         _fail(f"not ready: {error}")
+    except OSError as error:
+        _fail(error.strerror or str(error))
     except KeyboardInterrupt:  # where the event loop cannot handle signals
         pass
 
 
 async def _serve(config: EmulatorConfig, ports_file: Path | None, *, exit_when_ready: bool) -> None:
     console = Console(highlight=False)
-    async with Emulator(config) as emulator:
+    emulator = Emulator(config)
+    if config.speed == 1.0:
+        logging.getLogger(__name__).info("granted by the system: %s", ", ".join(claim_real_time()))
+    async with emulator:
         _stop_on_signals(emulator.stop)
         console.print(first_screen(emulator))
         await check_ready(config.host, emulator.ports)
         if ports_file is not None:
             _write_ports(ports_file, emulator.ports)
         console.print(ready_line(emulator))
-        if config.speed == 1.0:
-            logging.getLogger(__name__).info("granted by the system: %s", ", ".join(claim_real_time()))
         if not exit_when_ready:
             await emulator.stopped.wait()
-    console.print("The controller has shut down.")
+    console.print("Stopped.")
 
 
 def _stop_on_signals(stop: Callable[[], None]) -> None:

@@ -31,7 +31,8 @@ Tick = Callable[[], object]
 _NS: Final = 1_000_000_000
 _LEAST_GAP: Final = 0.6  # of a period, between two ticks while catching up: 1.2 ms at 500 Hz, above the client's 1 ms
 _MOST_BEHIND_NS: Final = 250_000_000  # guess: a longer standstill is not caught up
-_WARN_EVERY_NS: Final = 10 * _NS
+_REVIEW_EVERY_NS: Final = 10 * _NS
+_TOO_MANY_MISSED: Final = 0.01  # of all ticks, before it is worth a warning (guess)
 _BIN_NS: Final = 10_000
 _BINS: Final = 2_000  # lateness up to 20 ms is told apart
 
@@ -126,13 +127,14 @@ class RealClock:
         self._tick: Tick = lambda: None
         self._timer: _Timer | None = None
         self._deadline_ns = 0
-        self._warned_ns = 0
-        self._missed_when_warned = 0
+        self._reviewed_ns = 0
+        self._missed_when_reviewed = 0
 
     def start(self, tick: Tick) -> None:
         self._tick = tick
         self._timer = _timer(asyncio.get_running_loop(), self._expired)
-        self._deadline_ns = time.monotonic_ns() + self._period_ns
+        self._reviewed_ns = time.monotonic_ns()
+        self._deadline_ns = self._reviewed_ns + self._period_ns
         self._timer.arm(self._deadline_ns)
 
     def close(self) -> None:
@@ -163,10 +165,15 @@ class RealClock:
             given_up = behind_ns // self._period_ns
             self.statistics.missed += given_up
             self._deadline_ns += given_up * self._period_ns
-        missed = self.statistics.missed - self._missed_when_warned
-        if missed and now_ns - self._warned_ns > _WARN_EVERY_NS:
-            _logger.warning("this machine is too slow or too busy: %d control periods came late", missed)
-            self._warned_ns, self._missed_when_warned = now_ns, self.statistics.missed
+        if now_ns - self._reviewed_ns > _REVIEW_EVERY_NS:
+            self._review(now_ns)
+
+    def _review(self, now_ns: int) -> None:
+        periods = (now_ns - self._reviewed_ns) / self._period_ns
+        missed = self.statistics.missed - self._missed_when_reviewed
+        if missed > _TOO_MANY_MISSED * periods:
+            _logger.warning("this machine is too slow or too busy: %d of %d control periods came late", missed, periods)
+        self._reviewed_ns, self._missed_when_reviewed = now_ns, self.statistics.missed
 
 
 class _Timer(Protocol):

@@ -316,6 +316,7 @@ class Controller:
         snapshot.safety_mode = self.safety.mode
         snapshot.safety_status = SafetyStatus(self.safety.mode)
         snapshot.safety_status_bits = self.safety.status_bits
+        snapshot.control_mode = self.motion.control_mode
         snapshot.target_speed_fraction = self.speed.slider
         snapshot.speed_scaling = self.speed.scaling
         snapshot.actual_execution_time = self.execution_time_ms

@@ -7,17 +7,7 @@ text are shown to people only; drivers look at the code and the level.
 from dataclasses import dataclass
 from typing import Final
 
-__all__ = [
-    "BAD_SETPOINT",
-    "COLLISION",
-    "JOINT_LIMIT",
-    "POSITION_DEVIATION",
-    "SCRIPT_PROTECTIVE_STOP",
-    "SINGULARITY",
-    "TEXTS",
-    "StopCause",
-    "error_text",
-]
+__all__ = ["SCRIPT_PROTECTIVE_STOP", "TEXTS", "StopCause", "error_text"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +49,6 @@ TEXTS: Final[dict[int, str]] = {
 }
 
 SCRIPT_PROTECTIVE_STOP: Final = StopCause(209)
-JOINT_LIMIT: Final = StopCause(150)
-POSITION_DEVIATION: Final = StopCause(153)
-SINGULARITY: Final = StopCause(154)
-COLLISION: Final = StopCause(157)
-BAD_SETPOINT: Final = StopCause(204, 5)
 
 
 def error_text(code: int) -> str:

@@ -129,6 +129,8 @@ class Snapshot:
     tool_analog_input1: float = 0.0
     tool_output_voltage: int = 0
     tool_output_current: float = 0.0
+    tool_output_voltage_2: int = 0  # the second supply of newer tool flanges: not there
+    tool_output_current_2: float = 0.0
     tool_temperature: float = 0.0
     tool_output_mode: int = ToolOutputMode.DIGITAL
     tool_digital_output0_mode: int = ToolDigitalOutputMode.SINKING_NPN

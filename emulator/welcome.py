@@ -6,15 +6,16 @@ from rich.table import Table
 from rich.text import Text
 
 from emulator.app import Emulator
+from emulator.config import PORTS
 
 __all__ = ["first_screen", "ready_line"]
 
 _ABOUT = {
-    "dashboard": "power, brakes, programs, one line of text each way",
-    "primary": "robot state and messages at 10 Hz; takes URScript",
-    "secondary": "robot state at 10 Hz; takes URScript",
-    "realtime": "fixed state packet every control period; takes URScript",
-    "rtde": "chosen variables both ways, up to the control rate",
+    "dashboard": "power, brakes, programs: lines of text",
+    "primary": "state and messages at 10 Hz; takes URScript",
+    "secondary": "state at 10 Hz; takes URScript",
+    "realtime": "state at the control rate; takes URScript",
+    "rtde": "variables of your choice, both ways",
 }
 
 
@@ -39,19 +40,22 @@ def _ports(emulator: Emulator) -> Table:
     for name, about in _ABOUT.items():
         table.add_row(name, str(ports[name]), about)
     read_only = ", ".join(str(port) for name, port in ports.items() if name.endswith("read-only"))
-    table.add_row("read-only", read_only, "primary, secondary, realtime without URScript")
+    table.add_row("read-only", read_only, "as primary, secondary, realtime")
     return table
 
 
 def _first_steps(emulator: Emulator) -> Text:
-    host, ports = emulator.config.host, emulator.ports
-    home = ", ".join(f"{angle:g}" for angle in emulator.controller.model.home_q)
-    power = "" if emulator.controller.power.running else f"  echo 'brake release' | nc {host} {ports['dashboard']}\n"
+    host, port = emulator.config.host, emulator.ports["dashboard"]
+    command = "robotmode" if emulator.controller.power.running else "brake release"
+    steps = f"  printf '{command}\\nquit\\n' | nc {host} {port}\n"
+    if emulator.config.wanted_ports != dict(PORTS):
+        return Text(
+            f"{steps}  ur_rtde knows the usual ports only: for several robots give each its own --host 127.0.0.x"
+        )
     return Text(
-        f"{power}"
-        f"  echo 'movej([{home}])' | nc -N {host} {ports['secondary']}\n"
-        f"  pip install ur-rtde    # then, in Python:\n"
-        f"    import rtde_control\n"
-        f'    robot = rtde_control.RTDEControlInterface("{host}")\n'
-        f"    robot.moveJ([0.3, -1.2, 1.0, -1.4, -1.57, 0.0])"
+        f"{steps}"
+        "  pip install ur-rtde    # then in Python, once the brakes are released:\n"
+        "    from rtde_control import RTDEControlInterface\n"
+        f'    robot = RTDEControlInterface("{host}")\n'
+        "    robot.moveJ([0.3, -1.2, 1.0, -1.4, -1.57, 0.0])"
     )

@@ -17,7 +17,7 @@ RADIUS_M, ROUND_S = 0.04, 3.0
 
 def main() -> None:
     receive = RTDEReceiveInterface(HOST)
-    control = RTDEControlInterface(HOST)
+    control = RTDEControlInterface(HOST, 1 / PERIOD_S)  # its waitPeriod() keeps this time
     control.moveJ(WORK_Q, 2.0, 4.0)
     centre = receive.getActualTCPPose()
     worst = 0.0

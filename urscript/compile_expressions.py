@@ -28,7 +28,7 @@ from urscript.syntax import (
     Unary,
 )
 
-__all__ = ["MUTATORS", "ExpressionCompiler", "Unit", "Warning_"]
+__all__ = ["MUTATORS", "CallWarning", "ExpressionCompiler", "Unit"]
 
 MUTATORS = frozenset(["append", "clear", "insert", "pop", "remove"])
 """List methods that change the list: the variable is bound to the list they return."""
@@ -45,7 +45,7 @@ _TRUTH_OPERATORS = frozenset(["and", "or", "xor", "==", "!=", "<", "<=", ">", ">
 
 
 @dataclass(frozen=True, slots=True)
-class Warning_:  # noqa: N801  # Warning is Python's
+class CallWarning:
     """A call that will fail when it is executed."""
 
     message: str
@@ -65,7 +65,7 @@ class Unit:
     fixed_lists: bool  # this version cannot resize a list variable
     used: dict[str, Builtin] = field(default_factory=dict)
     errors: list[CompileError] = field(default_factory=list)
-    warnings: list[Warning_] = field(default_factory=list)
+    warnings: list[CallWarning] = field(default_factory=list)
 
 
 class ExpressionCompiler:
@@ -187,7 +187,7 @@ class ExpressionCompiler:
             if builtin is not None:
                 return self._builtin_call(node, builtin, place)
         except BindingError as error:
-            self.unit.warnings.append(Warning_(str(error), node.line, node.column))
+            self.unit.warnings.append(CallWarning(str(error), node.line, node.column))
             return call("_fault", place, constant(str(error), place))
         self.name_not_found(node.name, node, "function")
         for argument in [*node.arguments, *[value for _, value in node.keywords]]:

@@ -9,13 +9,13 @@ from types import CodeType
 from urproto.versions import Availability, PolyscopeVersion
 from urscript.analysis import plan_functions
 from urscript.builtins import Builtin, LibrarySet
-from urscript.compile_expressions import Unit, Warning_
+from urscript.compile_expressions import CallWarning, Unit
 from urscript.compile_statements import compile_function, compile_main
 from urscript.errors import CompileError
 from urscript.parser import normalize, parse
 from urscript.syntax import Label, ProgramKind
 
-__all__ = ["FILE_NAME", "CompiledProgram", "Warning_", "compile_script"]
+__all__ = ["FILE_NAME", "CallWarning", "CompiledProgram", "compile_script"]
 
 FILE_NAME = "<urscript>"
 """The file name of compiled programs in tracebacks."""
@@ -36,7 +36,7 @@ class CompiledProgram:
     source: str  # from the first line with code on: line 1 of every position
     labels: tuple[Label, ...]
     global_names: tuple[str, ...]  # in order of appearance
-    warnings: tuple[Warning_, ...]  # calls that will fail when executed
+    warnings: tuple[CallWarning, ...]  # calls that will fail when executed
     code: CodeType
     builtins: Mapping[str, Builtin]  # those that it calls
     list_methods: bool

@@ -132,6 +132,8 @@ class ExpressionParser:
         return Constant(token.line, token.column, token.text[1:-1])
 
     def _unary(self, token: Token) -> Expression:
+        if token.kind == "-" and self.token.text == "2147483648":
+            return Constant(token.line, token.column, -int(self.take().text))  # the one int without a positive twin
         operand = self.expression(_UNARY_POWER)
         if isinstance(operand, Constant) and operand.value.__class__ in (int, float) and token.kind == "-":
             return Constant(token.line, token.column, -operand.value)

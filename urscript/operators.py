@@ -16,6 +16,7 @@ from urscript.values import (
     INT_MAX,
     INT_MIN,
     MAX_ELEMENTS,
+    MAX_NESTING,
     MAX_STRING,
     UNSET,
     BoundedList,
@@ -167,13 +168,13 @@ def _elementwise(sign: str, operation: Operator, left: Value, right: Value) -> V
     if left_list and right_list:
         if len(left) != len(right):
             raise RuntimeFault(f"Lists of different lengths ({len(left)} and {len(right)}) with operator {sign}")
-        charge(2 * len(left))
+        charge(10 + 5 * len(left))
         return [_scalar(sign, operation, a, b) for a, b in zip(left, right, strict=True)]
     if left_list and right.__class__ in _NUMBERS:
-        charge(2 * len(left))
+        charge(10 + 5 * len(left))
         return [_scalar(sign, operation, a, right) for a in left]
     if right_list and left.__class__ in _NUMBERS:
-        charge(2 * len(right))
+        charge(10 + 5 * len(right))
         return [_scalar(sign, operation, left, b) for b in right]
     _refuse(sign, left, right)
 
@@ -196,20 +197,19 @@ def _matrix_elementwise(sign: str, operation: Operator, left: Value, right: Valu
         _refuse(sign, left, right)
     if left.shape != right.shape:
         raise RuntimeFault(f"Matrices of different shapes {left.shape} and {right.shape} with operator {sign}")
-    charge(2 * len(left.rows) * len(left.rows[0]))
+    charge(20 + 5 * len(left.rows) * len(left.rows[0]))
     rows = zip(left.rows, right.rows, strict=True)
     return Matrix(tuple(tuple(map(operation, a, b)) for a, b in rows))
 
 
 def _matrix_map(matrix: Matrix, operation: Callable[[Value], Value]) -> Matrix:
-    charge(2 * len(matrix.rows) * len(matrix.rows[0]))
+    charge(20 + 5 * len(matrix.rows) * len(matrix.rows[0]))
     return Matrix(tuple(tuple(map(operation, row)) for row in matrix.rows))
 
 
 def _product(left: Matrix, right: Value) -> Value:
     if right.__class__ is not Matrix:
         return [_dot(row, right) for row in left.rows]
-    charge(len(left.rows) * len(right.rows) * len(right.rows[0]))
     columns = list(zip(*right.rows, strict=True))
     return Matrix(tuple(tuple(_dot(row, column) for column in columns) for row in left.rows))
 
@@ -217,6 +217,7 @@ def _product(left: Matrix, right: Value) -> Value:
 def _dot(row: tuple[Value, ...], column: Value) -> Value:
     if len(row) != len(column) or not all(map(is_number, column)):
         raise RuntimeFault(f"Matrix product: {len(row)} columns on the left do not fit {len(column)} on the right")
+    charge(25 + 3 * len(row))
     total = sum(map(operator.mul, row, column))
     return total if total.__class__ is float else wrap32(int(total))
 
@@ -233,7 +234,7 @@ def truth(value: Value) -> bool:
 
 def eq(left: Value, right: Value) -> bool:
     if left.__class__ not in _SCALARS and right.__class__ not in _SCALARS:
-        charge(_size(left))
+        charge(2 * _size(left))
     return bool(left == right)
 
 
@@ -297,7 +298,7 @@ def check_size(value: Value) -> Value:
     return value
 
 
-def _size(value: Value, budget: int = MAX_ELEMENTS) -> int:
+def _size(value: Value, budget: int = MAX_ELEMENTS, levels: int = MAX_NESTING) -> int:
     """Elements of a value, all levels together."""
     if value.__class__ in _SCALARS:
         return 1
@@ -308,9 +309,11 @@ def _size(value: Value, budget: int = MAX_ELEMENTS) -> int:
     items = value.members.values() if isinstance(value, Struct) else value
     if not isinstance(value, (list, Struct)):
         return 1
+    if levels == 0:
+        raise RuntimeFault(f"The value has more than {MAX_NESTING} levels of lists and structs")
     total = 1
     for item in items:
-        total += 1 if item.__class__ in _SCALARS else _size(item, budget - total)
+        total += 1 if item.__class__ in _SCALARS else _size(item, budget - total, levels - 1)
         if total > budget:
             raise RuntimeFault(f"The value has more than {MAX_ELEMENTS} elements")
     return total

@@ -145,10 +145,11 @@ class _Parser(ExpressionParser):
         return ExpressionStatement(value.line, value.column, value)
 
     def _assign(self, target: Expression, start: Token, declared: str | None) -> Statement:
-        if not isinstance(target, (Name, Index, Member)) or (root := _root(target)) is None:
+        if not isinstance(target, (Name, Index, Member)) or not _is_variable(target):
             self.fail("this cannot be assigned to", start)
         self.take()
-        self._bind(root, declared)
+        if isinstance(target, Name):
+            self._bind(target.name, declared)
         return Assign(target.line, target.column, target, self.expression())
 
     def _bind(self, name: str, declared: str | None) -> None:
@@ -265,7 +266,8 @@ _ABOVE_OPERATORS = 10
 """A statement starts with a target or a call, so no binary operator may be taken with it."""
 
 
-def _root(target: Expression) -> str | None:
+def _is_variable(target: Expression) -> bool:
+    """True for a variable and for parts of one."""
     while isinstance(target, (Index, Member)):
         target = target.target
-    return target.name if isinstance(target, Name) else None
+    return isinstance(target, Name)

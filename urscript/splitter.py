@@ -102,7 +102,8 @@ class ScriptSplitter:
         buffer = self._buffer
         blank = _BLANK.match(buffer)
         first = blank.end() if blank else 0
-        indent = buffer.rfind(b"\n", 0, first) + 1
+        mark = buffer.rfind(_BYTE_ORDER_MARK, 0, first)
+        indent = max(buffer.rfind(b"\n", 0, first) + 1, mark + 3 if mark >= 0 else 0)
         del buffer[:indent]
         first -= indent
         word = _FIRST_WORD.match(buffer, first)

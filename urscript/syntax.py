@@ -22,6 +22,7 @@ __all__ = [
     "Member",
     "MethodCall",
     "Name",
+    "Node",
     "Parameter",
     "PoseLiteral",
     "Program",

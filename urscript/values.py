@@ -28,6 +28,7 @@ from urscript.errors import RuntimeFault
 
 __all__ = [
     "MAX_ELEMENTS",
+    "MAX_NESTING",
     "MAX_STRING",
     "UNSET",
     "Any_",
@@ -61,6 +62,9 @@ MAX_STRING = 1023
 
 MAX_ELEMENTS = 10_000
 """Most elements a list, matrix or struct may hold, all levels together. A guess: the real limit is memory."""
+
+MAX_NESTING = 16
+"""Most levels of lists and structs inside each other. A guess."""
 
 INT_MIN, INT_MAX = -(2**31), 2**31 - 1
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from emulator.builtins.values import six, three, within_range
+from emulator.builtins.values import numbers, six, three, within_range
 from emulator.programs.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
@@ -81,7 +81,7 @@ def freedrive_mode(host: ProgramHost, freeAxes: ListArg = _ALL_AXES, feature: Po
     if len(freeAxes) != 6 or any(axis not in (0, 1) for axis in freeAxes):
         raise RuntimeFault("freedrive_mode: freeAxes must be a list of six numbers, each 0 or 1")
     _main_only(host, "freedrive_mode")
-    host.motion.freedrive(six(freeAxes), six(feature))
+    host.motion.freedrive(six(freeAxes), six(numbers(feature, 6, "freedrive_mode: feature")))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="the payload is never checked here")

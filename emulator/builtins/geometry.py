@@ -9,7 +9,17 @@ from urproto.robots.pose import pose_inv, pose_trans
 from urscript.errors import RuntimeFault
 from urscript.values import Pose
 
-__all__ = ["active_tcp", "forward", "inverse", "joints_for", "nearest_angle", "no_solution", "pose_for", "twist_of"]
+__all__ = [
+    "active_tcp",
+    "forward",
+    "inverse",
+    "joint_range",
+    "joints_for",
+    "nearest_angle",
+    "no_solution",
+    "pose_for",
+    "twist_of",
+]
 
 
 def forward(host: ProgramHost, q: Sequence[float], tcp: Sequence[float] | None = None) -> Vector6:
@@ -25,8 +35,15 @@ def inverse(
     near = host.motion.q if q_near is None else six(q_near)
     if not all(map(math.isfinite, flange)):
         return None
+    return host.arm.kinematics.inverse_near(flange, near, *joint_range(host))
+
+
+def joint_range(host: ProgramHost) -> tuple[Vector6, Vector6]:
+    """Lowest and highest joint angles; a wrist 3 without end stop has none."""
     model = host.controller.model
-    return host.arm.kinematics.inverse_near(flange, near, model.q_min, model.q_max)
+    if model.wrist3_unlimited:
+        return (*model.q_min[:5], -math.inf), (*model.q_max[:5], math.inf)
+    return model.q_min, model.q_max
 
 
 def joints_for(host: ProgramHost, target: Sequence[float]) -> Vector6:

@@ -1,7 +1,7 @@
 """Movements: the arm goes somewhere, and the call takes the time that needs."""
 
 from emulator.builtins.geometry import joints_for, nearest_angle, pose_for
-from emulator.builtins.values import six
+from emulator.builtins.values import six, within_range
 from emulator.programs.host import Frames, ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
@@ -198,7 +198,7 @@ def set_pos(host: ProgramHost, q: Joints) -> None:
     """Put the simulated arm at joint angles [rad] at once; only while it stands still."""
     if not host.motion.idle:
         raise RuntimeFault("set_pos: the arm is moving; stop it first")
-    with host.motion_control() as motion:
+    with host.motion_control() as motion, within_range():
         motion.set_position(six(q))
 
 
@@ -213,7 +213,7 @@ def reset_revolution_counter(host: ProgramHost, qNear: Joints | None = None) -> 
     if not host.motion.idle:
         raise RuntimeFault("reset_revolution_counter: the arm is moving; stop it first")
     near = 0.0 if qNear is None else qNear[5]
-    with host.motion_control() as motion:
+    with host.motion_control() as motion, within_range():
         motion.set_position((*motion.q[:5], nearest_angle(motion.q[5], near)))
 
 

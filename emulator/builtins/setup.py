@@ -1,5 +1,6 @@
 """Tool and mounting: TCP, payload, gravity."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,7 +21,7 @@ _NO_INERTIA: Any = (0, 0, 0, 0, 0, 0)  # a tuple stands for a list that scripts 
 @LIBRARY.builtin()
 def set_tcp(host: ProgramHost, pose: PoseArg, tcp_name: Str = "") -> None:
     """Use another TCP, given from the tool flange."""
-    host.controller.set_tcp(six(pose))
+    host.controller.set_tcp(six(numbers(pose, 6, "set_tcp: the pose")))
 
 
 @LIBRARY.builtin()
@@ -70,6 +71,8 @@ def set_target_payload(
     moments = numbers(inertia, 6, "set_target_payload: inertia")
     if min(moments[:3]) < 0:
         raise RuntimeFault(f"set_target_payload: Ixx, Iyy and Izz must not be negative: {list(moments)}")
+    if not (math.isfinite(transition_time) and transition_time >= 0):
+        raise RuntimeFault(f"set_target_payload: transition_time must be 0 or more [s], not {transition_time}")
     _use(host, Payload(_mass(m), three(cog, "set_target_payload: cog"), six(moments)), transition_time)
 
 
@@ -97,8 +100,8 @@ def _use(host: ProgramHost, payload: Payload, transition_s: float = 0.0) -> None
 
 
 def _mass(m: float) -> float:
-    if not m >= 0:
-        raise RuntimeFault(f"the payload mass must be 0 or more, not {m}")
+    if not (math.isfinite(m) and m >= 0):
+        raise RuntimeFault(f"the payload mass must be 0 or more [kg], not {m}")
     return float(m)
 
 

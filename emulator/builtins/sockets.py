@@ -32,6 +32,8 @@ _ESCAPES: Final = {"\\n": "\n", "\\r": "\r", "\\t": "\t", "\\\\": "\\"}
 @LIBRARY.builtin()
 def socket_open(host: ProgramHost, address: Str, port: Int, socket_name: Str = _NAME) -> Frames[bool]:
     """Connect; False when that fails or takes longer than 2 s. An open socket of that name is closed first."""
+    if not 0 < port < 65536:
+        raise RuntimeFault(f"socket_open: there is no port {port}: they are 1 to 65535")
     socket = host.programs.socket_backend.open(address, port)
     host.sockets.put(socket_name, socket)
     for _ in range(host.frames(_CONNECT_S)):
@@ -75,10 +77,9 @@ def socket_send_byte(host: ProgramHost, value: Any_, socket_name: Str = _NAME) -
 @LIBRARY.builtin()
 def socket_send_int(host: ProgramHost, value: Num, socket_name: Str = _NAME) -> bool:
     """Send four bytes: a signed integer, highest byte first. False when the socket is not open."""
-    number = int(value)
-    if not INT_MIN <= number <= INT_MAX:
+    if not INT_MIN <= value <= INT_MAX:
         raise RuntimeFault(f"socket_send_int: {value} does not fit 32 bits")
-    return _send(host, socket_name, struct.pack(">i", number))
+    return _send(host, socket_name, struct.pack(">i", int(value)))
 
 
 @LIBRARY.builtin()

@@ -1,5 +1,6 @@
 """From script values to the tuples the rest of the emulator uses, with errors the script's author can read."""
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
@@ -25,9 +26,9 @@ def three(values: Sequence[float], what: str) -> Vector3:
 
 
 def numbers(values: Sequence[float], count: int, what: str) -> Sequence[float]:
-    """The values, when they are ``count`` numbers; RuntimeFault naming ``what`` otherwise."""
-    if len(values) != count or not all(map(is_number, values)):
-        raise RuntimeFault(f"{what} must be a list of {count} numbers")
+    """The values, when they are ``count`` finite numbers; RuntimeFault naming ``what`` otherwise."""
+    if len(values) != count or not all(is_number(value) and math.isfinite(value) for value in values):
+        raise RuntimeFault(f"{what} must be {count} finite numbers")
     return values
 
 

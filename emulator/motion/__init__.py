@@ -4,8 +4,8 @@
 knows no program, no power and no network, and reads no clock.
 """
 
-from .faults import MotionFault
-from .motion import Motion
-from .stepping import Move
+from emulator.motion.faults import MotionFault
+from emulator.motion.motion import Motion
+from emulator.motion.stepping import Move
 
 __all__ = ["Motion", "MotionFault", "Move"]

@@ -16,9 +16,9 @@ from typing import Protocol
 
 from urproto.robots.pose import Pose, pose_add, pose_sub
 
-from .legs import Leg, ToolLeg, mark_after_start
-from .tool_moves import LineLeg
-from .vectors import Joints, Vec3, as_six, lerp, norm3, sub
+from emulator.motion.legs import Leg, ToolLeg, mark_after_start
+from emulator.motion.tool_moves import LineLeg
+from emulator.motion.vectors import Joints, Vec3, as_six, lerp, norm3, sub
 
 __all__ = ["Blend", "Coast", "Leaving", "blend_into"]
 

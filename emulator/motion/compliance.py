@@ -11,8 +11,8 @@ from math import exp
 
 from urproto.robots.pose import Pose, pose_add, pose_sub, rotvec_to_matrix
 
-from .reach import Reach
-from .vectors import ZERO, Joints, Vec3, as_six, norm3
+from emulator.motion.reach import Reach
+from emulator.motion.vectors import ZERO, Joints, Vec3, as_six, norm3
 
 __all__ = ["Compliance", "Task"]
 
@@ -37,6 +37,7 @@ class Task:
     wrench: Joints
     kind: int
     limits: Joints
+    freedrive: bool = False
 
     @classmethod
     def force(
@@ -50,7 +51,7 @@ class Task:
     @classmethod
     def free(cls, frame: Pose, free_axes: Sequence[float]) -> "Task":
         """Freedrive: only outside forces count."""
-        return cls(frame, tuple(flag != 0 for flag in free_axes), ZERO, 2, _FREEDRIVE_LIMITS)
+        return cls(frame, tuple(flag != 0 for flag in free_axes), ZERO, 2, _FREEDRIVE_LIMITS, freedrive=True)
 
 
 class Compliance:
@@ -62,14 +63,15 @@ class Compliance:
         self.released = False
         self._pose = reach.pose(q)
         self._speed = ZERO  # of the compliant directions, in the task frame
+        self._next = (self._pose, ZERO)
 
     def standing(self) -> bool:
         """No motion of its own."""
         return self._speed == ZERO
 
     def halt(self) -> None:
-        """Forget the motion of the compliant directions."""
-        self._speed = ZERO
+        """The last step cannot be: stay, and lose the speed of the compliant directions."""
+        self._next = (self._pose, ZERO)
 
     def release(self) -> None:
         """Comply no more; what speed there is dies away."""
@@ -79,24 +81,27 @@ class Compliance:
     def step(
         self, dt: float, q: Joints, nominal: tuple[Joints, Joints], external: Joints, damping: float, gain: float
     ) -> Joints:
-        """Joints after dt, while the nominal arm goes from the first to the second of ``nominal``.
+        """Propose the joints after dt, while the nominal arm goes from the first to the second of ``nominal``.
 
         ``external`` is the wrench that acts on the tool at the TCP, in the base frame. Raises MotionFault out of reach.
         """
         before, after = nominal
         shift = ZERO if before == after else pose_sub(self.reach.pose(after), self.reach.pose(before))
         axes = self._axes(shift)
-        self._speed = self._accelerated(dt, axes, external, damping, gain)
+        own = self._accelerated(dt, axes, external, damping, gain)
         wanted = _into(axes, shift)
-        own = self._speed
         compliant = self.task.compliant
         moved = as_six((0.0 if compliant[i] else wanted[i]) + own[i] * dt for i in range(6))
+        self._next = (self._pose, own)
         if moved == ZERO:
             return q
         pose = pose_add((*_out_of(axes, moved[:3]), *_out_of(axes, moved[3:])), self._pose)
-        target = self.reach.joints(pose, q)
-        self._pose = pose
-        return target
+        self._next = (pose, own)
+        return self.reach.joints(pose, q)
+
+    def commit(self) -> None:
+        """The last step came true."""
+        self._pose, self._speed = self._next
 
     def _accelerated(
         self, dt: float, axes: tuple[Vec3, Vec3, Vec3], external: Joints, damping: float, gain: float

@@ -4,7 +4,7 @@ from typing import Protocol
 
 from urproto.robots.pose import Pose
 
-from .vectors import Joints
+from emulator.motion.vectors import Joints
 
 __all__ = ["Generator"]
 

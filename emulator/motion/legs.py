@@ -8,9 +8,9 @@ from typing import Protocol
 
 from urproto.robots.pose import Pose
 
-from .profile import Limits, Profile, choose_limits
-from .reach import Reach
-from .vectors import Joints, Vec3, largest, lerp, norm3, sub
+from emulator.motion.profile import Limits, Profile, choose_limits
+from emulator.motion.reach import Reach
+from emulator.motion.vectors import Joints, Vec3, largest, lerp, norm3, sub
 
 __all__ = ["TOOL_LIMITS", "JointLeg", "Leg", "ToolLeg", "mark_after_start", "mark_before_end"]
 
@@ -18,7 +18,7 @@ __all__ = ["TOOL_LIMITS", "JointLeg", "Leg", "ToolLeg", "mark_after_start", "mar
 # configuration; the acceleration is a guess (the joints' 40 rad/s2 at a lever of 0.375 m).
 TOOL_LIMITS = Limits(1.5, 15.0)
 
-_BISECTIONS = 30  # 2**-30 of half a leg
+_BISECTIONS = 20  # 2**-20 of half a leg
 
 
 class Leg(Protocol):

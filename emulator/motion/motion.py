@@ -9,19 +9,19 @@ from math import isfinite
 
 from urproto.robots.pose import Pose
 
-from .blends import Coast, Leaving, blend_into
-from .circular_moves import ArcLeg, circle_through
-from .compliance import Compliance, Task
-from .faults import MotionFault, bad_setpoint
-from .legs import TOOL_LIMITS, JointLeg, Leg
-from .path_motion import PathMotion
-from .profile import Limits
-from .servo import JointServo, ToolServo
-from .speed import JointSpeed, ToolSpeed
-from .stepping import Move, Stepper
-from .stops import ToolStop, brake_together
-from .tool_moves import LineLeg
-from .vectors import ZERO, Joints, all_finite, as_six, largest, norm3, scaled
+from emulator.motion.blends import Coast, Leaving, blend_into
+from emulator.motion.circular_moves import ArcLeg, circle_through
+from emulator.motion.compliance import Compliance, Task
+from emulator.motion.faults import MotionFault, bad_setpoint
+from emulator.motion.legs import TOOL_LIMITS, JointLeg, Leg
+from emulator.motion.path_motion import PathMotion
+from emulator.motion.profile import Limits
+from emulator.motion.servo import JointServo, ToolServo
+from emulator.motion.speed import JointSpeed, ToolSpeed
+from emulator.motion.stepping import Move, Stepper
+from emulator.motion.stops import ToolStop, brake_together
+from emulator.motion.tool_moves import LineLeg
+from emulator.motion.vectors import ZERO, Joints, all_finite, as_six, largest, norm3, scaled
 
 __all__ = ["Motion"]
 
@@ -237,6 +237,7 @@ class Motion(Stepper):
     def _comply(self, task: Task) -> None:
         if self._compliance is None or self._compliance.released:
             self._compliance = Compliance(self._reach, self.q, task)
+            self._nominal, self._nominal_qd = self.q, self.qd
         else:
             self._compliance.task = task
 

@@ -12,11 +12,11 @@ Shortening h changes when the arm is somewhere, never where it goes.
 
 from urproto.robots.model import RobotModel
 
-from .faults import near_singularity
-from .generator import Generator
-from .vectors import Joints, largest, sub
+from emulator.motion.faults import near_singularity
+from emulator.motion.generator import Generator
+from emulator.motion.vectors import Joints, largest, sub
 
-__all__ = ["RAMP_RAD_S2", "Pacer"]
+__all__ = ["RAMP_RAD_S2", "Pacer", "within_speed"]
 
 RAMP_RAD_S2 = 10.0  # leading joint, when the speed fraction changes or a program pauses (guess)
 _ROUNDS = 4  # proposals per period while looking for a step the joints can follow
@@ -51,17 +51,18 @@ class Pacer:
         """
         goal = self._slewed(goal, ramp)
         h = goal * self._period
-        if h <= 0.0:
+        if goal < _TOLERANCE:
             self.scale = self._gain = 0.0
             return None
         target = movement.propose(h, q)
         for _ in range(_ROUNDS):
             better = self._bounded(h, goal * self._period, sub(target, q), qd)
             if abs(better - h) <= _TOLERANCE * h:
-                break
+                break  # every joint is slow enough for this h
             h = better
             target = movement.propose(h, q)
-        h, target = self._enforced(movement, h, target, q)
+        else:
+            h, target = self._enforced(movement, h, target, q)
         self._judge(h, goal)
         self._remember(h, largest(sub(target, q)))
         return target
@@ -96,15 +97,11 @@ class Pacer:
     def _enforced(self, movement: Generator, h: float, target: Joints, q: Joints) -> tuple[float, Joints]:
         """Halve the step until no joint is too fast."""
         for _ in range(_HALVINGS):
-            if self._within_speed(sub(target, q)):
+            if within_speed(sub(target, q), self._qd_max, self._period):
                 return h, target
             h *= 0.5
             target = movement.propose(h, q)
         raise near_singularity()
-
-    def _within_speed(self, step: Joints) -> bool:
-        reach = self._period * (1.0 + _TOLERANCE)
-        return all(abs(move) <= most * reach for move, most in zip(step, self._qd_max, strict=True))
 
     def _judge(self, h: float, goal: float) -> None:
         if h >= _STUCK_SHARE * goal * self._period:
@@ -119,3 +116,9 @@ class Pacer:
         self._gain = max(0.0, (pace - self._pace) / h)
         self._pace = pace
         self.scale = h / self._period
+
+
+def within_speed(step: Joints, qd_max: Joints, period_s: float) -> bool:
+    """No joint needs more than its highest speed for this step of one period."""
+    reach = period_s * (1.0 + _TOLERANCE)
+    return all(abs(move) <= most * reach for move, most in zip(step, qd_max, strict=True))

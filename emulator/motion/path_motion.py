@@ -2,10 +2,10 @@
 
 from urproto.robots.pose import Pose
 
-from .blends import Blend, LegEnd
-from .legs import Leg, mark_before_end
-from .profile import Profile
-from .vectors import Joints
+from emulator.motion.blends import Blend, LegEnd
+from emulator.motion.legs import Leg, mark_before_end
+from emulator.motion.profile import Profile
+from emulator.motion.vectors import Joints
 
 __all__ = ["PathMotion"]
 

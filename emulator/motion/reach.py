@@ -6,8 +6,8 @@ from urproto.robots.kinematics import Kinematics
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Pose, pose_inv, pose_trans
 
-from .faults import unreachable
-from .vectors import Joints, as_six
+from emulator.motion.faults import unreachable
+from emulator.motion.vectors import Joints, as_six
 
 __all__ = ["Reach"]
 
@@ -45,12 +45,7 @@ class Reach:
 def _apart(a: Joints, b: Joints) -> float:
     """Grows with the distance of two configurations, whole turns aside."""
     return -(
-        cos(a[0] - b[0])
-        + cos(a[1] - b[1])
-        + cos(a[2] - b[2])
-        + cos(a[3] - b[3])
-        + cos(a[4] - b[4])
-        + cos(a[5] - b[5])
+        cos(a[0] - b[0]) + cos(a[1] - b[1]) + cos(a[2] - b[2]) + cos(a[3] - b[3]) + cos(a[4] - b[4]) + cos(a[5] - b[5])
     )
 
 

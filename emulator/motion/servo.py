@@ -14,10 +14,10 @@ from math import exp, sqrt
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Pose, point_dist, pose_add, pose_sub
 
-from .profile import Limits
-from .reach import Reach
-from .tool_moves import path_length
-from .vectors import ZERO, Joints, as_six, largest, lerp, norm3, scaled, sub
+from emulator.motion.profile import Limits
+from emulator.motion.reach import Reach
+from emulator.motion.tool_moves import path_length
+from emulator.motion.vectors import ZERO, Joints, as_six, largest, lerp, norm3, scaled, sub
 
 __all__ = ["GAIN_RANGE", "LOOKAHEAD_RANGE_S", "JointServo", "ToolServo"]
 

@@ -2,8 +2,8 @@
 
 from urproto.robots.pose import Pose, pose_add
 
-from .reach import Reach
-from .vectors import ZERO, Joints, Vec3, lerp, norm3, scaled, towards
+from emulator.motion.reach import Reach
+from emulator.motion.vectors import ZERO, Joints, Vec3, lerp, norm3, scaled, towards
 
 __all__ = ["JointSpeed", "ToolSpeed"]
 

@@ -10,17 +10,18 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from math import inf
 
+from urproto.modes import ControlMode
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Pose
 
-from .compliance import Compliance
-from .faults import MotionFault, joint_limit
-from .generator import Generator
-from .pacing import RAMP_RAD_S2, Pacer
-from .reach import Reach
-from .stops import JointStop
-from .vectors import ZERO, Joints, as_six, largest, scaled, sub
+from emulator.motion.compliance import Compliance
+from emulator.motion.faults import MotionFault, joint_limit, near_singularity
+from emulator.motion.generator import Generator
+from emulator.motion.pacing import RAMP_RAD_S2, Pacer, within_speed
+from emulator.motion.reach import Reach
+from emulator.motion.stops import JointStop
+from emulator.motion.vectors import ZERO, Joints, as_six, largest, scaled, sub
 
 __all__ = ["Move", "Stepper"]
 
@@ -56,15 +57,19 @@ class Stepper:
         self.fault: MotionFault | None = None  # the last one
         self._q_min, self._q_max = _position_limits(model)
         self._kinematics = Kinematics(model.dh)
+        # braking distance of a joint over the square of its move in one period
+        self._braking = as_six(1.0 / (2.0 * a * period_s**2) for a in model.qdd_max)
         self._reach = Reach(model, self._kinematics, ZERO)
         self._pacer = Pacer(model, period_s)
         self._generator: Generator | None = None
         self._move: Move | None = None
         self._nominal: Joints = self.q  # where the movement is, without what force mode adds
+        self._nominal_qd: Joints = ZERO
         self._compliance: Compliance | None = None
         self._mode = _Mode.RUN
         self._ramp = RAMP_RAD_S2
         self._refusal: MotionFault | None = None
+        self._emergency: Generator | None = None  # braking after a fault: within the position limits by construction
         self._goal: Generator | None = None
 
     # state
@@ -103,6 +108,13 @@ class Stepper:
     def scale(self) -> float:
         """How fast the movement's own time runs just now, 1 = as planned."""
         return self._pacer.scale
+
+    @property
+    def control_mode(self) -> ControlMode:
+        """TEACH in freedrive, FORCE in force mode, POSITION otherwise."""
+        if self._compliance is None or self._compliance.released:
+            return ControlMode.POSITION
+        return ControlMode.TEACH if self._compliance.task.freedrive else ControlMode.FORCE
 
     # pausing and stopping
 
@@ -165,20 +177,27 @@ class Stepper:
         generator = self._generator
         nominal = self._proposal(generator, running) if generator is not None else None
         target = self._complied(self._nominal if nominal is None else nominal)
-        self._check(target)
-        self._nominal = target if self._compliance is None else (self._nominal if nominal is None else nominal)
+        if generator is None or generator is not self._emergency:
+            self._check(target)
         standing = True
         if generator is not None and nominal is not None:
             generator.commit(running * self.period_s)
             standing = self._account(generator)
         elif self._mode is _Mode.STOP:
             self._drop()
-        return target, standing and (self._compliance is None or self._compliance.standing())
+        if self._compliance is None:
+            self._nominal = target
+            return target, standing
+        self._compliance.commit()
+        after = self._nominal if nominal is None else nominal
+        self._nominal_qd = scaled(sub(after, self._nominal), 1.0 / self.period_s)
+        self._nominal = after
+        return target, standing and self._compliance.standing()
 
     def _proposal(self, generator: Generator, running: float) -> Joints | None:
         if not generator.scaled:
             return generator.propose(self.period_s, self._nominal)
-        speed = self.qd if self._compliance is None else ZERO
+        speed = self.qd if self._compliance is None else self._nominal_qd
         return self._pacer.advance(generator, self._nominal, speed, running, self._ramp)
 
     def _account(self, generator: Generator) -> bool:
@@ -212,6 +231,8 @@ class Stepper:
         try:
             target = compliance.step(self.period_s, self.q, (self._nominal, nominal), push, self.force_damping, gain)
             self._check(target)
+            if not within_speed(sub(target, self.q), self.model.qd_max, self.period_s):
+                raise near_singularity()
         except MotionFault:
             if nominal != self._nominal:
                 raise
@@ -221,17 +242,18 @@ class Stepper:
 
     def _check(self, target: Joints) -> None:
         """Raise MotionFault when a joint could not stop before its position limit."""
-        dt = self.period_s
-        for i, (now, was) in enumerate(zip(target, self.q, strict=True)):
-            speed = (now - was) / dt
-            end = now + speed * abs(speed) / (2.0 * self.model.qdd_max[i])
-            margin = abs(speed) * dt + _POSITION_TOLERANCE_RAD  # the speed is the period's mean, not its end's
-            low, high = self._q_min[i], self._q_max[i]
-            if not low - margin <= end <= high + margin:
+        if target == self.q:
+            return
+        for i in range(6):
+            now, low, high = target[i], self._q_min[i], self._q_max[i]
+            move = now - self.q[i]
+            end = now + move * abs(move) * self._braking[i]
+            if low <= now <= high and low <= end <= high:
+                continue
+            margin = abs(move) + _POSITION_TOLERANCE_RAD  # the speed is the period's mean, not its end's
+            inside = low - _POSITION_TOLERANCE_RAD <= now <= high + _POSITION_TOLERANCE_RAD
+            if not (inside and low - margin <= end <= high + margin):
                 raise joint_limit(i, end, low, high)
-        fault = self._outside(target)
-        if fault is not None:
-            raise fault
 
     def _outside(self, q: Joints) -> MotionFault | None:
         for i, position in enumerate(q):
@@ -244,10 +266,11 @@ class Stepper:
         self.fault = fault
         if self._move is not None:
             self._move.failed = fault
+            self._move = None
         self._drop()
         self._compliance = None
         self._nominal = self.q
-        self._generator = self._brake()
+        self._generator = self._emergency = self._brake()
 
     def _brake(self) -> JointStop:
         """Each joint at its acceleration limit, harder only where the position limit is nearer than that."""
@@ -274,10 +297,10 @@ class Stepper:
         if self._compliance is not None and self._compliance.released:
             self._compliance = None
         if generator is not self._generator:
-            self._nominal = self.q
-        self._generator = generator
-        if generator.goal() is not None:
-            self._goal = generator
+            self._nominal, self._nominal_qd = self.q, self.qd
+            self._generator = generator
+            if generator.goal() is not None:
+                self._goal = generator
         self._move = Move()
         return self._move
 

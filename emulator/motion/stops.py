@@ -2,9 +2,9 @@
 
 from urproto.robots.pose import Pose, pose_add
 
-from .faults import MotionFault
-from .reach import Reach
-from .vectors import ZERO, Joints, as_six, largest, norm3, scaled, sub
+from emulator.motion.faults import MotionFault
+from emulator.motion.reach import Reach
+from emulator.motion.vectors import ZERO, Joints, as_six, largest, norm3, scaled, sub
 
 __all__ = ["JointStop", "ToolStop", "brake_together"]
 

@@ -2,10 +2,10 @@
 
 from urproto.robots.pose import Pose, pose_add, pose_sub
 
-from .legs import ToolLeg
-from .profile import Limits
-from .reach import Reach
-from .vectors import Joints, norm3, scaled
+from emulator.motion.legs import ToolLeg
+from emulator.motion.profile import Limits
+from emulator.motion.reach import Reach
+from emulator.motion.vectors import Joints, norm3, scaled
 
 __all__ = ["LineLeg", "path_length"]
 

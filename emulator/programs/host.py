@@ -77,7 +77,9 @@ class ProgramHost:
         self.label = text
 
     def frames(self, seconds: float) -> int:
-        """Control periods that cover a time, at least 1."""
+        """Control periods that cover a time, at least 1. Raises RuntimeFault for a time that is not finite."""
+        if not math.isfinite(seconds):
+            raise RuntimeFault(f"{seconds} is not a time in seconds")
         return max(1, math.ceil(seconds / self.period_s - _ROUNDING))
 
     @contextmanager

@@ -143,7 +143,8 @@ class Programs:
         """Go on after a pause; False when the program is not paused or the arm may not move."""
         if not self._controller.may_run or not self._event(RunEvent.RESUME):
             return False
-        self._controller.motion.resume()
+        if self._host is None or self._host.waiting_for is None:
+            self._controller.motion.resume()
         self.watchdogs.restart(self._controller.step_count)
         self._controller.messages.key(PROGRAM_RESUMED, self.name)
         return True
@@ -248,11 +249,14 @@ class Programs:
 
     def _compile(self, text: str) -> CompiledProgram | None:
         try:
-            return compile_script(text, LIBRARY_SET, self._controller.version)
+            program = compile_script(text, LIBRARY_SET, self._controller.version)
         except CompileError as error:
             self._controller.messages.runtime_exception(error.line, error.column, error.wire)
             self._note(error.render())
             return None
+        for warning in program.warnings:
+            self._note(f"{program.name}:{warning.line}:{warning.column}: {warning.message}")
+        return program
 
     def _end(self) -> None:
         """Leave nothing of the main program behind."""

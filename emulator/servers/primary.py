@@ -3,7 +3,9 @@
 A client gets the version message at once, alone, for clients that take what they read first
 for one message; then a robot state ten times a second, the first of them full. Messages go
 to primary clients only, those of a control period before its state: a client that is told
-about a stop must not see it in the state first.
+about a stop must not see it in the state first. A new safety mode is followed at once by a
+state that shows it: the official client library waits for the state, and one from before
+the stop would tell it that there is nothing to unlock.
 """
 
 from collections.abc import Callable
@@ -12,7 +14,7 @@ from typing import Final
 from emulator.servers.base import Connection, ControllerDoor, PortServer
 from emulator.servers.scripts import ScriptConnection
 from emulator.snapshot import Snapshot
-from urproto.primary.messages import VersionMessage
+from urproto.primary.messages import SafetyModeMessage, VersionMessage
 
 __all__ = ["EncodeState", "PrimaryServer"]
 
@@ -46,10 +48,14 @@ class PrimaryServer(PortServer):
     def publish(self, snapshot: Snapshot) -> None:
         if not self.connections:
             return
+        shown = False
         if self._messages:
             for message in snapshot.messages:
                 self._broadcast(message.encode(self.controller.version))
-        if self._state_is_due(snapshot.step):
+                if isinstance(message, SafetyModeMessage):
+                    self._broadcast_state(snapshot)
+                    shown = True
+        if self._state_is_due(snapshot.step) and not shown:
             self._broadcast_state(snapshot)
 
     def _broadcast(self, data: bytes) -> None:

@@ -1,11 +1,14 @@
 """What clients of the script ports (30001, 30002, 30003) send: programs, statements, text commands."""
 
-from urscript.splitter import ScriptSplitter, Unit
+import logging
 
 from emulator.commands import ScriptUnit
 from emulator.servers.base import CommandQueue, Connection, Direction, PortServer
+from urscript.splitter import ScriptSplitter, Unit
 
 __all__ = ["ScriptConnection"]
+
+_logger = logging.getLogger(__name__)
 
 
 class ScriptConnection(Connection):
@@ -20,12 +23,18 @@ class ScriptConnection(Connection):
         self._hand_over(self._splitter.feed(data))
 
     def at_end(self) -> bool:
-        """A program whose last line end is missing still counts when the client closes right after it."""
+        """A unit whose last line end is missing counts all the same: clients close right after it (guess)."""
         self._hand_over(self._splitter.flush())
         return False
 
     def _hand_over(self, units: list[Unit]) -> None:
         for unit in units:
+            if unit.kind == "error" or not unit.complete:
+                problem = "is too long" if unit.kind == "error" else "ends in the middle"
+                _logger.warning(
+                    "%s: what %s sent %s and is ignored: %.60r", self.server.name, self.peer, problem, unit.text
+                )
+                continue
             passed = self.server.hooks.message(self, Direction.RECEIVED, unit)
             if passed is not None:
                 self._queue.put(ScriptUnit(passed.text, passed.kind))

@@ -101,25 +101,28 @@ class Rig:
 
     def value(self, expression: str) -> Any:
         """What an expression of the language is worth."""
+        before = len(self.exceptions)
         self.start(f"global result = {expression}\nsync()\nsync()")
-        self.until(lambda: "result" in self.controller.programs.variables or bool(self.exceptions), 5.0)
-        assert self.exceptions == []
-        return self.controller.programs.variables["result"]
+        self.until(lambda: "result" in self.controller.programs.variables or len(self.exceptions) > before, 5.0)
+        assert self.exceptions[before:] == []
+        result = self.controller.programs.variables["result"]
+        self.until(lambda: self.state is RuntimeState.STOPPED, 1.0)
+        return result
 
 
-@pytest.fixture()
+@pytest.fixture
 def rig() -> Rig:
     """A UR5e with its brakes released."""
     return Rig("ur5e", None)
 
 
-@pytest.fixture()
+@pytest.fixture
 def cb3() -> Rig:
     """A UR5 of the CB3 series with its brakes released."""
     return Rig("ur5", None)
 
 
-@pytest.fixture()
+@pytest.fixture
 def make_rig() -> Callable[..., Rig]:
     """Another model or version."""
     return Rig

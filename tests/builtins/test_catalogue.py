@@ -13,44 +13,61 @@ SET = LibrarySet(LIBRARIES)
 # Names and first versions as in public function tables and client sources: a number is sure, "?" a guess, "-" never.
 ROWS = list(csv.DictReader((Path(__file__).parent / "names.csv").read_text().splitlines()))
 
+
+def words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
 # What the script that ur_rtde 1.6 uploads calls on every version (its lines without a version tag and those of 3.x).
-UR_RTDE = """
-enable_external_ft_sensor end_force_mode end_teach_mode force_mode force_mode_set_damping get_actual_tcp_pose
-get_actual_tool_flange_pose get_forward_kin get_inverse_kin get_inverse_kin_has_solution get_joint_torques
-get_target_tcp_speed get_tcp_offset is_steady is_within_safety_limits movej movel movep norm pose_sub pose_trans
-protective_stop read_input_float_register read_input_integer_register rtde_set_watchdog servoc servoj set_gravity
-set_payload set_tcp speedj speedl stopj stopl sync teach_mode textmsg write_output_float_register
-write_output_integer_register zero_ftsensor
-""".split()
-UR_RTDE_5 = """
-end_freedrive_mode force_mode_set_gain_scaling freedrive_mode ft_rtde_input_enable get_actual_joint_positions_history
-get_freedrive_status get_steptime get_target_payload get_target_payload_cog get_target_payload_inertia
-get_target_waypoint set_target_payload tool_contact
-""".split()
-UR_RTDE_523 = """
-get_coriolis_and_centrifugal_torques get_jacobian get_jacobian_time_derivative get_mass_matrix
-get_target_joint_accelerations direct_torque
-""".split()
+UR_RTDE = words(
+    """
+    enable_external_ft_sensor end_force_mode end_teach_mode force_mode force_mode_set_damping get_actual_tcp_pose
+    get_actual_tool_flange_pose get_forward_kin get_inverse_kin get_inverse_kin_has_solution get_joint_torques
+    get_target_tcp_speed get_tcp_offset is_steady is_within_safety_limits movej movel movep norm pose_sub
+    pose_trans protective_stop read_input_float_register read_input_integer_register rtde_set_watchdog servoc
+    servoj set_gravity set_payload set_tcp speedj speedl stopj stopl sync teach_mode textmsg
+    write_output_float_register write_output_integer_register zero_ftsensor
+    """
+)
+UR_RTDE_5 = words(
+    """
+    end_freedrive_mode force_mode_set_gain_scaling freedrive_mode ft_rtde_input_enable
+    get_actual_joint_positions_history get_freedrive_status get_steptime get_target_payload get_target_payload_cog
+    get_target_payload_inertia get_target_waypoint set_target_payload tool_contact
+    """
+)
+UR_RTDE_523 = words(
+    """
+    get_coriolis_and_centrifugal_torques get_jacobian get_jacobian_time_derivative get_mass_matrix
+    get_target_joint_accelerations direct_torque
+    """
+)
 
 # What the External Control program of the official client library calls; one text serves 3.14.3 to 5.9.
-EXTERNAL_CONTROL = """
-socket_open socket_close socket_read_binary_integer socket_send_int servoj speedj speedl movej movel movep movec stopj
-stopl get_steptime get_joint_positions get_target_joint_positions get_target_joint_speeds get_actual_tcp_speed
-get_actual_joint_positions_history get_inverse_kin force_mode end_force_mode force_mode_set_damping
-force_mode_set_gain_scaling freedrive_mode end_freedrive_mode tool_contact set_payload set_target_payload set_tcp
-set_gravity set_tool_voltage zero_ftsensor ft_rtde_input_enable set_tool_communication sleep sync textmsg popup str_cat
-to_str norm pow get_list_length protective_stop get_target_tcp_pose pose_trans
-""".split()
+EXTERNAL_CONTROL = words(
+    """
+    socket_open socket_close socket_read_binary_integer socket_send_int servoj speedj speedl movej movel movep
+    movec stopj stopl get_steptime get_joint_positions get_target_joint_positions get_target_joint_speeds
+    get_actual_tcp_speed get_actual_joint_positions_history get_inverse_kin force_mode end_force_mode
+    force_mode_set_damping force_mode_set_gain_scaling freedrive_mode end_freedrive_mode tool_contact set_payload
+    set_target_payload set_tcp set_gravity set_tool_voltage zero_ftsensor ft_rtde_input_enable
+    set_tool_communication sleep sync textmsg popup str_cat to_str norm pow get_list_length protective_stop
+    get_target_tcp_pose pose_trans
+    """
+)
 
 # What PolyScope writes at the head of programs, documented or not (counted in public programs).
-PREAMBLE = """
-set_gravity set_analog_outputdomain set_tool_voltage set_tcp set_standard_analog_input_domain
-set_tool_analog_input_domain set_input_actions_to_default set_safety_mode_transition_hardness set_tool_communication
-set_tool_output_mode set_tool_digital_output_mode set_target_payload set_runstate_gp_boolean_output_to_value
-set_runstate_standard_digital_output_to_value set_runstate_standard_digital_outputs set_runstate_outputs
-set_runstate_configurable_digital_outputs set_analog_inputrange close_popup varmsg tool_pose motion_version_set
-tool_wrench_limit_disable position_deviation_warning
-""".split()
+PREAMBLE = words(
+    """
+    set_gravity set_analog_outputdomain set_tool_voltage set_tcp set_standard_analog_input_domain
+    set_tool_analog_input_domain set_input_actions_to_default set_safety_mode_transition_hardness
+    set_tool_communication set_tool_output_mode set_tool_digital_output_mode set_target_payload
+    set_runstate_gp_boolean_output_to_value set_runstate_standard_digital_output_to_value
+    set_runstate_standard_digital_outputs set_runstate_outputs set_runstate_configurable_digital_outputs
+    set_analog_inputrange close_popup varmsg tool_pose motion_version_set tool_wrench_limit_disable
+    position_deviation_warning
+    """
+)
 
 
 def available(version: str) -> set[str]:

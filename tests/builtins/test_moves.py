@@ -68,19 +68,22 @@ def test_movec_and_movep_arrive(rig):
         p0 = get_actual_tcp_pose()
         via = pose_add(p0, p[-0.05, 0.05, 0, 0, 0, 0])
         to = pose_add(p0, p[0, 0.1, 0, 0, 0, 0])
-        movec(via, to, 0.5, 0.1, 0, 1)
-        movep(p0, a=0.5, v=0.1, r=0.01)
+        movec(via, to, 0.5, 0.1, 0, 0)
+        textmsg(point_dist(get_actual_tcp_pose(), to) < 1e-6)
+        movep(pose_add(p0, p[0, 0.05, 0, 0, 0, 0]), a=0.5, v=0.1, r=0.01)
+        movep(p0, a=0.5, v=0.1)
         """
     )
-    assert rig.q == pytest.approx(HOME, abs=1e-4)
+    assert rig.texts == ["True"]
+    assert rig.q == pytest.approx(HOME, abs=1e-6)
 
 
 def test_blended_move_returns_early_and_does_not_stop(rig):
     rig.start(
         """
-        movej([0.5, -1.5, 1.5, -1.6, -1.57, 0], a=3, v=1, r=0.05)
+        movej([0.5, -1.5, 1.5, -1.6, -1.57, 0], a=6, v=1, r=0.05)
         textmsg("blending")
-        movej([1.0, -1.5, 1.5, -1.6, -1.57, 0], a=3, v=1)
+        movej([1.0, -1.5, 1.5, -1.6, -1.57, 0], a=6, v=1)
         """
     )
     rig.until(lambda: rig.texts == ["blending"])
@@ -138,9 +141,7 @@ def test_servoj_blocks_for_its_time(rig):
 def test_one_frame_calls_take_one_frame_each(rig):
     took = rig.run("i = 0\nwhile i < 50:\n  servoj(get_actual_joint_positions())\n  i = i + 1\nend")
     assert took == pytest.approx(50 * rig.period, abs=3 * rig.period)
-    took = rig.run(
-        "i = 0\nwhile i < 50:\n  speedj([0, 0, 0, 0, 0, 0], 1, get_steptime())\n  i = i + 1\nend"
-    )
+    took = rig.run("i = 0\nwhile i < 50:\n  speedj([0, 0, 0, 0, 0, 0], 1, get_steptime())\n  i = i + 1\nend")
     assert took == pytest.approx(50 * rig.period, abs=3 * rig.period)
 
 
@@ -195,7 +196,14 @@ def test_direct_torque_accelerates_by_the_mass_matrix(rig):
     torque, time = 20.0, 0.1
     mass = rig.controller.arm.dynamics.mass_matrix(HOME)[0][0]
     rig.run(
-        f"i = 0\nwhile i < 50:\n  direct_torque([{torque}, 0, 0, 0, 0, 0], friction_comp=True)\n  i = i + 1\nend\nstopj(20)"
+        f"""
+        i = 0
+        while i < 50:
+          direct_torque([{torque}, 0, 0, 0, 0, 0], friction_comp=True)
+          i = i + 1
+        end
+        stopj(20)
+        """
     )
     assert rig.q[0] > 0.3 * torque / mass * time**2 / 2
 
@@ -212,3 +220,25 @@ def test_move_with_another_tcp_brings_that_point_to_the_target(rig):
     flange = rig.controller.arm.kinematics.forward(rig.q)
     assert snapshot.tcp_offset == (0, 0, 0.1, 0, 0, 0)
     assert snapshot.actual_TCP_pose == pytest.approx(pose_trans(flange, (0, 0, 0.1, 0, 0, 0)), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        "sleep(nan[1])",
+        "set_tcp(p[nan[1], 0, 0, 0, 0, 0])",
+        "set_payload(nan[1])",
+        "set_gravity([0, 0, nan[1]])",
+        "set_pos([9, 0, 0, 0, 0, 0])",
+        "freedrive_mode(feature=p[nan[1], 0, 0, 0, 0, 0])",
+        'socket_open("10.0.0.1", 70000)',
+        "socket_send_int(nan[1])",
+        "q = get_inverse_kin(p[nan[1], 0, 0, 0, 0, 0])",
+        "movej(p[nan[1], 0, 0, 0, 0, 0])",
+    ],
+)
+def test_what_is_not_a_usable_number_is_an_error_of_the_program(rig, call):
+    text = rig.fault(f"nan = socket_read_ascii_float(1)\n{call}")
+    assert "internal error" not in text
+    rig.tick(5)
+    assert rig.q == pytest.approx(HOME)

@@ -6,7 +6,7 @@ from emulator.commands import Command, DashboardLine
 from emulator.controller import Controller, ControllerConfig
 from emulator.errorcodes import SCRIPT_PROTECTIVE_STOP
 from emulator.safety import SafetyEvent
-from urproto.modes import JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode
+from urproto.modes import ControlMode, JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage, RuntimeExceptionMessage, SafetyModeMessage
 from urproto.robots import load_model
 
@@ -422,6 +422,31 @@ def test_stop_brings_the_arm_to_rest(ready):
     assert ready.now.runtime_state is RuntimeState.STOPPED
     ready.seconds(0.5)
     assert ready.now.target_qd == ZERO6
+
+
+@pytest.mark.parametrize(
+    ("call", "mode"),
+    [
+        ("freedrive_mode()", ControlMode.TEACH),
+        ("force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,0,0,0,0], 2, [1,1,1,1,1,1])", ControlMode.FORCE),
+    ],
+)
+def test_control_mode_tells_freedrive_and_force_mode(ready, call, mode):
+    ready.script(f"def give():\n  {call}\n  sleep(0.5)\nend\n")
+    ready.seconds(0.2)
+    assert ready.now.control_mode is mode
+    ready.until(is_state(RuntimeState.STOPPED), 2.0)
+    ready.seconds(0.3)
+    assert ready.now.control_mode is ControlMode.POSITION
+
+
+def test_a_contact_force_moves_the_arm_in_freedrive(ready):
+    ready.script("def give():\n  freedrive_mode()\n  sleep(60)\nend\n")
+    ready.seconds(0.1)
+    height = ready.now.actual_TCP_pose[2]
+    ready.controller.external_wrench = (0.0, 0.0, -40.0, 0.0, 0.0, 0.0)
+    ready.seconds(0.5)
+    assert ready.now.actual_TCP_pose[2] < height - 0.005
 
 
 def test_speed_slider_stretches_a_move(make):

@@ -45,7 +45,7 @@ def test_any_change_of_the_slider_stays_on_the_path(make_rig, fractions):
         rig.steps(10, fraction)
     rig.finish(move)
     on_joint_line(rig)
-    assert rig.hardest() <= 40.0 * (1 + 1e-6)
+    assert rig.hardest() <= 21.0  # the slider's ramp and the move's own, never the joints' 40
     assert rig.motion.q == GOAL
 
 

@@ -76,7 +76,7 @@ def test_a_target_that_runs_away_is_left_behind_and_its_hold_point_met(rig):
 def test_servoj_follows_a_sine_smoothly(rig):
     for k in range(1000):
         servo(rig, (START[0] + 0.3 * sin(3 * k * 0.002), *START[1:]), **DRIVER)
-    assert rig.hardest() < 10.0
+    assert rig.hardest() < 15.0  # 0.9 rad/s at once, through a 52 ms lag
 
 
 def test_servoj_then_stopj(rig):
@@ -177,7 +177,7 @@ def test_speedj_into_a_position_limit_is_a_fault_and_stops_inside(make_rig, join
             break
     assert rig.fault is not None
     assert (rig.fault.code, rig.fault.joint) == (150, joint)
-    assert move.failed is None  # speedj had returned long before; the program learns of the stop from the controller
+    assert move.failed is rig.fault
     assert rig.rest() < 0.1
     limit = rig.model.q_max[joint] if direction > 0 else rig.model.q_min[joint]
     assert rig.motion.q[joint] == pytest.approx(limit, abs=0.04)
@@ -191,7 +191,7 @@ def test_speedl_moves_the_tool_straight(rig):
     assert at[1:] == pytest.approx(start[1:], abs=1e-9)
     assert rig.finish(rig.motion.stopl(0.5)) == pytest.approx(0.2, abs=0.004)
     assert rig.pose()[0] - at[0] == pytest.approx(0.1**2 / (2 * 0.5), abs=1e-4)
-    assert rig.pose()[1:] == pytest.approx(start[1:], abs=1e-6)
+    assert rig.pose()[1:] == pytest.approx(start[1:], abs=1e-5)
     assert rig.motion.qd == ZERO
 
 

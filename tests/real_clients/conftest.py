@@ -2,7 +2,7 @@
 
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -20,45 +20,65 @@ if sys.platform != "linux":  # many robots at once need the loopback addresses o
     collect_ignore_glob = ["test_*"]
 
 HANG_S = 60.0  # no test takes longer; a hanging client call ends when its program is stopped
+DEFAULT_MODEL = "ur3"
 ARGUMENTS = {
     "ur3": (["--model", "ur3"], (3, 15), 0.008),
     "ur3e": (["--model", "ur3e", "--polyscope", "5.22", "--remote-control"], (5, 22), 0.002),
+    "ur5e": (["--model", "ur5e", "--polyscope", "5.26", "--remote-control"], (5, 26), 0.002),
 }
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Client calls block in C++ for minutes when something is missing: the hard limit has to be a thread."""
-    for item in items:
-        if HERE in item.path.parents:
-            item.add_marker(pytest.mark.real_client)
-            item.add_marker(pytest.mark.timeout(HANG_S + 30, method="thread"))
+    """Mark these tests, and sort them by robot so that few emulators run at the same time."""
+    places = [index for index, item in enumerate(items) if HERE in item.path.parents]
+    for index, item in zip(places, sorted((items[index] for index in places), key=model_of), strict=True):
+        item.add_marker(pytest.mark.real_client)
+        # Client calls block in C++ for minutes when something is missing: the hard limit has to be a thread.
+        item.add_marker(pytest.mark.timeout(HANG_S + 60, method="thread"))
+        items[index] = item
+
+
+def model_of(item: pytest.Item) -> str:
+    callspec = getattr(item, "callspec", None)
+    return str(callspec.params.get("rig", DEFAULT_MODEL)) if callspec else DEFAULT_MODEL
+
+
+class Emulators:
+    """One emulator at a time: asking for another model ends the one before and checks that it ends cleanly."""
+
+    def __init__(self, positions: Path) -> None:
+        self._positions = positions
+        self._rig: Rig | None = None
+
+    def get(self, model: str) -> Rig:
+        if self._rig is None or self._rig.model != model:
+            self.close()
+            arguments, polyscope, period_s = ARGUMENTS[model]
+            process = EmulatorProcess([*arguments, "--running", "--initial-positions", str(self._positions)])
+            self._rig = Rig(process, model, polyscope, period_s)
+        return self._rig if self._rig.process.running else self._rig.start()
+
+    def close(self) -> None:
+        rig, self._rig = self._rig, None
+        if rig is not None:
+            status = rig.process.stop() if rig.process.running else 0
+            rig.process.dispose()
+            assert status == 0, f"the {rig.model} emulator ended with status {status}"
 
 
 @pytest.fixture(scope="session")
-def emulators(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Rig]]:
-    """Start an emulator at its first use, end it with the session and check that it ends cleanly."""
-    rigs: dict[str, Rig] = {}
+def emulators(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulators]:
     positions = tmp_path_factory.mktemp("positions") / "start.yaml"
     positions.write_text("".join(f"{name}: {q}\n" for name, q in zip(JOINTS, START_Q, strict=True)))
-
-    def get(model: str) -> Rig:
-        if model not in rigs:
-            arguments, polyscope, period_s = ARGUMENTS[model]
-            process = EmulatorProcess([*arguments, "--running", "--initial-positions", str(positions)])
-            rigs[model] = Rig(process, model, polyscope, period_s)
-        return rigs[model] if rigs[model].process.running else rigs[model].start()
-
-    yield get
-    statuses = {model: rig.process.stop() for model, rig in rigs.items() if rig.process.running}
-    for rig in rigs.values():
-        rig.process.dispose()
-    assert not any(statuses.values()), f"exit statuses: {statuses}"
+    emulators = Emulators(positions)
+    yield emulators
+    emulators.close()
 
 
 @pytest.fixture
-def rig(request: pytest.FixtureRequest, emulators: Callable[[str], Rig]) -> Iterator[Rig]:
+def rig(request: pytest.FixtureRequest, emulators: Emulators) -> Iterator[Rig]:
     """A robot at rest in START_Q; a UR3 unless the test is parametrised with another model."""
-    rig = emulators(getattr(request, "param", "ur3"))
+    rig = emulators.get(getattr(request, "param", DEFAULT_MODEL))
     rig.reset()
     guard = threading.Timer(HANG_S, rig.process.dashboard, ["stop"])
     guard.start()
@@ -71,6 +91,15 @@ def rig(request: pytest.FixtureRequest, emulators: Callable[[str], Rig]) -> Iter
 @pytest.fixture
 def control(rig: Rig) -> Iterator[rtde_control.RTDEControlInterface]:
     control = rtde_control.RTDEControlInterface(rig.host)
+    yield control
+    control.disconnect()
+
+
+@pytest.fixture
+def control_beside_sensor(rig: Rig) -> Iterator[rtde_control.RTDEControlInterface]:
+    """A control interface that leaves the external force input to somebody else."""
+    flags = rtde_control.RTDEControlInterface.FLAGS_DEFAULT | rtde_control.RTDEControlInterface.FLAG_NO_EXT_FT
+    control = rtde_control.RTDEControlInterface(rig.host, -1.0, flags)
     yield control
     control.disconnect()
 

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Self, TextIO
 
-START_DEADLINE_S = 30.0  # guess: a loaded two-core machine needs a few seconds
+START_DEADLINE_S = 60.0  # guess: a loaded two-core machine needs a few seconds
 STOP_DEADLINE_S = 10.0
 DASHBOARD_PORT = 29999
 SCRIPT_PORT = 30002

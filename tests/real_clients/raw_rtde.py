@@ -37,13 +37,24 @@ class RawRtde:
     def __init__(self, host: str) -> None:
         self._socket = socket.create_connection((host, RTDE_PORT), timeout=5)
         self._received = bytearray()
-        assert self.request("V", struct.pack(">H", 2)) == b"\x01"
+        try:
+            assert self.request("V", struct.pack(">H", 2)) == b"\x01"
+            self._set_up()
+        except BaseException:
+            self.close()
+            raise
+
+    def _set_up(self) -> None:
+        """What a subclass asks of the controller before it is of use."""
+
+    def close(self) -> None:
+        self._socket.close()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._socket.close()
+        self.close()
 
     def request(self, kind: str, payload: bytes = b"") -> bytes:
         """Send one package and return the payload of its reply, passing over anything else."""
@@ -86,11 +97,14 @@ class StateStream(RawRtde):
     """Every published period of some output fields, oldest first; the kernel buffers what is not yet read."""
 
     def __init__(self, host: str, fields: list[str], frequency_hz: float = 125.0) -> None:
-        super().__init__(host)
-        reply = self.request("O", struct.pack(">d", frequency_hz) + ",".join(fields).encode())
-        self._fields = list(zip(fields, reply[1:].decode().split(","), strict=True))
-        self._format = ">B" + "".join(_FORMATS[kind] for _, kind in self._fields)
         self.samples: list[Sample] = []  # everything read so far
+        self._names, self._frequency_hz = fields, frequency_hz
+        super().__init__(host)
+
+    def _set_up(self) -> None:
+        reply = self.request("O", struct.pack(">d", self._frequency_hz) + ",".join(self._names).encode())
+        self._fields = list(zip(self._names, reply[1:].decode().split(","), strict=True))
+        self._format = ">B" + "".join(_FORMATS[kind] for _, kind in self._fields)
         assert self.request("S") == b"\x01"
 
     def next(self, timeout_s: float = 2.0) -> Sample:
@@ -138,10 +152,13 @@ class InputWriter(RawRtde):
     """Writes input fields, named once with their values' order fixed."""
 
     def __init__(self, host: str, *fields: str) -> None:
+        self._names = fields
         super().__init__(host)
-        reply = self.request("I", ",".join(fields).encode())
+
+    def _set_up(self) -> None:
+        reply = self.request("I", ",".join(self._names).encode())
         kinds = reply[1:].decode().split(",")
-        assert reply[0] != 0, f"the recipe {fields} was refused: {kinds}"
+        assert reply[0] != 0, f"the recipe {self._names} was refused: {kinds}"
         self._header, self._format = reply[:1], ">" + "".join(_FORMATS[kind] for kind in kinds)
         assert self.request("S") in (b"\x00", b"\x01")  # inputs need no start
 
@@ -157,8 +174,8 @@ class ForceSensor:
 
     def __init__(self, host: str, force_on: Callable[[Sample], Sequence[float]]) -> None:
         self.force_on = force_on
-        self._state = StateStream(host, ["timestamp", "actual_TCP_pose"])
         self._writer = InputWriter(host, "external_force_torque")
+        self._state = StateStream(host, ["timestamp", "actual_TCP_pose"])
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._feed, name="force sensor")
 
@@ -169,8 +186,8 @@ class ForceSensor:
     def __exit__(self, *_: object) -> None:
         self._ended.set()
         self._thread.join()
-        self._state.__exit__()
-        self._writer.__exit__()
+        self._state.close()
+        self._writer.close()
 
     def _feed(self) -> None:
         while not self._ended.is_set():

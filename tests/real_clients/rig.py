@@ -14,6 +14,7 @@ START_Q = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
 JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 
 NORMAL, PROTECTIVE_STOP = 1, 3  # safety modes
+LAG_S = 0.1  # between two connections; guess for a loaded machine
 RUNNING = 7  # robot mode
 STOPPED, PLAYING, PAUSED = 1, 2, 4  # runtime states
 
@@ -34,6 +35,7 @@ _TIDY = """def tidy():
   set_tcp(p[0, 0, 0, 0, 0, 0])
   set_payload(0.0, [0, 0, 0])
   set_gravity([0, 0, 9.82])
+  enable_external_ft_sensor(False)
   i = 0
   while i < 8:
     set_standard_digital_out(i, False)
@@ -53,8 +55,14 @@ class Watch(StateStream):
 
     @property
     def track(self) -> Track:
-        self.newest()
+        """What the arm did until it came to rest."""
+        self.settled()
         return Track.of(self.samples)
+
+    def settled(self) -> Sample:
+        """The state at rest after what was commanded; connections may lag some periods behind one another."""
+        self.wait_for(LAG_S)
+        return self.wait_until_still()
 
     def wait_until_still(self, timeout_s: float = 10.0) -> Sample:
         return self.wait_until(lambda sample: not any(sample["target_qd"]), timeout_s)

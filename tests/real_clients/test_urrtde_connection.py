@@ -1,14 +1,14 @@
 """Connecting, losing and regaining the controller; scripts of the user's own; the dashboard client."""
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from dashboard_client import DashboardClient
 from emulator_process import EmulatorProcess
-from rig import PLAYING, START_Q, STOPPED, Rig
+from rig import PLAYING, START_Q, STOPPED, Rig, Watch
 from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 from script_client import ScriptClient
@@ -35,9 +35,9 @@ def test_stop_script_and_reupload(rig: Rig, control: RTDEControlInterface) -> No
         control.stopScript()
         state.wait_until(lambda sample: sample["runtime_state"] == STOPPED)
         assert control.reuploadScript()
-        state.wait_until(lambda sample: sample["runtime_state"] == PLAYING)
+        rig.eventually(control.isProgramRunning)
         assert control.moveJ(NEAR_Q, 2.0, 8.0)
-        assert state.newest()["actual_q"] == pytest.approx(NEAR_Q, abs=1e-5)
+        assert state.settled()["actual_q"] == pytest.approx(NEAR_Q, abs=1e-5)
 
 
 @both_series
@@ -59,13 +59,13 @@ def test_a_second_client_takes_over_the_program_left_behind(rig: Rig, control: R
 
 
 def test_many_calls_in_a_row(rig: Rig, control: RTDEControlInterface) -> None:
-    """A call's round trip is some control periods, never many."""
+    """A call's round trip is some control periods."""
     with rig.watch() as state:
         begin = state.newest()["timestamp"]
         for _ in range(50):
             assert control.isSteady()
         took = state.newest()["timestamp"] - begin
-    assert took / 50 < 6 * rig.period_s + 0.01
+    assert took / 50 < 10 * rig.period_s
 
 
 @both_series
@@ -79,10 +79,11 @@ def test_two_receivers_at_125_hz(rig: Rig, tmp_path: Path) -> None:
     for receiver, file in zip(receivers, files, strict=True):
         assert receiver.stopFileRecording()
         receiver.disconnect()
-        rows = list(csv.DictReader(file.open()))
+        with file.open() as table:
+            rows = list(csv.DictReader(table))
         steps = np.diff([float(row["timestamp"]) for row in rows])
         assert np.median(steps) == pytest.approx(0.008, abs=1e-6)
-        assert len(rows) > 0.9 * 2.0 / 0.008
+        assert len(rows) > 0.7 * 2.0 / 0.008  # a late client takes only the newest of what has come
         assert [float(rows[-1][f"actual_q_{joint}"]) for joint in range(6)] == pytest.approx(START_Q, abs=1e-4)
 
 
@@ -110,7 +111,7 @@ def test_custom_script_function_runs_before_the_control_program_returns(
     body = f"    movej({NEAR_Q}, a=8, v=2)\n    write_output_integer_register(14, 4711)\n"
     assert control.sendCustomScriptFunction("go_near", body)
     rig.eventually(lambda: receive.getOutputIntRegister(14) == 4711)
-    assert receive.getActualQ() == pytest.approx(NEAR_Q, abs=1e-5)
+    rig.eventually(lambda: receive.getActualQ() == pytest.approx(NEAR_Q, abs=1e-5))
     assert control.moveJ(list(START_Q), 2.0, 8.0)
 
 
@@ -129,7 +130,7 @@ def test_custom_script_file(
     rig.eventually(lambda: receive.getOutputDoubleRegister(14) == 2.5)
 
 
-def test_script_client(rig: Rig) -> None:
+def test_script_client(rig: Rig, tmp_path: Path) -> None:
     client = ScriptClient(rig.host, *rig.polyscope)
     client.connect()
     assert client.isConnected()
@@ -138,8 +139,10 @@ def test_script_client(rig: Rig) -> None:
         state.wait_until(lambda sample: sample["actual_q"] == pytest.approx(NEAR_Q, abs=1e-5))
         assert client.sendScriptCommand("def note():\n  write_output_float_register(20, 1.5)\nend\n")
         state.wait_until(lambda sample: sample["output_double_register_20"] == 1.5)
-        assert client.sendScript()  # the whole control program
-        state.wait_until(lambda sample: sample["runtime_state"] == PLAYING)
+        file = tmp_path / "note.script"
+        file.write_text("def note():\n  write_output_float_register(20, 2.5)\nend\n")
+        assert client.sendScript(str(file))
+        state.wait_until(lambda sample: sample["output_double_register_20"] == 2.5)
     client.disconnect()
 
 
@@ -170,7 +173,8 @@ def test_dashboard_answers(rig: Rig, dashboard: DashboardClient) -> None:
     major, minor = rig.polyscope
     assert dashboard.polyscopeVersion().startswith(f"{major}.{minor}.")
     assert dashboard.getRobotModel() == "UR3"
-    assert dashboard.getSerialNumber().isdigit()
+    if rig.model == "ur3e":  # ur_rtde itself refuses to ask an older controller
+        assert dashboard.getSerialNumber().isdigit()
     assert dashboard.safetymode() == "Safetymode: NORMAL"
     assert not dashboard.running()
     assert dashboard.programState().startswith("STOPPED")
@@ -192,16 +196,43 @@ def test_dashboard_errors_reach_the_caller(rig: Rig, dashboard: DashboardClient)
 
 
 @pytest.fixture
-def doomed() -> Iterator[EmulatorProcess]:
-    """An emulator of the test's own, which may die."""
-    process = EmulatorProcess(["--model", "ur3", "--running"])
-    process.start()
-    yield process
-    assert process.stop() == 0
-    process.dispose()
+def own_process() -> Iterator[Callable[..., EmulatorProcess]]:
+    """Start an emulator of the test's own, which may die; what still runs at the end has to end cleanly."""
+    processes: list[EmulatorProcess] = []
+
+    def start(*arguments: str) -> EmulatorProcess:
+        processes.append(EmulatorProcess(arguments).start())
+        return processes[-1]
+
+    yield start
+    statuses = [process.stop() for process in processes if process.running]
+    for process in processes:
+        process.dispose()
+    assert not any(statuses)
 
 
-def test_clients_survive_a_restart_of_the_controller(doomed: EmulatorProcess) -> None:
+def test_the_first_minutes_of_a_newcomer(own_process: Callable[..., EmulatorProcess]) -> None:
+    """Started with nothing but the model: power on, release the brakes, connect, move."""
+    process = own_process("--model", "ur3")
+    dashboard = DashboardClient(process.host)
+    dashboard.connect()
+    assert dashboard.robotmode() == "Robotmode: POWER_OFF"
+    with Watch(process.host) as state:
+        dashboard.powerOn()
+        state.wait_until(lambda sample: sample["robot_mode"] == IDLE, timeout_s=15)
+        dashboard.brakeRelease()
+        state.wait_until(lambda sample: sample["robot_mode"] == RUNNING, timeout_s=15)
+        assert state.settled()["actual_q"] == pytest.approx([0, -1.57, 0, -1.57, 0, 0], abs=1e-3)
+        control = RTDEControlInterface(process.host)
+        target = [0.3, -1.2, 1.0, -1.4, -1.57, 0.0]
+        assert control.moveJ(target, 2.0, 8.0)
+        assert state.settled()["actual_q"] == pytest.approx(target, abs=1e-5)
+    control.disconnect()
+    dashboard.disconnect()
+
+
+def test_clients_survive_a_restart_of_the_controller(own_process: Callable[..., EmulatorProcess]) -> None:
+    doomed = own_process("--model", "ur3", "--running")
     control, receive = RTDEControlInterface(doomed.host), RTDEReceiveInterface(doomed.host)
     doomed.kill()
     doomed.start()
@@ -212,12 +243,14 @@ def test_clients_survive_a_restart_of_the_controller(doomed: EmulatorProcess) ->
     q = receive.getActualQ()
     q[0] += 0.1
     assert control.moveJ(q, 2.0, 8.0)
-    assert receive.getActualQ() == pytest.approx(q, abs=1e-4)
+    with Watch(doomed.host) as state:
+        assert state.settled()["actual_q"] == pytest.approx(q, abs=1e-5)
     control.disconnect()
     receive.disconnect()
 
 
-def test_a_vanished_controller_is_noticed(doomed: EmulatorProcess) -> None:
+def test_a_vanished_controller_is_noticed(own_process: Callable[..., EmulatorProcess]) -> None:
+    doomed = own_process("--model", "ur3", "--running")
     control, receive = RTDEControlInterface(doomed.host), RTDEReceiveInterface(doomed.host)
     doomed.kill()
     for _ in range(5 * 125):
@@ -229,4 +262,3 @@ def test_a_vanished_controller_is_noticed(doomed: EmulatorProcess) -> None:
         pytest.fail("a client still believes in the connection after 5 s")
     control.disconnect()
     receive.disconnect()
-    doomed.start()

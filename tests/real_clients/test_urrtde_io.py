@@ -69,5 +69,5 @@ def test_the_inputs_of_a_closed_connection_are_free_again(rig: Rig, receive: RTD
 
 
 def test_a_second_owner_of_the_same_inputs_is_refused(rig: Rig, io: RTDEIOInterface) -> None:
-    with pytest.raises(RuntimeError, match="another RTDE client"):
+    with pytest.raises(RuntimeError, match="input registers are already in use"):
         RTDEIOInterface(rig.host)

@@ -88,7 +88,7 @@ def test_moves_take_the_tool_into_account(rig: Rig, control: RTDEControlInterfac
     target[2] += 0.05
     with rig.watch() as state:
         assert control.moveL(target, 0.25, 1.2)
-        sample = state.newest()
+        sample = state.settled()
     np.testing.assert_allclose(transform(sample["actual_TCP_pose"]), transform(target), atol=1e-5)
     tip = forward(rig, sample["actual_q"]) @ transform([0, 0, 0.1, 0, 0, 0])
     np.testing.assert_allclose(tip, transform(target), atol=1e-5)

@@ -16,14 +16,14 @@ FAR_Q = [START_Q[0] + 1.2, *START_Q[1:]]
 @both_series
 def test_watchdog_lets_a_kicked_program_live_and_stops_a_neglected_one(rig: Rig, control: RTDEControlInterface) -> None:
     with rig.watch() as state:
-        assert control.setWatchdog(10.0)
+        assert control.setWatchdog(2.0)
         for _ in range(20):
             assert control.kickWatchdog()
             state.wait_for(0.05)
             assert control.isProgramRunning()
         last_kick = state.newest()["timestamp"]
-        stopped = state.wait_until(lambda sample: sample["runtime_state"] == STOPPED, timeout_s=3)
-    assert 0.0 < stopped["timestamp"] - last_kick < 0.3  # one period of 10 Hz, and the stop
+        stopped = state.wait_until(lambda sample: sample["runtime_state"] == STOPPED, timeout_s=5)
+    assert 0.4 < stopped["timestamp"] - last_kick < 0.8  # one period of 2 Hz, and the stop
     rig.eventually(lambda: not control.isProgramRunning())
     assert not control.moveJ(FAR_Q)
 
@@ -61,6 +61,7 @@ def test_protective_stop_is_seen_and_locked_for_five_seconds(
     dashboard.stop()
     dashboard.disconnect()
     assert control.reuploadScript()
+    rig.eventually(control.isProgramRunning)
     assert control.moveJ(FAR_Q, 3.0, 10.0)
     rig.eventually(lambda: receive.getActualQ() == pytest.approx(FAR_Q, abs=1e-5))
 
@@ -105,6 +106,7 @@ def test_a_stopped_program_comes_back_with_reupload(rig: Rig, control: RTDEContr
     rig.eventually(lambda: not control.isProgramRunning())
     assert not control.moveJ(FAR_Q)
     assert control.reuploadScript()
+    rig.eventually(control.isProgramRunning)
     with rig.watch() as state:
         assert control.moveJ(list(START_Q), 2.0, 8.0)
         track = state.track
@@ -116,4 +118,4 @@ def test_an_unreachable_linear_target_stops_protectively(rig: Rig, control: RTDE
     with rig.watch() as state:
         assert not control.moveL([2.0, 0.0, 0.3, 0.0, 3.14, 0.0], 0.25, 1.2)
         state.wait_until(lambda sample: sample["safety_mode"] == PROTECTIVE_STOP)
-        assert state.newest()["actual_q"] == pytest.approx(START_Q, abs=1e-5)
+        assert state.settled()["actual_q"] == pytest.approx(START_Q, abs=1e-5)

@@ -33,7 +33,6 @@ class Dynamics:
 
     def __init__(self, model: RobotModel) -> None:
         self._pin = _build(model)
-        self._data = self._pin.createData()
         self._flange = _to_next_link(model.dh, 5)
         self._wrist_3 = pin.Inertia(self._pin.inertias[6])
         self._tcp = self._pin.addFrame(pin.Frame("tcp", 6, 0, self._flange, pin.FrameType.OP_FRAME))

@@ -21,7 +21,7 @@ joint 6 it has, since only the sum or difference of joints 4 and 6 is determined
 """
 
 from collections.abc import Iterator, Sequence
-from math import atan2, copysign, cos, dist, hypot, pi, sin, sqrt, tau
+from math import atan2, copysign, cos, dist, hypot, inf, pi, remainder, sin, sqrt, tau
 from typing import Final
 
 from urproto.robots.model import DH, Joints
@@ -42,6 +42,8 @@ _MERGE: Final = 1e-14
 # itself by 5e-9. Keeping joint 6 turns the tool by no more than twice this [rad].
 _SINGULAR_WRIST: Final = 1e-7
 _RIGHT_ANGLE_ERROR: Final = 1e-6  # rad; data files give pi/2 with nine decimals
+
+_FlangeInPlane = tuple[float, float, float, float]  # x1 and z components of its x axis, then of its y axis
 
 
 class Kinematics:
@@ -113,26 +115,27 @@ class Kinematics:
     def inverse_all(self, pose_base_flange: Sequence[float], q_near: Sequence[float] | None = None) -> list[Joints]:
         """Every joint configuration (up to 8) that puts the flange there; empty when out of reach.
 
-        Angles are in (-pi, pi]. Where the wrist is singular (axes 4 and 6 parallel) joint 6 is
-        that of ``q_near``, as it stands there, or 0 without one.
+        Angles are in (-pi, pi]. Where the wrist is singular (axes 4 and 6 parallel) any joint 6
+        would do: it is that of ``q_near``, or 0 without one; and where the arm does not reach
+        that far, the nearest that it does reach.
         """
         px, py, pz, rx, ry, rz = pose_base_flange
         axes = rotvec_to_matrix(rx, ry, rz)
-        q6_free = 0.0 if q_near is None else q_near[5]
+        q6_free = 0.0 if q_near is None else _wrap(q_near[5])
         x5, y5 = px - self._d6 * axes[2], py - self._d6 * axes[5]
-        z5 = pz - self._d6 * axes[8] - self._d1
+        z = pz - self._d6 * axes[8] - self._d1
         solutions: list[Joints] = []
         for q1 in _shoulders(x5, y5, self._d4):
             s1, c1 = sin(q1), cos(q1)
-            for q5, q6 in _wrists(axes, s1, c1, q6_free):
-                s6, c6 = sin(q6), cos(q6)
-                # z4 out of the flange's x and y axes
-                up = -(s6 * axes[6] + c6 * axes[7])
-                along = -(c1 * (s6 * axes[0] + c6 * axes[1]) + s1 * (s6 * axes[3] + c6 * axes[4]))
-                q234 = atan2(along, -up)
-                x, z = c1 * x5 + s1 * y5 - self._d5 * along, z5 - self._d5 * up
-                for q2, q3 in self._elbows(x, z):
-                    solutions.append((q1, _wrap(q2), q3, _wrap(q234 - q2 - q3), q5, q6))
+            x = c1 * x5 + s1 * y5
+            # the flange's x and y axes in the plane of the arm
+            flange = (c1 * axes[0] + s1 * axes[3], axes[6], c1 * axes[1] + s1 * axes[4], axes[7])
+            wrists = _wrists(axes, s1, c1, q6_free)
+            found = [posture for q5, q6 in wrists for posture in self._arms(flange, q1, x, z, q5, q6)]
+            if not found and len(wrists) == 1:
+                q6 = self._reachable_q6(flange, x, z, q6_free)
+                found = [] if q6 is None else list(self._arms(flange, q1, x, z, wrists[0][0], q6))
+            solutions += found
         return solutions
 
     def inverse_near(
@@ -146,12 +149,19 @@ class Kinematics:
 
         Whole turns are added where that is nearer. None when nothing within the limits reaches there.
         """
-        best, least = None, float("inf")
+        best, least = None, inf
         for solution in self.inverse_all(pose_base_flange, q_near):
             unwound = _unwind(solution, q_near, q_min, q_max)
             if unwound is not None and (distance := dist(unwound, q_near)) < least:
                 best, least = unwound, distance
         return best
+
+    def _arms(self, flange: _FlangeInPlane, q1: float, x: float, z: float, q5: float, q6: float) -> Iterator[Joints]:
+        """The solutions with these joints 1, 5 and 6; p5 at (x, z) in the arm's plane, seen from joint 2."""
+        along, up = _axis_5(flange, q6)
+        q234 = atan2(along, -up)
+        for q2, q3 in self._elbows(x - self._d5 * along, z - self._d5 * up):
+            yield q1, _wrap(q2), q3, _wrap(q234 - q2 - q3), q5, q6
 
     def _elbows(self, x: float, z: float) -> Iterator[tuple[float, float]]:
         """Joints 2 and 3 that bring the far end of the forearm to (x, z) in the arm's plane, seen from joint 2."""
@@ -166,6 +176,26 @@ class Kinematics:
         for q3 in bends:
             yield atan2(z, x) - atan2(self._a3 * sin(q3), self._a2 + self._a3 * cos(q3)), q3
 
+    def _reachable_q6(self, flange: _FlangeInPlane, x: float, z: float, q6_free: float) -> float | None:
+        """For a singular wrist at (x, z): the joint 6 nearest to ``q6_free`` for which the arm just reaches."""
+        along, up = _axis_5(flange, q6_free)
+        stretched, folded = abs(self._a2 + self._a3), abs(self._a2 - self._a3)
+        too_far = hypot(x - self._d5 * along, z - self._d5 * up) > stretched
+        limit, distance = stretched if too_far else folded, hypot(x, z)
+        # the triangle of joint 2, p5 and p4, with p4 at the limit
+        span = 2.0 * self._d5 * distance
+        cosine = (distance * distance + self._d5 * self._d5 - limit * limit) / span if span else inf
+        if abs(cosine) > 1.0:
+            return None
+        bearing, aside = atan2(z, x), atan2(sqrt(1.0 - cosine * cosine), cosine)
+        turns = []
+        for direction in (bearing + aside, bearing - aside):
+            along, up = cos(direction), sin(direction)
+            xx, xz, yx, yz = flange
+            q6 = atan2(-(along * xx + up * xz), -(along * yx + up * yz))
+            turns.append(remainder(q6 - q6_free, tau))
+        return _wrap(q6_free + min(turns, key=abs))
+
 
 def _check_shape(dh: DH) -> None:
     quarter = pi / 2
@@ -177,6 +207,13 @@ def _check_shape(dh: DH) -> None:
             f"{dh} is not the shape that the closed form solves: alpha must be pi/2, 0, 0, pi/2, -pi/2, 0, "
             "theta zero, and the only lengths d1, a2, a3, d4, d5, d6"
         )
+
+
+def _axis_5(flange: _FlangeInPlane, q6: float) -> tuple[float, float]:
+    """z4 in the plane of the arm, out of the flange's x and y axes there."""
+    s6, c6 = sin(q6), cos(q6)
+    xx, xz, yx, yz = flange
+    return -(s6 * xx + c6 * yx), -(s6 * xz + c6 * yz)
 
 
 def _shoulders(x5: float, y5: float, d4: float) -> tuple[float, ...]:
@@ -198,7 +235,7 @@ def _wrists(axes: Matrix3, s1: float, c1: float, q6_free: float) -> tuple[tuple[
     if sine < _SINGULAR_WRIST:
         return ((0.0 if z > 0.0 else pi, q6_free),)
     q5 = atan2(sine, z)
-    return ((q5, atan2(-y, x)), (-q5, atan2(y, -x)))
+    return ((q5, _wrap(atan2(-y, x))), (-q5, _wrap(atan2(y, -x))))
 
 
 def _wrap(angle: float) -> float:

@@ -9,7 +9,7 @@ going through the trace of a matrix loses half of the digits.
 """
 
 from collections.abc import Sequence
-from math import asin, atan2, cos, hypot, sin, sqrt
+from math import atan2, cos, hypot, sin, sqrt
 
 __all__ = [
     "Matrix3",
@@ -146,8 +146,7 @@ def rotvec_to_rpy(rx: float, ry: float, rz: float) -> Vec3:
     r = rotvec_to_matrix(rx, ry, rz)
     level = hypot(r[0], r[3])
     if level < 1e-9:  # gimbal lock: only yaw -+ roll is determined
-        roll = atan2(-r[5], r[4])
-        return (roll, asin(max(-1.0, min(1.0, -r[6]))), 0.0)
+        return (atan2(-r[5], r[4]), atan2(-r[6], level), 0.0)
     return (atan2(r[7], r[8]), atan2(-r[6], level), atan2(r[3], r[0]))
 
 

@@ -31,7 +31,7 @@ _BITS = 32
 
 def _rounded(value: float) -> Value:
     """An int when it fits 32 bits; beyond that the float itself (a guess)."""
-    return int(value) if INT_MIN <= value <= INT_MAX else value
+    return int(value) if INT_MIN <= value <= INT_MAX else float(value)
 
 
 def _domain(name: str, allowed: bool, needs: str, value: float) -> None:
@@ -145,7 +145,7 @@ def random() -> float:
 def _numbers(name: str, value: Value) -> list[float]:
     if not isinstance(value, list) or not all(map(is_number, value)):
         raise RuntimeFault(f"Type error: {name} expected numbers but found '{type_name(value)}'")
-    charge(len(value))
+    charge(2 * len(value))
     return value
 
 
@@ -209,7 +209,7 @@ def inv(m: Any_) -> Value:
 def _inverse(matrix: Matrix) -> Matrix:
     """Gauss-Jordan elimination with row pivoting."""
     size = len(matrix.rows)
-    charge(2 * size**3)
+    charge(100 + 5 * size**3)
     work = [[*map(float, row), *(float(i == j) for j in range(size))] for i, row in enumerate(matrix.rows)]
     for column in range(size):
         pivot = max(range(column, size), key=lambda row: abs(work[row][column]))

@@ -1,0 +1,190 @@
+"""Force mode and freedrive."""
+
+import pytest
+
+ZERO = (0.0,) * 6
+BASE = ZERO
+LIMITS = (0.2,) * 3 + (0.5,) * 3
+Z_ONLY = (0, 0, 1, 0, 0, 0)
+
+
+def add(pose, *shift):
+    return tuple(a + b for a, b in zip(pose, (*shift, *ZERO)[:6], strict=True))
+
+
+def push_down(rig, newton=10.0, limits=LIMITS):
+    rig.motion.start_force_mode(BASE, Z_ONLY, (0, 0, -newton, 0, 0, 0), 2, limits)
+
+
+def test_the_tool_yields_to_the_force_only_where_it_may(rig):
+    """As the ROS 2 driver's test: 10 N, damping 0.1, gain 0.8, 5 s: more than 3 cm along it, under 1 mm beside it."""
+    rig.motion.force_damping, rig.motion.force_gain_scaling = 0.1, 0.8
+    start = rig.pose()
+    push_down(rig)
+    rig.steps(2500)
+    moved = [b - a for a, b in zip(start, rig.pose(), strict=True)]
+    assert moved[2] < -0.03
+    assert moved[:2] == pytest.approx((0, 0), abs=1e-6)
+    assert moved[3:] == pytest.approx((0, 0, 0), abs=1e-6)
+    assert not rig.motion.idle
+    assert not rig.motion.steady
+
+
+def test_frame_turns_the_direction(rig):
+    """A frame turned by 90 degrees about x has its z along the base's -y."""
+    start = rig.pose()
+    rig.motion.start_force_mode((0, 0, 0, 1.5707963267948966, 0, 0), Z_ONLY, (0, 0, 10, 0, 0, 0), 2, LIMITS)
+    rig.steps(1000)
+    assert rig.pose()[1] - start[1] < -0.02
+    assert rig.pose()[0] == pytest.approx(start[0], abs=1e-6)
+
+
+@pytest.mark.parametrize("limit", [0.01, 0.05])
+def test_speed_limit_of_a_compliant_direction(rig, limit):
+    push_down(rig, 1000.0, (limit,) * 6)
+    rig.steps(500)
+    before = rig.pose()[2]
+    rig.steps(100)
+    assert before - rig.pose()[2] == pytest.approx(limit * 0.2, rel=1e-3)
+
+
+def test_balanced_forces_do_not_move_the_arm(rig):
+    rig.motion.external_wrench = (0, 0, 10, 0, 0, 0)
+    push_down(rig)
+    q = rig.motion.q
+    rig.steps(100)
+    assert rig.motion.q == q
+    assert rig.motion.qd == ZERO
+
+
+def test_more_damping_is_slower_and_more_gain_is_faster(make_rig):
+    def depth(damping, gain):
+        rig = make_rig()
+        rig.motion.force_damping, rig.motion.force_gain_scaling = damping, gain
+        start = rig.pose()[2]
+        push_down(rig)
+        rig.steps(500)
+        return start - rig.pose()[2]
+
+    assert depth(1.0, 1.0) < depth(0.1, 1.0) < depth(0.1, 2.0)
+
+
+def test_end_of_force_mode_leaves_the_arm_at_rest(rig):
+    push_down(rig)
+    rig.steps(500)
+    rig.motion.end_force_mode()
+    assert rig.rest() < 1.0
+    q = rig.motion.q
+    rig.steps(100)
+    assert rig.motion.q == q
+
+
+def test_a_move_goes_on_beside_the_force(rig):
+    start = rig.pose()
+    goal = add(start, 0.1, 0.05, 0.03)  # its part along z is not followed: that direction is the force's
+    push_down(rig)
+    way = (0.1**2 + 0.05**2 + 0.03**2) ** 0.5
+    assert rig.finish(rig.motion.movel(goal)) == pytest.approx(way / 0.25 + 0.25 / 1.2, abs=0.004)
+    at = rig.pose()
+    assert at[:2] == pytest.approx(goal[:2], abs=1e-4)
+    assert at[2] < start[2] - 0.005
+
+
+def test_the_next_move_starts_where_the_force_left_the_arm(rig):
+    push_down(rig)
+    rig.steps(500)
+    rig.motion.end_force_mode()
+    goal = add(rig.pose(), 0.05)
+    rig.finish(rig.motion.movel(goal))
+    assert rig.pose() == pytest.approx(goal, abs=1e-8)
+    assert rig.motion.idle
+
+
+def test_force_mode_again_each_cycle_keeps_its_speed(rig):
+    """A client's control script repeats force_mode() in every period."""
+    start = rig.pose()[2]
+    for _ in range(500):
+        push_down(rig)
+        rig.step()
+    assert start - rig.pose()[2] > 0.02
+
+
+@pytest.mark.parametrize("kind", [1, 3])
+def test_other_types_turn_the_frame(rig, kind):
+    """Type 1 pulls along y towards the frame's origin; type 3 without motion leaves the frame as it is."""
+    start = rig.pose()
+    origin = add(start, 0.0, 0.0, -0.3)
+    rig.motion.start_force_mode((*origin[:3], 0, 0, 0), (0, 1, 0, 0, 0, 0), (0, 10, 0, 0, 0, 0), kind, LIMITS)
+    rig.steps(500)
+    moved = [b - a for a, b in zip(start, rig.pose(), strict=True)]
+    assert (-moved[2] if kind == 1 else moved[1]) > 0.02
+
+
+def test_unknown_type_is_refused(rig):
+    with pytest.raises(ValueError, match="type 4"):
+        rig.motion.start_force_mode(BASE, Z_ONLY, ZERO, 4, LIMITS)
+    assert rig.motion.idle
+
+
+def test_the_end_of_the_work_space_holds_the_arm(rig):
+    rig.motion.start_force_mode(BASE, (1, 1, 1, 0, 0, 0), (-300, -300, 300, 0, 0, 0), 2, (1.0,) * 6)
+    rig.steps(4000)
+    assert rig.fault is None
+    push_down(rig, 50.0)
+    height = rig.pose()[2]
+    rig.steps(500)
+    assert rig.pose()[2] < height
+
+
+def test_pause_holds_the_force_too(rig):
+    push_down(rig)
+    rig.steps(300)
+    rig.motion.pause()
+    rig.steps(1000)
+    assert rig.motion.qd == ZERO
+    rig.motion.resume()
+    rig.steps(100)
+    assert rig.motion.qd != ZERO
+
+
+def test_freedrive_follows_the_hand_and_stands_without_it(rig):
+    rig.motion.freedrive()
+    q = rig.motion.q
+    rig.steps(50)
+    assert rig.motion.q == q
+    start = rig.pose()
+    rig.motion.external_wrench = (20, 0, 0, 0, 0, 0)
+    rig.steps(500)
+    rig.motion.external_wrench = ZERO
+    rig.steps(1500)
+    assert rig.pose()[0] - start[0] > 0.02
+    assert rig.motion.qd == ZERO
+    rig.motion.end_freedrive()
+    rig.step()
+    assert rig.motion.idle
+
+
+def test_freedrive_along_chosen_axes_only(rig):
+    start = rig.pose()
+    rig.motion.freedrive((1, 0, 0, 0, 0, 0), BASE)
+    rig.motion.external_wrench = (20, 20, 20, 1, 1, 1)
+    rig.steps(500)
+    assert rig.pose()[0] - start[0] > 0.02
+    assert rig.pose()[1:3] == pytest.approx(start[1:3], abs=1e-6)
+
+
+def test_freedrive_takes_over_a_moving_arm(rig):
+    rig.motion.movej((1.3, -1.1, 1.5, -1.5, -1.9, 0.9))
+    rig.steps(300)
+    rig.motion.freedrive()
+    rig.steps(300)
+    assert rig.motion.qd == ZERO
+    rig.motion.program_stopped()
+    rig.rest()
+
+
+def test_program_stopped_ends_force_mode(rig):
+    push_down(rig)
+    rig.steps(200)
+    rig.motion.program_stopped()
+    assert rig.rest() < 1.0

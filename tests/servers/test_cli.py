@@ -1,0 +1,125 @@
+"""The command line, as a process of its own where that matters."""
+
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from emulator.cli import app
+
+DEADLINE_S = 30  # a machine busy with other tests
+
+
+def emulator_command(*arguments: str) -> list[str]:
+    """As the console script does it: without the current folder on the module path."""
+    return [sys.executable, "-P", "-m", "emulator", *arguments]
+
+
+@contextmanager
+def running(command: list[str], folder: Path) -> Iterator["subprocess.Popen[str]"]:
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def read_until(process: "subprocess.Popen[str]", text: str) -> str:
+    """Standard output up to the line that holds the text."""
+    assert process.stdout is not None
+    seen = ""
+    while text not in seen:
+        readable, _, _ = select.select([process.stdout], [], [], DEADLINE_S)
+        line = process.stdout.readline() if readable else ""
+        assert line, f"{text!r} did not come: {seen}"
+        seen += line
+    return seen
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ready_then_stopped(tmp_path: Path, number: signal.Signals) -> None:
+    (tmp_path / "client.py").write_text("raise ImportError('a decoy')")
+    (tmp_path / "emulator").mkdir()
+    (tmp_path / "emulator" / "__init__.py").write_text("raise ImportError('a decoy')")
+    command = emulator_command("--model", "ur3", "--ephemeral-ports", "--ports-file", "ports.json", "--running")
+    with running(command, tmp_path) as process:
+        screen = read_until(process, "Ready: every port on 127.0.0.1 answers")
+        ports = json.loads((tmp_path / "ports.json").read_text())
+        assert len(ports) == 8
+        assert all(str(port) in screen for port in ports.values())
+        assert "UR3 with PolyScope 3.15.8" in screen
+        with socket.create_connection(("127.0.0.1", ports["dashboard"])) as client:
+            client.settimeout(DEADLINE_S)
+            lines = client.makefile("rw")
+            assert "Dashboard" in lines.readline()
+            lines.write("robotmode\n")
+            lines.flush()
+            assert lines.readline() == "Robotmode: RUNNING\n"
+            process.send_signal(number)
+            out, error = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0
+    assert out.splitlines()[-1] == "Stopped."
+    assert error == ""
+
+
+def test_python_m_beside_a_decoy_client(tmp_path: Path) -> None:
+    (tmp_path / "client.py").write_text("raise ImportError('a decoy')")
+    command = [sys.executable, "-m", "emulator", "--ephemeral-ports", "--exit-when-ready"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "Ready:" in done.stdout
+
+
+def test_a_port_in_use(tmp_path: Path) -> None:
+    host = f"127.78.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
+    with socket.create_server((host, 30104)):
+        command = emulator_command("--host", host, "--port-offset", "100")
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    expected = f"ur-emulator: cannot listen on {host} port 30104 (rtde): another program uses it\n"
+    assert done.stderr == expected
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (["--model", "ur4"], "unknown robot model 'ur4': known are"),
+        (["--polyscope", "new"], "'new' is not a PolyScope version"),
+        (["--polyscope", "5.22"], "UR3 is a CB3 arm"),
+        (["--initial-positions", "missing.yaml"], "cannot read missing.yaml: No such file"),
+        (["--programs", "missing"], "the programs folder missing is not a folder"),
+        (["--speed", "0"], "the speed must be a positive number"),
+        (["--speed", "nan"], "the speed must be a positive number"),
+        (["--port-offset", "-1"], "the port offset must be from 0 to"),
+    ],
+)
+def test_mistakes_are_one_clear_line(arguments: list[str], problem: str) -> None:
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"ur-emulator: {problem}")
+    assert result.stderr.count("\n") == 1
+    assert result.stdout == ""
+
+
+def test_unknown_options_are_usage_errors() -> None:
+    assert CliRunner().invoke(app, ["--no-such-option"]).exit_code == 2
+    assert CliRunner().invoke(app, ["--log-level", "loud"]).exit_code == 2
+
+
+def test_help_and_version() -> None:
+    runner = CliRunner()
+    text = runner.invoke(app, ["--help"]).stdout
+    for option in ("--model", "--polyscope", "--host", "--port-offset", "--programs", "--initial-positions"):
+        assert option in text
+    assert runner.invoke(app, ["--version"]).stdout.startswith("ur-emulator 0.")

@@ -1,0 +1,115 @@
+from pathlib import Path
+
+import pytest
+
+from emulator.config import (
+    JOINT_NAMES,
+    PORTS,
+    ConfigError,
+    EmulatorConfig,
+    choose_model,
+    choose_version,
+    read_initial_positions,
+    read_programs_dir,
+)
+from emulator.controller import ControllerConfig
+from urproto.robots import MODELS, load_model
+from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+
+# ur_description's config/initial_positions.yaml
+UR_DESCRIPTION = """shoulder_pan_joint: 0.0
+shoulder_lift_joint: -1.57
+elbow_joint: 0.0
+wrist_1_joint: -1.57
+wrist_2_joint: 0.0
+wrist_3_joint: 0.0
+"""
+
+
+def test_models() -> None:
+    assert choose_model("UR3").name == "ur3"
+    with pytest.raises(ConfigError, match="ur99") as caught:
+        choose_model("ur99")
+    assert all(name in str(caught.value) for name in MODELS)
+
+
+def test_versions() -> None:
+    ur3, ur5e = load_model("ur3"), load_model("ur5e")
+    assert choose_version(None, ur3) == DEFAULT_VERSION[Series.CB3]
+    assert choose_version(None, ur5e) == DEFAULT_VERSION[Series.E]
+    assert choose_version("3.14.3", ur3) == PolyscopeVersion(3, 14, 3)
+    assert choose_version("5.9", ur5e) == PolyscopeVersion(5, 9)
+
+
+@pytest.mark.parametrize(("model", "text"), [("ur3", "5.22"), ("ur3", "3.16"), ("ur5e", "3.15.8"), ("ur5e", "10.10")])
+def test_versions_the_arm_never_ran(model: str, text: str) -> None:
+    with pytest.raises(ConfigError, match="PolyScope version is"):
+        choose_version(text, load_model(model))
+
+
+@pytest.mark.parametrize("text", ["", "new", "5", "5.x", "-5.1"])
+def test_texts_that_are_no_version(text: str) -> None:
+    with pytest.raises(ConfigError, match="is not a PolyScope version"):
+        choose_version(text, load_model("ur5e"))
+
+
+def test_initial_positions(tmp_path: Path) -> None:
+    path = tmp_path / "initial_positions.yaml"
+    path.write_text(UR_DESCRIPTION)
+    assert read_initial_positions(path, load_model("ur3")) == (0.0, -1.57, 0.0, -1.57, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "must give radians for each of"),
+        ("[1, 2, 3]", "must give radians for each of"),
+        (UR_DESCRIPTION.replace("elbow_joint", "elbow"), "must give radians for each of"),
+        (UR_DESCRIPTION + "gripper: 1\n", "must give radians for each of"),
+        (UR_DESCRIPTION.replace("-1.57", "low", 1), "shoulder_lift_joint must be a number"),
+        (UR_DESCRIPTION.replace("-1.57", "true", 1), "shoulder_lift_joint must be a number"),
+        (UR_DESCRIPTION.replace("-1.57", ".nan", 1), "shoulder_lift_joint is nan"),
+        (UR_DESCRIPTION.replace("-1.57", "-90", 1), "shoulder_lift_joint is -90 rad"),
+        ("a: b: c", "is not YAML"),
+        ("!degrees 90", "is not YAML"),
+    ],
+)
+def test_broken_initial_positions(tmp_path: Path, text: str, problem: str) -> None:
+    path = tmp_path / "positions.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=problem) as caught:
+        read_initial_positions(path, load_model("ur3"))
+    assert "\n" not in str(caught.value)
+    assert "positions.yaml" in str(caught.value)
+
+
+def test_unreadable_initial_positions(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot read"):
+        read_initial_positions(tmp_path / "missing.yaml", load_model("ur3"))
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="is not YAML"):
+        read_initial_positions(tmp_path / "binary.yaml", load_model("ur3"))
+
+
+def test_programs_folder(tmp_path: Path) -> None:
+    assert read_programs_dir(None) is None
+    assert read_programs_dir(tmp_path) == tmp_path.resolve()
+    with pytest.raises(ConfigError, match="not a folder"):
+        read_programs_dir(tmp_path / "missing")
+
+
+def test_ports() -> None:
+    controller = ControllerConfig(model=load_model("ur3"))
+    assert EmulatorConfig(controller=controller).wanted_ports == PORTS
+    offset = EmulatorConfig(controller=controller, port_offset=100)
+    assert offset.wanted_ports["dashboard"] == 30099
+    assert set(EmulatorConfig(controller=controller, ephemeral_ports=True).wanted_ports.values()) == {0}
+    for wrong in (-1, 40_000):
+        with pytest.raises(ConfigError, match="port offset"):
+            EmulatorConfig(controller=controller, port_offset=wrong)
+    with pytest.raises(ConfigError, match="speed"):
+        EmulatorConfig(controller=controller, speed=0.0)
+
+
+def test_six_joints() -> None:
+    assert len(JOINT_NAMES) == 6

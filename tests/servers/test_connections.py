@@ -1,0 +1,136 @@
+"""What all ports share: slow readers, queues of requests, hooks."""
+
+from typing import Any
+
+import pytest
+from server_rig import FakeController, MemoryClient
+
+from emulator.commands import Command
+from emulator.servers.base import CommandQueue, Connection, Direction, PortServer
+from urproto.errors import RemoteProtocolError
+
+MIB = 1024 * 1024
+
+
+class Numbered(Command):
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+
+@pytest.fixture
+def server() -> PortServer:
+    return PortServer("test", FakeController())
+
+
+def test_state_is_skipped_for_a_client_that_does_not_read(server: PortServer) -> None:
+    slow, quick = MemoryClient(server), MemoryClient(server)
+    slow.transport.stalled = True
+    slow.connection.send(b"must arrive ")
+    for number in range(3):
+        for client in (slow, quick):
+            client.connection.send_state(b"state%d " % number)
+    slow.connection.send(b"too ")
+    slow.transport.unstall()
+    slow.connection.send_state(b"newest")
+    assert slow.take() == b"must arrive too newest"
+    assert quick.take() == b"state0 state1 state2 "
+
+
+def test_a_client_is_dropped_when_what_must_be_delivered_piles_up(
+    server: PortServer, caplog: pytest.LogCaptureFixture
+) -> None:
+    slow, quick = MemoryClient(server), MemoryClient(server)
+    slow.transport.stalled = True
+    for _ in range(MIB // 1000):
+        slow.connection.send(bytes(1000))
+    assert slow.connected
+    slow.connection.send(bytes(1000))
+    assert slow.transport.aborted
+    assert server.connections == [quick.connection]
+    assert "does not read" in caplog.text
+    slow.connection.send(b"late")
+    slow.connection.send_state(b"late")
+    quick.connection.send(b"fine")
+    assert quick.take() == b"fine"
+
+
+def test_commands_of_one_connection_keep_their_order() -> None:
+    controller = FakeController()
+    answers: list[Any] = []
+    queue = CommandQueue(controller, lambda going: None, at_once=2)
+    for number in range(5):
+        queue.put(Numbered(number), answers.append)
+    seen = []
+    while not queue.idle:
+        controller.tick()
+        seen.append(len(answers))
+    assert seen == [2, 4, 5]
+    assert [command.number for command in controller.commands] == [0, 1, 2, 3, 4]
+
+
+def test_a_flood_is_left_with_the_system_until_the_controller_has_caught_up(server: PortServer) -> None:
+    client = MemoryClient(server)
+    queue = CommandQueue(server.controller, client.connection.read_on)
+    for number in range(200):
+        queue.put(Numbered(number))
+    assert not client.transport.is_reading()
+    server.controller.tick(250)
+    assert client.transport.is_reading()
+    assert len(server.controller.commands) == 200
+
+
+def test_a_failing_reply_does_not_hold_up_the_queue() -> None:
+    controller = FakeController()
+    queue = CommandQueue(controller, lambda going: None)
+
+    def fail(answer: Any) -> None:
+        raise RuntimeError(answer)
+
+    queue.put(Numbered(0), fail)
+    queue.put(Numbered(1))
+    with pytest.raises(RuntimeError):
+        controller.tick()
+    controller.tick()
+    assert queue.idle
+
+
+class Picky(Connection):
+    def received(self, data: bytes) -> None:
+        raise RemoteProtocolError("rubbish")
+
+
+def test_a_protocol_violation_ends_its_own_connection_only(
+    server: PortServer, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    other = MemoryClient(server)
+    monkeypatch.setattr(server, "connect", lambda: Picky(server))
+    picky = MemoryClient(server)
+    picky.feed(b"x")
+    assert not picky.connected
+    assert other.connected
+    assert "rubbish" in caplog.text
+
+
+def test_hooks_see_and_change_bytes(server: PortServer) -> None:
+    seen: list[tuple[Direction, bytes]] = []
+
+    def record(connection: Connection, direction: Direction, data: bytes) -> bytes:
+        seen.append((direction, data))
+        return data
+
+    def lose(connection: Connection, direction: Direction, data: bytes) -> bytes:
+        return b"" if b"lost" in data else data.upper()
+
+    server.hooks.on_bytes += [record, lose]
+    client = MemoryClient(server)
+    client.connection.send(b"a")
+    client.connection.send_state(b"lost")
+    client.feed(b"b")
+    assert client.take() == b"A"
+    assert seen == [(Direction.SENT, b"a"), (Direction.SENT, b"lost"), (Direction.RECEIVED, b"b")]
+
+
+def test_hooks_turn_clients_away(server: PortServer) -> None:
+    server.hooks.on_connect.append(lambda connection: False)
+    assert not MemoryClient(server).connected
+    assert not server.connections

@@ -1,0 +1,245 @@
+"""Sessions of the RTDE server, without sockets. Names and layouts are those of the RTDE guide."""
+
+import struct
+from itertools import product
+from typing import Any
+
+import pytest
+from server_rig import CB3, E_SERIES
+
+from emulator.servers.rtde_session import TRANSITIONS, RTDEHost, RTDESession, SessionEvent, SessionState
+from emulator.snapshot import Snapshot
+from urproto.rtde.codec import (
+    ClientMessage,
+    GetVersion,
+    InputData,
+    Package,
+    Pause,
+    PauseReply,
+    ProtocolReply,
+    RequestProtocol,
+    SetupInputs,
+    SetupInputsReply,
+    SetupOutputs,
+    SetupOutputsReply,
+    Start,
+    StartReply,
+    TextMessage,
+    VersionReply,
+)
+from urproto.versions import PolyscopeVersion
+
+
+class Conversation:
+    """A session with what it wrote and noted."""
+
+    def __init__(self, host: RTDEHost, protocol: int = 2) -> None:
+        self.written: list[dict[str, Any]] = []
+        self.noted: list[str] = []
+        self.session = RTDESession(host, self.written.append, self.noted.append)
+        if protocol == 2:
+            assert self.ask(RequestProtocol(2)) == [ProtocolReply(True)]
+
+    def ask(self, request: Any) -> list[Any]:
+        return self.session.answer(request)
+
+    def packages(self, periods: int) -> list[bytes | None]:
+        due = (self.session.due() for _ in range(periods))
+        return [packer(Snapshot(timestamp=41.5)) if packer else None for packer in due]
+
+
+@pytest.fixture
+def host() -> RTDEHost:
+    return RTDEHost(CB3)
+
+
+@pytest.fixture
+def talk(host: RTDEHost) -> Conversation:
+    return Conversation(host)
+
+
+def test_every_state_has_every_event() -> None:
+    assert set(TRANSITIONS) == set(product(SessionState, SessionEvent))
+    for state in SessionState:
+        assert TRANSITIONS[state, SessionEvent.INVALID_RECIPE] is SessionState.NO_RECIPE
+    starts = {state: TRANSITIONS[state, SessionEvent.START] for state in SessionState}
+    assert starts[SessionState.NO_RECIPE] is SessionState.NO_RECIPE
+    assert starts[SessionState.PAUSED] is SessionState.STARTED
+
+
+@pytest.mark.parametrize(("version", "accepted"), [(0, False), (1, True), (2, True), (3, False), (65535, False)])
+def test_protocol_versions(host: RTDEHost, version: int, accepted: bool) -> None:
+    talk = Conversation(host, protocol=1)
+    assert talk.ask(RequestProtocol(version)) == [ProtocolReply(accepted)]
+    assert talk.session.protocol == (2 if version == 2 else 1)
+
+
+def test_controller_version(talk: Conversation) -> None:
+    assert talk.ask(GetVersion()) == [VersionReply(CB3)]
+
+
+def test_outputs_flow_between_start_and_pause(talk: Conversation) -> None:
+    assert talk.packages(2) == [None, None]
+    assert talk.ask(SetupOutputs(("timestamp",), 125.0)) == [SetupOutputsReply(("DOUBLE",), 1)]
+    assert talk.packages(2) == [None, None]
+    assert talk.ask(Start()) == [StartReply(True)]
+    package = struct.pack(">HBBd", 12, ord("U"), 1, 41.5)
+    assert talk.packages(2) == [package, package]
+    assert talk.ask(Pause()) == [PauseReply(True)]
+    assert talk.packages(2) == [None, None]
+    assert talk.ask(Start()) == [StartReply(True)]
+    assert talk.packages(1) == [package]
+
+
+def test_protocol_1_has_neither_frequency_nor_recipe_id(host: RTDEHost) -> None:
+    talk = Conversation(host, protocol=1)
+    assert talk.ask(SetupOutputs(("timestamp",))) == [SetupOutputsReply(("DOUBLE",), 1)]
+    talk.ask(Start())
+    package = struct.pack(">HBd", 11, ord("U"), 41.5)
+    assert talk.packages(2) == [package, package]
+    talk.ask(RequestProtocol(2))
+    assert talk.packages(1) == [struct.pack(">HBBd", 12, ord("U"), 1, 41.5)]
+
+
+@pytest.mark.parametrize(
+    ("version", "frequency_hz", "every"),
+    [
+        (CB3, 125.0, 1),
+        (CB3, 500.0, 1),
+        (CB3, 100.0, 1),
+        (CB3, 62.5, 2),
+        (CB3, 50.0, 2),
+        (CB3, 125.0 / 3.0, 3),
+        (CB3, 10.0, 12),
+        (CB3, 1.0, 125),
+        (E_SERIES, 500.0, 1),
+        (E_SERIES, 125.0, 4),
+        (E_SERIES, 25.0, 20),
+        (E_SERIES, 1e-300, 2**31),
+    ],
+)
+def test_frequency_is_rounded_to_whole_periods(version: PolyscopeVersion, frequency_hz: float, every: int) -> None:
+    talk = Conversation(RTDEHost(version))
+    talk.ask(SetupOutputs(("timestamp",), frequency_hz))
+    talk.ask(Start())
+    sent = [package is not None for package in talk.packages(min(3 * every, 400))]
+    assert sent == [index % every == 0 for index in range(len(sent))]
+
+
+@pytest.mark.parametrize("frequency_hz", [0.0, -1.0, float("nan"), float("inf")])
+def test_impossible_frequencies_are_refused(talk: Conversation, frequency_hz: float) -> None:
+    reply, message = talk.ask(SetupOutputs(("timestamp",), frequency_hz))
+    assert reply == SetupOutputsReply(("DOUBLE",), 0)
+    assert "frequency" in message.text
+    assert talk.ask(Start())[0] == StartReply(False)
+
+
+def test_unknown_outputs_make_the_recipe_invalid(talk: Conversation) -> None:
+    reply, message = talk.ask(SetupOutputs(("timestamp", "ft_raw_wrench", "nonsense"), 125.0))
+    assert reply == SetupOutputsReply(("DOUBLE", "NOT_FOUND", "NOT_FOUND"), 0)
+    assert "ft_raw_wrench, nonsense" in message.text
+    refusal, _ = talk.ask(Start())
+    assert refusal == StartReply(False)
+    assert talk.packages(2) == [None, None]
+    assert talk.ask(SetupOutputs(("timestamp",), 125.0)) == [SetupOutputsReply(("DOUBLE",), 1)]
+    assert talk.ask(Start()) == [StartReply(True)]
+
+
+def test_e_series_has_more_outputs() -> None:
+    talk = Conversation(RTDEHost(E_SERIES))
+    assert talk.ask(SetupOutputs(("ft_raw_wrench",), 500.0)) == [SetupOutputsReply(("VECTOR6D",), 1)]
+
+
+def test_a_new_output_recipe_replaces_the_old_one(talk: Conversation) -> None:
+    talk.ask(SetupOutputs(("timestamp",), 125.0))
+    talk.ask(Start())
+    talk.ask(SetupOutputs(("robot_mode", "runtime_state"), 62.5))
+    first, second = talk.packages(2)
+    assert first is not None
+    assert len(first) == 4 + 8
+    assert second is None
+
+
+def test_over_long_lists_are_refused_name_by_name(talk: Conversation) -> None:
+    names = ("timestamp",) * 210  # 10 bytes each
+    reply, message = talk.ask(SetupOutputs(names, 125.0))
+    assert reply == SetupOutputsReply(("NOT_FOUND",) * 210, 0)
+    assert "2048" in message.text
+    assert talk.ask(SetupOutputs(("timestamp",) * 204, 125.0))[0].recipe_id == 1
+
+
+def test_nothing_at_all_is_no_recipe(talk: Conversation) -> None:
+    assert talk.ask(SetupOutputs((), 125.0))[0] == SetupOutputsReply((), 0)
+    assert talk.ask(SetupInputs(()))[0] == SetupInputsReply((), 0)
+
+
+def test_input_recipes_count_from_one_and_may_share_variables(talk: Conversation) -> None:
+    """ur_rtde names input_int_register_0 in 23 recipes and never reads the ids."""
+    for expected in range(1, 24):
+        (reply,) = talk.ask(SetupInputs(("input_int_register_0", "input_double_register_1")))
+        assert reply == SetupInputsReply(("INT32", "DOUBLE"), expected)
+    talk.ask(InputData(23, struct.pack(">id", -7, 2.5)))
+    assert talk.written == [{"input_int_register_0": -7, "input_double_register_1": 2.5}]
+
+
+def test_inputs_need_no_start_and_no_output_recipe(talk: Conversation) -> None:
+    talk.ask(SetupInputs(("speed_slider_mask", "speed_slider_fraction")))
+    assert talk.ask(InputData(1, struct.pack(">Id", 1, 0.5))) == []
+    assert talk.written == [{"speed_slider_mask": 1, "speed_slider_fraction": 0.5}]
+
+
+def test_unknown_inputs(talk: Conversation) -> None:
+    reply, message = talk.ask(SetupInputs(("input_int_register_0", "actual_q")))
+    assert reply == SetupInputsReply(("INT32", "NOT_FOUND"), 0)
+    assert "actual_q" in message.text
+    assert talk.ask(SetupInputs(("input_int_register_0",))) == [SetupInputsReply(("INT32",), 1)]
+
+
+def test_another_connections_inputs_are_in_use_until_it_closes(host: RTDEHost) -> None:
+    first, second = Conversation(host), Conversation(host)
+    first.ask(SetupInputs(("input_int_register_0", "input_int_register_1")))
+    reply, message = second.ask(SetupInputs(("input_int_register_1", "input_int_register_2")))
+    assert reply == SetupInputsReply(("IN_USE", "INT32"), 0)
+    assert "input_int_register_1" in message.text
+    assert first.ask(SetupInputs(("input_int_register_2",)))[0].recipe_id == 2, "a refused recipe holds nothing"
+    first.session.close()
+    assert second.ask(SetupInputs(("input_int_register_1", "input_int_register_2")))[0].recipe_id == 1
+
+
+def test_255_input_recipes_at_most(talk: Conversation) -> None:
+    for _ in range(255):
+        assert talk.ask(SetupInputs(("input_int_register_0",)))[0].recipe_id != 0
+    reply, message = talk.ask(SetupInputs(("input_int_register_0",)))
+    assert reply.recipe_id == 0
+    assert "255" in message.text
+
+
+@pytest.mark.parametrize(("extra", "written"), [(b"\0" * 48, 1), (b"\0", 1)])
+def test_too_long_input_data_is_used_as_far_as_it_goes(talk: Conversation, extra: bytes, written: int) -> None:
+    talk.ask(SetupInputs(("input_int_register_0",)))
+    (message,) = talk.ask(InputData(1, struct.pack(">i", 5) + extra))
+    assert "not 4" in message.text
+    assert talk.written == [{"input_int_register_0": 5}]
+
+
+def test_wrong_input_data_is_ignored_and_mentioned_once(talk: Conversation) -> None:
+    talk.ask(SetupInputs(("external_force_torque",)))
+    for data in (b"", b"\0" * 44):
+        (message,) = talk.ask(InputData(1, data))
+        assert "ignored" in message.text
+        assert talk.ask(InputData(1, data)) == []
+    (message,) = talk.ask(InputData(9, b"\0"))
+    assert "recipe 9" in message.text
+    assert talk.written == []
+
+
+def test_remarks_go_to_the_log(talk: Conversation) -> None:
+    assert talk.ask(ClientMessage("careful", "driver", 2)) == []
+    assert talk.noted == ["RTDE client driver: WARNING: careful"]
+
+
+@pytest.mark.parametrize("package", [Package(0, b""), Package(ord("V"), b"\0"), Package(ord("O"), b"\0")])
+def test_senseless_packages_are_answered_with_a_warning(talk: Conversation, package: Package) -> None:
+    message = talk.session.read(package)
+    assert isinstance(message, TextMessage)
+    assert "ignored" in message.text

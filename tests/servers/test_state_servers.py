@@ -1,0 +1,295 @@
+"""The servers that broadcast: RTDE, realtime, primary and secondary, on a controller that is none."""
+
+import struct
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from server_rig import CB3, E_SERIES, FakeController, MemoryClient
+
+from emulator.commands import RTDEInputs, ScriptUnit
+from emulator.primary_state import robot_state
+from emulator.servers.base import Connection, Direction, PortServer
+from emulator.servers.primary import PrimaryServer
+from emulator.servers.realtime import RealtimeServer
+from emulator.servers.rtde import RTDEServer
+from emulator.snapshot import Snapshot
+from urproto.modes import SafetyMode
+from urproto.primary.framing import PrimaryDecoder
+from urproto.primary.messages import SafetyModeMessage, TextMessage, VersionMessage
+from urproto.primary.state import RobotStateData, encode_robot_state
+from urproto.realtime import RealtimeDecoder
+from urproto.robots import load_model
+from urproto.rtde.codec import (
+    InputData,
+    OutputData,
+    RequestProtocol,
+    RTDEDecoder,
+    SetupInputs,
+    SetupOutputs,
+    SetupOutputsReply,
+    Start,
+    StartReply,
+    decode_reply,
+)
+
+
+def start_outputs(client: MemoryClient, *names: str, frequency_hz: float = 125.0) -> None:
+    client.feed(RequestProtocol(2).encode(1) + SetupOutputs(names, frequency_hz).encode(2) + Start().encode(2))
+    assert [type(reply) for reply in replies(client)[1:]] == [SetupOutputsReply, StartReply]
+
+
+def replies(client: MemoryClient) -> list[Any]:
+    return [decode_reply(package, 2) for package in RTDEDecoder().feed(client.take())]
+
+
+@pytest.fixture
+def controller() -> FakeController:
+    return FakeController()
+
+
+# RTDE
+
+
+@pytest.fixture
+def rtde(controller: FakeController) -> RTDEServer:
+    return RTDEServer(controller)
+
+
+def test_rtde_timestamps_come_from_the_step_counter(rtde: RTDEServer, controller: FakeController) -> None:
+    client = MemoryClient(rtde)
+    start_outputs(client, "timestamp", frequency_hz=25.0)
+    controller.tick(20)
+    stamps = [struct.unpack(">d", reply.data)[0] for reply in replies(client)]
+    assert stamps == pytest.approx([41.008, 41.048, 41.088, 41.128], abs=1e-9)
+
+
+def test_rtde_encodes_equal_recipes_once(rtde: RTDEServer, controller: FakeController) -> None:
+    reads: list[str] = []
+
+    class Watched(Snapshot):
+        def __getattribute__(self, name: str) -> Any:
+            if name.startswith("actual_"):
+                reads.append(name)
+            return super().__getattribute__(name)
+
+    clients = [MemoryClient(rtde) for _ in range(4)]
+    for client in clients[:3]:
+        start_outputs(client, "timestamp", "actual_q")
+    start_outputs(clients[3], "actual_qd")
+    controller.snapshot = Watched(step=1)
+    controller.tick()
+    assert sorted(reads) == ["actual_q", "actual_qd"]
+    assert len({bytes(client.take()) for client in clients}) == 2
+
+
+def test_rtde_inputs_reach_the_controller_in_the_next_period(rtde: RTDEServer, controller: FakeController) -> None:
+    client = MemoryClient(rtde)
+    client.feed(SetupInputs(("input_int_register_0",)).encode(1), chunk=1)
+    for value in (1, 2):
+        client.feed(InputData(1, struct.pack(">i", value)).encode(1), chunk=1)
+    assert controller.commands == []
+    controller.tick()
+    assert controller.commands == [RTDEInputs({"input_int_register_0": 1}), RTDEInputs({"input_int_register_0": 2})]
+
+
+def test_rtde_inputs_are_free_again_when_their_client_vanishes(rtde: RTDEServer) -> None:
+    setup = SetupInputs(("input_int_register_0",)).encode(1)
+    first, second = MemoryClient(rtde), MemoryClient(rtde)
+    first.feed(setup)
+    first.take()
+    second.feed(setup)
+    assert b"IN_USE" in second.take()
+    first.vanish()
+    second.feed(setup)
+    assert second.take() == b"\x00\x09I\x01INT32"
+
+
+def test_rtde_reader_that_sleeps_gets_the_newest_state(rtde: RTDEServer, controller: FakeController) -> None:
+    slow, quick = MemoryClient(rtde), MemoryClient(rtde)
+    for client in (slow, quick):
+        start_outputs(client, "timestamp")
+    slow.transport.stalled = True
+    controller.tick(50)
+    slow.transport.unstall()
+    controller.tick()
+    assert len(replies(quick)) == 51
+    assert [struct.unpack(">d", reply.data)[0] for reply in replies(slow)] == pytest.approx([41.008, 41.408])
+
+
+def test_rtde_impossible_size_ends_the_connection(rtde: RTDEServer) -> None:
+    client, other = MemoryClient(rtde), MemoryClient(rtde)
+    client.feed(RequestProtocol(2).encode(1) + b"\x00\x02V")
+    assert client.take() == b"\x00\x04V\x01"
+    assert not client.connected
+    assert other.connected
+
+
+def test_rtde_hooks_see_and_change_messages(rtde: RTDEServer, controller: FakeController) -> None:
+    seen: list[tuple[Direction, str]] = []
+
+    def hook(connection: Connection, direction: Direction, message: Any) -> Any:
+        seen.append((direction, type(message).__name__))
+        return None if isinstance(message, Start) else message
+
+    rtde.hooks.on_message.append(hook)
+    client = MemoryClient(rtde)
+    client.feed(RequestProtocol(2).encode(1) + Start().encode(2))
+    assert [type(reply).__name__ for reply in replies(client)] == ["ProtocolReply"]
+    assert seen == [
+        (Direction.RECEIVED, "RequestProtocol"),
+        (Direction.SENT, "ProtocolReply"),
+        (Direction.RECEIVED, "Start"),
+    ]
+
+
+def test_rtde_package_has_a_recipe_id(rtde: RTDEServer, controller: FakeController) -> None:
+    client = MemoryClient(rtde)
+    start_outputs(client, "robot_mode")
+    controller.tick()
+    assert replies(client) == [OutputData(struct.pack(">i", 3), 1)]
+
+
+# realtime
+
+
+@pytest.mark.parametrize(("version", "size"), [(CB3, 1108), (E_SERIES, 1220)])
+def test_realtime_packet_every_period(version: Any, size: int) -> None:
+    controller = FakeController(version)
+    client = MemoryClient(RealtimeServer("realtime", controller, read_only=False))
+    controller.tick(3, actual_q=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    data = client.take()
+    assert len(data) == 3 * size
+    states = RealtimeDecoder().feed(data)
+    assert [state["timestamp"] for state in states] == pytest.approx(
+        [(5125 + n) * version.series.period_s for n in (1, 2, 3)]
+    )
+    assert states[0]["actual_q"] == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+
+
+# primary and secondary
+
+
+def encode(snapshot: Snapshot, full: bool) -> bytes:
+    return encode_robot_state(robot_state(snapshot, load_model("ur3")), CB3, full=full)
+
+
+def primary_server(controller: FakeController, *, messages: bool = True, read_only: bool = False) -> PrimaryServer:
+    return PrimaryServer("primary", controller, encode, messages=messages, read_only=read_only)
+
+
+def received(client: MemoryClient) -> list[Any]:
+    return list(PrimaryDecoder(CB3).feed(client.take()))
+
+
+def test_version_message_comes_first_and_alone(controller: FakeController) -> None:
+    client = MemoryClient(primary_server(controller))
+    (version,) = received(client)
+    assert isinstance(version, VersionMessage)
+    assert (version.major, version.minor, version.bugfix) == (3, 15, 8)
+
+
+def test_states_at_10_hz_the_first_of_them_full(controller: FakeController) -> None:
+    server = primary_server(controller)
+    early = MemoryClient(server)
+    received(early)
+    controller.tick(60)
+    late = MemoryClient(server)
+    received(late)
+    controller.tick(65)
+    states = received(early)
+    assert [state.configuration is not None for state in states] == [True] + [False] * 9
+    gaps = {b.mode.timestamp_us - a.mode.timestamp_us for a, b in pairwise(states)}
+    assert gaps == {96_000, 104_000}
+    assert [state.configuration is not None for state in received(late)] == [True] + [False] * 5
+
+
+def test_messages_come_before_the_state_of_their_period(controller: FakeController) -> None:
+    server = primary_server(controller)
+    client = MemoryClient(server)
+    controller.tick(13)
+    received(client)
+    stop = SafetyModeMessage(timestamp_us=1, safety_mode=SafetyMode.PROTECTIVE_STOP)
+    told = TextMessage(timestamp_us=2, text="hello")
+    for _ in range(13):
+        controller.tick(messages=(stop, told))
+    got = received(client)
+    state = next(index for index, message in enumerate(got) if isinstance(message, RobotStateData))
+    assert got[state - 2 : state] == [stop, told]
+    assert len(got) == 27
+
+
+def test_secondary_clients_get_no_messages(controller: FakeController) -> None:
+    client = MemoryClient(primary_server(controller, messages=False))
+    controller.tick(13, messages=(TextMessage(timestamp_us=1, text="hello"),))
+    assert [type(message) for message in received(client)] == [VersionMessage, RobotStateData]
+
+
+def test_a_primary_client_that_does_not_read_is_dropped_by_messages_not_by_state(controller: FakeController) -> None:
+    server = primary_server(controller)
+    slow, quick = MemoryClient(server), MemoryClient(server)
+    slow.transport.stalled = True
+    controller.tick(10_000)
+    assert slow.connected
+    big = TextMessage(timestamp_us=1, text="x" * 60_000)
+    for _ in range(20):
+        controller.tick(messages=(big,))
+        quick.take()
+    assert not slow.connected
+    assert quick.connected
+
+
+# scripts on all of them
+
+
+def script_servers(controller: FakeController, *, read_only: bool) -> list[PortServer]:
+    return [
+        primary_server(controller, read_only=read_only),
+        RealtimeServer("realtime", controller, read_only=read_only),
+    ]
+
+
+@pytest.mark.parametrize("kind", [0, 1])
+@pytest.mark.parametrize("chunk", [1, 7, 4096])
+def test_scripts_are_handed_over_one_a_period(controller: FakeController, kind: int, chunk: int) -> None:
+    client = MemoryClient(script_servers(controller, read_only=False)[kind])
+    client.feed(b"stop program\ndef f():\r\n  x = 1\r\nend\r\n\nsec g():\nend\n", chunk)
+    seen = []
+    for _ in range(4):
+        controller.tick()
+        seen.append(len(controller.commands))
+    assert seen == [1, 2, 3, 3]
+    first, second, third = controller.commands
+    assert first == ScriptUnit("stop program", "line")
+    assert isinstance(second, ScriptUnit)
+    assert second.kind == "block"
+    assert second.text.split() == ["def", "f():", "x", "=", "1", "end"]
+    assert isinstance(third, ScriptUnit)
+    assert third.text == "sec g():\nend"
+
+
+def test_a_program_without_last_newline_runs_when_its_client_closes(controller: FakeController) -> None:
+    client = MemoryClient(script_servers(controller, read_only=False)[0])
+    client.feed(b"def f():\nend")
+    client.end()
+    assert not client.connected
+    controller.tick(2)
+    assert controller.commands == [ScriptUnit("def f():\nend", "block")]
+
+
+def test_half_a_program_does_not_run(controller: FakeController, caplog: pytest.LogCaptureFixture) -> None:
+    client = MemoryClient(script_servers(controller, read_only=False)[0])
+    client.feed(b"def f():\n  movej([0,0,0,0,0,0])\n")
+    client.end()
+    controller.tick(2)
+    assert controller.commands == []
+    assert "ends in the middle" in caplog.text
+
+
+@pytest.mark.parametrize("kind", [0, 1])
+def test_read_only_ports_take_no_notice(controller: FakeController, kind: int) -> None:
+    client = MemoryClient(script_servers(controller, read_only=True)[kind])
+    client.feed(b"power off\n")
+    controller.tick(2)
+    assert controller.commands == []
+    assert client.connected
