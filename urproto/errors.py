@@ -1,9 +1,9 @@
 """What can go wrong between two ends of a protocol.
 
-    ProtocolError
-    ├── LocalProtocolError    we were asked to send something the protocol does not allow
-    └── RemoteProtocolError   the peer sent bytes that are not this protocol
-    RobotRefused              the protocol was followed and the robot said no
+ProtocolError
+├── LocalProtocolError    we were asked to send something the protocol does not allow
+└── RemoteProtocolError   the peer sent bytes that are not this protocol
+RobotRefused              the protocol was followed and the robot said no
 """
 
 __all__ = ["LocalProtocolError", "ProtocolError", "RemoteProtocolError", "RobotRefused"]
@@ -21,7 +21,7 @@ class RemoteProtocolError(ProtocolError):
     """The peer sent bytes that do not parse as this protocol."""
 
 
-class RobotRefused(Exception):
+class RobotRefused(Exception):  # noqa: N818 - it is no error of ours, and design and docs call it so
     """The robot understood the request and refused it (mode, safety, remote control)."""
 
     def __init__(self, request: str, answer: str) -> None:

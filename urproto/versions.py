@@ -76,7 +76,7 @@ class Availability:
     @classmethod
     def since(cls, cb3: str | None, e: str | None) -> Self:
         """Build from version texts, ``None`` for a series without the feature."""
-        return cls(cb3 and PolyscopeVersion.parse(cb3) or None, e and PolyscopeVersion.parse(e) or None)
+        return cls((cb3 and PolyscopeVersion.parse(cb3)) or None, (e and PolyscopeVersion.parse(e)) or None)
 
     def covers(self, version: PolyscopeVersion) -> bool:
         """True when a controller of this version has the feature."""

@@ -27,7 +27,7 @@ nothing. A kill takes the children of the thread with it.
 
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
-from types import CodeType, GeneratorType, TracebackType
+from types import CodeType, FrameType, GeneratorType, TracebackType
 from typing import Any, Protocol
 
 from urscript import operators
@@ -94,18 +94,24 @@ class ScriptThread:
     @property
     def position(self) -> tuple[int, int]:
         """Line and column (from 1) of what the thread is doing; line 0 before it has started."""
-        code, instruction = None, -1
-        body: object = self.body
-        while isinstance(body, GeneratorType):
-            if body.gi_code.co_filename == FILE_NAME and body.gi_frame is not None:
-                code, instruction = body.gi_code, body.gi_frame.f_lasti
-            body = body.gi_yieldfrom
-        return (0, 0) if code is None or instruction < 0 else _position(code, instruction)
+        frame = self._innermost()
+        return (0, 0) if frame is None else _position(frame.f_code, frame.f_lasti)
 
     @property
     def line(self) -> int:
-        """Line (from 1) of what the thread is doing."""
-        return self.position[0]
+        """Line (from 1) of what the thread is doing; asked every period, so without the column, which is slow."""
+        frame = self._innermost()
+        return 0 if frame is None else frame.f_lineno
+
+    def _innermost(self) -> FrameType | None:
+        """The frame of the script's innermost function; None before the thread has started."""
+        frame: FrameType | None = None
+        body: object = self.body
+        while isinstance(body, GeneratorType):
+            if body.gi_code.co_filename == FILE_NAME and body.gi_frame is not None:
+                frame = body.gi_frame
+            body = body.gi_yieldfrom
+        return frame if frame is not None and frame.f_lasti >= 0 else None
 
 
 class Runtime:

@@ -14,11 +14,10 @@ pair is added in joint space. A hand-over is the same with A = "coast to a stand
 from math import acos, cos, sin, sqrt, tan
 from typing import Protocol
 
-from urproto.robots.pose import Pose, pose_add, pose_sub
-
 from emulator.motion.legs import Leg, ToolLeg, mark_after_start
 from emulator.motion.tool_moves import LineLeg
 from emulator.motion.vectors import Joints, Vec3, as_six, lerp, norm3, sub
+from urproto.robots.pose import Pose, pose_add, pose_sub
 
 __all__ = ["Blend", "Coast", "Leaving", "blend_into"]
 

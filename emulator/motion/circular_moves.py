@@ -2,13 +2,12 @@
 
 from math import atan2, cos, pi, sin
 
-from urproto.robots.pose import Pose, pose_add, pose_sub
-
 from emulator.motion.legs import ToolLeg
 from emulator.motion.profile import Limits
 from emulator.motion.reach import Reach
 from emulator.motion.tool_moves import path_length
 from emulator.motion.vectors import Joints, Vec3, norm3
+from urproto.robots.pose import Pose, pose_add, pose_sub
 
 __all__ = ["ArcLeg", "Circle", "circle_through"]
 

@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp
 
-from urproto.robots.pose import Pose, pose_add, pose_sub, rotvec_to_matrix
-
 from emulator.motion.reach import Reach
 from emulator.motion.vectors import ZERO, Joints, Vec3, as_six, norm3
+from urproto.robots.pose import Pose, pose_add, pose_sub, rotvec_to_matrix
 
 __all__ = ["Compliance", "Task"]
 

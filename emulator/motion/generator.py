@@ -2,9 +2,8 @@
 
 from typing import Protocol
 
-from urproto.robots.pose import Pose
-
 from emulator.motion.vectors import Joints
+from urproto.robots.pose import Pose
 
 __all__ = ["Generator"]
 

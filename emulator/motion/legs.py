@@ -6,11 +6,10 @@ and rad of the leading joint for joint paths.
 
 from typing import Protocol
 
-from urproto.robots.pose import Pose
-
 from emulator.motion.profile import Limits, Profile, choose_limits
 from emulator.motion.reach import Reach
 from emulator.motion.vectors import Joints, Vec3, largest, lerp, norm3, sub
+from urproto.robots.pose import Pose
 
 __all__ = ["TOOL_LIMITS", "JointLeg", "Leg", "ToolLeg", "mark_after_start", "mark_before_end"]
 

@@ -7,8 +7,6 @@ outside the joint limits, not a number) gives a failed Move, and the next `advan
 from collections.abc import Callable, Sequence
 from math import isfinite
 
-from urproto.robots.pose import Pose
-
 from emulator.motion.blends import Coast, Leaving, blend_into
 from emulator.motion.circular_moves import ArcLeg, circle_through
 from emulator.motion.compliance import Compliance, Task
@@ -22,6 +20,7 @@ from emulator.motion.stepping import Move, Stepper
 from emulator.motion.stops import ToolStop, brake_together
 from emulator.motion.tool_moves import LineLeg
 from emulator.motion.vectors import ZERO, Joints, all_finite, as_six, largest, norm3, scaled
+from urproto.robots.pose import Pose
 
 __all__ = ["Motion"]
 

@@ -10,11 +10,10 @@ speed fraction. It is less
 Shortening h changes when the arm is somewhere, never where it goes.
 """
 
-from urproto.robots.model import RobotModel
-
 from emulator.motion.faults import near_singularity
 from emulator.motion.generator import Generator
 from emulator.motion.vectors import Joints, largest, sub
+from urproto.robots.model import RobotModel
 
 __all__ = ["RAMP_RAD_S2", "Pacer", "within_speed"]
 

@@ -1,11 +1,10 @@
 """The generator of movej, movel, movep and movec: an optional blend, then the leg under its speed profile."""
 
-from urproto.robots.pose import Pose
-
 from emulator.motion.blends import Blend, LegEnd
 from emulator.motion.legs import Leg, mark_before_end
 from emulator.motion.profile import Profile
 from emulator.motion.vectors import Joints
+from urproto.robots.pose import Pose
 
 __all__ = ["PathMotion"]
 

@@ -2,12 +2,11 @@
 
 from math import cos, pi, tau
 
+from emulator.motion.faults import unreachable
+from emulator.motion.vectors import Joints, as_six
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Pose, pose_inv, pose_trans
-
-from emulator.motion.faults import unreachable
-from emulator.motion.vectors import Joints, as_six
 
 __all__ = ["Reach"]
 

@@ -1,9 +1,8 @@
 """Speeds held until the next command: speedj and speedl."""
 
-from urproto.robots.pose import Pose, pose_add
-
 from emulator.motion.reach import Reach
 from emulator.motion.vectors import ZERO, Joints, Vec3, lerp, norm3, scaled, towards
+from urproto.robots.pose import Pose, pose_add
 
 __all__ = ["JointSpeed", "ToolSpeed"]
 

@@ -10,11 +10,6 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from math import inf
 
-from urproto.modes import ControlMode
-from urproto.robots.kinematics import Kinematics
-from urproto.robots.model import RobotModel
-from urproto.robots.pose import Pose
-
 from emulator.motion.compliance import Compliance
 from emulator.motion.faults import MotionFault, joint_limit, near_singularity
 from emulator.motion.generator import Generator
@@ -22,6 +17,10 @@ from emulator.motion.pacing import RAMP_RAD_S2, Pacer, within_speed
 from emulator.motion.reach import Reach
 from emulator.motion.stops import JointStop
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, scaled, sub
+from urproto.modes import ControlMode
+from urproto.robots.kinematics import Kinematics
+from urproto.robots.model import RobotModel
+from urproto.robots.pose import Pose
 
 __all__ = ["Move", "Stepper"]
 

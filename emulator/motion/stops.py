@@ -1,10 +1,9 @@
 """Bringing the arm to rest by the clock, whatever the speed slider says: stopj, stopl and the protective stop."""
 
-from urproto.robots.pose import Pose, pose_add
-
 from emulator.motion.faults import MotionFault
 from emulator.motion.reach import Reach
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, norm3, scaled, sub
+from urproto.robots.pose import Pose, pose_add
 
 __all__ = ["JointStop", "ToolStop", "brake_together"]
 

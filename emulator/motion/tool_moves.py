@@ -1,11 +1,10 @@
 """Straight tool paths: movel and movep."""
 
-from urproto.robots.pose import Pose, pose_add, pose_sub
-
 from emulator.motion.legs import ToolLeg
 from emulator.motion.profile import Limits
 from emulator.motion.reach import Reach
 from emulator.motion.vectors import Joints, norm3, scaled
+from urproto.robots.pose import Pose, pose_add, pose_sub
 
 __all__ = ["LineLeg", "path_length"]
 

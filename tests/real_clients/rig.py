@@ -1,9 +1,10 @@
 """One running emulator as the tests see it: reset between tests, watched through a raw RTDE connection."""
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Protocol, Self
 
 from emulator_process import EmulatorProcess
 from raw_rtde import InputWriter, Sample, StateStream
@@ -69,6 +70,20 @@ class Watch(StateStream):
 
     def wait_until_moving(self, timeout_s: float = 10.0) -> Sample:
         return self.wait_until(lambda sample: any(sample["target_qd"]), timeout_s)
+
+
+@contextmanager
+def disconnecting(*interfaces: "Interface") -> Iterator[None]:
+    """Close ur_rtde's connections in any case: its threads end the whole process when they are left behind."""
+    try:
+        yield
+    finally:
+        for interface in interfaces:
+            interface.disconnect()
+
+
+class Interface(Protocol):
+    def disconnect(self) -> None: ...
 
 
 @dataclass

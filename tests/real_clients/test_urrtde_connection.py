@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from dashboard_client import DashboardClient
 from emulator_process import EmulatorProcess
-from rig import PLAYING, START_Q, STOPPED, Rig, Watch
+from rig import PLAYING, START_Q, STOPPED, Rig, Watch, disconnecting
 from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 from script_client import ScriptClient
@@ -54,8 +54,8 @@ def test_disconnect_and_reconnect(rig: Rig, control: RTDEControlInterface) -> No
 def test_a_second_client_takes_over_the_program_left_behind(rig: Rig, control: RTDEControlInterface) -> None:
     control.disconnect()
     second = RTDEControlInterface(rig.host)
-    assert second.moveJ(NEAR_Q, 2.0, 8.0)
-    second.disconnect()
+    with disconnecting(second):
+        assert second.moveJ(NEAR_Q, 2.0, 8.0)
 
 
 def test_many_calls_in_a_row(rig: Rig, control: RTDEControlInterface) -> None:
@@ -72,13 +72,13 @@ def test_many_calls_in_a_row(rig: Rig, control: RTDEControlInterface) -> None:
 def test_two_receivers_at_125_hz(rig: Rig, tmp_path: Path) -> None:
     receivers = [RTDEReceiveInterface(rig.host, 125.0) for _ in range(2)]
     files = [tmp_path / f"{number}.csv" for number in range(2)]
-    for receiver, file in zip(receivers, files, strict=True):
-        assert receiver.startFileRecording(str(file), ["timestamp", "actual_q"])
-    with rig.watch() as state:
+    with disconnecting(*receivers), rig.watch() as state:
+        for receiver, file in zip(receivers, files, strict=True):
+            assert receiver.startFileRecording(str(file), ["timestamp", "actual_q"])
         state.wait_for(2.0)
-    for receiver, file in zip(receivers, files, strict=True):
-        assert receiver.stopFileRecording()
-        receiver.disconnect()
+        for receiver in receivers:
+            assert receiver.stopFileRecording()
+    for file in files:
         with file.open() as table:
             rows = list(csv.DictReader(table))
         steps = np.diff([float(row["timestamp"]) for row in rows])
@@ -217,7 +217,7 @@ def test_the_first_minutes_of_a_newcomer(own_process: Callable[..., EmulatorProc
     dashboard = DashboardClient(process.host)
     dashboard.connect()
     assert dashboard.robotmode() == "Robotmode: POWER_OFF"
-    with Watch(process.host) as state:
+    with Watch(process.host) as state, disconnecting(dashboard):
         dashboard.powerOn()
         state.wait_until(lambda sample: sample["robot_mode"] == IDLE, timeout_s=15)
         dashboard.brakeRelease()
@@ -225,40 +225,37 @@ def test_the_first_minutes_of_a_newcomer(own_process: Callable[..., EmulatorProc
         assert state.settled()["actual_q"] == pytest.approx([0, -1.57, 0, -1.57, 0, 0], abs=1e-3)
         control = RTDEControlInterface(process.host)
         target = [0.3, -1.2, 1.0, -1.4, -1.57, 0.0]
-        assert control.moveJ(target, 2.0, 8.0)
-        assert state.settled()["actual_q"] == pytest.approx(target, abs=1e-5)
-    control.disconnect()
-    dashboard.disconnect()
+        with disconnecting(control):
+            assert control.moveJ(target, 2.0, 8.0)
+            assert state.settled()["actual_q"] == pytest.approx(target, abs=1e-5)
 
 
 def test_clients_survive_a_restart_of_the_controller(own_process: Callable[..., EmulatorProcess]) -> None:
     doomed = own_process("--model", "ur3", "--running")
     control, receive = RTDEControlInterface(doomed.host), RTDEReceiveInterface(doomed.host)
-    doomed.kill()
-    doomed.start()
-    assert receive.reconnect()
-    assert receive.isConnected()
-    assert control.reconnect()
-    assert control.isProgramRunning()
-    q = receive.getActualQ()
-    q[0] += 0.1
-    assert control.moveJ(q, 2.0, 8.0)
-    with Watch(doomed.host) as state:
-        assert state.settled()["actual_q"] == pytest.approx(q, abs=1e-5)
-    control.disconnect()
-    receive.disconnect()
+    with disconnecting(control, receive):
+        doomed.kill()
+        doomed.start()
+        assert receive.reconnect()
+        assert receive.isConnected()
+        assert control.reconnect()
+        assert control.isProgramRunning()
+        q = receive.getActualQ()
+        q[0] += 0.1
+        assert control.moveJ(q, 2.0, 8.0)
+        with Watch(doomed.host) as state:
+            assert state.settled()["actual_q"] == pytest.approx(q, abs=1e-5)
 
 
 def test_a_vanished_controller_is_noticed(own_process: Callable[..., EmulatorProcess]) -> None:
     doomed = own_process("--model", "ur3", "--running")
     control, receive = RTDEControlInterface(doomed.host), RTDEReceiveInterface(doomed.host)
-    doomed.kill()
-    for _ in range(5 * 125):
-        began = receive.initPeriod()
-        if not receive.isConnected() and not control.isConnected():
-            break
-        receive.waitPeriod(began)
-    else:
-        pytest.fail("a client still believes in the connection after 5 s")
-    control.disconnect()
-    receive.disconnect()
+    with disconnecting(control, receive):
+        doomed.kill()
+        for _ in range(5 * 125):
+            began = receive.initPeriod()
+            if not receive.isConnected() and not control.isConnected():
+                break
+            receive.waitPeriod(began)
+        else:
+            pytest.fail("a client still believes in the connection after 5 s")

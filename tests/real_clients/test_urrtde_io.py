@@ -1,7 +1,7 @@
 """ur_rtde's I/O interface, read back by its receive interface, and the registers programs share."""
 
 import pytest
-from rig import Rig
+from rig import Rig, disconnecting
 from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
@@ -49,6 +49,8 @@ def test_input_registers_reach_a_program_and_its_outputs_come_back(
     for register in range(18, 23):
         assert io.setInputIntRegister(register, register * 1000)
         assert io.setInputDoubleRegister(register, register + 0.25)
+    with rig.watch("input_double_register_22") as state:  # these writes take their time on the way
+        state.wait_until(lambda sample: sample["input_double_register_22"] == 22.25)
     body = "".join(
         f"    write_output_integer_register({out}, read_input_integer_register({register}) + 1)\n"
         f"    write_output_float_register({out}, read_input_float_register({register}) * 2)\n"
@@ -63,9 +65,9 @@ def test_input_registers_reach_a_program_and_its_outputs_come_back(
 def test_the_inputs_of_a_closed_connection_are_free_again(rig: Rig, receive: RTDEReceiveInterface) -> None:
     for level in (True, False, True):
         io = RTDEIOInterface(rig.host)
-        assert io.setStandardDigitalOut(4, level)
-        rig.eventually(lambda level=level: receive.getDigitalOutState(4) is level)
-        io.disconnect()
+        with disconnecting(io):
+            assert io.setStandardDigitalOut(4, level)
+            rig.eventually(lambda level=level: receive.getDigitalOutState(4) is level)
 
 
 def test_a_second_owner_of_the_same_inputs_is_refused(rig: Rig, io: RTDEIOInterface) -> None:

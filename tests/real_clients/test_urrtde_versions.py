@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import ur_analytic_ik
 from pose_matrices import Array
-from rig import START_Q, Rig
+from rig import START_Q, Rig, disconnecting
 from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
@@ -76,16 +76,16 @@ def test_upper_range_of_registers(rig: Rig) -> None:
     receive = RTDEReceiveInterface(rig.host, -1.0, [], False, True)
     io = RTDEIOInterface(rig.host, False, True)
     target = [START_Q[0] + 0.2, *START_Q[1:]]
-    assert control.moveJ(target, 2.0, 8.0)
-    rig.eventually(lambda: receive.getActualQ() == pytest.approx(target, abs=1e-5))
-    assert io.setInputIntRegister(42, 1234)
-    assert io.setInputDoubleRegister(46, -0.5)
     body = (
         "    write_output_integer_register(36, read_input_integer_register(42))\n"
         "    write_output_float_register(43, read_input_float_register(46))\n"
     )
-    assert control.sendCustomScriptFunction("copy", body)
-    rig.eventually(lambda: receive.getOutputDoubleRegister(43) == -0.5)
-    assert receive.getOutputIntRegister(36) == 1234
-    for interface in (control, receive, io):
-        interface.disconnect()
+    with disconnecting(control, receive, io), rig.watch("input_double_register_46") as state:
+        assert control.moveJ(target, 2.0, 8.0)
+        assert state.settled()["actual_q"] == pytest.approx(target, abs=1e-5)
+        assert io.setInputIntRegister(42, 1234)
+        assert io.setInputDoubleRegister(46, -0.5)
+        state.wait_until(lambda sample: sample["input_double_register_46"] == -0.5)
+        assert control.sendCustomScriptFunction("copy", body)
+        rig.eventually(lambda: receive.getOutputDoubleRegister(43) == -0.5)
+        assert receive.getOutputIntRegister(36) == 1234

@@ -1,0 +1,32 @@
+"""The documentation says what the code does."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+from urproto.robots import MODELS
+
+ROOT = Path(__file__).resolve().parents[1]
+GENERATED = runpy.run_path(str(ROOT / "docs" / "generate.py"))["pages"]()
+
+
+@pytest.mark.parametrize("page", GENERATED)
+def test_generated_pages_match_the_code(page) -> None:
+    assert (ROOT / "docs" / page).read_text() == GENERATED[page], f"docs/{page} is stale: run `make docs`"
+
+
+def test_readme_names_every_arm() -> None:
+    readme = (ROOT / "README.md").read_text()
+    assert all(name in readme for name in MODELS)
+
+
+def test_links_between_pages_lead_somewhere() -> None:
+    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        for target in _local_links(page.read_text()):
+            assert (page.parent / target).exists(), f"{page.name} links to {target}, which is not there"
+
+
+def _local_links(text: str) -> list[str]:
+    targets = [part.split(")")[0].split("#")[0] for part in text.split("](")[1:]]
+    return [target for target in targets if target and "://" not in target]
