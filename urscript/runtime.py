@@ -12,8 +12,10 @@ is resumed once and runs until it yields.
   never holds the controller up. Threads share a frame's budget; what one does not use goes to the
   next. A thread that overdrew (one operation on a long list) sits out frames until it is paid back.
 
-Threads run in the order they were started, the program body first; a thread started in a frame
-runs in that frame.
+Threads run in the order they were started, the program body last; a thread started in a frame
+runs in that frame. The manual leaves the order open. The vendor's own RTDE example copies input
+registers in a thread and acts on them in the body: with the body first it would act on the values
+of the command before.
 
 Between two yields nothing else runs, so ``enter_critical`` matters only for parking: a thread
 parked inside a critical section keeps all others from running until it leaves the section or uses
@@ -163,7 +165,7 @@ class Runtime:
             return
         budget = self._budget
         threads = self._threads.values()
-        self._waiting = deque(sorted(threads, key=lambda thread: thread is not self._holder))
+        self._waiting = deque(sorted(threads, key=lambda thread: (thread is not self._holder, thread.id == 0)))
         while self._waiting:
             thread = self._waiting.popleft()
             share = max(budget // (len(self._waiting) + 1), MIN_SHARE)

@@ -4,6 +4,7 @@ from typing import Any
 
 from emulator.builtins.values import numbers, six, three, within_range
 from emulator.programs.host import ProgramHost
+from emulator.programs.watchdog import Watchdog
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, Joints, ListArg, Num, PoseArg, PoseOrJoints
@@ -16,6 +17,8 @@ LIBRARY = Library("force", host=True)
 _ORIGIN: Any = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _ALL_AXES: Any = (1, 1, 1, 1, 1, 1)
 _NO_OFFSET: Any = (0, 0, 0)
+_SENSOR_INPUT = "external_force_torque"
+_SENSOR_MIN_HZ = 10.0  # Script Manual: the watchdog that comes with the sensor
 
 
 @LIBRARY.builtin(status="partial", note="an admittance driven by the emulated contact force")
@@ -141,13 +144,20 @@ def ft_rtde_input_enable(
 ) -> None:
     """Take the wrench at the flange from the RTDE input external_force_torque.
 
-    `sensor_mass` [kg], `sensor_measuring_offset` and `sensor_cog` from the flange [m].
+    `sensor_mass` [kg], `sensor_measuring_offset` and `sensor_cog` from the flange [m]. A program that
+    watches no input pauses when the sensor falls below 10 Hz.
     """
     sensor = host.controller.ft_input
     sensor.measuring_offset = three(sensor_measuring_offset, "sensor_measuring_offset")
     sensor.sensor_cog = three(sensor_cog, "sensor_cog")
     sensor.sensor_mass = float(sensor_mass)
     sensor.enabled = enable
+    watchdogs = host.programs.watchdogs
+    if not enable:
+        watchdogs.remove(_SENSOR_INPUT)
+    elif not watchdogs:
+        interval = 1.0 / (_SENSOR_MIN_HZ * host.period_s)
+        watchdogs.set(Watchdog(_SENSOR_INPUT, interval, "pause", host.controller.step_count))
 
 
 @LIBRARY.builtin(cb3="3.3", e="5.0", status="partial", note="the readings are taken as free of the sensor's own weight")

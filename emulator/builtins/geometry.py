@@ -12,6 +12,7 @@ from urscript.values import Pose
 __all__ = [
     "active_tcp",
     "forward",
+    "in_joint_range",
     "inverse",
     "joint_range",
     "joints_for",
@@ -46,9 +47,17 @@ def joint_range(host: ProgramHost) -> tuple[Vector6, Vector6]:
     return model.q_min, model.q_max
 
 
+def in_joint_range(host: ProgramHost, q: Sequence[float]) -> bool:
+    """Whether every joint angle is within its limits."""
+    lowest, highest = joint_range(host)
+    return all(low <= angle <= high for low, angle, high in zip(lowest, q, highest, strict=True))
+
+
 def joints_for(host: ProgramHost, target: Sequence[float]) -> Vector6:
-    """Joint angles of a pose or of joint angles; RuntimeFault when the pose is out of reach."""
+    """Joint angles of a pose or of joint angles; RuntimeFault when they are out of reach."""
     if not isinstance(target, Pose):
+        if not in_joint_range(host, target):
+            raise RuntimeFault(f"the target [{_listed(target)}] is outside the joint limits")
         return six(target)
     q = inverse(host, target)
     if q is None:
@@ -74,7 +83,7 @@ def active_tcp(host: ProgramHost) -> Vector6:
 
 def no_solution(pose: Sequence[float]) -> RuntimeFault:
     """What movej and get_inverse_kin raise for a pose out of reach."""
-    place = ", ".join(f"{value:.4g}" for value in pose)
+    place = _listed(pose)
     return RuntimeFault(f"no inverse kinematics solution for p[{place}]: it is out of reach for this arm and TCP")
 
 
@@ -85,3 +94,7 @@ def nearest_angle(angle: float, near: float) -> float:
 
 def _dot(a: Sequence[float], b: Sequence[float]) -> float:
     return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:.4g}" for value in values)

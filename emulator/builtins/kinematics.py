@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from emulator.builtins.geometry import active_tcp, forward, inverse, joint_range, no_solution
+from emulator.builtins.geometry import active_tcp, forward, in_joint_range, inverse, no_solution
 from emulator.builtins.values import Vector6, six
 from emulator.programs.host import ProgramHost
 from urscript.builtins import Library
@@ -57,8 +57,7 @@ def is_within_safety_limits(host: ProgramHost, pose: PoseOrJoints) -> bool:
     """Whether a TCP pose, or joint angles, can be reached within the joint limits."""
     if isinstance(pose, Pose):
         return inverse(host, pose) is not None
-    lowest, highest = joint_range(host)
-    return all(low <= q <= high for low, q, high in zip(lowest, pose, highest, strict=True))
+    return in_joint_range(host, pose)
 
 
 @LIBRARY.builtin(cb3=None, e="5.20")

@@ -102,13 +102,14 @@ def rtde_set_watchdog(host: ProgramHost, variable_name: Str, min_frequency: Num,
     field = INPUT_FIELDS.get(variable_name)
     if field is None or not field.available.covers(host.controller.version):
         raise RuntimeFault(f"rtde_set_watchdog: there is no RTDE input variable {variable_name!r} in this version")
-    if action not in _ACTIONS:
+    wanted = action.lower()  # the program of the vendor's RTDE client says "PAUSE"
+    if wanted not in _ACTIONS:
         raise RuntimeFault(f'rtde_set_watchdog: action must be "ignore", "pause" or "stop", not "{action}"')
     if min_frequency < 0:
         raise RuntimeFault(f"rtde_set_watchdog: min_frequency must be 0 or more, not {min_frequency}")
     interval = 1.0 / (min_frequency * host.period_s) if min_frequency else float("inf")
     step = host.controller.step_count
-    host.programs.watchdogs.set(Watchdog(variable_name, interval, cast(WatchdogAction, action), step))
+    host.programs.watchdogs.set(Watchdog(variable_name, interval, cast(WatchdogAction, wanted), step))
 
 
 def _flag(host: ProgramHost, n: int) -> int:

@@ -29,6 +29,14 @@ class Watchdogs:
         """Start a watchdog; it replaces an earlier one on the same variable."""
         self._watched[watchdog.variable] = watchdog
 
+    def __bool__(self) -> bool:
+        """True when anything is watched."""
+        return bool(self._watched)
+
+    def remove(self, variable: str) -> None:
+        """Watch a variable no longer."""
+        self._watched.pop(variable, None)
+
     def clear(self) -> None:
         """Forget all of them, as at the end of a program."""
         self._watched.clear()

@@ -193,6 +193,12 @@ def test_watchdog_acts_when_the_client_falls_silent(rig, action, state):
     assert silent == pytest.approx(0.02, abs=0.01)
 
 
+def test_watchdog_action_in_capitals(rig):
+    """As the program of the vendor's RTDE client writes it."""
+    rig.start('rtde_set_watchdog("input_int_register_0", 10, "PAUSE")\nwhile True:\n  sync()\nend')
+    rig.until(lambda: rig.state is RuntimeState.PAUSED, 1.0)
+
+
 def test_watchdog_that_ignores_does_nothing_and_ends_with_the_program(rig):
     rig.run('rtde_set_watchdog("input_int_register_0", 100, "ignore")\nsleep(0.2)')
     rig.run('rtde_set_watchdog("input_int_register_0", 100, "stop")')

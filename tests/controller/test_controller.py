@@ -441,6 +441,8 @@ def test_control_mode_tells_freedrive_and_force_mode(ready, call, mode):
 
 
 def test_a_contact_force_moves_the_arm_in_freedrive(ready):
+    ready.script("def bend():\n  movej([0,-1.2,1.2,-1.5,-1.5,0], t=1)\nend\n")
+    ready.until(is_state(RuntimeState.STOPPED), 3.0)
     ready.script("def give():\n  freedrive_mode()\n  sleep(60)\nend\n")
     ready.seconds(0.1)
     height = ready.now.actual_TCP_pose[2]

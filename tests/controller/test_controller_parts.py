@@ -181,11 +181,11 @@ def test_installation_file_sets_tcp_and_payload(tmp_path, element):
     [
         b"",
         b"not gzip",
-        gzip.compress(b"<Installation"),
-        gzip.compress(b"<Installation/>"),
-        gzip.compress(b'<I><T activePose="X"><tcp name="TCP" offset="0,0,0,0,0,0"/></T></I>'),
-        gzip.compress(b'<I><T activePose="TCP"><tcp name="TCP" offset="0,0"/></T></I>'),
-        gzip.compress(b"<Installation/>" * 100)[:40],
+        gzip.compress(b"<Installation", mtime=0),
+        gzip.compress(b"<Installation/>", mtime=0),
+        gzip.compress(b'<I><T activePose="X"><tcp name="TCP" offset="0,0,0,0,0,0"/></T></I>', mtime=0),
+        gzip.compress(b'<I><T activePose="TCP"><tcp name="TCP" offset="0,0"/></T></I>', mtime=0),
+        gzip.compress(b"<Installation/>" * 100, mtime=0)[:40],
     ],
 )
 def test_a_bad_installation_file_changes_nothing(tmp_path, content):

@@ -209,14 +209,25 @@ def test_messages_come_before_the_state_of_their_period(controller: FakeControll
     client = MemoryClient(server)
     controller.tick(13)
     received(client)
-    stop = SafetyModeMessage(timestamp_us=1, safety_mode=SafetyMode.PROTECTIVE_STOP)
-    told = TextMessage(timestamp_us=2, text="hello")
+    first, second = TextMessage(timestamp_us=1, text="hello"), TextMessage(timestamp_us=2, text="again")
     for _ in range(13):
-        controller.tick(messages=(stop, told))
+        controller.tick(messages=(first, second))
     got = received(client)
     state = next(index for index, message in enumerate(got) if isinstance(message, RobotStateData))
-    assert got[state - 2 : state] == [stop, told]
+    assert got[state - 2 : state] == [first, second]
     assert len(got) == 27
+
+
+def test_a_new_safety_mode_is_followed_at_once_by_a_state(controller: FakeController) -> None:
+    """The official client library unlocks a protective stop only when a state has shown it one."""
+    server = primary_server(controller)
+    client = MemoryClient(server)
+    controller.tick(14)
+    received(client)
+    stop = SafetyModeMessage(timestamp_us=1, safety_mode=SafetyMode.PROTECTIVE_STOP)
+    told = TextMessage(timestamp_us=2, text="why")
+    controller.tick(messages=(stop, told))
+    assert [type(message) for message in received(client)] == [SafetyModeMessage, RobotStateData, TextMessage]
 
 
 def test_secondary_clients_get_no_messages(controller: FakeController) -> None:

@@ -16,7 +16,7 @@ def test_a_frame_ends_where_time_is_used(run):
     assert (done.bench.log, done.frames) == (["a", "b", "c"], 4)
 
 
-def test_threads_take_turns_in_the_order_they_started(run):
+def test_threads_take_turns_in_the_order_they_started_and_the_body_comes_last(run):
     done = run(
         "def f():\n"
         '  thread a():\n    while True:\n      textmsg("a")\n      sync()\n    end\n  end\n'
@@ -24,7 +24,7 @@ def test_threads_take_turns_in_the_order_they_started(run):
         '  run a()\n  run b()\n  while True:\n    textmsg("m")\n    sync()\n  end\nend',
         frames=2,
     )
-    assert done.bench.log == ["m", "a", "b", "m", "a", "b"]
+    assert done.bench.log == ["m", "a", "b", "a", "b", "m"]  # the body begins, then comes last
     assert [thread.name for thread in done.runtime.threads] == ["f", "a", "b"]
 
 
@@ -48,7 +48,7 @@ def test_join_waits_and_returns_at_once_for_a_finished_thread(run):
         "  h = run t()\n  join h\n  after = n\n  join h\n  join 0\n  join 77\nend"
     )
     assert done.globals == {"n": 3, "h": 1, "after": 3}
-    assert done.frames == 5
+    assert done.frames == 4
 
 
 def test_kill_closes_a_thread_in_the_middle_of_a_move(run):
@@ -67,7 +67,7 @@ def test_kill_takes_the_children_along(run):
         "  thread parent():\n    run child()\n    while True:\n      sync()\n    end\n  end\n"
         "  h = run parent()\n  sync()\n  sync()\n  kill h\n  sync()\n  sync()\nend"
     )
-    assert done.bench.log == ["child", "child"]
+    assert done.bench.log == ["child", "child", "child"]
 
 
 def test_children_outlive_a_parent_that_ends(run):
