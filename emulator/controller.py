@@ -318,7 +318,9 @@ class Controller:
         snapshot.safety_status_bits = self.safety.status_bits
         snapshot.control_mode = self.motion.control_mode
         snapshot.target_speed_fraction = self.speed.slider
-        snapshot.speed_scaling = self.speed.scaling
+        # captures of controllers show 0 while no program plays, and 1 while one plays undisturbed
+        playing = self.programs.state in (RuntimeState.PLAYING, RuntimeState.RESUMING)
+        snapshot.speed_scaling = self.speed.scaling if playing else 0.0
         snapshot.actual_execution_time = self.execution_time_ms
 
     def _publish_program(self, snapshot: Snapshot) -> None:

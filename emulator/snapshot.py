@@ -92,7 +92,7 @@ class Snapshot:
     robot_status_bits: int = 0
     safety_status_bits: int = 1
     # speed
-    speed_scaling: float = 1.0
+    speed_scaling: float = 0.0  # 0 while no program plays
     target_speed_fraction: float = 1.0
     time_scale_source: int = 0
     # electrics

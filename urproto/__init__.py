@@ -1,1 +1,3 @@
+"""What both ends of the wire agree on: codecs without I/O, enumerations, versions, and the arms."""
 
+__all__: list[str] = []

@@ -456,9 +456,10 @@ def test_speed_slider_stretches_a_move(make):
         rig = make(running=True)
         rig.rtde(speed_slider_mask=1, speed_slider_fraction=slider)
         assert rig.now.target_speed_fraction == slider
-        assert rig.now.speed_scaling == 1.0
+        assert rig.now.speed_scaling == 0.0
         rig.script(LONG_MOVE)
         rig.until(is_state(RuntimeState.PLAYING), 1.0)
+        assert rig.now.speed_scaling == 1.0
         start = rig.now.timestamp
         return rig.until(is_state(RuntimeState.STOPPED), 30.0).timestamp - start
 
