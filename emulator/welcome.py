@@ -1,5 +1,9 @@
 """What a newcomer reads first: what this is, and what to do next."""
 
+import sys
+from pathlib import Path
+from shutil import which
+
 from rich.console import Group, RenderableType
 from rich.panel import Panel
 from rich.table import Table
@@ -10,6 +14,7 @@ from emulator.config import PORTS
 
 __all__ = ["first_screen", "ready_line"]
 
+_LOCALHOST = "127.0.0.1"
 _ABOUT = {
     "dashboard": "power, brakes, programs: lines of text",
     "primary": "state and messages at 10 Hz; takes URScript",
@@ -44,10 +49,25 @@ def _ports(emulator: Emulator) -> Table:
     return table
 
 
-def _first_steps(emulator: Emulator) -> Text:
-    host, port = emulator.config.host, emulator.ports["dashboard"]
+def _dashboard_line(emulator: Emulator) -> str:
+    """A shell command that wakes the arm up, or asks for its mode when it is awake."""
     command = "robotmode" if emulator.controller.power.running else "brake release"
-    steps = f"  printf '{command}\\nquit\\n' | nc {host} {port}\n"
+    config = emulator.config
+    if config.ephemeral_ports:
+        return f"printf '{command}\\nquit\\n' | nc {config.host} {emulator.ports['dashboard']}"
+    options = "" if config.host == _LOCALHOST else f" --robot-ip {config.host}"
+    options += f" --port-offset {config.port_offset}" if config.port_offset else ""
+    return f'{_client()} dashboard "{command}"{options}'
+
+
+def _client() -> str:
+    """The driver's command as this terminal can call it: installed beside the interpreter, on the PATH or not."""
+    return "ur-client" if which("ur-client") else str(Path(sys.executable).with_name("ur-client"))
+
+
+def _first_steps(emulator: Emulator) -> Text:
+    host = emulator.config.host
+    steps = f"  {_dashboard_line(emulator)}\n"
     if emulator.config.wanted_ports != dict(PORTS):
         return Text(
             f"{steps}  ur_rtde knows the usual ports only: for several robots give each its own --host 127.0.0.x"
