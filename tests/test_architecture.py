@@ -20,9 +20,8 @@ MAY_IMPORT = {
 }
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
-    "numpy": ("urproto", "urscript", "emulator", "client"),
-    "construct": ("urproto",),
-    "pinocchio": ("urproto.robots",),
+    "numpy": ("urproto.robots.dynamics",),
+    "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("emulator", "client"),
     "typer": ("emulator.cli", "client.cli", "urscript.cli"),
     "rich": ("emulator", "client", "urscript.cli"),
