@@ -54,10 +54,13 @@ class ScriptUnit(Command):
     text: str
     kind: Literal["block", "line"]
 
-    def apply(self, controller: "Controller") -> None:
+    def apply(self, controller: "Controller") -> Generator[None, None, None]:
+        """Done when it is decided whether the program starts: what follows may be about it."""
         if self.kind == "line" and textcommands.execute(controller, self.text):
             return
-        controller.programs.submit(self.text, self.kind)
+        submission = controller.programs.submit(self.text)
+        while submission.accepted is None:
+            yield
 
 
 @dataclass(frozen=True, slots=True)

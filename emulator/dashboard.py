@@ -121,7 +121,12 @@ def load(controller: "Controller", name: str) -> _Waiting:
 def play(controller: "Controller") -> _Waiting:
     """Start the loaded program, or let a paused one go on. Needs a running arm."""
     programs = controller.programs
-    if not controller.may_run or is_running(programs.state) or not programs.play():
+    if not controller.may_run or is_running(programs.state):
+        return replies.failed("play")
+    submission = programs.play()
+    while submission.accepted is None:
+        yield
+    if not submission.accepted:
         return replies.failed("play")
     for _ in range(round(_START_WITHIN_S / controller.period_s)):
         if programs.state is RuntimeState.PLAYING:

@@ -76,6 +76,7 @@ class ExpressionCompiler:
         self.scope = scope
         self.recursive = recursive
         self.stored_globals: set[str] = set()
+        self.size = 0  # expressions compiled so far
         self._handlers: dict[type, Callable[[Any, Place], ast.expr]] = {
             Constant: self._constant,
             Name: self._name,
@@ -92,6 +93,7 @@ class ExpressionCompiler:
 
     def expression(self, node: Expression) -> ast.expr:
         """Python for the value of an expression."""
+        self.size += 1
         return self._handlers[node.__class__](node, place_of(node))
 
     def condition(self, node: Expression) -> ast.expr:

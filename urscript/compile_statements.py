@@ -1,12 +1,17 @@
-"""Statements to Python. Every generator draws its work from the meter and parks when it is empty."""
+"""Statements to Python. Every generator draws its work from the meter and parks when it is empty.
+
+Compiling works in steps (`urscript.work`). Python compiles a function in one go, so a long
+program body, whose variables are all global, becomes several: see `_BodyCompiler._metered`.
+"""
 
 import ast
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 from urscript.analysis import FunctionPlan
 from urscript.compile_expressions import ExpressionCompiler, Unit
-from urscript.pycode import STORE, Place, attribute, call, charge, constant, function, load, place_of
+from urscript.pycode import STORE, Place, attribute, call, charge, constant, function, load, place_of, yield_from
 from urscript.syntax import (
     Assign,
     ExpressionStatement,
@@ -22,24 +27,39 @@ from urscript.syntax import (
     While,
     Word,
 )
+from urscript.work import Steps
 
-__all__ = ["compile_function", "compile_main"]
+__all__ = ["PythonFunction", "compile_function", "compile_main"]
 
 _RUN_COST = 200
 """Most work between two looks at the meter, in its units: about 10 us."""
 
 _LOOP_COST = 3
 
+_WORK = 9  # of an expression, and so of a statement without its expressions
+_SLICE = 12  # of these, at least, between two yields
+_PIECE = 100  # of these, about, in a piece of the program body
+_REST = 40  # of these, at least, in a piece at the end of a block
 
-def compile_main(unit: Unit) -> ast.stmt:
-    """The program body as the generator function ``main``."""
+
+@dataclass(frozen=True, slots=True)
+class PythonFunction:
+    """A function as Python's syntax tree. ``size``: the number of its statements and expressions."""
+
+    code: ast.stmt
+    size: int
+
+
+def compile_main(unit: Unit) -> Steps[list[PythonFunction]]:
+    """The program body as the generator function ``main``, and the functions it is divided into."""
     program = unit.program
-    compiler = _BodyCompiler(unit, program.scope, charged=True)
+    compiler = _BodyCompiler(unit, program.scope, charged=True, divided=True)
     place = place_of(program.body[0] if program.body else Node(1, 1))
-    return function("main", [], compiler.body(program.body, place), place)
+    body = yield from compiler.body(program.body, place)
+    return [*compiler.pieces, PythonFunction(function("main", [], body, place), compiler.inline)]
 
 
-def compile_function(unit: Unit, plan: FunctionPlan) -> ast.stmt:
+def compile_function(unit: Unit, plan: FunctionPlan) -> Steps[list[PythonFunction]]:
     """One def or thread as a Python function."""
     definition = plan.definition
     scope, place = definition.scope, place_of(definition)
@@ -47,65 +67,99 @@ def compile_function(unit: Unit, plan: FunctionPlan) -> ast.stmt:
     parameters = [f"v_{parameter.name}" for parameter in scope.parameters]
     if plan.recursive:
         parameters.insert(0, "_depth")
-    body = compiler.body(definition.body, place)
-    return function(f"f_{scope.name}", parameters, body, place)
+    body = yield from compiler.body(definition.body, place)
+    return [PythonFunction(function(f"f_{scope.name}", parameters, body, place), compiler.inline)]
 
 
 class _BodyCompiler(ExpressionCompiler):
-    def __init__(self, unit: Unit, scope: Scope, *, charged: bool, recursive: bool = False) -> None:
+    def __init__(
+        self, unit: Unit, scope: Scope, *, charged: bool, recursive: bool = False, divided: bool = False
+    ) -> None:
         super().__init__(unit, scope, recursive=recursive)
+        self.pieces: list[PythonFunction] = []
+        self._elsewhere = 0  # how much of the size is in pieces
+        self._counted = 0  # of the size, whose work was yielded
         self._charged = charged  # a generator, so that it can park
+        self._divided = divided
         self._compilers: dict[type, Callable[[Any, Place], list[ast.stmt]]] = {
             Assign: self._assign,
             ExpressionStatement: self._expression_statement,
-            If: self._if,
-            While: self._while,
             Return: self._return,
             Word: self._word,
             ThreadControl: self._thread_control,
             Label: self._label,
         }
 
-    def body(self, statements: list[Statement], place: Place) -> list[ast.stmt]:
+    @property
+    def inline(self) -> int:
+        """Size of what is not in pieces."""
+        return self.size - self._elsewhere
+
+    def body(self, statements: list[Statement], place: Place) -> Steps[list[ast.stmt]]:
         """All of a function's Python body."""
         if self._charged:
-            code = self._metered(statements) or charge(1, place, park=True)
+            code = (yield from self._metered(statements)) or charge(1, place, park=True)
         else:
-            code = [*charge(self.scope.cost, place, park=False), *self._plain(statements)]
+            code = [*charge(self.scope.cost, place, park=False), *(yield from self._plain(statements))]
+        return self._with_globals(code, place)
+
+    def _with_globals(self, code: list[ast.stmt], place: Place) -> list[ast.stmt]:
         if self.stored_globals:
             code.insert(0, ast.Global(names=sorted(self.stored_globals), **place))
         return code
 
     # blocks
 
-    def _plain(self, statements: list[Statement]) -> list[ast.stmt]:
+    def _plain(self, statements: list[Statement]) -> Steps[list[ast.stmt]]:
         code: list[ast.stmt] = []
-        for statement in statements:
-            if not isinstance(statement, FunctionDef):
-                code += self._compilers[statement.__class__](statement, place_of(statement))
-        return code
-
-    def _metered(self, statements: list[Statement]) -> list[ast.stmt]:
-        """The statements in runs of bounded work, each run charged before it starts."""
-        code: list[ast.stmt] = []
-        run: list[Statement] = []
-        work = 0
         for statement in statements:
             if isinstance(statement, FunctionDef):
                 continue
-            cost = _LOOP_COST if _is_heavy(statement) else statement.cost
-            if run and work + cost > _RUN_COST:
-                code += self._charged_run(run, work)
-                run, work = [], 0
-            run.append(statement)
-            work += cost
-        return code + self._charged_run(run, work) if run else code
+            self.size += 1
+            place = place_of(statement)
+            if isinstance(statement, If):
+                code += yield from self._if(statement, place)
+            elif isinstance(statement, While):
+                code += yield from self._while(statement, place)
+            else:
+                code += self._compilers[statement.__class__](statement, place)
+            if self.size >= self._counted + _SLICE:
+                yield (self.size - self._counted) * _WORK
+                self._counted = self.size
+        return code
 
-    def _charged_run(self, run: list[Statement], work: int) -> list[ast.stmt]:
-        return [*charge(work, place_of(run[0]), park=True), *self._plain(run)]
+    def _metered(self, statements: list[Statement]) -> Steps[list[ast.stmt]]:
+        """The statements in runs of bounded work, each run charged before it starts.
 
-    def _inner(self, statements: list[Statement], heavy: bool) -> list[ast.stmt]:
-        return self._metered(statements) if heavy and self._charged else self._plain(statements)
+        When the body is divided, runs are moved into functions of their own as soon as there
+        is enough for one, unless a return, break or continue leads out of them.
+        """
+        code: list[ast.stmt] = []
+        movable: list[ast.stmt] = []
+        start = self.inline
+        for run, work in _runs(statements):
+            charged = [*charge(work, place_of(run[0]), park=True), *(yield from self._plain(run))]
+            if not self._divided or _leads_out(run):
+                code += [*movable, *charged]
+                movable, start = [], self.inline
+                continue
+            movable += charged
+            if self.inline >= start + _PIECE:
+                code.append(self._piece(movable, self.inline - start, place_of(run[0])))
+                movable, start = [], self.inline
+        if self._divided and self.inline >= start + _REST:
+            movable = [self._piece(movable, self.inline - start, place_of(run[0]))]
+        return code + movable
+
+    def _piece(self, code: list[ast.stmt], size: int, place: Place) -> ast.stmt:
+        """Move code into a generator function; what runs it instead."""
+        name = f"main_{len(self.pieces) + 1}"
+        self.pieces.append(PythonFunction(function(name, [], self._with_globals(code, place), place), size))
+        self._elsewhere += size
+        return ast.Expr(value=yield_from(call(name, place), place), **place)
+
+    def _inner(self, statements: list[Statement], heavy: bool) -> Steps[list[ast.stmt]]:
+        return (yield from self._metered(statements) if heavy and self._charged else self._plain(statements))
 
     # statements
 
@@ -139,18 +193,20 @@ class _BodyCompiler(ExpressionCompiler):
     def _expression_statement(self, node: ExpressionStatement, place: Place) -> list[ast.stmt]:
         return [ast.Expr(value=self.expression(node.value), **place)]
 
-    def _if(self, node: If, place: Place) -> list[ast.stmt]:
+    def _if(self, node: If, place: Place) -> Steps[list[ast.stmt]]:
         heavy = _is_heavy(node)
-        branches = [(self.condition(test), self._inner(body, heavy)) for test, body in node.branches]
-        otherwise = self._inner(node.otherwise, heavy)
+        branches: list[tuple[ast.expr, list[ast.stmt]]] = []
+        for condition, statements in node.branches:
+            branches.append((self.condition(condition), (yield from self._inner(statements, heavy))))
+        otherwise = yield from self._inner(node.otherwise, heavy)
         for (test, body), (source, _) in zip(reversed(branches), reversed(node.branches), strict=True):
             at = place_of(source)
             otherwise = [ast.If(test=test, body=body or [ast.Pass(**at)], orelse=otherwise, **at)]
         return otherwise
 
-    def _while(self, node: While, place: Place) -> list[ast.stmt]:
+    def _while(self, node: While, place: Place) -> Steps[list[ast.stmt]]:
         test = self.condition(node.condition)
-        body = [*charge(_LOOP_COST, place, park=True), *self._metered(node.body)]
+        body = [*charge(_LOOP_COST, place, park=True), *(yield from self._metered(node.body))]
         return [ast.While(test=test, body=body, orelse=[], **place)]
 
     def _return(self, node: Return, place: Place) -> list[ast.stmt]:
@@ -187,3 +243,37 @@ def _is_heavy(statement: Statement) -> bool:
     return isinstance(statement, While) or (
         isinstance(statement, If) and (statement.loops or statement.cost > _RUN_COST)
     )
+
+
+def _runs(statements: list[Statement]) -> Iterator[tuple[list[Statement], int]]:
+    """The statements in groups, each with its work: bounded, unless it is that of a single statement."""
+    run: list[Statement] = []
+    work = 0
+    for statement in statements:
+        if isinstance(statement, FunctionDef):
+            continue
+        cost = _LOOP_COST if _is_heavy(statement) else statement.cost
+        if run and work + cost > _RUN_COST:
+            yield run, work
+            run, work = [], 0
+        run.append(statement)
+        work += cost
+    if run:
+        yield run, work
+
+
+def _leads_out(statements: list[Statement], *, in_loop: bool = False) -> bool:
+    """True when a return, or a break or continue of a loop around the statements, is among them."""
+    for statement in statements:
+        match statement:
+            case Return():
+                return True
+            case Word(word="break" | "continue") if not in_loop:
+                return True
+            case While() if _leads_out(statement.body, in_loop=True):
+                return True
+            case If():
+                blocks = [*(body for _, body in statement.branches), statement.otherwise]
+                if any(_leads_out(block, in_loop=in_loop) for block in blocks):
+                    return True
+    return False

@@ -1,21 +1,26 @@
-"""From text to a compiled program."""
+"""From text to a compiled program.
+
+Compiling is work in steps (`urscript.work`): `compile_script` takes them all at once,
+`compile_steps` leaves the pace to the caller. No step is long, except Python's own compiling
+of a function, which cannot be interrupted; it is announced before it is done.
+"""
 
 import ast
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from types import CodeType
 
 from urproto.versions import Availability, PolyscopeVersion
 from urscript.analysis import plan_functions
 from urscript.builtins import Builtin, LibrarySet
 from urscript.compile_expressions import CallWarning, Unit
-from urscript.compile_statements import compile_function, compile_main
+from urscript.compile_statements import PythonFunction, compile_function, compile_main
 from urscript.errors import CompileError
 from urscript.parser import normalize, parse
 from urscript.syntax import Label, ProgramKind
+from urscript.work import Steps, run_to_end
 
-__all__ = ["FILE_NAME", "CallWarning", "CompiledProgram", "compile_script"]
+__all__ = ["FILE_NAME", "CallWarning", "CompiledProgram", "cached_program", "compile_script", "compile_steps"]
 
 FILE_NAME = "<urscript>"
 """The file name of compiled programs in tracebacks."""
@@ -37,29 +42,59 @@ class CompiledProgram:
     labels: tuple[Label, ...]
     global_names: tuple[str, ...]  # in order of appearance
     warnings: tuple[CallWarning, ...]  # calls that will fail when executed
-    code: CodeType
+    code: tuple[CodeType, ...]  # to be executed one after the other in a namespace
     builtins: Mapping[str, Builtin]  # those that it calls
     list_methods: bool
 
 
-@lru_cache(maxsize=64)
+_CACHE_SIZE = 64  # programs
+_cache: dict[tuple[str, LibrarySet, PolyscopeVersion], CompiledProgram] = {}  # the one used last is last
+
+_PYTHON_WORK = 4  # of Python's compiler, for each expression and statement
+
+
 def compile_script(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> CompiledProgram:
     """Compile one program: ``def name(): … end``, ``sec name(): … end``, or bare statements.
 
-    Drivers send the same text again and again, so results are kept. Raises CompileError.
+    Raises CompileError.
     """
+    return run_to_end(compile_steps(text, libraries, version))
+
+
+def cached_program(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> CompiledProgram | None:
+    """The program of a text that was compiled before: drivers send the same one again and again."""
+    key = (text, libraries, version)
+    program = _cache.pop(key, None)
+    if program is not None:
+        _cache[key] = program
+    return program
+
+
+def compile_steps(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> Steps[CompiledProgram]:
+    """`compile_script` in steps; a text that was compiled before takes none."""
+    program = cached_program(text, libraries, version)
+    if program is None:
+        program = yield from _compile(text, libraries, version)
+        _cache[text, libraries, version] = program
+        if len(_cache) > _CACHE_SIZE:
+            del _cache[next(iter(_cache))]
+    return program
+
+
+def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> Steps[CompiledProgram]:
     source = normalize(text)
     try:
-        program = parse(source)
+        program = yield from parse(source)
+        builtins = libraries.available(version)
         unit = Unit(
             program,
             source,
-            libraries.available(version),
-            plan_functions(program, libraries.available(version)),
+            builtins,
+            plan_functions(program, builtins),
             structs=STRUCT.covers(version),
             fixed_lists=not RESIZABLE_LISTS.covers(version),
         )
-        code = _compile(unit)
+        code = yield from _generate(unit)
     except RecursionError as error:
         raise CompileError.syntax("the program is nested too deeply", 1, 1, source) from error
     return CompiledProgram(
@@ -69,18 +104,25 @@ def compile_script(text: str, libraries: LibrarySet, version: PolyscopeVersion) 
         labels=tuple(program.labels),
         global_names=tuple(program.globals),
         warnings=tuple(unit.warnings),
-        code=code,
+        code=tuple(code),
         builtins=unit.used,
         list_methods=RESIZABLE_LISTS.covers(version),
     )
 
 
-def _compile(unit: Unit) -> CodeType:
-    functions = [compile_function(unit, plan) for plan in unit.plans.values()]
-    module = ast.Module(body=[*functions, compile_main(unit)], type_ignores=[])
+def _generate(unit: Unit) -> Steps[list[CodeType]]:
+    """The code of every function of the program; raises the first error of the text."""
+    code: list[CodeType] = []
+    for steps in [*(compile_function(unit, plan) for plan in unit.plans.values()), compile_main(unit)]:
+        for function in (yield from steps):
+            if unit.errors:
+                continue  # only to find more errors
+            yield function.size * _PYTHON_WORK
+            code.append(_python(function))
     if unit.errors:
         raise min(unit.errors, key=lambda error: (error.line, error.column))
-    try:
-        return compile(module, FILE_NAME, "exec")
-    except SyntaxError as error:  # Python allows 20 loops inside each other
-        raise CompileError.syntax(f"{error.msg}", error.lineno or 1, error.offset or 1, unit.source) from error
+    return code
+
+
+def _python(function: PythonFunction) -> CodeType:
+    return compile(ast.Module(body=[function.code], type_ignores=[]), FILE_NAME, "exec")

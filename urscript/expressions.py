@@ -23,7 +23,7 @@ from urscript.syntax import (
     Scope,
     Unary,
 )
-from urscript.tokens import Token, tokenize
+from urscript.tokens import Token
 
 __all__ = ["ExpressionParser"]
 
@@ -47,9 +47,9 @@ _MAX_DEPTH = 150
 class ExpressionParser:
     """Reads expressions; the statement parser builds on it."""
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, source: str, tokens: list[Token]) -> None:
         self.source = source
-        self.tokens = tokenize(source)
+        self.tokens = tokens
         self.at = 0
         self.scope = Scope("")
         self._depth = 0

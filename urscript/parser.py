@@ -1,5 +1,7 @@
 """The statement half of the parser, and the entry `parse`.
 
+It works in steps: statements with blocks inside are read by generators, which yield after each statement.
+
 A statement ends where its grammar can no longer continue: PolyScope and several vendors write
 two statements on one line, or a statement and its ``end``, with nothing between them.
 """
@@ -31,11 +33,13 @@ from urscript.syntax import (
     While,
     Word,
 )
-from urscript.tokens import Token
+from urscript.tokens import Token, tokenize
+from urscript.work import Steps
 
-__all__ = ["normalize", "parse"]
+__all__ = ["is_secondary", "normalize", "parse"]
 
 _LEADING = re.compile(r"(?:[ \t\r\f\v\n]|#[^\n]*)*")
+_SECONDARY = re.compile(r"\s*sec\b")
 _BLOCK_ENDS = frozenset(["end", "else", "elif", "end of text"])
 _MAX_BLOCKS = 60
 """Deepest nesting of blocks: a guess, above real programs and below what Python's compiler bears."""
@@ -49,26 +53,35 @@ def normalize(text: str) -> str:
     return text[text.rfind("\n", 0, first) + 1 :]
 
 
-def parse(source: str) -> Program:
+def is_secondary(text: str) -> bool:
+    """Whether a text, which may have errors, begins like a secondary program."""
+    return _SECONDARY.match(normalize(text)) is not None
+
+
+def parse(source: str) -> Steps[Program]:
     """The syntax tree of one normalized program.
 
     Raises CompileError for text that is not one program: ``def name(): … end``,
     ``sec name(): … end``, or statements.
     """
-    return _Parser(source).program()
+    tokens = yield from tokenize(source)
+    return (yield from _Parser(source, tokens).program())
 
 
 class _Parser(ExpressionParser):
-    def __init__(self, source: str) -> None:
-        super().__init__(source)
+    def __init__(self, source: str, tokens: list[Token]) -> None:
+        super().__init__(source, tokens)
         self._program = Program("statement", "", [], self.scope, {}, {}, [])
         self._blocks = 0
         self._loops = 0
-        self._statements: dict[str, Callable[[Token], Statement]] = {
+        self._counted = 0  # tokens whose work was yielded
+        self._compounds: dict[str, Callable[[Token], Steps[Statement]]] = {
             "def": self._function,
             "thread": self._function,
             "if": self._if,
             "while": self._while,
+        }
+        self._statements: dict[str, Callable[[Token], Statement]] = {
             "return": self._return,
             "global": self._declaration,
             "local": self._declaration,
@@ -82,7 +95,7 @@ class _Parser(ExpressionParser):
             "$": self._label,
         }
 
-    def program(self) -> Program:
+    def program(self) -> Steps[Program]:
         program = self._program
         if self.token.kind in ("def", "sec"):
             program.kind = _PROGRAM_KINDS[self.take().kind]
@@ -90,37 +103,44 @@ class _Parser(ExpressionParser):
             self.expect("(", "after the name of the program")
             self.expect(")", "a program takes no parameters")
             self.expect(":", "after ')'")
-            program.body = self._block("to close the program")
+            program.body = yield from self._block("to close the program")
         else:
             while self.token.kind != "end of text":
-                program.body.append(self._statement())
+                program.body.append((yield from self._statement()))
         if self.token.kind != "end of text":
             self.fail("the program ended before this")
         return program
 
     # blocks
 
-    def _block(self, where: str) -> list[Statement]:
-        body = self._open_block()
+    def _block(self, where: str) -> Steps[list[Statement]]:
+        body = yield from self._open_block()
         self.expect("end", where)
         return body
 
-    def _open_block(self) -> list[Statement]:
+    def _open_block(self) -> Steps[list[Statement]]:
         """Statements up to the word that ends the block, which is left for the caller."""
         self._blocks += 1
         if self._blocks > _MAX_BLOCKS:
             self.fail(f"blocks are nested more than {_MAX_BLOCKS} deep")
         body: list[Statement] = []
         while self.token.kind not in _BLOCK_ENDS:
-            body.append(self._statement())
+            body.append((yield from self._statement()))
         self._blocks -= 1
         return body
 
-    def _statement(self) -> Statement:
+    def _statement(self) -> Steps[Statement]:
         """One statement; its cost is the number of its tokens and the surcharges of its calls."""
         first, surcharge = self.at, self.scope.cost
-        handler = self._statements.get(self.token.kind)
-        statement = handler(self.take()) if handler else self._assignment_or_call(None)
+        kind = self.token.kind
+        if kind in self._compounds:
+            statement = yield from self._compounds[kind](self.take())
+        else:
+            handler = self._statements.get(kind)
+            statement = handler(self.take()) if handler else self._assignment_or_call(None)
+            if self.at >= self._counted + _SLICE:
+                yield (self.at - self._counted) * _WORK
+                self._counted = self.at
         if isinstance(statement, FunctionDef):
             return statement
         statement.cost = self.at - first + self.scope.cost - surcharge
@@ -191,44 +211,46 @@ class _Parser(ExpressionParser):
 
     # compound statements
 
-    def _if(self, token: Token) -> Statement:
+    def _if(self, token: Token) -> Steps[Statement]:
         outer_loops, self.scope.loops = self.scope.loops, False
-        branches = [self._branch("if")]
+        branches = [(yield from self._branch("if"))]
         while self.token.kind == "elif":
             self.take()
-            branches.append(self._branch("elif"))
+            branches.append((yield from self._branch("elif")))
         otherwise: list[Statement] = []
         if self.token.kind == "else":
             self.take()
             self.expect(":", "after else")
-            otherwise = self._open_block()
+            otherwise = yield from self._open_block()
         self.expect("end", f"to close the if of line {token.line}")
         loops = self.scope.loops
         self.scope.loops = loops or outer_loops
         return If(token.line, token.column, branches, otherwise, loops)
 
-    def _branch(self, word: str) -> tuple[Expression, list[Statement]]:
+    def _branch(self, word: str) -> Steps[tuple[Expression, list[Statement]]]:
         condition = self.expression()
         self.expect(":", f"after the condition of {word}")
-        return condition, self._open_block()
+        return condition, (yield from self._open_block())
 
-    def _while(self, token: Token) -> Statement:
+    def _while(self, token: Token) -> Steps[Statement]:
         condition = self.expression()
         self.expect(":", "after the condition of while")
         self._loops += 1
-        body = self._block(f"to close the while of line {token.line}")
+        if self._loops > _MAX_LOOPS:
+            self.fail(f"loops are nested more than {_MAX_LOOPS} deep", token)
+        body = yield from self._block(f"to close the while of line {token.line}")
         self._loops -= 1
         self.scope.loops = True
         return While(token.line, token.column, condition, body)
 
-    def _function(self, token: Token) -> Statement:
+    def _function(self, token: Token) -> Steps[Statement]:
         name = self.expect("name", f"after {token.kind}").text
         outer, outer_loops = self.scope, self._loops
         self.scope, self._loops = Scope(name, is_thread=token.kind == "thread"), 0
         self._parameters(token)
         self.expect(":", f"after the parameters of {name}")
         first = self.at
-        body = self._block(f"to close the {token.kind} of line {token.line}")
+        body = yield from self._block(f"to close the {token.kind} of line {token.line}")
         self.scope.cost += self.at - first
         function = FunctionDef(token.line, token.column, self.scope, body)
         self._program.functions[name] = function  # a second def of a name replaces the first
@@ -261,6 +283,12 @@ class _Parser(ExpressionParser):
 
 
 _PROGRAM_KINDS: dict[str, ProgramKind] = {"def": "program", "sec": "secondary"}
+
+_MAX_LOOPS = 20
+"""Deepest nesting of loops: what Python's compiler bears."""
+
+_WORK = 2  # of a token
+_SLICE = 32  # tokens, at least, between two yields
 
 _ABOVE_OPERATORS = 10
 """A statement starts with a target or a call, so no binary operator may be taken with it."""

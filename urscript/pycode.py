@@ -43,15 +43,15 @@ def constant(value: object, place: Place) -> ast.expr:
 
 
 def load(name: str, place: Place) -> ast.expr:
-    return ast.Name(id=name, ctx=LOAD, **place)
+    return ast.Name(name, LOAD, **place)  # by position: by keyword it takes twice as long, and there are thousands
 
 
 def call(name: str, place: Place, *arguments: ast.expr) -> ast.expr:
-    return ast.Call(func=ast.Name(id=name, ctx=LOAD, **place), args=list(arguments), keywords=[], **place)
+    return ast.Call(ast.Name(name, LOAD, **place), list(arguments), [], **place)
 
 
 def attribute(value: ast.expr, name: str, place: Place) -> ast.expr:
-    return ast.Attribute(value=value, attr=name, ctx=LOAD, **place)
+    return ast.Attribute(value, name, LOAD, **place)
 
 
 def subscript(value: ast.expr, position: int, place: Place) -> ast.expr:

@@ -266,7 +266,8 @@ class Runtime:
             namespace[f"v_{name}"] = UNSET
         for name, builtin in program.builtins.items():
             namespace[f"b_{name}"] = builtin.bind(self.host)
-        exec(program.code, namespace)
+        for code in program.code:
+            exec(code, namespace)
         return namespace
 
     def _start(self, body: Callable[[], ThreadBody], name: str, parent: int | None) -> int:

@@ -9,6 +9,8 @@ first fault of the text and not the first odd character.
 import re
 from typing import NamedTuple
 
+from urscript.work import Steps
+
 __all__ = ["KEYWORDS", "Token", "tokenize"]
 
 _KEYWORDS = """
@@ -29,6 +31,9 @@ _TOKEN = re.compile(
     re.VERBOSE,
 )
 
+_WORK = 2  # of a token and the space around it
+_SLICE = 32  # tokens, at least, between two yields
+
 
 class Token(NamedTuple):
     """`kind` is the word or sign itself for keywords and operators; otherwise name, number, string, invalid, end."""
@@ -40,10 +45,11 @@ class Token(NamedTuple):
     after_newline: bool
 
 
-def tokenize(source: str) -> list[Token]:
+def tokenize(source: str) -> Steps[list[Token]]:
     """The tokens of a text, closed by one of kind ``end of text``."""
     tokens: list[Token] = []
     add = tokens.append
+    counted = 0
     line, line_start, depth, fresh = 1, 0, 0, True
     for match in _TOKEN.finditer(source):
         group = match.lastgroup
@@ -51,6 +57,9 @@ def tokenize(source: str) -> list[Token]:
             line += 1
             line_start = match.end()
             fresh = fresh or depth == 0
+            if len(tokens) >= counted + _SLICE:
+                yield (len(tokens) - counted) * _WORK
+                counted = len(tokens)
             continue
         if group is None or group == "comment":
             continue
@@ -70,4 +79,5 @@ def tokenize(source: str) -> list[Token]:
     tail = source.rstrip()
     end_line = tail.count("\n") + 1
     add(Token("end of text", "", end_line, len(tail) - (tail.rfind("\n") + 1) + 1, True))
+    yield (len(tokens) - counted) * _WORK
     return tokens

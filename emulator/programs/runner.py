@@ -5,14 +5,16 @@ program starts some control periods later: a driver that handles its listening s
 its connected ones would otherwise take the new connection for a second client. The last
 program submitted in that gap wins.
 
-A program that does not compile changes nothing: the running one goes on.
+A program that does not compile changes nothing: the running one goes on. A long one is
+compiled over several periods (`emulator.programs.compiling`), during which the running one
+goes on too; whatever stops the main program then also drops the one being compiled.
 """
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from emulator.builtins import LIBRARIES
+from emulator.programs.compiling import Compiling, Submission
 from emulator.programs.history import MotionHistory
 from emulator.programs.host import ProgramHost
 from emulator.programs.loading import LoadedProgram, load_program
@@ -22,9 +24,7 @@ from emulator.programs.watchdog import Watchdogs
 from emulator.runstate import RunEvent, next_run_state
 from urproto.modes import RuntimeState
 from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED
-from urscript.builtins import LibrarySet
-from urscript.compiler import CompiledProgram, compile_script
-from urscript.errors import CompileError
+from urscript.compiler import CompiledProgram
 from urscript.runtime import Runtime
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ __all__ = ["Programs"]
 # enabled, baud rate, parity, stop bits, rx and tx idle characters; the values of a simulator's capture
 ToolCommunication: TypeAlias = tuple[bool, int, int, int, float, float]
 
-LIBRARY_SET: Final = LibrarySet(LIBRARIES)
 _SOCKET_GAP_S: Final = 0.012  # between closing sockets and the next program; the official driver needs more than 0.2 ms
 _FLAGS: Final = 32  # Script Manual, set_flag
 _SECONDARY_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title seen on a real controller
@@ -60,6 +59,7 @@ class Programs:
         self.flags = [False] * _FLAGS
         self.motion_version = 1  # guess: what motion_version_get() says before it was set
         self.tool_communication: ToolCommunication = (False, 115200, 0, 1, 1.5, 3.5)
+        self._compiling = Compiling(controller.period_s)
         self._main: Runtime | None = None
         self._host: ProgramHost | None = None
         self._ended = ""  # name of the program that is STOPPING
@@ -93,42 +93,41 @@ class Programs:
 
     # what clients ask for
 
-    def submit(self, text: str, kind: Literal["block", "line"] = "block") -> bool:
+    def submit(self, text: str) -> Submission:
         """Run a text: a ``sec`` program beside the main one, anything else in its place.
 
-        False when it does not compile, or when the arm is not ready for a main program; a
-        message says why.
+        Decided at once when it is short or was compiled before, else some periods later, and
+        in the order of submission. Not accepted when it does not compile, or when the arm is
+        not ready for a main program, which a message explains, or when a stop came before.
         """
-        program = self._compile(text)
-        if program is None:
-            return False
-        if program.kind == "secondary":
-            self._secondary.append(program)
-            return True
-        if not self._controller.may_run:
-            self._say(f"program {program.name} was not started: power the arm on, release its brakes, clear any stop")
-            return False
-        self.stop("replaced by another program")
-        self._next = program
-        return True
+        submission = self._compiling.add(text, self._controller.version)
+        self._decide()
+        return submission
 
     def load_file(self, path: Path) -> None:
         """Choose the program that ``play`` starts and end the running one. Raises ProgramLoadError or OSError."""
         self.loaded = load_program(path)
         self.stop("another program was loaded")
 
-    def play(self) -> bool:
-        """Resume the paused program or start the loaded one; False when neither is possible."""
+    def play(self) -> Submission:
+        """Resume the paused program or start the loaded one; not accepted when neither is possible."""
         if self.state in (RuntimeState.PAUSED, RuntimeState.PAUSING):
-            return self.resume()
+            return self._answer(self.resume())
         if self.state is RuntimeState.PLAYING or self._next is not None:
-            return True
+            return self._answer(True)
+        coming = [submission for submission in self._compiling.waiting if submission.main]
+        if coming:
+            return coming[-1]
         if self.loaded is None:
-            return False
+            return self._answer(False)
         if not self.loaded.script:
             self._say(f"{self.loaded.path.name} cannot be played: there is no {self.loaded.name}.script beside it")
-            return False
+            return self._answer(False)
         return self.submit(self.loaded.script)
+
+    def _answer(self, accepted: bool) -> Submission:
+        """For what needs no compiling."""
+        return Submission("", self._controller.version, accepted)
 
     def pause(self, reason: str = "") -> bool:
         """Let the arm come to rest on its path and hold the program; False when none runs."""
@@ -150,7 +149,11 @@ class Programs:
         return True
 
     def stop(self, reason: str = "") -> bool:
-        """End the main program, paused or not, and the one about to start; False when there is none."""
+        """End the main program, paused or not, and those about to start; False when there is none."""
+        dropped = self._compiling.drop_main()
+        return self._stop_main(reason) or dropped
+
+    def _stop_main(self, reason: str) -> bool:
         waiting, self._next = self._next, None
         if not self._event(RunEvent.STOP):
             return waiting is not None
@@ -165,6 +168,8 @@ class Programs:
         controller = self._controller
         self.history.record(controller.arm.q, controller.arm.tcp_force)
         self._feed_watchdogs()
+        self._decide()
+        self._compiling.new_period()
         self._settle()
         self._start_next()
         self._run_secondary()
@@ -179,7 +184,7 @@ class Programs:
             if watchdog.action == "pause":
                 self.pause(reason)
             elif watchdog.action == "stop":
-                self.stop(reason)
+                self._stop_main(reason)
 
     def _settle(self) -> None:
         """Complete a transition once the arm allows it."""
@@ -247,16 +252,33 @@ class Programs:
 
     # beginnings and ends
 
-    def _compile(self, text: str) -> CompiledProgram | None:
-        try:
-            program = compile_script(text, LIBRARY_SET, self._controller.version)
-        except CompileError as error:
+    def _decide(self) -> None:
+        """Start, refuse or set aside what is compiled by now."""
+        while (submission := self._compiling.next()) is not None:
+            program = self._compiled(submission)
+            submission.accepted = program is not None and self._accept(program)
+
+    def _compiled(self, submission: Submission) -> CompiledProgram | None:
+        program, error = submission.program, submission.error
+        if error is not None:
             self._controller.messages.runtime_exception(error.line, error.column, error.wire)
             self._note(error.render())
+        if program is None:
             return None
         for warning in program.warnings:
             self._note(f"{program.name}:{warning.line}:{warning.column}: {warning.message}")
         return program
+
+    def _accept(self, program: CompiledProgram) -> bool:
+        if program.kind == "secondary":
+            self._secondary.append(program)
+            return True
+        if not self._controller.may_run:
+            self._say(f"program {program.name} was not started: power the arm on, release its brakes, clear any stop")
+            return False
+        self._stop_main("replaced by another program")
+        self._next = program
+        return True
 
     def _end(self) -> None:
         """Leave nothing of the main program behind."""

@@ -318,7 +318,7 @@ def test_loaded_script_plays_and_its_name_is_known(rig, tmp_path):
     path.with_suffix(".script").write_text('def tool():\n  textmsg("played")\nend\n')
     rig.controller.programs.load_file(path)
     assert rig.controller.programs.loaded.path == path
-    assert rig.controller.programs.play()
+    assert rig.controller.programs.play().accepted
     rig.seconds(0.1)
     assert rig.texts == ["played"]
 
@@ -327,7 +327,7 @@ def test_program_tree_without_script_cannot_be_played(rig, tmp_path):
     path = tmp_path / "bare.urp"
     path.write_bytes(b"")
     rig.controller.programs.load_file(path)
-    assert not rig.controller.programs.play()
+    assert rig.controller.programs.play().accepted is False
     rig.tick()
     assert "bare.script" in rig.texts[0]
 

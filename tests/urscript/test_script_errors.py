@@ -62,8 +62,8 @@ COMPILE_ERRORS = [
     ("run program", 1, 12, "syntax_error_on_line:1:run program:"),
     ("x = " + "(" * 200 + "1" + ")" * 200, 1, None, None),
     ("x = " + "+".join(["1"] * 1000), 1, None, None),
-    ("while True:\n" * 80 + "end\n" * 80, 62, None, None),
-    ("while True:\n" * 30 + "sync()\n" + "end\n" * 30, None, None, None),  # Python allows 20 loops in each other
+    ("if True:\n" * 80 + "end\n" * 80, 62, None, None),
+    ("while True:\n" * 30 + "sync()\n" + "end\n" * 30, 21, 1, None),  # Python allows 20 loops in each other
 ]
 
 

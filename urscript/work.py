@@ -1,0 +1,26 @@
+"""Work in steps, so that compiling a long text can be spread over control periods.
+
+A step generator yields, after each piece of work, how much that was; its return value is the
+result. One unit of work is about a microsecond on a small machine: every number is a guess
+from measuring, and all that matters is that they fit together.
+"""
+
+from collections.abc import Generator
+from typing import TypeAlias, TypeVar
+
+__all__ = ["Steps", "run_to_end"]
+
+ResultT = TypeVar("ResultT")
+
+Steps: TypeAlias = Generator[int, None, ResultT]
+"""Yields the work done since the last yield; returns the result."""
+
+
+def run_to_end(steps: Steps[ResultT]) -> ResultT:
+    """The result, with all the work done at once."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            result: ResultT = end.value
+            return result
