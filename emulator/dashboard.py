@@ -114,7 +114,7 @@ def load(controller: "Controller", name: str) -> _Waiting:
     except (OSError, ValueError) as error:
         controller.messages.note(f"loading {name} failed: {error}")
         return f"Error while loading program: {name}"
-    return f"Loading program: {_shown(controller, path)}"
+    return f"Loading program: {_as_named(controller, path, name)}"
 
 
 @command("play", cb3="1.4", e="5.0")
@@ -191,7 +191,7 @@ def load_installation(controller: "Controller", name: str) -> str:
     except (OSError, InstallationError) as error:
         controller.messages.note(f"loading {name} failed: {error}")
         return f"Failed to load installation: {name}"
-    return f"Loading installation: {_shown(controller, path)}"
+    return f"Loading installation: {_as_named(controller, path, name)}"
 
 
 # Power and safety
@@ -430,6 +430,11 @@ def _existing(controller: "Controller", name: str) -> Path | None:
             wanted = wanted.relative_to(shown)
     path = root.joinpath(*wanted.parts).resolve()
     return path if path.is_relative_to(root.resolve()) and path.is_file() else None
+
+
+def _as_named(controller: "Controller", path: Path, name: str) -> str:
+    """A full path is answered as the client gave it, for clients look for it in the reply."""
+    return name if PurePosixPath(name).is_absolute() else _shown(controller, path)
 
 
 def _shown(controller: "Controller", path: Path) -> str:

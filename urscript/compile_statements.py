@@ -14,9 +14,12 @@ from urscript.compile_expressions import ExpressionCompiler, Unit
 from urscript.pycode import STORE, Place, attribute, call, charge, constant, function, load, place_of, yield_from
 from urscript.syntax import (
     Assign,
+    Call,
+    Expression,
     ExpressionStatement,
     FunctionDef,
     If,
+    Index,
     Label,
     Name,
     Node,
@@ -40,6 +43,9 @@ _WORK = 9  # of an expression, and so of a statement without its expressions
 _SLICE = 12  # of these, at least, between two yields
 _PIECE = 100  # of these, about, in a piece of the program body
 _REST = 40  # of these, at least, in a piece at the end of a block
+
+_OLD_SETTERS = {"digital_out": "set_digital_out"}
+"""Arrays of signals from before there were functions for them; python-urx still writes one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,8 +170,12 @@ class _BodyCompiler(ExpressionCompiler):
     # statements
 
     def _assign(self, node: Assign, place: Place) -> list[ast.stmt]:
-        value = self.expression(node.value)
         target = node.target
+        setter = self._old_setter(target)
+        if setter is not None and isinstance(target, Index):
+            write = Call(node.line, node.column, setter, [*target.positions, node.value], [])
+            return [ast.Expr(value=self.expression(write), **place)]
+        value = self.expression(node.value)
         if isinstance(target, Name):
             if self.is_local(target.name):
                 return [_bind(f"v_{target.name}", value, place)]
@@ -173,6 +183,13 @@ class _BodyCompiler(ExpressionCompiler):
         stored = self.store(target, value, place)
         assert stored is not None, "the parser lets only variables and their parts be assigned"
         return [_bind(stored[0], stored[1], place)]
+
+    def _old_setter(self, target: Expression) -> str | None:
+        """The built-in behind an assignment to an element of what is no variable, as ``digital_out[2] = True``."""
+        if not isinstance(target, Index) or not isinstance(target.target, Name) or self.known(target.target.name):
+            return None
+        setter = _OLD_SETTERS.get(target.target.name)
+        return setter if setter in self.unit.builtins else None
 
     def _assign_global(self, name: str, value: ast.expr, place: Place) -> list[ast.stmt]:
         """A global keeps the type of its first value; checked here, in line, because it is so frequent."""

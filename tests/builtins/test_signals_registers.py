@@ -32,6 +32,17 @@ def test_old_names_reach_the_tool_behind_the_standard_signals(rig, n, bit):
     assert rig.controller.signals.digital_outputs == 1 << bit
 
 
+def test_an_element_of_digital_out_is_an_output(rig):
+    # python-urx sends this old form as a line of its own
+    rig.run("digital_out[2]=True\ntextmsg(get_digital_out(2))\ndigital_out[2] = False\ntextmsg(get_digital_out(2))")
+    assert rig.texts == ["True", "False"]
+
+
+def test_digital_out_may_also_be_a_variable(rig):
+    rig.run("digital_out = [1, 2, 3]\ndigital_out[2] = 7\ntextmsg(digital_out)\ntextmsg(get_digital_out(2))")
+    assert rig.texts == ["[1,2,7]", "False"]
+
+
 def test_analog_signals(rig):
     signals = rig.controller.signals
     signals.analog_inputs[1], signals.tool_analog_inputs[0] = 2.5, 1.25
