@@ -25,6 +25,7 @@ from urproto.robots.pose import Pose
 __all__ = ["Move", "Stepper"]
 
 _POSITION_TOLERANCE_RAD = 1e-9
+_BRAKE_DAMPING = 0.25  # of force mode and freedrive in a pause or stop: standing within 0.5 s (guess)
 
 
 @dataclass(slots=True, eq=False)
@@ -80,7 +81,8 @@ class Stepper:
 
     @tcp_offset.setter
     def tcp_offset(self, offset: Pose) -> None:
-        self._reach = Reach(self.model, self._kinematics, as_six(offset))
+        if as_six(offset) != self._reach.tcp_offset:
+            self._reach = Reach(self.model, self._kinematics, as_six(offset))
 
     @property
     def target_waypoint(self) -> Pose:
@@ -138,6 +140,7 @@ class Stepper:
         """Power is gone: stand still at once and forget everything."""
         self._drop()
         self._compliance = self._refusal = None
+        self._nominal, self._nominal_qd = self.q, ZERO
         self.qd = self.qdd = ZERO
         self._mode = _Mode.RUN
 
@@ -227,8 +230,9 @@ class Stepper:
         active = self._mode is _Mode.RUN
         push = self.external_wrench if active else ZERO
         gain = self.force_gain_scaling if active else 0.0
+        damping = self.force_damping if active else max(self.force_damping, _BRAKE_DAMPING)
         try:
-            target = compliance.step(self.period_s, self.q, (self._nominal, nominal), push, self.force_damping, gain)
+            target = compliance.step(self.period_s, self.q, (self._nominal, nominal), push, damping, gain)
             self._check(target)
             if not within_speed(sub(target, self.q), self.model.qd_max, self.period_s):
                 raise near_singularity()
