@@ -160,3 +160,9 @@ def test_a_stop_ends_the_motion_of_force_mode_quickly(rig):
     rig.seconds(0.5)
     assert rig.controller.snapshot.target_qd == (0.0,) * 6
     assert rig.state is RuntimeState.PAUSED
+
+
+@pytest.mark.parametrize("call", ["speedj([1, 0, 0, 0, 0, 0], -1, 0.5)", "speedl([0, 0.1, 0, 0, 0, 0], -1, 0.5)"])
+def test_a_negative_acceleration_is_an_error(rig, call):
+    assert "a must not be negative" in rig.fault(call)
+    assert rig.q == pytest.approx(HOME, abs=1e-9)
