@@ -25,7 +25,7 @@ from urproto.robots.pose import Pose
 __all__ = ["Move", "Stepper"]
 
 _POSITION_TOLERANCE_RAD = 1e-9
-_BRAKE_DAMPING = 0.25  # of force mode and freedrive in a pause or stop: standing within 0.5 s (guess)
+_BRAKE_DAMPING = 0.25  # of force mode and freedrive once they end or pause: standing within 0.5 s (guess)
 
 
 @dataclass(slots=True, eq=False)
@@ -230,7 +230,8 @@ class Stepper:
         active = self._mode is _Mode.RUN
         push = self.external_wrench if active else ZERO
         gain = self.force_gain_scaling if active else 0.0
-        damping = self.force_damping if active else max(self.force_damping, _BRAKE_DAMPING)
+        yielding = active and not compliance.released
+        damping = self.force_damping if yielding else max(self.force_damping, _BRAKE_DAMPING)
         try:
             target = compliance.step(self.period_s, self.q, (self._nominal, nominal), push, damping, gain)
             self._check(target)

@@ -153,13 +153,14 @@ def test_entering_and_leaving_force_mode_in_motion_never_jerks_the_arm(rig, leav
     assert worst < 20.0  # rad/s2; dropping the tool's speed within a period takes several hundred
 
 
-def test_a_stop_ends_the_motion_of_force_mode_quickly(rig):
+@pytest.mark.parametrize("event", [SafetyEvent.PROTECTIVE_STOP, SafetyEvent.FAULT])
+def test_a_stop_ends_the_motion_of_force_mode_quickly(rig, event):
     rig.start(f"{PUSH_DOWN}\nsleep(10)")
     rig.seconds(1.0)
-    rig.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
+    rig.controller.safety_event(event)
     rig.seconds(0.5)
     assert rig.controller.snapshot.target_qd == (0.0,) * 6
-    assert rig.state is RuntimeState.PAUSED
+    assert rig.state in (RuntimeState.PAUSED, RuntimeState.STOPPED)
 
 
 @pytest.mark.parametrize("call", ["speedj([1, 0, 0, 0, 0, 0], -1, 0.5)", "speedl([0, 0.1, 0, 0, 0, 0], -1, 0.5)"])
