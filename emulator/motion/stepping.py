@@ -15,7 +15,7 @@ from emulator.motion.faults import MotionFault, joint_limit, near_singularity
 from emulator.motion.generator import Generator
 from emulator.motion.pacing import RAMP_RAD_S2, Pacer, within_speed
 from emulator.motion.reach import Reach
-from emulator.motion.stops import JointStop
+from emulator.motion.stops import JointStop, ToolStop, brake_together
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, scaled, sub
 from urproto.modes import ControlMode
 from urproto.robots.kinematics import Kinematics
@@ -130,11 +130,22 @@ class Stepper:
     def protective_stop(self) -> None:
         """Stop on the path as quickly as the joints' acceleration limit allows; `resume` goes on."""
         self._mode, self._ramp = _Mode.PAUSE, min(self.model.qdd_max)
+        self._hasten()
 
     def stop(self, decel: float | None = None) -> None:
         """Stop on the path, the leading joint slowing by ``decel`` [rad/s2], and end the movement."""
         self._ramp = RAMP_RAD_S2 if decel is None else decel
         self._mode = _Mode.STOP if self._generator is not None else _Mode.RUN
+        self._hasten()
+
+    def _hasten(self) -> None:
+        """A gentle stop of the program's becomes as quick as the one now asked for; who waits for it still does."""
+        stop = self._generator
+        if not isinstance(stop, JointStop | ToolStop) or stop is self._emergency:
+            return
+        speed = self.qd if self._compliance is None else self._nominal_qd
+        if largest(speed) < stop.remaining_s * self._ramp:
+            self._generator = brake_together(self._nominal, speed, self._ramp)
 
     def halt(self) -> None:
         """Power is gone: stand still at once and forget everything."""

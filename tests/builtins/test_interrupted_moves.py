@@ -167,3 +167,26 @@ def test_a_stop_ends_the_motion_of_force_mode_quickly(rig, event):
 def test_a_negative_acceleration_is_an_error(rig, call):
     assert "a must not be negative" in rig.fault(call)
     assert rig.q == pytest.approx(HOME, abs=1e-9)
+
+
+@pytest.mark.parametrize("stop", ["stopj(0.2)", "stopl(0.02)"])
+@pytest.mark.parametrize("event", [SafetyEvent.PROTECTIVE_STOP, SafetyEvent.ROBOT_EMERGENCY_STOP, SafetyEvent.FAULT])
+def test_a_safety_stop_does_not_wait_for_a_gentle_stop_of_the_program(rig, stop, event):
+    rig.start(f"speedj([0.8, 0, 0, 0, 0, 0], 4, 0.5)\n{stop}\nstopped = True\nsleep(1)")
+    rig.seconds(0.8)
+    assert max(rig.controller.snapshot.target_qd) > 0.5
+    rig.controller.safety_event(event)
+    rig.seconds(0.1)
+    assert rig.controller.snapshot.target_qd == (0.0,) * 6
+    if event is SafetyEvent.PROTECTIVE_STOP:
+        rig.controller.safety_event(SafetyEvent.UNLOCK)
+        rig.controller.programs.resume()
+        rig.seconds(0.1)
+        assert rig.controller.programs.variables["stopped"] is True
+
+
+def test_stopping_a_program_does_not_wait_for_its_gentle_stop(rig):
+    rig.start("speedj([0.8, 0, 0, 0, 0, 0], 4, 0.5)\nstopj(0.2)")
+    rig.seconds(0.8)
+    rig.controller.programs.stop()
+    rig.until(lambda: rig.state is RuntimeState.STOPPED, 0.2)
