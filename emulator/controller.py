@@ -252,6 +252,8 @@ class Controller:
         if driven:
             motion.external_wrench = wrench
             self._fault = motion.advance(self.speed.fraction)
+        elif not (motion.idle or self._program_paused):
+            motion.halt()  # the brakes hold the arm: no movement is left to complete
         targets = (motion.q, motion.qd, motion.qdd)
         self._arm_changed = self.arm.update(targets, self.installation, wrench, self.period_s, driven=driven)
         power_changed = self.power.state is not self._power_seen

@@ -134,6 +134,7 @@ def speedj(host: ProgramHost, qd: Joints, a: Num = 1.4, t: Num | None = None) ->
 
     Returns after `t` [s], or when the speed is reached when `t` is omitted.
     """
+    _check_not_negative("speedj", a=a)
     with host.motion_control() as motion:
         yield from host.until_ready(motion.speedj(six(qd), a=a, t=t))
 
@@ -147,8 +148,10 @@ def speedl(
     `a` [m/s2] and `aRot` [rad/s2], which is `a` when omitted. Returns after `t` [s], or when the
     speed is reached when `t` is omitted.
     """
+    turn_a = a if aRot is None else aRot
+    _check_not_negative("speedl", a=a, aRot=turn_a)
     with host.motion_control() as motion:
-        yield from host.until_ready(motion.speedl(six(xd), a=a, a_rot=a if aRot is None else aRot, t=t))
+        yield from host.until_ready(motion.speedl(six(xd), a=a, a_rot=turn_a, t=t))
 
 
 @LIBRARY.builtin()
@@ -262,6 +265,12 @@ def _check_positive(name: str, **values: float) -> None:
     for key, value in values.items():
         if not value > 0:
             raise RuntimeFault(f"{name}: {key} must be greater than 0, not {value}")
+
+
+def _check_not_negative(name: str, **values: float) -> None:
+    for key, value in values.items():
+        if value < 0:
+            raise RuntimeFault(f"{name}: {key} must not be negative, not {value}")
 
 
 def _check_fractions(name: str, a: float, v: float) -> None:

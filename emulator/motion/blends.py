@@ -131,6 +131,8 @@ def blend_into(leaving: Leaving, entering: Leg, radius_m: float | None) -> Blend
     if not isinstance(leaving, LegEnd):
         return Blend(leaving, entering, exit_speed)
     before = leaving.leg
+    if not _same_tool(before, entering):
+        return Blend(leaving, entering, exit_speed)
     if isinstance(before, LineLeg) and isinstance(entering, LineLeg) and before.process and entering.process:
         turn = _corner_to_round(leaving, before, entering)
         if turn is not None:
@@ -138,6 +140,13 @@ def blend_into(leaving: Leaving, entering: Leg, radius_m: float | None) -> Blend
     if isinstance(before, ToolLeg) and isinstance(entering, ToolLeg):
         return ToolBlend(leaving, before, entering, exit_speed)
     return Blend(leaving, entering, exit_speed)
+
+
+def _same_tool(before: Leg, after: Leg) -> bool:
+    """False for two tool paths between which the TCP was set: their poses cannot be added."""
+    if isinstance(before, ToolLeg) and isinstance(after, ToolLeg):
+        return before.reach.tcp_offset == after.reach.tcp_offset
+    return True
 
 
 def _exit_speed(duration: float, leg: Leg) -> float:

@@ -61,7 +61,8 @@ class Compliance:
         self.task = task
         self.released = False
         self._pose = reach.pose(q)
-        self._speed = ZERO  # of the compliant directions, in the task frame
+        self._speed = ZERO  # of the tool's own motion, in the task frame
+        self._yielding: tuple[bool, ...] = (False,) * 6  # directions of the last step
         self._next = (self._pose, ZERO)
 
     def standing(self) -> bool:
@@ -71,6 +72,10 @@ class Compliance:
     def halt(self) -> None:
         """The last step cannot be: stay, and lose the speed of the compliant directions."""
         self._next = (self._pose, ZERO)
+
+    def comply(self, task: Task) -> None:
+        """Another task, also after a release."""
+        self.task, self.released = task, False
 
     def release(self) -> None:
         """Comply no more; what speed there is dies away."""
@@ -87,9 +92,9 @@ class Compliance:
         before, after = nominal
         shift = ZERO if before == after else pose_sub(self.reach.pose(after), self.reach.pose(before))
         axes = self._axes(shift)
-        own = self._accelerated(dt, axes, external, damping, gain)
         wanted = _into(axes, shift)
         compliant = self.task.compliant
+        own = self._accelerated(dt, self._handed_over(wanted, dt), axes, external, damping, gain)
         moved = as_six((0.0 if compliant[i] else wanted[i]) + own[i] * dt for i in range(6))
         self._next = (self._pose, own)
         if moved == ZERO:
@@ -101,14 +106,30 @@ class Compliance:
     def commit(self) -> None:
         """The last step came true."""
         self._pose, self._speed = self._next
+        self._yielding = self.task.compliant
+
+    def _handed_over(self, wanted: Joints, dt: float) -> Joints:
+        """The own speed; a direction that begins or ends to comply does not change the tool's speed at once."""
+        if self.task.compliant == self._yielding:
+            return self._speed
+        changes = (now - before for now, before in zip(self.task.compliant, self._yielding, strict=True))
+        return as_six(
+            speed + change * shift / dt for speed, change, shift in zip(self._speed, changes, wanted, strict=True)
+        )
 
     def _accelerated(
-        self, dt: float, axes: tuple[Vec3, Vec3, Vec3], external: Joints, damping: float, gain: float
+        self,
+        dt: float,
+        before: Joints,
+        axes: tuple[Vec3, Vec3, Vec3],
+        external: Joints,
+        damping: float,
+        gain: float,
     ) -> Joints:
         """Exact response of mass and friction over dt, bounded by the task's speed limits."""
         push = _into(axes, external)
         speeds = []
-        for i, speed in enumerate(self._speed):
+        for i, speed in enumerate(before):
             base, span, mass = (*_FRICTION, _MASS) if i < 3 else (*_TURN_FRICTION, _INERTIA)
             friction = base + span * damping
             final = gain * (self.task.wrench[i] + push[i]) / friction if self.task.compliant[i] else 0.0

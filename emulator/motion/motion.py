@@ -123,7 +123,7 @@ class Motion(Stepper):
         if fault is not None:
             return self._refuse(fault)
         servo = self._generator
-        if not isinstance(servo, JointServo):
+        if not (isinstance(servo, JointServo) and self._streaming):
             servo = JointServo(self._reach, self.q, self.qd)
             self._take_over()
         servo.command(as_six(q), t, lookahead_time, gain)
@@ -140,7 +140,7 @@ class Motion(Stepper):
         except MotionFault as unreachable:
             return self._refuse(unreachable)
         servo = self._generator
-        if not isinstance(servo, ToolServo):
+        if not (isinstance(servo, ToolServo) and self._streaming and servo.reach is self._reach):
             servo = ToolServo(self._reach, self.q, self.qd)
             self._take_over()
         servo.command(goal, Limits(min(v, TOOL_LIMITS.speed), min(a, TOOL_LIMITS.acceleration)), r)
@@ -156,7 +156,7 @@ class Motion(Stepper):
         if excess > 1.0:
             wanted = scaled(wanted, 1.0 / excess)
         speed = self._generator
-        if not isinstance(speed, JointSpeed):
+        if not (isinstance(speed, JointSpeed) and self._streaming):
             speed = JointSpeed(self.qd)
             self._take_over()
         speed.command(wanted, min(a, *self.model.qdd_max), t)
@@ -173,11 +173,16 @@ class Motion(Stepper):
         if excess > 1.0:
             wanted = scaled(wanted, 1.0 / excess)
         speed = self._generator
-        if not isinstance(speed, ToolSpeed):
+        if not (isinstance(speed, ToolSpeed) and self._streaming and speed.reach is self._reach):
             speed = ToolSpeed(self._reach, self.q, self.qd)
             self._take_over()
         speed.command(wanted, min(a, TOOL_LIMITS.acceleration), min(turn_a, _TURN_ACCELERATION_MAX), t)
         return self._install(speed)
+
+    @property
+    def _streaming(self) -> bool:
+        """A stream may go on from its own state; after force mode the arm is elsewhere."""
+        return self._compliance is None or not self._compliance.released
 
     # stops of a program
 
@@ -234,11 +239,11 @@ class Motion(Stepper):
         self.end_force_mode()
 
     def _comply(self, task: Task) -> None:
-        if self._compliance is None or self._compliance.released:
+        if self._compliance is None:
             self._compliance = Compliance(self._reach, self.q, task)
             self._nominal, self._nominal_qd = self.q, self.qd
         else:
-            self._compliance.task = task
+            self._compliance.comply(task)
 
 
 def _not_usable(name: str, numbers: Sequence[float], a: float, v: float, t: float = 0.0) -> MotionFault | None:

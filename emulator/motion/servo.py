@@ -105,7 +105,7 @@ class ToolServo:
     scaled = True
 
     def __init__(self, reach: Reach, q: Joints, qd: Joints) -> None:
-        self._reach = reach
+        self.reach = reach
         self._pose = self._next_pose = reach.pose(q)
         self._twist = self._next = reach.twist(q, qd) if qd != ZERO else ZERO
         self._target = self._pose
@@ -131,11 +131,11 @@ class ToolServo:
             size = self._length(change)
             self._next = now = wanted if size <= a * h else lerp(self._twist, change, a * h / size)
             self._next_pose = pose_add(scaled(now, h), pose)
-        return q if self._next_pose == pose else self._reach.joints(self._next_pose, q)
+        return q if self._next_pose == pose else self.reach.joints(self._next_pose, q)
 
     def _length(self, screw: Joints) -> float:
         """Size of a change of pose or of a tool velocity, turning taken at the equivalent radius: m, m/s."""
-        return path_length(norm3(*screw[:3]), norm3(*screw[3:]), self._reach.model.eq_radius)
+        return path_length(norm3(*screw[:3]), norm3(*screw[3:]), self.reach.model.eq_radius)
 
     def commit(self, clock_s: float) -> None:
         self._pose, self._twist = self._next_pose, self._next

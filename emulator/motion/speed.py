@@ -73,7 +73,7 @@ class ToolSpeed(_Timed):
 
     def __init__(self, reach: Reach, q: Joints, qd: Joints) -> None:
         super().__init__()
-        self._reach = reach
+        self.reach = reach
         self._pose = self._next_pose = reach.pose(q)
         self._twist = self._next = reach.twist(q, qd) if qd != ZERO else ZERO
         self._wanted = ZERO
@@ -92,7 +92,7 @@ class ToolSpeed(_Timed):
             self._next_pose = self._pose
             return q
         self._next_pose = pose_add(shift, self._pose)
-        return self._reach.joints(self._next_pose, q)
+        return self.reach.joints(self._next_pose, q)
 
     def commit(self, clock_s: float) -> None:
         self._twist, self._pose = self._next, self._next_pose

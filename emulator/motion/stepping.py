@@ -15,7 +15,7 @@ from emulator.motion.faults import MotionFault, joint_limit, near_singularity
 from emulator.motion.generator import Generator
 from emulator.motion.pacing import RAMP_RAD_S2, Pacer, within_speed
 from emulator.motion.reach import Reach
-from emulator.motion.stops import JointStop
+from emulator.motion.stops import JointStop, ToolStop, brake_together
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, scaled, sub
 from urproto.modes import ControlMode
 from urproto.robots.kinematics import Kinematics
@@ -25,6 +25,7 @@ from urproto.robots.pose import Pose
 __all__ = ["Move", "Stepper"]
 
 _POSITION_TOLERANCE_RAD = 1e-9
+_BRAKE_DAMPING = 0.25  # of force mode and freedrive once they end or pause: standing within 0.5 s (guess)
 
 
 @dataclass(slots=True, eq=False)
@@ -80,7 +81,8 @@ class Stepper:
 
     @tcp_offset.setter
     def tcp_offset(self, offset: Pose) -> None:
-        self._reach = Reach(self.model, self._kinematics, as_six(offset))
+        if as_six(offset) != self._reach.tcp_offset:
+            self._reach = Reach(self.model, self._kinematics, as_six(offset))
 
     @property
     def target_waypoint(self) -> Pose:
@@ -128,16 +130,28 @@ class Stepper:
     def protective_stop(self) -> None:
         """Stop on the path as quickly as the joints' acceleration limit allows; `resume` goes on."""
         self._mode, self._ramp = _Mode.PAUSE, min(self.model.qdd_max)
+        self._hasten()
 
     def stop(self, decel: float | None = None) -> None:
         """Stop on the path, the leading joint slowing by ``decel`` [rad/s2], and end the movement."""
         self._ramp = RAMP_RAD_S2 if decel is None else decel
         self._mode = _Mode.STOP if self._generator is not None else _Mode.RUN
+        self._hasten()
+
+    def _hasten(self) -> None:
+        """A gentle stop of the program's becomes as quick as the one now asked for; who waits for it still does."""
+        stop = self._generator
+        if not isinstance(stop, JointStop | ToolStop) or stop is self._emergency:
+            return
+        speed = self.qd if self._compliance is None else self._nominal_qd
+        if largest(speed) < stop.remaining_s * self._ramp:
+            self._generator = brake_together(self._nominal, speed, self._ramp)
 
     def halt(self) -> None:
         """Power is gone: stand still at once and forget everything."""
         self._drop()
         self._compliance = self._refusal = None
+        self._nominal, self._nominal_qd = self.q, ZERO
         self.qd = self.qdd = ZERO
         self._mode = _Mode.RUN
 
@@ -227,8 +241,10 @@ class Stepper:
         active = self._mode is _Mode.RUN
         push = self.external_wrench if active else ZERO
         gain = self.force_gain_scaling if active else 0.0
+        yielding = active and not compliance.released
+        damping = self.force_damping if yielding else max(self.force_damping, _BRAKE_DAMPING)
         try:
-            target = compliance.step(self.period_s, self.q, (self._nominal, nominal), push, self.force_damping, gain)
+            target = compliance.step(self.period_s, self.q, (self._nominal, nominal), push, damping, gain)
             self._check(target)
             if not within_speed(sub(target, self.q), self.model.qd_max, self.period_s):
                 raise near_singularity()

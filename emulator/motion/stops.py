@@ -35,6 +35,11 @@ class JointStop:
         self._t, self._begun = self._proposed, True
 
     @property
+    def remaining_s(self) -> float:
+        """Time until all stand."""
+        return self._last - self._t
+
+    @property
     def done(self) -> bool:
         return self._begun and self._t >= self._last - _TIME_TOLERANCE
 
@@ -103,6 +108,11 @@ class ToolStop:
             self._fallback.commit(clock_s)
         else:
             self._t, self._speed = self._proposed, self._next_speed
+
+    @property
+    def remaining_s(self) -> float:
+        """Time until the tool stands."""
+        return self._duration - self._t if self._fallback is None else self._fallback.remaining_s
 
     @property
     def done(self) -> bool:

@@ -20,10 +20,11 @@ __all__ = ["WORK_PER_SECOND", "Compiling", "Submission"]
 
 LIBRARY_SET: Final = LibrarySet(LIBRARIES)
 
-WORK_PER_SECOND: Final = 550_000
+WORK_PER_SECOND: Final = 750_000
 """Work done on compiling per second of controller time [units of `urscript.work`], in equal shares per period.
 
-About 0.6 ms of a 2 ms period on an idle machine; the official control script (48 kB) takes 0.13 s.
+About 0.9 ms of a 2 ms period on an idle machine; the official control script (48 kB) takes 0.1 s, and its driver
+expects the program to call back within 0.5 s.
 """
 
 

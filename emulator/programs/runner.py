@@ -202,6 +202,9 @@ class Programs:
         if self._controller.step_count < self._not_before:
             return
         self._next = None
+        if not self._controller.may_run:  # a stop came in the gap
+            self._refuse(program)
+            return
         if self._controller.motion.paused:  # a protective stop without a program
             self._controller.motion.resume()
         self._host = ProgramHost(self._controller, name=program.name)
@@ -210,6 +213,9 @@ class Programs:
         self._event(RunEvent.START)
         self.outputs.program_started()
         self._controller.messages.key(PROGRAM_STARTED, program.name)
+
+    def _refuse(self, program: CompiledProgram) -> None:
+        self._say(f"program {program.name} was not started: power the arm on, release its brakes, clear any stop")
 
     def _run_main(self) -> None:
         main, host = self._main, self._host
@@ -274,7 +280,7 @@ class Programs:
             self._secondary.append(program)
             return True
         if not self._controller.may_run:
-            self._say(f"program {program.name} was not started: power the arm on, release its brakes, clear any stop")
+            self._refuse(program)
             return False
         self._stop_main("replaced by another program")
         self._next = program

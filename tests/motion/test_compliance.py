@@ -177,7 +177,7 @@ def test_freedrive_takes_over_a_moving_arm(rig):
     rig.motion.movej((1.3, -1.1, 1.5, -1.5, -1.9, 0.9))
     rig.steps(300)
     rig.motion.freedrive()
-    rig.steps(300)
+    rig.steps(1000)
     assert rig.motion.qd == ZERO
     rig.motion.program_stopped()
     rig.rest()
