@@ -1,14 +1,19 @@
 """The arm as the generators see it: limits, and the way between joints and tool poses."""
 
-from math import cos, pi, tau
+from math import inf
+from operator import mul
 
 from emulator.motion.faults import unreachable
-from emulator.motion.vectors import Joints, as_six
+from emulator.motion.vectors import ZERO, Joints, as_six
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Pose, pose_inv, pose_trans
 
 __all__ = ["Reach"]
+
+
+_NO_LIMITS: Joints = (inf, inf, inf, inf, inf, inf)
+_NO_LIMITS_BELOW: Joints = (-inf, -inf, -inf, -inf, -inf, -inf)
 
 
 class Reach:
@@ -29,27 +34,13 @@ class Reach:
 
         Position limits play no part: a path is followed by continuity, and limits are judged every step.
         """
-        flange = pose_trans(pose_base_tcp, self._tcp_inverse)
-        solutions = self.kinematics.inverse_all(flange, q_near_rad)
-        if not solutions:
+        flange = pose_base_tcp if self.tcp_offset == ZERO else pose_trans(pose_base_tcp, self._tcp_inverse)
+        q = self.kinematics.inverse_near(flange, q_near_rad, _NO_LIMITS_BELOW, _NO_LIMITS)
+        if q is None:
             raise unreachable(pose_base_tcp)
-        return _turned_near(min(solutions, key=lambda solution: _apart(solution, q_near_rad)), q_near_rad)
+        return q
 
     def twist(self, q_rad: Joints, qd_rad_s: Joints) -> Joints:
         """TCP velocity in the base frame: m/s, rad/s."""
         rows = self.kinematics.jacobian(q_rad, self.tcp_offset)
-        return as_six(sum(row[i] * qd_rad_s[i] for i in range(6)) for row in rows)
-
-
-def _apart(a: Joints, b: Joints) -> float:
-    """Grows with the distance of two configurations, whole turns aside."""
-    return -(
-        cos(a[0] - b[0]) + cos(a[1] - b[1]) + cos(a[2] - b[2]) + cos(a[3] - b[3]) + cos(a[4] - b[4]) + cos(a[5] - b[5])
-    )
-
-
-def _turned_near(angles: Joints, near: Joints) -> Joints:
-    """Each angle by whole turns to within half a turn of near."""
-    if all(-pi < angle - wanted <= pi for angle, wanted in zip(angles, near, strict=True)):
-        return angles
-    return as_six(angle + tau * round((wanted - angle) / tau) for angle, wanted in zip(angles, near, strict=True))
+        return as_six(sum(map(mul, row, qd_rad_s)) for row in rows)

@@ -243,10 +243,11 @@ class Stepper:
         """Raise MotionFault when a joint could not stop before its position limit."""
         if target == self.q:
             return
-        for i in range(6):
-            now, low, high = target[i], self._q_min[i], self._q_max[i]
-            move = now - self.q[i]
-            end = now + move * abs(move) * self._braking[i]
+        for i, (now, before, low, high, braking) in enumerate(
+            zip(target, self.q, self._q_min, self._q_max, self._braking, strict=True)
+        ):
+            move = now - before
+            end = now + move * abs(move) * braking
             if low <= now <= high and low <= end <= high:
                 continue
             margin = abs(move) + _POSITION_TOLERANCE_RAD  # the speed is the period's mean, not its end's
