@@ -1,7 +1,9 @@
 """Force mode and freedrive: the tool gives way in chosen directions of a frame.
 
 In a compliant direction the tool behaves like a mass with viscous friction pushed by the wanted force plus the external
-one; in the others it follows the movement in progress. Mass and friction are guesses: a real controller's force loop is
+one; in the others it follows the movement in progress. Where the arm is singular, stretched for instance, it cannot
+follow each push: it then gives way as far as its joints can, and stands where that would take it off in a direction
+that is not compliant. Mass and friction are guesses: a real controller's force loop is
 not documented.
 """
 
@@ -9,8 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp
 
+from emulator.motion.faults import MotionFault, near_singularity
+from emulator.motion.pacing import within_speed
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import ZERO, Joints, Vec3, as_six, norm3
+from emulator.motion.vectors import ZERO, Joints, Vec3, as_six, lerp, norm3, sub
 from urproto.robots.pose import Pose, pose_add, pose_sub, rotvec_to_matrix
 
 __all__ = ["Compliance", "Task"]
@@ -20,6 +24,7 @@ _INERTIA = 1.0
 _FRICTION = (200.0, 1800.0)  # N s/m at damping 0, and how much full damping adds (guess)
 _TURN_FRICTION = (10.0, 90.0)  # Nm s/rad
 _REST = 1e-6  # m/s, rad/s: slower than this the tool stands (guess)
+_SLACK = 1e-4  # m, rad: how far a singular arm may come off in directions that are not compliant (guess)
 _FREEDRIVE_LIMITS: Joints = (1.0, 1.0, 1.0, 3.0, 3.0, 3.0)  # m/s, rad/s (guess)
 
 
@@ -82,7 +87,8 @@ class Compliance:
     ) -> Joints:
         """Propose the joints after dt, while the nominal arm goes from the first to the second of ``nominal``.
 
-        ``external`` is the wrench that acts on the tool at the TCP, in the base frame. Raises MotionFault out of reach.
+        ``external`` is the wrench that acts on the tool at the TCP, in the base frame. Raises MotionFault where the arm
+        cannot go.
         """
         before, after = nominal
         shift = ZERO if before == after else pose_sub(self.reach.pose(after), self.reach.pose(before))
@@ -94,9 +100,31 @@ class Compliance:
         self._next = (self._pose, own)
         if moved == ZERO:
             return q
-        pose = pose_add((*_out_of(axes, moved[:3]), *_out_of(axes, moved[3:])), self._pose)
+        pose = pose_add(_out_of6(axes, moved), self._pose)
         self._next = (pose, own)
-        return self.reach.joints(pose, q)
+        try:
+            target = self.reach.joints(pose, q)
+            if within_speed(sub(target, q), self.reach.model.qd_max, dt):
+                return target
+            raise near_singularity()
+        except MotionFault:
+            if before != after:
+                raise
+        return self._yielded(dt, axes, q)
+
+    def _yielded(self, dt: float, axes: tuple[Vec3, Vec3, Vec3], q: Joints) -> Joints:
+        """Towards the next pose as far as a singular arm can; what compliant directions miss is given up."""
+        pose, own = self._next
+        step = self.reach.step_towards(pose, q)
+        excess = max(abs(move) / (most * dt) for move, most in zip(step, self.reach.model.qd_max, strict=True))
+        target = lerp(q, step, 1.0 / max(1.0, excess))
+        missed = _into(axes, pose_sub(self.reach.pose(target), pose))
+        free = [compliant or speed != 0.0 for compliant, speed in zip(self.task.compliant, own, strict=True)]
+        if any(abs(miss) > _SLACK for miss, may in zip(missed, free, strict=True) if not may):
+            raise near_singularity()
+        given_up = as_six(miss if may else 0.0 for miss, may in zip(missed, free, strict=True))
+        self._next = (pose_add(_out_of6(axes, given_up), pose), lerp(own, given_up, 1.0 / dt))
+        return target
 
     def commit(self) -> None:
         """The last step came true."""
@@ -107,14 +135,15 @@ class Compliance:
     ) -> Joints:
         """Exact response of mass and friction over dt, bounded by the task's speed limits."""
         push = _into(axes, external)
+        linear, turning = _FRICTION[0] + _FRICTION[1] * damping, _TURN_FRICTION[0] + _TURN_FRICTION[1] * damping
+        decays = (exp(-dt * linear / _MASS), exp(-dt * turning / _INERTIA))
         speeds = []
         for i, speed in enumerate(self._speed):
-            base, span, mass = (*_FRICTION, _MASS) if i < 3 else (*_TURN_FRICTION, _INERTIA)
-            friction = base + span * damping
+            friction, decay = (linear, decays[0]) if i < 3 else (turning, decays[1])
             final = gain * (self.task.wrench[i] + push[i]) / friction if self.task.compliant[i] else 0.0
             bound = abs(self.task.limits[i])
             final = max(-bound, min(bound, final))
-            now = final + (speed - final) * exp(-dt * friction / mass)
+            now = final + (speed - final) * decay
             speeds.append(0.0 if abs(now) < _REST and abs(final) < _REST else now)
         return as_six(speeds)
 
@@ -148,6 +177,10 @@ def _out_of(axes: tuple[Vec3, Vec3, Vec3], v: Vec3) -> Vec3:
         x[1] * v[0] + y[1] * v[1] + z[1] * v[2],
         x[2] * v[0] + y[2] * v[1] + z[2] * v[2],
     )
+
+
+def _out_of6(axes: tuple[Vec3, Vec3, Vec3], screw: Joints) -> Joints:
+    return (*_out_of(axes, screw[:3]), *_out_of(axes, screw[3:]))
 
 
 def _unit(v: Vec3, otherwise: Vec3) -> Vec3:

@@ -1,5 +1,6 @@
 """The arm as the generators see it: limits, and the way between joints and tool poses."""
 
+from collections.abc import Sequence
 from math import inf
 from operator import mul
 
@@ -7,11 +8,13 @@ from emulator.motion.faults import unreachable
 from emulator.motion.vectors import ZERO, Joints, as_six
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.model import RobotModel
-from urproto.robots.pose import Pose, pose_inv, pose_trans
+from urproto.robots.pose import Pose, pose_inv, pose_sub, pose_trans
 
 __all__ = ["Reach"]
 
 
+# Makes a step along a direction in which the joints move the tool by less than this [m/rad, rad/rad] fade away (guess).
+_DAMPING = 0.05
 _NO_LIMITS: Joints = (inf, inf, inf, inf, inf, inf)
 _NO_LIMITS_BELOW: Joints = (-inf, -inf, -inf, -inf, -inf, -inf)
 
@@ -40,7 +43,28 @@ class Reach:
             raise unreachable(pose_base_tcp)
         return q
 
+    def step_towards(self, pose_base_tcp: Pose, q_rad: Joints) -> Joints:
+        """A change of the joints [rad] that brings the TCP nearer to a pose near by, small also at a singular arm."""
+        rows = self.kinematics.jacobian(q_rad, self.tcp_offset)
+        change = pose_sub(pose_base_tcp, self.pose(q_rad))
+        squares = [[sum(map(mul, one, other)) for other in rows] for one in rows]
+        for i in range(6):
+            squares[i][i] += _DAMPING**2
+        weights = _solve(squares, change)
+        return as_six(sum(map(mul, column, weights)) for column in zip(*rows, strict=True))
+
     def twist(self, q_rad: Joints, qd_rad_s: Joints) -> Joints:
         """TCP velocity in the base frame: m/s, rad/s."""
         rows = self.kinematics.jacobian(q_rad, self.tcp_offset)
         return as_six(sum(map(mul, row, qd_rad_s)) for row in rows)
+
+
+def _solve(matrix: Sequence[Sequence[float]], right: Sequence[float]) -> list[float]:
+    """x of matrix x = right, by elimination; the matrix is symmetric and positive definite."""
+    rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
+    for i, pivot in enumerate(rows):
+        for row in rows:
+            if row is not pivot:
+                factor = row[i] / pivot[i]
+                row[:] = [a - factor * b for a, b in zip(row, pivot, strict=True)]
+    return [row[-1] / row[i] for i, row in enumerate(rows)]

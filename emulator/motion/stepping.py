@@ -11,9 +11,9 @@ from enum import Enum, auto
 from math import inf
 
 from emulator.motion.compliance import Compliance
-from emulator.motion.faults import MotionFault, joint_limit, near_singularity
+from emulator.motion.faults import MotionFault, joint_limit
 from emulator.motion.generator import Generator
-from emulator.motion.pacing import RAMP_RAD_S2, Pacer, within_speed
+from emulator.motion.pacing import RAMP_RAD_S2, Pacer
 from emulator.motion.reach import Reach
 from emulator.motion.stops import JointStop
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, scaled, sub
@@ -230,8 +230,6 @@ class Stepper:
         try:
             target = compliance.step(self.period_s, self.q, (self._nominal, nominal), push, self.force_damping, gain)
             self._check(target)
-            if not within_speed(sub(target, self.q), self.model.qd_max, self.period_s):
-                raise near_singularity()
         except MotionFault:
             if nominal != self._nominal:
                 raise
