@@ -193,9 +193,9 @@ class Arm:
         )
 
 
-def _times6(rows: _Jacobian, v: Sequence[float]) -> Vector6:
-    a, b, c, d, e, f = v
-    x, y, z, rx, ry, rz = [g * a + h * b + i * c + j * d + k * e + l * f for g, h, i, j, k, l in rows]
+def _times6(rows: _Jacobian, vector: Sequence[float]) -> Vector6:
+    a, b, c, d, e, f = vector
+    x, y, z, rx, ry, rz = [r * a + s * b + t * c + u * d + v * e + w * f for r, s, t, u, v, w in rows]
     return (x, y, z, rx, ry, rz)
 
 

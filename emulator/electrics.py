@@ -50,6 +50,6 @@ class Electrics:
 
 def _supply_current(arm: Arm) -> float:
     """Standby, ohmic losses and mechanical power; power fed back is not stored."""
-    losses = _LOSS_OHM * sum(map(mul, arm.actual_current, arm.actual_current))
-    mechanical = sum(map(mul, arm.actual_torque, arm.qd))
+    losses: float = _LOSS_OHM * sum(map(mul, arm.actual_current, arm.actual_current))
+    mechanical: float = sum(map(mul, arm.actual_torque, arm.qd))
     return _STANDBY_A + max(0.0, losses + mechanical) / _RAIL_V

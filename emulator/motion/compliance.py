@@ -67,7 +67,8 @@ class Compliance:
         self.released = False
         self._pose = reach.pose(q)
         self._speed = ZERO  # of the compliant directions, in the task frame
-        self._next = (self._pose, ZERO)
+        self._moved = ZERO  # joints, in the last period [rad]
+        self._next = (self._pose, ZERO, ZERO)
 
     def standing(self) -> bool:
         """No motion of its own."""
@@ -75,7 +76,7 @@ class Compliance:
 
     def halt(self) -> None:
         """The last step cannot be: stay, and lose the speed of the compliant directions."""
-        self._next = (self._pose, ZERO)
+        self._next = (self._pose, ZERO, ZERO)
 
     def release(self) -> None:
         """Comply no more; what speed there is dies away."""
@@ -97,24 +98,38 @@ class Compliance:
         wanted = _into(axes, shift)
         compliant = self.task.compliant
         moved = as_six((0.0 if compliant[i] else wanted[i]) + own[i] * dt for i in range(6))
-        self._next = (self._pose, own)
+        self._next = (self._pose, own, ZERO)
         if moved == ZERO:
             return q
         pose = pose_add(_out_of6(axes, moved), self._pose)
-        self._next = (pose, own)
+        target = self._exact(dt, pose, q, alone=before == after)
+        if target is None:
+            target, pose, own = self._yielded(dt, axes, (pose, own), q)
+        self._next = (pose, own, sub(target, q))
+        return target
+
+    def _exact(self, dt: float, pose: Pose, q: Joints, *, alone: bool) -> Joints | None:
+        """The joints for this pose. With no movement beside, None when they cannot get there, or only by a jerk."""
+        model = self.reach.model
         try:
             target = self.reach.joints(pose, q)
-            if within_speed(sub(target, q), self.reach.model.qd_max, dt):
-                return target
-            raise near_singularity()
+            step = sub(target, q)
+            if not within_speed(step, model.qd_max, dt):
+                raise near_singularity()
         except MotionFault:
-            if before != after:
-                raise
-        return self._yielded(dt, axes, q)
+            if alone:
+                return None
+            raise
+        if not alone:
+            return target
+        hardest = max(abs(now - last) / most for now, last, most in zip(step, self._moved, model.qdd_max, strict=True))
+        return target if hardest <= dt * dt else None
 
-    def _yielded(self, dt: float, axes: tuple[Vec3, Vec3, Vec3], q: Joints) -> Joints:
-        """Towards the next pose as far as a singular arm can; what compliant directions miss is given up."""
-        pose, own = self._next
+    def _yielded(
+        self, dt: float, axes: tuple[Vec3, Vec3, Vec3], wanted: tuple[Pose, Joints], q: Joints
+    ) -> tuple[Joints, Pose, Joints]:
+        """Towards the pose as far as a singular arm can; what compliant directions miss of it and of speed is lost."""
+        pose, own = wanted
         step = self.reach.step_towards(pose, q)
         excess = max(abs(move) / (most * dt) for move, most in zip(step, self.reach.model.qd_max, strict=True))
         target = lerp(q, step, 1.0 / max(1.0, excess))
@@ -122,13 +137,12 @@ class Compliance:
         free = [compliant or speed != 0.0 for compliant, speed in zip(self.task.compliant, own, strict=True)]
         if any(abs(miss) > _SLACK for miss, may in zip(missed, free, strict=True) if not may):
             raise near_singularity()
-        given_up = as_six(miss if may else 0.0 for miss, may in zip(missed, free, strict=True))
-        self._next = (pose_add(_out_of6(axes, given_up), pose), lerp(own, given_up, 1.0 / dt))
-        return target
+        lost = as_six(miss if may else 0.0 for miss, may in zip(missed, free, strict=True))
+        return target, pose_add(_out_of6(axes, lost), pose), lerp(own, lost, 1.0 / dt)
 
     def commit(self) -> None:
         """The last step came true."""
-        self._pose, self._speed = self._next
+        self._pose, self._speed, self._moved = self._next
 
     def _accelerated(
         self, dt: float, axes: tuple[Vec3, Vec3, Vec3], external: Joints, damping: float, gain: float

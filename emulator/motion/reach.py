@@ -66,5 +66,6 @@ def _solve(matrix: Sequence[Sequence[float]], right: Sequence[float]) -> list[fl
         for row in rows:
             if row is not pivot:
                 factor = row[i] / pivot[i]
-                row[:] = [a - factor * b for a, b in zip(row, pivot, strict=True)]
+                for k in range(i + 1, len(row)):
+                    row[k] -= factor * pivot[k]
     return [row[-1] / row[i] for i, row in enumerate(rows)]

@@ -142,7 +142,10 @@ class Kinematics:
         """
         n1, n5, n6 = q_near[0], q_near[4], q_near[5]
         ranked = [
-            (hypot(remainder(branch[0] - n1, tau), remainder(branch[1] - n5, tau), remainder(branch[2] - n6, tau)), branch)
+            (
+                hypot(remainder(branch[0] - n1, tau), remainder(branch[1] - n5, tau), remainder(branch[2] - n6, tau)),
+                branch,
+            )
             for branch in self._branches(pose_base_flange, _wrap(n6))
         ]
         best, least = None, inf
