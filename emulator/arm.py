@@ -15,7 +15,7 @@ from emulator.snapshot import Snapshot, Vector3, Vector6
 from urproto.robots import RobotModel
 from urproto.robots.dynamics import Dynamics
 from urproto.robots.kinematics import Kinematics
-from urproto.robots.pose import Pose, rotvec_to_matrix
+from urproto.robots.pose import Pose, pose_trans, rotvec_to_matrix
 
 __all__ = ["Arm"]
 
@@ -139,9 +139,8 @@ class Arm:
     def _update_tcp(self, tcp_offset: Pose, period_s: float, started: bool) -> _Jacobian:
         self.tcp_offset = tcp_offset
         self.flange_pose = self.kinematics.forward(self.q)
-        bare = tcp_offset == ZERO6
-        self.tcp_pose = self.flange_pose if bare else self.kinematics.forward(self.q, tcp_offset)
-        jacobian = self.kinematics.jacobian(self.q, tcp_offset)
+        self.tcp_pose = self.flange_pose if tcp_offset == ZERO6 else pose_trans(self.flange_pose, tcp_offset)
+        jacobian = self.kinematics.jacobian_at(self.q, self.tcp_pose)
         speed = _times6(jacobian, self.qd) if self.qd != ZERO6 else ZERO6
         changing = speed != self.tcp_speed and not started
         self.tcp_acceleration = _rate6(speed, self.tcp_speed, period_s) if changing else ZERO6
@@ -194,9 +193,9 @@ class Arm:
         )
 
 
-def _times6(rows: _Jacobian, v: Sequence[float]) -> Vector6:
-    a, b, c, d, e, f = v
-    x, y, z, rx, ry, rz = (r[0] * a + r[1] * b + r[2] * c + r[3] * d + r[4] * e + r[5] * f for r in rows)
+def _times6(rows: _Jacobian, vector: Sequence[float]) -> Vector6:
+    a, b, c, d, e, f = vector
+    x, y, z, rx, ry, rz = [r * a + s * b + t * c + u * d + v * e + w * f for r, s, t, u, v, w in rows]
     return (x, y, z, rx, ry, rz)
 
 

@@ -3,6 +3,7 @@
 All numbers are guesses of the size a real arm shows.
 """
 
+from operator import mul
 from typing import Final
 
 from emulator.arm import Arm
@@ -49,6 +50,6 @@ class Electrics:
 
 def _supply_current(arm: Arm) -> float:
     """Standby, ohmic losses and mechanical power; power fed back is not stored."""
-    losses = sum(_LOSS_OHM * current * current for current in arm.actual_current)
-    mechanical = sum(torque * speed for torque, speed in zip(arm.actual_torque, arm.qd, strict=True))
+    losses: float = _LOSS_OHM * sum(map(mul, arm.actual_current, arm.actual_current))
+    mechanical: float = sum(map(mul, arm.actual_torque, arm.qd))
     return _STANDBY_A + max(0.0, losses + mechanical) / _RAIL_V

@@ -1,7 +1,9 @@
 """Force mode and freedrive: the tool gives way in chosen directions of a frame.
 
 In a compliant direction the tool behaves like a mass with viscous friction pushed by the wanted force plus the external
-one; in the others it follows the movement in progress. Mass and friction are guesses: a real controller's force loop is
+one; in the others it follows the movement in progress. Where the arm is singular, stretched for instance, it cannot
+follow each push: it then gives way as far as its joints can, and stands where that would take it off in a direction
+that is not compliant. Mass and friction are guesses: a real controller's force loop is
 not documented.
 """
 
@@ -9,8 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp
 
+from emulator.motion.faults import MotionFault, near_singularity
+from emulator.motion.pacing import within_speed
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import ZERO, Joints, Vec3, as_six, norm3
+from emulator.motion.vectors import ZERO, Joints, Vec3, as_six, lerp, norm3, sub
 from urproto.robots.pose import Pose, pose_add, pose_sub, rotvec_to_matrix
 
 __all__ = ["Compliance", "Task"]
@@ -20,6 +24,7 @@ _INERTIA = 1.0
 _FRICTION = (200.0, 1800.0)  # N s/m at damping 0, and how much full damping adds (guess)
 _TURN_FRICTION = (10.0, 90.0)  # Nm s/rad
 _REST = 1e-6  # m/s, rad/s: slower than this the tool stands (guess)
+_SLACK = 1e-4  # m, rad: how far a singular arm may come off in directions that are not compliant (guess)
 _FREEDRIVE_LIMITS: Joints = (1.0, 1.0, 1.0, 3.0, 3.0, 3.0)  # m/s, rad/s (guess)
 
 
@@ -63,7 +68,8 @@ class Compliance:
         self._pose = reach.pose(q)
         self._speed = ZERO  # of the tool's own motion, in the task frame
         self._yielding: tuple[bool, ...] = (False,) * 6  # directions of the last step
-        self._next = (self._pose, ZERO)
+        self._moved = ZERO  # joints, in the last period [rad]
+        self._next = (self._pose, ZERO, ZERO)
 
     def standing(self) -> bool:
         """No motion of its own."""
@@ -71,7 +77,7 @@ class Compliance:
 
     def halt(self) -> None:
         """The last step cannot be: stay, and lose the speed of the compliant directions."""
-        self._next = (self._pose, ZERO)
+        self._next = (self._pose, ZERO, ZERO)
 
     def comply(self, task: Task) -> None:
         """Another task, also after a release."""
@@ -87,7 +93,8 @@ class Compliance:
     ) -> Joints:
         """Propose the joints after dt, while the nominal arm goes from the first to the second of ``nominal``.
 
-        ``external`` is the wrench that acts on the tool at the TCP, in the base frame. Raises MotionFault out of reach.
+        ``external`` is the wrench that acts on the tool at the TCP, in the base frame. Raises MotionFault where the arm
+        cannot go.
         """
         before, after = nominal
         shift = ZERO if before == after else pose_sub(self.reach.pose(after), self.reach.pose(before))
@@ -96,16 +103,51 @@ class Compliance:
         compliant = self.task.compliant
         own = self._accelerated(dt, self._handed_over(wanted, dt), axes, external, damping, gain)
         moved = as_six((0.0 if compliant[i] else wanted[i]) + own[i] * dt for i in range(6))
-        self._next = (self._pose, own)
+        self._next = (self._pose, own, ZERO)
         if moved == ZERO:
             return q
-        pose = pose_add((*_out_of(axes, moved[:3]), *_out_of(axes, moved[3:])), self._pose)
-        self._next = (pose, own)
-        return self.reach.joints(pose, q)
+        pose = pose_add(_out_of6(axes, moved), self._pose)
+        target = self._exact(dt, pose, q, alone=before == after)
+        if target is None:
+            target, pose, own = self._yielded(dt, axes, (pose, own), q)
+        self._next = (pose, own, sub(target, q))
+        return target
+
+    def _exact(self, dt: float, pose: Pose, q: Joints, *, alone: bool) -> Joints | None:
+        """The joints for this pose. With no movement beside, None when they cannot get there, or only by a jerk."""
+        model = self.reach.model
+        try:
+            target = self.reach.joints(pose, q)
+            step = sub(target, q)
+            if not within_speed(step, model.qd_max, dt):
+                raise near_singularity()
+        except MotionFault:
+            if alone:
+                return None
+            raise
+        if not alone:
+            return target
+        hardest = max(abs(now - last) / most for now, last, most in zip(step, self._moved, model.qdd_max, strict=True))
+        return target if hardest <= dt * dt else None
+
+    def _yielded(
+        self, dt: float, axes: tuple[Vec3, Vec3, Vec3], wanted: tuple[Pose, Joints], q: Joints
+    ) -> tuple[Joints, Pose, Joints]:
+        """Towards the pose as far as a singular arm can; what compliant directions miss of it and of speed is lost."""
+        pose, own = wanted
+        step = self.reach.step_towards(pose, q)
+        excess = max(abs(move) / (most * dt) for move, most in zip(step, self.reach.model.qd_max, strict=True))
+        target = lerp(q, step, 1.0 / max(1.0, excess))
+        missed = _into(axes, pose_sub(self.reach.pose(target), pose))
+        free = [compliant or speed != 0.0 for compliant, speed in zip(self.task.compliant, own, strict=True)]
+        if any(abs(miss) > _SLACK for miss, may in zip(missed, free, strict=True) if not may):
+            raise near_singularity()
+        lost = as_six(miss if may else 0.0 for miss, may in zip(missed, free, strict=True))
+        return target, pose_add(_out_of6(axes, lost), pose), lerp(own, lost, 1.0 / dt)
 
     def commit(self) -> None:
         """The last step came true."""
-        self._pose, self._speed = self._next
+        self._pose, self._speed, self._moved = self._next
         self._yielding = self.task.compliant
 
     def _handed_over(self, wanted: Joints, dt: float) -> Joints:
@@ -128,14 +170,15 @@ class Compliance:
     ) -> Joints:
         """Exact response of mass and friction over dt, bounded by the task's speed limits."""
         push = _into(axes, external)
+        linear, turning = _FRICTION[0] + _FRICTION[1] * damping, _TURN_FRICTION[0] + _TURN_FRICTION[1] * damping
+        decays = (exp(-dt * linear / _MASS), exp(-dt * turning / _INERTIA))
         speeds = []
         for i, speed in enumerate(before):
-            base, span, mass = (*_FRICTION, _MASS) if i < 3 else (*_TURN_FRICTION, _INERTIA)
-            friction = base + span * damping
+            friction, decay = (linear, decays[0]) if i < 3 else (turning, decays[1])
             final = gain * (self.task.wrench[i] + push[i]) / friction if self.task.compliant[i] else 0.0
             bound = abs(self.task.limits[i])
             final = max(-bound, min(bound, final))
-            now = final + (speed - final) * exp(-dt * friction / mass)
+            now = final + (speed - final) * decay
             speeds.append(0.0 if abs(now) < _REST and abs(final) < _REST else now)
         return as_six(speeds)
 
@@ -169,6 +212,10 @@ def _out_of(axes: tuple[Vec3, Vec3, Vec3], v: Vec3) -> Vec3:
         x[1] * v[0] + y[1] * v[1] + z[1] * v[2],
         x[2] * v[0] + y[2] * v[1] + z[2] * v[2],
     )
+
+
+def _out_of6(axes: tuple[Vec3, Vec3, Vec3], screw: Joints) -> Joints:
+    return (*_out_of(axes, screw[:3]), *_out_of(axes, screw[3:]))
 
 
 def _unit(v: Vec3, otherwise: Vec3) -> Vec3:

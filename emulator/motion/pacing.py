@@ -32,6 +32,9 @@ class Pacer:
         self._period = period_s
         self._qd_max = model.qd_max
         self._qdd_max = model.qdd_max
+        # in one period, a joint moves this far, and this much further or less far than in the one before
+        self._reach = [speed * period_s for speed in model.qd_max]
+        self._change = [acceleration * (1.0 + _TOLERANCE) * period_s**2 for acceleration in model.qdd_max]
         self.scale = 1.0
         self._pace = 0.0  # speed of the leading joint in the movement's own time [rad/s]; 0 = not yet known
         self._gain = 0.0  # how fast that grows [rad/s2]
@@ -54,17 +57,34 @@ class Pacer:
             self.scale = self._gain = 0.0
             return None
         target = movement.propose(h, q)
+        step = sub(target, q)
+        if not self._easy(step, qd):
+            h, target = self._shortened(movement, h, target, q, qd)
+            step = sub(target, q)
+        self._judge(h, goal)
+        self._remember(h, largest(step))
+        return target
+
+    def _easy(self, step: Joints, qd: Joints) -> bool:
+        """Every joint can follow."""
+        dt = self._period
+        for move, speed, most, change in zip(step, qd, self._reach, self._change, strict=True):
+            if not (-most <= move <= most and -change <= move - speed * dt <= change):
+                return False
+        return True
+
+    def _shortened(
+        self, movement: Generator, h_goal: float, target: Joints, q: Joints, qd: Joints
+    ) -> tuple[float, Joints]:
+        """The longest step up to h_goal, for which target was proposed, that the joints can follow."""
+        h = h_goal
         for _ in range(_ROUNDS):
-            better = self._bounded(h, goal * self._period, sub(target, q), qd)
+            better = self._bounded(h, h_goal, sub(target, q), qd)
             if abs(better - h) <= _TOLERANCE * h:
-                break  # every joint is slow enough for this h
+                return h, target  # every joint is slow enough for this h
             h = better
             target = movement.propose(h, q)
-        else:
-            h, target = self._enforced(movement, h, target, q)
-        self._judge(h, goal)
-        self._remember(h, largest(sub(target, q)))
-        return target
+        return self._enforced(movement, h, target, q)
 
     def _slewed(self, goal: float, ramp: float) -> float:
         if self._pace <= 0.0 or goal == self.scale:

@@ -1,14 +1,22 @@
 """The arm as the generators see it: limits, and the way between joints and tool poses."""
 
-from math import cos, pi, tau
+from collections.abc import Sequence
+from math import inf
+from operator import mul
 
 from emulator.motion.faults import unreachable
-from emulator.motion.vectors import Joints, as_six
+from emulator.motion.vectors import ZERO, Joints, as_six
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.model import RobotModel
-from urproto.robots.pose import Pose, pose_inv, pose_trans
+from urproto.robots.pose import Pose, pose_inv, pose_sub, pose_trans
 
 __all__ = ["Reach"]
+
+
+# Makes a step along a direction in which the joints move the tool by less than this [m/rad, rad/rad] fade away (guess).
+_DAMPING = 0.05
+_NO_LIMITS: Joints = (inf, inf, inf, inf, inf, inf)
+_NO_LIMITS_BELOW: Joints = (-inf, -inf, -inf, -inf, -inf, -inf)
 
 
 class Reach:
@@ -29,27 +37,35 @@ class Reach:
 
         Position limits play no part: a path is followed by continuity, and limits are judged every step.
         """
-        flange = pose_trans(pose_base_tcp, self._tcp_inverse)
-        solutions = self.kinematics.inverse_all(flange, q_near_rad)
-        if not solutions:
+        flange = pose_base_tcp if self.tcp_offset == ZERO else pose_trans(pose_base_tcp, self._tcp_inverse)
+        q = self.kinematics.inverse_near(flange, q_near_rad, _NO_LIMITS_BELOW, _NO_LIMITS)
+        if q is None:
             raise unreachable(pose_base_tcp)
-        return _turned_near(min(solutions, key=lambda solution: _apart(solution, q_near_rad)), q_near_rad)
+        return q
+
+    def step_towards(self, pose_base_tcp: Pose, q_rad: Joints) -> Joints:
+        """A change of the joints [rad] that brings the TCP nearer to a pose near by, small also at a singular arm."""
+        rows = self.kinematics.jacobian(q_rad, self.tcp_offset)
+        change = pose_sub(pose_base_tcp, self.pose(q_rad))
+        squares = [[sum(map(mul, one, other)) for other in rows] for one in rows]
+        for i in range(6):
+            squares[i][i] += _DAMPING**2
+        weights = _solve(squares, change)
+        return as_six(sum(map(mul, column, weights)) for column in zip(*rows, strict=True))
 
     def twist(self, q_rad: Joints, qd_rad_s: Joints) -> Joints:
         """TCP velocity in the base frame: m/s, rad/s."""
         rows = self.kinematics.jacobian(q_rad, self.tcp_offset)
-        return as_six(sum(row[i] * qd_rad_s[i] for i in range(6)) for row in rows)
+        return as_six(sum(map(mul, row, qd_rad_s)) for row in rows)
 
 
-def _apart(a: Joints, b: Joints) -> float:
-    """Grows with the distance of two configurations, whole turns aside."""
-    return -(
-        cos(a[0] - b[0]) + cos(a[1] - b[1]) + cos(a[2] - b[2]) + cos(a[3] - b[3]) + cos(a[4] - b[4]) + cos(a[5] - b[5])
-    )
-
-
-def _turned_near(angles: Joints, near: Joints) -> Joints:
-    """Each angle by whole turns to within half a turn of near."""
-    if all(-pi < angle - wanted <= pi for angle, wanted in zip(angles, near, strict=True)):
-        return angles
-    return as_six(angle + tau * round((wanted - angle) / tau) for angle, wanted in zip(angles, near, strict=True))
+def _solve(matrix: Sequence[Sequence[float]], right: Sequence[float]) -> list[float]:
+    """x of matrix x = right, by elimination; the matrix is symmetric and positive definite."""
+    rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
+    for i, pivot in enumerate(rows):
+        for row in rows:
+            if row is not pivot:
+                factor = row[i] / pivot[i]
+                for k in range(i + 1, len(row)):
+                    row[k] -= factor * pivot[k]
+    return [row[-1] / row[i] for i, row in enumerate(rows)]

@@ -53,11 +53,13 @@ class JointServo:
     def propose(self, h: float, q: Joints) -> Joints:
         model, decay = self._model, exp(-self._omega * h)
         moved = [
-            self._joint(h, decay, *state)
-            for state in zip(q, self._qd, self._target, model.qd_max, model.qdd_max, strict=True)
+            self._joint(h, decay, now, qd, target, most, acceleration)
+            for now, qd, target, most, acceleration in zip(
+                q, self._qd, self._target, model.qd_max, model.qdd_max, strict=True
+            )
         ]
-        self._next = as_six(qd for _, qd in moved)
-        self._next_at = as_six(position for position, _ in moved)
+        self._next = as_six([qd for _, qd in moved])
+        self._next_at = as_six([position for position, _ in moved])
         if self._settled(self._next_at, self._next):
             self._next, self._next_at = ZERO, self._target
         return self._next_at
@@ -69,11 +71,13 @@ class JointServo:
         error = q - target
         slope = qd + self._omega * error
         free = (qd - self._omega * slope * h) * decay
-        most = min(most, sqrt(2.0 * _BRAKE_SHARE * acceleration * abs(error)) + acceleration * h)
+        change = acceleration * h
+        braking = sqrt(2.0 * _BRAKE_SHARE * acceleration * abs(error)) + change
+        if abs(free) <= most and abs(free) <= braking and qd - change <= free <= qd + change:
+            return target + (error + slope * h) * decay, free
+        most = min(most, braking)
         speed = max(-most, min(most, free))
-        speed = max(qd - acceleration * h, min(qd + acceleration * h, speed))
-        if speed == free:
-            return target + (error + slope * h) * decay, speed
+        speed = max(qd - change, min(qd + change, speed))
         return q + 0.5 * (qd + speed) * h, speed
 
     def _settled(self, q: Joints, qd: Joints) -> bool:

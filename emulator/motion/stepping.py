@@ -11,9 +11,9 @@ from enum import Enum, auto
 from math import inf
 
 from emulator.motion.compliance import Compliance
-from emulator.motion.faults import MotionFault, joint_limit, near_singularity
+from emulator.motion.faults import MotionFault, joint_limit
 from emulator.motion.generator import Generator
-from emulator.motion.pacing import RAMP_RAD_S2, Pacer, within_speed
+from emulator.motion.pacing import RAMP_RAD_S2, Pacer
 from emulator.motion.reach import Reach
 from emulator.motion.stops import JointStop, ToolStop, brake_together
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, scaled, sub
@@ -246,8 +246,6 @@ class Stepper:
         try:
             target = compliance.step(self.period_s, self.q, (self._nominal, nominal), push, damping, gain)
             self._check(target)
-            if not within_speed(sub(target, self.q), self.model.qd_max, self.period_s):
-                raise near_singularity()
         except MotionFault:
             if nominal != self._nominal:
                 raise
@@ -259,10 +257,11 @@ class Stepper:
         """Raise MotionFault when a joint could not stop before its position limit."""
         if target == self.q:
             return
-        for i in range(6):
-            now, low, high = target[i], self._q_min[i], self._q_max[i]
-            move = now - self.q[i]
-            end = now + move * abs(move) * self._braking[i]
+        for i, (now, before, low, high, braking) in enumerate(
+            zip(target, self.q, self._q_min, self._q_max, self._braking, strict=True)
+        ):
+            move = now - before
+            end = now + move * abs(move) * braking
             if low <= now <= high and low <= end <= high:
                 continue
             margin = abs(move) + _POSITION_TOLERANCE_RAD  # the speed is the period's mean, not its end's

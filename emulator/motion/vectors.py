@@ -19,7 +19,7 @@ def as_six(values: Iterable[float]) -> Joints:
 
 def all_finite(values: Iterable[float]) -> bool:
     """False when any value is NaN or infinite."""
-    return all(isfinite(value) for value in values)
+    return all(map(isfinite, values))
 
 
 def sub(a: Sequence[float], b: Sequence[float]) -> Joints:
@@ -46,7 +46,7 @@ def scaled(a: Sequence[float], factor: float) -> Joints:
 
 def largest(values: Iterable[float]) -> float:
     """Largest magnitude."""
-    return max(abs(value) for value in values)
+    return max(map(abs, values))
 
 
 def norm3(x: float, y: float, z: float) -> float:

@@ -2,6 +2,8 @@
 
 import pytest
 
+from urproto.robots import MODELS
+
 ZERO = (0.0,) * 6
 BASE = ZERO
 LIMITS = (0.2,) * 3 + (0.5,) * 3
@@ -188,3 +190,45 @@ def test_program_stopped_ends_force_mode(rig):
     rig.steps(200)
     rig.motion.program_stopped()
     assert rig.rest() < 1.0
+
+
+STRETCHED = (0, -1.57, 0, -1.57, 0, 0)  # rad: where a controller starts
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("newton", [20, -20])
+def test_a_stretched_arm_gives_way_sideways(make_rig, model, newton):
+    """Straight up, all of the arm's joints but the base swing the tool along x; none of them lifts it."""
+    rig = make_rig(model, q=STRETCHED)
+    start = rig.pose()
+    rig.motion.freedrive()
+    rig.motion.external_wrench = (newton, 0, 0, 0, 0, 0)
+    rig.steps(500)
+    moved = [b - a for a, b in zip(start, rig.pose(), strict=True)]
+    assert moved[0] / newton > 0.02 / 20
+    assert abs(moved[1]) < 0.1 * abs(moved[0])
+    assert rig.hardest() < 2.1 * max(rig.model.qdd_max)  # no jerk where the elbow could bend quickly
+    rig.motion.external_wrench = ZERO
+    rig.steps(1500)
+    assert rig.fault is None
+    assert rig.motion.qd == ZERO
+
+
+def test_a_stretched_arm_cannot_be_pulled_longer(make_rig):
+    rig = make_rig("ur3", q=(0, -1.5707963267948966, 0, -1.5707963267948966, 0, 0))
+    start = rig.pose()
+    rig.motion.freedrive()
+    rig.motion.external_wrench = (0, 0, 200, 0, 0, 0)
+    rig.steps(500)
+    assert rig.pose() == pytest.approx(start, abs=1e-3)
+    assert rig.fault is None
+
+
+def test_a_stretched_arm_keeps_what_is_not_compliant(make_rig):
+    """Straight up the tool cannot go sideways without coming down: force mode along x alone soon stands."""
+    rig = make_rig("ur3", q=STRETCHED)
+    start = rig.pose()
+    rig.motion.start_force_mode(BASE, (1, 0, 0, 0, 0, 0), (20, 0, 0, 0, 0, 0), 2, LIMITS)
+    rig.steps(2000)
+    assert rig.pose()[1:] == pytest.approx(start[1:], abs=2e-4)
+    assert rig.fault is None

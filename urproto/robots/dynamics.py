@@ -7,7 +7,7 @@ the inertia of the motors, for which no numbers are published.
 """
 
 from collections.abc import Sequence
-from math import cos, sin
+from math import cos, hypot, sin
 from typing import Any, Final
 
 import numpy as np
@@ -82,7 +82,7 @@ class Dynamics:
     def linear_momentum(self, q_rad: Sequence[float], qd: Sequence[float]) -> float:
         """Magnitude of the linear momentum of arm and payload [kg m/s]."""
         momentum = pin.computeCentroidalMomentum(self._pin, self._data, _vector(q_rad), _vector(qd))
-        return float(np.linalg.norm(momentum.linear))
+        return hypot(*momentum.linear.tolist())
 
     def jacobian_time_derivative(
         self, q_rad: Sequence[float], qd: Sequence[float], tcp_offset: Sequence[float] | None = None

@@ -20,7 +20,7 @@ boundary they are taken as one, and a wrist within ``_SINGULAR_WRIST`` of straig
 joint 6 it has, since only the sum or difference of joints 4 and 6 is determined there.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from math import atan2, copysign, cos, dist, hypot, inf, pi, remainder, sin, sqrt, tau
 from typing import Final
 
@@ -44,6 +44,7 @@ _SINGULAR_WRIST: Final = 1e-7
 _RIGHT_ANGLE_ERROR: Final = 1e-6  # rad; data files give pi/2 with nine decimals
 
 _FlangeInPlane = tuple[float, float, float, float]  # x1 and z components of its x axis, then of its y axis
+_Branch = tuple[float, float, float, _FlangeInPlane, float, float]  # q1, q5, q6; p5 at (x, z), seen from joint 2
 
 
 class Kinematics:
@@ -53,6 +54,8 @@ class Kinematics:
         _check_shape(dh)
         self._d1, _, _, self._d4, self._d5, self._d6 = dh.d
         _, self._a2, self._a3, _, _, _ = dh.a
+        self._squares = self._a2 * self._a2 + self._a3 * self._a3
+        self._double_product = 2.0 * self._a2 * self._a3
 
     def forward(self, q_rad: Sequence[float], tcp_offset: Sequence[float] | None = None) -> Pose:
         """Flange in the base frame for joint angles (6,), or the TCP that ``tcp_offset`` puts on the flange."""
@@ -87,7 +90,11 @@ class Kinematics:
 
     def jacobian(self, q_rad: Sequence[float], tcp_offset: Sequence[float] | None = None) -> Jacobian:
         """Geometric Jacobian at the TCP (at the flange without an offset), in base axes: [v, w] = J qd."""
-        px, py, pz, *_ = self.forward(q_rad, tcp_offset)
+        return self.jacobian_at(q_rad, self.forward(q_rad, tcp_offset))
+
+    def jacobian_at(self, q_rad: Sequence[float], pose_base_tcp: Sequence[float]) -> Jacobian:
+        """The same for who has the TCP's pose already (its position is enough, in the base frame)."""
+        px, py, pz, *_ = pose_base_tcp
         q1, q2, q3, q4, q5, _ = q_rad
         s1, c1, s5, c5 = sin(q1), cos(q1), sin(q5), cos(q5)
         s, c = sin(q2 + q3 + q4), cos(q2 + q3 + q4)
@@ -119,24 +126,8 @@ class Kinematics:
         would do: it is that of ``q_near``, or 0 without one; and where the arm does not reach
         that far, the nearest that it does reach.
         """
-        px, py, pz, rx, ry, rz = pose_base_flange
-        axes = rotvec_to_matrix(rx, ry, rz)
         q6_free = 0.0 if q_near is None else _wrap(q_near[5])
-        x5, y5 = px - self._d6 * axes[2], py - self._d6 * axes[5]
-        z = pz - self._d6 * axes[8] - self._d1
-        solutions: list[Joints] = []
-        for q1 in _shoulders(x5, y5, self._d4):
-            s1, c1 = sin(q1), cos(q1)
-            x = c1 * x5 + s1 * y5
-            # the flange's x and y axes in the plane of the arm
-            flange = (c1 * axes[0] + s1 * axes[3], axes[6], c1 * axes[1] + s1 * axes[4], axes[7])
-            wrists = _wrists(axes, s1, c1, q6_free)
-            found = [posture for q5, q6 in wrists for posture in self._arms(flange, q1, x, z, q5, q6)]
-            if not found and len(wrists) == 1:
-                q6 = self._reachable_q6(flange, x, z, q6_free)
-                found = [] if q6 is None else list(self._arms(flange, q1, x, z, wrists[0][0], q6))
-            solutions += found
-        return solutions
+        return [solution for branch in self._branches(pose_base_flange, q6_free) for solution in self._arms(*branch)]
 
     def inverse_near(
         self,
@@ -149,32 +140,66 @@ class Kinematics:
 
         Whole turns are added where that is nearer. None when nothing within the limits reaches there.
         """
+        n1, n5, n6 = q_near[0], q_near[4], q_near[5]
+        ranked = [
+            (
+                hypot(remainder(branch[0] - n1, tau), remainder(branch[1] - n5, tau), remainder(branch[2] - n6, tau)),
+                branch,
+            )
+            for branch in self._branches(pose_base_flange, _wrap(n6))
+        ]
         best, least = None, inf
-        for solution in self.inverse_all(pose_base_flange, q_near):
-            unwound = _unwind(solution, q_near, q_min, q_max)
-            if unwound is not None and (distance := dist(unwound, q_near)) < least:
-                best, least = unwound, distance
+        for apart, branch in sorted(ranked):
+            if apart >= least:
+                break  # joints 1, 5 and 6 alone are further away
+            for solution in self._arms(*branch):
+                unwound = _unwind(solution, q_near, q_min, q_max)
+                distance = dist(unwound, q_near)
+                if distance < least:
+                    best, least = unwound, distance
         return best
 
-    def _arms(self, flange: _FlangeInPlane, q1: float, x: float, z: float, q5: float, q6: float) -> Iterator[Joints]:
-        """The solutions with these joints 1, 5 and 6; p5 at (x, z) in the arm's plane, seen from joint 2."""
-        along, up = _axis_5(flange, q6)
-        q234 = atan2(along, -up)
-        for q2, q3 in self._elbows(x - self._d5 * along, z - self._d5 * up):
-            yield q1, _wrap(q2), q3, _wrap(q234 - q2 - q3), q5, q6
+    def _branches(self, pose_base_flange: Sequence[float], q6_free: float) -> list[_Branch]:
+        """Shoulders and wrists; that the arm reaches p5 is known only where the wrist is singular."""
+        px, py, pz, rx, ry, rz = pose_base_flange
+        axes = rotvec_to_matrix(rx, ry, rz)
+        x5, y5 = px - self._d6 * axes[2], py - self._d6 * axes[5]
+        z = pz - self._d6 * axes[8] - self._d1
+        branches: list[_Branch] = []
+        for q1 in _shoulders(x5, y5, self._d4):
+            s1, c1 = sin(q1), cos(q1)
+            x = c1 * x5 + s1 * y5
+            # the flange's x and y axes in the plane of the arm
+            flange = (c1 * axes[0] + s1 * axes[3], axes[6], c1 * axes[1] + s1 * axes[4], axes[7])
+            wrists = _wrists(axes, s1, c1)
+            if wrists is not None:
+                branches += [(q1, q5, q6, flange, x, z) for q5, q6 in wrists]
+                continue
+            q5 = 0.0 if s1 * axes[2] > c1 * axes[5] else pi
+            q6 = q6_free if self._arms(q1, q5, q6_free, flange, x, z) else self._reachable_q6(flange, x, z, q6_free)
+            if q6 is not None:
+                branches.append((q1, q5, q6, flange, x, z))
+        return branches
 
-    def _elbows(self, x: float, z: float) -> Iterator[tuple[float, float]]:
-        """Joints 2 and 3 that bring the far end of the forearm to (x, z) in the arm's plane, seen from joint 2."""
-        cosine = (x * x + z * z - self._a2 * self._a2 - self._a3 * self._a3) / (2.0 * self._a2 * self._a3)
+    def _arms(self, q1: float, q5: float, q6: float, flange: _FlangeInPlane, x: float, z: float) -> tuple[Joints, ...]:
+        """The solutions of one branch: the triangle of upper arm and forearm bends either way, or is flat."""
+        along, up = _axis_5(flange, q6)
+        x4, z4 = x - self._d5 * along, z - self._d5 * up  # far end of the forearm, seen from joint 2
+        cosine = (x4 * x4 + z4 * z4 - self._squares) / self._double_product
         if abs(cosine) > 1.0 + _OUT_OF_REACH:
-            return
+            return ()
+        bearing, q234 = atan2(z4, x4), atan2(along, -up)
         if abs(cosine) > 1.0 - _MERGE:
-            bends: tuple[float, ...] = (0.0 if cosine > 0.0 else pi,)
-        else:
-            bend = atan2(sqrt(1.0 - cosine * cosine), cosine)
-            bends = (bend, -bend)
-        for q3 in bends:
-            yield atan2(z, x) - atan2(self._a3 * sin(q3), self._a2 + self._a3 * cos(q3)), q3
+            bend = 0.0 if cosine > 0.0 else pi
+            q2 = bearing - atan2(self._a3 * sin(bend), self._a2 + self._a3 * cos(bend))
+            return ((q1, _wrap(q2), bend, _wrap(q234 - q2 - bend), q5, q6),)
+        sine = sqrt(1.0 - cosine * cosine)
+        bend, aside = atan2(sine, cosine), atan2(self._a3 * sine, self._a2 + self._a3 * cosine)
+        left, right = bearing - aside, bearing + aside
+        return (
+            (q1, _wrap(left), bend, _wrap(q234 - left - bend), q5, q6),
+            (q1, _wrap(right), -bend, _wrap(q234 - right + bend), q5, q6),
+        )
 
     def _reachable_q6(self, flange: _FlangeInPlane, x: float, z: float, q6_free: float) -> float | None:
         """For a singular wrist at (x, z): the joint 6 nearest to ``q6_free`` for which the arm just reaches."""
@@ -228,12 +253,12 @@ def _shoulders(x5: float, y5: float, d4: float) -> tuple[float, ...]:
     return (_wrap(bearing + atan2(d4, along)), _wrap(bearing + atan2(d4, -along)))
 
 
-def _wrists(axes: Matrix3, s1: float, c1: float, q6_free: float) -> tuple[tuple[float, float], ...]:
-    """Joints 5 and 6 from the flange's axes along z1, the normal of the arm's plane."""
+def _wrists(axes: Matrix3, s1: float, c1: float) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Joints 5 and 6 from the flange's axes along z1, the normal of the arm's plane; None at a singular wrist."""
     x, y, z = s1 * axes[0] - c1 * axes[3], s1 * axes[1] - c1 * axes[4], s1 * axes[2] - c1 * axes[5]
     sine = hypot(x, y)
     if sine < _SINGULAR_WRIST:
-        return ((0.0 if z > 0.0 else pi, q6_free),)
+        return None
     q5 = atan2(sine, z)
     return ((q5, _wrap(atan2(-y, x))), (-q5, _wrap(atan2(y, -x))))
 
@@ -246,20 +271,22 @@ def _wrap(angle: float) -> float:
     return turned if turned <= pi else turned - tau
 
 
-def _unwind(q: Joints, q_near: Sequence[float], q_min: Sequence[float], q_max: Sequence[float]) -> Joints | None:
-    """Each angle moved by whole turns to the nearest to ``q_near`` that the limits allow; None if there is none."""
-    unwound = []
-    for angle, near, low, high in zip(q, q_near, q_min, q_max, strict=True):
-        nearest = angle if -pi <= near - angle <= pi else angle + tau * round((near - angle) / tau)
-        if nearest > high:
-            nearest -= tau
-        elif nearest < low:
-            nearest += tau
-        if not low <= nearest <= high:
-            return None
-        unwound.append(nearest)
-    a, b, c, d, e, f = unwound
+def _unwind(q: Joints, q_near: Sequence[float], q_min: Sequence[float], q_max: Sequence[float]) -> Joints:
+    """Each angle moved by whole turns to the nearest to ``q_near`` that the limits allow; infinite if there is none."""
+    a, b, c, d, e, f = [
+        angle if -pi <= near - angle <= pi and low <= angle <= high else _turned(angle, near, low, high)
+        for angle, near, low, high in zip(q, q_near, q_min, q_max, strict=True)
+    ]
     return (a, b, c, d, e, f)
+
+
+def _turned(angle: float, near: float, low: float, high: float) -> float:
+    nearest = angle if -pi <= near - angle <= pi else angle + tau * round((near - angle) / tau)
+    if nearest > high:
+        nearest -= tau
+    elif nearest < low:
+        nearest += tau
+    return nearest if low <= nearest <= high else inf
 
 
 def _cross(a: Vec3, b: Vec3) -> Vec3:
