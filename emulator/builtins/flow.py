@@ -29,10 +29,12 @@ def time(host: ProgramHost, mode: Int = 0) -> Struct:
 
 
 @LIBRARY.builtin()
-def protective_stop(host: ProgramHost) -> Frames[None]:
-    """Cause a protective stop; the program goes on behind the call when it is resumed."""
+def protective_stop(host: ProgramHost) -> None:
+    """Cause a protective stop; the program pauses where it next takes time, and may end before that.
+
+    The official client library waits for the end of a program that does nothing else.
+    """
     host.controller.protective_stop(SCRIPT_PROTECTIVE_STOP)
-    yield
 
 
 @LIBRARY.builtin(status="partial", note="switches the arm off; the controller stays up")

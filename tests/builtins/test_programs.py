@@ -157,7 +157,7 @@ def test_secondary_program_that_fails_leaves_the_main_one_alone(rig, statement, 
 
 
 def test_protective_stop_pauses_and_resuming_goes_on_behind_the_call(rig):
-    rig.start('protective_stop()\ntextmsg("after")')
+    rig.start('protective_stop()\nsync()\ntextmsg("after")')
     rig.until(lambda: rig.state is RuntimeState.PAUSED, 1.0)
     snapshot = rig.controller.snapshot
     assert snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP
@@ -168,6 +168,15 @@ def test_protective_stop_pauses_and_resuming_goes_on_behind_the_call(rig):
     rig.controller.programs.resume()
     rig.until(lambda: rig.state is RuntimeState.STOPPED, 1.0)
     assert rig.texts == ["after"]
+
+
+def test_a_program_that_only_stops_protectively_ends(rig):
+    """The official client library waits for the message that it did."""
+    rig.start("protective_stop()")
+    rig.tick(5)
+    assert rig.state is RuntimeState.STOPPED
+    assert rig.controller.snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP
+    assert [title for title, _ in rig.keys][-1] == "PROGRAM_XXX_STOPPED"
 
 
 def test_program_after_a_protective_stop_without_program_moves(rig):

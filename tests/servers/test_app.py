@@ -46,6 +46,17 @@ async def test_every_port_answers(emulator: Emulator) -> None:
     await check_ready(HOST, emulator.ports)
 
 
+async def test_packages_do_not_wait_for_acknowledgements(emulator: Emulator) -> None:
+    """Nagle's algorithm held a client's first packages back for 40 ms and then sent them all at once."""
+    reader, writer = await asyncio.open_connection(HOST, emulator.ports["dashboard"])
+    await reader.readline()
+    (connection,) = emulator.servers["dashboard"].connections
+    assert connection._transport is not None
+    accepted = connection._transport.get_extra_info("socket")
+    assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+    writer.close()
+
+
 async def test_an_emulator_can_be_started_again(emulator: Emulator) -> None:
     async with Emulator(config()) as other:
         await check_ready(HOST, other.ports)
