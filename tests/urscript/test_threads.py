@@ -1,7 +1,5 @@
 """Frames, threads, critical sections, budgets."""
 
-import time
-
 import pytest
 
 from urscript.runtime import MAX_THREADS, WORK_PER_SECOND
@@ -143,13 +141,10 @@ def test_the_budget_counts_work_not_time(run):
     ],
 )
 def test_no_program_holds_a_frame(run, loop):
-    run(f"def prog():\n  n = 0\n{loop}\nend", frames=1)  # compile
-    started = time.perf_counter()
+    """Without the budget the first frame would never end."""
     done = run(f"def prog():\n  n = 0\n{loop}\nend", frames=100)
-    per_frame_s = (time.perf_counter() - started) / 100
     assert done.error is None
     assert not done.runtime.finished
-    assert per_frame_s < 0.01  # a fraction of a millisecond on an idle machine
     main = done.runtime.threads[0]
     assert main.parked_frames > 0
 
