@@ -320,9 +320,6 @@ class Controller:
         snapshot.safety_status_bits = self.safety.status_bits
         snapshot.control_mode = self.motion.control_mode
         snapshot.target_speed_fraction = self.speed.slider
-        # captures of controllers show 0 while no program plays, and 1 while one plays undisturbed
-        playing = self.programs.state in (RuntimeState.PLAYING, RuntimeState.RESUMING)
-        snapshot.speed_scaling = self.speed.scaling if playing else 0.0
         snapshot.actual_execution_time = self.execution_time_ms
 
     def _publish_program(self, snapshot: Snapshot) -> None:
@@ -332,6 +329,8 @@ class Controller:
         snapshot.script_control_line = self.programs.line
         snapshot.program_running = state in (RuntimeState.PLAYING, RuntimeState.RESUMING)
         snapshot.program_paused = self._program_paused
+        # captures of controllers show 0 while no program plays, and 1 while one plays undisturbed
+        snapshot.speed_scaling = self.speed.scaling if snapshot.program_running else 0.0
         bits = int(RobotStatusBits.POWER_ON) if self.power.report.powered else 0
         snapshot.robot_status_bits = bits | (RobotStatusBits.PROGRAM_RUNNING if snapshot.program_running else 0)
 

@@ -15,7 +15,6 @@ from urscript.pycode import STORE, Place, attribute, call, charge, constant, fun
 from urscript.syntax import (
     Assign,
     Call,
-    Expression,
     ExpressionStatement,
     FunctionDef,
     If,
@@ -171,10 +170,9 @@ class _BodyCompiler(ExpressionCompiler):
 
     def _assign(self, node: Assign, place: Place) -> list[ast.stmt]:
         target = node.target
-        setter = self._old_setter(target)
-        if setter is not None and isinstance(target, Index):
-            write = Call(node.line, node.column, setter, [*target.positions, node.value], [])
-            return [ast.Expr(value=self.expression(write), **place)]
+        old_setter = self._old_setter(node)
+        if old_setter is not None:
+            return [ast.Expr(value=self.expression(old_setter), **place)]
         value = self.expression(node.value)
         if isinstance(target, Name):
             if self.is_local(target.name):
@@ -184,12 +182,15 @@ class _BodyCompiler(ExpressionCompiler):
         assert stored is not None, "the parser lets only variables and their parts be assigned"
         return [_bind(stored[0], stored[1], place)]
 
-    def _old_setter(self, target: Expression) -> str | None:
-        """The built-in behind an assignment to an element of what is no variable, as ``digital_out[2] = True``."""
+    def _old_setter(self, node: Assign) -> Call | None:
+        """The built-in call behind an assignment to an element of what is no variable, as ``digital_out[2] = True``."""
+        target = node.target
         if not isinstance(target, Index) or not isinstance(target.target, Name) or self.known(target.target.name):
             return None
         setter = _OLD_SETTERS.get(target.target.name)
-        return setter if setter in self.unit.builtins else None
+        if setter is None or setter not in self.unit.builtins:
+            return None
+        return Call(node.line, node.column, setter, [*target.positions, node.value], [])
 
     def _assign_global(self, name: str, value: ast.expr, place: Place) -> list[ast.stmt]:
         """A global keeps the type of its first value; checked here, in line, because it is so frequent."""

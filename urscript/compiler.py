@@ -20,7 +20,7 @@ from urscript.parser import normalize, parse
 from urscript.syntax import Label, ProgramKind
 from urscript.work import Steps, run_to_end
 
-__all__ = ["FILE_NAME", "CallWarning", "CompiledProgram", "cached_program", "compile_script", "compile_steps"]
+__all__ = ["FILE_NAME", "CallWarning", "CompiledProgram", "compile_script", "compile_steps"]
 
 FILE_NAME = "<urscript>"
 """The file name of compiled programs in tracebacks."""
@@ -61,7 +61,7 @@ def compile_script(text: str, libraries: LibrarySet, version: PolyscopeVersion) 
     return run_to_end(compile_steps(text, libraries, version))
 
 
-def cached_program(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> CompiledProgram | None:
+def _cached(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> CompiledProgram | None:
     """The program of a text that was compiled before: drivers send the same one again and again."""
     key = (text, libraries, version)
     program = _cache.pop(key, None)
@@ -72,7 +72,7 @@ def cached_program(text: str, libraries: LibrarySet, version: PolyscopeVersion) 
 
 def compile_steps(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> Steps[CompiledProgram]:
     """`compile_script` in steps; a text that was compiled before takes none."""
-    program = cached_program(text, libraries, version)
+    program = _cached(text, libraries, version)
     if program is None:
         program = yield from _compile(text, libraries, version)
         _cache[text, libraries, version] = program

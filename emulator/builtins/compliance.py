@@ -4,7 +4,6 @@ from typing import Any
 
 from emulator.builtins.values import numbers, six, three, within_range
 from emulator.programs.host import ProgramHost
-from emulator.programs.watchdog import Watchdog
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, Joints, ListArg, Num, PoseArg, PoseOrJoints
@@ -156,8 +155,7 @@ def ft_rtde_input_enable(
     if not enable:
         watchdogs.remove(_SENSOR_INPUT)
     elif not watchdogs:
-        interval = 1.0 / (_SENSOR_MIN_HZ * host.period_s)
-        watchdogs.set(Watchdog(_SENSOR_INPUT, interval, "pause", host.controller.step_count))
+        host.watch(_SENSOR_INPUT, _SENSOR_MIN_HZ, "pause")
 
 
 @LIBRARY.builtin(cb3="3.3", e="5.0", status="partial", note="the readings are taken as free of the sensor's own weight")

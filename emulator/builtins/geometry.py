@@ -14,7 +14,6 @@ __all__ = [
     "forward",
     "in_joint_range",
     "inverse",
-    "joint_range",
     "joints_for",
     "nearest_angle",
     "no_solution",
@@ -36,20 +35,12 @@ def inverse(
     near = host.motion.q if q_near is None else six(q_near)
     if not all(map(math.isfinite, flange)):
         return None
-    return host.arm.kinematics.inverse_near(flange, near, *joint_range(host))
-
-
-def joint_range(host: ProgramHost) -> tuple[Vector6, Vector6]:
-    """Lowest and highest joint angles; a wrist 3 without end stop has none."""
-    model = host.controller.model
-    if model.wrist3_unlimited:
-        return (*model.q_min[:5], -math.inf), (*model.q_max[:5], math.inf)
-    return model.q_min, model.q_max
+    return host.arm.kinematics.inverse_near(flange, near, *host.controller.model.position_limits)
 
 
 def in_joint_range(host: ProgramHost, q: Sequence[float]) -> bool:
     """Whether every joint angle is within its limits."""
-    lowest, highest = joint_range(host)
+    lowest, highest = host.controller.model.position_limits
     return all(low <= angle <= high for low, angle, high in zip(lowest, q, highest, strict=True))
 
 

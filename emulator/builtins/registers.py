@@ -4,7 +4,7 @@ from typing import Final, cast
 
 from emulator.builtins.values import within_range
 from emulator.programs.host import ProgramHost
-from emulator.programs.watchdog import Watchdog, WatchdogAction
+from emulator.programs.watchdog import WatchdogAction
 from urproto.rtde.fields import INPUT_FIELDS
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
@@ -107,9 +107,7 @@ def rtde_set_watchdog(host: ProgramHost, variable_name: Str, min_frequency: Num,
         raise RuntimeFault(f'rtde_set_watchdog: action must be "ignore", "pause" or "stop", not "{action}"')
     if min_frequency < 0:
         raise RuntimeFault(f"rtde_set_watchdog: min_frequency must be 0 or more, not {min_frequency}")
-    interval = 1.0 / (min_frequency * host.period_s) if min_frequency else float("inf")
-    step = host.controller.step_count
-    host.programs.watchdogs.set(Watchdog(variable_name, interval, cast(WatchdogAction, wanted), step))
+    host.watch(variable_name, min_frequency, cast(WatchdogAction, wanted))
 
 
 def _flag(host: ProgramHost, n: int) -> int:

@@ -8,7 +8,6 @@ at its acceleration limit.
 
 from dataclasses import dataclass
 from enum import Enum, auto
-from math import inf
 
 from emulator.motion.compliance import Compliance
 from emulator.motion.faults import MotionFault, joint_limit
@@ -55,7 +54,7 @@ class Stepper:
         self.force_damping = 0.025  # force_mode_set_damping; default from recollection of the Script Manual
         self.force_gain_scaling = 1.0  # force_mode_set_gain_scaling
         self.fault: MotionFault | None = None  # the last one
-        self._q_min, self._q_max = _position_limits(model)
+        self._q_min, self._q_max = model.position_limits
         self._kinematics = Kinematics(model.dh)
         # braking distance of a joint over the square of its move in one period
         self._braking = as_six(1.0 / (2.0 * a * period_s**2) for a in model.qdd_max)
@@ -335,11 +334,3 @@ class Stepper:
     def _reachable(self, pose_base_tcp: Pose) -> None:
         """Raise MotionFault when no joint configuration has this pose."""
         self._reach.joints(pose_base_tcp, self.q)
-
-
-def _position_limits(model: RobotModel) -> tuple[Joints, Joints]:
-    """Of the model; a wrist 3 without end stop has none."""
-    low, high = as_six(model.q_min), as_six(model.q_max)
-    if model.wrist3_unlimited:
-        return (*low[:5], -inf), (*high[:5], inf)
-    return low, high

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias, TypeVar
 
 from emulator.motion import Motion, Move
 from emulator.programs.sockets import SocketTable
+from emulator.programs.watchdog import Watchdog, WatchdogAction
 from urscript.errors import RuntimeFault
 
 if TYPE_CHECKING:
@@ -81,6 +82,11 @@ class ProgramHost:
         if not math.isfinite(seconds):
             raise RuntimeFault(f"{seconds} is not a time in seconds")
         return max(1, math.ceil(seconds / self.period_s - _ROUNDING))
+
+    def watch(self, variable: str, min_frequency_hz: float, action: WatchdogAction) -> None:
+        """Act when an RTDE input is written less often from now on; 0 Hz expects nothing."""
+        interval = 1.0 / (min_frequency_hz * self.period_s) if min_frequency_hz else math.inf
+        self.programs.watchdogs.set(Watchdog(variable, interval, action, self.controller.step_count))
 
     @contextmanager
     def motion_control(self) -> Iterator[Motion]:

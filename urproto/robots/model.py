@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from math import inf
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -78,6 +79,13 @@ class RobotModel:
     home_q: Joints  # rad, where an emulated arm starts
     torque_constants: Joints  # Nm/A
     links: tuple[Link, ...]  # shoulder, upper arm, forearm, wrist 1, wrist 2, wrist 3
+
+    @property
+    def position_limits(self) -> tuple[Joints, Joints]:
+        """Lowest and highest joint angles [rad]; a wrist 3 without end stop has none."""
+        if self.wrist3_unlimited:
+            return (*self.q_min[:5], -inf), (*self.q_max[:5], inf)
+        return self.q_min, self.q_max
 
     @classmethod
     def from_toml(cls, text: str, name: str) -> Self:
