@@ -12,6 +12,7 @@ import jitter
 import rtde_codec
 import startup
 import tick_rate
+import urscript_speed
 
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
 HEAD = """# Benchmarks
@@ -26,7 +27,14 @@ Machine: {machine}
 def main() -> None:
     """Measure and write."""
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else jitter.SECONDS
-    tables = (startup.measure(), jitter.measure(seconds), tick_rate.measure(), rtde_codec.measure())
+    tables = (
+        startup.measure(),
+        jitter.measure(seconds),
+        tick_rate.measure(),
+        rtde_codec.measure(),
+        urscript_speed.measure_compiling(),
+        urscript_speed.measure(),
+    )
     sections = [HEAD.format(machine=_machine()), *(table.markdown() for table in tables)]
     TARGET.write_text("\n".join(sections))
     sys.stdout.write(f"wrote {TARGET}\n")

@@ -23,6 +23,7 @@ return annotation says so.
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, Literal, NoReturn, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 from urproto.versions import Availability, PolyscopeVersion
@@ -66,6 +67,7 @@ class Builtin:
     parameters: tuple[Parameter, ...]
     variadic: bool  # takes whatever it is given, by position or keyword
     takes_time: bool
+    result: Any  # the annotation of the value a call gives, None when there is none
     returns: AnyFunction | None
     availability: Availability
     status: Status
@@ -79,22 +81,13 @@ class Builtin:
 
     def bind(self, host: object) -> AnyFunction:
         """The function a running program calls: every declared argument by position, OMITTED for its default."""
-        accepts = [_acceptor(parameter) for parameter in self.parameters]
-        function, returns = self.function, self.returns
-        leading = (host,) if self.host else ()
-
-        def call(*arguments: Value) -> Value:
-            try:
-                accepted = [accept(value) for accept, value in zip(accepts, arguments, strict=True)]
-            except KindMismatchError:
-                self._mismatch(arguments)
-            result = function(*leading, *accepted)
-            return result if returns is None else returns(result)
-
-        def call_any(*arguments: Value) -> Value:
-            return function(*leading, *arguments)
-
-        return call_any if self.variadic else call
+        function = partial(self.function, host) if self.host else self.function
+        if self.variadic:
+            return function
+        accepts = tuple(map(_acceptor, self.parameters))
+        call = _CALLERS.get(len(accepts), _call_many)(function, accepts, self._mismatch)
+        returns = self.returns
+        return call if returns is None else lambda *arguments: returns(call(*arguments))
 
     def _mismatch(self, arguments: tuple[Value, ...]) -> NoReturn:
         for parameter, value in zip(self.parameters, arguments, strict=True):
@@ -154,6 +147,7 @@ class Library:
                 parameters=(),
                 variadic=True,
                 takes_time=False,
+                result=None,
                 returns=None,
                 availability=availability,
                 status="refused",
@@ -205,6 +199,8 @@ def _describe(
     hints = get_type_hints(function, include_extras=True)
     declared = list(inspect.signature(function).parameters.values())[1 if library.host else 0 :]
     variadic = any(p.kind is p.VAR_POSITIONAL for p in declared)
+    takes_time = inspect.isgeneratorfunction(function)
+    returned = hints.get("return")
     return Builtin(
         name=function.__name__.rstrip("_"),
         chapter=library.chapter,
@@ -212,8 +208,9 @@ def _describe(
         host=library.host,
         parameters=() if variadic else tuple(_parameter(p, hints, aliases) for p in declared),
         variadic=variadic,
-        takes_time=inspect.isgeneratorfunction(function),
-        returns=None if inspect.isgeneratorfunction(function) else _result_converter(hints.get("return")),
+        takes_time=takes_time,
+        result=get_args(returned)[2] if takes_time else returned,
+        returns=None if takes_time else _result_converter(returned),
         availability=availability,
         status=status,
         note=note,
@@ -267,6 +264,60 @@ def _acceptor(parameter: Parameter) -> Callable[[Value], Value]:
         return accept
     default, optional = parameter.default, parameter.optional
     return lambda value: default if value is OMITTED else value if optional and value is None else accept(value)
+
+
+# Calls with few arguments are most of them, and twice as fast when written out.
+
+Mismatch: TypeAlias = Callable[[tuple[Value, ...]], NoReturn]
+Acceptors: TypeAlias = tuple[AnyFunction, ...]
+
+
+def _call_none(function: AnyFunction, _: Acceptors, __: Mismatch) -> AnyFunction:
+    return function
+
+
+def _call_one(function: AnyFunction, accepts: Acceptors, mismatch: Mismatch) -> AnyFunction:
+    (accept,) = accepts
+
+    def call(value: Value) -> Value:
+        try:
+            accepted = accept(value)
+        except KindMismatchError:
+            mismatch((value,))
+        return function(accepted)
+
+    return call
+
+
+def _call_two(function: AnyFunction, accepts: Acceptors, mismatch: Mismatch) -> AnyFunction:
+    accept_first, accept_second = accepts
+
+    def call(first: Value, second: Value) -> Value:
+        try:
+            accepted = accept_first(first), accept_second(second)
+        except KindMismatchError:
+            mismatch((first, second))
+        return function(*accepted)
+
+    return call
+
+
+def _call_many(function: AnyFunction, accepts: Acceptors, mismatch: Mismatch) -> AnyFunction:
+    def call(*arguments: Value) -> Value:
+        try:
+            accepted = [accept(value) for accept, value in zip(accepts, arguments, strict=True)]
+        except KindMismatchError:
+            mismatch(arguments)
+        return function(*accepted)
+
+    return call
+
+
+_CALLERS: dict[int, Callable[[AnyFunction, Acceptors, Mismatch], AnyFunction]] = {
+    0: _call_none,
+    1: _call_one,
+    2: _call_two,
+}
 
 
 def _default_text(value: Value) -> str:

@@ -10,6 +10,8 @@ from urscript.analysis import FunctionPlan
 from urscript.arguments import BindingError, Slot, bind_arguments
 from urscript.builtins import Builtin
 from urscript.errors import CompileError
+from urscript.inference import FLOAT, INT, VECTOR, Kinds, KindSet, arithmetic, is_local, is_number
+from urscript.number_code import ARITHMETIC_HELPERS, element, number_arithmetic
 from urscript.pycode import STORE, Place, call, constant, load, place_of, subscript, yield_from
 from urscript.syntax import (
     Binary,
@@ -33,7 +35,6 @@ __all__ = ["MUTATORS", "CallWarning", "ExpressionCompiler", "Unit"]
 MUTATORS = frozenset(["append", "clear", "insert", "pop", "remove"])
 """List methods that change the list: the variable is bound to the list they return."""
 
-_ARITHMETIC = {"+": "_add", "-": "_sub", "*": "_mul", "/": "_div", "%": "_mod"}
 _ORDER: dict[str, tuple[str, type[ast.cmpop]]] = {
     "<": ("_lt", ast.Lt),
     "<=": ("_le", ast.LtE),
@@ -61,6 +62,7 @@ class Unit:
     source: str
     builtins: Mapping[str, Builtin]
     plans: Mapping[str, FunctionPlan]
+    kinds: Kinds
     structs: bool  # this version has struct()
     fixed_lists: bool  # this version cannot resize a list variable
     used: dict[str, Builtin] = field(default_factory=dict)
@@ -77,6 +79,7 @@ class ExpressionCompiler:
         self.recursive = recursive
         self.stored_globals: set[str] = set()
         self.size = 0  # expressions compiled so far
+        self._kinds: dict[int, KindSet] = {}  # of arithmetic that is compiled, by the node's id
         self._handlers: dict[type, Callable[[Any, Place], ast.expr]] = {
             Constant: self._constant,
             Name: self._name,
@@ -105,8 +108,7 @@ class ExpressionCompiler:
 
     def is_local(self, name: str) -> bool:
         """True for parameters, names declared local, and names only ever assigned here."""
-        scope = self.scope
-        return name in scope.locals or (name in scope.assigned and name not in self.unit.program.globals)
+        return is_local(self.unit.program, self.scope, name)
 
     def known(self, name: str) -> bool:
         """True when the name is a variable here."""
@@ -148,6 +150,8 @@ class ExpressionCompiler:
     def _unary(self, node: Unary, place: Place) -> ast.expr:
         if node.operator == "not":
             return ast.UnaryOp(op=ast.Not(), operand=self.condition(node.operand), **place)
+        if node.operator == "-" and self.kind(node.operand) == FLOAT:
+            return ast.UnaryOp(op=ast.USub(), operand=self.expression(node.operand), **place)
         return call("_neg" if node.operator == "-" else "_pos", place, self.expression(node.operand))
 
     def _binary(self, node: Binary, place: Place) -> ast.expr:
@@ -158,20 +162,36 @@ class ExpressionCompiler:
         if operator == "xor":
             return _compare(self.condition(node.left), ast.IsNot(), self.condition(node.right), place)
         left, right = self.expression(node.left), self.expression(node.right)
-        if operator in _ARITHMETIC:
-            return call(_ARITHMETIC[operator], place, left, right)
+        kinds = self.kind(node.left), self.kind(node.right)
+        if operator in ARITHMETIC_HELPERS:
+            self._kinds[id(node)] = kind = arithmetic(operator, *kinds)
+            if is_number(kind):
+                return number_arithmetic(node, kind, left, right, place)
+            return call(ARITHMETIC_HELPERS[operator], place, left, right)
+        numbers = all(map(is_number, kinds))
         if operator in _ORDER:
             helper, native = _ORDER[operator]
             # Python compares a number literal with any number itself, and refuses anything else.
-            simple = _is_number(node.left) or _is_number(node.right)
+            simple = numbers or _is_number(node.left) or _is_number(node.right)
             return _compare(left, native(), right, place) if simple else call(helper, place, left, right)
-        if isinstance(node.left, Constant) or isinstance(node.right, Constant):
+        if numbers or isinstance(node.left, Constant) or isinstance(node.right, Constant):
             return _compare(left, ast.Eq() if operator == "==" else ast.NotEq(), right, place)
         return call("_eq" if operator == "==" else "_ne", place, left, right)
 
+    def kind(self, node: Expression) -> KindSet:
+        """What an expression may give; known at once for arithmetic that is compiled."""
+        known = self._kinds.get(id(node))
+        return self.unit.kinds.expression(self.scope, node) if known is None else known
+
     def _index(self, node: Index, place: Place) -> ast.expr:
         positions = [self.expression(position) for position in node.positions]
-        return call("_index" if len(positions) == 1 else "_cell", place, self.expression(node.target), *positions)
+        target = self.expression(node.target)
+        if len(positions) == 2:
+            return call("_cell", place, target, *positions)
+        of_vector = isinstance(node.target, Name) and self.kind(node.target) == VECTOR
+        if of_vector and self.kind(node.positions[0]) == INT:
+            return element(node, target, positions[0], place)
+        return call("_index", place, target, positions[0])
 
     def _member(self, node: Member, place: Place) -> ast.expr:
         return call("_member", place, self.expression(node.target), constant(node.name, place))

@@ -11,6 +11,7 @@ from typing import Any
 
 from urscript.analysis import FunctionPlan
 from urscript.compile_expressions import ExpressionCompiler, Unit
+from urscript.inference import is_number
 from urscript.pycode import STORE, Place, attribute, call, charge, constant, function, load, place_of, yield_from
 from urscript.syntax import (
     Assign,
@@ -133,8 +134,8 @@ class _BodyCompiler(ExpressionCompiler):
                 self._counted = self.size
         return code
 
-    def _metered(self, statements: list[Statement]) -> Steps[list[ast.stmt]]:
-        """The statements in runs of bounded work, each run charged before it starts.
+    def _metered(self, statements: list[Statement], extra: int = 0) -> Steps[list[ast.stmt]]:
+        """The statements in runs of bounded work, each run charged before it starts, the first with extra work.
 
         When the body is divided, runs are moved into functions of their own as soon as there
         is enough for one, unless a return, break or continue leads out of them.
@@ -142,7 +143,7 @@ class _BodyCompiler(ExpressionCompiler):
         code: list[ast.stmt] = []
         movable: list[ast.stmt] = []
         start = self.inline
-        for run, work in _runs(statements):
+        for run, work in _runs(statements, extra):
             charged = [*charge(work, place_of(run[0]), park=True), *(yield from self._plain(run))]
             if not self._divided or _leads_out(run):
                 code += [*movable, *charged]
@@ -177,7 +178,7 @@ class _BodyCompiler(ExpressionCompiler):
         if isinstance(target, Name):
             if self.is_local(target.name):
                 return [_bind(f"v_{target.name}", value, place)]
-            return self._assign_global(f"v_{target.name}", value, place)
+            return self._assign_global(target.name, value, place)
         stored = self.store(target, value, place)
         assert stored is not None, "the parser lets only variables and their parts be assigned"
         return [_bind(stored[0], stored[1], place)]
@@ -192,9 +193,15 @@ class _BodyCompiler(ExpressionCompiler):
             return None
         return Call(node.line, node.column, setter, [*target.positions, node.value], [])
 
-    def _assign_global(self, name: str, value: ast.expr, place: Place) -> list[ast.stmt]:
-        """A global keeps the type of its first value; checked here, in line, because it is so frequent."""
+    def _assign_global(self, target: str, value: ast.expr, place: Place) -> list[ast.stmt]:
+        """A global keeps the type of its first value; checked here, in line, because it is so frequent.
+
+        One that can only get numbers needs no check.
+        """
+        name = f"v_{target}"
         self.stored_globals.add(name)
+        if is_number(self.unit.kinds.variable(self.scope, target)):
+            return [_bind(name, value, place)]
         if self.unit.fixed_lists:
             return [_bind(name, call("_retype_fixed", place, load(name, place), value), place)]
         new, old = load("_new", place), load(name, place)
@@ -224,7 +231,7 @@ class _BodyCompiler(ExpressionCompiler):
 
     def _while(self, node: While, place: Place) -> Steps[list[ast.stmt]]:
         test = self.condition(node.condition)
-        body = [*charge(_LOOP_COST, place, park=True), *(yield from self._metered(node.body))]
+        body = (yield from self._metered(node.body, _LOOP_COST)) or charge(_LOOP_COST, place, park=True)
         return [ast.While(test=test, body=body, orelse=[], **place)]
 
     def _return(self, node: Return, place: Place) -> list[ast.stmt]:
@@ -263,10 +270,13 @@ def _is_heavy(statement: Statement) -> bool:
     )
 
 
-def _runs(statements: list[Statement]) -> Iterator[tuple[list[Statement], int]]:
-    """The statements in groups, each with its work: bounded, unless it is that of a single statement."""
+def _runs(statements: list[Statement], extra: int) -> Iterator[tuple[list[Statement], int]]:
+    """The statements in groups, each with its work: bounded, unless it is that of a single statement.
+
+    The first group has extra work.
+    """
     run: list[Statement] = []
-    work = 0
+    work = extra
     for statement in statements:
         if isinstance(statement, FunctionDef):
             continue

@@ -16,6 +16,7 @@ from urscript.builtins import Builtin, LibrarySet
 from urscript.compile_expressions import CallWarning, Unit
 from urscript.compile_statements import PythonFunction, compile_function, compile_main
 from urscript.errors import CompileError
+from urscript.inference import infer_kinds
 from urscript.parser import normalize, parse
 from urscript.syntax import Label, ProgramKind
 from urscript.work import Steps, run_to_end
@@ -91,6 +92,7 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> Ste
             source,
             builtins,
             plan_functions(program, builtins),
+            (yield from infer_kinds(program, builtins)),
             structs=STRUCT.covers(version),
             fixed_lists=not RESIZABLE_LISTS.covers(version),
         )

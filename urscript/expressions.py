@@ -240,4 +240,6 @@ class ExpressionParser:
             self.take()
         else:
             arguments = self._items(")", f"to close the call of {name.text}")
-        return MethodCall(name.line, name.column, target, name.text, arguments)
+        method = MethodCall(name.line, name.column, target, name.text, arguments)
+        self.scope.methods.append(method)
+        return method

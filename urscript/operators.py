@@ -8,10 +8,11 @@ lists combine element by element, poses do not combine.
 import math
 import operator
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from urscript.errors import RuntimeFault
-from urscript.meter import charge
+from urscript.meter import METER, charge
 from urscript.values import (
     INT_MAX,
     INT_MIN,
@@ -56,12 +57,14 @@ __all__ = [
     "sub",
     "truth",
     "whole",
+    "wrap",
     "wrap32",
 ]
 
 _SCALARS: frozenset[Any] = frozenset([type(None), bool, int, float, str])
 _NUMBERS: frozenset[Any] = frozenset([int, float])
 _LISTS: frozenset[Any] = frozenset([list, BoundedList])
+_OPERANDS: frozenset[Any] = frozenset([int, float, Matrix])  # of matrix arithmetic
 
 Operator = Callable[[Any, Any], Any]
 
@@ -77,6 +80,11 @@ def fault(message: str) -> NoReturn:
 def wrap32(value: int) -> int:
     """Two's complement at 32 bits. A guess: the manual only says that ints have 32 bits."""
     return (value - INT_MIN) % 2**32 + INT_MIN
+
+
+def wrap(value: float) -> float:
+    """A number as the result of an operation: an int is wrapped, a float stays what it is."""
+    return value if value.__class__ is float else wrap32(int(value))
 
 
 def whole(value: Value, what: str) -> int:
@@ -115,14 +123,14 @@ def add(left: Value, right: Value) -> Value:
         if len(left) + len(right) > MAX_STRING:
             raise RuntimeFault(f"String exceeds maximum length ({MAX_STRING} Bytes).")
         return left + right
-    return _elementwise("+", add, left, right)
+    return _elementwise(_ADD, left, right)
 
 
 def sub(left: Value, right: Value) -> Value:
     if left.__class__ in _NUMBERS and right.__class__ in _NUMBERS:
         result = left - right
         return result if result.__class__ is float or INT_MIN <= result <= INT_MAX else wrap32(result)
-    return _elementwise("-", sub, left, right)
+    return _elementwise(_SUB, left, right)
 
 
 def mul(left: Value, right: Value) -> Value:
@@ -131,19 +139,33 @@ def mul(left: Value, right: Value) -> Value:
         return result if result.__class__ is float or INT_MIN <= result <= INT_MAX else wrap32(result)
     if left.__class__ is Matrix and right.__class__ in (Matrix, list, BoundedList):
         return _product(left, right)
-    return _elementwise("*", mul, left, right)
+    return _elementwise(_MUL, left, right)
 
 
 def div(left: Value, right: Value) -> Value:
     if left.__class__ in _NUMBERS and right.__class__ in _NUMBERS:
         return left / right if right else _divide(left, right)
-    return _elementwise("/", div, left, right)
+    return _elementwise(_DIV, left, right)
 
 
 def mod(left: Value, right: Value) -> Value:
     if left.__class__ in _NUMBERS and right.__class__ in _NUMBERS:
         return _modulo(left, right)
-    return _elementwise("%", mod, left, right)
+    return _elementwise(_MOD, left, right)
+
+
+@dataclass(frozen=True, slots=True)
+class _Arithmetic:
+    sign: str
+    general: Operator
+    floats: Operator  # the same for two floats; ZeroDivisionError where Python's differs
+
+
+_ADD = _Arithmetic("+", add, operator.add)
+_SUB = _Arithmetic("-", sub, operator.sub)
+_MUL = _Arithmetic("*", mul, operator.mul)
+_DIV = _Arithmetic("/", div, operator.truediv)
+_MOD = _Arithmetic("%", mod, _modulo)
 
 
 def neg(value: Value) -> Value:
@@ -161,22 +183,31 @@ def _refuse(sign: str, *operands: Value) -> NoReturn:
     raise RuntimeFault(f"Type error: operator {sign} cannot be used with {found}")
 
 
-def _elementwise(sign: str, operation: Operator, left: Value, right: Value) -> Value:
-    if left.__class__ is Matrix or right.__class__ is Matrix:
-        return _matrix_elementwise(sign, operation, left, right)
+_only_floats = frozenset([float]).issuperset
+
+
+def _elementwise(operation: _Arithmetic, left: Value, right: Value) -> Value:
+    """Of two lists, or of a list and a number."""
     left_list, right_list = left.__class__ in _LISTS, right.__class__ in _LISTS
-    if left_list and right_list:
-        if len(left) != len(right):
-            raise RuntimeFault(f"Lists of different lengths ({len(left)} and {len(right)}) with operator {sign}")
-        charge(10 + 5 * len(left))
-        return [_scalar(sign, operation, a, b) for a, b in zip(left, right, strict=True)]
-    if left_list and right.__class__ in _NUMBERS:
-        charge(10 + 5 * len(left))
-        return [_scalar(sign, operation, a, right) for a in left]
-    if right_list and left.__class__ in _NUMBERS:
-        charge(10 + 5 * len(right))
-        return [_scalar(sign, operation, left, b) for b in right]
-    _refuse(sign, left, right)
+    if not (left_list or right_list):
+        return _matrix_elementwise(operation, left, right)
+    if not left_list:
+        if left.__class__ not in _NUMBERS:
+            _refuse(operation.sign, left, right)
+        left = (left,) * len(right)
+    elif not right_list:
+        if right.__class__ not in _NUMBERS:
+            _refuse(operation.sign, left, right)
+        right = (right,) * len(left)
+    elif len(left) != len(right):
+        raise RuntimeFault(f"Lists of different lengths ({len(left)} and {len(right)}) with operator {operation.sign}")
+    METER.left -= 10 + 5 * len(left)
+    if _only_floats(map(type, left)) and _only_floats(map(type, right)):
+        try:
+            return list(map(operation.floats, left, right))
+        except ZeroDivisionError:
+            pass
+    return [_scalar(operation.sign, operation.general, a, b) for a, b in zip(left, right, strict=True)]
 
 
 def _scalar(sign: str, operation: Operator, left: Value, right: Value) -> Value:
@@ -188,13 +219,14 @@ def _scalar(sign: str, operation: Operator, left: Value, right: Value) -> Value:
 # matrices
 
 
-def _matrix_elementwise(sign: str, operation: Operator, left: Value, right: Value) -> Matrix:
+def _matrix_elementwise(kind: _Arithmetic, left: Value, right: Value) -> Matrix:
+    sign, operation = kind.sign, kind.general
+    if left.__class__ not in _OPERANDS or right.__class__ not in _OPERANDS:
+        _refuse(sign, left, right)
     if left.__class__ in _NUMBERS:
         return _matrix_map(right, lambda item: operation(left, item))
     if right.__class__ in _NUMBERS:
         return _matrix_map(left, lambda item: operation(item, right))
-    if left.__class__ is not Matrix or right.__class__ is not Matrix:
-        _refuse(sign, left, right)
     if left.shape != right.shape:
         raise RuntimeFault(f"Matrices of different shapes {left.shape} and {right.shape} with operator {sign}")
     charge(20 + 5 * len(left.rows) * len(left.rows[0]))

@@ -63,15 +63,16 @@ def yield_from(value: ast.expr, place: Place) -> ast.expr:
 
 
 def charge(units: int, place: Place, *, park: bool) -> list[ast.stmt]:
-    """``_meter.left -= units`` and, with `park`, ``if _meter.left < 0: yield True``."""
+    """``_meter.left -= units``; with `park` also ``if _meter.left < 0: yield True``."""
     target = ast.Attribute(value=load("_meter", place), attr="left", ctx=STORE, **place)
-    draw: list[ast.stmt] = [ast.AugAssign(target=target, op=ast.Sub(), value=constant(units, place), **place)]
-    if park:
-        left = attribute(load("_meter", place), "left", place)
-        empty = ast.Compare(left=left, ops=[ast.Lt()], comparators=[constant(0, place)], **place)
-        pause: ast.stmt = ast.Expr(value=ast.Yield(value=constant(True, place), **place), **place)
-        draw.append(ast.If(test=empty, body=[pause], orelse=[], **place))
-    return draw
+    cost = constant(units, place)
+    if not park:
+        return [ast.AugAssign(target=target, op=ast.Sub(), value=cost, **place)]
+    rest = ast.BinOp(left=attribute(load("_meter", place), "left", place), op=ast.Sub(), right=cost, **place)
+    draw = ast.Assign(targets=[target, ast.Name(id="_left", ctx=STORE, **place)], value=rest, **place)
+    empty = ast.Compare(left=load("_left", place), ops=[ast.Lt()], comparators=[constant(0, place)], **place)
+    pause = ast.Expr(value=ast.Yield(value=constant(True, place), **place), **place)
+    return [draw, ast.If(test=empty, body=[pause], orelse=[], **place)]
 
 
 def function(name: str, parameters: list[str], body: list[ast.stmt], place: Place) -> ast.stmt:

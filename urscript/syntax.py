@@ -190,6 +190,7 @@ class Scope:
     locals: set[str] = field(default_factory=set)  # parameters, and names declared local
     assigned: set[str] = field(default_factory=set)  # names assigned without a declaration
     calls: list[Call] = field(default_factory=list)
+    methods: list[MethodCall] = field(default_factory=list)
     loops: bool = False
     waits: bool = False  # join, or a method call
     cost: int = 0

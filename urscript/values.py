@@ -22,7 +22,7 @@ bytes as surrogate escapes; `to_bytes` and `from_bytes` are the one way across.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, NoReturn, TypeAlias
 
 from urscript.errors import RuntimeFault
 
@@ -111,9 +111,17 @@ class Struct:
 
 
 class _Unset:
-    """The value of a global that nothing has been assigned to yet."""
+    """The value of a global that nothing has been assigned to yet. Whatever is done with it is an error."""
 
     __slots__ = ()
+
+    def _used(self, *_: object) -> NoReturn:
+        raise RuntimeFault("A variable is used before it has a value")
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = _used
+    __mod__ = __rmod__ = __neg__ = __bool__ = __len__ = __getitem__ = _used
+    __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _used
+    __hash__ = object.__hash__
 
 
 UNSET = _Unset()

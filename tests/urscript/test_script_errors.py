@@ -111,7 +111,12 @@ RUNTIME_ERRORS = [
         12,
         "before",
     ),
-    ("def f():\n  def g():\n    return late + 1\n  end\n  g()\n  late = 2\nend", 3, 17, "variable without a value"),
+    (
+        "def f():\n  def g():\n    return late + 1\n  end\n  g()\n  late = 2\nend",
+        3,
+        17,
+        "A variable is used before it has a value",
+    ),
     ('def f():\n  x = to_num("junk")\nend', 2, 7, '"junk" is not a number'),
     ('def f():\n  x = str_at("error", 100)\nend', 2, 7, "outside a string of 5 bytes"),
     ("def f():\n  x = sqrt(-1)\nend", 2, 7, "must be non-negative"),

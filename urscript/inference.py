@@ -1,0 +1,274 @@
+"""Which expressions can only be numbers, so that they become Python arithmetic instead of calls.
+
+A variable is a number when everything the whole program assigns to it is one, and likewise a vector
+(a list of numbers, or a pose). What is assigned may be other variables, so the answer is found by
+going through all assignments until nothing changes. What cannot be told is left to the operators,
+which look at the values themselves.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+from urscript.arguments import BindingError, Slot, bind_arguments
+from urscript.builtins import Builtin
+from urscript.syntax import (
+    Assign,
+    Binary,
+    Call,
+    Constant,
+    Expression,
+    FunctionDef,
+    If,
+    Index,
+    ListLiteral,
+    Member,
+    Name,
+    PoseLiteral,
+    Program,
+    Return,
+    Run,
+    Scope,
+    Statement,
+    Unary,
+    While,
+)
+from urscript.values import Pose
+from urscript.work import Steps
+
+__all__ = ["FLOAT", "INT", "VECTOR", "KindSet", "Kinds", "arithmetic", "infer_kinds", "is_local", "is_number"]
+
+KindSet: TypeAlias = int
+"""What a value may be: the sum of some of the four below; 0 when no value is known to arrive."""
+
+INT: Final = 1
+FLOAT: Final = 2
+VECTOR: Final = 4
+OTHER: Final = 8
+NUMBER: Final = INT | FLOAT
+ANYTHING: Final = NUMBER | VECTOR | OTHER
+
+Variable: TypeAlias = tuple[str, str]  # scope and name; the scope of globals is "", of results "return"
+_GLOBAL: Final = ""
+_RESULT: Final = "return"
+
+_INTERPRETER: Final = "interpreter_mode"
+
+_ARITHMETIC: Final = frozenset(["+", "-", "*", "/", "%"])
+_KIND_OF_CLASS: Final[dict[Any, KindSet]] = {int: INT, float: FLOAT}
+_KIND_OF_RESULT: Final[tuple[tuple[Any, KindSet], ...]] = (  # by annotation; an int passes for a float
+    (int, INT),
+    (float, NUMBER),
+    (Pose, VECTOR),
+    (list[float], VECTOR),
+    (list[int], VECTOR),
+)
+_SLICE: Final = 20  # stores between two yields
+_MOST_ROUNDS: Final = 8
+"""Rounds before everything counts as anything: programs need two to four, and a text made to need more gets none."""
+_WORK: Final = 2  # of one store in one round
+
+
+def is_number(kind: KindSet) -> bool:
+    """True for values that can only be numbers."""
+    return 0 < kind <= NUMBER
+
+
+def is_local(program: Program, scope: Scope, name: str) -> bool:
+    """True for parameters, names declared local, and names only ever assigned in this scope."""
+    return name in scope.locals or (name in scope.assigned and name not in program.globals)
+
+
+class Kinds:
+    """What the variables and expressions of a program may be. An empty one knows constants only."""
+
+    def __init__(self, program: Program, builtins: Mapping[str, Builtin], variables: dict[Variable, KindSet]) -> None:
+        self._program = program
+        self._builtins = builtins
+        self._variables = variables
+
+    def variable(self, scope: Scope, name: str) -> KindSet:
+        """What a variable may hold once something was assigned to it."""
+        return self._variables.get(_variable(self._program, scope, name), 0)
+
+    def expression(self, scope: Scope, node: Expression) -> KindSet:
+        """What an expression may give."""
+        match node:
+            case Constant():
+                return _KIND_OF_CLASS.get(node.value.__class__, OTHER)
+            case Name():
+                return self.variable(scope, node.name)
+            case Binary() if node.operator in _ARITHMETIC:
+                return arithmetic(node.operator, self.expression(scope, node.left), self.expression(scope, node.right))
+            case Unary() if node.operator != "not":
+                return self.expression(scope, node.operand)
+            case Call():
+                return self._result(node)
+            case Run():
+                return INT
+            case PoseLiteral():
+                return VECTOR
+            case ListLiteral():
+                return self._list(scope, node)
+            case Index() if len(node.positions) == 1:
+                target = self.expression(scope, node.target)
+                return NUMBER if target == VECTOR else ANYTHING if target else 0
+            case Binary() | Unary():
+                return OTHER
+        return ANYTHING
+
+    def _list(self, scope: Scope, node: ListLiteral) -> KindSet:
+        kinds = [self.expression(scope, item) for item in node.items]
+        return VECTOR if all(map(is_number, kinds)) else OTHER if all(kinds) else 0
+
+    def _result(self, node: Call) -> KindSet:
+        if node.name in self._program.functions:
+            return self._variables.get((_RESULT, node.name), 0)
+        builtin = self._builtins.get(node.name)
+        return _result_kind(builtin.result) if builtin else ANYTHING
+
+
+def _result_kind(annotation: Any) -> KindSet:
+    """What a built-in that is annotated so may give."""
+    return next((kind for plain, kind in _KIND_OF_RESULT if annotation == plain), ANYTHING)
+
+
+def arithmetic(operator: str, left: KindSet, right: KindSet) -> KindSet:
+    """What an arithmetic operation may give."""
+    if not left or not right:
+        return 0
+    if (left | right) & OTHER:
+        return ANYTHING
+    if VECTOR in (left, right):
+        return VECTOR
+    if (left | right) & VECTOR:
+        return ANYTHING
+    if operator == "/" or FLOAT in (left, right):
+        return FLOAT
+    return left | right
+
+
+@dataclass(frozen=True, slots=True)
+class _Store:
+    """Something that a variable gets, in a scope; with ``part``, that one of its elements gets."""
+
+    variable: Variable
+    scope: Scope
+    value: Expression | None  # None: something that is neither number nor vector
+    part: bool = False
+
+    def kind(self, kinds: Kinds) -> KindSet:
+        """What the variable may be because of this."""
+        if self.value is None:
+            return OTHER
+        kind = kinds.expression(self.scope, self.value)
+        if self.part and kind:
+            return VECTOR if is_number(kind) else OTHER
+        return kind
+
+
+def infer_kinds(program: Program, builtins: Mapping[str, Builtin]) -> Steps[Kinds]:
+    """The kinds of everything in a program.
+
+    Of nothing when they would take too long to find, or when statements that come later can assign to its variables.
+    """
+    if any(call.name == _INTERPRETER for scope in _scopes(program) for call in scope.calls):
+        return Kinds(program, builtins, {})
+    stores = [*_stores(program, program.scope, program.body)]
+    for definition in program.functions.values():
+        stores += _stores(program, definition.scope, definition.body)
+        yield _WORK * len(definition.body)
+    variables: dict[Variable, KindSet] = {}
+    kinds = Kinds(program, builtins, variables)
+    for _ in range(_MOST_ROUNDS):
+        changed = False
+        for start in range(0, len(stores), _SLICE):
+            for store in stores[start : start + _SLICE]:
+                known = variables.get(store.variable, 0)
+                found = known | store.kind(kinds)
+                if found != known:
+                    variables[store.variable] = found
+                    changed = True
+            yield _WORK * _SLICE
+        if not changed:
+            return kinds
+    return Kinds(program, builtins, {})
+
+
+_NO_SCOPE: Final = Scope("")  # where the defaults of parameters are evaluated
+
+
+def _stores(program: Program, scope: Scope, body: list[Statement]) -> Iterator[_Store]:
+    """Everything that a body gives to variables, to parameters of functions, and as its own result."""
+    if scope is not program.scope and not _always_returns(body):
+        yield _Store((_RESULT, scope.name), scope, None)
+    for statement in _flat(body):
+        if isinstance(statement, Return):
+            yield _Store((_RESULT, scope.name), scope, statement.value)
+        elif isinstance(statement, Assign):
+            yield _assignment(program, scope, statement)
+    for call in scope.calls:
+        if call.name in program.functions:
+            yield from _arguments(program.functions[call.name].scope, scope, call)
+    for method in scope.methods:  # a list method binds its variable anew; with what, is not looked at
+        yield _Store(_variable(program, scope, _root(method.target)), scope, None)
+
+
+def _assignment(program: Program, scope: Scope, statement: Assign) -> _Store:
+    target, value = statement.target, statement.value
+    variable = _variable(program, scope, _root(target))
+    if isinstance(target, Name):
+        return _Store(variable, scope, value)
+    simple = isinstance(target, Index) and isinstance(target.target, Name) and len(target.positions) == 1
+    return _Store(variable, scope, value if simple else None, part=True)
+
+
+def _arguments(called: Scope, scope: Scope, call: Call) -> Iterator[_Store]:
+    """What a call gives to the parameters of a function."""
+    parameters = called.parameters
+    try:
+        bound = bind_arguments(call, [Slot((p.name,), p.default is None) for p in parameters])
+    except BindingError:
+        return  # never called: the program stops there
+    for parameter, value in zip(parameters, bound, strict=True):
+        variable = (called.name, parameter.name)
+        yield _Store(variable, _NO_SCOPE, parameter.default) if value is None else _Store(variable, scope, value)
+
+
+def _scopes(program: Program) -> list[Scope]:
+    return [program.scope, *(definition.scope for definition in program.functions.values())]
+
+
+def _variable(program: Program, scope: Scope, name: str) -> Variable:
+    return (scope.name if is_local(program, scope, name) else _GLOBAL), name
+
+
+def _flat(body: list[Statement]) -> Iterator[Statement]:
+    """The statements of a body and of its blocks, without those of nested functions."""
+    waiting = [*reversed(body)]
+    while waiting:
+        statement = waiting.pop()
+        match statement:
+            case If():
+                waiting += [*statement.otherwise, *(inner for _, block in statement.branches for inner in block)]
+            case While():
+                waiting += statement.body
+            case FunctionDef():
+                pass
+            case _:
+                yield statement
+
+
+def _always_returns(body: list[Statement]) -> bool:
+    """True when a function cannot end without a return."""
+    last = body[-1] if body else None
+    if isinstance(last, If):
+        return all(map(_always_returns, [last.otherwise, *(block for _, block in last.branches)]))
+    return isinstance(last, Return)
+
+
+def _root(node: Expression) -> str:
+    """The variable that an expression is, or is a part of; empty for anything else."""
+    while isinstance(node, (Index, Member)):
+        node = node.target
+    return node.name if isinstance(node, Name) else ""

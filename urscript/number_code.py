@@ -1,0 +1,94 @@
+"""Operations on what is known to be numbers or lists of numbers, as Python's own.
+
+What Python does otherwise than the language is put right in line: ints wrap at 32 bits, ``%``
+takes the sign of the dividend, and a division by zero is no error. ``urscript.operators`` has
+the rules in full and does the rest.
+"""
+
+import ast
+from typing import Final
+
+from urscript.inference import FLOAT, KindSet
+from urscript.pycode import LOAD, STORE, Place, call, constant, load
+from urscript.syntax import Binary, Constant, Expression, Index, Name
+from urscript.values import INT_MAX, INT_MIN
+
+__all__ = ["ARITHMETIC_HELPERS", "element", "number_arithmetic"]
+
+ARITHMETIC_HELPERS: Final = {"+": "_add", "-": "_sub", "*": "_mul", "/": "_div", "%": "_mod"}
+"""What does the operation for operands of any kind, by its name in compiled code."""
+
+_PYTHON: Final[dict[str, type[ast.operator]]] = {"+": ast.Add, "-": ast.Sub, "*": ast.Mult, "/": ast.Div, "%": ast.Mod}
+_RESULT: Final = "_n"
+
+
+def number_arithmetic(node: Binary, kind: KindSet, left: ast.expr, right: ast.expr, place: Place) -> ast.expr:
+    """Python for an operation of two numbers that gives a number of this kind."""
+    operator = node.operator
+    plain = ast.BinOp(left=left, op=_PYTHON[operator](), right=right, **place)
+    if operator == "/":
+        return _divide(node, plain, place)
+    if operator == "%":
+        return _modulo(node, plain, place)
+    return plain if kind == FLOAT else _wrapped(node, plain, place)
+
+
+def element(node: Index, vector: ast.expr, position: ast.expr, place: Place) -> ast.expr:
+    """Python for the element of a vector variable at an int position; `_index` has the words for one out of bounds."""
+    length, within = call("_len", place, vector), node.positions[0]
+    kept = position if isinstance(within, (Name, Constant)) else _keep(position, place)
+    again = position if kept is position else load(_RESULT, place)
+    if isinstance(within, Constant) and _is_positive(within):
+        test = ast.Compare(left=length, ops=[ast.Gt()], comparators=[kept], **place)
+    else:
+        test = ast.Compare(left=constant(-1, place), ops=[ast.Lt(), ast.Lt()], comparators=[kept, length], **place)
+    return ast.IfExp(
+        test=test,
+        body=ast.Subscript(value=vector, slice=again, ctx=LOAD, **place),
+        orelse=call("_index", place, vector, again),
+        **place,
+    )
+
+
+def _divide(node: Binary, plain: ast.BinOp, place: Place) -> ast.expr:
+    if _is_positive(node.right):
+        return plain
+    if isinstance(node.left, (Name, Constant)) and isinstance(node.right, Name):
+        general = call("_div", place, plain.left, plain.right)
+        return ast.IfExp(test=plain.right, body=plain, orelse=general, **place)
+    return call("_div", place, plain.left, plain.right)
+
+
+def _modulo(node: Binary, plain: ast.BinOp, place: Place) -> ast.expr:
+    """Python's ``%`` is C's where neither operand is negative."""
+    if not _is_positive(node.right):
+        return call("_mod", place, plain.left, plain.right)
+    kept = plain.left if isinstance(node.left, Name) else _keep(plain.left, place)
+    again = plain.left if isinstance(node.left, Name) else load(_RESULT, place)
+    return ast.IfExp(
+        test=ast.Compare(left=kept, ops=[ast.GtE()], comparators=[constant(0, place)], **place),
+        body=ast.BinOp(left=again, op=ast.Mod(), right=plain.right, **place),
+        orelse=call("_mod", place, again, plain.right),
+        **place,
+    )
+
+
+def _wrapped(node: Binary, plain: ast.expr, place: Place) -> ast.expr:
+    """The result where it is within 32 bits; adding or subtracting a constant can leave them on one side only."""
+    test: ast.expr
+    kept, low, high = _keep(plain, place), constant(INT_MIN, place), constant(INT_MAX, place)
+    if node.operator != "*" and _is_positive(node.right):
+        bound, compare = (high, ast.LtE()) if node.operator == "+" else (low, ast.GtE())
+        test = ast.Compare(left=kept, ops=[compare], comparators=[bound], **place)
+    else:
+        test = ast.Compare(left=low, ops=[ast.LtE(), ast.LtE()], comparators=[kept, high], **place)
+    result = load(_RESULT, place)
+    return ast.IfExp(test=test, body=result, orelse=call("_wrap", place, result), **place)
+
+
+def _keep(value: ast.expr, place: Place) -> ast.expr:
+    return ast.NamedExpr(target=ast.Name(id=_RESULT, ctx=STORE, **place), value=value, **place)
+
+
+def _is_positive(node: Expression) -> bool:
+    return isinstance(node, Constant) and node.value.__class__ in (int, float) and bool(node.value > 0)
