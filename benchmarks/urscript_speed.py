@@ -218,7 +218,9 @@ class _OneFrame:
 def measure() -> Table:
     """Ratios of the best blocks; URScript and Python take turns."""
     rows = [[name, *_ratio(script, python)] for name, script, python in CASES]
-    note = f"Best of {BLOCKS} runs each, in turns. The bar: arithmetic within 3 times Python, that of 6-vectors within 2."
+    note = (
+        f"Best of {BLOCKS} runs each, in turns. The bar: arithmetic within 3 times Python, that of 6-vectors within 2."
+    )
     return Table("URScript against plain Python", note, ["what", "URScript", "Python", "ratio"], rows)
 
 

@@ -1,0 +1,453 @@
+"""The wire formats between a driver and the control program it runs on the robot (External Control).
+
+The driver listens, the robot's program connects. Every message is a fixed number of big-endian
+32-bit integers; physical values are multiplied by a million.
+
+| port  | interface       | driver to robot               | robot to driver                      |
+|-------|-----------------|-------------------------------|--------------------------------------|
+| 50001 | reverse         | `ReverseMessage`, 8 words     |                                      |
+| 50002 | script sender   | the program, as text          | the line ``request_program``         |
+| 50003 | trajectory      | `TrajectoryPoint`, 21 words   | `TrajectoryResult`, 1 word           |
+| 50004 | script commands | `ScriptCommand`, 28 words     | tool contact's `TrajectoryResult`    |
+
+Source: what Universal_Robots_Client_Library 2.14 sends and its control program reads. Encoding
+raises LocalProtocolError for what a word cannot carry, decoding RemoteProtocolError.
+"""
+
+import math
+import struct
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final, Generic, Self, TypeVar
+
+from urproto.errors import LocalProtocolError, RemoteProtocolError
+
+__all__ = [
+    "REQUEST_PROGRAM",
+    "SCALE",
+    "ControlMode",
+    "FreedriveAction",
+    "MessageDecoder",
+    "MotionType",
+    "ReverseMessage",
+    "ScriptCommand",
+    "ScriptCommandKind",
+    "SplineType",
+    "TrajectoryAction",
+    "TrajectoryPoint",
+    "TrajectoryResult",
+    "from_words",
+    "to_words",
+]
+
+SCALE: Final = 1_000_000
+"""Every physical value (rad, m, N, s, …) is sent as round(value * SCALE)."""
+
+REQUEST_PROGRAM: Final = b"request_program\n"
+"""What the robot asks the script sender; the program that answers it ends without any mark."""
+
+_LARGEST: Final = (2**31 - 1) / SCALE
+_WORD: Final = struct.Struct(">i")
+
+
+class ControlMode(IntEnum):
+    """What the robot is to do with a `ReverseMessage`."""
+
+    STOPPED = -2
+    UNINITIALIZED = -1
+    IDLE = 0
+    SERVOJ = 1
+    SPEEDJ = 2
+    FORWARD = 3
+    SPEEDL = 4
+    POSE = 5
+    FREEDRIVE = 6
+    TOOL_IN_CONTACT = 7
+    TORQUE = 8
+
+    @property
+    def real_time(self) -> bool:
+        """True for modes whose setpoints must follow each other closely."""
+        return self in _REAL_TIME
+
+
+_REAL_TIME: Final = frozenset(
+    [ControlMode.SERVOJ, ControlMode.SPEEDJ, ControlMode.SPEEDL, ControlMode.POSE, ControlMode.TORQUE]
+)
+
+
+class TrajectoryAction(IntEnum):
+    """First word of the payload in mode FORWARD; the second is the number of points."""
+
+    CANCEL = -1
+    NOOP = 0
+    START = 1
+    STREAM_START = 2
+    STREAM_END = 3
+
+
+class FreedriveAction(IntEnum):
+    """First word of the payload in mode FREEDRIVE."""
+
+    STOP = -1
+    NOOP = 0
+    START = 1
+
+
+class TrajectoryResult(IntEnum):
+    """How a trajectory, or waiting for tool contact, ended."""
+
+    SUCCESS = 0
+    CANCELED = 1
+    FAILURE = 2
+
+
+class MotionType(IntEnum):
+    """How a `TrajectoryPoint` is reached; the suffix says what the target is where the move's own kind is not meant."""
+
+    MOVEJ = 0
+    MOVEL = 1
+    MOVEP = 2
+    MOVEC = 3
+    OPTIMOVEJ = 4
+    OPTIMOVEL = 5
+    MOVEJ_POSE = 6
+    MOVEL_JOINT = 7
+    MOVEP_JOINT = 8
+    MOVEC_JOINT = 9
+    MOVEC_JOINT_POSE = 10
+    MOVEC_POSE_JOINT = 11
+    OPTIMOVEJ_POSE = 12
+    OPTIMOVEL_JOINT = 13
+    SPLINE = 51
+
+
+class SplineType(IntEnum):
+    """Degree of a spline segment: without or with accelerations at its end."""
+
+    CUBIC = 1
+    QUINTIC = 2
+
+
+class ScriptCommandKind(IntEnum):
+    """First word of a `ScriptCommand`."""
+
+    ZERO_FTSENSOR = 0
+    SET_PAYLOAD = 1
+    SET_TOOL_VOLTAGE = 2
+    START_FORCE_MODE = 3
+    END_FORCE_MODE = 4
+    START_TOOL_CONTACT = 5
+    END_TOOL_CONTACT = 6
+    SET_FRICTION_COMPENSATION = 7
+    FT_RTDE_INPUT_ENABLE = 8
+    SET_GRAVITY = 9
+    SET_TCP_OFFSET = 10
+    SET_FRICTION_SCALES = 11
+    SET_TARGET_PAYLOAD = 12
+
+
+def to_words(values: Iterable[float]) -> tuple[int, ...]:
+    """Physical values as words. Raises LocalProtocolError for one that is not finite or beyond ±2147 units."""
+    return tuple(map(_to_word, values))
+
+
+def from_words(words: Iterable[int]) -> tuple[float, ...]:
+    """Words as physical values."""
+    return tuple(word / SCALE for word in words)
+
+
+def _to_word(value: float) -> int:
+    if not math.isfinite(value) or abs(value) > _LARGEST:
+        raise LocalProtocolError(f"{value} cannot be sent: External Control carries numbers from -2147 to 2147")
+    return round(value * SCALE)
+
+
+def _exactly(name: str, values: Sequence[float], size: int) -> Sequence[float]:
+    if len(values) != size:
+        raise LocalProtocolError(f"{name} must have {size} numbers, not {len(values)}")
+    return values
+
+
+def _six(name: str, values: Sequence[float]) -> tuple[int, ...]:
+    return to_words(_exactly(name, values, 6))
+
+
+def _three(name: str, values: Sequence[float]) -> Sequence[float]:
+    return _exactly(name, values, 3)
+
+
+def _filled(words: Sequence[int], size: int) -> tuple[int, ...]:
+    return (*words, *(0,) * (size - len(words)))
+
+
+# 50001
+
+
+@dataclass(frozen=True, slots=True)
+class ReverseMessage:
+    """One setpoint or keep-alive for the control program.
+
+    read_timeout_ms: how long the program waits for the message after this one, 0 for ever.
+    words: payload, six words; their meaning is the mode's.
+    """
+
+    SIZE = 32
+
+    mode: ControlMode
+    words: tuple[int, ...] = (0,) * 6
+    read_timeout_ms: int = 0
+
+    @classmethod
+    def setpoint(cls, mode: ControlMode, values: Sequence[float], read_timeout_ms: int) -> Self:
+        """Joint angles [rad] or speeds [rad/s], tool velocity [m/s, rad/s], pose [m, rotation vector], torques [Nm]."""
+        return cls(mode, _six("a setpoint", values), read_timeout_ms)
+
+    @classmethod
+    def keep_alive(cls, read_timeout_ms: int) -> Self:
+        """Do nothing, and know that the driver is alive."""
+        return cls(ControlMode.IDLE, read_timeout_ms=read_timeout_ms)
+
+    @classmethod
+    def stop(cls) -> Self:
+        """End the control program."""
+        return cls(ControlMode.STOPPED, read_timeout_ms=100)
+
+    @classmethod
+    def trajectory(cls, action: TrajectoryAction, points: int = 0, read_timeout_ms: int = 200) -> Self:
+        """Start, keep alive, or cancel a trajectory of so many points."""
+        return cls(ControlMode.FORWARD, _filled((action, points), 6), read_timeout_ms)
+
+    @classmethod
+    def freedrive(cls, action: FreedriveAction, read_timeout_ms: int = 200) -> Self:
+        """Start, keep alive, or end freedrive."""
+        return cls(ControlMode.FREEDRIVE, _filled((action,), 6), read_timeout_ms)
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The payload as physical values (6,)."""
+        return from_words(self.words)
+
+    def encode(self) -> bytes:
+        """The bytes on the wire."""
+        return _REVERSE.pack(self.read_timeout_ms, *self.words, self.mode)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """The message of 32 bytes. The payload of modes that have none may be anything."""
+        timeout, *words, mode = _REVERSE.unpack(data)
+        return cls(_member(ControlMode, mode), tuple(words), timeout)
+
+
+_REVERSE: Final = struct.Struct(">8i")
+
+
+# 50003
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryPoint:
+    """One point of a trajectory.
+
+    target: joint angles [rad] or a pose base to TCP [m, rotation vector], by the type (6,).
+    via: second block (6,): joint angles near the target (moves to a pose), the via point
+    (MOVEC), or the target velocities [rad/s] (SPLINE).
+    parameters: third block (6,): velocity, acceleration, and 1 when `via` is meant (moves to a
+    pose) or the mode (MOVEC); the target accelerations [rad/s2] of a SPLINE.
+    duration_s: 0 lets velocity and acceleration decide. blend_radius_m: not for a SPLINE.
+    """
+
+    SIZE = 84
+
+    type: MotionType
+    target: tuple[float, ...]
+    via: tuple[float, ...] = (0.0,) * 6
+    parameters: tuple[float, ...] = (0.0,) * 6
+    duration_s: float = 0.0
+    blend_radius_m: float = 0.0
+    spline_type: SplineType | None = None
+
+    @classmethod
+    def spline(
+        cls,
+        q_rad: Sequence[float],
+        qd_rad_s: Sequence[float],
+        duration_s: float,
+        qdd_rad_s2: Sequence[float] | None = None,
+    ) -> Self:
+        """A cubic segment to joint angles and speeds, or a quintic one when accelerations are given."""
+        return cls(
+            MotionType.SPLINE,
+            tuple(q_rad),
+            tuple(qd_rad_s),
+            tuple(qdd_rad_s2 or (0.0,) * 6),
+            duration_s,
+            spline_type=SplineType.CUBIC if qdd_rad_s2 is None else SplineType.QUINTIC,
+        )
+
+    def encode(self) -> bytes:
+        """The bytes on the wire."""
+        if (self.type is MotionType.SPLINE) != (self.spline_type is not None):
+            raise LocalProtocolError("a spline point, and no other, has a spline type")
+        last = to_words([self.blend_radius_m])[0] if self.spline_type is None else int(self.spline_type)
+        return _TRAJECTORY.pack(
+            *_six("the target", self.target),
+            *_six("the second block", self.via),
+            *_six("the third block", self.parameters),
+            *to_words([self.duration_s]),
+            last,
+            self.type,
+        )
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """The point of 84 bytes."""
+        *words, last, kind = _TRAJECTORY.unpack(data)
+        values, motion = from_words(words), _member(MotionType, kind)
+        blocks = values[0:6], values[6:12], values[12:18]
+        if motion is MotionType.SPLINE:
+            return cls(motion, *blocks, values[18], spline_type=_member(SplineType, last))
+        return cls(motion, *blocks, values[18], last / SCALE)
+
+
+_TRAJECTORY: Final = struct.Struct(">21i")
+
+
+# 50004
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptCommand:
+    """A command beside the setpoints. ``words``: what follows its kind, padded with zeros to 27 on the wire."""
+
+    SIZE = 112
+
+    kind: ScriptCommandKind
+    words: tuple[int, ...] = ()
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The words as physical values."""
+        return from_words(self.words)
+
+    @classmethod
+    def plain(cls, kind: ScriptCommandKind) -> Self:
+        """A command without parameters."""
+        return cls(kind)
+
+    @classmethod
+    def set_payload(cls, mass_kg: float, cog_m: Sequence[float]) -> Self:
+        """Mass and centre of gravity (3,) from the flange."""
+        return cls(ScriptCommandKind.SET_PAYLOAD, to_words([mass_kg, *_three("the centre of gravity", cog_m)]))
+
+    @classmethod
+    def set_target_payload(
+        cls, mass_kg: float, cog_m: Sequence[float], inertia_kg_m2: Sequence[float], transition_time_s: float = 0.0
+    ) -> Self:
+        """As set_payload with the inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,); from 5.10 on."""
+        cog, inertia = _three("the centre of gravity", cog_m), _exactly("the inertia", inertia_kg_m2, 6)
+        return cls(ScriptCommandKind.SET_TARGET_PAYLOAD, to_words([mass_kg, *cog, *inertia, transition_time_s]))
+
+    @classmethod
+    def set_tool_voltage(cls, volts: int) -> Self:
+        """0, 12 or 24."""
+        if volts not in (0, 12, 24):
+            raise LocalProtocolError(f"the tool voltage is 0, 12 or 24 V, not {volts}")
+        return cls(ScriptCommandKind.SET_TOOL_VOLTAGE, to_words([volts]))
+
+    @classmethod
+    def start_force_mode(
+        cls,
+        task_frame: Sequence[float],
+        selection: Sequence[int],
+        wrench: Sequence[float],
+        type_: int,
+        limits: Sequence[float],
+        *,
+        damping: float = 0.025,
+        gain_scaling: float = 0.5,
+    ) -> Self:
+        """Comply along the selected axes of a frame given in the base frame; see the script function force_mode."""
+        blocks = (("the task frame", task_frame), ("the selection", selection), ("the wrench", wrench))
+        values = [value for name, block in blocks for value in _exactly(name, block, 6)]
+        values += [type_, *_exactly("the limits", limits, 6), damping, gain_scaling]
+        return cls(ScriptCommandKind.START_FORCE_MODE, to_words(values))
+
+    @classmethod
+    def ft_rtde_input_enable(
+        cls, enabled: bool, mass_kg: float, offset_m: Sequence[float], cog_m: Sequence[float]
+    ) -> Self:
+        """Take the wrench from RTDE inputs, of a sensor with this mass, offset (3,) and centre of gravity (3,)."""
+        sensor = [mass_kg, *_three("the offset", offset_m), *_three("the centre of gravity", cog_m)]
+        return cls(ScriptCommandKind.FT_RTDE_INPUT_ENABLE, (int(enabled), *to_words(sensor)))
+
+    @classmethod
+    def set_gravity(cls, gravity_m_s2: Sequence[float]) -> Self:
+        """Acceleration (3,) in the base frame, [0, 0, 9.82] for an upright arm."""
+        return cls(ScriptCommandKind.SET_GRAVITY, to_words(_three("gravity", gravity_m_s2)))
+
+    @classmethod
+    def set_tcp_offset(cls, pose_flange_tcp: Sequence[float]) -> Self:
+        """Flange to TCP (6,) [m, rotation vector]."""
+        return cls(ScriptCommandKind.SET_TCP_OFFSET, _six("the TCP offset", pose_flange_tcp))
+
+    @classmethod
+    def set_friction_compensation(cls, enabled: bool) -> Self:
+        """Of direct torque control; 5.23 and 5.24."""
+        return cls(ScriptCommandKind.SET_FRICTION_COMPENSATION, (int(enabled),))
+
+    @classmethod
+    def set_friction_scales(cls, viscous: Sequence[float], coulomb: Sequence[float]) -> Self:
+        """Shares 0 to 1 of each joint's friction (6,) to compensate in direct torque control; from 5.25.1 on."""
+        blocks = (("the viscous scales", viscous), ("the Coulomb scales", coulomb))
+        values = [min(1.0, max(0.0, value)) for name, block in blocks for value in _exactly(name, block, 6)]
+        return cls(ScriptCommandKind.SET_FRICTION_SCALES, to_words(values))
+
+    def encode(self) -> bytes:
+        """The bytes on the wire."""
+        return _COMMAND.pack(self.kind, *_filled(self.words, 27))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """The command of 112 bytes, with all 27 words."""
+        kind, *words = _COMMAND.unpack(data)
+        return cls(_member(ScriptCommandKind, kind), tuple(words))
+
+
+_COMMAND: Final = struct.Struct(">28i")
+
+
+# streams
+
+MessageT = TypeVar("MessageT")
+EnumT = TypeVar("EnumT", bound=IntEnum)
+
+
+class MessageDecoder(Generic[MessageT]):
+    """Cuts messages of one size out of a stream: ``MessageDecoder(ReverseMessage.SIZE, ReverseMessage.decode)``."""
+
+    def __init__(self, size: int, decode: Callable[[bytes], MessageT]) -> None:
+        self._size = size
+        self._decode = decode
+        self._buffer = bytearray()
+
+    @classmethod
+    def results(cls) -> "MessageDecoder[TrajectoryResult]":
+        """For what the robot answers on the trajectory and script command interfaces."""
+        return MessageDecoder(_WORD.size, lambda data: _member(TrajectoryResult, _WORD.unpack(data)[0]))
+
+    def feed(self, data: bytes) -> list[MessageT]:
+        """Take bytes, give the messages they complete. Raises RemoteProtocolError for one that means nothing."""
+        self._buffer += data
+        whole = len(self._buffer) // self._size * self._size
+        chunks = [bytes(self._buffer[start : start + self._size]) for start in range(0, whole, self._size)]
+        del self._buffer[:whole]
+        return [self._decode(chunk) for chunk in chunks]
+
+
+def _member(kind: type[EnumT], value: int) -> EnumT:
+    try:
+        return kind(value)
+    except ValueError:
+        raise RemoteProtocolError(f"{value} is no {kind.__name__}") from None
