@@ -4,12 +4,14 @@ A backend opens connections; the interpreter never waits for one, it looks at ``
 and ``inbox`` once per control period. ``MemorySockets`` is a backend without a network.
 """
 
+from enum import StrEnum
 from typing import Literal, Protocol
 
 __all__ = [
     "MemorySocket",
     "MemorySockets",
     "NoNetwork",
+    "ScriptNetwork",
     "ScriptSocket",
     "ScriptSocketBackend",
     "SocketState",
@@ -17,6 +19,14 @@ __all__ = [
 ]
 
 SocketState = Literal["connecting", "open", "closed"]
+
+
+class ScriptNetwork(StrEnum):
+    """Which addresses the sockets and remote procedure calls of scripts may connect to."""
+
+    ANY = "any"
+    LOOPBACK = "loopback"
+    NONE = "none"
 
 
 class ScriptSocket(Protocol):

@@ -133,6 +133,7 @@ class Reply:
     def __init__(self) -> None:
         self._size = self._depth = self._values = 0
         self._reader = Unmarshaller()
+        self._reader.xml("", None)  # no encoding: it gets text
         parser = self._parser = expat.ParserCreate()
         parser.buffer_text = True
         parser.StartDoctypeDeclHandler = self._doctype
