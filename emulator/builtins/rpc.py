@@ -8,7 +8,9 @@ from collections.abc import Generator
 from typing import Final
 
 from emulator.programs.host import Frames, ProgramHost
-from emulator.programs.httpclient import HttpConnection, HttpError, HttpUrl
+from emulator.programs.httpclient import HttpConnection, HttpUrl
+from emulator.programs.pstream import PacketConnection
+from emulator.programs.remote import RemoteConnection, RemoteError
 from emulator.programs.xmlrpc import BadReplyError, Reply, encode_call, to_value
 from urscript.builtins import Library
 from urscript.compiler import STRUCT
@@ -24,20 +26,26 @@ _CLOSE: Final = "closeXMLRPCClientConnection"
 _LONGEST_TEXT: Final = 300  # of what a server says about its errors (guess)
 
 
-@LIBRARY.builtin(status="partial", note="http only: pstream URLs are an error")
-def rpc_factory(host: ProgramHost, type_: Str, url: Str) -> Handle:
-    """A handle whose methods are those of an XML-RPC server, ``http://address:port/path``; port 80 unless given.
+@LIBRARY.builtin()
+def rpc_factory(host: ProgramHost, type_: Str, url: Str) -> Frames[Handle]:
+    """A handle whose methods are those of an XML-RPC server.
 
-    It connects when the first method is called, and that is when a missing server ends the
-    program. ``closeXMLRPCClientConnection()`` of the handle closes the connection; the next
-    call opens one again.
+    ``http://address:port/path`` (port 80 unless given) connects when the first method is
+    called, and that is when a missing server ends the program. ``address:port`` is a packet
+    stream, xmlrpc-c's protocol without HTTP, and connects at once.
+    ``closeXMLRPCClientConnection()`` of the handle closes the connection; the next call opens
+    one again.
     """
     if type_ != "xmlrpc":
         raise RuntimeFault(f'rpc_factory: there is no RPC type "{type_}": the only one is "xmlrpc"')
+    stream = PacketConnection.parse(host, url)
     try:
-        return XmlRpcHandle(host, HttpUrl.parse(url))
-    except ValueError as error:
+        if stream is None:
+            return XmlRpcHandle(host, HttpConnection(host, HttpUrl.parse(url)))
+        yield from stream.open()
+    except (ValueError, RemoteError) as error:
         raise RuntimeFault(f'rpc_factory: "{url}" cannot be used: {error}') from None
+    return XmlRpcHandle(host, stream)
 
 
 class XmlRpcHandle(Handle):
@@ -45,13 +53,13 @@ class XmlRpcHandle(Handle):
 
     type_title = "RPC handle"
 
-    def __init__(self, host: ProgramHost, url: HttpUrl) -> None:
+    def __init__(self, host: ProgramHost, connection: RemoteConnection) -> None:
         self._host = host
-        self._connection = HttpConnection(host, url)
+        self._connection = connection
         self._busy = False
 
     def __str__(self) -> str:
-        return f"rpc_factory({self._connection.url})"
+        return f"rpc_factory({self._connection})"
 
     def member(self, name: str) -> Value:
         """The first half of a dotted method, as in ``handle.system.listMethods()``."""
@@ -67,9 +75,9 @@ class XmlRpcHandle(Handle):
         self._busy = True
         try:
             return (yield from self._call(name, arguments))
-        except (HttpError, BadReplyError) as error:
+        except (RemoteError, BadReplyError) as error:
             text = str(error)[:_LONGEST_TEXT]
-            raise RuntimeFault(f"RPC {name} at {self._connection.url}: {text}") from None
+            raise RuntimeFault(f"RPC {name} at {self._connection}: {text}") from None
         finally:
             self._busy = False
 

@@ -14,23 +14,19 @@ from urllib.parse import urlsplit
 import h11
 
 from emulator.programs.host import Frames, ProgramHost
+from emulator.programs.remote import RemoteError, authority, connect
 from emulator.programs.sockets import ScriptSocket
 from urscript.meter import pay
 
-__all__ = ["HttpConnection", "HttpError", "HttpUrl"]
+__all__ = ["HttpConnection", "HttpUrl"]
 
-_CONNECT_S: Final = 300.0  # libcurl's default; what the controller sets is not known
 _BITE: Final = 1024  # bytes looked at before the budget is asked again
 _EVENT_COST: Final = 300  # meter units: h11 takes about 15 us for a piece of a reply
 _AGENT: Final = "ur-emulator"  # the controller's own is not known
 _OK: Final = 200
 
 
-class HttpError(Exception):
-    """The call did not come through; the text says why."""
-
-
-class _NoAnswerError(HttpError):
+class _NoAnswerError(RemoteError):
     """The connection ended before a byte of the answer."""
 
 
@@ -61,17 +57,12 @@ class HttpUrl:
         return url
 
     def __str__(self) -> str:
-        return f"http://{self.authority}{self.target}"
-
-    @property
-    def authority(self) -> str:
-        """``host:port``, an IPv6 address in brackets."""
-        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+        return f"http://{authority(self.host, self.port)}{self.target}"
 
     def request(self, body: bytes) -> h11.Request:
         """The head of a POST of this body."""
         headers = {
-            "Host": self.authority,
+            "Host": authority(self.host, self.port),
             "User-Agent": _AGENT,
             "Accept": "*/*",
             "Content-Type": "text/xml",
@@ -89,6 +80,9 @@ class HttpConnection:
         self._socket: ScriptSocket | None = None
         self._http = h11.Connection(h11.CLIENT)
 
+    def __str__(self) -> str:
+        return str(self.url)
+
     def close(self) -> None:
         """End the connection; the next call opens another."""
         socket, self._socket = self._socket, None
@@ -96,17 +90,12 @@ class HttpConnection:
             self._host.sockets.drop(socket)
 
     def post(self, body: bytes, take: Callable[[bytes], None]) -> Frames[None]:
-        """Send a body and give the answer's to `take`, piece by piece.
-
-        Raises HttpError for everything but a complete answer with status 200. However it ends
-        early (a killed thread too), the connection ends with it: what is left on it is half an
-        answer.
-        """
+        """See RemoteConnection; the answer's status must be 200."""
         complete = False
         try:
             complete = yield from self._post(body, take)
         except h11.RemoteProtocolError as error:
-            raise HttpError(f"the answer is not HTTP: {error}") from None
+            raise RemoteError(f"the answer is not HTTP: {error}") from None
         finally:
             if not complete:
                 self.close()
@@ -119,23 +108,9 @@ class HttpConnection:
             except _NoAnswerError:
                 pass
         self.close()
-        socket = yield from self._connect()
-        return (yield from self._exchange(socket, body, take))
-
-    def _connect(self) -> Frames[ScriptSocket]:
-        host, url = self._host, self.url
-        socket = self._socket = host.programs.socket_backend.open(url.host, url.port)
+        self._socket = yield from connect(self._host, self.url.host, self.url.port)
         self._http = h11.Connection(h11.CLIENT)
-        host.sockets.hold(socket)
-        for _ in range(host.frames(_CONNECT_S)):
-            if socket.state != "connecting":
-                break
-            yield
-        if socket.state == "connecting":
-            raise HttpError(f"{url.authority} did not answer within {_CONNECT_S:g} s")
-        if socket.state != "open":
-            raise HttpError(f"cannot connect to {url.authority}: is the server running?")
-        return socket
+        return (yield from self._exchange(self._socket, body, take))
 
     def _exchange(self, socket: ScriptSocket, body: bytes, take: Callable[[bytes], None]) -> Frames[bool]:
         """One request and its answer; True when the connection may serve another."""
@@ -156,7 +131,7 @@ class HttpConnection:
             elif isinstance(event, h11.EndOfMessage):
                 return self._start_over()
             elif not isinstance(event, h11.InformationalResponse):
-                raise HttpError("the connection was closed before the answer was complete")
+                raise RemoteError("the connection was closed before the answer was complete")
             yield from pay(_EVENT_COST)
 
     def _receive(self, socket: ScriptSocket, silent: bool) -> Frames[None]:
@@ -179,4 +154,4 @@ class HttpConnection:
 def _check_status(response: h11.Response) -> None:
     if response.status_code != _OK:
         reason = response.reason.decode("ascii", "replace")
-        raise HttpError(f"the server answered with HTTP {response.status_code} {reason}".rstrip())
+        raise RemoteError(f"the server answered with HTTP {response.status_code} {reason}".rstrip())

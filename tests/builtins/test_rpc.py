@@ -2,13 +2,14 @@
 
 import math
 import xmlrpc.client
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from emulator.programs import httpclient
+from emulator.programs import remote
+from emulator.programs.pstream import PacketReader
 from emulator.programs.xmlrpc import BadReplyError, Reply, encode_call, to_value
 from urscript.values import INT_MAX, INT_MIN, MAX_ELEMENTS, Matrix, Pose, Struct
 
@@ -363,7 +364,7 @@ def test_the_factory_needs_no_server_and_the_first_call_does(rig):
 
 
 def test_a_server_that_never_accepts(rig, monkeypatch):
-    monkeypatch.setattr(httpclient, "_CONNECT_S", 1.0)
+    monkeypatch.setattr(remote, "_CONNECT_S", 1.0)
     rig.sockets.silent.add(("10.0.0.9", 80))
     assert "did not answer within 1 s" in rig.fault('rpc_factory("xmlrpc", "http://10.0.0.9").get()')
     assert rig.sockets.opened[0].state == "closed"
@@ -374,7 +375,9 @@ def test_a_server_that_never_accepts(rig, monkeypatch):
     [
         ("corba", URL),
         ("xmlrpc", ""),
-        ("xmlrpc", "10.0.0.1:8080"),
+        ("xmlrpc", "10.0.0.1"),
+        ("xmlrpc", "10.0.0.1:0"),
+        ("xmlrpc", "10.0.0.1:99999"),
         ("xmlrpc", "https://10.0.0.1"),
         ("xmlrpc", "http://"),
         ("xmlrpc", "http://10.0.0.1:99999"),
@@ -480,3 +483,84 @@ def test_a_secondary_program_cannot_wait_for_a_server(rig):
 
 def test_inf_is_not_sent_but_may_come(rig):
     assert call(rig, "server.get()", http(xml(math.inf))) == math.inf
+
+
+# packet streams
+
+
+STREAM = 'server = rpc_factory("xmlrpc", "10.0.0.1:50001")\n'
+
+
+def packet(body: bytes) -> bytes:
+    return b"\x1bPKT" + body + b"\x1bEND"
+
+
+def start_stream(rig, body: str):
+    rig.start(STREAM + body)
+    rig.until(lambda: bool(rig.sockets.opened and rig.sockets.opened[0].sent), 1.0)
+    return rig.sockets.opened[0]
+
+
+def test_packet_streams_in_single_bytes(rig):
+    socket = start_stream(rig, "a = server.first(7)\ntextmsg(server.second() + a)")
+    sent = bytes(socket.sent)
+    assert sent[:4] == b"\x1bPKT"
+    assert sent[-4:] == b"\x1bEND"
+    assert xmlrpc.client.loads(sent[4:-4]) == ((7,), "first")
+    for byte in b"\x1bNOP" + packet(xml(1)):
+        socket.feed(bytes([byte]))
+        rig.tick()
+    rig.until(lambda: socket.sent.count(b"\x1bEND") == 2, 1.0)
+    socket.feed(packet(xml(2)))
+    rig.until(lambda: rig.state.name == "STOPPED", 1.0)
+    assert rig.texts == ["3"]
+    assert len(rig.sockets.opened) == 1
+    assert socket.state == "closed"
+
+
+def test_a_packet_stream_needs_its_server_at_once(rig):
+    text = rig.fault('rpc_factory("xmlrpc", "10.0.0.2:80")')
+    assert text == 'rpc_factory: "10.0.0.2:80" cannot be used: cannot connect to 10.0.0.2:80: is the server running?'
+
+
+def test_a_closed_packet_stream_is_opened_again(rig):
+    socket = start_stream(rig, "a = server.first()\nserver.closeXMLRPCClientConnection()\ntextmsg(server.second())")
+    socket.feed(packet(xml(1)))
+    rig.until(lambda: len(rig.sockets.opened) == 2 and bool(rig.sockets.opened[1].sent), 1.0)
+    assert socket.state == "closed"
+    rig.sockets.opened[1].feed(packet(xml(2)))
+    rig.until(lambda: rig.state.name == "STOPPED", 1.0)
+    assert rig.texts == ["2"]
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [b"HTTP/1.1 200 OK", b"\x1bEND", b"\x1bESC", b"\x1bPKT\x1bPKT", b"\x1bXYZ", packet(b"x") + b"y", packet(b"")],
+)
+def test_answers_that_are_no_packet(rig, answer):
+    socket = start_stream(rig, "server.get()")
+    socket.feed(answer)
+    rig.until(lambda: bool(rig.exceptions), 1.0)
+    assert "RPC get at 10.0.0.1:50001: the " in rig.exceptions[0].text
+    rig.until(lambda: rig.state.name == "STOPPED", 1.0)
+    assert socket.state == "closed"
+
+
+def test_a_packet_stream_that_ends_early(rig):
+    socket = start_stream(rig, "server.get()")
+    socket.feed(packet(xml(1))[:-1])
+    rig.tick(3)
+    socket.close()
+    rig.until(lambda: bool(rig.exceptions), 1.0)
+    assert rig.exceptions[0].text.endswith("the connection was closed before the answer was complete")
+
+
+@given(st.binary(), st.integers(1, 9), st.booleans())
+def test_any_packet_is_read_in_any_pieces(body, piece, framed):
+    got = bytearray()
+    reader = PacketReader(got.extend)
+    wire = packet(body.replace(b"\x1b", b"\x1bESC")) if framed else body
+    with nullcontext() if framed else suppress(remote.RemoteError):
+        for at in range(0, len(wire), piece):
+            reader.feed(wire[at : at + piece])
+    assert not framed or (reader.complete and got == body)
