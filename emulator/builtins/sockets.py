@@ -16,6 +16,7 @@ from emulator.programs.host import Frames, ProgramHost
 from emulator.programs.sockets import ScriptSocket
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
+from urscript.meter import charge
 from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Bool, Int, Num, Str, from_bytes, to_bytes, to_text
 
 __all__ = ["LIBRARY"]
@@ -25,6 +26,7 @@ LIBRARY = Library("sockets", host=True)
 _CONNECT_S: Final = 2.0  # Script Manual, socket_open
 _VARIABLE_S: Final = 2.0  # Script Manual, socket_get_var
 _MOST_VALUES: Final = 30  # Script Manual, socket_read_ascii_float and the other list readers
+_SEARCHED_BYTES: Final = 8  # for a meter unit of work, when everything there looks like the marker
 _NAME: Final = "socket_0"
 _ESCAPES: Final = {"\\n": "\n", "\\r": "\r", "\\t": "\t", "\\\\": "\\"}
 
@@ -168,6 +170,7 @@ def socket_read_string(
 
 def _between(inbox: bytearray, head: bytes, tail: bytes) -> tuple[int, int] | None:
     """Where the text between the markers is; None when it is not complete yet."""
+    charge(len(inbox) // _SEARCHED_BYTES)
     at = inbox.find(head)
     begin = at + len(head)
     if at < 0:
