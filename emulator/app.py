@@ -39,7 +39,7 @@ class Emulator:
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
         self.servers: dict[str, PortServer] = {server.name: server for server in make_servers(self.controller)}
         self.stopped = asyncio.Event()
-        self._sockets = NetworkSockets()
+        self._sockets = NetworkSockets(config.script_network, self.controller.messages.note)
         self._running = AsyncExitStack()
 
     @property

@@ -31,6 +31,7 @@ from emulator.config import (
     read_programs_dir,
 )
 from emulator.controller import ControllerConfig
+from emulator.programs.sockets import ScriptNetwork
 from emulator.readiness import NotReady, check_ready
 from emulator.welcome import first_screen, ready_line
 
@@ -75,6 +76,9 @@ def _run(
     remote_control: Annotated[
         bool, typer.Option("--remote-control", help="Answer true to 'is in remote control' (e-Series).")
     ] = False,
+    script_network: Annotated[
+        ScriptNetwork, typer.Option(help="Addresses that sockets and XML-RPC of scripts may connect to.")
+    ] = ScriptNetwork.ANY,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
@@ -95,7 +99,12 @@ def _run(
             remote_control=remote_control,
         )
         config = EmulatorConfig(
-            controller=controller, host=host, port_offset=port_offset, ephemeral_ports=ephemeral_ports, speed=speed
+            controller=controller,
+            host=host,
+            port_offset=port_offset,
+            ephemeral_ports=ephemeral_ports,
+            speed=speed,
+            script_network=script_network,
         )
         asyncio.run(_serve(config, ports_file, exit_when_ready=exit_when_ready))
 

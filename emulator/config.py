@@ -9,6 +9,7 @@ from typing import Any, Final
 import yaml
 
 from emulator.controller import ControllerConfig
+from emulator.programs.sockets import ScriptNetwork
 from urproto.robots import RobotModel, UnknownModel, load_model
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -57,6 +58,7 @@ class EmulatorConfig:
 
     host: an address of this machine. port_offset is added to each of the usual ports;
     ephemeral_ports takes free ones instead. speed: simulated seconds per second.
+    script_network: where the sockets and remote procedure calls of scripts may lead.
     """
 
     controller: ControllerConfig
@@ -64,6 +66,7 @@ class EmulatorConfig:
     port_offset: int = 0
     ephemeral_ports: bool = False
     speed: float = 1.0
+    script_network: ScriptNetwork = ScriptNetwork.ANY
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed < math.inf:

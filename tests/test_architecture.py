@@ -21,6 +21,7 @@ MAY_IMPORT = {
 }
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
+    "h11": ("emulator.programs.httpclient",),
     "numpy": ("urproto.robots.dynamics",),
     "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("emulator", "client"),
@@ -38,6 +39,8 @@ MAY_TOUCH_OUTSIDE = (
     "emulator.servers",
     "client",
 )
+# a module of the standard library that brings sockets along -> what of it may be used: the parts without
+CODECS = {"xmlrpc": {"Fault", "Unmarshaller"}}
 LONGEST_FILE = 600
 
 
@@ -114,6 +117,15 @@ def test_only_the_shells_touch_the_outside_world(name: str) -> None:
         return
     touched = {imported.split(".")[0] for imported in imports(name)} & OUTSIDE_WORLD
     assert not touched, f"{name} imports {sorted(touched)}"
+
+
+@pytest.mark.parametrize("name", modules())
+def test_only_the_codec_of_what_brings_sockets_along(name: str) -> None:
+    for node in ast.walk(syntax_tree(name)):
+        if isinstance(node, ast.Import):
+            assert not {alias.name.split(".")[0] for alias in node.names} & CODECS.keys(), name
+        elif isinstance(node, ast.ImportFrom) and (top := (node.module or "").split(".")[0]) in CODECS:
+            assert {alias.name for alias in node.names} <= CODECS[top], name
 
 
 def test_pinocchio_is_not_loaded_by_importing_the_language_or_the_protocols() -> None:

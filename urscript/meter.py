@@ -6,7 +6,9 @@ and whatever does work in proportion to its arguments charges it too. Counting i
 measuring time keeps programs deterministic.
 """
 
-__all__ = ["METER", "Meter", "charge"]
+from collections.abc import Generator
+
+__all__ = ["METER", "Meter", "charge", "pay"]
 
 
 class Meter:
@@ -24,3 +26,10 @@ METER = Meter()
 def charge(units: int) -> None:
     """Count work that the compiler could not foresee, such as going through a long list."""
     METER.left -= units
+
+
+def pay(units: int) -> Generator[None, None, None]:
+    """Charge work in a built-in that may wait: go on in the next frame when this one's budget is spent."""
+    METER.left -= units
+    if METER.left <= 0:
+        yield

@@ -9,9 +9,10 @@ from typing import Any
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
 from urscript.operators import check_size, whole
+from urscript.operators import member as struct_member
 from urscript.values import BoundedList, Value, to_text, type_name
 
-__all__ = ["Handle", "call_method", "refuse_list_methods"]
+__all__ = ["Handle", "call_method", "member", "refuse_list_methods"]
 
 MethodResult = tuple[Value, Value]
 
@@ -28,6 +29,15 @@ class Handle:
         """Carry out one method call; each bare ``yield`` ends the thread's frame."""
         raise RuntimeFault(f"{self.type_title} has no method '{name}'")
         yield
+
+    def member(self, name: str) -> Value:
+        """``handle.name`` without a call, such as the first half of ``handle.system.listMethods()``."""
+        raise RuntimeFault(f"Type error: {self.type_title} has no member '{name}'")
+
+
+def member(value: Value, name: str) -> Value:
+    """``value.name`` of a struct or a handle."""
+    return value.member(name) if isinstance(value, Handle) else struct_member(value, name)
 
 
 def call_method(target: Value, name: str, *arguments: Value) -> Generator[None, None, MethodResult]:

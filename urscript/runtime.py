@@ -37,7 +37,7 @@ from urscript.builtins import OMITTED
 from urscript.compiler import FILE_NAME, CompiledProgram
 from urscript.errors import RuntimeFault, ScriptRuntimeError
 from urscript.meter import METER
-from urscript.methods import call_method, refuse_list_methods
+from urscript.methods import call_method, member, refuse_list_methods
 from urscript.values import UNSET, Value
 
 __all__ = ["Host", "Runtime", "ScriptThread"]
@@ -357,7 +357,7 @@ _HELPERS: dict[str, Any] = {
     "_len": len,
     "_index": operators.index,
     "_cell": operators.cell,
-    "_member": operators.member,
+    "_member": member,
     "_set_item": operators.set_item,
     "_set_path": operators.set_path,
     "_retype": operators.retype,

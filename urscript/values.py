@@ -162,7 +162,8 @@ _TYPE_NAMES: dict[type, str] = {
 
 def type_name(value: object) -> str:
     """The controller's word for the type of a value (``Int``, ``Const String`` and ``List`` seen, others guessed)."""
-    return _TYPE_NAMES.get(value.__class__, value.__class__.__name__)
+    known = _TYPE_NAMES.get(value.__class__)
+    return known if known is not None else str(getattr(value, "type_title", value.__class__.__name__))
 
 
 # text

@@ -16,6 +16,7 @@ from emulator.programs.host import Frames, ProgramHost
 from emulator.programs.sockets import ScriptSocket
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
+from urscript.meter import charge
 from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Bool, Int, Num, Str, from_bytes, to_bytes, to_text
 
 __all__ = ["LIBRARY"]
@@ -25,6 +26,7 @@ LIBRARY = Library("sockets", host=True)
 _CONNECT_S: Final = 2.0  # Script Manual, socket_open
 _VARIABLE_S: Final = 2.0  # Script Manual, socket_get_var
 _MOST_VALUES: Final = 30  # Script Manual, socket_read_ascii_float and the other list readers
+_SEARCHED_BYTES: Final = 8  # for a meter unit of work, when everything there looks like the marker
 _NAME: Final = "socket_0"
 _ESCAPES: Final = {"\\n": "\n", "\\r": "\r", "\\t": "\t", "\\\\": "\\"}
 
@@ -67,10 +69,10 @@ def socket_send_line(host: ProgramHost, str_: Any_, socket_name: Str = _NAME) ->
 @LIBRARY.builtin()
 def socket_send_byte(host: ProgramHost, value: Any_, socket_name: Str = _NAME) -> bool:
     """Send one byte: 0 to 255, or the first character of a string. False when the socket is not open."""
-    if isinstance(value, str):
+    if isinstance(value, str) and value:
         return _send(host, socket_name, to_bytes(value)[:1])
     if type(value) not in (int, float) or not 0 <= value <= 255:
-        raise RuntimeFault(f"socket_send_byte: the value must be 0 to 255, not {value}")
+        raise RuntimeFault(f"socket_send_byte: the value must be 0 to 255, not {to_text(value) or 'an empty string'}")
     return _send(host, socket_name, bytes([int(value)]))
 
 
@@ -93,8 +95,9 @@ def socket_get_var(host: ProgramHost, name: Str, socket_name: Str = _NAME) -> Fr
     """Send the line ``GET <name>`` and read ``<name> <value>``; 0 when no answer comes within 2 s."""
     _send(host, socket_name, to_bytes(f"GET {name}\n"))
     line = yield from _take_line(host, socket_name, _VARIABLE_S)
-    match = re.fullmatch(r"(\S+)\s+(-?\d+)\s*", line or "")
-    return int(match[2]) if match and match[1] == name else 0
+    match = re.fullmatch(r"(\S+)\s+(-?\d{1,10})\s*", line or "", re.ASCII)
+    value = int(match[2]) if match and match[1] == name else 0
+    return value if INT_MIN <= value <= INT_MAX else 0
 
 
 @LIBRARY.builtin()
@@ -149,7 +152,8 @@ def socket_read_string(
     """Read what there is, or what stands between `prefix` and `suffix`; "" on failure.
 
     What comes before the prefix is dropped, what follows the suffix is kept for the next read.
-    `interpret_escape`: \\n, \\r and \\t in prefix and suffix stand for control characters.
+    Blanks at the beginning of either are ignored (Script Manual). `interpret_escape`: \\n, \\r
+    and \\t in prefix and suffix stand for control characters.
     """
     head, tail = _marker(prefix, interpret_escape), _marker(suffix, interpret_escape)
     socket = host.sockets.get(socket_name)
@@ -161,13 +165,12 @@ def socket_read_string(
     begin, end = span
     text = bytes(socket.inbox[begin:end])
     _pop(socket, end + len(tail))
-    if len(text) > MAX_STRING:
-        raise RuntimeFault(f"Received String exceeds maximum length ({MAX_STRING} Bytes).")
-    return from_bytes(text)
+    return _received(text)
 
 
 def _between(inbox: bytearray, head: bytes, tail: bytes) -> tuple[int, int] | None:
     """Where the text between the markers is; None when it is not complete yet."""
+    charge(len(inbox) // _SEARCHED_BYTES)
     at = inbox.find(head)
     begin = at + len(head)
     if at < 0:
@@ -175,7 +178,8 @@ def _between(inbox: bytearray, head: bytes, tail: bytes) -> tuple[int, int] | No
     if not tail:
         return (begin, len(inbox)) if len(inbox) > begin else None
     end = inbox.find(tail, begin)
-    return (begin, end) if end >= 0 else None
+    too_long = end < 0 and len(inbox) - begin > MAX_STRING + len(tail)
+    return (begin, len(inbox)) if too_long else (begin, end) if end >= 0 else None
 
 
 def _wait(
@@ -205,7 +209,13 @@ def _take_line(host: ProgramHost, name: str, timeout: float) -> Frames[str | Non
     if socket is None or not found:
         return None
     line = _pop(socket, socket.inbox.index(b"\n") + 1)
-    return from_bytes(line[:-1].removesuffix(b"\r"))
+    return _received(line[:-1].removesuffix(b"\r"))
+
+
+def _received(text: bytes) -> str:
+    if len(text) > MAX_STRING:
+        raise RuntimeFault(f"Received String exceeds maximum length ({MAX_STRING} Bytes).")
+    return from_bytes(text)
 
 
 def _pop(socket: ScriptSocket, size: int) -> bytes:
@@ -226,19 +236,21 @@ def _text_bytes(value: Any) -> bytes:
 def _marker(text: str, interpret_escape: bool) -> bytes:
     if interpret_escape:
         text = re.sub(r"\\[nrt\\]", lambda match: _ESCAPES[match[0]], text)
-    return to_bytes(text)
+    return to_bytes(text.lstrip(" "))
 
 
 def _floats(text: bytes) -> list[float] | None:
+    if b"_" in text:  # which Python allows in numbers
+        return None
     try:
-        return [float(part) for part in text.split(b",")]
+        return [float(part) for part in text.split(b",")] if text.strip() else []
     except ValueError:
         return None
 
 
 def _count(number: int) -> int:
     if not 0 <= number <= _MOST_VALUES:
-        raise RuntimeFault(f"at most {_MOST_VALUES} values can be read at once, not {number}")
+        raise RuntimeFault(f"0 to {_MOST_VALUES} values can be read at once, not {number}")
     return number
 
 

@@ -4,12 +4,14 @@ A backend opens connections; the interpreter never waits for one, it looks at ``
 and ``inbox`` once per control period. ``MemorySockets`` is a backend without a network.
 """
 
+from enum import StrEnum
 from typing import Literal, Protocol
 
 __all__ = [
     "MemorySocket",
     "MemorySockets",
     "NoNetwork",
+    "ScriptNetwork",
     "ScriptSocket",
     "ScriptSocketBackend",
     "SocketState",
@@ -17,6 +19,14 @@ __all__ = [
 ]
 
 SocketState = Literal["connecting", "open", "closed"]
+
+
+class ScriptNetwork(StrEnum):
+    """Which addresses the sockets and remote procedure calls of scripts may connect to."""
+
+    ANY = "any"
+    LOOPBACK = "loopback"
+    NONE = "none"
 
 
 class ScriptSocket(Protocol):
@@ -47,13 +57,24 @@ class ScriptSocketBackend(Protocol):
 
 
 class SocketTable:
-    """The sockets of one program, by the names the script gave them."""
+    """The sockets of one program: those the script opened, by their names, and those a handle of it holds."""
 
     def __init__(self) -> None:
         self._sockets: dict[str, ScriptSocket] = {}
+        self._held: list[ScriptSocket] = []
 
     def __len__(self) -> int:
-        return len(self._sockets)
+        return len(self._sockets) + len(self._held)
+
+    def hold(self, socket: ScriptSocket) -> None:
+        """Close this one, which no script knows by name, with the others."""
+        self._held.append(socket)
+
+    def drop(self, socket: ScriptSocket) -> None:
+        """Close one that was held, and forget it."""
+        socket.close()
+        if socket in self._held:
+            self._held.remove(socket)
 
     def get(self, name: str) -> ScriptSocket | None:
         """The socket of that name, or None when it was never opened or is closed by the script."""
@@ -74,6 +95,8 @@ class SocketTable:
         """Close and forget every socket."""
         for name in list(self._sockets):
             self.close(name)
+        for socket in list(self._held):
+            self.drop(socket)
 
 
 class MemorySocket:

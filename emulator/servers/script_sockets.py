@@ -1,11 +1,17 @@
-"""TCP connections that scripts open (``socket_open`` and its family)."""
+"""TCP connections that scripts open (``socket_open`` and its family, remote procedure calls).
+
+Where they may lead is decided by address, after a name was resolved, and the connection goes
+to the address that was judged: a name cannot mean something else a moment later.
+"""
 
 import asyncio
 import logging
-from collections.abc import Callable
+import socket
+from collections.abc import Awaitable, Callable
+from ipaddress import IPv6Address, ip_address
 from typing import Final
 
-from emulator.programs.sockets import SocketState
+from emulator.programs.sockets import ScriptNetwork, SocketState
 
 __all__ = ["NetworkSockets"]
 
@@ -16,14 +22,22 @@ _logger = logging.getLogger(__name__)
 
 
 class NetworkSockets:
-    """Opens connections in the running event loop; the script looks at them once per control period."""
+    """Opens connections in the running event loop; the script looks at them once per control period.
 
-    def __init__(self) -> None:
+    network: where they may lead; what it forbids fails as a refused connection does, and `note`
+    is told why.
+    """
+
+    def __init__(
+        self, network: ScriptNetwork = ScriptNetwork.ANY, note: Callable[[str], None] = lambda text: None
+    ) -> None:
         self._open: set[_NetworkSocket] = set()
+        self._network = network
+        self._note = note
 
     def open(self, address: str, port: int) -> "_NetworkSocket":
         """Begin to connect. A refused connection, or an impossible address, turns ``closed``."""
-        opened = _NetworkSocket(self._open.discard)
+        opened = _NetworkSocket(self._permitted, self._open.discard)
         self._open.add(opened)
         opened.connect(address, port)
         return opened
@@ -35,10 +49,39 @@ class NetworkSockets:
                 opened.close()
             await asyncio.sleep(0)
 
+    async def _permitted(self, address: str, port: int) -> list[str]:
+        """The numeric addresses to try, in order. Raises OSError when there are none, or none that is permitted."""
+        network = self._network
+        found = [] if network is ScriptNetwork.NONE else await _resolve(address, port)
+        permitted = [numeric for numeric in found if network is ScriptNetwork.ANY or _is_loopback(numeric)]
+        if network is not ScriptNetwork.ANY and not permitted:
+            where = f"{address}:{port}" + (f" ({', '.join(found)})" if found and found != [address] else "")
+            text = f"a script may not connect to {where}: the script network is {network}"
+            self._note(text)
+            raise PermissionError(text)
+        return permitted
+
+
+async def _resolve(address: str, port: int) -> list[str]:
+    try:
+        return [str(ip_address(address))]
+    except ValueError:
+        found = await asyncio.get_running_loop().getaddrinfo(address, port, type=socket.SOCK_STREAM)
+        return [str(where[0]) for _, _, _, _, where in found]
+
+
+def _is_loopback(numeric: str) -> bool:
+    address = ip_address(numeric)
+    mapped = address.ipv4_mapped if isinstance(address, IPv6Address) else None
+    return (mapped or address).is_loopback
+
 
 class _NetworkSocket(asyncio.Protocol):
-    def __init__(self, gone: Callable[["_NetworkSocket"], None]) -> None:
+    def __init__(
+        self, permitted: Callable[[str, int], Awaitable[list[str]]], gone: Callable[["_NetworkSocket"], None]
+    ) -> None:
         self.inbox = bytearray()
+        self._permitted = permitted
         self._gone = gone
         self._transport: asyncio.Transport | None = None
         self._connecting: asyncio.Task[None] | None = None
@@ -77,9 +120,19 @@ class _NetworkSocket(asyncio.Protocol):
 
     async def _connect(self, address: str, port: int) -> None:
         try:
-            await asyncio.get_running_loop().create_connection(lambda: self, address, port)
+            for numeric in await self._permitted(address, port):
+                if await self._reach(numeric, port):
+                    return
         except (OSError, OverflowError, UnicodeError) as error:
             _logger.info("a script cannot connect to %s:%d: %s", address, port, error)
+
+    async def _reach(self, numeric: str, port: int) -> bool:
+        try:
+            await asyncio.get_running_loop().create_connection(lambda: self, numeric, port)
+        except OSError as error:
+            _logger.info("a script cannot connect to %s:%d: %s", numeric, port, error)
+            return False
+        return True
 
     def _connected(self, _: "asyncio.Task[None]") -> None:
         if self._transport is None:  # refused, or given up

@@ -49,6 +49,15 @@ def test_opening_a_name_again_closes_the_first(rig):
         ('socket_send_byte("A", "s")', b"A"),
         ('socket_send_int(-2, "s")', b"\xff\xff\xff\xfe"),
         ('socket_set_var("SPE", 100, "s")', b"SET SPE 100\n"),
+        ('socket_set_var("POS", -1.5, "s")', b"SET POS -1.5\n"),
+        ('socket_get_var("POS", "s")', b"GET POS\n"),
+        ('socket_send_string("", "s")', b""),
+        ('socket_send_string([1, 2.5, True], "s")', b"[1, 2.5, True]"),
+        ('socket_send_string(True, "s")', b"True"),
+        ('socket_send_line("", "s")', b"\n"),
+        ('socket_send_byte(0, "s")', b"\0"),
+        ('socket_send_byte(2.0, "s")', b"\2"),
+        ('socket_send_int(2147483647, socket_name="s")', b"\x7f\xff\xff\xff"),
     ],
 )
 def test_what_is_sent(rig, call, wire):
@@ -68,6 +77,30 @@ def test_what_is_sent(rig, call, wire):
         ('socket_read_string("s", suffix="\\n", interpret_escape=True, timeout=1)', b"ab\ncd", "ab"),
         ('socket_get_var("POS", "s")', b"POS 42\n", "42"),
         ('socket_get_var("POS", "s")', b"OTHER 42\n", "0"),
+        ('socket_get_var("POS", "s")', b"POS -7\r\n", "-7"),
+        ('socket_get_var("POS", "s")', b"POS 4.2\n", "0"),
+        ('socket_get_var("POS", "s")', b"POS 4294967296\n", "0"),
+        ('socket_get_var("POS", "s")', b"POS 42", "0"),
+        ('socket_read_binary_integer(0, "s", 1)', b"", "[0]"),
+        ('socket_read_byte_list(0, "s", 1)', b"", "[0]"),
+        ('socket_read_byte_list(2, timeout=1, socket_name="s")', b"\0\xff", "[2,0,255]"),
+        ('socket_read_ascii_float(4, "s", 1)', b"( 1.414 , 3.14159, 1.616, 0.0 )", "[4,1.414,3.14159,1.616,0]"),
+        ('socket_read_ascii_float(1, "s", 1)', b"(1e-3)\n", "[1,0.001]"),
+        ('socket_read_ascii_float(2, "s", 1)', b"(1,2,3)", "[0,nan,nan]"),
+        ('socket_read_ascii_float(2, "s", 1)', b"(1,)", "[0,nan,nan]"),
+        ('socket_read_ascii_float(1, "s", 1)', b"(1_0)", "[0,nan]"),
+        ('socket_read_ascii_float(1, "s", 1)', b"1)", "[0,nan]"),
+        ('socket_read_ascii_float(0, "s", 1)', b"()", "[0]"),
+        ('socket_read_line("s", 1)', b"\n", ""),
+        ('socket_read_line("s", 1)', b"no end", ""),
+        ('socket_read_string("s", "", ">", False, 1)', b"a>b>", "a"),
+        ('socket_read_string("s", "<", "", False, 1)', b"x<rest", "rest"),
+        ('socket_read_string("s", "<<", ">>", False, 1)', b"<a<<b>>", "b"),
+        ('socket_read_string("s", "<", ">", False, 1)', b"a>b<c>", "c"),
+        ('socket_read_string("s", "  <", " >", False, 1)', b"<c>", "c"),
+        ('socket_read_string("s", "\\t", "\\r\\n", True, 1)', b"a\tb\r\nc", "b"),
+        ('socket_read_string("s", "", "\\n", False, 1)', b"a\\nb", "a"),
+        ('socket_read_string("s", "", "\\n", False, 0.2)', b"a\nb", ""),
     ],
 )
 def test_what_is_read(rig, call, sent, text):
@@ -146,7 +179,109 @@ def test_bytes_survive_the_way_through_a_string(rig):
     assert bytes(socket.sent) == bytes(range(256))
 
 
-@pytest.mark.parametrize("call", ["socket_read_ascii_float(31)", "socket_send_byte(256)", "socket_send_int(3e9)"])
+@pytest.mark.parametrize(
+    ("call", "sent"),
+    [
+        ('socket_read_line("s")', b"x" * 1024 + b"\n"),
+        ('socket_read_string("s", "<", ">")', b"<" + b"x" * 1024 + b">"),
+        ('socket_read_string("s", "<", ">", timeout=0)', b"<" + b"x" * 1025),
+    ],
+)
+def test_longer_than_a_string_in_every_reader(rig, call, sent):
+    rig.start(OPEN + f"x = {call}")
+    rig.tick(3)
+    rig.sockets.opened[0].feed(sent)
+    rig.tick(3)
+    assert rig.exceptions[0].text == "Received String exceeds maximum length (1023 Bytes)."
+
+
+def test_the_longest_string_passes_through_every_reader(rig):
+    longest = "x" * 1023
+    read = 'socket_read_string("s", "<", ">")', 'socket_read_line("s")', 'socket_read_string("s")'
+    body = "\n".join(f"textmsg(str_len({call}))" for call in read[:2])
+    talk(rig, f"{body}\nsleep(0.1)\ntextmsg(str_len({read[2]}))", f"<{longest}>{longest}\n".encode(), longest.encode())
+    assert rig.texts == ["1023", "1023", "1023"]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "texts"),
+    [
+        ('socket_read_binary_integer(1, "s", 0.1)', 'socket_read_binary_integer(1, "s", 1)', ["[0,-1]", "[1,258]"]),
+        ('socket_read_byte_list(4, "s", 0.1)', 'socket_read_string("s")', ["[0,-1,-1,-1,-1]", "\0\0\1\2"]),
+        ('socket_read_line("s", 0.1)', 'socket_read_byte_list(4, "s")', ["", "[4,0,0,1,2]"]),
+        ('socket_read_string("s", "<", ">", False, 0.1)', 'socket_read_byte_list(4, "s")', ["", "[4,0,0,1,2]"]),
+        ('socket_read_ascii_float(1, "s", 0.1)', 'socket_read_byte_list(4, "s")', ["[0,nan]", "[4,0,0,1,2]"]),
+    ],
+)
+def test_a_read_that_timed_out_leaves_what_came(rig, first, second, texts):
+    rig.start(OPEN + f"textmsg({first})\nsleep(0.1)\ntextmsg({second})")
+    rig.until(lambda: bool(rig.sockets.opened), 1.0)
+    rig.sockets.opened[0].feed(b"\0\0\1")
+    rig.until(lambda: len(rig.texts) == 1, 1.0)
+    rig.sockets.opened[0].feed(b"\2")
+    rig.until(lambda: rig.state.name == "STOPPED", 3.0)
+    assert rig.texts == texts
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        ('socket_read_binary_integer(2, "s", 0)', "[0,-1,-1]"),
+        ('socket_read_byte_list(5, "s", 0)', "[0,-1,-1,-1,-1,-1]"),
+        ('socket_read_ascii_float(2, "s", 0)', "[0,nan,nan]"),
+        ('socket_read_line("s", 0)', ""),
+        ('socket_read_string("s", "(", ")", timeout=0)', ""),
+        ('socket_get_var("POS", "s")', "0"),
+    ],
+)
+def test_a_peer_that_closes_in_the_middle_wakes_every_reader(rig, call, text):
+    rig.start(OPEN + f'textmsg({call})\ntextmsg(socket_send_int(1, "s"))\ntextmsg(socket_read_string("s"))')
+    rig.tick(3)
+    rig.sockets.opened[0].feed(b"(1,2")
+    rig.tick(3)
+    rig.sockets.opened[0].close()
+    rig.tick(3)
+    assert rig.texts == [text, "False", "(1,2"]
+
+
+def test_names_are_separate_connections(rig):
+    rig.start(
+        'socket_open("10.0.0.1", 50001)\n' + OPEN + 'socket_send_string("a")\nsocket_send_string("b", "s")\nsleep(1)'
+    )
+    rig.tick(5)
+    assert [bytes(socket.sent) for socket in rig.sockets.opened] == [b"a", b"b"]
+    rig.until(lambda: rig.state.name == "STOPPED", 2.0)
+    assert [socket.state for socket in rig.sockets.opened] == ["closed", "closed"]
+
+
+def test_a_name_that_was_closed_can_be_opened_again(rig):
+    rig.run(OPEN + 'socket_close("s")\ntextmsg(socket_send_int(1, "s"))\n' + OPEN + 'textmsg(socket_send_int(1, "s"))')
+    assert rig.texts == ["False", "True"]
+
+
+@pytest.mark.parametrize("call", ["socket_read_ascii_float", "socket_read_binary_integer", "socket_read_byte_list"])
+def test_thirty_values_are_the_most(rig, call):
+    wire = {"socket_read_ascii_float": b"(" + b",".join([b"1"] * 30) + b")"}.get(call, b"\0\0\0\1" * 30)
+    talk(rig, f'x = {call}(30, "s", 1)\ntextmsg(x[0], length(x))', wire)
+    assert rig.texts == ["3031"]
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        "socket_read_ascii_float(31)",
+        "socket_read_binary_integer(31)",
+        "socket_read_byte_list(31)",
+        "socket_read_byte_list(-1)",
+        "socket_send_byte(256)",
+        "socket_send_byte(-1)",
+        'socket_send_byte("")',
+        "socket_send_byte(True)",
+        "socket_send_int(3e9)",
+        'socket_open("10.0.0.1", 0)',
+        'socket_open("10.0.0.1", 65536)',
+    ],
+)
 def test_values_out_of_range_are_errors(rig, call):
     assert rig.fault(call)
 

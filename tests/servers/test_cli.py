@@ -72,6 +72,24 @@ def test_ready_then_stopped(tmp_path: Path, number: signal.Signals) -> None:
     assert error == ""
 
 
+def test_scripts_may_be_kept_off_the_network(tmp_path: Path) -> None:
+    command = emulator_command(
+        "--ephemeral-ports", "--ports-file", "ports.json", "--running", "--script-network", "none"
+    )
+    with running(command, tmp_path) as process, socket.create_server(("127.0.0.1", 0)) as driver:
+        read_until(process, "Ready: every port on 127.0.0.1 answers")
+        ports = json.loads((tmp_path / "ports.json").read_text())
+        with socket.create_connection(("127.0.0.1", ports["primary"]), timeout=DEADLINE_S) as client:
+            port = driver.getsockname()[1]
+            client.sendall(f'def prog():\n textmsg("opened ", socket_open("127.0.0.1", {port}))\nend\n'.encode())
+            heard = b""
+            while b"opened " not in heard[:-10]:
+                received = client.recv(4096)
+                assert received
+                heard += received
+        assert b"opened False" in heard
+
+
 def test_python_m_beside_a_decoy_client(tmp_path: Path) -> None:
     (tmp_path / "client.py").write_text("raise ImportError('a decoy')")
     command = [sys.executable, "-m", "emulator", "--ephemeral-ports", "--exit-when-ready"]
@@ -115,6 +133,7 @@ def test_mistakes_are_one_clear_line(arguments: list[str], problem: str) -> None
 def test_unknown_options_are_usage_errors() -> None:
     assert CliRunner().invoke(app, ["--no-such-option"]).exit_code == 2
     assert CliRunner().invoke(app, ["--log-level", "loud"]).exit_code == 2
+    assert CliRunner().invoke(app, ["--script-network", "local"]).exit_code == 2
 
 
 def test_help_and_version() -> None:

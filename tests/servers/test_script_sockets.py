@@ -1,13 +1,18 @@
 """The connections of scripts, over real loopback sockets."""
 
 import asyncio
+import socket
 from collections.abc import AsyncIterator, Callable
 
 import pytest
 
-from emulator.programs.sockets import ScriptSocket
+from emulator.app import Emulator
+from emulator.config import EmulatorConfig
+from emulator.controller import ControllerConfig
+from emulator.programs.sockets import ScriptNetwork, ScriptSocket
 from emulator.servers import script_sockets
 from emulator.servers.script_sockets import NetworkSockets
+from urproto.robots import load_model
 
 HOST = "127.0.0.1"
 
@@ -120,3 +125,104 @@ async def test_a_peer_that_is_far_ahead_has_to_wait(
 
     await until(read)
     assert got == sent
+
+
+# where scripts may connect
+
+
+def told_names(monkeypatch: pytest.MonkeyPatch, **names: list[str]) -> None:
+    """Let names mean these addresses."""
+
+    async def getaddrinfo(name: str, port: int, **_: object) -> list[tuple[object, ...]]:
+        if name not in names:
+            raise socket.gaierror(socket.EAI_NONAME, "unknown name")
+        return [(socket.AF_INET, socket.SOCK_STREAM, 6, "", (address, port)) for address in names[name]]
+
+    monkeypatch.setattr(asyncio.get_running_loop(), "getaddrinfo", getaddrinfo)
+
+
+@pytest.mark.parametrize("network", list(ScriptNetwork))
+@pytest.mark.parametrize("address", [HOST, "here", "both"])
+async def test_loopback_addresses(
+    network: ScriptNetwork, address: str, peer: Peer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told_names(monkeypatch, here=[HOST], both=["192.0.2.1", HOST] if network is ScriptNetwork.LOOPBACK else [HOST])
+    notes: list[str] = []
+    sockets = NetworkSockets(network, notes.append)
+    opened = sockets.open(address, peer.port)
+    await until(lambda: opened.state != "connecting")
+    assert opened.state == ("closed" if network is ScriptNetwork.NONE else "open")
+    assert len(notes) == (network is ScriptNetwork.NONE)
+    await sockets.close()
+
+
+@pytest.mark.parametrize("address", ["127.8.9.10", "::1", "::ffff:127.0.0.1"])
+async def test_every_spelling_of_loopback_is_known(address: str) -> None:
+    assert len(await NetworkSockets(ScriptNetwork.LOOPBACK)._permitted(address, 80)) == 1
+
+
+@pytest.mark.parametrize("network", [ScriptNetwork.LOOPBACK, ScriptNetwork.NONE])
+@pytest.mark.parametrize(
+    "address", ["192.0.2.1", "0.0.0.0", "::", "2001:db8::1", "::ffff:192.0.2.1", "128.0.0.1", "elsewhere"]
+)
+async def test_other_addresses_are_refused_and_the_log_says_why(
+    network: ScriptNetwork, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told_names(monkeypatch, elsewhere=["192.0.2.7"])
+    notes: list[str] = []
+    sockets = NetworkSockets(network, notes.append)
+    opened = sockets.open(address, 50001)
+    await until(lambda: opened.state == "closed")
+    (note,) = notes
+    assert note.startswith(f"a script may not connect to {address}:50001")
+    assert note.endswith(f"the script network is {network}")
+    assert ("192.0.2.7" in note) == (address == "elsewhere" and network is ScriptNetwork.LOOPBACK)
+    await sockets.close()
+
+
+async def test_names_that_mean_nothing_turn_closed(sockets: NetworkSockets, monkeypatch: pytest.MonkeyPatch) -> None:
+    told_names(monkeypatch)
+    opened = sockets.open("nowhere", 80)
+    await until(lambda: opened.state == "closed")
+
+
+async def test_the_next_address_of_a_name_is_tried(
+    sockets: NetworkSockets, peer: Peer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told_names(monkeypatch, twice=["127.0.0.9", HOST])
+    opened = sockets.open("twice", peer.port)
+    await until(lambda: opened.state == "open")
+
+
+@pytest.mark.parametrize("network", [ScriptNetwork.ANY, ScriptNetwork.NONE])
+async def test_an_emulator_holds_its_scripts_to_it(network: ScriptNetwork, peer: Peer) -> None:
+    controller = ControllerConfig(model=load_model("ur5e"), running=True)
+    config = EmulatorConfig(controller=controller, ephemeral_ports=True, script_network=network)
+    async with Emulator(config) as emulator:
+        script = f'def prog():\n textmsg("opened ", socket_open("{HOST}", {peer.port}))\nend\n'
+        emulator.controller.programs.submit(script)
+        log = emulator.controller.messages.history
+        await until(lambda: any("opened " in line for line in log))
+        refused = network is ScriptNetwork.NONE
+        assert any(line.endswith(f"opened {not refused}") for line in log)
+        assert any("the script network is none" in line for line in log) == refused
+
+
+# big and slow
+
+
+async def test_a_peer_that_does_not_read_stops_the_script_from_sending(sockets: NetworkSockets, peer: Peer) -> None:
+    socket = await opened(sockets, peer)
+    reader, _ = await peer.connections.get()
+    line = b"x" * 1023
+    sent = 0
+    while socket.send(line):
+        sent += len(line)
+        assert sent < 64 * 1024 * 1024
+    assert sent > 1024 * 1024
+    assert socket.state == "open"
+    got = 0
+    while got < sent:
+        got += len(await reader.read(65536))
+    assert got == sent
+    assert socket.send(line)
