@@ -20,6 +20,7 @@ from emulator.programs.host import ProgramHost
 from emulator.programs.loading import LoadedProgram, load_program
 from emulator.programs.outputs import RunstateOutputs
 from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
+from emulator.programs.view import ProgramView
 from emulator.programs.watchdog import Watchdogs
 from emulator.runstate import RunEvent, next_run_state
 from urproto.modes import RuntimeState
@@ -43,15 +44,16 @@ _SECONDARY_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title seen on
 class Programs:
     """The interpreter's side of the controller.
 
-    ``state``: the main program's run state. ``socket_backend``: where script sockets come
-    from. ``history``, ``flags``, ``outputs``, ``tool_communication`` and ``loaded`` outlive
-    a program.
+    ``state``: the main program's run state. ``view``: the main program that runs or ran last.
+    ``socket_backend``: where script sockets come from. ``history``, ``flags``, ``outputs``,
+    ``tool_communication`` and ``loaded`` outlive a program.
     """
 
     def __init__(self, controller: "Controller") -> None:
         self._controller = controller
         self.state = RuntimeState.STOPPED
         self.loaded: LoadedProgram | None = None
+        self.view: ProgramView | None = None
         self.socket_backend: ScriptSocketBackend = NoNetwork()
         self.watchdogs = Watchdogs()
         self.history = MotionHistory(controller.period_s)
@@ -210,6 +212,7 @@ class Programs:
         self._host = ProgramHost(self._controller, name=program.name)
         self._main = Runtime(program, self._host)
         self._host.attach(self._main)
+        self.view = ProgramView(self.view.number + 1 if self.view else 1, self._main)
         self._event(RunEvent.START)
         self.outputs.program_started()
         self._controller.messages.key(PROGRAM_STARTED, program.name)
