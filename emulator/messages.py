@@ -16,6 +16,7 @@ from urproto.primary.messages import (
     SafetyModeMessage,
     TextMessage,
 )
+from urproto.primary.program_state import VariableMessage
 
 __all__ = ["MessageLog"]
 
@@ -33,10 +34,10 @@ class MessageLog:
 
     def __init__(self, time_us: Callable[[], int]) -> None:
         self._time_us = time_us
-        self._pending: list[RobotMessage] = []
+        self._pending: list[RobotMessage | VariableMessage] = []
         self.history: deque[str] = deque(maxlen=_HISTORY_LINES)
 
-    def emit(self, message: RobotMessage) -> None:
+    def emit(self, message: RobotMessage | VariableMessage) -> None:
         """Send a message out with this period's snapshot; a missing time stamp is filled in."""
         if not message.timestamp_us:
             message = replace(message, timestamp_us=self._time_us())
@@ -51,6 +52,10 @@ class MessageLog:
     def text(self, text: str) -> None:
         """What ``textmsg()`` sends."""
         self.emit(TextMessage(text=text))
+
+    def variable(self, name: str, text: str) -> None:
+        """What ``varmsg()`` sends."""
+        self.emit(VariableMessage(title=name, text=text))
 
     def key(self, title: str, text: str) -> None:
         """A fixed title with a free text, such as PROGRAM_XXX_STARTED with the program's name."""
@@ -68,7 +73,7 @@ class MessageLog:
         """A script did not compile or failed; line and column count from 1."""
         self.emit(RuntimeExceptionMessage(line=line, column=column, text=text))
 
-    def take(self) -> tuple[RobotMessage, ...]:
+    def take(self) -> tuple[RobotMessage | VariableMessage, ...]:
         """The messages since the last call, in order."""
         if not self._pending:
             return ()
@@ -77,7 +82,9 @@ class MessageLog:
         return taken
 
 
-def _describe(message: RobotMessage) -> str:
+def _describe(message: RobotMessage | VariableMessage) -> str:
+    if isinstance(message, VariableMessage):
+        return f"{message.title} = {message.text}"
     if isinstance(message, ErrorCodeMessage):
         return f"{message.label} {message.text}"
     if isinstance(message, SafetyModeMessage):

@@ -95,7 +95,9 @@ class ProgramHost:
         Raises RuntimeFault when another thread owns it, or when a secondary program asks.
         """
         if self.secondary:
-            raise RuntimeFault("a secondary program cannot control the robot: move in a main program")
+            raise RuntimeFault(
+                "Runtime is too much behind: a secondary program cannot control the robot, move in a main program"
+            )
         runtime = self.runtime
         if runtime.motion_thread not in (None, runtime.current):
             raise RuntimeFault("Another thread is already controlling the robot")

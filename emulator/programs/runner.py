@@ -14,6 +14,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
+from emulator.errorcodes import BUSY_PROTECTIVE_STOP
+from emulator.programs.busy import TOO_BUSY, busy_long, busy_too_long, describe
 from emulator.programs.compiling import Compiling, Submission
 from emulator.programs.history import MotionHistory
 from emulator.programs.host import ProgramHost
@@ -23,10 +25,11 @@ from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
 from emulator.programs.view import ProgramView
 from emulator.programs.watchdog import Watchdogs
 from emulator.runstate import RunEvent, next_run_state
-from urproto.modes import RuntimeState
+from urproto.modes import ReportLevel, RuntimeState
 from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED
+from urproto.versions import Series
 from urscript.compiler import CompiledProgram
-from urscript.runtime import Runtime
+from urscript.runtime import Runtime, ScriptThread
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
@@ -229,8 +232,24 @@ class Programs:
         main.step()
         if main.error is not None:
             self._controller.messages.runtime_exception(main.error.line, main.error.column, main.error.message)
+        if main.parked is not None:
+            self._watch_busy(main.parked)
         if main.finished and self._event(RunEvent.FINISH):
             self._end()
+
+    def _watch_busy(self, thread: ScriptThread) -> None:
+        """A thread computes on and on: say so, then end the program (CB3) or stop the arm (e-Series)."""
+        controller = self._controller
+        if busy_long(thread, controller.period_s):
+            argument, text = describe(thread)
+            controller.messages.error(218, argument, ReportLevel.INFO, text)
+        if not busy_too_long(thread, controller.period_s):
+            return
+        if controller.version.series is Series.E:
+            controller.protective_stop(BUSY_PROTECTIVE_STOP)
+        elif self._main is not None:
+            controller.messages.runtime_exception(*thread.position, TOO_BUSY)
+            self._main.stop()
 
     def _suspended(self, host: ProgramHost) -> bool:
         """True while a blocking popup holds the program; the arm waits on its path."""
@@ -247,6 +266,8 @@ class Programs:
         programs, self._secondary = self._secondary, []
         for program in programs:
             host = ProgramHost(self._controller, name=program.name, secondary=True)
+            if self._host is not None:
+                host.sockets = self._host.sockets
             runtime = Runtime(program, host)
             host.attach(runtime)
             runtime.step()
@@ -257,7 +278,8 @@ class Programs:
                     _SECONDARY_EXCEPTION, f"{program.name} takes physical time: Runtime is too much behind"
                 )
             runtime.stop()
-            host.sockets.close_all()
+            if self._host is None:
+                host.sockets.close_all()
 
     # beginnings and ends
 
