@@ -5,6 +5,9 @@ program starts some control periods later: a driver that handles its listening s
 its connected ones would otherwise take the new connection for a second client. The last
 program submitted in that gap wins.
 
+A secondary program has one control period. It uses the sockets of the main program that
+runs, since the Script Manual allows it a single send but no time to open one.
+
 A program that does not compile changes nothing: the running one goes on. A long one is
 compiled over several periods (`emulator.programs.compiling`), during which the running one
 goes on too; whatever stops the main program then also drops the one being compiled.
@@ -278,6 +281,7 @@ class Programs:
                     _SECONDARY_EXCEPTION, f"{program.name} takes physical time: Runtime is too much behind"
                 )
             runtime.stop()
+            self._withdraw_dialogues(host)
             if self._host is None:
                 host.sockets.close_all()
 
@@ -320,14 +324,17 @@ class Programs:
         if len(host.sockets):
             host.sockets.close_all()
             self._not_before = controller.step_count + host.frames(_SOCKET_GAP_S)
-        for popup in host.dialogues:
-            controller.popups.withdraw(popup)
+        self._withdraw_dialogues(host)
         self.watchdogs.clear()
         controller.motion.end_force_mode()
         controller.motion.end_freedrive()
         controller.motion.program_stopped()
         self.outputs.program_stopped()
         self._ended, self._main, self._host = host.name, None, None
+
+    def _withdraw_dialogues(self, host: ProgramHost) -> None:
+        for popup in host.dialogues:
+            self._controller.popups.withdraw(popup)
 
     def _event(self, event: RunEvent) -> bool:
         """Follow the run-state table; False when the event changes nothing."""
