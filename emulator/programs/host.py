@@ -30,7 +30,8 @@ class ProgramHost:
     """One running program, as its built-ins see it.
 
     ``secondary``: a ``sec`` program, which may neither move nor take time. ``sockets``: those
-    the program opened, by name; a secondary program has those of the main one. ``waiting_for``: a blocking popup that suspends the program.
+    the program opened, by name; a secondary program has those of the main one.
+    ``waiting_for``: a blocking popup that suspends the program.
     """
 
     def __init__(self, controller: "Controller", *, name: str, secondary: bool = False) -> None:
