@@ -9,6 +9,7 @@ from typing import Final
 from emulator.errorcodes import error_text
 from urproto.modes import ReportLevel, SafetyMode
 from urproto.primary.messages import (
+    NO_TIMESTAMP_US,
     ErrorCodeMessage,
     KeyMessage,
     RobotMessage,
@@ -69,8 +70,12 @@ class MessageLog:
         """An entry C<code>A<argument> of the error log; the text comes from the table unless given."""
         self.emit(ErrorCodeMessage(code=code, argument=argument, level=level, text=text or error_text(code)))
 
+    def compile_error(self, line: int, column: int, text: str) -> None:
+        """A script did not compile; line and column count from 1. It belongs to no control cycle, and to no time."""
+        self.emit(RuntimeExceptionMessage(timestamp_us=NO_TIMESTAMP_US, line=line, column=column, text=text))
+
     def runtime_exception(self, line: int, column: int, text: str) -> None:
-        """A script did not compile or failed; line and column count from 1."""
+        """A script failed; line and column count from 1."""
         self.emit(RuntimeExceptionMessage(line=line, column=column, text=text))
 
     def take(self) -> tuple[RobotMessage | VariableMessage, ...]:

@@ -296,7 +296,7 @@ class Programs:
     def _compiled(self, submission: Submission) -> CompiledProgram | None:
         program, error = submission.program, submission.error
         if error is not None:
-            self._controller.messages.runtime_exception(error.line, error.column, error.wire)
+            self._controller.messages.compile_error(error.line, error.column, error.wire)
             self._note(error.render())
         if program is None:
             return None
