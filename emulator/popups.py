@@ -1,6 +1,6 @@
 """Dialogues on the teach pendant: popups, and requests that want an answer."""
 
-import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -121,7 +121,7 @@ def _fitting(value: Any, requested: RequestedType) -> Any:
         return value
     if requested is RequestedType.INTEGER and kind is int and INT_MIN <= value <= INT_MAX:
         return value
-    if requested is RequestedType.FLOAT and kind in (int, float) and math.isfinite(value):
+    if requested is RequestedType.FLOAT and kind in (int, float) and abs(value) <= sys.float_info.max:
         return float(value)
     if requested is RequestedType.STRING and kind is str and len(to_bytes(value)) <= MAX_STRING:
         return value

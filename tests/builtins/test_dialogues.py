@@ -41,6 +41,7 @@ def test_operator_answers_on_a_script_port(rig, kind, typed, seen):
         ("integer", 2**31),
         ("float", "1"),
         ("float", float("nan")),
+        ("float", 10**400),
         ("string", 3),
         ("string", "é" * 512),
     ],
