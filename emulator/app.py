@@ -14,6 +14,7 @@ from emulator.clock import Clock, RealClock
 from emulator.config import EmulatorConfig
 from emulator.controller import Controller
 from emulator.primary_state import robot_state
+from emulator.program_state import ProgramReporter
 from emulator.servers.base import PortServer
 from emulator.servers.dashboard import DashboardServer
 from emulator.servers.primary import PrimaryServer
@@ -84,13 +85,17 @@ def make_servers(controller: Controller) -> tuple[PortServer, ...]:
     def state(snapshot: Snapshot, full: bool) -> bytes:
         return encode_robot_state(robot_state(snapshot, controller.model), controller.version, full=full)
 
+    def primary(name: str, read_only: bool) -> PrimaryServer:
+        reporter = ProgramReporter(controller.programs, controller.version)
+        return PrimaryServer(name, controller, state, messages=True, read_only=read_only, reporter=reporter)
+
     return (
         DashboardServer(controller),
-        PrimaryServer("primary", controller, state, messages=True, read_only=False),
+        primary("primary", read_only=False),
         PrimaryServer("secondary", controller, state, messages=False, read_only=False),
         RealtimeServer("realtime", controller, read_only=False),
         RTDEServer(controller),
-        PrimaryServer("primary read-only", controller, state, messages=True, read_only=True),
+        primary("primary read-only", read_only=True),
         PrimaryServer("secondary read-only", controller, state, messages=False, read_only=True),
         RealtimeServer("realtime read-only", controller, read_only=True),
     )

@@ -75,10 +75,17 @@ class RTDEInputs(Command):
 
 @dataclass(frozen=True, slots=True)
 class PopupAnswer(Command):
-    """A primary client's answer to a request. Answer: whether such a request was open."""
+    """An operator's answer to a popup or a question; None cancels a question.
+
+    Answer: whether such a dialogue was open and the value is of the type it asks for.
+    """
 
     request_id: int
     value: Any
 
     def apply(self, controller: "Controller") -> bool:
-        return controller.popups.answer(self.request_id, self.value)
+        try:
+            return controller.popups.answer(self.request_id, self.value)
+        except ValueError as error:
+            controller.messages.note(f"answer refused: {error}")
+            return False

@@ -7,7 +7,7 @@ text are shown to people only; drivers look at the code and the level.
 from dataclasses import dataclass
 from typing import Final
 
-__all__ = ["SCRIPT_PROTECTIVE_STOP", "TEXTS", "StopCause", "error_text"]
+__all__ = ["BUSY_PROTECTIVE_STOP", "SCRIPT_PROTECTIVE_STOP", "TEXTS", "StopCause", "error_text"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +46,11 @@ TEXTS: Final[dict[int, str]] = {
     209: "A protective stop was requested by the program",
     210: "The socket is read-only while the robot is in local control",
     218: "A thread used too much time",
+    271: "The program computes without end: put sync() or sleep() into loops that do not move the robot",
 }
 
 SCRIPT_PROTECTIVE_STOP: Final = StopCause(209)
+BUSY_PROTECTIVE_STOP: Final = StopCause(271, 1)
 
 
 def error_text(code: int) -> str:

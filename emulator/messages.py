@@ -9,6 +9,7 @@ from typing import Final
 from emulator.errorcodes import error_text
 from urproto.modes import ReportLevel, SafetyMode
 from urproto.primary.messages import (
+    NO_TIMESTAMP_US,
     ErrorCodeMessage,
     KeyMessage,
     RobotMessage,
@@ -16,6 +17,7 @@ from urproto.primary.messages import (
     SafetyModeMessage,
     TextMessage,
 )
+from urproto.primary.program_state import VariableMessage
 
 __all__ = ["MessageLog"]
 
@@ -33,10 +35,10 @@ class MessageLog:
 
     def __init__(self, time_us: Callable[[], int]) -> None:
         self._time_us = time_us
-        self._pending: list[RobotMessage] = []
+        self._pending: list[RobotMessage | VariableMessage] = []
         self.history: deque[str] = deque(maxlen=_HISTORY_LINES)
 
-    def emit(self, message: RobotMessage) -> None:
+    def emit(self, message: RobotMessage | VariableMessage) -> None:
         """Send a message out with this period's snapshot; a missing time stamp is filled in."""
         if not message.timestamp_us:
             message = replace(message, timestamp_us=self._time_us())
@@ -52,6 +54,10 @@ class MessageLog:
         """What ``textmsg()`` sends."""
         self.emit(TextMessage(text=text))
 
+    def variable(self, name: str, text: str) -> None:
+        """What ``varmsg()`` sends."""
+        self.emit(VariableMessage(title=name, text=text))
+
     def key(self, title: str, text: str) -> None:
         """A fixed title with a free text, such as PROGRAM_XXX_STARTED with the program's name."""
         self.emit(KeyMessage(title=title, text=text))
@@ -64,11 +70,15 @@ class MessageLog:
         """An entry C<code>A<argument> of the error log; the text comes from the table unless given."""
         self.emit(ErrorCodeMessage(code=code, argument=argument, level=level, text=text or error_text(code)))
 
+    def compile_error(self, line: int, column: int, text: str) -> None:
+        """A script did not compile; line and column count from 1. It belongs to no control cycle, and to no time."""
+        self.emit(RuntimeExceptionMessage(timestamp_us=NO_TIMESTAMP_US, line=line, column=column, text=text))
+
     def runtime_exception(self, line: int, column: int, text: str) -> None:
-        """A script did not compile or failed; line and column count from 1."""
+        """A script failed; line and column count from 1."""
         self.emit(RuntimeExceptionMessage(line=line, column=column, text=text))
 
-    def take(self) -> tuple[RobotMessage, ...]:
+    def take(self) -> tuple[RobotMessage | VariableMessage, ...]:
         """The messages since the last call, in order."""
         if not self._pending:
             return ()
@@ -77,7 +87,9 @@ class MessageLog:
         return taken
 
 
-def _describe(message: RobotMessage) -> str:
+def _describe(message: RobotMessage | VariableMessage) -> str:
+    if isinstance(message, VariableMessage):
+        return f"{message.title} = {message.text}"
     if isinstance(message, ErrorCodeMessage):
         return f"{message.label} {message.text}"
     if isinstance(message, SafetyModeMessage):

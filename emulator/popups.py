@@ -1,19 +1,21 @@
 """Dialogues on the teach pendant: popups, and requests that want an answer."""
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from emulator.messages import MessageLog
 from urproto.modes import RequestedType
 from urproto.primary.messages import PopupMessage, RequestValueMessage
+from urscript.values import INT_MAX, INT_MIN, MAX_STRING, to_bytes
 
 __all__ = ["Popup", "Popups"]
 
 
 @dataclass(eq=False, kw_only=True)
 class Popup:
-    """One dialogue. A blocking script waits while ``open``; ``answer`` is None until given."""
+    """One dialogue. A blocking script waits while ``open``; ``answer`` is None until given, and when cancelled."""
 
     request_id: int
     text: str
@@ -68,12 +70,29 @@ class Popups:
         self._close([popup])
 
     def answer(self, request_id: int, value: Any) -> bool:
-        """Close a dialogue with an answer. False when no open one has this id."""
+        """Close a dialogue with an answer. False when no open one has this id.
+
+        None cancels a question, which ends the program that asked. Raises ValueError for a
+        value that is not of the requested type; then the dialogue stays open.
+        """
         found = [popup for popup in self.shown if popup.request_id == request_id]
         for popup in found:
-            popup.answer = value
+            popup.answer = None if value is None else _fitting(value, popup.requested_type)
         self._close(found)
         return bool(found)
+
+    @property
+    def question(self) -> Popup:
+        """The question asked last, which lies on top of others. Raises ValueError when none is open."""
+        questions = [popup for popup in self.shown if popup.requested_type is not RequestedType.NONE]
+        if not questions:
+            raise ValueError("no program waits for an answer")
+        return questions[-1]
+
+    def answer_typed(self, text: str) -> None:
+        """Answer the question on top with what an operator typed. Raises ValueError."""
+        question = self.question
+        self.answer(question.request_id, _typed(text, question.requested_type))
 
     def advance(self) -> None:
         """One control period: close what has been open long enough."""
@@ -93,3 +112,33 @@ class Popups:
         for popup in popups:
             popup.open = False
         self.shown = [popup for popup in self.shown if popup.open]
+
+
+def _fitting(value: Any, requested: RequestedType) -> Any:
+    """The answer as the program gets it. Raises ValueError for one of another type."""
+    kind = value.__class__
+    if requested is RequestedType.NONE or (requested is RequestedType.BOOLEAN and kind is bool):
+        return value
+    if requested is RequestedType.INTEGER and kind is int and INT_MIN <= value <= INT_MAX:
+        return value
+    if requested is RequestedType.FLOAT and kind in (int, float) and abs(value) <= sys.float_info.max:
+        return float(value)
+    if requested is RequestedType.STRING and kind is str and len(to_bytes(value)) <= MAX_STRING:
+        return value
+    raise ValueError(f"{value!r:.60} is no answer: the program asks for a value of type {requested.name.lower()}")
+
+
+_WORDS: Final = {"true": True, "yes": True, "false": False, "no": False}
+
+
+def _typed(text: str, requested: RequestedType) -> Any:
+    """What an operator means by a text; the text itself when it is of another type."""
+    text = text.strip()
+    try:
+        if requested is RequestedType.INTEGER:
+            return int(text)
+        if requested is RequestedType.FLOAT:
+            return float(text)
+    except ValueError:
+        return text
+    return _WORDS.get(text.lower(), text) if requested is RequestedType.BOOLEAN else text

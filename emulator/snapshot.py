@@ -23,6 +23,7 @@ from urproto.modes import (
     ToolOutputMode,
 )
 from urproto.primary.messages import RobotMessage
+from urproto.primary.program_state import VariableMessage
 
 __all__ = ["Snapshot", "Vector3", "Vector6"]
 
@@ -148,7 +149,7 @@ class Snapshot:
     program_running: bool = False  # playing (not paused)
     program_paused: bool = False
     # what happened in this period, in order
-    messages: tuple[RobotMessage, ...] = ()
+    messages: tuple[RobotMessage | VariableMessage, ...] = ()
     force_mode_wrench: Vector6 = _ZERO6
 
     def successor(self) -> Self:

@@ -2,7 +2,8 @@
 
 One decorated function a command; case and spacing do not matter. Which exist: the public
 client libraries use the first five; ``pause program``, ``resume program`` and ``set speed``
-are habits of older clients.
+are habits of older clients. ``answer question`` and ``cancel question`` are the emulator's
+own: how the pendant's software answers a program's question is not public.
 """
 
 from collections.abc import Callable
@@ -19,25 +20,29 @@ __all__ = ["TEXT_COMMANDS", "execute"]
 _Handler = Callable[["Controller", str], None]
 
 TEXT_COMMANDS: Final[dict[str, _Handler]] = {}
+_WITH_ARGUMENT: Final[set[str]] = set()
 
 
 def execute(controller: "Controller", line: str) -> bool:
     """Carry out a line if it is a text command; False when it is not (then it is URScript)."""
-    words = line.split("#", 1)[0].lower().split()
+    words = line.split("#", 1)[0].split()
     for count in range(len(words), 0, -1):
-        handler = TEXT_COMMANDS.get(" ".join(words[:count]))
+        command = " ".join(words[:count]).lower()
+        handler = TEXT_COMMANDS.get(command)
         if handler is not None:
             argument = " ".join(words[count:])
-            if bool(argument) != (handler is _set_speed):
+            if bool(argument) != (command in _WITH_ARGUMENT):
                 return False
             handler(controller, argument)
             return True
     return False
 
 
-def _text_command(words: str) -> Callable[[_Handler], _Handler]:
+def _text_command(words: str, *, argument: bool = False) -> Callable[[_Handler], _Handler]:
     def register(handler: _Handler) -> _Handler:
         TEXT_COMMANDS[words] = handler
+        if argument:
+            _WITH_ARGUMENT.add(words)
         return handler
 
     return register
@@ -92,7 +97,7 @@ def _run_program(controller: "Controller", _: str) -> None:
     controller.messages.note("'run program' ignored: programs start when their text is complete")
 
 
-@_text_command("set speed")
+@_text_command("set speed", argument=True)
 def _set_speed(controller: "Controller", argument: str) -> None:
     """Speed slider, 0 to 1."""
     try:
@@ -110,3 +115,21 @@ def _set_sim(controller: "Controller", _: str) -> None:
 def _set_real(controller: "Controller", _: str) -> None:
     """Refused: there is no real arm."""
     controller.messages.note("'set real' refused: there is no real robot")
+
+
+@_text_command("answer question", argument=True)
+def _answer(controller: "Controller", argument: str) -> None:
+    """Answer the question a program asks the operator: a number, a text, or true, yes, false, no."""
+    try:
+        controller.popups.answer_typed(argument)
+    except ValueError as error:
+        controller.messages.text(f"'answer question' ignored: {error}")
+
+
+@_text_command("cancel question")
+def _cancel(controller: "Controller", _: str) -> None:
+    """Close the question without an answer, as with the dialogue's Cancel: the program that asked ends."""
+    try:
+        controller.popups.answer(controller.popups.question.request_id, None)
+    except ValueError as error:
+        controller.messages.text(f"'cancel question' ignored: {error}")

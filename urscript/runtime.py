@@ -82,7 +82,7 @@ class _Killed(BaseException):
 class ScriptThread:
     """One thread of a running program; handle 0 is the program body."""
 
-    __slots__ = ("balance", "body", "critical", "id", "name", "parent", "parked_frames")
+    __slots__ = ("balance", "body", "critical", "id", "label", "name", "parent", "parked_frames")
 
     def __init__(self, handle: int, name: str, parent: int | None, body: ThreadBody) -> None:
         self.id = handle
@@ -92,6 +92,7 @@ class ScriptThread:
         self.critical = 0  # nested critical sections it is in
         self.balance = 0  # overdrawn budget, never positive
         self.parked_frames = 0  # frames in a row that ended because the budget was empty
+        self.label: tuple[int, str] | None = None  # number and text of the program label reached last
 
     @property
     def position(self) -> tuple[int, int]:
@@ -120,6 +121,7 @@ class Runtime:
     """One run of a program.
 
     `motion_thread` is for the host: the thread that owns the motion of the robot, if any.
+    `parked`: the thread that was parked longest of those parked in the last frame, if any.
     """
 
     def __init__(self, program: CompiledProgram, host: Host) -> None:
@@ -130,6 +132,7 @@ class Runtime:
         self.error: ScriptRuntimeError | None = None
         self.current: ScriptThread | None = None
         self.motion_thread: ScriptThread | None = None
+        self.parked: ScriptThread | None = None
         self._budget = round(WORK_PER_SECOND * host.period_s)
         self._threads: dict[int, ScriptThread] = {}
         self._waiting: deque[ScriptThread] = deque()  # not yet resumed in this frame
@@ -151,6 +154,12 @@ class Runtime:
         values = ((name, self._namespace[f"v_{name}"]) for name in self.program.global_names)
         return {name: value for name, value in values if value is not UNSET}
 
+    def values(self, start: int, stop: int) -> list[Value]:
+        """Values of global variables, by their place in the program's ``global_names``; None without a value."""
+        namespace = self._namespace
+        found = [namespace[f"v_{name}"] for name in self.program.global_names[start:stop]]
+        return [None if value is UNSET else value for value in found]
+
     @property
     def line(self) -> int:
         """Line of the thread that owns the motion, else of the program body; 0 when finished."""
@@ -163,6 +172,7 @@ class Runtime:
         """Run one frame. Does nothing once finished; never raises what the program raises."""
         if self.finished:
             return
+        self.parked = None
         budget = self._budget
         threads = self._threads.values()
         self._waiting = deque(sorted(threads, key=lambda thread: (thread is not self._holder, thread.id == 0)))
@@ -190,8 +200,10 @@ class Runtime:
         if METER.left > 0:
             self.current = thread
             try:
-                parked = thread.body.send(None)
-                thread.parked_frames = thread.parked_frames + 1 if parked else 0
+                if thread.body.send(None):
+                    self._park(thread)
+                else:
+                    thread.parked_frames = 0
             except StopIteration:
                 self._ended(thread)
             except _Killed:
@@ -210,6 +222,11 @@ class Runtime:
                 self._close_all()
         thread.balance = min(0, METER.left)
         return max(0, METER.left)
+
+    def _park(self, thread: ScriptThread) -> None:
+        thread.parked_frames += 1
+        if self.parked is None or thread.parked_frames > self.parked.parked_frames:
+            self.parked = thread
 
     def _ended(self, thread: ScriptThread) -> None:
         self._forget(thread)
@@ -312,6 +329,7 @@ class Runtime:
 
     def _label(self, number: int, text: str) -> None:
         if self.current is not None:
+            self.current.label = (number, text)
             self.host.on_label(number, text, self.current)
 
     def _enter_critical(self) -> None:

@@ -20,7 +20,7 @@ Strings are byte strings on the controller. Here they are text decoded from UTF-
 bytes as surrogate escapes; `to_bytes` and `from_bytes` are the one way across.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, NoReturn, TypeAlias
 
@@ -47,6 +47,7 @@ __all__ = [
     "Struct",
     "Value",
     "copy_value",
+    "cut_text",
     "from_bytes",
     "is_number",
     "to_bytes",
@@ -190,7 +191,7 @@ def _scalar_text(value: Value, message: bool) -> str:
     return str(value)
 
 
-def _between(parts: Sequence[Iterator[str]], separator: str) -> Iterator[str]:
+def _between(parts: Iterable[Iterator[str]], separator: str) -> Iterator[str]:
     for number, part in enumerate(parts):
         if number:
             yield separator
@@ -202,13 +203,13 @@ def _chunks(value: Value, message: bool, inner: bool) -> Iterator[str]:
     separator = "," if message else ", "
     if isinstance(value, list):
         yield "p[" if value.__class__ is Pose else "["
-        yield from _between([_chunks(item, message, True) for item in value], separator)
+        yield from _between((_chunks(item, message, True) for item in value), separator)
         yield "]"
     elif isinstance(value, Matrix):
         yield from _chunks([list(row) for row in value.rows], message, True)
     elif isinstance(value, Struct):
         yield "struct("
-        yield from _between([_member_chunks(*item, message) for item in value.members.items()], separator)
+        yield from _between((_member_chunks(*item, message) for item in value.members.items()), separator)
         yield ")"
     elif value.__class__ is str and inner:
         yield f'"{value}"'
@@ -231,8 +232,24 @@ def to_text(value: Value, *, message: bool = False, limit: int = MAX_STRING) -> 
 
     Raises RuntimeFault when the text is longer than `limit` characters.
     """
+    text = _text(value, message, limit)
+    if len(text) > limit:
+        raise RuntimeFault(f"String exceeds maximum length ({limit} Bytes).")
+    return text
+
+
+def cut_text(value: Value, limit: int) -> str:
+    """The text of a value in the form of textmsg, cut where it would take more than `limit` bytes.
+
+    Takes no more work than that many bytes are worth, whatever the value.
+    """
+    return from_bytes(to_bytes(_text(value, True, limit)[:limit])[:limit])
+
+
+def _text(value: Value, message: bool, limit: int) -> str:
+    """The text of a value; of one longer than `limit` at least that much."""
     if value.__class__ is str:
-        return _limited(value, limit)
+        return str(value)
     pieces: list[str] = []
     length = 0
     for piece in _chunks(value, message, False):
@@ -240,13 +257,7 @@ def to_text(value: Value, *, message: bool = False, limit: int = MAX_STRING) -> 
         length += len(piece)
         if length > limit:
             break
-    return _limited("".join(pieces), limit)
-
-
-def _limited(text: str, limit: int) -> str:
-    if len(text) > limit:
-        raise RuntimeFault(f"String exceeds maximum length ({limit} Bytes).")
-    return text
+    return "".join(pieces)
 
 
 # annotations of built-ins

@@ -7,26 +7,26 @@ from emulator.programs.host import Frames, ProgramHost
 from urproto.modes import RequestedType
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
-from urscript.values import Any_, Bool, Str, to_text
+from urscript.values import Any_, Bool, Str, cut_text
 
 __all__ = ["LIBRARY"]
 
 LIBRARY = Library("messages", host=True)
 
-_LOG_LIMIT: Final = 3500  # characters: clients read primary packages into 4096 bytes
-_TEXT_LIMIT: Final = 1_000_000  # characters made before they are cut
+_POPUP_BYTES: Final = 3500  # a title comes on top
+_TEXT_BYTES: Final = 4000  # clients read primary packages into 4096 bytes
 
 
 @LIBRARY.builtin()
 def textmsg(host: ProgramHost, s1: Any_, s2: Any_ = "") -> None:
-    """Write a line of two values of any type to the log, and to the primary clients."""
-    host.controller.messages.text(_log_text(s1) + _log_text(s2))
+    """Write a line of two values of any type to the log, and to the primary clients. Cut at 4000 bytes."""
+    host.controller.messages.text(cut_text(_log_text(s1) + _log_text(s2), _TEXT_BYTES))
 
 
-@LIBRARY.builtin(status="partial", note="undocumented; the value goes to the log only")
+@LIBRARY.builtin(note="undocumented; sends the message that the vendor's interface document calls deprecated")
 def varmsg(host: ProgramHost, name: Str, value: Any_) -> None:
-    """Show a variable's value."""
-    host.controller.messages.note(f"{name} = {_log_text(value)}")
+    """Show a variable's value to the primary clients."""
+    host.controller.messages.variable(name, _log_text(value))
 
 
 @LIBRARY.builtin()
@@ -43,7 +43,7 @@ def popup(
     `close popup` on the dashboard server closes it.
     """
     shown = host.controller.popups.show(
-        _log_text(s), title=title, warning=warning, error=error, blocking=blocking and not host.secondary
+        cut_text(s, _POPUP_BYTES), title=title, warning=warning, error=error, blocking=blocking and not host.secondary
     )
     if shown.blocking:
         host.suspend(shown)
@@ -81,13 +81,13 @@ def request_string_from_primary_client(host: ProgramHost, Text: Str) -> Frames[s
 
 
 def _ask(host: ProgramHost, text: str, kind: RequestedType) -> Frames[Any]:
-    question: Popup = host.remember(host.controller.popups.request(text, kind))
+    question: Popup = host.remember(host.controller.popups.request(cut_text(text, _POPUP_BYTES), kind))
     while question.open:
         yield
     if question.answer is None:
-        raise RuntimeFault(f"the question {text!r} was closed without an answer")
+        raise RuntimeFault("the operator cancelled the question")
     return question.answer
 
 
 def _log_text(value: Any) -> str:
-    return to_text(value, message=True, limit=_TEXT_LIMIT)[:_LOG_LIMIT]
+    return cut_text(value, _TEXT_BYTES)

@@ -30,7 +30,8 @@ class ProgramHost:
     """One running program, as its built-ins see it.
 
     ``secondary``: a ``sec`` program, which may neither move nor take time. ``sockets``: those
-    the program opened, by name. ``waiting_for``: a blocking popup that suspends the program.
+    the program opened, by name; a secondary program has those of the main one.
+    ``waiting_for``: a blocking popup that suspends the program.
     """
 
     def __init__(self, controller: "Controller", *, name: str, secondary: bool = False) -> None:
@@ -95,7 +96,9 @@ class ProgramHost:
         Raises RuntimeFault when another thread owns it, or when a secondary program asks.
         """
         if self.secondary:
-            raise RuntimeFault("a secondary program cannot control the robot: move in a main program")
+            raise RuntimeFault(
+                "Runtime is too much behind: a secondary program cannot control the robot, move in a main program"
+            )
         runtime = self.runtime
         if runtime.motion_thread not in (None, runtime.current):
             raise RuntimeFault("Another thread is already controlling the robot")

@@ -5,6 +5,9 @@ program starts some control periods later: a driver that handles its listening s
 its connected ones would otherwise take the new connection for a second client. The last
 program submitted in that gap wins.
 
+A secondary program has one control period. It uses the sockets of the main program that
+runs, since the Script Manual allows it a single send but no time to open one.
+
 A program that does not compile changes nothing: the running one goes on. A long one is
 compiled over several periods (`emulator.programs.compiling`), during which the running one
 goes on too; whatever stops the main program then also drops the one being compiled.
@@ -14,18 +17,22 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
+from emulator.errorcodes import BUSY_PROTECTIVE_STOP
+from emulator.programs.busy import TOO_BUSY, busy_long, busy_too_long, describe
 from emulator.programs.compiling import Compiling, Submission
 from emulator.programs.history import MotionHistory
 from emulator.programs.host import ProgramHost
 from emulator.programs.loading import LoadedProgram, load_program
 from emulator.programs.outputs import RunstateOutputs
 from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
+from emulator.programs.view import ProgramView
 from emulator.programs.watchdog import Watchdogs
 from emulator.runstate import RunEvent, next_run_state
-from urproto.modes import RuntimeState
+from urproto.modes import ReportLevel, RuntimeState
 from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED
+from urproto.versions import Series
 from urscript.compiler import CompiledProgram
-from urscript.runtime import Runtime
+from urscript.runtime import Runtime, ScriptThread
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
@@ -43,15 +50,16 @@ _SECONDARY_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title seen on
 class Programs:
     """The interpreter's side of the controller.
 
-    ``state``: the main program's run state. ``socket_backend``: where script sockets come
-    from. ``history``, ``flags``, ``outputs``, ``tool_communication`` and ``loaded`` outlive
-    a program.
+    ``state``: the main program's run state. ``view``: the main program that runs or ran last.
+    ``socket_backend``: where script sockets come from. ``history``, ``flags``, ``outputs``,
+    ``tool_communication`` and ``loaded`` outlive a program.
     """
 
     def __init__(self, controller: "Controller") -> None:
         self._controller = controller
         self.state = RuntimeState.STOPPED
         self.loaded: LoadedProgram | None = None
+        self.view: ProgramView | None = None
         self.socket_backend: ScriptSocketBackend = NoNetwork()
         self.watchdogs = Watchdogs()
         self.history = MotionHistory(controller.period_s)
@@ -210,6 +218,7 @@ class Programs:
         self._host = ProgramHost(self._controller, name=program.name)
         self._main = Runtime(program, self._host)
         self._host.attach(self._main)
+        self.view = ProgramView(self.view.number + 1 if self.view else 1, self._main)
         self._event(RunEvent.START)
         self.outputs.program_started()
         self._controller.messages.key(PROGRAM_STARTED, program.name)
@@ -226,8 +235,24 @@ class Programs:
         main.step()
         if main.error is not None:
             self._controller.messages.runtime_exception(main.error.line, main.error.column, main.error.message)
+        if main.parked is not None:
+            self._watch_busy(main.parked)
         if main.finished and self._event(RunEvent.FINISH):
             self._end()
+
+    def _watch_busy(self, thread: ScriptThread) -> None:
+        """A thread computes on and on: say so, then end the program (CB3) or stop the arm (e-Series)."""
+        controller = self._controller
+        if busy_long(thread, controller.period_s):
+            argument, text = describe(thread)
+            controller.messages.error(218, argument, ReportLevel.INFO, text)
+        if not busy_too_long(thread, controller.period_s):
+            return
+        if controller.version.series is Series.E:
+            controller.protective_stop(BUSY_PROTECTIVE_STOP)
+        elif self._main is not None:
+            controller.messages.runtime_exception(*thread.position, TOO_BUSY)
+            self._main.stop()
 
     def _suspended(self, host: ProgramHost) -> bool:
         """True while a blocking popup holds the program; the arm waits on its path."""
@@ -244,6 +269,8 @@ class Programs:
         programs, self._secondary = self._secondary, []
         for program in programs:
             host = ProgramHost(self._controller, name=program.name, secondary=True)
+            if self._host is not None:
+                host.sockets = self._host.sockets
             runtime = Runtime(program, host)
             host.attach(runtime)
             runtime.step()
@@ -254,7 +281,9 @@ class Programs:
                     _SECONDARY_EXCEPTION, f"{program.name} takes physical time: Runtime is too much behind"
                 )
             runtime.stop()
-            host.sockets.close_all()
+            self._withdraw_dialogues(host)
+            if self._host is None:
+                host.sockets.close_all()
 
     # beginnings and ends
 
@@ -267,7 +296,7 @@ class Programs:
     def _compiled(self, submission: Submission) -> CompiledProgram | None:
         program, error = submission.program, submission.error
         if error is not None:
-            self._controller.messages.runtime_exception(error.line, error.column, error.wire)
+            self._controller.messages.compile_error(error.line, error.column, error.wire)
             self._note(error.render())
         if program is None:
             return None
@@ -295,14 +324,17 @@ class Programs:
         if len(host.sockets):
             host.sockets.close_all()
             self._not_before = controller.step_count + host.frames(_SOCKET_GAP_S)
-        for popup in host.dialogues:
-            controller.popups.withdraw(popup)
+        self._withdraw_dialogues(host)
         self.watchdogs.clear()
         controller.motion.end_force_mode()
         controller.motion.end_freedrive()
         controller.motion.program_stopped()
         self.outputs.program_stopped()
         self._ended, self._main, self._host = host.name, None, None
+
+    def _withdraw_dialogues(self, host: ProgramHost) -> None:
+        for popup in host.dialogues:
+            self._controller.popups.withdraw(popup)
 
     def _event(self, event: RunEvent) -> bool:
         """Follow the run-state table; False when the event changes nothing."""

@@ -3,7 +3,8 @@
 A client gets the version message at once, alone, for clients that take what they read first
 for one message; then a robot state ten times a second, the first of them full. Messages go
 to primary clients only, those of a control period before its state: a client that is told
-about a stop must not see it in the state first. A new safety mode is followed at once by a
+about a stop must not see it in the state first. So does what is known about a running
+program, before each of the ten states a second. A new safety mode is followed at once by a
 state that shows it: the official client library waits for the state, and one from before
 the stop would tell it that there is nothing to unlock.
 """
@@ -11,6 +12,7 @@ the stop would tell it that there is nothing to unlock.
 from collections.abc import Callable
 from typing import Final
 
+from emulator.program_state import ProgramReporter
 from emulator.servers.base import Connection, ControllerDoor, PortServer
 from emulator.servers.scripts import ScriptConnection
 from emulator.snapshot import Snapshot
@@ -25,13 +27,24 @@ _BUILD_DATE: Final = "20-06-2022, 00:00:00"  # day of 3.15.8; other versions sen
 
 
 class PrimaryServer(PortServer):
-    """``encode_state(snapshot, full)`` gives the robot state message, full or repeated."""
+    """``encode_state(snapshot, full)`` gives the robot state message, full or repeated.
+
+    ``reporter`` tells about the running program; None tells nothing.
+    """
 
     def __init__(
-        self, name: str, controller: ControllerDoor, encode_state: EncodeState, *, messages: bool, read_only: bool
+        self,
+        name: str,
+        controller: ControllerDoor,
+        encode_state: EncodeState,
+        *,
+        messages: bool,
+        read_only: bool,
+        reporter: ProgramReporter | None = None,
     ) -> None:
         super().__init__(name, controller)
         self._encode_state = encode_state
+        self._reporter = reporter
         self._messages = messages
         self._fresh: list[Connection] = []  # had no state yet
         self._greets = _Greeted if read_only else _GreetedScripts
@@ -43,6 +56,8 @@ class PrimaryServer(PortServer):
     def greet(self, connection: Connection) -> None:
         """Send what a new client gets at once."""
         self._fresh = [*(fresh for fresh in self._fresh if fresh in self.connections), connection]
+        if self._reporter is not None and len(self.connections) == 1:
+            self._reporter.first_listener()
         connection.send(self._version_message)
 
     def publish(self, snapshot: Snapshot) -> None:
@@ -55,8 +70,22 @@ class PrimaryServer(PortServer):
                 if isinstance(message, SafetyModeMessage):
                     self._broadcast_state(snapshot)
                     shown = True
-        if self._state_is_due(snapshot.step) and not shown:
-            self._broadcast_state(snapshot)
+        if self._state_is_due(snapshot.step):
+            if self._reporter is not None:
+                self._broadcast_program(self._reporter, snapshot)
+            if not shown:
+                self._broadcast_state(snapshot)
+
+    def _broadcast_program(self, reporter: ProgramReporter, snapshot: Snapshot) -> None:
+        report = reporter.cycle(round(snapshot.timestamp * 1e6))
+        if report is None:
+            return
+        for connection in tuple(self.connections):
+            if report.names and (report.new or connection in self._fresh):
+                connection.send(report.names)
+                connection.send(report.state)
+            else:
+                connection.send_state(report.state)
 
     def _broadcast(self, data: bytes) -> None:
         for connection in tuple(self.connections):

@@ -15,6 +15,7 @@ from urproto.primary.program_state import (
     MatrixValue,
     PoseValue,
     UnknownProgramState,
+    VariableMessage,
     decode_program_state,
 )
 from urproto.versions import PolyscopeVersion
@@ -75,6 +76,13 @@ def test_names(names, text):
     assert decode_program_state(data[5:] + b"\n", NEW).names == names or not names
 
 
+def test_variable_as_text():
+    message = VariableMessage(timestamp_us=5, title="height", text="0.5")
+    data = message.encode(NEW)
+    assert data == struct.pack(">iBQBB", 24, 25, 5, 2, 6) + b"height0.5"
+    assert PrimaryDecoder(NEW).feed(data) == [message]
+
+
 def test_unknown_kinds_are_kept():
     message = UnknownProgramState(timestamp_us=4, kind=9, body=b"xyz")
     assert PrimaryDecoder().feed(message.encode(NEW)) == [message]
@@ -99,7 +107,7 @@ def test_values_the_wire_cannot_carry(value):
         GlobalVariableValues(values=(value,)).encode(NEW)
 
 
-@given(st.binary(max_size=120), st.integers(0, 2), st.sampled_from([OLD, NEW]))
+@given(st.binary(max_size=120), st.integers(0, 3), st.sampled_from([OLD, NEW]))
 def test_any_payload_decodes_or_is_a_protocol_error(body, kind, version):
     with contextlib.suppress(RemoteProtocolError):
         decode_program_state(struct.pack(">QB", 0, kind) + body, version)

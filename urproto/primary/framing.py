@@ -9,6 +9,7 @@ from urproto.primary.program_state import (
     GlobalVariableNames,
     GlobalVariableValues,
     UnknownProgramState,
+    VariableMessage,
     decode_program_state,
 )
 from urproto.primary.state import RobotStateData, decode_robot_state
@@ -29,7 +30,13 @@ class OtherMessage:
 
 
 PrimaryMessage = (
-    RobotStateData | RobotMessage | GlobalVariableNames | GlobalVariableValues | UnknownProgramState | OtherMessage
+    RobotStateData
+    | RobotMessage
+    | GlobalVariableNames
+    | GlobalVariableValues
+    | VariableMessage
+    | UnknownProgramState
+    | OtherMessage
 )
 
 

@@ -5,14 +5,16 @@ which variable they start, so a long list may be split. Each value carries its t
 type codes changed with 3.14 and 5.9.
 
 Sources: decoders of two public clients for the value encoding; a 5.4 simulator's capture
-for the header.
+for the header; the vendor's client interface document of 5.6 for the kinds.
 """
 
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
-from urproto._wire import Reader, pack, to_bytes, to_text
+from urproto._wire import Reader, big_endian, pack, short_text, to_bytes, to_text
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.primary._wire import PROGRAM_STATE, frame
 from urproto.primary.messages import NO_TIMESTAMP_US
@@ -25,14 +27,17 @@ __all__ = [
     "PoseValue",
     "UnknownProgramState",
     "Value",
+    "VariableMessage",
     "decode_program_state",
+    "has_matrices",
 ]
 
 _NEW_CODES = Availability.since("3.14", "5.9")
-_MAX_DEPTH = 16  # lists within lists; URScript allows two (guess: nothing nests deeper)
+_MAX_DEPTH = 32  # lists within lists (guess: nothing nests deeper)
 _MAX_TEXT = 65535  # bytes: a string's length travels in two bytes
 _NAMES = 0
 _VALUES = 1
+_VARIABLE = 2
 
 _NONE, _CONST_STRING, _VAR_STRING = "none", "const string", "var string"
 _LIST, _POSE, _BOOL, _NUM, _INT, _FLOAT, _MATRIX = "list", "pose", "bool", "num", "int", "float", "matrix"
@@ -82,48 +87,60 @@ def _types(version: PolyscopeVersion) -> dict[int, str]:
     return _NEW_TYPES if _NEW_CODES.covers(version) else _OLD_TYPES
 
 
-def _type_of(value: Value) -> str:
-    for kind, name in ((bool, _BOOL), (int, _INT), (float, _FLOAT), (str, _VAR_STRING), (tuple, _LIST)):
-        if isinstance(value, kind):
-            return name
-    if isinstance(value, PoseValue):
-        return _POSE
-    return _MATRIX if isinstance(value, MatrixValue) else _NONE
+def has_matrices(version: PolyscopeVersion) -> bool:
+    """Whether this version has a code for matrices."""
+    return _MATRIX in _types(version).values()
 
 
-class _Writer:
-    """Encodes values for one version."""
+_Encode = Callable[[Any], bytes]
 
-    def __init__(self, version: PolyscopeVersion) -> None:
-        self._codes = {name: code for code, name in _types(version).items()}
-        self._bodies: dict[str, Callable[[Any], bytes]] = {
-            _NONE: lambda value: b"",
-            _BOOL: lambda value: pack("?", value),
-            _INT: lambda value: pack("i", value),
-            _FLOAT: lambda value: pack("f", value),
-            _VAR_STRING: self._string,
-            _POSE: lambda value: pack("6f", *value.values),
-            _LIST: lambda value: pack("H", len(value)) + b"".join(map(self.write, value)),
-            _MATRIX: self._matrix,
-        }
 
-    def write(self, value: Value) -> bytes:
-        """Type code and body."""
-        name = _type_of(value)
-        if name not in self._codes:
-            raise LocalProtocolError(f"this version cannot report a {name}")
-        return pack("B", self._codes[name]) + self._bodies[name](value)
+@cache
+def _encoder(version: PolyscopeVersion) -> _Encode:
+    """What encodes a value, type code and body, for one version. Called for every element: made once."""
+    codes = {name: code for code, name in _types(version).items()}
 
-    def _string(self, value: str) -> bytes:
+    def number(name: str, layout: str) -> _Encode:
+        pack_into, code = big_endian(f"B{layout}").pack, codes[name]
+        return lambda value: pack_into(code, value)
+
+    def text(value: str) -> bytes:
         data = to_bytes(value)[:_MAX_TEXT]
-        return pack("H", len(data)) + data
+        return pack("BH", codes[_VAR_STRING], len(data)) + data
 
-    def _matrix(self, value: MatrixValue) -> bytes:
+    def pose(value: PoseValue) -> bytes:
+        return pack("B6f", codes[_POSE], *value.values)
+
+    def items(value: tuple[Value, ...]) -> bytes:
+        return pack("BH", codes[_LIST], len(value)) + b"".join([encode(item) for item in value])
+
+    def matrix(value: MatrixValue) -> bytes:
+        if _MATRIX not in codes:
+            raise LocalProtocolError("this version cannot report a matrix")
         columns = len(value.rows[0]) if value.rows else 0
         if any(len(row) != columns for row in value.rows):
             raise LocalProtocolError("the rows of a matrix differ in length")
-        items = b"".join(self.write(item) for row in value.rows for item in row)
-        return pack("2H", len(value.rows), columns) + items
+        cells = b"".join([encode(item) for row in value.rows for item in row])
+        return pack("B2H", codes[_MATRIX], len(value.rows), columns) + cells
+
+    encoders: dict[type, _Encode] = {
+        type(None): lambda value: bytes([codes[_NONE]]),
+        bool: number(_BOOL, "?"),
+        int: number(_INT, "i"),
+        float: number(_FLOAT, "f"),
+        str: text,
+        tuple: items,
+        PoseValue: pose,
+        MatrixValue: matrix,
+    }
+
+    def encode(value: Value) -> bytes:
+        try:
+            return encoders[value.__class__](value)
+        except (struct.error, OverflowError) as error:
+            raise LocalProtocolError(f"{value!r} does not fit its wire type: {error}") from error
+
+    return encode
 
 
 class _Parser:
@@ -195,9 +212,24 @@ class GlobalVariableValues:
 
     def encode(self, version: PolyscopeVersion) -> bytes:
         """The whole message; LocalProtocolError for a value this version has no code for."""
-        writer = _Writer(version)
-        data = b"".join(writer.write(value) + b"\n" for value in self.values)
+        encode = _encoder(version)
+        data = b"".join([encode(value) + b"\n" for value in self.values])
         return frame(PROGRAM_STATE, pack("QBH", self.timestamp_us, _VALUES, self.start_index) + data)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VariableMessage:
+    """One variable as text, as ``varmsg()`` sends it. The vendor's document calls it deprecated."""
+
+    timestamp_us: int = 0  # until somebody stamps it
+    title: str
+    text: str
+
+    def encode(self, version: PolyscopeVersion) -> bytes:
+        """The whole message."""
+        return frame(
+            PROGRAM_STATE, pack("QB", self.timestamp_us, _VARIABLE) + short_text(self.title) + to_bytes(self.text)
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -225,13 +257,15 @@ def _read_values(reader: Reader, version: PolyscopeVersion) -> tuple[Value, ...]
 
 def decode_program_state(
     payload: bytes, version: PolyscopeVersion
-) -> GlobalVariableNames | GlobalVariableValues | UnknownProgramState:
+) -> GlobalVariableNames | GlobalVariableValues | VariableMessage | UnknownProgramState:
     """Read the payload of a type 25 message (everything after size and type).
 
     ``version`` is the sender's, from its version message. Raises RemoteProtocolError.
     """
     reader = Reader(payload, "program state")
     timestamp_us, kind = reader.unpack("QB")
+    if kind == _VARIABLE:
+        return VariableMessage(timestamp_us=timestamp_us, title=reader.short_text(), text=to_text(reader.rest()))
     if kind not in (_NAMES, _VALUES):
         return UnknownProgramState(timestamp_us=timestamp_us, kind=kind, body=reader.rest())
     (start_index,) = reader.unpack("H")

@@ -1,0 +1,42 @@
+"""A main program as its watchers see it: variables and labels, while it runs and after its end."""
+
+from urproto.primary.messages import ProgramThread
+from urscript.runtime import Runtime
+from urscript.values import Value
+
+__all__ = ["ProgramView"]
+
+
+class ProgramView:
+    """``number`` counts the programs that were started, so that two runs of one program differ."""
+
+    def __init__(self, number: int, runtime: Runtime) -> None:
+        self.number = number
+        self._runtime = runtime
+
+    @property
+    def running(self) -> bool:
+        """False when the program is over."""
+        return not self._runtime.finished
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the global variables."""
+        return self._runtime.program.global_names
+
+    def values(self, start: int, stop: int) -> list[Value]:
+        """Values of some of the variables, in the order of the names; None without a value."""
+        return self._runtime.values(start, stop)
+
+    @property
+    def labelled(self) -> bool:
+        """True when the program has labels at all."""
+        return bool(self._runtime.program.labels)
+
+    @property
+    def threads(self) -> tuple[ProgramThread, ...]:
+        """Where each thread stands; number 0 and no text before its first label."""
+        return tuple(
+            ProgramThread(*(thread.label or (0, "")), thread.name.removeprefix("t_"))
+            for thread in self._runtime.threads
+        )

@@ -1,0 +1,102 @@
+"""Programs that compute on and on, and what secondary programs may do."""
+
+import pytest
+
+from urproto.modes import RuntimeState, SafetyMode
+from urproto.primary.messages import ErrorCodeMessage
+
+
+def errors(rig):
+    return [(m.code, m.argument) for m in rig.messages if isinstance(m, ErrorCodeMessage)]
+
+
+def test_an_endless_loop_is_told_of_and_then_stops_the_arm(rig):
+    rig.start("n = 0\nwhile True:\n  n = n + 1\nend")
+    rig.until(lambda: errors(rig) != [], 2.0)
+    assert errors(rig) == [(218, 0)]
+    assert rig.state is RuntimeState.PLAYING
+    rig.until(lambda: rig.state is RuntimeState.PAUSED, 12.0)
+    assert errors(rig) == [(218, 0), (271, 1)]
+    assert rig.controller.snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP
+
+
+def test_an_endless_loop_ends_the_program_on_cb3(cb3):
+    cb3.start("n = 0\nwhile True:\n  n = n + 1\nend")
+    cb3.until(lambda: cb3.state is RuntimeState.STOPPED and bool(cb3.exceptions), 12.0)
+    (exception,) = cb3.exceptions
+    assert exception.line in (3, 4)
+    assert "used too much time" in exception.text
+    assert cb3.keys[-1] == ("PROGRAM_XXX_STOPPED", "prog")
+    assert cb3.controller.snapshot.safety_mode is SafetyMode.NORMAL
+
+
+def test_the_warning_names_the_thread_that_computes(rig):
+    rig.start("thread busy():\n  while True:\n    x = 1\n  end\nend\nrun busy()\nsleep(1.5)\nhalt")
+    rig.until(lambda: rig.state is RuntimeState.STOPPED and bool(rig.keys), 3.0)
+    (warning,) = [m for m in rig.messages if isinstance(m, ErrorCodeMessage)]
+    assert (warning.label, "busy" in warning.text) == ("C218A1", True)
+
+
+@pytest.mark.parametrize("wait", ["sync()", "sleep(0.002)"])
+def test_a_loop_that_waits_now_and_then_is_left_alone(rig, wait):
+    rig.start(f"while True:\n  n = 0\n  while n < 3000:\n    n = n + 1\n  end\n  {wait}\nend")
+    rig.seconds(12.0)
+    assert rig.state is RuntimeState.PLAYING
+    assert errors(rig) == []
+
+
+def test_secondary_program_uses_the_sockets_of_the_main_one(rig):
+    """The manual allows a secondary program a single socket_send, and no time to open a socket."""
+    rig.start('socket_open("10.0.0.1", 50001, "link")\nwhile True:\n  sync()\nend')
+    rig.tick(3)
+    rig.submit('sec aside():\n  socket_send_string("hello", "link")\nend\n')
+    rig.tick(3)
+    (link,) = rig.sockets.opened
+    assert bytes(link.sent) == b"hello"
+    assert link.state == "open"
+
+
+def test_secondary_program_without_a_main_one_closes_its_sockets(rig):
+    rig.submit('sec aside():\n  socket_open("10.0.0.1", 50001)\n  socket_send_string("hello")\nend\n')
+    rig.tick(3)
+    (link,) = rig.sockets.opened
+    assert (bytes(link.sent), link.state) == (b"hello", "closed")
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "sync()",
+        "while True:\n  x = 1\nend",
+        "servoj([0,0,0,0,0,0])",
+        'socket_read_string("none", timeout=1)',
+        'x = request_boolean_from_primary_client("Really?")',
+    ],
+)
+def test_secondary_program_that_takes_time_is_too_much_behind(rig, statement):
+    rig.sockets.listening.add(("10.0.0.1", 50001))
+    rig.start('socket_open("10.0.0.1", 50001, "none")\nwhile True:\n  sync()\nend', name="main")
+    rig.tick(3)
+    body = "".join(f"  {line}\n" for line in statement.splitlines())
+    rig.submit(f"sec aside():\n{body}end\n")
+    rig.tick(3)
+    assert rig.keys[-1][0] == "SECONDARY_PROGRAM_EXCEPTION_XXX"
+    assert "Runtime is too much behind" in rig.keys[-1][1]
+    assert rig.state is RuntimeState.PLAYING
+    assert rig.controller.popups.shown == []
+
+
+def test_thread_of_a_secondary_program_does_not_outlive_it(rig):
+    rig.submit(
+        "sec aside():\n  thread t():\n    sleep(0.1)\n    set_standard_digital_out(1, True)\n  end\n  run t()\nend\n"
+    )
+    rig.seconds(0.3)
+    assert rig.controller.signals.digital_outputs == 0
+
+
+def test_secondary_program_that_does_not_compile_is_a_runtime_exception(rig):
+    rig.submit("sec aside():\n  no_such_thing()\nend\n")
+    rig.tick(3)
+    (exception,) = rig.exceptions
+    assert (exception.line, exception.text) == (2, "compile_error_name_not_found:no_such_thing:")
+    assert rig.keys == []
