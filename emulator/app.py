@@ -16,6 +16,7 @@ from emulator.controller import Controller
 from emulator.primary_state import robot_state
 from emulator.servers.base import PortServer
 from emulator.servers.dashboard import DashboardServer
+from emulator.servers.modbus_client import ModbusClient
 from emulator.servers.primary import PrimaryServer
 from emulator.servers.realtime import RealtimeServer
 from emulator.servers.rtde import RTDEServer
@@ -60,6 +61,9 @@ class Emulator:
                 await server.start(self.config.host, port)
             starting.push_async_callback(self._sockets.close)
             self.controller.programs.socket_backend = self._sockets
+            modbus = ModbusClient(self.config.modbus_unit_port)
+            starting.push_async_callback(modbus.close)
+            self.controller.programs.modbus.backend = modbus
             starting.callback(self.clock.close)
             self.clock.start(self._tick)
             self._running = starting.pop_all()
