@@ -91,7 +91,6 @@ class ModbusSignal:
         self.valid_step = step  # when the unit last did as it was asked; when the signal was added, before that
         self._read = ModbusRequest(kind.read, address, count)
         self._exchange: ModbusExchange | None = None
-        self._asked: ModbusRequest | None = None
         self._due = step
 
     @property
@@ -124,17 +123,19 @@ class ModbusSignal:
         """Do not wait for the next turn."""
         self._due = step
 
-    def advance(self, step: int, frames_a_second: float, backend: ModbusBackend) -> None:
-        """One control period: take the answer, ask again when it is time."""
+    def wants(self, step: int) -> int | None:
+        """Take the answer that came; since when it is this signal's turn to ask, None when it is not."""
         exchange = self._exchange
         if exchange is not None:
             if not exchange.done:
-                return
+                return None
             self._take(exchange, step)
-        if 0 <= self._due <= step:
-            self._due = self._next_turn(step, frames_a_second)
-            self._asked = self._request()
-            self._exchange = backend.ask(self.unit, self._asked, sequential=self.sequential)
+        return self._due if 0 <= self._due <= step else None
+
+    def ask(self, step: int, frames_a_second: float, backend: ModbusBackend) -> None:
+        """Send the signal's request."""
+        self._due = self._next_turn(step, frames_a_second)
+        self._exchange = backend.ask(self.unit, self._request(), sequential=self.sequential)
 
     def _next_turn(self, step: int, frames_a_second: float) -> int:
         if self.frequency_hz <= 0:
@@ -307,10 +308,18 @@ class ModbusSignals:
     # once a control period
 
     def step(self, step: int) -> None:
-        """One control period."""
+        """One control period: of the signals of a unit whose turn it is, the one that waited longest asks.
+
+        Simple units lose requests that arrive together.
+        """
         self._step = step
+        first: dict[ModbusUnit, tuple[int, ModbusSignal]] = {}
         for signal in self._signals.values():
-            signal.advance(step, self._frames_a_second, self.backend)
+            since = signal.wants(step)
+            if since is not None and (signal.unit not in first or since < first[signal.unit][0]):
+                first[signal.unit] = (since, signal)
+        for _, signal in first.values():
+            signal.ask(step, self._frames_a_second, self.backend)
 
     def program_started(self) -> None:
         """A main program begins."""

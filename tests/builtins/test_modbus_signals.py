@@ -79,6 +79,15 @@ def test_frequency_counts_in_control_periods(rig, modbus):
     assert len(modbus.units[UNIT].requests) == pytest.approx(20, abs=1)
 
 
+def test_signals_of_a_unit_take_turns(rig, modbus):
+    signals = "".join(f'modbus_add_signal("10.0.0.5", 255, {i}, 2, "s{i}")\n' for i in range(4))
+    fast = "".join(f'modbus_set_signal_update_frequency("s{i}", 500)\n' for i in range(4))
+    rig.run(signals + fast + "sleep(0.4)")
+    addresses = [request.address for request in modbus.units[UNIT].requests]
+    assert len(addresses) == pytest.approx(200, abs=3), "one in each control period"
+    assert all(addresses.count(i) == pytest.approx(50, abs=2) for i in range(4))
+
+
 def test_signal_without_frequency_asks_when_a_program_wants_it(rig, modbus):
     rig.run(
         add(3)

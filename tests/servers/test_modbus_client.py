@@ -102,18 +102,19 @@ def signal(running: Emulator, name: str) -> ModbusSignal:
 
 
 async def test_program_reads_and_writes_a_device(device: Device) -> None:
+    """In sequential mode: this device overlooks requests that arrive together."""
     port = await device.start()
     async with emulator(port) as running:
         await send_script(
             running,
             f"""def prog():
-  modbus_add_signal("{HOST}", 255, 1, 0, "di")
-  modbus_add_signal("{HOST}", 255, 0, 1, "do")
-  modbus_add_signal("{HOST}", 255, 2, 2, "ri")
-  modbus_add_signal("{HOST}", 255, 3, 3, "ro")
+  modbus_add_signal("{HOST}", 255, 1, 0, "di", True)
+  modbus_add_signal("{HOST}", 255, 0, 1, "do", True)
+  modbus_add_signal("{HOST}", 255, 2, 2, "ri", True)
+  modbus_add_signal("{HOST}", 255, 3, 3, "ro", True)
   modbus_add_signal("{HOST}", 255, 0, 15, "coils", True, 10)
-  modbus_add_signal("{HOST}", 255, 5, 16, "words", False, 3)
-  modbus_add_rw_signal("{HOST}", 255, 0, 2, 8, 2, "rw")
+  modbus_add_signal("{HOST}", 255, 5, 16, "words", True, 3)
+  modbus_add_rw_signal("{HOST}", 255, 0, 2, 8, 2, "rw", True)
   modbus_set_signal_update_frequency("ro", 50)
   while modbus_get_error("rw") != 0 or modbus_get_error("words") != 0:
     sync()
@@ -201,9 +202,10 @@ async def peer() -> AsyncIterator[tuple[Peer, ModbusClient]]:
     yield peer, client
     await client.close()
     server.close()
+    await asyncio.sleep(0.01)  # what is still being accepted
     for writer in peer.writers:
         writer.transport.abort()
-    await asyncio.sleep(0.01)
+    await asyncio.sleep(0)
 
 
 UNIT = ModbusUnit(HOST, 9)
