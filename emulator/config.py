@@ -25,6 +25,7 @@ __all__ = [
 ]
 
 PORTS: Final[Mapping[str, int]] = {
+    "modbus": 502,
     "dashboard": 29999,
     "primary": 30001,
     "secondary": 30002,

@@ -10,6 +10,7 @@ given from 0 to a full turn beside its count of turns.
 """
 
 import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
 from emulator.modbus_io import Cell, PortError, ReadCell, WriteCell, analog_registers, digital_coils, digital_registers
@@ -24,6 +25,7 @@ __all__ = [
     "Cell",
     "PortError",
     "PortMemory",
+    "check_writable",
     "read_coil",
     "read_register",
     "write_coil",
@@ -66,6 +68,12 @@ def read_coil(controller: "Controller", address: int) -> bool:
 def write_coil(controller: "Controller", address: int, level: bool) -> None:
     """Set a coil. Raises PortError."""
     _writer(COILS, address, "coil")(controller, int(level))
+
+
+def check_writable(table: dict[int, Cell], addresses: Iterable[int], what: str) -> None:
+    """Raises PortError unless all of these can be written."""
+    for address in addresses:
+        _writer(table, address, what)
 
 
 def _reader(table: dict[int, Cell], address: int, what: str) -> ReadCell:
