@@ -75,6 +75,9 @@ def _run(
     remote_control: Annotated[
         bool, typer.Option("--remote-control", help="Answer true to 'is in remote control' (e-Series).")
     ] = False,
+    modbus_unit_port: Annotated[
+        int, typer.Option(help="Where the Modbus units listen that programs add signals of.")
+    ] = 502,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
@@ -95,7 +98,12 @@ def _run(
             remote_control=remote_control,
         )
         config = EmulatorConfig(
-            controller=controller, host=host, port_offset=port_offset, ephemeral_ports=ephemeral_ports, speed=speed
+            controller=controller,
+            host=host,
+            port_offset=port_offset,
+            ephemeral_ports=ephemeral_ports,
+            speed=speed,
+            modbus_unit_port=modbus_unit_port,
         )
         asyncio.run(_serve(config, ports_file, exit_when_ready=exit_when_ready))
 

@@ -47,8 +47,8 @@ def _ports(emulator: Emulator) -> Table:
         table.add_row(name, str(ports[name]), about)
     read_only = ", ".join(str(port) for name, port in ports.items() if name.endswith("read-only"))
     table.add_row("read-only", read_only, "as primary, secondary, realtime")
-    for name, reason in emulator.moved.items():
-        table.add_row("", "", f"{name} is on another port: {reason}")
+    for reason in emulator.moved.values():
+        table.add_row("", "", f"{reason}; a free one serves instead")
     return table
 
 
