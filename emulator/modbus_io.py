@@ -120,13 +120,25 @@ def digital_coils() -> dict[int, Cell]:
             cells[outputs + at] = Cell(_output_level(group, index), _output_write(group, index, None))
             cells[set_ + at] = Cell(write=_output_write(group, index, True))
             cells[clear + at] = Cell(write=_output_write(group, index, False))
-    for first in (0, 16, 32, 48):  # the words' undefined bits
-        for address in range(first + STANDARD.count + TOOL.count, first + 16):
-            cells[address] = Cell(None if first > 16 else lambda _: 0, None if first == 0 else lambda _, __: None)
-    for at in range(32):
-        cells[64 + at] = Cell(lambda controller, at=at: controller.snapshot.euromap67_input_bits >> at & 1)  # type: ignore[misc]
-        cells[96 + at] = Cell(lambda controller, at=at: controller.snapshot.euromap67_output_bits >> at & 1)  # type: ignore[misc]
+    for undefined in range(STANDARD.count + TOOL.count, 16):  # bits of the words
+        cells[undefined] = Cell(read=_zero)
+        cells[16 + undefined] = Cell(_zero, _ignore)
+        cells[32 + undefined] = cells[48 + undefined] = Cell(write=_ignore)
+    for index in range(32):
+        cells[64 + index] = Cell(_euromap("euromap67_input_bits", index))
+        cells[96 + index] = Cell(_euromap("euromap67_output_bits", index))
     return cells
+
+
+def _zero(controller: "Controller") -> int:
+    return 0
+
+
+def _ignore(controller: "Controller", word: int) -> None: ...
+
+
+def _euromap(name: str, index: int) -> ReadCell:
+    return lambda controller: getattr(controller.snapshot, name) >> index & 1
 
 
 def _input_level(group: DigitalGroup, index: int) -> ReadCell:

@@ -313,6 +313,8 @@ class ModbusSignals:
         Simple units lose requests that arrive together.
         """
         self._step = step
+        if not self._signals:
+            return
         first: dict[ModbusUnit, tuple[int, ModbusSignal]] = {}
         for signal in self._signals.values():
             since = signal.wants(step)

@@ -32,6 +32,7 @@ _CONNECT_S: Final = 2.0  # guess, as a script socket's
 _ANSWER_S: Final = 1.0  # guess
 _PAUSES_S: Final = (0.1, 0.2, 0.5, 1.0, 2.0)  # before another attempt to connect (guess)
 _MOST_TIMEOUTS: Final = 3  # in a row, then the connection is taken for dead (guess)
+_MOST_UNITS: Final = 512  # guess; signals are fewer, only custom commands can name more
 _MOST_WAITING: Final = 256  # requests to one unit that are not sent yet (guess)
 
 _logger = logging.getLogger(__name__)
@@ -54,12 +55,12 @@ class ModbusClient:
             _logger.warning("%s", error)
             exchange.complete(connection_error=errno.EMSGSIZE)
             return exchange
-        self._link(unit).put(_Item(pdu, sequential, request, exchange))
+        self._put(unit, _Item(pdu, sequential, request, exchange))
         return exchange
 
     def send(self, unit: ModbusUnit, pdu: bytes) -> None:
         """Send function code and data; the answer is ignored."""
-        self._link(unit).put(_Item(pdu, False))
+        self._put(unit, _Item(pdu, False))
 
     def reset(self, address: str) -> None:
         """Close the connections to an address."""
@@ -80,11 +81,14 @@ class ModbusClient:
         for link in self._ending:
             await link.closed()
 
-    def _link(self, unit: ModbusUnit) -> "_Link":
+    def _put(self, unit: ModbusUnit, item: "_Item") -> None:
         link = self._links.get(unit)
         if link is None:
+            if len(self._links) >= _MOST_UNITS:
+                item.fail(errno.EMFILE)
+                return
             link = self._links[unit] = _Link(unit, self._port)
-        return link
+        link.put(item)
 
 
 @dataclass(slots=True, eq=False)

@@ -321,6 +321,14 @@ async def test_a_flood_is_bounded(peer: tuple[Peer, ModbusClient]) -> None:
     assert {exchange.connection_error for exchange in exchanges if exchange.done} == {errno.EAGAIN}
 
 
+async def test_units_are_bounded(peer: tuple[Peer, ModbusClient], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("emulator.servers.modbus_client._MOST_UNITS", 2)
+    _, client = peer
+    exchanges = [client.ask(ModbusUnit(HOST, slave), READ, sequential=False) for slave in range(3)]
+    assert [exchange.connection_error for exchange in exchanges] == [0, 0, errno.EMFILE]
+    client.send(ModbusUnit(HOST, 9), b"\1")
+
+
 @pytest.mark.parametrize("address", ["no.such.host.invalid", "256.0.0.1", "x" * 70 + ".", "\0"])
 async def test_impossible_addresses(peer: tuple[Peer, ModbusClient], address: str) -> None:
     _, client = peer
