@@ -79,6 +79,9 @@ def _run(
     script_network: Annotated[
         ScriptNetwork, typer.Option(help="Addresses that sockets and XML-RPC of scripts may connect to.")
     ] = ScriptNetwork.ANY,
+    modbus_unit_port: Annotated[
+        int, typer.Option(help="Where the Modbus units listen that programs add signals of.")
+    ] = 502,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
@@ -105,6 +108,7 @@ def _run(
             ephemeral_ports=ephemeral_ports,
             speed=speed,
             script_network=script_network,
+            modbus_unit_port=modbus_unit_port,
         )
         asyncio.run(_serve(config, ports_file, exit_when_ready=exit_when_ready))
 

@@ -26,6 +26,7 @@ __all__ = [
 ]
 
 PORTS: Final[Mapping[str, int]] = {
+    "modbus": 502,
     "dashboard": 29999,
     "primary": 30001,
     "secondary": 30002,
@@ -59,6 +60,8 @@ class EmulatorConfig:
     host: an address of this machine. port_offset is added to each of the usual ports;
     ephemeral_ports takes free ones instead. speed: simulated seconds per second.
     script_network: where the sockets and remote procedure calls of scripts may lead.
+    modbus_unit_port: where the Modbus units listen that programs add signals of (URScript
+    names no port).
     """
 
     controller: ControllerConfig
@@ -67,6 +70,7 @@ class EmulatorConfig:
     ephemeral_ports: bool = False
     speed: float = 1.0
     script_network: ScriptNetwork = ScriptNetwork.ANY
+    modbus_unit_port: int = 502
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed < math.inf:
@@ -74,6 +78,8 @@ class EmulatorConfig:
         if not 0 <= self.port_offset <= _LAST_PORT - max(PORTS.values()):
             most = _LAST_PORT - max(PORTS.values())
             raise ConfigError(f"the port offset must be from 0 to {most}, not {self.port_offset}")
+        if not 1 <= self.modbus_unit_port <= _LAST_PORT:
+            raise ConfigError(f"the port of Modbus units must be from 1 to {_LAST_PORT}, not {self.modbus_unit_port}")
 
     @property
     def wanted_ports(self) -> dict[str, int]:

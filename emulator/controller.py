@@ -23,6 +23,7 @@ from emulator.errorcodes import StopCause
 from emulator.ftinput import ForceInput
 from emulator.installation import Installation
 from emulator.messages import MessageLog
+from emulator.modbus_map import PortMemory
 from emulator.motion import Motion, MotionFault
 from emulator.popups import Popups
 from emulator.power import Power, PowerEvent, PowerState, PowerTimings
@@ -90,6 +91,7 @@ class Controller:
         self.messages = MessageLog(self._time_us)
         self.popups = Popups(self.messages, lambda: self.time_s, config.popup_auto_close_s)
         self.registers = Registers()
+        self.port_memory: PortMemory = PortMemory()
         self.signals = Signals()
         self.rtde_inputs: dict[str, Any] = {}  # last value of every RTDE input by name
         self.rtde_refreshed: dict[str, int] = {}  # step at which it came

@@ -23,12 +23,13 @@ from emulator.programs.compiling import Compiling, Submission
 from emulator.programs.history import MotionHistory
 from emulator.programs.host import ProgramHost
 from emulator.programs.loading import LoadedProgram, load_program
+from emulator.programs.modbus import ModbusSignals
 from emulator.programs.outputs import RunstateOutputs
 from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
 from emulator.programs.view import ProgramView
 from emulator.programs.watchdog import Watchdogs
 from emulator.runstate import RunEvent, next_run_state
-from urproto.modes import ReportLevel, RuntimeState
+from urproto.modes import ReportLevel, RuntimeState, SafetyMode
 from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED
 from urproto.versions import Series
 from urscript.compiler import CompiledProgram
@@ -44,6 +45,8 @@ ToolCommunication: TypeAlias = tuple[bool, int, int, int, float, float]
 
 _SOCKET_GAP_S: Final = 0.012  # between closing sockets and the next program; the official driver needs more than 0.2 ms
 _FLAGS: Final = 32  # Script Manual, set_flag
+# Script Manual, modbus_set_runstate_dependent_choice: these, and runtime exceptions, end a program unscheduled
+_UNSCHEDULED_ENDS: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, SafetyMode.FAULT)
 _SECONDARY_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title seen on a real controller
 
 
@@ -52,7 +55,7 @@ class Programs:
 
     ``state``: the main program's run state. ``view``: the main program that runs or ran last.
     ``socket_backend``: where script sockets come from. ``history``, ``flags``, ``outputs``,
-    ``tool_communication`` and ``loaded`` outlive a program.
+    ``modbus``, ``tool_communication`` and ``loaded`` outlive a program.
     """
 
     def __init__(self, controller: "Controller") -> None:
@@ -64,6 +67,7 @@ class Programs:
         self.watchdogs = Watchdogs()
         self.history = MotionHistory(controller.period_s)
         self.outputs = RunstateOutputs(controller.signals, controller.registers.output)
+        self.modbus = ModbusSignals(controller.version.series)
         self.flags = [False] * _FLAGS
         self.motion_version = 1  # guess: what motion_version_get() says before it was set
         self.tool_communication: ToolCommunication = (False, 115200, 0, 1, 1.5, 3.5)
@@ -175,6 +179,7 @@ class Programs:
         """Run every program for one control period."""
         controller = self._controller
         self.history.record(controller.arm.q, controller.arm.tcp_force)
+        self.modbus.step(controller.step_count)
         self._feed_watchdogs()
         self._decide()
         self._compiling.new_period()
@@ -221,6 +226,7 @@ class Programs:
         self.view = ProgramView(self.view.number + 1 if self.view else 1, self._main)
         self._event(RunEvent.START)
         self.outputs.program_started()
+        self.modbus.program_started()
         self._controller.messages.key(PROGRAM_STARTED, program.name)
 
     def _refuse(self, program: CompiledProgram) -> None:
@@ -330,6 +336,8 @@ class Programs:
         controller.motion.end_freedrive()
         controller.motion.program_stopped()
         self.outputs.program_stopped()
+        unscheduled = main.error is not None or controller.safety.mode in _UNSCHEDULED_ENDS
+        self.modbus.program_stopped(unscheduled=unscheduled)
         self._ended, self._main, self._host = host.name, None, None
 
     def _withdraw_dialogues(self, host: ProgramHost) -> None:
