@@ -123,7 +123,7 @@ class _NetworkSocket(asyncio.Protocol):
             for numeric in await self._permitted(address, port):
                 if await self._reach(numeric, port):
                     return
-        except (OSError, OverflowError, UnicodeError) as error:
+        except (OSError, OverflowError, ValueError) as error:  # ValueError: a NUL in the name
             _logger.info("a script cannot connect to %s:%d: %s", address, port, error)
 
     async def _reach(self, numeric: str, port: int) -> bool:
