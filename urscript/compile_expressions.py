@@ -115,6 +115,8 @@ class ExpressionCompiler:
     def name_not_found(self, name: str, node: Expression, kind: str) -> None:
         """Note the error; the first one of the text is raised in the end."""
         unit = self.unit
+        if name in unit.program.damaged:
+            return
         if kind == "variable":
             candidates = [*unit.program.globals, *self.scope.locals, *self.scope.assigned]
         else:
@@ -189,12 +191,18 @@ class ExpressionCompiler:
             if builtin is not None:
                 return self._builtin_call(node, builtin, place)
         except BindingError as error:
-            self.unit.warnings.append(CallWarning(str(error), node.line, node.column))
+            self._look_through(node)
+            if node.name not in self.unit.program.damaged:
+                self.unit.warnings.append(CallWarning(str(error), node.line, node.column))
             return call("_fault", place, constant(str(error), place))
         self.name_not_found(node.name, node, "function")
-        for argument in [*node.arguments, *[value for _, value in node.keywords]]:
-            self.expression(argument)  # for the errors in them
+        self._look_through(node)
         return constant(None, place)
+
+    def _look_through(self, node: Call) -> None:
+        """Find the errors in the arguments of a call that cannot be made."""
+        for argument in [*node.arguments, *[value for _, value in node.keywords]]:
+            self.expression(argument)
 
     def _user_call(self, node: Call, plan: FunctionPlan, place: Place) -> ast.expr:
         parameters = plan.definition.scope.parameters

@@ -94,7 +94,15 @@ class ExpressionParser:
         if token.text == '"':
             problem = "the string that starts here is never closed"
         found = f"'{token.text}'" if token.text else token.kind
+        string = self.string_before(token.line)
+        if string is not None:
+            problem += f"; the string that starts in line {string.line} is closed only here"
         raise CompileError.syntax(f"syntax error at {found}: {problem}", token.line, token.column, self.source)
+
+    def string_before(self, line: int) -> Token | None:
+        """A string that began in an earlier line and ends in this one."""
+        strings = (token for token in self.tokens if token.kind == "string" and token.line < line)
+        return next((token for token in strings if token.line + token.text.count("\n") == line), None)
 
     # expressions
 
