@@ -63,6 +63,7 @@ class Unit:
     plans: Mapping[str, FunctionPlan]
     structs: bool  # this version has struct()
     fixed_lists: bool  # this version cannot resize a list variable
+    stepped: bool = False  # every statement asks the host first
     used: dict[str, Builtin] = field(default_factory=dict)
     errors: list[CompileError] = field(default_factory=list)
     warnings: list[CallWarning] = field(default_factory=list)
@@ -218,7 +219,7 @@ class ExpressionCompiler:
             depth = call("_deeper", place, load("_depth", place)) if self.recursive else constant(1, place)
             arguments.insert(0, depth)
         code = call(f"f_{node.name}", place, *arguments)
-        return yield_from(code, place) if plan.generator else code
+        return yield_from(code, place) if plan.generator or self.unit.stepped else code
 
     def _builtin_call(self, node: Call, builtin: Builtin, place: Place) -> ast.expr:
         self.unit.used[builtin.name] = builtin

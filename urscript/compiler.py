@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import CodeType
+from typing import TypeAlias
 
 from urproto.versions import Availability, PolyscopeVersion
 from urscript.analysis import plan_functions
@@ -49,34 +50,40 @@ class CompiledProgram:
 
 
 _CACHE_SIZE = 64  # programs
-_cache: dict[tuple[str, LibrarySet, PolyscopeVersion], CompiledProgram] = {}  # the one used last is last
+_Key: TypeAlias = tuple[str, LibrarySet, PolyscopeVersion, bool]
+_cache: dict[_Key, CompiledProgram] = {}  # the one used last is last
 
 _PYTHON_WORK = 4  # of Python's compiler, for each expression and statement
 
 
-def compile_script(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> CompiledProgram:
+def compile_script(
+    text: str, libraries: LibrarySet, version: PolyscopeVersion, *, stepped: bool = False
+) -> CompiledProgram:
     """Compile one program: ``def name(): … end``, ``sec name(): … end``, or bare statements.
 
-    Raises CompileError.
+    With `stepped`, the program asks its host (`urscript.runtime.StepHost`) before each statement;
+    it does the same in the same frames otherwise. Raises CompileError.
     """
-    return run_to_end(compile_steps(text, libraries, version))
+    return run_to_end(compile_steps(text, libraries, version, stepped=stepped))
 
 
-def _cached(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> CompiledProgram | None:
+def _cached(key: _Key) -> CompiledProgram | None:
     """The program of a text that was compiled before: drivers send the same one again and again."""
-    key = (text, libraries, version)
     program = _cache.pop(key, None)
     if program is not None:
         _cache[key] = program
     return program
 
 
-def compile_steps(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> Steps[CompiledProgram]:
+def compile_steps(
+    text: str, libraries: LibrarySet, version: PolyscopeVersion, *, stepped: bool = False
+) -> Steps[CompiledProgram]:
     """`compile_script` in steps; a text that was compiled before takes none."""
-    program = _cached(text, libraries, version)
+    key = (text, libraries, version, stepped)
+    program = _cached(key)
     if program is None:
-        program = yield from _compile(text, libraries, version)
-        _cache[text, libraries, version] = program
+        program = yield from _compile(text, libraries, version, stepped)
+        _cache[key] = program
         if len(_cache) > _CACHE_SIZE:
             del _cache[next(iter(_cache))]
     return program
@@ -103,10 +110,11 @@ def find_problems(text: str, libraries: LibrarySet, version: PolyscopeVersion) -
     return [once[place] for place in sorted(once)]
 
 
-def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> Steps[CompiledProgram]:
+def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, stepped: bool) -> Steps[CompiledProgram]:
     source = normalize(text)
     with _nested_too_deeply(source):
         unit = yield from _parsed(source, libraries, version)
+        unit.stepped = stepped
         code = yield from _generate(unit)
     if unit.errors:
         raise min(unit.errors, key=lambda error: (error.line, error.column))

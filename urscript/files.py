@@ -1,6 +1,9 @@
 """Files of scripts: which programs they hold, and where in the file each of them is."""
 
+import sys
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
 
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
@@ -44,6 +47,13 @@ class ScriptFile:
         self.name = name
         self.text = from_bytes(data).replace("\r\n", "\n").removeprefix("\ufeff")
         self.units = self._split()
+
+    @classmethod
+    def read(cls, name: str) -> Self:
+        """The file of this name, or standard input for ``-``. Raises OSError."""
+        if name == "-":
+            return cls("<stdin>", sys.stdin.buffer.read())
+        return cls(name, Path(name).read_bytes())
 
     def _split(self) -> list[FileUnit]:
         splitter = ScriptSplitter()

@@ -30,7 +30,7 @@ nothing. A kill takes the children of the thread with it.
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
 from types import CodeType, FrameType, GeneratorType, TracebackType
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 from urscript import operators
 from urscript.builtins import OMITTED
@@ -40,7 +40,7 @@ from urscript.meter import METER
 from urscript.methods import call_method, refuse_list_methods
 from urscript.values import UNSET, Value
 
-__all__ = ["Host", "Runtime", "ScriptThread"]
+__all__ = ["Host", "Runtime", "ScriptThread", "StepHost"]
 
 WORK_PER_SECOND = 4_000_000
 """Work all threads may do per second of controller time [meter units of about 50 ns]: 0.4 ms of a 2 ms frame.
@@ -69,6 +69,13 @@ class Host(Protocol):
 
     def on_label(self, number: int, text: str, thread: "ScriptThread") -> None:
         """A thread passed the program label ``$ number "text"``."""
+
+
+class StepHost(Host, Protocol):
+    """What programs compiled with ``stepped`` ask for besides: room for a tracer or a debugger."""
+
+    def on_step(self, line: int, column: int, thread: "ScriptThread") -> bool:
+        """The thread is about to execute what stands there. True: not yet, ask again in the next frame."""
 
 
 class _Halt(BaseException):
@@ -259,6 +266,7 @@ class Runtime:
             "_kill": self._kill,
             "_join": self._join,
             "_label": self._label,
+            "_step": self._step,
             "_enter_critical": self._enter_critical,
             "_exit_critical": self._exit_critical,
         }
@@ -313,6 +321,11 @@ class Runtime:
     def _label(self, number: int, text: str) -> None:
         if self.current is not None:
             self.host.on_label(number, text, self.current)
+
+    def _step(self, line: int, column: int) -> Generator[None, None, None]:
+        assert self.current is not None, "only running threads take steps"
+        while cast(StepHost, self.host).on_step(line, column, self.current):
+            yield
 
     def _enter_critical(self) -> None:
         if self.current is not None:

@@ -21,6 +21,10 @@ class NetworkSockets:
     def __init__(self) -> None:
         self._open: set[_NetworkSocket] = set()
 
+    def __len__(self) -> int:
+        """Connections that are open or being opened."""
+        return len(self._open)
+
     def open(self, address: str, port: int) -> "_NetworkSocket":
         """Begin to connect. A refused connection, or an impossible address, turns ``closed``."""
         opened = _NetworkSocket(self._open.discard)
