@@ -263,7 +263,8 @@ class _Parser(RecoveringParser):
             self.expect(":", f"after the condition of {word}")
             return condition
 
-        return self.header(read, Constant(self.token.line, self.token.column, True))
+        always: Expression = Constant(self.token.line, self.token.column, True)
+        return self.header(read, always)
 
     def _while(self, token: Token) -> Steps[Statement]:
         condition = self._condition("while")

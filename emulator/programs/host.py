@@ -24,7 +24,7 @@ Frames: TypeAlias = Generator[None, None, ResultT]
 """A built-in that takes physical time: every bare ``yield`` ends the frame of its thread."""
 
 StepHook: TypeAlias = Callable[["ProgramHost", int, int, "ScriptThread"], bool]
-"""Program, line, column (from 1) and thread of the statement that is next; True holds the thread for a control period."""
+"""Program, line, column (from 1) and thread of the next statement; True holds the thread for a control period."""
 
 _ROUNDING: Final = 1e-6  # of a control period; 0.008 / 0.002 must be 4 periods, not 5
 

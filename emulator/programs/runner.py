@@ -45,8 +45,8 @@ class Programs:
 
     ``state``: the main program's run state. ``socket_backend``: where script sockets come
     from. ``step_hook``: asked before each statement of programs submitted while it is set;
-    a thread for which it says True waits a period and asks again. ``history``, ``flags``, ``outputs``, ``tool_communication`` and ``loaded`` outlive
-    a program.
+    a thread for which it says True waits a period and asks again. ``history``, ``flags``,
+    ``outputs``, ``tool_communication`` and ``loaded`` outlive a program.
     """
 
     def __init__(self, controller: "Controller") -> None:

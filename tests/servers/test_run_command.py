@@ -173,7 +173,8 @@ def test_trace_shows_every_statement_with_time_and_thread(go: Go) -> None:
 
 
 def test_tracing_does_not_change_what_happens_when(go: Go) -> None:
-    text = "def f():\n  def g(n):\n    return n + 1\n  end\n  x = 0\n  while x < 3000:\n    x = g(x)\n  end\n  textmsg(x)\nend"
+    function = "  def g(n):\n    return n + 1\n  end\n"
+    text = f"def f():\n{function}  x = 0\n  while x < 3000:\n    x = g(x)\n  end\n  textmsg(x)\nend"
     plain, traced = go(text)[1], go(text, "--trace")[1]
     assert plain.splitlines() == [line for line in traced.splitlines() if ": " not in line]
 

@@ -4,9 +4,16 @@ The wire texts marked "seen" are from real controllers: the official client libr
 notes of a laboratory that drives robots by script.
 """
 
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
 import pytest
 
-from urscript import CompileError
+import urscript
+from urscript import CompileError, RuntimeFault, ScriptError
+from urscript.arguments import BindingError
 
 # text, line, column, wire text
 COMPILE_ERRORS = [
@@ -165,3 +172,67 @@ def test_names_follow_the_version(compiled):
     for version in ("5.9.4", "3.15.8"):
         with pytest.raises(CompileError, match="newer"):
             compiled(text, version)
+
+
+# every place in the language that can refuse a text or stop a program has a row above
+
+_REPORTERS = frozenset(
+    ["RuntimeFault", "BindingError", "fail", "give_up", "complain", "expect", "name_not_found", "_refuse", "_domain"]
+)
+# (file, function): why no program reaches it
+_OUT_OF_REACH = {
+    ("recovery.py", "give_up"): "passes on what its callers say",
+    ("methods.py", "call_method"): "Handle.call_method: handles come from hosts, which override it",
+}
+
+
+def _sites() -> Iterator[tuple[str, int, int, str]]:
+    """File, first and last line, and function of every call that reports an error of a script."""
+    root = Path(urscript.__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        for function in ast.walk(ast.parse(path.read_text())):
+            if not isinstance(function, ast.FunctionDef):
+                continue
+            for node in ast.walk(function):
+                if isinstance(node, ast.Call) and _called(node) in _REPORTERS:
+                    yield str(path), node.lineno, node.end_lineno or node.lineno, function.name
+
+
+def _called(node: ast.Call) -> str:
+    return node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
+
+
+@pytest.fixture
+def reached(monkeypatch) -> set[tuple[str, int]]:
+    """File and line of all code that is on the way to the making of an error."""
+    lines: set[tuple[str, int]] = set()
+
+    def record(make):
+        def made(self, *arguments, **keywords):
+            frame = sys._getframe(1)
+            while frame is not None:
+                lines.add((frame.f_code.co_filename, frame.f_lineno))
+                frame = frame.f_back
+            make(self, *arguments, **keywords)
+
+        return made
+
+    monkeypatch.setattr(ScriptError, "__init__", record(ScriptError.__init__))
+    for kind in (RuntimeFault, BindingError):
+        monkeypatch.setattr(kind, "__init__", record(Exception.__init__), raising=False)
+    return lines
+
+
+def test_every_place_that_reports_an_error_has_a_row(reached, compiled, run):
+    for number, row in enumerate(COMPILE_ERRORS):
+        with pytest.raises(CompileError):
+            compiled(f"{row[0]} # {number}")  # not from the cache
+    for number, row in enumerate(RUNTIME_ERRORS):
+        run(f"{row[0]} # {number}", version=row[4] if len(row) > 4 else "5.22")
+    missing = [
+        f"{file}:{first} in {function}"
+        for file, first, last, function in _sites()
+        if not any((file, line) in reached for line in range(first, last + 1))
+        and (Path(file).name, function) not in _OUT_OF_REACH
+    ]
+    assert not missing, "no row reaches " + "\n".join(missing)
