@@ -37,6 +37,8 @@ _UNARY_POWER = 7
 
 _CONSTANTS: dict[str, bool | None] = {"True": True, "False": False, "None": None}
 
+_EXPECTED = {"name": "a name", "number": "a number", "string": "a string"}
+
 CALL_COST = 30
 """Extra work of a call, in the units of the meter: a built-in takes a few microseconds."""
 
@@ -85,7 +87,7 @@ class ExpressionParser:
     def expect(self, kind: str, where: str) -> Token:
         """Step past a token that must be there."""
         if self.tokens[self.at].kind != kind:
-            self.fail(f"expected '{kind}' {where}")
+            self.fail(f"expected {_EXPECTED.get(kind) or repr(kind)} {where}")
         return self.take()
 
     def fail(self, problem: str, token: Token | None = None) -> NoReturn:
@@ -151,9 +153,9 @@ class ExpressionParser:
         return Unary(token.line, token.column, "not", self.expression(_NOT_POWER))
 
     def _run(self, token: Token) -> Expression:
-        name = self.expect("name", "after run: the thread to start").text
+        name = self.expect("name", "after run, that of the thread to start").text
         self.expect("(", "after the thread's name")
-        self.expect(")", "a thread takes no arguments")
+        self.expect(")", "since a thread takes no arguments")
         return Run(token.line, token.column, name)
 
     def _parenthesis(self, opening: Token) -> Expression:

@@ -113,24 +113,24 @@ class _Parser(RecoveringParser):
         return program
 
     def _program_name(self) -> None:
-        self._program.name = self.expect("name", "the name of the program").text
+        self._program.name = self.expect("name", "for the program").text
         self.expect("(", "after the name of the program")
-        self.expect(")", "a program takes no parameters")
+        self.expect(")", "since a program takes no parameters")
         self.expect(":", "after ')'")
 
     # blocks
 
     def _block(self, where: str) -> Steps[list[Statement]]:
         body = yield from self._open_block()
-        yield from self._close(where)
+        yield from self._close(where, body)
         return body
 
-    def _close(self, where: str) -> Steps[None]:
-        """Step past the ``end`` of a block."""
+    def _close(self, where: str, body: list[Statement]) -> Steps[None]:
+        """Step past the ``end`` of a block; recovering, the body takes in branches that cannot be there."""
         while self.recovering and self.token.kind in ("else", "elif"):
             self.complain(f"expected 'end' {where}")
             self.skip_header()
-            yield from self._open_block()
+            body += yield from self._open_block()
         if self.token.kind == "end":
             self.take()
         else:
@@ -226,12 +226,12 @@ class _Parser(RecoveringParser):
         return ThreadControl(token.line, token.column, token.kind, self.expression())
 
     def _label(self, token: Token) -> Statement:
-        number = self.expect("number", "of the program label").text
-        if not number.isdigit() or len(number) > 9:
-            self.fail("a program label has a whole number", token)
-        text = self.expect("string", "of the program label").text[1:-1]
+        number = self.expect("number", "for the program label")
+        if not number.text.isdigit() or len(number.text) > 9:
+            self.fail("a program label has a whole number", number)
+        text = self.expect("string", "for the program label").text[1:-1]
         option = self.take().text[1:-1] if self.token.kind == "string" else ""
-        label = Label(token.line, token.column, int(number), text, option)
+        label = Label(token.line, token.column, int(number.text), text, option)
         self._program.labels.append(label)
         return label
 
@@ -248,7 +248,7 @@ class _Parser(RecoveringParser):
             self.take()
             self.header(lambda: self.expect(":", "after else"), None)
             otherwise = yield from self._open_block()
-        yield from self._close(f"to close the if of line {token.line}")
+        yield from self._close(f"to close the if of line {token.line}", otherwise)
         loops = self.scope.loops
         self.scope.loops = loops or outer_loops
         return If(token.line, token.column, branches, otherwise, loops)
@@ -305,7 +305,7 @@ class _Parser(RecoveringParser):
         self.expect(")", "to close the parameters")
 
     def _parameter(self) -> None:
-        token = self.expect("name", "the name of a parameter")
+        token = self.expect("name", "for a parameter")
         if token.text in self.scope.locals:
             self.fail(f"two parameters are called {token.text}", token)
         default = None

@@ -67,6 +67,8 @@ class RecoveringParser(ExpressionParser):
         """Go on behind the statement that began at token number `start`; raises `error` when that is not wanted."""
         self._note(error)
         at = max(self.at, start + 1)
+        while not self._begins_line(start):  # what stands before in the line may have been meant otherwise
+            start -= 1
         self._go_on(start, self._statement_end(self._past_brackets(start, at)))
 
     def _note(self, error: CompileError) -> None:

@@ -27,6 +27,7 @@ A thread handle is an int, so ``thread = 0`` is a handle of no thread: killing a
 nothing. A kill takes the children of the thread with it.
 """
 
+import re
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
 from types import CodeType, FrameType, GeneratorType, TracebackType
@@ -38,7 +39,7 @@ from urscript.compiler import FILE_NAME, CompiledProgram
 from urscript.errors import RuntimeFault, ScriptRuntimeError
 from urscript.meter import METER
 from urscript.methods import call_method, refuse_list_methods
-from urscript.values import UNSET, Value
+from urscript.values import TYPE_NAMES, UNSET, Value
 
 __all__ = ["Host", "Runtime", "ScriptThread", "StepHost"]
 
@@ -398,13 +399,23 @@ def _error_position(trace: TracebackType | None) -> tuple[int, int, bool]:
     return line, column, inside
 
 
+# How Python words what compiled code runs into itself.
+_VARIABLE = re.compile(r".*'v_(\w+)'")
+_COMPARISON = re.compile(r"'([<>]=?)' not supported between instances of '(\w+)' and '(\w+)'")
+_TYPE_NAMES = {python.__name__: name for python, name in TYPE_NAMES.items()}
+
+
 def _message(error: Exception, inside: bool) -> str:
     if isinstance(error, RuntimeFault):
         return str(error)
     if isinstance(error, RecursionError):
         return "Functions call each other too deeply"
     if inside and isinstance(error, NameError):
-        return "A variable is used before it has a value"
+        variable = _VARIABLE.search(str(error))
+        return f"Variable '{variable[1]}' is used before it has a value" if variable else str(error)
     if inside and isinstance(error, TypeError):
-        return "Type error: these values cannot be compared"
+        comparison = _COMPARISON.match(str(error))
+        names = [_TYPE_NAMES.get(name, name) for name in comparison.group(2, 3)] if comparison else ["?", "?"]
+        sign = comparison[1] if comparison else "<"
+        return f"Type error: operator {sign} cannot be used with '{names[0]}' and '{names[1]}'"
     return f"internal error: {error!r}"

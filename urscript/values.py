@@ -30,6 +30,7 @@ __all__ = [
     "MAX_ELEMENTS",
     "MAX_NESTING",
     "MAX_STRING",
+    "TYPE_NAMES",
     "UNSET",
     "Any_",
     "Bool",
@@ -137,7 +138,7 @@ def is_number(value: object) -> bool:
     return value.__class__ is float or value.__class__ is int
 
 
-_TYPE_NAMES: dict[type, str] = {
+TYPE_NAMES: dict[type, str] = {
     type(None): "None",
     bool: "Bool",
     int: "Int",
@@ -154,7 +155,7 @@ _TYPE_NAMES: dict[type, str] = {
 
 def type_name(value: object) -> str:
     """The controller's word for the type of a value (``Int``, ``Const String`` and ``List`` seen, others guessed)."""
-    return _TYPE_NAMES.get(value.__class__, value.__class__.__name__)
+    return TYPE_NAMES.get(value.__class__, value.__class__.__name__)
 
 
 # text
