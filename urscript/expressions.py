@@ -168,7 +168,7 @@ class ExpressionParser:
     def _list(self, opening: Token) -> Expression:
         if self.token.kind == "]":
             self.take()
-            return ListLiteral(opening.line, opening.column, [])
+            return self._postfix(ListLiteral(opening.line, opening.column, []))
         return self._postfix(ListLiteral(opening.line, opening.column, self._items("]", "to close '['")))
 
     def _items(self, closing: str, where: str) -> list[Expression]:
