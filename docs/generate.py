@@ -3,6 +3,7 @@
 ``python docs/generate.py`` rewrites them; ``--check`` fails when they are stale instead.
 """
 
+import argparse
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from enum import Enum
@@ -16,12 +17,14 @@ from emulator import cli as emulator_cli
 from emulator.builtins import LIBRARIES
 from emulator.dashboard import COMMANDS
 from emulator.power import POWER_TABLE
+from emulator.run_command import COMMAND as RUN
 from emulator.runstate import RUN_TABLE
 from emulator.safety import SAFETY_TABLE
 from emulator.textcommands import TEXT_COMMANDS
 from urproto.robots import MODELS, load_model
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field
 from urproto.versions import Availability
+from urscript import cli as urscript_cli
 from urscript.builtins import LibrarySet
 
 DOCS = Path(__file__).parent
@@ -93,7 +96,23 @@ def command_line() -> str:
                 (f"`{parameter.opts[-1]}`", str(getattr(parameter, "help", None) or "")) for parameter in command.params
             )
             parts.append(_table(("option or argument", "meaning"), rows))
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join([*parts, *_urscript_commands()]) + "\n"
+
+
+def _urscript_commands() -> Iterable[str]:
+    """A section for each of the commands of ``urscript``, the emulator's among them."""
+    installed = [command for command in urscript_cli.commands() if command.name != RUN.name]
+    for command in (*installed, RUN):
+        parser = argparse.ArgumentParser(add_help=False)
+        command.arguments(parser)
+        yield f"## urscript {command.name}"
+        yield f"{command.help[0].upper()}{command.help[1:]}."
+        actions = parser._actions  # argparse has no other way to list them
+        rows = (
+            (f"`{action.option_strings[-1] if action.option_strings else action.metavar}`", action.help or "")
+            for action in actions
+        )
+        yield _table(("option or argument", "meaning"), rows)
 
 
 def _commands(words: str, command: Any) -> Iterable[tuple[str, Any]]:

@@ -1,7 +1,7 @@
 """The only module that reads the time.
 
 A clock calls the tick once per control period. ``RealClock`` does so in real time, or in
-real time times a speed; ``StepClock`` only when told to.
+real time times a speed; ``StepClock`` only when told to; ``FastClock`` as fast as it goes.
 
 Deadlines are absolute, so lateness never adds up. A tick that comes late is followed by
 the next ones a little faster than the period, never in a burst: clients that expect a
@@ -24,7 +24,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
-__all__ = ["Clock", "ClockStatistics", "RealClock", "StepClock", "claim_real_time"]
+__all__ = ["Clock", "ClockStatistics", "FastClock", "RealClock", "StepClock", "claim_real_time"]
 
 Tick = Callable[[], object]
 
@@ -33,6 +33,7 @@ _LEAST_GAP: Final = 0.6  # of a period, between two ticks while catching up: 1.2
 _MOST_BEHIND_NS: Final = 250_000_000  # guess: a longer standstill is not caught up
 _REVIEW_EVERY_NS: Final = 10 * _NS
 _TOO_MANY_MISSED: Final = 0.01  # of all ticks, before it is worth a warning (guess)
+_BURST: Final = 50  # ticks of a clock in a hurry between two looks at the event loop
 _BIN_NS: Final = 10_000
 _BINS: Final = 2_000  # lateness up to 20 ms is told apart
 
@@ -174,6 +175,54 @@ class RealClock:
         if missed > _TOO_MANY_MISSED * periods:
             _logger.warning("this machine is too slow or too busy: %d of %d control periods came late", missed, periods)
         self._reviewed_ns, self._missed_when_reviewed = now_ns, self.statistics.missed
+
+
+class FastClock:
+    """As fast as it goes, but in real time while ``has_company()``: peers outside live in real time.
+
+    What the event loop has to do besides is done between two ticks in company, else every few dozen ticks.
+    """
+
+    def __init__(self, period_s: float, has_company: Callable[[], bool]) -> None:
+        self._real = RealClock(period_s)
+        self._has_company = has_company
+        self._tick: Tick = lambda: None
+        self._next: asyncio.Handle | None = None
+        self._running = False
+
+    @property
+    def last_tick_s(self) -> float:
+        return self._real.last_tick_s
+
+    def start(self, tick: Tick) -> None:
+        self._tick = tick
+        self._running = True
+        self._hurry()
+
+    def close(self) -> None:
+        self._running = False
+        self._real.close()
+        if self._next is not None:
+            self._next.cancel()
+
+    def _hurry(self) -> None:
+        self._next = asyncio.get_running_loop().call_soon(self._burst)
+
+    def _burst(self) -> None:
+        for _ in range(_BURST):
+            if self._has_company():
+                self._real.start(self._in_company)
+                return
+            self._tick()
+            if not self._running:
+                return
+        self._hurry()
+
+    def _in_company(self) -> None:
+        self._tick()
+        if self._running and not self._has_company():
+            self._real.close()
+            self._hurry()
 
 
 class _Timer(Protocol):

@@ -30,12 +30,13 @@ class MessageLog:
     """Collects messages during a control period and stamps them with the controller's time.
 
     ``time_us`` tells the controller's uptime. ``history`` is the text log that the
-    dashboard's ``saveLog`` writes.
+    dashboard's ``saveLog`` writes. ``on_note`` is called with lines that go to this log only.
     """
 
     def __init__(self, time_us: Callable[[], int]) -> None:
         self._time_us = time_us
         self._pending: list[RobotMessage | VariableMessage] = []
+        self.on_note: Callable[[str], None] | None = None
         self.history: deque[str] = deque(maxlen=_HISTORY_LINES)
 
     def emit(self, message: RobotMessage | VariableMessage) -> None:
@@ -43,10 +44,15 @@ class MessageLog:
         if not message.timestamp_us:
             message = replace(message, timestamp_us=self._time_us())
         self._pending.append(message)
-        self.note(_describe(message))
+        self._log(_describe(message))
 
     def note(self, text: str) -> None:
         """Write a line to the text log only."""
+        if self.on_note is not None:
+            self.on_note(text)
+        self._log(text)
+
+    def _log(self, text: str) -> None:
         _logger.debug("%s", text)
         self.history.append(f"{self._time_us() / 1e6:.3f} {text}")
 

@@ -35,6 +35,7 @@ MAY_TOUCH_OUTSIDE = (
     "emulator.clock",
     "emulator.app",
     "emulator.cli",
+    "emulator.run_command",
     "emulator.readiness",
     "emulator.servers",
     "client",

@@ -65,6 +65,7 @@ class Unit:
     kinds: Kinds
     structs: bool  # this version has struct()
     fixed_lists: bool  # this version cannot resize a list variable
+    stepped: bool = False  # every statement asks the host first
     used: dict[str, Builtin] = field(default_factory=dict)
     errors: list[CompileError] = field(default_factory=list)
     warnings: list[CallWarning] = field(default_factory=list)
@@ -117,6 +118,8 @@ class ExpressionCompiler:
     def name_not_found(self, name: str, node: Expression, kind: str) -> None:
         """Note the error; the first one of the text is raised in the end."""
         unit = self.unit
+        if name in unit.program.damaged:
+            return
         if kind == "variable":
             candidates = [*unit.program.globals, *self.scope.locals, *self.scope.assigned]
         else:
@@ -209,12 +212,18 @@ class ExpressionCompiler:
             if builtin is not None:
                 return self._builtin_call(node, builtin, place)
         except BindingError as error:
-            self.unit.warnings.append(CallWarning(str(error), node.line, node.column))
+            self._look_through(node)
+            if node.name not in self.unit.program.damaged:
+                self.unit.warnings.append(CallWarning(str(error), node.line, node.column))
             return call("_fault", place, constant(str(error), place))
         self.name_not_found(node.name, node, "function")
-        for argument in [*node.arguments, *[value for _, value in node.keywords]]:
-            self.expression(argument)  # for the errors in them
+        self._look_through(node)
         return constant(None, place)
+
+    def _look_through(self, node: Call) -> None:
+        """Find the errors in the arguments of a call that cannot be made."""
+        for argument in [*node.arguments, *[value for _, value in node.keywords]]:
+            self.expression(argument)
 
     def _user_call(self, node: Call, plan: FunctionPlan, place: Place) -> ast.expr:
         parameters = plan.definition.scope.parameters
@@ -230,7 +239,7 @@ class ExpressionCompiler:
             depth = call("_deeper", place, load("_depth", place)) if self.recursive else constant(1, place)
             arguments.insert(0, depth)
         code = call(f"f_{node.name}", place, *arguments)
-        return yield_from(code, place) if plan.generator else code
+        return yield_from(code, place) if plan.generator or self.unit.stepped else code
 
     def _builtin_call(self, node: Call, builtin: Builtin, place: Place) -> ast.expr:
         self.unit.used[builtin.name] = builtin

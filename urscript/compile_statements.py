@@ -107,6 +107,8 @@ class _BodyCompiler(ExpressionCompiler):
             code = (yield from self._metered(statements)) or charge(1, place, park=True)
         else:
             code = [*charge(self.scope.cost, place, park=False), *(yield from self._plain(statements))]
+            if self.unit.stepped and all(isinstance(statement, FunctionDef) for statement in statements):
+                code.append(ast.Expr(value=self._step(place), **place))  # a generator like all others
         return self._with_globals(code, place)
 
     def _with_globals(self, code: list[ast.stmt], place: Place) -> list[ast.stmt]:
@@ -123,6 +125,8 @@ class _BodyCompiler(ExpressionCompiler):
                 continue
             self.size += 1
             place = place_of(statement)
+            if self.unit.stepped and not isinstance(statement, While):
+                code.append(ast.Expr(value=self._step(place), **place))
             if isinstance(statement, If):
                 code += yield from self._if(statement, place)
             elif isinstance(statement, While):
@@ -163,6 +167,11 @@ class _BodyCompiler(ExpressionCompiler):
         self.pieces.append(PythonFunction(function(name, [], self._with_globals(code, place), place), size))
         self._elsewhere += size
         return ast.Expr(value=yield_from(call(name, place), place), **place)
+
+    def _step(self, place: Place) -> ast.expr:
+        """``yield from _step(line, column)``: tell the host what is next, and wait as long as it wants."""
+        line, column = constant(place["lineno"], place), constant(place["col_offset"] + 1, place)
+        return yield_from(call("_step", place, line, column), place)
 
     def _inner(self, statements: list[Statement], heavy: bool) -> Steps[list[ast.stmt]]:
         return (yield from self._metered(statements) if heavy and self._charged else self._plain(statements))
@@ -231,6 +240,9 @@ class _BodyCompiler(ExpressionCompiler):
 
     def _while(self, node: While, place: Place) -> Steps[list[ast.stmt]]:
         test = self.condition(node.condition)
+        if self.unit.stepped:  # before each pass; _step returns None
+            passed = ast.UnaryOp(op=ast.Not(), operand=self._step(place), **place)
+            test = ast.BoolOp(op=ast.And(), values=[passed, test], **place)
         body = (yield from self._metered(node.body, _LOOP_COST)) or charge(_LOOP_COST, place, park=True)
         return [ast.While(test=test, body=body, orelse=[], **place)]
 

@@ -6,22 +6,24 @@ of a function, which cannot be interrupted; it is announced before it is done.
 """
 
 import ast
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import CodeType
+from typing import TypeAlias
 
 from urproto.versions import Availability, PolyscopeVersion
 from urscript.analysis import plan_functions
 from urscript.builtins import Builtin, LibrarySet
 from urscript.compile_expressions import CallWarning, Unit
 from urscript.compile_statements import PythonFunction, compile_function, compile_main
-from urscript.errors import CompileError
+from urscript.errors import CompileError, ScriptError
 from urscript.inference import infer_kinds
 from urscript.parser import normalize, parse
 from urscript.syntax import Label, ProgramKind
 from urscript.work import Steps, run_to_end
 
-__all__ = ["FILE_NAME", "CallWarning", "CompiledProgram", "compile_script", "compile_steps"]
+__all__ = ["FILE_NAME", "CallWarning", "CompiledProgram", "compile_script", "compile_steps", "find_problems"]
 
 FILE_NAME = "<urscript>"
 """The file name of compiled programs in tracebacks."""
@@ -49,56 +51,75 @@ class CompiledProgram:
 
 
 _CACHE_SIZE = 64  # programs
-_cache: dict[tuple[str, LibrarySet, PolyscopeVersion], CompiledProgram] = {}  # the one used last is last
+_Key: TypeAlias = tuple[str, LibrarySet, PolyscopeVersion, bool]
+_cache: dict[_Key, CompiledProgram] = {}  # the one used last is last
 
 _PYTHON_WORK = 4  # of Python's compiler, for each expression and statement
 
 
-def compile_script(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> CompiledProgram:
+def compile_script(
+    text: str, libraries: LibrarySet, version: PolyscopeVersion, *, stepped: bool = False
+) -> CompiledProgram:
     """Compile one program: ``def name(): … end``, ``sec name(): … end``, or bare statements.
 
-    Raises CompileError.
+    With `stepped`, the program asks its host (`urscript.runtime.StepHost`) before each statement;
+    it does the same in the same frames otherwise. Raises CompileError.
     """
-    return run_to_end(compile_steps(text, libraries, version))
+    return run_to_end(compile_steps(text, libraries, version, stepped=stepped))
 
 
-def _cached(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> CompiledProgram | None:
+def _cached(key: _Key) -> CompiledProgram | None:
     """The program of a text that was compiled before: drivers send the same one again and again."""
-    key = (text, libraries, version)
     program = _cache.pop(key, None)
     if program is not None:
         _cache[key] = program
     return program
 
 
-def compile_steps(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> Steps[CompiledProgram]:
+def compile_steps(
+    text: str, libraries: LibrarySet, version: PolyscopeVersion, *, stepped: bool = False
+) -> Steps[CompiledProgram]:
     """`compile_script` in steps; a text that was compiled before takes none."""
-    program = _cached(text, libraries, version)
+    key = (text, libraries, version, stepped)
+    program = _cached(key)
     if program is None:
-        program = yield from _compile(text, libraries, version)
-        _cache[text, libraries, version] = program
+        program = yield from _compile(text, libraries, version, stepped)
+        _cache[key] = program
         if len(_cache) > _CACHE_SIZE:
             del _cache[next(iter(_cache))]
     return program
 
 
-def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> Steps[CompiledProgram]:
+def find_problems(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> list[ScriptError]:
+    """Everything that is wrong with one program, in the order of its text, each thing once.
+
+    A CompileError keeps it from being started, another ScriptError is a call that will fail when executed.
+    """
     source = normalize(text)
+    errors: list[CompileError] = []
+    warnings: list[CallWarning] = []
     try:
-        program = yield from parse(source)
-        builtins = libraries.available(version)
-        unit = Unit(
-            program,
-            source,
-            builtins,
-            plan_functions(program, builtins),
-            (yield from infer_kinds(program, builtins)),
-            structs=STRUCT.covers(version),
-            fixed_lists=not RESIZABLE_LISTS.covers(version),
-        )
+        with _nested_too_deeply(source):
+            unit = run_to_end(_parsed(source, libraries, version, errors))
+            unit.errors = errors
+            run_to_end(_generate(unit))
+            warnings = unit.warnings
+    except CompileError as error:
+        errors.append(error)
+    problems = [*errors, *(ScriptError(w.message, w.line, w.column, source) for w in warnings)]
+    once = {(problem.line, problem.column, problem.message): problem for problem in problems}
+    return [once[place] for place in sorted(once)]
+
+
+def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, stepped: bool) -> Steps[CompiledProgram]:
+    source = normalize(text)
+    with _nested_too_deeply(source):
+        unit = yield from _parsed(source, libraries, version)
+        unit.stepped = stepped
         code = yield from _generate(unit)
-    except RecursionError as error:
-        raise CompileError.syntax("the program is nested too deeply", 1, 1, source) from error
+    if unit.errors:
+        raise min(unit.errors, key=lambda error: (error.line, error.column))
+    program = unit.program
     return CompiledProgram(
         name=program.name,
         kind=program.kind,
@@ -112,8 +133,32 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> Ste
     )
 
 
+@contextmanager
+def _nested_too_deeply(source: str) -> Iterator[None]:
+    try:
+        yield
+    except RecursionError as error:
+        raise CompileError.syntax("the program is nested too deeply", 1, 1, source) from error
+
+
+def _parsed(
+    source: str, libraries: LibrarySet, version: PolyscopeVersion, errors: list[CompileError] | None = None
+) -> Steps[Unit]:
+    program = yield from parse(source, errors)
+    builtins = libraries.available(version)
+    return Unit(
+        program,
+        source,
+        builtins,
+        plan_functions(program, builtins),
+        (yield from infer_kinds(program, builtins)),
+        structs=STRUCT.covers(version),
+        fixed_lists=not RESIZABLE_LISTS.covers(version),
+    )
+
+
 def _generate(unit: Unit) -> Steps[list[CodeType]]:
-    """The code of every function of the program; raises the first error of the text."""
+    """The code of every function of the program; what is wrong with it is in the unit's errors then."""
     code: list[CodeType] = []
     for steps in [*(compile_function(unit, plan) for plan in unit.plans.values()), compile_main(unit)]:
         for function in (yield from steps):
@@ -121,8 +166,6 @@ def _generate(unit: Unit) -> Steps[list[CodeType]]:
                 continue  # only to find more errors
             yield function.size * _PYTHON_WORK
             code.append(_python(function))
-    if unit.errors:
-        raise min(unit.errors, key=lambda error: (error.line, error.column))
     return code
 
 

@@ -37,6 +37,8 @@ _UNARY_POWER = 7
 
 _CONSTANTS: dict[str, bool | None] = {"True": True, "False": False, "None": None}
 
+_EXPECTED = {"name": "a name", "number": "a number", "string": "a string"}
+
 CALL_COST = 30
 """Extra work of a call, in the units of the meter: a built-in takes a few microseconds."""
 
@@ -85,7 +87,7 @@ class ExpressionParser:
     def expect(self, kind: str, where: str) -> Token:
         """Step past a token that must be there."""
         if self.tokens[self.at].kind != kind:
-            self.fail(f"expected '{kind}' {where}")
+            self.fail(f"expected {_EXPECTED.get(kind) or repr(kind)} {where}")
         return self.take()
 
     def fail(self, problem: str, token: Token | None = None) -> NoReturn:
@@ -94,7 +96,15 @@ class ExpressionParser:
         if token.text == '"':
             problem = "the string that starts here is never closed"
         found = f"'{token.text}'" if token.text else token.kind
+        string = self.string_before(token.line)
+        if string is not None:
+            problem += f"; the string that starts in line {string.line} is closed only here"
         raise CompileError.syntax(f"syntax error at {found}: {problem}", token.line, token.column, self.source)
+
+    def string_before(self, line: int) -> Token | None:
+        """A string that began in an earlier line and ends in this one."""
+        strings = (token for token in self.tokens if token.kind == "string" and token.line < line)
+        return next((token for token in strings if token.line + token.text.count("\n") == line), None)
 
     # expressions
 
@@ -143,9 +153,9 @@ class ExpressionParser:
         return Unary(token.line, token.column, "not", self.expression(_NOT_POWER))
 
     def _run(self, token: Token) -> Expression:
-        name = self.expect("name", "after run: the thread to start").text
+        name = self.expect("name", "after run, that of the thread to start").text
         self.expect("(", "after the thread's name")
-        self.expect(")", "a thread takes no arguments")
+        self.expect(")", "since a thread takes no arguments")
         return Run(token.line, token.column, name)
 
     def _parenthesis(self, opening: Token) -> Expression:
@@ -158,7 +168,7 @@ class ExpressionParser:
     def _list(self, opening: Token) -> Expression:
         if self.token.kind == "]":
             self.take()
-            return ListLiteral(opening.line, opening.column, [])
+            return self._postfix(ListLiteral(opening.line, opening.column, []))
         return self._postfix(ListLiteral(opening.line, opening.column, self._items("]", "to close '['")))
 
     def _items(self, closing: str, where: str) -> list[Expression]:

@@ -63,6 +63,7 @@ __all__ = [
 
 _SCALARS: frozenset[Any] = frozenset([type(None), bool, int, float, str])
 _NUMBERS: frozenset[Any] = frozenset([int, float])
+_ORDERED: frozenset[Any] = frozenset([bool, int, float])
 _LISTS: frozenset[Any] = frozenset([list, BoundedList])
 _OPERANDS: frozenset[Any] = frozenset([int, float, Matrix])  # of matrix arithmetic
 
@@ -276,7 +277,7 @@ def ne(left: Value, right: Value) -> bool:
 
 def _ordering(sign: str, compare: Operator) -> Operator:
     def ordered(left: Value, right: Value) -> bool:
-        if left.__class__ in _NUMBERS and right.__class__ in _NUMBERS:
+        if left.__class__ in _ORDERED and right.__class__ in _ORDERED:
             return bool(compare(left, right))
         _refuse(sign, left, right)
 

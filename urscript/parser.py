@@ -1,6 +1,7 @@
 """The statement half of the parser, and the entry `parse`.
 
 It works in steps: statements with blocks inside are read by generators, which yield after each statement.
+The first error ends it, unless whoever asks wants all of them: then it goes on behind (`urscript.recovery`).
 
 A statement ends where its grammar can no longer continue: PolyScope and several vendors write
 two statements on one line, or a statement and its ``end``, with nothing between them.
@@ -9,10 +10,12 @@ two statements on one line, or a statement and its ``end``, with nothing between
 import re
 from collections.abc import Callable
 
-from urscript.expressions import ExpressionParser
+from urscript.errors import CompileError
+from urscript.recovery import RecoveringParser
 from urscript.syntax import (
     Assign,
     Call,
+    Constant,
     Expression,
     ExpressionStatement,
     FunctionDef,
@@ -58,20 +61,21 @@ def is_secondary(text: str) -> bool:
     return _SECONDARY.match(normalize(text)) is not None
 
 
-def parse(source: str) -> Steps[Program]:
+def parse(source: str, errors: list[CompileError] | None = None) -> Steps[Program]:
     """The syntax tree of one normalized program.
 
     Raises CompileError for text that is not one program: ``def name(): … end``,
-    ``sec name(): … end``, or statements.
+    ``sec name(): … end``, or statements. With `errors`, errors are added there instead,
+    and what did not parse is missing in the tree.
     """
     tokens = yield from tokenize(source)
-    return (yield from _Parser(source, tokens).program())
+    return (yield from _Parser(source, tokens, errors).program())
 
 
-class _Parser(ExpressionParser):
-    def __init__(self, source: str, tokens: list[Token]) -> None:
-        super().__init__(source, tokens)
-        self._program = Program("statement", "", [], self.scope, {}, {}, [])
+class _Parser(RecoveringParser):
+    def __init__(self, source: str, tokens: list[Token], errors: list[CompileError] | None) -> None:
+        super().__init__(source, tokens, errors)
+        self._program = Program("statement", "", [], self.scope, {}, {}, [], self.damaged)
         self._blocks = 0
         self._loops = 0
         self._counted = 0  # tokens whose work was yielded
@@ -99,35 +103,56 @@ class _Parser(ExpressionParser):
         program = self._program
         if self.token.kind in ("def", "sec"):
             program.kind = _PROGRAM_KINDS[self.take().kind]
-            program.name = self.expect("name", "the name of the program").text
-            self.expect("(", "after the name of the program")
-            self.expect(")", "a program takes no parameters")
-            self.expect(":", "after ')'")
+            self.header(self._program_name, None)
             program.body = yield from self._block("to close the program")
         else:
             while self.token.kind != "end of text":
-                program.body.append((yield from self._statement()))
+                yield from self._add_statement(program.body)
         if self.token.kind != "end of text":
-            self.fail("the program ended before this")
+            self.complain("the program ended before this")
         return program
+
+    def _program_name(self) -> None:
+        self._program.name = self.expect("name", "for the program").text
+        self.expect("(", "after the name of the program")
+        self.expect(")", "since a program takes no parameters")
+        self.expect(":", "after ')'")
 
     # blocks
 
     def _block(self, where: str) -> Steps[list[Statement]]:
         body = yield from self._open_block()
-        self.expect("end", where)
+        yield from self._close(where, body)
         return body
+
+    def _close(self, where: str, body: list[Statement]) -> Steps[None]:
+        """Step past the ``end`` of a block; recovering, the body takes in branches that cannot be there."""
+        while self.recovering and self.token.kind in ("else", "elif"):
+            self.complain(f"expected 'end' {where}")
+            self.skip_header()
+            body += yield from self._open_block()
+        if self.token.kind == "end":
+            self.take()
+        else:
+            self.complain(f"expected 'end' {where}")
 
     def _open_block(self) -> Steps[list[Statement]]:
         """Statements up to the word that ends the block, which is left for the caller."""
         self._blocks += 1
         if self._blocks > _MAX_BLOCKS:
-            self.fail(f"blocks are nested more than {_MAX_BLOCKS} deep")
+            self.give_up(f"blocks are nested more than {_MAX_BLOCKS} deep")
         body: list[Statement] = []
         while self.token.kind not in _BLOCK_ENDS:
-            body.append((yield from self._statement()))
+            yield from self._add_statement(body)
         self._blocks -= 1
         return body
+
+    def _add_statement(self, body: list[Statement]) -> Steps[None]:
+        start = self.at
+        try:
+            body.append((yield from self._statement()))
+        except CompileError as error:
+            self.recover(error, start)
 
     def _statement(self) -> Steps[Statement]:
         """One statement; its cost is the number of its tokens and the surcharges of its calls."""
@@ -154,7 +179,8 @@ class _Parser(ExpressionParser):
     def _assignment_or_call(self, declared: str | None) -> Statement:
         start = self.token
         if start.kind not in ("name", "run"):
-            self.fail("expected a statement")
+            closing = self.token.kind in _BLOCK_ENDS
+            self.fail("there is no open block that it could belong to" if closing else "expected a statement")
         value = self.expression(_ABOVE_OPERATORS)
         if self.token.kind == "=":
             return self._assign(value, start, declared)
@@ -200,12 +226,12 @@ class _Parser(ExpressionParser):
         return ThreadControl(token.line, token.column, token.kind, self.expression())
 
     def _label(self, token: Token) -> Statement:
-        number = self.expect("number", "of the program label").text
-        if not number.isdigit() or len(number) > 9:
-            self.fail("a program label has a whole number", token)
-        text = self.expect("string", "of the program label").text[1:-1]
+        number = self.expect("number", "for the program label")
+        if not number.text.isdigit() or len(number.text) > 9:
+            self.fail("a program label has a whole number", number)
+        text = self.expect("string", "for the program label").text[1:-1]
         option = self.take().text[1:-1] if self.token.kind == "string" else ""
-        label = Label(token.line, token.column, int(number), text, option)
+        label = Label(token.line, token.column, int(number.text), text, option)
         self._program.labels.append(label)
         return label
 
@@ -220,42 +246,52 @@ class _Parser(ExpressionParser):
         otherwise: list[Statement] = []
         if self.token.kind == "else":
             self.take()
-            self.expect(":", "after else")
+            self.header(lambda: self.expect(":", "after else"), None)
             otherwise = yield from self._open_block()
-        self.expect("end", f"to close the if of line {token.line}")
+        yield from self._close(f"to close the if of line {token.line}", otherwise)
         loops = self.scope.loops
         self.scope.loops = loops or outer_loops
         return If(token.line, token.column, branches, otherwise, loops)
 
     def _branch(self, word: str) -> Steps[tuple[Expression, list[Statement]]]:
-        condition = self.expression()
-        self.expect(":", f"after the condition of {word}")
+        condition = self._condition(word)
         return condition, (yield from self._open_block())
 
+    def _condition(self, word: str) -> Expression:
+        def read() -> Expression:
+            condition = self.expression()
+            self.expect(":", f"after the condition of {word}")
+            return condition
+
+        always: Expression = Constant(self.token.line, self.token.column, True)
+        return self.header(read, always)
+
     def _while(self, token: Token) -> Steps[Statement]:
-        condition = self.expression()
-        self.expect(":", "after the condition of while")
+        condition = self._condition("while")
         self._loops += 1
         if self._loops > _MAX_LOOPS:
-            self.fail(f"loops are nested more than {_MAX_LOOPS} deep", token)
+            self.give_up(f"loops are nested more than {_MAX_LOOPS} deep", token)
         body = yield from self._block(f"to close the while of line {token.line}")
         self._loops -= 1
         self.scope.loops = True
         return While(token.line, token.column, condition, body)
 
     def _function(self, token: Token) -> Steps[Statement]:
-        name = self.expect("name", f"after {token.kind}").text
         outer, outer_loops = self.scope, self._loops
-        self.scope, self._loops = Scope(name, is_thread=token.kind == "thread"), 0
-        self._parameters(token)
-        self.expect(":", f"after the parameters of {name}")
+        self.scope, self._loops = Scope("", is_thread=token.kind == "thread"), 0
+        self.header(lambda: self._signature(token), None)
         first = self.at
         body = yield from self._block(f"to close the {token.kind} of line {token.line}")
         self.scope.cost += self.at - first
         function = FunctionDef(token.line, token.column, self.scope, body)
-        self._program.functions[name] = function  # a second def of a name replaces the first
+        self._program.functions[self.scope.name] = function  # a second def of a name replaces the first
         self.scope, self._loops = outer, outer_loops
         return function
+
+    def _signature(self, token: Token) -> None:
+        self.scope.name = self.expect("name", f"after {token.kind}").text
+        self._parameters(token)
+        self.expect(":", f"after the parameters of {self.scope.name}")
 
     def _parameters(self, token: Token) -> None:
         self.expect("(", f"after the name of the {token.kind}")
@@ -269,7 +305,7 @@ class _Parser(ExpressionParser):
         self.expect(")", "to close the parameters")
 
     def _parameter(self) -> None:
-        token = self.expect("name", "the name of a parameter")
+        token = self.expect("name", "for a parameter")
         if token.text in self.scope.locals:
             self.fail(f"two parameters are called {token.text}", token)
         default = None

@@ -27,10 +27,11 @@ A thread handle is an int, so ``thread = 0`` is a handle of no thread: killing a
 nothing. A kill takes the children of the thread with it.
 """
 
+import re
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
 from types import CodeType, FrameType, GeneratorType, TracebackType
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 from urscript import operators
 from urscript.builtins import OMITTED
@@ -38,9 +39,9 @@ from urscript.compiler import FILE_NAME, CompiledProgram
 from urscript.errors import RuntimeFault, ScriptRuntimeError
 from urscript.meter import METER
 from urscript.methods import call_method, member, refuse_list_methods
-from urscript.values import UNSET, Value
+from urscript.values import TYPE_NAMES, UNSET, Value
 
-__all__ = ["Host", "Runtime", "ScriptThread"]
+__all__ = ["Host", "Runtime", "ScriptThread", "StepHost"]
 
 WORK_PER_SECOND = 4_000_000
 """Work all threads may do per second of controller time [meter units of about 50 ns]: 0.4 ms of a 2 ms frame.
@@ -69,6 +70,13 @@ class Host(Protocol):
 
     def on_label(self, number: int, text: str, thread: "ScriptThread") -> None:
         """A thread passed the program label ``$ number "text"``."""
+
+
+class StepHost(Host, Protocol):
+    """What programs compiled with ``stepped`` ask for besides: room for a tracer or a debugger."""
+
+    def on_step(self, line: int, column: int, thread: "ScriptThread") -> bool:
+        """The thread is about to execute what stands there. True: not yet, ask again in the next frame."""
 
 
 class _Halt(BaseException):
@@ -276,6 +284,7 @@ class Runtime:
             "_kill": self._kill,
             "_join": self._join,
             "_label": self._label,
+            "_step": self._step,
             "_enter_critical": self._enter_critical,
             "_exit_critical": self._exit_critical,
         }
@@ -331,6 +340,11 @@ class Runtime:
         if self.current is not None:
             self.current.label = (number, text)
             self.host.on_label(number, text, self.current)
+
+    def _step(self, line: int, column: int) -> Generator[None, None, None]:
+        assert self.current is not None, "only running threads take steps"
+        while cast(StepHost, self.host).on_step(line, column, self.current):
+            yield
 
     def _enter_critical(self) -> None:
         if self.current is not None:
@@ -405,13 +419,23 @@ def _error_position(trace: TracebackType | None) -> tuple[int, int, bool]:
     return line, column, inside
 
 
+# How Python words what compiled code runs into itself.
+_VARIABLE = re.compile(r".*'v_(\w+)'")
+_COMPARISON = re.compile(r"'([<>]=?)' not supported between instances of '(\w+)' and '(\w+)'")
+_TYPE_NAMES = {python.__name__: name for python, name in TYPE_NAMES.items()}
+
+
 def _message(error: Exception, inside: bool) -> str:
     if isinstance(error, RuntimeFault):
         return str(error)
     if isinstance(error, RecursionError):
         return "Functions call each other too deeply"
     if inside and isinstance(error, NameError):
-        return "A variable is used before it has a value"
+        variable = _VARIABLE.search(str(error))
+        return f"Variable '{variable[1]}' is used before it has a value" if variable else str(error)
     if inside and isinstance(error, TypeError):
-        return "Type error: these values cannot be compared"
+        comparison = _COMPARISON.match(str(error))
+        names = [_TYPE_NAMES.get(name, name) for name in comparison.group(2, 3)] if comparison else ["?", "?"]
+        sign = comparison[1] if comparison else "<"
+        return f"Type error: operator {sign} cannot be used with '{names[0]}' and '{names[1]}'"
     return f"internal error: {error!r}"

@@ -215,3 +215,4 @@ class Program:
     functions: dict[str, FunctionDef]  # every def and thread of the text, whatever its nesting
     globals: dict[str, None]  # in order of appearance
     labels: list[Label]
+    damaged: set[str]  # names in text that did not parse

@@ -30,6 +30,7 @@ __all__ = [
     "MAX_ELEMENTS",
     "MAX_NESTING",
     "MAX_STRING",
+    "TYPE_NAMES",
     "UNSET",
     "Any_",
     "Bool",
@@ -146,7 +147,7 @@ def is_number(value: object) -> bool:
     return value.__class__ is float or value.__class__ is int
 
 
-_TYPE_NAMES: dict[type, str] = {
+TYPE_NAMES: dict[type, str] = {
     type(None): "None",
     bool: "Bool",
     int: "Int",
@@ -163,7 +164,7 @@ _TYPE_NAMES: dict[type, str] = {
 
 def type_name(value: object) -> str:
     """The controller's word for the type of a value (``Int``, ``Const String`` and ``List`` seen, others guessed)."""
-    known = _TYPE_NAMES.get(value.__class__)
+    known = TYPE_NAMES.get(value.__class__)
     return known if known is not None else str(getattr(value, "type_title", value.__class__.__name__))
 
 

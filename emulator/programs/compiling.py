@@ -34,6 +34,7 @@ class Submission:
 
     text: str
     version: PolyscopeVersion
+    stepped: bool = False
     accepted: bool | None = None
     program: CompiledProgram | None = None
     error: CompileError | None = None
@@ -59,9 +60,9 @@ class Compiling:
         """What is not compiled yet, oldest first."""
         return tuple(self._waiting)
 
-    def add(self, text: str, version: PolyscopeVersion) -> Submission:
+    def add(self, text: str, version: PolyscopeVersion, *, stepped: bool = False) -> Submission:
         """Compile a text when those before it are done."""
-        submission = Submission(text, version)
+        submission = Submission(text, version, stepped)
         self._waiting.append(submission)
         return submission
 
@@ -88,7 +89,8 @@ class Compiling:
             return None
         submission = self._waiting[0]
         if self._steps is None:
-            self._steps, self._price = compile_steps(submission.text, LIBRARY_SET, submission.version), 0
+            self._steps = compile_steps(submission.text, LIBRARY_SET, submission.version, stepped=submission.stepped)
+            self._price = 0
         try:
             while self._price <= self._left or self._left == self._share:
                 self._left -= self._price

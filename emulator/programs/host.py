@@ -1,7 +1,7 @@
 """What a built-in can reach: the controller, its own program, and the rules of motion ownership."""
 
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final, TypeAlias, TypeVar
 
@@ -17,11 +17,14 @@ if TYPE_CHECKING:
     from emulator.programs.runner import Programs
     from urscript.runtime import Runtime, ScriptThread
 
-__all__ = ["Frames", "ProgramHost"]
+__all__ = ["Frames", "ProgramHost", "StepHook"]
 
 ResultT = TypeVar("ResultT")
 Frames: TypeAlias = Generator[None, None, ResultT]
 """A built-in that takes physical time: every bare ``yield`` ends the frame of its thread."""
+
+StepHook: TypeAlias = Callable[["ProgramHost", int, int, "ScriptThread"], bool]
+"""Program, line, column (from 1) and thread of the next statement; True holds the thread for a control period."""
 
 _ROUNDING: Final = 1e-6  # of a control period; 0.008 / 0.002 must be 4 periods, not 5
 
@@ -77,6 +80,11 @@ class ProgramHost:
     def on_label(self, number: int, text: str, thread: "ScriptThread") -> None:
         """A thread reached a program label (``$ number "text"``)."""
         self.label = text
+
+    def on_step(self, line: int, column: int, thread: "ScriptThread") -> bool:
+        """A thread of a stepped program is about to execute a statement; True holds it."""
+        hook = self.programs.step_hook
+        return hook is not None and hook(self, line, column, thread)
 
     def frames(self, seconds: float) -> int:
         """Control periods that cover a time, at least 1. Raises RuntimeFault for a time that is not finite."""

@@ -21,7 +21,7 @@ from emulator.errorcodes import BUSY_PROTECTIVE_STOP
 from emulator.programs.busy import TOO_BUSY, busy_long, busy_too_long, describe
 from emulator.programs.compiling import Compiling, Submission
 from emulator.programs.history import MotionHistory
-from emulator.programs.host import ProgramHost
+from emulator.programs.host import ProgramHost, StepHook
 from emulator.programs.loading import LoadedProgram, load_program
 from emulator.programs.modbus import ModbusSignals
 from emulator.programs.outputs import RunstateOutputs
@@ -54,8 +54,10 @@ class Programs:
     """The interpreter's side of the controller.
 
     ``state``: the main program's run state. ``view``: the main program that runs or ran last.
-    ``socket_backend``: where script sockets come from. ``history``, ``flags``, ``outputs``,
-    ``modbus``, ``tool_communication`` and ``loaded`` outlive a program.
+    ``socket_backend``: where script sockets come from. ``step_hook``: asked before each
+    statement of programs submitted while it is set; a thread for which it says True waits a
+    period and asks again. ``history``, ``flags``, ``outputs``, ``modbus``,
+    ``tool_communication`` and ``loaded`` outlive a program.
     """
 
     def __init__(self, controller: "Controller") -> None:
@@ -64,6 +66,7 @@ class Programs:
         self.loaded: LoadedProgram | None = None
         self.view: ProgramView | None = None
         self.socket_backend: ScriptSocketBackend = NoNetwork()
+        self.step_hook: StepHook | None = None
         self.watchdogs = Watchdogs()
         self.history = MotionHistory(controller.period_s)
         self.outputs = RunstateOutputs(controller.signals, controller.registers.output)
@@ -94,6 +97,12 @@ class Programs:
         return self._host
 
     @property
+    def busy(self) -> bool:
+        """True while a program runs, is paused, waits or is compiled."""
+        waiting = bool(self._next or self._secondary or self._compiling.waiting)
+        return waiting or self.state is not RuntimeState.STOPPED
+
+    @property
     def line(self) -> int:
         """Line of the main program that executes, 0 without one."""
         return self._main.line if self._main else 0
@@ -112,7 +121,7 @@ class Programs:
         in the order of submission. Not accepted when it does not compile, or when the arm is
         not ready for a main program, which a message explains, or when a stop came before.
         """
-        submission = self._compiling.add(text, self._controller.version)
+        submission = self._compiling.add(text, self._controller.version, stepped=self.step_hook is not None)
         self._decide()
         return submission
 
@@ -139,7 +148,7 @@ class Programs:
 
     def _answer(self, accepted: bool) -> Submission:
         """For what needs no compiling."""
-        return Submission("", self._controller.version, accepted)
+        return Submission("", self._controller.version, accepted=accepted)
 
     def pause(self, reason: str = "") -> bool:
         """Let the arm come to rest on its path and hold the program; False when none runs."""

@@ -35,6 +35,10 @@ class NetworkSockets:
         self._network = network
         self._note = note
 
+    def __len__(self) -> int:
+        """Connections that are open or being opened."""
+        return len(self._open)
+
     def open(self, address: str, port: int) -> "_NetworkSocket":
         """Begin to connect. A refused connection, or an impossible address, turns ``closed``."""
         opened = _NetworkSocket(self._permitted, self._open.discard)

@@ -21,8 +21,8 @@ def counting(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     prices: list[int] = []
     original = compiling.compile_steps
 
-    def steps(*arguments):
-        inner = original(*arguments)
+    def steps(*arguments, **options):
+        inner = original(*arguments, **options)
         while True:
             try:
                 price = next(inner)

@@ -4,9 +4,23 @@ The wire texts marked "seen" are from real controllers: the official client libr
 notes of a laboratory that drives robots by script.
 """
 
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
 import pytest
 
-from urscript import CompileError
+import urscript
+from urproto.versions import PolyscopeVersion
+from urscript import CompileError, RuntimeFault, ScriptError
+from urscript.arguments import BindingError
+from urscript.builtins import LibrarySet
+from urscript.files import ScriptFile
+from urscript.library import LIBRARIES
+
+LIBRARY_SET = LibrarySet(LIBRARIES)
+NEWEST = PolyscopeVersion.parse("5.22")
 
 # text, line, column, wire text
 COMPILE_ERRORS = [
@@ -98,6 +112,8 @@ RUNTIME_ERRORS = [
     ("def f():\n  a = [1,2]\n  b = a[2]\nend", 3, 8, "Index out of bounds: 2, the length is 2"),
     ("def f():\n  a = [1,2]\n  a[-1] = 0\nend", 3, 4, "Index out of bounds"),
     ("def f():\n  a = [1,2] + [1,2,3]\nend", 2, 13, "Lists of different lengths"),
+    ('def f():\n  a = [1,2] * "s"\nend', 2, 13, "operator * cannot be used with 'List' and 'Const String'"),
+    ('def f():\n  a = "s" * [1,2]\nend', 2, 11, "operator * cannot be used with 'Const String' and 'List'"),
     ('def f():\n  a = "a" + 1\nend', 2, 11, "operator + cannot be used with 'Const String' and 'Int'"),
     ("def f():\n  a = p[0,0,0,0,0,0] + p[0,0,0,0,0,0]\nend", 2, 22, "operator + cannot be used with 'Pose' and 'Pose'"),
     ("def f():\n  a = True + 1\nend", 2, 12, "operator + cannot be used with 'Bool' and 'Int'"),
@@ -140,6 +156,354 @@ def test_program_stops_at_its_fault(run, text, line, column, message):
     assert not done.runtime.threads
 
 
+# text, line, column, problem
+SYNTAX_PROBLEMS = [
+    ("def f():\n  run t(1)\nend", 2, 9, "expected ')' since a thread takes no arguments"),
+    ("def f():\n  run 1()\nend", 2, 7, "expected a name after run, that of the thread to start"),
+    ("def f():\n  run t\nend", 3, 1, "expected '(' after the thread's name"),
+    ("def f():\n  x = [1]\n  y = x[1,2,3]\nend", 3, 8, "an index has one position, or two for a matrix"),
+    ("def f():\n  x = struct(a=1)\n  y = x.1\nend", 3, 8, "expected a statement"),
+    ("def f():\n  x = struct(a=1)\n  y = x.(1)\nend", 3, 9, "expected a name after '.'"),
+    ("def f:\nend", 1, 6, "expected '(' after the name of the program"),
+    ("def f()\n  sync()\nend", 2, 3, "expected ':' after ')'"),
+    ("def 1():\nend", 1, 5, "expected a name for the program"),
+    ("def f():\n  f() = 1\nend", 2, 3, "this cannot be assigned to"),
+    ('$ x "a"', 1, 3, "expected a number for the program label"),
+    ('$ 1.5 "a"', 1, 3, "a program label has a whole number"),
+    ("$ 1 a", 1, 5, "expected a string for the program label"),
+    ("def f():\n  if True:\n    sync()\n  else\n    sync()\n  end\nend", 5, 5, "expected ':' after else"),
+    ("def f():\n  def (a):\n  end\nend", 2, 7, "expected a name after def"),
+    ("def f():\n  def g(a)\n    return a\n  end\nend", 3, 5, "expected ':' after the parameters of g"),
+    ("def f():\n  def g:\n  end\nend", 2, 8, "expected '(' after the name of the def"),
+    ("def f():\n  def g(a b):\n  end\nend", 2, 11, "expected ')' to close the parameters"),
+    ("def f():\n  def g(1):\n  end\nend", 2, 9, "expected a name for a parameter"),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "column", "problem"), SYNTAX_PROBLEMS)
+def test_syntax_error_says_what_is_missing(compiled, text, line, column, problem):
+    with pytest.raises(CompileError) as caught:
+        compiled(text)
+    assert (caught.value.line, caught.value.column) == (line, column)
+    assert caught.value.message.endswith(problem)
+
+
+# text, line, column, message, version
+FAULTS = [
+    ("def f():\n  x = struct(1)\nend", 2, 7, "Type error: struct takes members as name=value, each name once", "5.22"),
+    (
+        "def f():\n  x = struct(a=1, a=2)\nend",
+        2,
+        7,
+        "Type error: struct takes members as name=value, each name once",
+        "5.22",
+    ),
+    ("def f():\n  x = length(1)\nend", 2, 7, "Type error: length expected type 'List' but found 'Int'", "5.22"),
+    (
+        "def f():\n  x = make_list(3, 0, 2)\nend",
+        2,
+        7,
+        "make_list: 0 <= length <= capacity <= 10000 does not hold for 3, 2",
+        "5.22",
+    ),
+    ("def f():\n  x = acos(2)\nend", 2, 7, "acos: the argument must be in -1..1, not 2", "5.22"),
+    ("def f():\n  x = asin(-2)\nend", 2, 7, "asin: the argument must be in -1..1, not -2", "5.22"),
+    ("def f():\n  x = log(2, 0)\nend", 2, 7, "log: the argument must be positive, not 0", "5.22"),
+    ("def f():\n  x = log(1, 2)\nend", 2, 7, "log: the argument must be a positive base other than 1, not 1", "5.22"),
+    (
+        "def f():\n  x = pow(-1, 0.5)\nend",
+        2,
+        7,
+        "pow: the argument must be non-negative for a fractional exponent, not -1",
+        "5.22",
+    ),
+    (
+        "def f():\n  x = pow(0, -1)\nend",
+        2,
+        7,
+        "pow: the argument must be non-zero for a negative exponent, not 0",
+        "5.22",
+    ),
+    ('def f():\n  x = norm("a")\nend', 2, 7, "Type error: norm expected numbers but found 'Const String'", "5.22"),
+    (
+        "def f():\n  x = normalize([0,0])\nend",
+        2,
+        7,
+        "normalize: the argument must be a vector longer than 0, not 0",
+        "5.22",
+    ),
+    (
+        "def f():\n  x = binary_list_to_integer(make_list(33, True))\nend",
+        2,
+        7,
+        "binary_list_to_integer: at most 32 booleans, not 33",
+        "5.22",
+    ),
+    (
+        "def f():\n  x = binary_list_to_integer([1])\nend",
+        2,
+        7,
+        "Type error: binary_list_to_integer expected a list of booleans",
+        "5.22",
+    ),
+    ("def f():\n  x = inv([[1,2]])\nend", 2, 7, "inv: the argument must be a square matrix", "5.22"),
+    ("def f():\n  x = inv([[1,2],[2,4]])\nend", 2, 7, "inv: the matrix is singular", "5.22"),
+    ("def f():\n  x = size(1)\nend", 2, 7, "Type error: size expected type 'List' but found 'Int'", "5.22"),
+    ("def f():\n  x = rotvec2rpy([1])\nend", 2, 7, "Type error: rotvec2rpy expected a list of 3 numbers", "5.22"),
+    (
+        'def f():\n  x = str_find("a", "b", -1)\nend',
+        2,
+        7,
+        "str_find: start_from must not be negative, it is -1",
+        "5.22",
+    ),
+    ('def f():\n  x = str_sub("abc", 4)\nend', 2, 7, "str_sub: index 4 is outside a string of 3 bytes", "5.22"),
+    ('def f():\n  x = str_sub("abc", 1, -1)\nend', 2, 7, "str_sub: the length must not be negative, it is -1", "5.22"),
+    (
+        "def f():\n  x = [1]\n  x.append(2)\nend",
+        3,
+        5,
+        "The list is full: its capacity is 1; make_list(length, value, capacity) sets it",
+        "5.22",
+    ),
+    ("def f():\n  x = [1]\n  x.insert(3, 1)\nend", 3, 5, "Index out of bounds: 3, the length is 1", "5.22"),
+    ("def f():\n  x = [1]\n  x.remove(1)\nend", 3, 5, "Index out of bounds: 1, the length is 1", "5.22"),
+    ("def f():\n  x = [1]\n  x.append()\nend", 3, 5, "Type error: append takes exactly 1 arguments (0 given)", "5.22"),
+    ("def f():\n  x = []\n  y = x.pop()\nend", 3, 9, "Index out of bounds: -1, the length is 0", "5.22"),
+    (
+        "def f():\n  x = [1]\n  y = x[0.5]\nend",
+        3,
+        8,
+        "Type error: an index must be a whole number, not 'Float'",
+        "5.22",
+    ),
+    ('def f():\n  x = -"a"\nend', 2, 7, "Type error: operator - cannot be used with 'Const String'", "5.22"),
+    ("def f():\n  x = +[1]\nend", 2, 7, "Type error: operator + cannot be used with 'List'", "5.22"),
+    (
+        'def f():\n  x = [1] + ["a"]\nend',
+        2,
+        11,
+        "Type error: operator + cannot be used with 'Int' and 'Const String'",
+        "5.22",
+    ),
+    (
+        'def f():\n  x = [[1,2],[3,4]] + "a"\nend',
+        2,
+        21,
+        "Type error: operator + cannot be used with 'Matrix' and 'Const String'",
+        "5.22",
+    ),
+    (
+        "def f():\n  x = [[1,2],[3,4]] + [[1,2]]\nend",
+        2,
+        21,
+        "Matrices of different shapes (2, 2) and (1, 2) with operator +",
+        "5.22",
+    ),
+    (
+        "def f():\n  x = [[1,2],[3,4]] * [1]\nend",
+        2,
+        21,
+        "Matrix product: 2 columns on the left do not fit 1 on the right",
+        "5.22",
+    ),
+    ('def f():\n  x = p[1,2,3,4,5,"a"]\nend', 2, 7, "Type error: a pose holds numbers, not 'Const String'", "5.22"),
+    (
+        "def f():\n  def g():\n    return [late]\n  end\n  g()\n  late = 2\nend",
+        3,
+        12,
+        "A variable is used before it has a value",
+        "5.22",
+    ),
+    (
+        'def f():\n  x = [1]\n  while True:\n    x = [x, "a"]\n  end\nend',
+        4,
+        9,
+        "The value has more than 16 levels of lists and structs",
+        "5.22",
+    ),
+    ("def f():\n  x = make_list(9000, 0)\n  y = [x, x]\nend", 3, 7, "The value has more than 10000 elements", "5.22"),
+    ("def f():\n  x = 1\n  y = x[0]\nend", 3, 8, "Type error: 'Int' cannot be indexed", "5.22"),
+    ("def f():\n  x = [1]\n  y = x[0,0]\nend", 3, 8, "Type error: 'List' cannot be indexed by row and column", "5.22"),
+    ("def f():\n  x = 1\n  y = x.a\nend", 3, 9, "Type error: 'Int' has no member 'a'", "5.22"),
+    ("def f():\n  x = 1\n  x[0] = 1\nend", 3, 4, "Type error: 'Int' cannot be indexed", "5.22"),
+    (
+        'def f():\n  x = [[1,2],[3,4]]\n  x[0,1] = "a"\nend',
+        3,
+        4,
+        "Type error: a matrix holds numbers, not 'Const String'",
+        "5.22",
+    ),
+    (
+        "def f():\n  def g():\n    x = late\n  end\n  x = [1]\n  g()\n  late = 2\nend",
+        3,
+        5,
+        "A variable is used before it has a value",
+        "5.22",
+    ),
+    (
+        "def f():\n  thread t():\n    sync()\n  end\n  while True:\n    run t()\n  end\nend",
+        6,
+        5,
+        "More than 64 threads are running",
+        "5.22",
+    ),
+    ("def f():\n  join [1]\nend", 2, 3, "Type error: join expects a thread handle", "5.22"),
+    ("def f():\n  x = to_str(make_list(900, 0))\nend", 2, 7, "String exceeds maximum length (1023 Bytes).", "5.22"),
+    (
+        'def f():\n  x = str_cat(make_list(900, 0), "a")\nend',
+        2,
+        7,
+        "String exceeds maximum length (1023 Bytes).",
+        "5.22",
+    ),
+    (
+        'def f():\n  x = ""\n  while True:\n    x = str_cat(x, "é")\n  end\nend',
+        4,
+        9,
+        "String exceeds maximum length (1023 Bytes).",
+        "5.22",
+    ),
+    ("def f():\n  x = [[1,2],[3,4]][2]\nend", 2, 20, "Index out of bounds: 2, the length is 2", "5.22"),
+    ("def f():\n  x = [[1,2],[3,4]][0,2]\nend", 2, 20, "Index out of bounds: 2, the length is 2", "5.22"),
+    ("def f():\n  x = p[0,0,0,0,0,0][6]\nend", 2, 21, "Index out of bounds: 6, the length is 6", "5.22"),
+    (
+        'def f():\n  x = p[0,0,0,0,0,0]\n  x[0] = "a"\nend',
+        3,
+        4,
+        "Type error: a pose holds numbers, not 'Const String'",
+        "5.22",
+    ),
+    ("def f():\n  x = not [1]\nend", 2, 11, "Type error: a condition expected type 'Bool' but found 'List'", "5.22"),
+    (
+        "def f():\n  x = [1] and True\nend",
+        2,
+        7,
+        "Type error: a condition expected type 'Bool' but found 'List'",
+        "5.22",
+    ),
+    (
+        "def f():\n  def g():\n    if False:\n      local a = 1\n    end\n    return a\n  end\n  g()\nend",
+        6,
+        12,
+        "Variable 'a' is used before it has a value",
+        "5.22",
+    ),
+    (
+        'def f():\n  x = "a"\n  y = x > 3\nend',
+        3,
+        9,
+        "Type error: operator > cannot be used with 'Const String' and 'Int'",
+        "5.22",
+    ),
+    (
+        "def f():\n  x = [1]\n  y = 3 <= x\nend",
+        3,
+        9,
+        "Type error: operator <= cannot be used with 'Int' and 'List'",
+        "5.22",
+    ),
+    (
+        'def f():\n  x = "a" > "b"\nend',
+        2,
+        11,
+        "Type error: operator > cannot be used with 'Const String' and 'Const String'",
+        "5.22",
+    ),
+    (
+        'def f():\n  x = 1\n  y = x > "b"\nend',
+        3,
+        9,
+        "Type error: operator > cannot be used with 'Int' and 'Const String'",
+        "5.22",
+    ),
+    (
+        'def f():\n  x = sqrt("a")\nend',
+        2,
+        7,
+        "Type error: argument 'f' of sqrt expected type 'Num' but found 'Const String'",
+        "5.22",
+    ),
+    (
+        'def f():\n  x = str_at("a", 0.5)\nend',
+        2,
+        7,
+        "Type error: argument 'index' of str_at expected type 'Int' but found 'Float'",
+        "5.22",
+    ),
+    (
+        "def f():\n  x = str_len(1)\nend",
+        2,
+        7,
+        "Type error: argument 'str' of str_len expected type 'Const String' but found 'Int'",
+        "5.22",
+    ),
+    (
+        "def f():\n  x = pose_inv([1,2])\nend",
+        2,
+        7,
+        "Type error: argument 'p_from' of pose_inv expected type 'Pose' but found 'List'",
+        "5.22",
+    ),
+    (
+        "def f():\n  x = transpose([1])\nend",
+        2,
+        7,
+        "Type error: argument 'm' of transpose expected type 'Matrix' but found 'List'",
+        "5.22",
+    ),
+    (
+        "def f():\n  popup_missing = 1\n  x = integer_to_binary_list(True)\nend",
+        3,
+        7,
+        "Type error: argument 'x' of integer_to_binary_list expected type 'Int' but found 'Bool'",
+        "5.22",
+    ),
+    (
+        "def f():\n  x = wrench_trans(p[0,0,0,0,0,0], [1])\nend",
+        2,
+        7,
+        "Type error: argument 'w_from' of wrench_trans expected type 'List of 6 numbers' but found 'List'",
+        "5.22",
+    ),
+    ("def f():\n  x = 5 % 0\nend", 2, 9, "Division by zero: % with an integer 0 on its right", "5.22"),
+    ("def f():\n  x = [1]\n  x.append(2)\nend", 3, 5, "Type error: 'List' has no method 'append'", "5.14"),
+    ("def f():\n  x = [1]\n  x = [1,2]\nend", 3, 3, "Resizing of 'List' is not supported", "5.14"),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "column", "message", "version"), FAULTS)
+def test_operators_and_built_ins_say_what_does_not_fit(run, text, line, column, message, version):
+    assert run(text, version=version).error == (line, column, message)
+
+
+# text, (line, column) of all that is wrong with it: nothing twice, nothing that only follows from it
+FILES = [
+    ("def f():\n  x = 1 +\n  y = nope\nend\n", [(3, 5)]),
+    ("def f():\n  if x = 3:\n    foo bar\n  end\n  z = nope\nend\n", [(2, 8), (3, 9), (5, 7)]),
+    ("def f():\n  movej([0,\n    0 0],\n    a=1)\n  y = nope\nend\n", [(3, 7), (5, 7)]),
+    ("def f():\n  z = (2\n  y = z\nend\n", [(3, 3)]),
+    ("def f():\n  def g(a=1, b):\n    return a + b + w\n  end\n  g(1, 2, 3)\nend\n", [(2, 14), (3, 20)]),
+    ("def f():\n  while True\n    sync()\n  else:\n    nope()\n  end\nend\n", [(3, 5), (4, 3), (5, 5)]),
+    ("def f():\n  if True:\n    x = nope\nend\n", [(3, 9), (4, 4)]),
+    ("def f():\n  x = 1\n  end\n  y = x\n  movej(y)\nend\n", [(6, 1)]),
+    ('def f():\n  textmsg("a)\n  y = 2\n  textmsg("b")\nend\n', [(4, 12)]),
+    ("# comment\n\nx = nope()\ny = norm(1, other)\n", [(3, 5), (4, 5), (4, 13)]),
+    ("def f(a):\n  break\n  thread t(b):\n    x = nope\n  end\nend\n", [(1, 7), (2, 3), (3, 12), (4, 9)]),
+    ("def a():\n  x = nope\nend\ndef b():\n  y = (\nend\n", [(2, 7), (6, 1)]),
+    ("if True:\n" * 80 + "end\n" * 80, [(62, 1)]),
+    ("while True:\n" * 30 + "end\n" * 30, [(21, 1)]),
+    ("x = 1\nif x > 1 sync() end\ny = nope\n", [(2, 10), (3, 5)]),
+]
+
+
+@pytest.mark.parametrize(("text", "places"), FILES)
+def test_everything_that_is_wrong_with_a_file_is_found_at_once(text, places):
+    problems = ScriptFile("f", text.encode()).problems(LIBRARY_SET, NEWEST)
+    assert [(problem.line, problem.column) for problem in problems] == places
+    assert all(problem.source_line == text.split("\n")[problem.line - 1] for problem in problems)
+
+
 def test_render_shows_line_and_caret(compiled):
     with pytest.raises(CompileError) as caught:
         compiled("def f():\n\tnorn([1])\nend")
@@ -170,3 +534,72 @@ def test_names_follow_the_version(compiled):
     for version in ("5.9.4", "3.15.8"):
         with pytest.raises(CompileError, match="newer"):
             compiled(text, version)
+
+
+# every place in the language that can refuse a text or stop a program has a row above
+
+_REPORTERS = frozenset(
+    ["RuntimeFault", "BindingError", "fail", "give_up", "complain", "expect", "name_not_found", "_refuse", "_domain"]
+)
+# (file, function): why no program reaches it
+_OUT_OF_REACH = {
+    ("recovery.py", "give_up"): "passes on what its callers say",
+    ("methods.py", "member"): "Handle.member: as call_method",
+    ("methods.py", "call_method"): "Handle.call_method: handles come from hosts, which override it",
+}
+
+
+def _sites() -> Iterator[tuple[str, int, int, str]]:
+    """File, first and last line, and function of every call that reports an error of a script."""
+    root = Path(urscript.__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        for function in ast.walk(ast.parse(path.read_text())):
+            if not isinstance(function, ast.FunctionDef):
+                continue
+            for node in ast.walk(function):
+                if isinstance(node, ast.Call) and _called(node) in _REPORTERS:
+                    yield str(path), node.lineno, node.end_lineno or node.lineno, function.name
+
+
+def _called(node: ast.Call) -> str:
+    return node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
+
+
+@pytest.fixture
+def reached(monkeypatch) -> set[tuple[str, int]]:
+    """File and line of all code that is on the way to the making of an error."""
+    lines: set[tuple[str, int]] = set()
+
+    def record(make):
+        def made(self, *arguments, **keywords):
+            frame = sys._getframe(1)
+            while frame is not None:
+                lines.add((frame.f_code.co_filename, frame.f_lineno))
+                frame = frame.f_back
+            make(self, *arguments, **keywords)
+
+        return made
+
+    monkeypatch.setattr(ScriptError, "__init__", record(ScriptError.__init__))
+    for kind in (RuntimeFault, BindingError):
+        monkeypatch.setattr(kind, "__init__", record(Exception.__init__), raising=False)
+    return lines
+
+
+def test_every_place_that_reports_an_error_has_a_row(reached, compiled, run):
+    for number, row in enumerate(COMPILE_ERRORS + SYNTAX_PROBLEMS):
+        with pytest.raises(CompileError):
+            compiled(f"{row[0]} # {number}")  # not from the cache
+    for number, row in enumerate(RUNTIME_ERRORS):
+        run(f"{row[0]} # {number}")
+    for number, (text, _, _, _, version) in enumerate(FAULTS):
+        run(f"{text} # {number}", version=version)
+    for text, _ in FILES:
+        ScriptFile("f", text.encode()).problems(LIBRARY_SET, NEWEST)
+    missing = [
+        f"{file}:{first} in {function}"
+        for file, first, last, function in _sites()
+        if not any((file, line) in reached for line in range(first, last + 1))
+        and (Path(file).name, function) not in _OUT_OF_REACH
+    ]
+    assert not missing, "no row reaches " + "\n".join(missing)

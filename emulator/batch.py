@@ -1,0 +1,156 @@
+"""Running a file of scripts from beginning to end: what is submitted when, what is said, how it ends.
+
+    batch = Batch(controller, file, say=print)
+    while not batch.done:
+        batch.tick()
+
+Nobody has to look after it: blocking popups are closed (the controller's
+``popup_auto_close_s``), and whatever would wait for an operator ends the run.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final
+
+from emulator.controller import Controller
+from emulator.programs.host import ProgramHost
+from urproto.modes import RuntimeState, SafetyMode
+from urproto.primary.messages import (
+    ErrorCodeMessage,
+    KeyMessage,
+    PopupMessage,
+    RequestValueMessage,
+    RuntimeExceptionMessage,
+    SafetyModeMessage,
+    TextMessage,
+)
+from urscript.errors import ScriptError
+from urscript.files import FileUnit, ScriptFile
+from urscript.runtime import ScriptThread
+
+__all__ = ["Batch"]
+
+_SECONDARY_FAILED: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"
+
+
+class Batch:
+    """One run. The programs of the file must compile for the controller's version.
+
+    say: called with every line of the report. trace: also report every statement that is
+    executed. timeout_s: most robot time [s]. ``done``: nothing more happens. ``failure``: why
+    the run did not end well, empty when it did. ``time_s``: robot time since the beginning [s].
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        file: ScriptFile,
+        say: Callable[[str], None],
+        *,
+        trace: bool = False,
+        timeout_s: float | None = None,
+    ) -> None:
+        self.done = False
+        self.failure = ""
+        self._controller = controller
+        self._file = file
+        self._say = say
+        self._timeout_s = timeout_s
+        self._began_s = controller.time_s
+        self._waiting = deque(file.units)
+        self._main: FileUnit | None = None  # submitted last
+        self._secondary: FileUnit | None = None  # as above
+        self._reporters: dict[type, Callable[[Any], None]] = {
+            TextMessage: lambda message: self._report(message.text),
+            PopupMessage: self._popup,
+            RequestValueMessage: self._question,
+            KeyMessage: self._key,
+            RuntimeExceptionMessage: self._exception,
+            SafetyModeMessage: self._safety_mode,
+            ErrorCodeMessage: lambda message: self._report(f"{message.label} {message.text}"),
+        }
+        controller.messages.on_note = self._report
+        if trace:
+            self._lines = file.text.split("\n")
+            controller.programs.step_hook = self._step
+
+    @property
+    def time_s(self) -> float:
+        return self._controller.time_s - self._began_s
+
+    def tick(self) -> None:
+        """One control period. Does nothing once the run is over."""
+        if self.done:
+            return
+        self._submit()
+        for message in self._controller.tick().messages:
+            self._reporters.get(message.__class__, lambda _: None)(message)
+        self._judge()
+
+    def stop(self, failure: str) -> None:
+        """End the run where it is."""
+        self.failure = self.failure or failure
+        self._controller.programs.stop()
+        self.done = True
+
+    def _submit(self) -> None:
+        """A main program when the one before has ended, a secondary one beside it."""
+        programs = self._controller.programs
+        if self._waiting and (self._waiting[0].secondary or not programs.busy):
+            unit = self._waiting.popleft()
+            if unit.secondary:
+                self._secondary = unit
+            else:
+                self._main = unit
+            programs.submit(unit.text)
+
+    def _judge(self) -> None:
+        programs = self._controller.programs
+        if self.failure:
+            self.stop(self.failure)
+        elif programs.state is RuntimeState.PAUSED:
+            self.stop("the program was paused, and nobody is there to resume it")
+        elif not (programs.busy or self._waiting):
+            self.done = True
+        elif self._timeout_s is not None and self.time_s >= self._timeout_s:
+            self.stop(f"not finished within {self._timeout_s:g} s")
+
+    # what is said
+
+    def _report(self, text: str) -> None:
+        self._say(f"[{self.time_s:9.3f} s] {text}")
+
+    def _popup(self, message: PopupMessage) -> None:
+        kind = "error" if message.error else "warning" if message.warning else "popup"
+        continued = " (continued)" if message.blocking else ""
+        self._report(f"{kind} {message.title}: {message.text}{continued}")
+
+    def _question(self, message: RequestValueMessage) -> None:
+        self._report(f"question: {message.text}")
+        self.failure = "the program asks the operator for a value, and nobody is there to answer"
+
+    def _key(self, message: KeyMessage) -> None:
+        if message.title == _SECONDARY_FAILED:
+            self._report(f"secondary program: {message.text}")
+            self.failure = "a secondary program failed"
+
+    def _exception(self, message: RuntimeExceptionMessage) -> None:
+        error = ScriptError(message.text, message.line, message.column)
+        if self._main is not None:
+            error = self._file.located(error, self._main)
+        self._report("runtime exception")
+        self._say(error.render(self._file.name))
+        self.failure = "runtime exception"
+
+    def _safety_mode(self, message: SafetyModeMessage) -> None:
+        mode = SafetyMode(message.safety_mode)
+        self._report(f"safety mode {mode.name}")
+        if self._controller.safety.stopped:
+            self.failure = f"the arm was stopped: {mode.name.lower().replace('_', ' ')}"
+
+    def _step(self, host: ProgramHost, line: int, _column: int, thread: ScriptThread) -> bool:
+        unit = self._secondary if host.secondary else self._main
+        assert unit is not None, "only what was submitted runs"
+        line += unit.lines_before
+        self._report(f"{thread.name}:{line}: {self._lines[line - 1].strip()}")
+        return False

@@ -1,0 +1,249 @@
+"""``urscript run``: whole files on an emulated arm, through the entry points that pyproject.toml declares."""
+
+import io
+import socketserver
+import threading
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from urscript import cli
+
+ROOT = Path(__file__).resolve().parents[2]
+Go = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture(autouse=True)
+def _installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The metadata an installation of this source tree would have."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    folder = tmp_path_factory.mktemp("site") / f"ur_emulator-{project['version']}.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+    groups = project["entry-points"].items()
+    lines = [f"[{group}]\n" + "".join(f"{k} = {v}\n" for k, v in entries.items()) for group, entries in groups]
+    (folder / "entry_points.txt").write_text("\n".join(lines))
+    monkeypatch.syspath_prepend(folder.parent)
+
+
+@pytest.fixture
+def go(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Go:
+    """go(text, *options) -> exit status and what was printed."""
+
+    def run(text: str, *options: str) -> tuple[int, str]:
+        path = tmp_path / "demo.txt"
+        path.write_text(text)
+        status = cli.main(["run", str(path), *options])
+        return status, capsys.readouterr().out.replace(str(path), "demo.txt")
+
+    return run
+
+
+def test_messages_come_with_the_robot_time_and_the_state_last(go: Go) -> None:
+    status, out = go(
+        'def f():\n  textmsg("begin ", 1)\n  sleep(0.5)\n  textmsg("end")\n  set_tcp(p[0,0,0.1,0,0,0])\nend'
+    )
+    lines = out.splitlines()
+    assert status == 0
+    assert lines[0].endswith("s] begin 1")
+    times = [float(line.split()[1]) for line in lines[:2]]
+    assert times[1] - times[0] == pytest.approx(0.504, abs=0.009)
+    assert lines[-4] == "joints  [0.0000, -1.5700, 0.0000, -1.5700, 0.0000, 0.0000] rad"
+    assert lines[-3].startswith("TCP     p[")
+    assert lines[-1] == "result  finished"
+
+
+def test_moves_end_where_they_should_on_the_arm_that_was_asked_for(go: Go) -> None:
+    program = "movej([0.1,-1.2,0.3,-1.5,0.2,0.4], a=4, v=3)\ntextmsg(get_actual_joint_positions()[0] > 0.09)"
+    status, out = go(program, "--model", "ur10e", "--polyscope", "5.11.1")
+    assert status == 0
+    assert "] True" in out
+    assert "joints  [0.1000, -1.2000, 0.3000, -1.5000, 0.2000, 0.4000] rad" in out
+
+
+def test_a_blocking_popup_is_shown_and_continued(go: Go) -> None:
+    status, out = go('def f():\n  popup("now", title="Look", blocking=True)\n  textmsg("after")\nend')
+    assert status == 0
+    assert out.index("popup Look: now (continued)") < out.index("after")
+
+
+def test_programs_of_a_file_run_one_after_the_other_and_secondary_ones_beside(go: Go) -> None:
+    status, out = go(
+        '# three\n\ndef a():\n  while not get_standard_digital_out(2):\n    sync()\n  end\n  textmsg("a")\nend\n'
+        'sec s():\n  set_standard_digital_out(2, True)\nend\ndef b():\n  textmsg("b")\nend\ntextmsg("line")\n',
+        "--timeout",
+        "5",
+    )
+    assert status == 0
+    assert [line.rsplit(" ", 1)[1] for line in out.splitlines()[:3]] == ["a", "b", "line"]
+
+
+def test_compile_errors_are_all_shown_and_nothing_runs(go: Go) -> None:
+    status, out = go('# c\ntextmsg("never")\nx = nope\ny = (1\nz = norn(1)\n')
+    assert status == 1
+    assert "[ " not in out
+    assert [line.split(": ")[0] for line in out.splitlines() if line.startswith("demo")] == [
+        "demo.txt:3:5",
+        "demo.txt:5:1",
+        "demo.txt:5:5",
+    ]
+
+
+def test_a_runtime_exception_has_a_caret_in_the_file(go: Go) -> None:
+    status, out = go("# first\ndef a():\n  sync()\nend\n\n# second\ndef b():\n  x = [1]\n  y = x[3]\nend\n")
+    assert status == 1
+    assert "demo.txt:9:8: Index out of bounds: 3, the length is 1\n  9 |   y = x[3]\n    |        ^" in out
+    assert out.endswith("result  runtime exception\n")
+
+
+def test_a_protective_stop_ends_the_run(go: Go) -> None:
+    status, out = go(MOVE_OUT_OF_REACH)
+    assert status == 1
+    assert "safety mode PROTECTIVE_STOP" in out
+    assert "result  the arm was stopped: protective stop" in out
+
+
+MOVE_OUT_OF_REACH = """def f():
+  here = get_actual_tcp_pose()
+  movel(pose_add(here, p[0, 0, -0.2, 0, 0, 0]))
+  speedl([0, 0, 3, 0, 0, 0], a=20, t=10)
+end
+"""
+
+
+def test_a_failed_secondary_program_is_a_failure(go: Go) -> None:
+    status, out = go("sec s():\n  sleep(1)\nend\n")
+    assert status == 1
+    assert "result  a secondary program failed" in out
+
+
+def test_nobody_answers_questions_or_resumes_a_program(go: Go) -> None:
+    status, out = go('def f():\n  x = request_integer_from_primary_client("how many?")\nend')
+    assert status == 1
+    assert "question: how many?" in out
+    assert "nobody is there to answer" in out
+
+
+def test_an_endless_program_is_stopped(go: Go) -> None:
+    status, out = go("while True:\n  sync()\nend", "--timeout", "2.5")
+    assert status == 1
+    assert "time    2.504 s\nresult  not finished within 2.5 s" in out or "time    2.5" in out
+
+
+TRACED = """# traced
+def f():
+  def twice(n):
+    return 2 * n
+  end
+  thread t():
+    sync()
+  end
+  x = 0
+  join run t()
+  while x < 2:
+    x = x + twice(1)
+  end
+  if x == 1:
+    x = 2
+  elif x == 2:
+    x = 3
+  end
+end
+"""
+
+
+def test_trace_shows_every_statement_with_time_and_thread(go: Go) -> None:
+    status, out = go(TRACED, "--trace")
+    assert status == 0
+    steps = [line.split("] ")[1] for line in out.splitlines() if line.startswith("[")]
+    body = [step.removeprefix("f:") for step in steps if step.startswith("f:")]
+    assert body == [
+        "9: x = 0",
+        "10: join run t()",
+        "11: while x < 2:",
+        "12: x = x + twice(1)",
+        "4: return 2 * n",
+        "11: while x < 2:",
+        "14: if x == 1:",
+        "17: x = 3",
+    ]
+    assert "t:7: sync()" in steps
+
+
+def test_tracing_does_not_change_what_happens_when(go: Go) -> None:
+    function = "  def g(n):\n    return n + 1\n  end\n"
+    text = f"def f():\n{function}  x = 0\n  while x < 3000:\n    x = g(x)\n  end\n  textmsg(x)\nend"
+    plain, traced = go(text)[1], go(text, "--trace")[1]
+    assert plain.splitlines() == [line for line in traced.splitlines() if ": " not in line]
+
+
+class _Echo(socketserver.StreamRequestHandler):
+    def handle(self) -> None:
+        self.wfile.write(b"(" + self.rfile.readline().strip() + b")")
+
+
+@pytest.fixture
+def echo_port() -> Iterator[int]:
+    with socketserver.TCPServer(("127.0.0.1", 0), _Echo) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        yield server.server_address[1]
+        server.shutdown()
+        thread.join()
+
+
+@pytest.mark.parametrize("speed", ["max", "3"])
+def test_script_sockets_are_real(go: Go, echo_port: int, speed: str) -> None:
+    program = (
+        f'def f():\n  open = socket_open("127.0.0.1", {echo_port}, "s")\n  socket_send_line("41, 42", "s")\n'
+        '  got = socket_read_ascii_float(2, "s", 20)\n  textmsg(open, got)\n  socket_close("s")\nend'
+    )
+    status, out = go(program, "--speed", speed)
+    assert status == 0
+    assert "True[2,41,42]" in out
+
+
+def test_standard_input(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(b"x = [1][2]")))
+    assert cli.main(["run", "-"]) == 1
+    assert "<stdin>:1:8: Index out of bounds" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("options", [["--model", "ur4"], ["--polyscope", "9.1"], ["nowhere.script"]])
+def test_wrong_usage(options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "a.script"
+    file.write_text("sync()")
+    arguments = options if options == ["nowhere.script"] else [str(file), *options]
+    assert cli.main(["run", *arguments]) == 2
+    assert "urscript run: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("options", [["--speed", "0"], ["--speed", "quick"], ["--timeout", "-1"]])
+def test_numbers_that_are_none(options: list[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", "a.script", *options])
+    assert ended.value.code == 2
+
+
+def test_without_the_emulator_it_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli, "entry_points", lambda group: [])
+    assert cli.main(["run", "a.script"]) == 2
+    assert "pip install ur-emulator" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.script")), ids=lambda path: path.name)
+def test_examples_run(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["run", str(path), "--timeout", "120"]) == 0
+    assert "result  finished" in capsys.readouterr().out
+
+
+def test_a_script_reaches_no_network_that_was_forbidden(go: Go) -> None:
+    with socketserver.TCPServer(("127.0.0.1", 0), socketserver.BaseRequestHandler) as server:
+        program = f'textmsg(socket_open("127.0.0.1", {server.server_address[1]}))'
+        _, forbidden = go(program, "--script-network", "none")
+    assert "False" in forbidden.splitlines()[-5]
+    assert "network" in forbidden
