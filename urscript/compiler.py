@@ -11,16 +11,16 @@ from dataclasses import dataclass
 from types import CodeType
 
 from urproto.versions import Availability, PolyscopeVersion
-from urscript.analysis import plan_functions
+from urscript.analysis import FunctionPlan, plan_functions
 from urscript.builtins import Builtin, LibrarySet
 from urscript.compile_expressions import CallWarning, Unit
 from urscript.compile_statements import PythonFunction, compile_function, compile_main
 from urscript.errors import CompileError
 from urscript.parser import normalize, parse
-from urscript.syntax import Label, ProgramKind
+from urscript.syntax import Label, Program, ProgramKind
 from urscript.work import Steps, run_to_end
 
-__all__ = ["FILE_NAME", "CallWarning", "CompiledProgram", "compile_script", "compile_steps"]
+__all__ = ["FILE_NAME", "CallWarning", "CompiledProgram", "compile_script", "compile_steps", "generate", "make_unit"]
 
 FILE_NAME = "<urscript>"
 """The file name of compiled programs in tracebacks."""
@@ -44,7 +44,14 @@ class CompiledProgram:
     warnings: tuple[CallWarning, ...]  # calls that will fail when executed
     code: tuple[CodeType, ...]  # to be executed one after the other in a namespace
     builtins: Mapping[str, Builtin]  # those that it calls
-    list_methods: bool
+    functions: Mapping[str, FunctionPlan]  # how they are called
+    libraries: LibrarySet
+    version: PolyscopeVersion
+
+    @property
+    def list_methods(self) -> bool:
+        """Whether lists have methods in this version."""
+        return RESIZABLE_LISTS.covers(self.version)
 
 
 _CACHE_SIZE = 64  # programs
@@ -86,15 +93,10 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> Ste
     try:
         program = yield from parse(source)
         builtins = libraries.available(version)
-        unit = Unit(
-            program,
-            source,
-            builtins,
-            plan_functions(program, builtins),
-            structs=STRUCT.covers(version),
-            fixed_lists=not RESIZABLE_LISTS.covers(version),
-        )
-        code = yield from _generate(unit)
+        plans = plan_functions(program, builtins, known={})
+        unit = make_unit(program, source, builtins, plans, version)
+        functions = [compile_function(unit, plan) for plan in plans.values()]
+        code = yield from generate(unit, [*functions, compile_main(unit)], FILE_NAME)
     except RecursionError as error:
         raise CompileError.syntax("the program is nested too deeply", 1, 1, source) from error
     return CompiledProgram(
@@ -106,23 +108,37 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> Ste
         warnings=tuple(unit.warnings),
         code=tuple(code),
         builtins=unit.used,
-        list_methods=RESIZABLE_LISTS.covers(version),
+        functions={name: plan.interface for name, plan in plans.items()},
+        libraries=libraries,
+        version=version,
     )
 
 
-def _generate(unit: Unit) -> Steps[list[CodeType]]:
-    """The code of every function of the program; raises the first error of the text."""
+def make_unit(
+    program: Program,
+    source: str,
+    builtins: Mapping[str, Builtin],
+    plans: Mapping[str, FunctionPlan],
+    version: PolyscopeVersion,
+) -> Unit:
+    """What is compiled together, for a version of the language. ``plans``: every function that can be called."""
+    resizable = RESIZABLE_LISTS.covers(version)
+    return Unit(program, source, builtins, plans, structs=STRUCT.covers(version), fixed_lists=not resizable)
+
+
+def generate(unit: Unit, bodies: list[Steps[list[PythonFunction]]], file_name: str) -> Steps[list[CodeType]]:
+    """The code of these bodies of the unit; raises the first error of the text."""
     code: list[CodeType] = []
-    for steps in [*(compile_function(unit, plan) for plan in unit.plans.values()), compile_main(unit)]:
+    for steps in bodies:
         for function in (yield from steps):
             if unit.errors:
                 continue  # only to find more errors
             yield function.size * _PYTHON_WORK
-            code.append(_python(function))
+            code.append(_python(function, file_name))
     if unit.errors:
         raise min(unit.errors, key=lambda error: (error.line, error.column))
     return code
 
 
-def _python(function: PythonFunction) -> CodeType:
-    return compile(ast.Module(body=[function.code], type_ignores=[]), FILE_NAME, "exec")
+def _python(function: PythonFunction, file_name: str) -> CodeType:
+    return compile(ast.Module(body=[function.code], type_ignores=[]), file_name, "exec")

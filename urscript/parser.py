@@ -36,7 +36,7 @@ from urscript.syntax import (
 from urscript.tokens import Token, tokenize
 from urscript.work import Steps
 
-__all__ = ["is_secondary", "normalize", "parse"]
+__all__ = ["is_secondary", "normalize", "parse", "parse_statements"]
 
 _LEADING = re.compile(r"(?:[ \t\r\f\v\n]|#[^\n]*)*")
 _SECONDARY = re.compile(r"\s*sec\b")
@@ -68,9 +68,19 @@ def parse(source: str) -> Steps[Program]:
     return (yield from _Parser(source, tokens).program())
 
 
+def parse_statements(source: str) -> Steps[Program]:
+    """The syntax tree of statements for a scope that exists: what they assign is not global unless declared so.
+
+    Raises CompileError.
+    """
+    tokens = yield from tokenize(source)
+    return (yield from _Parser(source, tokens, inner=True).statements())
+
+
 class _Parser(ExpressionParser):
-    def __init__(self, source: str, tokens: list[Token]) -> None:
+    def __init__(self, source: str, tokens: list[Token], *, inner: bool = False) -> None:
         super().__init__(source, tokens)
+        self._inner = inner  # statements of a scope that exists
         self._program = Program("statement", "", [], self.scope, {}, {}, [])
         self._blocks = 0
         self._loops = 0
@@ -105,11 +115,15 @@ class _Parser(ExpressionParser):
             self.expect(":", "after ')'")
             program.body = yield from self._block("to close the program")
         else:
-            while self.token.kind != "end of text":
-                program.body.append((yield from self._statement()))
+            yield from self.statements()
         if self.token.kind != "end of text":
             self.fail("the program ended before this")
         return program
+
+    def statements(self) -> Steps[Program]:
+        while self.token.kind != "end of text":
+            self._program.body.append((yield from self._statement()))
+        return self._program
 
     # blocks
 
@@ -173,7 +187,7 @@ class _Parser(ExpressionParser):
         return Assign(target.line, target.column, target, self.expression())
 
     def _bind(self, name: str, declared: str | None) -> None:
-        at_program_level = self.scope is self._program.scope
+        at_program_level = self.scope is self._program.scope and not self._inner
         if at_program_level or declared == "global":
             self._program.globals.setdefault(name)
         elif declared == "local":
@@ -182,6 +196,8 @@ class _Parser(ExpressionParser):
             self.scope.assigned.add(name)
 
     def _return(self, token: Token) -> Statement:
+        if self._inner and self.scope is self._program.scope:
+            self.fail("not inside a function", token)
         following = self.token
         bare = following.after_newline or following.kind in _BLOCK_ENDS
         return Return(token.line, token.column, None if bare else self.expression())
