@@ -16,11 +16,13 @@ from emulator.controller import Controller
 from emulator.primary_state import robot_state
 from emulator.servers.base import PortServer
 from emulator.servers.dashboard import DashboardServer
+from emulator.servers.interpreter import InterpreterServer
 from emulator.servers.primary import PrimaryServer
 from emulator.servers.realtime import RealtimeServer
 from emulator.servers.rtde import RTDEServer
 from emulator.servers.script_sockets import NetworkSockets
 from emulator.snapshot import Snapshot
+from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.primary.state import encode_robot_state
 
 __all__ = ["Emulator", "make_servers"]
@@ -84,7 +86,7 @@ def make_servers(controller: Controller) -> tuple[PortServer, ...]:
     def state(snapshot: Snapshot, full: bool) -> bytes:
         return encode_robot_state(robot_state(snapshot, controller.model), controller.version, full=full)
 
-    return (
+    servers: tuple[PortServer, ...] = (
         DashboardServer(controller),
         PrimaryServer("primary", controller, state, messages=True, read_only=False),
         PrimaryServer("secondary", controller, state, messages=False, read_only=False),
@@ -94,3 +96,6 @@ def make_servers(controller: Controller) -> tuple[PortServer, ...]:
         PrimaryServer("secondary read-only", controller, state, messages=False, read_only=True),
         RealtimeServer("realtime read-only", controller, read_only=True),
     )
+    if INTERPRETER_MODE.covers(controller.version):
+        servers = (*servers, InterpreterServer(controller))
+    return servers

@@ -5,8 +5,9 @@ every control period it waits and returns the answer. ``failure`` is the answer 
 applying it raised.
 """
 
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 from emulator import dashboard, inputs, textcommands
@@ -15,7 +16,7 @@ from urproto.dashboard import failed
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["Command", "DashboardLine", "PopupAnswer", "RTDEInputs", "ScriptUnit"]
+__all__ = ["Command", "DashboardLine", "InterpreterLine", "PopupAnswer", "RTDEInputs", "ScriptUnit"]
 
 
 class Command:
@@ -61,6 +62,17 @@ class ScriptUnit(Command):
         submission = controller.programs.submit(self.text)
         while submission.accepted is None:
             yield
+
+
+@dataclass(frozen=True, slots=True)
+class InterpreterLine(Command):
+    """One line of the interpreter port. ``answer`` is called with what to send back, perhaps much later."""
+
+    text: str
+    answer: Callable[[str], None]
+
+    def apply(self, controller: "Controller") -> None:
+        controller.programs.interpreter.receive(self.text, partial(controller.deliver, self.answer))
 
 
 @dataclass(frozen=True, slots=True)

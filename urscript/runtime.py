@@ -139,7 +139,7 @@ class Runtime:
         self._waiting: deque[ScriptThread] = deque()  # not yet resumed in this frame
         self._holder: ScriptThread | None = None  # parked inside a critical section
         self._next_handle = 0
-        self._interpreting = False
+        self._in_statement = False
         self._namespace = self._make_namespace()
         self._start(self._namespace["main"], program.name or "main", None)
 
@@ -207,12 +207,17 @@ class Runtime:
 
     def interpret(self, body: Callable[[Locals], ThreadBody], scope: Locals) -> ThreadBody:
         """Execute a linked statement in the running thread."""
-        self._interpreting = True
+        self._in_statement = True
         try:
             yield from body(scope)
         finally:
-            self._interpreting = False
+            self._in_statement = False
         return None
+
+    @property
+    def interpreting(self) -> bool:
+        """True while the running thread executes an interpreted statement."""
+        return self._in_statement and self.current is not None and self.current.id == 0
 
     def end_interpreted_threads(self) -> None:
         """End every thread that an interpreted statement started; not to be called in one of them."""
@@ -323,7 +328,7 @@ class Runtime:
         current = self.current
         handle = self._start(body, name, current.id if current is not None else None)
         if current is not None:
-            self._threads[handle].interpreted = current.interpreted or (self._interpreting and current.id == 0)
+            self._threads[handle].interpreted = current.interpreted or self.interpreting
         return handle
 
     def _kill(self, handle: Value) -> None:

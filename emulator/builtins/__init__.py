@@ -5,6 +5,7 @@ from typing import Final
 from emulator.builtins import (
     compliance,
     flow,
+    interpreter,
     io,
     ioconfig,
     kinematics,
@@ -34,5 +35,6 @@ LIBRARIES: Final[list[Library]] = [
     sockets.LIBRARY,
     messages.LIBRARY,
     flow.LIBRARY,
+    interpreter.LIBRARY,
     refused.LIBRARY,
 ]

@@ -59,7 +59,6 @@ _REFUSED: Final[dict[str, tuple[tuple[str | None, str | None, str], ...]]] = {
     ),
     "Ethernet/IP": (("3.0", "5.0", "eip_writer_factory eip_reader_factory"),),
     "XML-RPC": (("3.0", "5.0", "rpc_factory"),),
-    "interpreter mode": (("3.12", "5.6", "interpreter_mode end_interpreter clear_interpreter"),),
     "ROS 2": (
         (
             None,

@@ -14,9 +14,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from emulator.programs.compiling import Compiling, Submission
+from emulator.programs.compiling import Compiling, Submission, WorkShare
 from emulator.programs.history import MotionHistory
 from emulator.programs.host import ProgramHost
+from emulator.programs.interpreter import Interpreter
 from emulator.programs.loading import LoadedProgram, load_program
 from emulator.programs.outputs import RunstateOutputs
 from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
@@ -44,8 +45,8 @@ class Programs:
     """The interpreter's side of the controller.
 
     ``state``: the main program's run state. ``socket_backend``: where script sockets come
-    from. ``history``, ``flags``, ``outputs``, ``tool_communication`` and ``loaded`` outlive
-    a program.
+    from. ``interpreter``: lines for the main program. ``history``, ``flags``, ``outputs``,
+    ``tool_communication`` and ``loaded`` outlive a program.
     """
 
     def __init__(self, controller: "Controller") -> None:
@@ -59,7 +60,9 @@ class Programs:
         self.flags = [False] * _FLAGS
         self.motion_version = 1  # guess: what motion_version_get() says before it was set
         self.tool_communication: ToolCommunication = (False, 115200, 0, 1, 1.5, 3.5)
-        self._compiling = Compiling(controller.period_s)
+        self._share = WorkShare(controller.period_s)
+        self._compiling = Compiling(self._share)
+        self.interpreter = Interpreter(self._share, self._note, controller.motion.abort)
         self._main: Runtime | None = None
         self._host: ProgramHost | None = None
         self._ended = ""  # name of the program that is STOPPING
@@ -169,7 +172,8 @@ class Programs:
         self.history.record(controller.arm.q, controller.arm.tcp_force)
         self._feed_watchdogs()
         self._decide()
-        self._compiling.new_period()
+        self.interpreter.step()
+        self._share.new_period()
         self._settle()
         self._start_next()
         self._run_secondary()
@@ -210,6 +214,7 @@ class Programs:
         self._host = ProgramHost(self._controller, name=program.name)
         self._main = Runtime(program, self._host)
         self._host.attach(self._main)
+        self.interpreter.program_started(self._main)
         self._event(RunEvent.START)
         self.outputs.program_started()
         self._controller.messages.key(PROGRAM_STARTED, program.name)
@@ -292,6 +297,7 @@ class Programs:
         assert main is not None
         assert host is not None
         main.stop()
+        self.interpreter.program_ended()
         if len(host.sockets):
             host.sockets.close_all()
             self._not_before = controller.step_count + host.frames(_SOCKET_GAP_S)
