@@ -58,9 +58,11 @@ class PathMotion:
 
         Does nothing while this move is being blended into.
         """
+        if self.radius_m <= 0.0:
+            return False
         if self._blend is None:
             self._exit_s = min(self._exit_s, self.profile.position(self._t))
-        return self.radius_m > 0.0
+        return True
 
     def goal(self) -> Pose:
         return self.leg.goal()
