@@ -25,6 +25,7 @@ PORTS = [
     "primary read-only",
     "secondary read-only",
     "realtime read-only",
+    "interpreter",
 ]
 PERIODS = 13  # at least one primary state
 
