@@ -518,44 +518,11 @@ def test_no_trace_is_left(begun: Talk) -> None:
 # garbage
 
 PIECES = st.sampled_from(
-    [
-        "def f():",
-        "thread t():",
-        "end",
-        "if True:",
-        "while",
-        "x",
-        "y",
-        "=",
-        "1",
-        "(",
-        ")",
-        "f()",
-        "run t()",
-        "[1,2]",
-        "p[",
-    ]
-    + [
-        "clear_interpreter()",
-        "end_interpreter()",
-        "skipbuffer",
-        "abort",
-        "global",
-        "local",
-        "g",
-        ".append(1)",
-        "sync()",
-    ]
-    + [
-        "return",
-        "break",
-        "sleep(0.004)",
-        '"',
-        "#",
-        "interpreter_mode()",
-        "1e999",
-        "movej([0,-1.5,1.5,-1.6,-1.57,0.01])",
-    ]
+    """
+    def f():|thread t():|end|if True:|while|x|y|=|1|(|)|f()|run t()|[1,2]|p[|clear_interpreter()|end_interpreter()
+    |skipbuffer|abort|global|local|g|.append(1)|sync()|return|break|sleep(0.004)|"|#|interpreter_mode()|1e999
+    |movej([0,-1.5,1.5,-1.6,-1.57,0.01])
+    """.replace("\n", "").split("|")
 )
 LINES = st.lists(st.lists(PIECES, max_size=8).map(" ".join) | st.text(max_size=30), max_size=8)
 
