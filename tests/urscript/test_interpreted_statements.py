@@ -125,7 +125,7 @@ def test_deep_nesting_is_an_error() -> None:
 
 def test_every_way_to_change_a_variable_of_the_lending_function() -> None:
     session = Session(
-        "def p():\ndef f(n):\n l = make_list(1, 0, 5)\n s = struct(a=1)\n lend()\n textmsg(n, l)\n textmsg(s.a, "")\n"
+        "def p():\ndef f(n):\n l = make_list(1, 0, 5)\n s = struct(a=1)\n lend()\n textmsg(n, l)\n textmsg(s.a)\n"
         " n = n + 1\n textmsg(n)\nend\nf(1)\nend"
     )
     session.run("n = 5 l[0] = 4 l.append(6) s.a = 7")
