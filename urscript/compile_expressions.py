@@ -54,6 +54,9 @@ _ORDER: dict[str, tuple[str, type[ast.cmpop]]] = {
     ">=": ("_ge", ast.GtE),
 }
 _LOGIC: dict[str, type[ast.boolop]] = {"and": ast.And, "or": ast.Or}
+_MOST_HINTS = 5
+"""Unknown names for which a known one is looked up, which takes about a millisecond each."""
+
 _TRUTH_OPERATORS = frozenset(["and", "or", "xor", "==", "!=", "<", "<=", ">", ">="])
 
 
@@ -153,7 +156,7 @@ class ExpressionCompiler:
             candidates = [*unit.program.globals, *self.scope.locals, *self.scope.assigned]
         else:
             candidates = [*unit.plans, *unit.builtins]
-        close = difflib.get_close_matches(name, candidates, n=1)
+        close = difflib.get_close_matches(name, candidates, n=1) if len(unit.errors) < _MOST_HINTS else []
         hint = f"; did you mean '{close[0]}'?" if close else ""
         message = f"{kind} '{name}' is not known{hint}"
         unit.errors.append(CompileError.name_not_found(name, message, node.line, node.column, unit.source))

@@ -19,6 +19,7 @@ from urscript.runtime import Runtime
 
 __all__ = ["Interpreter"]
 
+_NOTE_LENGTH: Final = 300  # of what clients sent, in the log
 _HOLDING: Final = frozenset(["clear_interpreter", "end_interpreter"])
 _ALWAYS_ACCEPTED: Final = re.compile(r"\s*(clear|end)_interpreter\s*\(\s*\)\s*")
 
@@ -130,7 +131,7 @@ class Interpreter:
             if not self._share.work(self._job):
                 return False
         except CompileError as error:
-            self._note(error.render("<interpreter>"))
+            self._note(_short(f"interpreter mode, {error}: {line}"))
             self._job = None
             self.queue.refuse(Reason.SYNTAX if error.wire.startswith("syntax_error") else Reason.COMPILE)
             return True
@@ -162,7 +163,7 @@ class Interpreter:
             try:
                 yield from runtime.interpret(statement.code.body, mode.scope)
             except Exception:
-                self._note(f"the program ends in interpreted statement {statement.id}: {statement.line}")
+                self._note(_short(f"the program ends in interpreted statement {statement.id}: {statement.line}"))
                 raise
             queue.finish()
 
@@ -192,3 +193,7 @@ class Interpreter:
         for statement in self.queue.kept:
             self._functions.update(statement.code.compiled.functions)
             statement.code.scope.declare(statement.code.compiled.names)
+
+
+def _short(note: str) -> str:
+    return note if len(note) <= _NOTE_LENGTH else f"{note[:_NOTE_LENGTH]}..."
