@@ -11,7 +11,19 @@ from typing import Any
 
 from urscript.analysis import FunctionPlan, lends_its_scope
 from urscript.compile_expressions import ExpressionCompiler, Unit
-from urscript.pycode import Place, assign, attribute, call, charge, constant, function, load, place_of, yield_from
+from urscript.pycode import (
+    Place,
+    assign,
+    attribute,
+    call,
+    charge,
+    constant,
+    function,
+    load,
+    place_of,
+    subscript,
+    yield_from,
+)
 from urscript.syntax import (
     Assign,
     Call,
@@ -83,12 +95,16 @@ def compile_function(unit: Unit, plan: FunctionPlan) -> Steps[list[PythonFunctio
 
 
 def compile_interpreted(unit: Unit) -> Steps[list[PythonFunction]]:
-    """Statements sent to a running program, as the generator function `STATEMENT` of the scope they run in."""
+    """Statements sent to a running program, as the generator function `STATEMENT` of the scope they run in.
+
+    It is given the functions it is divided into, ``statement_1`` and so on, so that they need no lasting name.
+    """
     program = unit.program
     place = place_of(program.body[0] if program.body else Node(1, 1))
-    compiler = _BodyCompiler(unit, program.scope, charged=True, boxed=True)
+    compiler = _BodyCompiler(unit, program.scope, charged=True, divided=True, boxed=True)
     body = yield from compiler.body(program.body, place)
-    return [PythonFunction(function(STATEMENT, ["_locals"], body, place), compiler.inline)]
+    whole = function(STATEMENT, ["_locals", "_pieces"], body, place)
+    return [*compiler.pieces, PythonFunction(whole, compiler.inline)]
 
 
 def _boxed_locals(compiler: ExpressionCompiler, place: Place) -> ast.stmt:
@@ -191,10 +207,14 @@ class _BodyCompiler(ExpressionCompiler):
 
     def _piece(self, code: list[ast.stmt], size: int, place: Place) -> ast.stmt:
         """Move code into a generator function; what runs it instead."""
-        name = f"main_{len(self.pieces) + 1}"
-        self.pieces.append(PythonFunction(function(name, [], self._with_globals(code, place), place), size))
+        number = len(self.pieces)
+        name = f"{STATEMENT if self.boxed else 'main'}_{number + 1}"
+        parameters = ["_locals"] if self.boxed else []
+        self.pieces.append(PythonFunction(function(name, parameters, self._with_globals(code, place), place), size))
         self._elsewhere += size
-        return ast.Expr(value=yield_from(call(name, place), place), **place)
+        piece = subscript(load("_pieces", place), number, place) if self.boxed else load(name, place)
+        run = ast.Call(piece, [load(parameter, place) for parameter in parameters], [], **place)
+        return ast.Expr(value=yield_from(run, place), **place)
 
     def _inner(self, statements: list[Statement], heavy: bool) -> Steps[list[ast.stmt]]:
         return (yield from self._metered(statements) if heavy and self._charged else self._plain(statements))

@@ -197,8 +197,11 @@ class Runtime:
                 namespace[f"b_{name}"] = builtin.bind(self.host)
         for code in statement.code:
             exec(code, namespace)
-        body: Callable[[Locals], ThreadBody] = namespace.pop(STATEMENT)
-        return body
+        body: Callable[[Locals, list[Any]], ThreadBody] = namespace.pop(STATEMENT)
+        pieces: list[Any] = []
+        while (piece := namespace.pop(f"{STATEMENT}_{len(pieces) + 1}", None)) is not None:
+            pieces.append(piece)
+        return lambda scope: body(scope, pieces)
 
     def unlink(self, statement: CompiledStatement) -> None:
         """Remove the functions of a linked statement; what is executing them goes on."""

@@ -544,3 +544,12 @@ def test_garbage(make_rig: Callable[..., Any], lines: list[str], ticks: int, cap
     assert all(answer.split(":")[0] in ("ack", "discard", "state") for answer in talk.answers)
     assert not [error for error in talk.rig.exceptions if "internal error" in error.text]
     assert not [record for record in caplog.records if record.exc_info], caplog.text
+
+
+def test_a_line_of_many_pieces_goes_on_after_it_cleared_itself(talk: Talk) -> None:
+    talk.begin("global x = 0\ninterpreter_mode()")
+    steps = " ".join(f"x = x + {number} y{number % 9} = x if x < 0: sync() end" for number in range(200))
+    talk.send(f"clear_interpreter() {steps} textmsg(x)")
+    talk.rig.until(lambda: bool(talk.rig.texts), 2.0)
+    assert talk.rig.texts == [str(sum(range(200)))]
+    assert talk.rig.exceptions == []
