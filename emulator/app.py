@@ -18,6 +18,7 @@ from emulator.primary_state import robot_state
 from emulator.program_state import ProgramReporter
 from emulator.servers.base import PortServer
 from emulator.servers.dashboard import DashboardServer
+from emulator.servers.interpreter import InterpreterServer
 from emulator.servers.modbus import ModbusServer
 from emulator.servers.modbus_client import ModbusClient
 from emulator.servers.primary import PrimaryServer
@@ -25,6 +26,7 @@ from emulator.servers.realtime import RealtimeServer
 from emulator.servers.rtde import RTDEServer
 from emulator.servers.script_sockets import NetworkSockets
 from emulator.snapshot import Snapshot
+from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.primary.state import encode_robot_state
 
 __all__ = ["Emulator", "make_servers"]
@@ -110,7 +112,7 @@ def make_servers(controller: Controller) -> tuple[PortServer, ...]:
         reporter = ProgramReporter(controller.programs, controller.version)
         return PrimaryServer(name, controller, state, messages=True, read_only=read_only, reporter=reporter)
 
-    return (
+    servers: tuple[PortServer, ...] = (
         ModbusServer(controller),
         DashboardServer(controller),
         primary("primary", read_only=False),
@@ -121,3 +123,6 @@ def make_servers(controller: Controller) -> tuple[PortServer, ...]:
         PrimaryServer("secondary read-only", controller, state, messages=False, read_only=True),
         RealtimeServer("realtime read-only", controller, read_only=True),
     )
+    if INTERPRETER_MODE.covers(controller.version):
+        servers = (*servers, InterpreterServer(controller))
+    return servers

@@ -5,8 +5,9 @@ every control period it waits and returns the answer. ``failure`` is the answer 
 applying it raised.
 """
 
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 from emulator import dashboard, inputs, modbus_requests, textcommands
@@ -16,7 +17,7 @@ from urproto.modbus import ExceptionCode, exception_response
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["Command", "DashboardLine", "ModbusCall", "PopupAnswer", "RTDEInputs", "ScriptUnit"]
+__all__ = ["Command", "DashboardLine", "InterpreterLine", "ModbusCall", "PopupAnswer", "RTDEInputs", "ScriptUnit"]
 
 
 class Command:
@@ -62,6 +63,17 @@ class ScriptUnit(Command):
         submission = controller.programs.submit(self.text)
         while submission.accepted is None:
             yield
+
+
+@dataclass(frozen=True, slots=True)
+class InterpreterLine(Command):
+    """One line of the interpreter port. ``answer`` is called with what to send back, perhaps much later."""
+
+    text: str
+    answer: Callable[[str], None]
+
+    def apply(self, controller: "Controller") -> None:
+        controller.programs.interpreter.receive(self.text, partial(controller.deliver, self.answer))
 
 
 @dataclass(frozen=True, slots=True)

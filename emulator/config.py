@@ -10,6 +10,7 @@ import yaml
 
 from emulator.controller import ControllerConfig
 from emulator.programs.sockets import ScriptNetwork
+from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.robots import RobotModel, UnknownModel, load_model
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -35,7 +36,9 @@ PORTS: Final[Mapping[str, int]] = {
     "primary read-only": 30011,
     "secondary read-only": 30012,
     "realtime read-only": 30013,
+    "interpreter": 30020,
 }
+_FIRST_VERSION: Final = {"interpreter": INTERPRETER_MODE}  # the other ports are as old as the series
 JOINT_NAMES: Final = (  # as in ur_description
     "shoulder_pan_joint",
     "shoulder_lift_joint",
@@ -83,10 +86,10 @@ class EmulatorConfig:
 
     @property
     def wanted_ports(self) -> dict[str, int]:
-        """The port to listen on, by server name; 0 where any free one will do."""
-        if self.ephemeral_ports:
-            return dict.fromkeys(PORTS, 0)
-        return {name: port + self.port_offset for name, port in PORTS.items()}
+        """The port to listen on, by server name; 0 where any free one will do. Only those this version has."""
+        version = self.controller.version or DEFAULT_VERSION[self.controller.model.series]
+        names = [name for name in PORTS if name not in _FIRST_VERSION or _FIRST_VERSION[name].covers(version)]
+        return {name: 0 if self.ephemeral_ports else PORTS[name] + self.port_offset for name in names}
 
 
 def choose_model(name: str) -> RobotModel:

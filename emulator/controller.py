@@ -148,7 +148,7 @@ class Controller:
         self._judge()
         self._publish()
         for callback in tuple(self._subscribers):
-            self._guarded(callback, self.snapshot)
+            self.deliver(callback, self.snapshot)
         return self.snapshot
 
     # doors for programs, commands and faults
@@ -230,9 +230,10 @@ class Controller:
 
     def _answer(self, reply: Reply | None, answer: Any) -> None:
         if reply is not None:
-            self._guarded(reply, answer)
+            self.deliver(reply, answer)
 
-    def _guarded(self, callback: Callable[[Any], None], value: Any) -> None:
+    def deliver(self, callback: Callable[[Any], None], value: Any) -> None:
+        """Call a listener back; its failure is logged and harms nothing here."""
         try:
             callback(value)
         except Exception:

@@ -11,6 +11,7 @@ from typing import Final
 
 from urproto.dashboard import GREETING, LineDecoder
 from urproto.errors import RemoteProtocolError
+from urproto.interpreter import StatementDecoder, TooLong, parse_answer
 from urproto.modbus import (
     Frame,
     FrameDecoder,
@@ -106,6 +107,16 @@ async def _rtde(stream: _Stream) -> None:
         raise NotReady("the version is not told")
 
 
+async def _interpreter(stream: _Stream) -> None:
+    """A state without a program is no state: both answers are good."""
+    decoder = StatementDecoder()
+    stream.send(b"statelastexecuted\n")
+    while not (lines := decoder.feed(await stream.read())):
+        pass
+    if isinstance(lines[0], TooLong) or parse_answer(lines[0]).line != "statelastexecuted":
+        raise NotReady(f"the answer to statelastexecuted is {lines[0]!r}")
+
+
 async def _rtde_reply(stream: _Stream, decoder: RTDEDecoder) -> Reply:
     while not (packages := decoder.feed(await stream.read())):
         pass
@@ -132,6 +143,7 @@ _HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[None]]]] = {
     "realtime": _realtime,
     "rtde": _rtde,
     "modbus": _modbus,
+    "interpreter": _interpreter,
 }
 
 

@@ -22,6 +22,7 @@ _ABOUT = {
     "realtime": "state at the control rate; takes URScript",
     "rtde": "variables of your choice, both ways",
     "modbus": "registers and coils (Modbus/TCP)",
+    "interpreter": "statements for a program in interpreter_mode()",
 }
 
 
@@ -44,6 +45,8 @@ def _ports(emulator: Emulator) -> Table:
     table = Table.grid(padding=(0, 2))
     ports = emulator.ports
     for name, about in _ABOUT.items():
+        if name not in ports:
+            continue
         table.add_row(name, str(ports[name]), about)
     read_only = ", ".join(str(port) for name, port in ports.items() if name.endswith("read-only"))
     table.add_row("read-only", read_only, "as primary, secondary, realtime")
@@ -71,7 +74,7 @@ def _client() -> str:
 def _first_steps(emulator: Emulator) -> Text:
     host = emulator.config.host
     steps = f"  {_dashboard_line(emulator)}\n"
-    if emulator.config.wanted_ports != dict(PORTS):
+    if emulator.config.wanted_ports["rtde"] != PORTS["rtde"]:
         return Text(
             f"{steps}  ur_rtde knows the usual ports only: for several robots give each its own --host 127.0.0.x"
         )

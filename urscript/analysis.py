@@ -6,12 +6,12 @@ it calls must be able to yield, so it becomes a generator.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from urscript.builtins import Builtin
 from urscript.syntax import FunctionDef, Program, Scope
 
-__all__ = ["FunctionPlan", "plan_functions"]
+__all__ = ["FunctionPlan", "lends_its_scope", "plan_functions"]
 
 _PLAIN_COST = 400
 """Most work of a plain function with all it calls, in units of the meter: about 20 us."""
@@ -19,31 +19,51 @@ _PLAIN_COST = 400
 
 @dataclass(frozen=True, slots=True)
 class FunctionPlan:
-    """How one def or thread is compiled."""
+    """How one def or thread is compiled. ``symbol``: its name in Python."""
 
     definition: FunctionDef
+    symbol: str
+    cost: int  # with all it calls, in units of the meter
     generator: bool
     recursive: bool  # reaches itself, or a function that does: counts its call depth
 
+    @property
+    def interface(self) -> "FunctionPlan":
+        """What callers need to know, without the body."""
+        definition = self.definition
+        scope = definition.scope
+        outside = Scope(scope.name, is_thread=scope.is_thread, parameters=scope.parameters)
+        return replace(self, definition=FunctionDef(definition.line, definition.column, outside, []))
 
-def plan_functions(program: Program, builtins: Mapping[str, Builtin]) -> dict[str, FunctionPlan]:
-    """A plan for every def and thread of the program, by name."""
+
+def plan_functions(
+    program: Program, builtins: Mapping[str, Builtin], known: Mapping[str, FunctionPlan], prefix: str = "f"
+) -> dict[str, FunctionPlan]:
+    """A plan for every def and thread of the program, by name.
+
+    ``known``: functions compiled before that it may call. ``prefix``: sets its symbols apart from theirs.
+    """
     callees = {name: _callees(f.scope, program) for name, f in program.functions.items()}
-    costs: dict[str, int] = {}
     plans: dict[str, FunctionPlan] = {}
     for name in _leaves_first(callees):
         definition = program.functions[name]
         scope = definition.scope
-        costs[name] = scope.cost + sum(costs[callee] for callee in callees[name])
+        called = [plans[callee] for callee in callees[name]] + _known_callees(scope, program, known)
+        cost = scope.cost + sum(plan.cost for plan in called)
         generator = (
-            _takes_time(scope, program, builtins)
-            or costs[name] > _PLAIN_COST
-            or any(plans[callee].generator for callee in callees[name])
+            _takes_time(scope, program, builtins, known) or cost > _PLAIN_COST or any(plan.generator for plan in called)
         )
-        plans[name] = FunctionPlan(definition, generator, recursive=False)
+        plans[name] = FunctionPlan(definition, f"{prefix}_{name}", cost, generator, recursive=False)
     for name, definition in program.functions.items():
-        plans.setdefault(name, FunctionPlan(definition, generator=True, recursive=not definition.scope.is_thread))
+        recursive = not definition.scope.is_thread
+        plans.setdefault(name, FunctionPlan(definition, f"{prefix}_{name}", _PLAIN_COST, True, recursive))
     return plans
+
+
+def lends_its_scope(scope: Scope, builtins: Mapping[str, Builtin]) -> bool:
+    """True when a body calls a built-in that is given the caller's variables."""
+    called = (builtins.get(call.name) for call in scope.calls)
+    return any(builtin is not None and builtin.takes_scope for builtin in called)
 
 
 def _callees(scope: Scope, program: Program) -> list[str]:
@@ -52,10 +72,16 @@ def _callees(scope: Scope, program: Program) -> list[str]:
     return [c.name for c in scope.calls if c.name in functions and not functions[c.name].scope.is_thread]
 
 
-def _takes_time(scope: Scope, program: Program, builtins: Mapping[str, Builtin]) -> bool:
+def _known_callees(scope: Scope, program: Program, known: Mapping[str, FunctionPlan]) -> list[FunctionPlan]:
+    return [known[c.name] for c in scope.calls if c.name in known and c.name not in program.functions]
+
+
+def _takes_time(
+    scope: Scope, program: Program, builtins: Mapping[str, Builtin], known: Mapping[str, FunctionPlan]
+) -> bool:
     if scope.is_thread or scope.loops or scope.waits:
         return True
-    called = (builtins.get(call.name) for call in scope.calls if call.name not in program.functions)
+    called = (builtins.get(c.name) for c in scope.calls if c.name not in program.functions and c.name not in known)
     return any(builtin is not None and builtin.takes_time for builtin in called)
 
 

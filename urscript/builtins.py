@@ -64,6 +64,7 @@ class Builtin:
     chapter: str
     function: AnyFunction
     host: bool
+    takes_scope: bool  # its first argument is the caller's variables, which scripts do not see
     parameters: tuple[Parameter, ...]
     variadic: bool  # takes whatever it is given, by position or keyword
     takes_time: bool
@@ -81,7 +82,13 @@ class Builtin:
 
     def bind(self, host: object) -> AnyFunction:
         """The function a running program calls: every declared argument by position, OMITTED for its default."""
-        function = partial(self.function, host) if self.host else self.function
+        leading = (host,) if self.host else ()
+        if self.takes_scope:
+            return lambda scope, *arguments: self._bind(*leading, scope)(*arguments)
+        return self._bind(*leading)
+
+    def _bind(self, *leading: object) -> AnyFunction:
+        function = partial(self.function, *leading) if leading else self.function
         if self.variadic:
             return function
         accepts = tuple(map(_acceptor, self.parameters))
@@ -118,15 +125,17 @@ class Library:
         status: Status = "supported",
         note: str = "",
         aliases: Mapping[str, str | tuple[str, ...]] | None = None,
+        takes_scope: bool = False,
     ) -> Callable[[FunctionT], FunctionT]:
         """Declare the decorated function; `cb3` and `e` are the first versions that have it, None for never.
 
+        With `takes_scope` its parameter after the host is the caller's variables (`urscript.interpreter.Locals`).
         Raises TypeError when the signature cannot be offered to scripts.
         """
 
         def declare(function: FunctionT) -> FunctionT:
             availability = Availability.since(cb3, e)
-            self._add(_describe(self, function, availability, status, note, aliases or {}))
+            self._add(_describe(self, function, availability, status, note, aliases or {}, takes_scope=takes_scope))
             return function
 
         return declare
@@ -144,6 +153,7 @@ class Library:
                 chapter=self.chapter,
                 function=refused,
                 host=False,
+                takes_scope=False,
                 parameters=(),
                 variadic=True,
                 takes_time=False,
@@ -195,9 +205,11 @@ def _describe(
     status: Status,
     note: str,
     aliases: Mapping[str, str | tuple[str, ...]],
+    *,
+    takes_scope: bool,
 ) -> Builtin:
     hints = get_type_hints(function, include_extras=True)
-    declared = list(inspect.signature(function).parameters.values())[1 if library.host else 0 :]
+    declared = list(inspect.signature(function).parameters.values())[library.host + takes_scope :]
     variadic = any(p.kind is p.VAR_POSITIONAL for p in declared)
     takes_time = inspect.isgeneratorfunction(function)
     returned = hints.get("return")
@@ -206,6 +218,7 @@ def _describe(
         chapter=library.chapter,
         function=function,
         host=library.host,
+        takes_scope=takes_scope,
         parameters=() if variadic else tuple(_parameter(p, hints, aliases) for p in declared),
         variadic=variadic,
         takes_time=takes_time,

@@ -12,7 +12,20 @@ from urscript.builtins import Builtin
 from urscript.errors import CompileError
 from urscript.inference import FLOAT, INT, VECTOR, Kinds, KindSet, arithmetic, is_local, is_number
 from urscript.number_code import ARITHMETIC_HELPERS, element, number_arithmetic
-from urscript.pycode import STORE, Place, call, constant, load, place_of, subscript, yield_from
+from urscript.pycode import (
+    LOAD,
+    STORE,
+    Place,
+    assign,
+    attribute,
+    call,
+    constant,
+    item,
+    load,
+    place_of,
+    subscript,
+    yield_from,
+)
 from urscript.syntax import (
     Binary,
     Call,
@@ -42,6 +55,9 @@ _ORDER: dict[str, tuple[str, type[ast.cmpop]]] = {
     ">=": ("_ge", ast.GtE),
 }
 _LOGIC: dict[str, type[ast.boolop]] = {"and": ast.And, "or": ast.Or}
+_MOST_HINTS = 5
+"""Unknown names for which a known one is looked up, which takes about a millisecond each."""
+
 _TRUTH_OPERATORS = frozenset(["and", "or", "xor", "==", "!=", "<", "<=", ">", ">="])
 
 
@@ -74,8 +90,10 @@ class Unit:
 class ExpressionCompiler:
     """Compiles the expressions of one body."""
 
-    def __init__(self, unit: Unit, scope: Scope, *, recursive: bool = False) -> None:
+    def __init__(self, unit: Unit, scope: Scope, *, recursive: bool = False, boxed: bool = False) -> None:
+        """`boxed`: the body's variables are items of ``_locals``, so that statements sent later can share them."""
         self.unit = unit
+        self.boxed = boxed
         self.scope = scope
         self.recursive = recursive
         self.stored_globals: set[str] = set()
@@ -115,6 +133,25 @@ class ExpressionCompiler:
         """True when the name is a variable here."""
         return name in self.unit.program.globals or self.is_local(name)
 
+    def variable(self, name: str, place: Place) -> ast.expr:
+        """Python for the value of a variable."""
+        if self.boxed and self.is_local(name):
+            return item("_locals", name, LOAD, place)
+        return load(f"v_{name}", place)
+
+    def bind(self, name: str, value: ast.expr, place: Place) -> ast.stmt:
+        """The Python statement that gives a variable another value."""
+        if self.boxed and self.is_local(name):
+            return ast.Assign(targets=[item("_locals", name, STORE, place)], value=value, **place)
+        return assign(f"v_{name}", value, place)
+
+    def bind_within(self, name: str, value: ast.expr, place: Place) -> ast.expr:
+        """As `bind`, as an expression."""
+        if self.boxed and self.is_local(name):
+            store = attribute(load("_locals", place), "__setitem__", place)
+            return ast.Call(store, [constant(name, place), value], [], **place)
+        return ast.NamedExpr(target=ast.Name(id=f"v_{name}", ctx=STORE, **place), value=value, **place)
+
     def name_not_found(self, name: str, node: Expression, kind: str) -> None:
         """Note the error; the first one of the text is raised in the end."""
         unit = self.unit
@@ -123,8 +160,8 @@ class ExpressionCompiler:
         if kind == "variable":
             candidates = [*unit.program.globals, *self.scope.locals, *self.scope.assigned]
         else:
-            candidates = [*unit.program.functions, *unit.builtins]
-        close = difflib.get_close_matches(name, candidates, n=1)
+            candidates = [*unit.plans, *unit.builtins]
+        close = difflib.get_close_matches(name, candidates, n=1) if len(unit.errors) < _MOST_HINTS else []
         hint = f"; did you mean '{close[0]}'?" if close else ""
         message = f"{kind} '{name}' is not known{hint}"
         unit.errors.append(CompileError.name_not_found(name, message, node.line, node.column, unit.source))
@@ -137,7 +174,7 @@ class ExpressionCompiler:
     def _name(self, node: Name, place: Place) -> ast.expr:
         if not self.known(node.name):
             self.name_not_found(node.name, node, "variable")
-        return load(f"v_{node.name}", place)
+        return self.variable(node.name, place)
 
     def _list(self, node: ListLiteral, place: Place) -> ast.expr:
         items = [self.expression(item) for item in node.items]
@@ -238,7 +275,7 @@ class ExpressionCompiler:
         if plan.recursive:
             depth = call("_deeper", place, load("_depth", place)) if self.recursive else constant(1, place)
             arguments.insert(0, depth)
-        code = call(f"f_{node.name}", place, *arguments)
+        code = call(plan.symbol, place, *arguments)
         return yield_from(code, place) if plan.generator or self.unit.stepped else code
 
     def _builtin_call(self, node: Call, builtin: Builtin, place: Place) -> ast.expr:
@@ -248,6 +285,8 @@ class ExpressionCompiler:
         else:
             bound = bind_arguments(node, [Slot(p.names, p.required) for p in builtin.parameters])
             arguments = [load("_omitted", place) if a is None else self.expression(a) for a in bound]
+        if builtin.takes_scope:
+            arguments.insert(0, load("_locals", place))
         code = call(f"b_{builtin.name}", place, *arguments)
         return yield_from(code, place) if builtin.takes_time else code
 
@@ -267,13 +306,12 @@ class ExpressionCompiler:
         store = self.store(node.target, subscript(keep, 0, place), place)
         if store is None:
             return subscript(pair, 1, place)
-        root, value = store
-        bind = ast.NamedExpr(target=ast.Name(id=root, ctx=STORE, **place), value=value, **place)
+        bind = self.bind_within(*store, place)
         result = subscript(load("_pair", place), 1, place)
         return subscript(ast.Tuple(elts=[bind, result], ctx=ast.Load(), **place), 1, place)
 
     def store(self, target: Expression, value: ast.expr, place: Place) -> tuple[str, ast.expr] | None:
-        """The Python variable to bind and the value to bind it to, so that `target` gets `value`.
+        """The variable to bind and the Python value to bind it to, so that `target` gets `value`.
 
         None when the target is not a variable nor a part of one.
         """
@@ -291,15 +329,16 @@ class ExpressionCompiler:
         if not self.is_local(target.name):
             self.stored_globals.add(f"v_{target.name}")
         if len(path) == 1:
-            return f"v_{target.name}", call("_set_item", place, root, path[0], value)
+            return target.name, call("_set_item", place, root, path[0], value)
         keys_code = ast.Tuple(elts=path, ctx=ast.Load(), **place)
-        return f"v_{target.name}", call("_set_path", place, root, keys_code, value) if path else value
+        return target.name, call("_set_path", place, root, keys_code, value) if path else value
 
     def _run(self, node: Run, place: Place) -> ast.expr:
         plan = self.unit.plans.get(node.name)
         if plan is None or not plan.definition.scope.is_thread:
             self.name_not_found(node.name, node, "thread")
-        return call("_run", place, load(f"f_{node.name}", place), constant(node.name, place))
+            return constant(None, place)
+        return call("_run", place, load(plan.symbol, place), constant(node.name, place))
 
 
 def _compare(left: ast.expr, operator: ast.cmpop, right: ast.expr, place: Place) -> ast.expr:

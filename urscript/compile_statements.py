@@ -9,10 +9,22 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from urscript.analysis import FunctionPlan
+from urscript.analysis import FunctionPlan, lends_its_scope
 from urscript.compile_expressions import ExpressionCompiler, Unit
 from urscript.inference import is_number
-from urscript.pycode import STORE, Place, attribute, call, charge, constant, function, load, place_of, yield_from
+from urscript.pycode import (
+    Place,
+    assign,
+    attribute,
+    call,
+    charge,
+    constant,
+    function,
+    load,
+    place_of,
+    subscript,
+    yield_from,
+)
 from urscript.syntax import (
     Assign,
     Call,
@@ -32,7 +44,10 @@ from urscript.syntax import (
 )
 from urscript.work import Steps
 
-__all__ = ["PythonFunction", "compile_function", "compile_main"]
+__all__ = ["STATEMENT", "PythonFunction", "compile_function", "compile_interpreted", "compile_main"]
+
+STATEMENT = "statement"
+"""Name in Python of the function that an interpreted statement becomes."""
 
 _RUN_COST = 200
 """Most work between two looks at the meter, in its units: about 10 us."""
@@ -69,19 +84,53 @@ def compile_function(unit: Unit, plan: FunctionPlan) -> Steps[list[PythonFunctio
     """One def or thread as a Python function."""
     definition = plan.definition
     scope, place = definition.scope, place_of(definition)
-    compiler = _BodyCompiler(unit, scope, charged=plan.generator, recursive=plan.recursive)
+    boxed = lends_its_scope(scope, unit.builtins)
+    compiler = _BodyCompiler(unit, scope, charged=plan.generator, recursive=plan.recursive, boxed=boxed)
     parameters = [f"v_{parameter.name}" for parameter in scope.parameters]
     if plan.recursive:
         parameters.insert(0, "_depth")
     body = yield from compiler.body(definition.body, place)
-    return [PythonFunction(function(f"f_{scope.name}", parameters, body, place), compiler.inline)]
+    if boxed:
+        body.insert(0, _boxed_locals(compiler, place))
+    return [PythonFunction(function(plan.symbol, parameters, body, place), compiler.inline)]
+
+
+def compile_interpreted(unit: Unit) -> Steps[list[PythonFunction]]:
+    """Statements sent to a running program, as the generator function `STATEMENT` of the scope they run in.
+
+    It is given the functions it is divided into, ``statement_1`` and so on, so that they need no lasting name.
+    """
+    program = unit.program
+    place = place_of(program.body[0] if program.body else Node(1, 1))
+    compiler = _BodyCompiler(unit, program.scope, charged=True, divided=True, boxed=True)
+    body = yield from compiler.body(program.body, place)
+    whole = function(STATEMENT, ["_locals", "_pieces"], body, place)
+    return [*compiler.pieces, PythonFunction(whole, compiler.inline)]
+
+
+def _boxed_locals(compiler: ExpressionCompiler, place: Place) -> ast.stmt:
+    """``_locals = _Locals(("a", "b"), {"a": v_a})``: every variable of the function, and its arguments."""
+    scope = compiler.scope
+    names = tuple(sorted(name for name in scope.locals | scope.assigned if compiler.is_local(name)))
+    given = [parameter.name for parameter in scope.parameters]
+    arguments = ast.Dict(
+        keys=[constant(name, place) for name in given], values=[load(f"v_{name}", place) for name in given], **place
+    )
+    return assign("_locals", call("_Locals", place, constant(names, place), arguments), place)
 
 
 class _BodyCompiler(ExpressionCompiler):
     def __init__(
-        self, unit: Unit, scope: Scope, *, charged: bool, recursive: bool = False, divided: bool = False
+        self,
+        unit: Unit,
+        scope: Scope,
+        *,
+        charged: bool,
+        recursive: bool = False,
+        divided: bool = False,
+        boxed: bool = False,
     ) -> None:
-        super().__init__(unit, scope, recursive=recursive)
+        super().__init__(unit, scope, recursive=recursive, boxed=boxed)
         self.pieces: list[PythonFunction] = []
         self._elsewhere = 0  # how much of the size is in pieces
         self._counted = 0  # of the size, whose work was yielded
@@ -163,10 +212,14 @@ class _BodyCompiler(ExpressionCompiler):
 
     def _piece(self, code: list[ast.stmt], size: int, place: Place) -> ast.stmt:
         """Move code into a generator function; what runs it instead."""
-        name = f"main_{len(self.pieces) + 1}"
-        self.pieces.append(PythonFunction(function(name, [], self._with_globals(code, place), place), size))
+        number = len(self.pieces)
+        name = f"{STATEMENT if self.boxed else 'main'}_{number + 1}"
+        parameters = ["_locals"] if self.boxed else []
+        self.pieces.append(PythonFunction(function(name, parameters, self._with_globals(code, place), place), size))
         self._elsewhere += size
-        return ast.Expr(value=yield_from(call(name, place), place), **place)
+        piece = subscript(load("_pieces", place), number, place) if self.boxed else load(name, place)
+        run = ast.Call(piece, [load(parameter, place) for parameter in parameters], [], **place)
+        return ast.Expr(value=yield_from(run, place), **place)
 
     def _step(self, place: Place) -> ast.expr:
         """``yield from _step(line, column)``: tell the host what is next, and wait as long as it wants."""
@@ -186,11 +239,11 @@ class _BodyCompiler(ExpressionCompiler):
         value = self.expression(node.value)
         if isinstance(target, Name):
             if self.is_local(target.name):
-                return [_bind(f"v_{target.name}", value, place)]
+                return [self.bind(target.name, value, place)]
             return self._assign_global(target.name, value, place)
         stored = self.store(target, value, place)
         assert stored is not None, "the parser lets only variables and their parts be assigned"
-        return [_bind(stored[0], stored[1], place)]
+        return [self.bind(*stored, place)]
 
     def _old_setter(self, node: Assign) -> Call | None:
         """The built-in call behind an assignment to an element of what is no variable, as ``digital_out[2] = True``."""
@@ -210,9 +263,9 @@ class _BodyCompiler(ExpressionCompiler):
         name = f"v_{target}"
         self.stored_globals.add(name)
         if is_number(self.unit.kinds.variable(self.scope, target)):
-            return [_bind(name, value, place)]
+            return [assign(name, value, place)]
         if self.unit.fixed_lists:
-            return [_bind(name, call("_retype_fixed", place, load(name, place), value), place)]
+            return [assign(name, call("_retype_fixed", place, load(name, place), value), place)]
         new, old = load("_new", place), load(name, place)
         same = ast.Compare(
             left=attribute(new, "__class__", place),
@@ -220,9 +273,9 @@ class _BodyCompiler(ExpressionCompiler):
             comparators=[attribute(old, "__class__", place)],
             **place,
         )
-        retype = _bind("_new", call("_retype", place, old, new), place)
+        retype = assign("_new", call("_retype", place, old, new), place)
         check = ast.If(test=same, body=[retype], orelse=[], **place)
-        return [_bind("_new", value, place), check, _bind(name, load("_new", place), place)]
+        return [assign("_new", value, place), check, assign(name, load("_new", place), place)]
 
     def _expression_statement(self, node: ExpressionStatement, place: Place) -> list[ast.stmt]:
         return [ast.Expr(value=self.expression(node.value), **place)]
@@ -269,10 +322,6 @@ class _BodyCompiler(ExpressionCompiler):
     def _label(self, node: Label, place: Place) -> list[ast.stmt]:
         code = call("_label", place, constant(node.number, place), constant(node.text, place))
         return [ast.Expr(value=code, **place)]
-
-
-def _bind(name: str, value: ast.expr, place: Place) -> ast.stmt:
-    return ast.Assign(targets=[ast.Name(id=name, ctx=STORE, **place)], value=value, **place)
 
 
 def _is_heavy(statement: Statement) -> bool:

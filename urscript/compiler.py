@@ -13,17 +13,27 @@ from types import CodeType
 from typing import TypeAlias
 
 from urproto.versions import Availability, PolyscopeVersion
-from urscript.analysis import plan_functions
+from urscript.analysis import FunctionPlan, plan_functions
 from urscript.builtins import Builtin, LibrarySet
 from urscript.compile_expressions import CallWarning, Unit
 from urscript.compile_statements import PythonFunction, compile_function, compile_main
 from urscript.errors import CompileError, ScriptError
-from urscript.inference import infer_kinds
+from urscript.inference import Kinds, infer_kinds
 from urscript.parser import normalize, parse
-from urscript.syntax import Label, ProgramKind
+from urscript.syntax import Label, Program, ProgramKind
 from urscript.work import Steps, run_to_end
 
-__all__ = ["FILE_NAME", "CallWarning", "CompiledProgram", "compile_script", "compile_steps", "find_problems"]
+__all__ = [
+    "FILE_NAME",
+    "CallWarning",
+    "CompiledProgram",
+    "compile_script",
+    "compile_steps",
+    "find_problems",
+    "generate",
+    "make_unit",
+    "raise_first_error",
+]
 
 FILE_NAME = "<urscript>"
 """The file name of compiled programs in tracebacks."""
@@ -47,7 +57,14 @@ class CompiledProgram:
     warnings: tuple[CallWarning, ...]  # calls that will fail when executed
     code: tuple[CodeType, ...]  # to be executed one after the other in a namespace
     builtins: Mapping[str, Builtin]  # those that it calls
-    list_methods: bool
+    functions: Mapping[str, FunctionPlan]  # how they are called
+    libraries: LibrarySet
+    version: PolyscopeVersion
+
+    @property
+    def list_methods(self) -> bool:
+        """Whether lists have methods in this version."""
+        return RESIZABLE_LISTS.covers(self.version)
 
 
 _CACHE_SIZE = 64  # programs
@@ -102,7 +119,7 @@ def find_problems(text: str, libraries: LibrarySet, version: PolyscopeVersion) -
         with _nested_too_deeply(source):
             unit = run_to_end(_parsed(source, libraries, version, errors))
             unit.errors = errors
-            run_to_end(_generate(unit))
+            run_to_end(generate(unit, _bodies(unit), FILE_NAME))
             warnings = unit.warnings
     except CompileError as error:
         errors.append(error)
@@ -116,9 +133,8 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, steppe
     with _nested_too_deeply(source):
         unit = yield from _parsed(source, libraries, version)
         unit.stepped = stepped
-        code = yield from _generate(unit)
-    if unit.errors:
-        raise min(unit.errors, key=lambda error: (error.line, error.column))
+        code = yield from generate(unit, _bodies(unit), FILE_NAME)
+    raise_first_error(unit)
     program = unit.program
     return CompiledProgram(
         name=program.name,
@@ -129,7 +145,9 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, steppe
         warnings=tuple(unit.warnings),
         code=tuple(code),
         builtins=unit.used,
-        list_methods=RESIZABLE_LISTS.covers(version),
+        functions={name: plan.interface for name, plan in unit.plans.items()},
+        libraries=libraries,
+        version=version,
     )
 
 
@@ -146,28 +164,52 @@ def _parsed(
 ) -> Steps[Unit]:
     program = yield from parse(source, errors)
     builtins = libraries.available(version)
+    plans = plan_functions(program, builtins, known={})
+    kinds = yield from infer_kinds(program, builtins)
+    return make_unit(program, source, builtins, plans, version, kinds)
+
+
+def make_unit(
+    program: Program,
+    source: str,
+    builtins: Mapping[str, Builtin],
+    plans: Mapping[str, FunctionPlan],
+    version: PolyscopeVersion,
+    kinds: Kinds | None = None,
+) -> Unit:
+    """What is compiled together, for a version of the language. ``plans``: every function that can be called."""
     return Unit(
         program,
         source,
         builtins,
-        plan_functions(program, builtins),
-        (yield from infer_kinds(program, builtins)),
+        plans,
+        kinds or Kinds(program, builtins, {}),
         structs=STRUCT.covers(version),
         fixed_lists=not RESIZABLE_LISTS.covers(version),
     )
 
 
-def _generate(unit: Unit) -> Steps[list[CodeType]]:
-    """The code of every function of the program; what is wrong with it is in the unit's errors then."""
+def _bodies(unit: Unit) -> list[Steps[list[PythonFunction]]]:
+    return [*(compile_function(unit, plan) for plan in unit.plans.values()), compile_main(unit)]
+
+
+def generate(unit: Unit, bodies: list[Steps[list[PythonFunction]]], file_name: str) -> Steps[list[CodeType]]:
+    """The code of these bodies of the unit; what is wrong with it is in the unit's errors then."""
     code: list[CodeType] = []
-    for steps in [*(compile_function(unit, plan) for plan in unit.plans.values()), compile_main(unit)]:
+    for steps in bodies:
         for function in (yield from steps):
             if unit.errors:
                 continue  # only to find more errors
             yield function.size * _PYTHON_WORK
-            code.append(_python(function))
+            code.append(_python(function, file_name))
     return code
 
 
-def _python(function: PythonFunction) -> CodeType:
-    return compile(ast.Module(body=[function.code], type_ignores=[]), FILE_NAME, "exec")
+def raise_first_error(unit: Unit) -> None:
+    """Raise the error that stands first in the unit's text, if there is one."""
+    if unit.errors:
+        raise min(unit.errors, key=lambda error: (error.line, error.column))
+
+
+def _python(function: PythonFunction, file_name: str) -> CodeType:
+    return compile(ast.Module(body=[function.code], type_ignores=[]), file_name, "exec")

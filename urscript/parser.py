@@ -39,7 +39,7 @@ from urscript.syntax import (
 from urscript.tokens import Token, tokenize
 from urscript.work import Steps
 
-__all__ = ["is_secondary", "normalize", "parse"]
+__all__ = ["is_secondary", "normalize", "parse", "parse_statements"]
 
 _LEADING = re.compile(r"(?:[ \t\r\f\v\n]|#[^\n]*)*")
 _SECONDARY = re.compile(r"\s*sec\b")
@@ -72,9 +72,21 @@ def parse(source: str, errors: list[CompileError] | None = None) -> Steps[Progra
     return (yield from _Parser(source, tokens, errors).program())
 
 
+def parse_statements(source: str) -> Steps[Program]:
+    """The syntax tree of statements for a scope that exists: what they assign is not global unless declared so.
+
+    Raises CompileError.
+    """
+    tokens = yield from tokenize(source)
+    return (yield from _Parser(source, tokens, None, inner=True).statements())
+
+
 class _Parser(RecoveringParser):
-    def __init__(self, source: str, tokens: list[Token], errors: list[CompileError] | None) -> None:
+    def __init__(
+        self, source: str, tokens: list[Token], errors: list[CompileError] | None, *, inner: bool = False
+    ) -> None:
         super().__init__(source, tokens, errors)
+        self._inner = inner  # statements of a scope that exists
         self._program = Program("statement", "", [], self.scope, {}, {}, [], self.damaged)
         self._blocks = 0
         self._loops = 0
@@ -106,8 +118,7 @@ class _Parser(RecoveringParser):
             self.header(self._program_name, None)
             program.body = yield from self._block("to close the program")
         else:
-            while self.token.kind != "end of text":
-                yield from self._add_statement(program.body)
+            yield from self.statements()
         if self.token.kind != "end of text":
             self.complain("the program ended before this")
         return program
@@ -117,6 +128,11 @@ class _Parser(RecoveringParser):
         self.expect("(", "after the name of the program")
         self.expect(")", "since a program takes no parameters")
         self.expect(":", "after ')'")
+
+    def statements(self) -> Steps[Program]:
+        while self.token.kind != "end of text":
+            yield from self._add_statement(self._program.body)
+        return self._program
 
     # blocks
 
@@ -199,7 +215,7 @@ class _Parser(RecoveringParser):
         return Assign(target.line, target.column, target, self.expression())
 
     def _bind(self, name: str, declared: str | None) -> None:
-        at_program_level = self.scope is self._program.scope
+        at_program_level = self.scope is self._program.scope and not self._inner
         if at_program_level or declared == "global":
             self._program.globals.setdefault(name)
         elif declared == "local":
@@ -208,6 +224,8 @@ class _Parser(RecoveringParser):
             self.scope.assigned.add(name)
 
     def _return(self, token: Token) -> Statement:
+        if self._inner and self.scope is self._program.scope:
+            self.fail("not inside a function", token)
         following = self.token
         bare = following.after_newline or following.kind in _BLOCK_ENDS
         return Return(token.line, token.column, None if bare else self.expression())

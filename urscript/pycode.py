@@ -9,11 +9,13 @@ __all__ = [
     "LOAD",
     "STORE",
     "Place",
+    "assign",
     "attribute",
     "call",
     "charge",
     "constant",
     "function",
+    "item",
     "load",
     "place_of",
     "subscript",
@@ -52,6 +54,15 @@ def call(name: str, place: Place, *arguments: ast.expr) -> ast.expr:
 
 def attribute(value: ast.expr, name: str, place: Place) -> ast.expr:
     return ast.Attribute(value, name, LOAD, **place)
+
+
+def item(mapping: str, key: str, context: ast.expr_context, place: Place) -> ast.expr:
+    """``mapping["key"]``, to be read or assigned to."""
+    return ast.Subscript(value=load(mapping, place), slice=constant(key, place), ctx=context, **place)
+
+
+def assign(name: str, value: ast.expr, place: Place) -> ast.stmt:
+    return ast.Assign(targets=[ast.Name(id=name, ctx=STORE, **place)], value=value, **place)
 
 
 def subscript(value: ast.expr, position: int, place: Place) -> ast.expr:

@@ -35,8 +35,10 @@ from typing import Any, Protocol, cast
 
 from urscript import operators
 from urscript.builtins import OMITTED
+from urscript.compile_statements import STATEMENT
 from urscript.compiler import FILE_NAME, CompiledProgram
 from urscript.errors import RuntimeFault, ScriptRuntimeError
+from urscript.interpreter import STATEMENT_FILE, CompiledStatement, Locals
 from urscript.meter import METER
 from urscript.methods import call_method, member, refuse_list_methods
 from urscript.values import TYPE_NAMES, UNSET, Value
@@ -90,7 +92,7 @@ class _Killed(BaseException):
 class ScriptThread:
     """One thread of a running program; handle 0 is the program body."""
 
-    __slots__ = ("balance", "body", "critical", "id", "label", "name", "parent", "parked_frames")
+    __slots__ = ("balance", "body", "critical", "id", "interpreted", "label", "name", "parent", "parked_frames")
 
     def __init__(self, handle: int, name: str, parent: int | None, body: ThreadBody) -> None:
         self.id = handle
@@ -101,6 +103,7 @@ class ScriptThread:
         self.balance = 0  # overdrawn budget, never positive
         self.parked_frames = 0  # frames in a row that ended because the budget was empty
         self.label: tuple[int, str] | None = None  # number and text of the program label reached last
+        self.interpreted = False  # started by an interpreted statement, or by a thread that was
 
     @property
     def position(self) -> tuple[int, int]:
@@ -115,13 +118,14 @@ class ScriptThread:
         return 0 if frame is None else frame.f_lineno
 
     def _innermost(self) -> FrameType | None:
-        """The frame of the script's innermost function; None before the thread has started."""
-        frame: FrameType | None = None
+        """The frame of the program's innermost function, of a statement's when there is none; None before the start."""
+        frames: dict[str, FrameType] = {}
         body: object = self.body
         while isinstance(body, GeneratorType):
-            if body.gi_code.co_filename == FILE_NAME and body.gi_frame is not None:
-                frame = body.gi_frame
+            if body.gi_frame is not None:
+                frames[body.gi_code.co_filename] = body.gi_frame
             body = body.gi_yieldfrom
+        frame = frames.get(FILE_NAME) or frames.get(STATEMENT_FILE)
         return frame if frame is not None and frame.f_lasti >= 0 else None
 
 
@@ -146,6 +150,7 @@ class Runtime:
         self._waiting: deque[ScriptThread] = deque()  # not yet resumed in this frame
         self._holder: ScriptThread | None = None  # parked inside a critical section
         self._next_handle = 0
+        self._in_statement = False
         self._namespace = self._make_namespace()
         self._start(self._namespace["main"], program.name or "main", None)
 
@@ -199,6 +204,47 @@ class Runtime:
     def stop(self) -> None:
         """End the program: every thread is closed where it stands."""
         self._finish()
+
+    # statements for the running program
+
+    def link(self, statement: CompiledStatement) -> Callable[[Locals], ThreadBody]:
+        """Make the functions of a statement known; returns what executes the statement."""
+        namespace = self._namespace
+        for name, builtin in statement.builtins.items():
+            if f"b_{name}" not in namespace:
+                namespace[f"b_{name}"] = builtin.bind(self.host)
+        for code in statement.code:
+            exec(code, namespace)
+        body: Callable[[Locals, list[Any]], ThreadBody] = namespace.pop(STATEMENT)
+        pieces: list[Any] = []
+        while (piece := namespace.pop(f"{STATEMENT}_{len(pieces) + 1}", None)) is not None:
+            pieces.append(piece)
+        return lambda scope: body(scope, pieces)
+
+    def unlink(self, statement: CompiledStatement) -> None:
+        """Remove the functions of a linked statement; what is executing them goes on."""
+        for plan in statement.functions.values():
+            self._namespace.pop(plan.symbol, None)
+
+    def interpret(self, body: Callable[[Locals], ThreadBody], scope: Locals) -> ThreadBody:
+        """Execute a linked statement in the running thread."""
+        self._in_statement = True
+        try:
+            yield from body(scope)
+        finally:
+            self._in_statement = False
+        return None
+
+    @property
+    def interpreting(self) -> bool:
+        """True while the running thread executes an interpreted statement."""
+        return self._in_statement and self.current is not None and self.current.id == 0
+
+    def end_interpreted_threads(self) -> None:
+        """End every thread that an interpreted statement started; not to be called in one of them."""
+        for thread in list(self._threads.values()):
+            if thread.interpreted:
+                self._close(thread)
 
     # one thread
 
@@ -287,6 +333,7 @@ class Runtime:
             "_step": self._step,
             "_enter_critical": self._enter_critical,
             "_exit_critical": self._exit_critical,
+            "_locals": Locals(),
         }
         for name in program.global_names:
             namespace[f"v_{name}"] = UNSET
@@ -308,7 +355,10 @@ class Runtime:
 
     def _start_child(self, body: Callable[[], ThreadBody], name: str) -> int:
         current = self.current
-        return self._start(body, name, current.id if current is not None else None)
+        handle = self._start(body, name, current.id if current is not None else None)
+        if current is not None:
+            self._threads[handle].interpreted = current.interpreted or self.interpreting
+        return handle
 
     def _kill(self, handle: Value) -> None:
         if handle.__class__ is not int:
@@ -366,6 +416,7 @@ _HELPERS: dict[str, Any] = {
     "_meter": METER,
     "_omitted": OMITTED,
     "_Halt": _Halt,
+    "_Locals": Locals,
     "_deeper": _deeper,
     "_fault": operators.fault,
     "_truth": operators.truth,
@@ -408,14 +459,20 @@ def _position(code: CodeType, instruction: int) -> tuple[int, int]:
 
 
 def _error_position(trace: TracebackType | None) -> tuple[int, int, bool]:
-    """Line, column, and whether the error arose in compiled code itself and not in something it called."""
-    line, column, inside = 0, 0, False
+    """Line, column, and whether the error arose in compiled code itself and not in something it called.
+
+    An error in an interpreted statement is where the program called interpreter_mode(); only in
+    a thread of interpreted code, which the program has no line for, the line is the statement's.
+    """
+    places = {FILE_NAME: (0, 0), STATEMENT_FILE: (0, 0)}
+    inside = False
     while trace is not None:
         code = trace.tb_frame.f_code
-        inside = code.co_filename == FILE_NAME
+        inside = code.co_filename in places
         if inside:
-            line, column = _position(code, trace.tb_lasti)
+            places[code.co_filename] = _position(code, trace.tb_lasti)
         trace = trace.tb_next
+    line, column = places[FILE_NAME] if places[FILE_NAME][0] else places[STATEMENT_FILE]
     return line, column, inside
 
 

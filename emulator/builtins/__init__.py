@@ -5,6 +5,7 @@ from typing import Final
 from emulator.builtins import (
     compliance,
     flow,
+    interpreter,
     io,
     ioconfig,
     kinematics,
@@ -38,5 +39,6 @@ LIBRARIES: Final[list[Library]] = [
     modbus.LIBRARY,
     messages.LIBRARY,
     flow.LIBRARY,
+    interpreter.LIBRARY,
     refused.LIBRARY,
 ]

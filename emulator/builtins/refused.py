@@ -42,7 +42,6 @@ _REFUSED: Final[dict[str, tuple[tuple[str | None, str | None, str], ...]]] = {
     "the base light": ((None, "5.20", "set_baselight_off set_baselight_iec set_baselight_solid"),),
     "payload estimation": ((None, "5.20", "estimate_payload"),),
     "Ethernet/IP": (("3.0", "5.0", "eip_writer_factory eip_reader_factory"),),
-    "interpreter mode": (("3.12", "5.6", "interpreter_mode end_interpreter clear_interpreter"),),
     "ROS 2": (
         (
             None,

@@ -114,6 +114,19 @@ class Motion(Stepper):
                 duration = min(duration, 2.0 * max(room, 0.0) / abs(speed))
         return Coast(self.q, self.qd, duration) if duration > 0.0 else None
 
+    def abort(self) -> None:
+        """End a movej or movel: stop on the path, or with a blend radius let the next move blend in from here.
+
+        Nothing else can be aborted (Script Manual), and nothing happens while the arm is paused (guess).
+        """
+        movement = self._generator
+        if not isinstance(movement, PathMotion) or self.paused or self.stopping:
+            return
+        leg = movement.leg
+        movej_or_movel = isinstance(leg, JointLeg) or (isinstance(leg, LineLeg) and not leg.process)
+        if movej_or_movel and not movement.abort():
+            self.stop()
+
     # streaming
 
     def servoj(self, q: Sequence[float], *, t: float, lookahead_time: float = 0.1, gain: float = 300.0) -> Move:

@@ -53,6 +53,17 @@ class PathMotion:
     def ready(self) -> bool:
         return self._blend is None and (self.done or self.profile.position(self._t) >= self._exit_s)
 
+    def abort(self) -> bool:
+        """Let the next move blend in from here; False when this move was not to be blended, and has to be stopped.
+
+        Does nothing while this move is being blended into.
+        """
+        if self.radius_m <= 0.0:
+            return False
+        if self._blend is None:
+            self._exit_s = min(self._exit_s, self.profile.position(self._t))
+        return True
+
     def goal(self) -> Pose:
         return self.leg.goal()
 

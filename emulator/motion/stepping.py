@@ -105,6 +105,11 @@ class Stepper:
         return self._mode is _Mode.PAUSE
 
     @property
+    def stopping(self) -> bool:
+        """Slowing down on the path, after which the movement is forgotten."""
+        return self._mode is _Mode.STOP
+
+    @property
     def scale(self) -> float:
         """How fast the movement's own time runs just now, 1 = as planned."""
         return self._pacer.scale
@@ -320,7 +325,7 @@ class Stepper:
     @property
     def _blendable(self) -> bool:
         """The movement in progress is where its generator says, and on its way."""
-        return self._compliance is None and self._mode is not _Mode.STOP
+        return self._compliance is None and not self.stopping
 
     def _take_over(self) -> None:
         """A movement of another kind starts from the arm's present speed."""

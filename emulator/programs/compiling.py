@@ -6,7 +6,7 @@ in the same period on every machine.
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Generic, TypeVar
 
 from emulator.builtins import LIBRARIES
 from urproto.versions import PolyscopeVersion
@@ -16,7 +16,7 @@ from urscript.errors import CompileError
 from urscript.parser import is_secondary
 from urscript.work import Steps
 
-__all__ = ["WORK_PER_SECOND", "Compiling", "Submission"]
+__all__ = ["WORK_PER_SECOND", "Compiling", "Job", "Submission", "WorkShare"]
 
 LIBRARY_SET: Final = LibrarySet(LIBRARIES)
 
@@ -26,6 +26,44 @@ WORK_PER_SECOND: Final = 750_000
 About 0.9 ms of a 2 ms period on an idle machine; the official control script (48 kB) takes 0.1 s, and its driver
 expects the program to call back within 0.5 s.
 """
+
+
+ResultT = TypeVar("ResultT")
+
+
+class Job(Generic[ResultT]):
+    """Work in steps, and what came of it once a `WorkShare` says it is done."""
+
+    def __init__(self, steps: Steps[ResultT]) -> None:
+        self.steps = steps
+        self.price = 0  # of the work ahead
+        self.result: ResultT | None = None
+
+
+class WorkShare:
+    """How much compiling a control period bears."""
+
+    def __init__(self, period_s: float) -> None:
+        self._share = round(WORK_PER_SECOND * period_s)
+        self._left = self._share
+
+    def new_period(self) -> None:
+        """Another control period, another share."""
+        self._left = self._share
+
+    def work(self, job: Job[ResultT]) -> bool:
+        """Go on with a job; True when it is done, False when it needs a later period. Raises what the job raises.
+
+        Work that is more than a whole share is done in a period of its own.
+        """
+        while job.price <= self._left or self._left == self._share:
+            self._left -= job.price
+            try:
+                job.price = next(job.steps)
+            except StopIteration as end:
+                job.result = end.value
+                return True
+        return False
 
 
 @dataclass(eq=False, slots=True)
@@ -48,12 +86,10 @@ class Submission:
 class Compiling:
     """Submissions on their way to being programs, in their order."""
 
-    def __init__(self, period_s: float) -> None:
-        self._share = round(WORK_PER_SECOND * period_s)
-        self._left = self._share  # of this period's share
-        self._price = 0  # of the work ahead
+    def __init__(self, share: WorkShare) -> None:
+        self._share = share
         self._waiting: deque[Submission] = deque()
-        self._steps: Steps[CompiledProgram] | None = None  # compile the first that waits
+        self._job: Job[CompiledProgram] | None = None  # compiles the first that waits
 
     @property
     def waiting(self) -> tuple[Submission, ...]:
@@ -70,35 +106,25 @@ class Compiling:
         """Refuse every main program that waits; False when there is none."""
         dropped = [submission for submission in self._waiting if submission.main]
         if self._waiting and self._waiting[0].main:
-            self._steps = None
+            self._job = None
         for submission in dropped:
             self._waiting.remove(submission)
             submission.accepted = False
         return bool(dropped)
 
-    def new_period(self) -> None:
-        """Another control period, another share."""
-        self._left = self._share
-
     def next(self) -> Submission | None:
-        """The next submission that is compiled, or has an error; None when it needs a later period.
-
-        Work that is more than a whole share is done in a period of its own.
-        """
+        """The next submission that is compiled, or has an error; None when it needs a later period."""
         if not self._waiting:
             return None
         submission = self._waiting[0]
-        if self._steps is None:
-            self._steps = compile_steps(submission.text, LIBRARY_SET, submission.version, stepped=submission.stepped)
-            self._price = 0
+        if self._job is None:
+            steps = compile_steps(submission.text, LIBRARY_SET, submission.version, stepped=submission.stepped)
+            self._job = Job(steps)
         try:
-            while self._price <= self._left or self._left == self._share:
-                self._left -= self._price
-                self._price = next(self._steps)
-            return None
-        except StopIteration as end:
-            submission.program = end.value
+            if not self._share.work(self._job):
+                return None
+            submission.program = self._job.result
         except CompileError as error:
             submission.error = error
-        self._steps = None
+        self._job = None
         return self._waiting.popleft()

@@ -19,9 +19,10 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from emulator.errorcodes import BUSY_PROTECTIVE_STOP
 from emulator.programs.busy import TOO_BUSY, busy_long, busy_too_long, describe
-from emulator.programs.compiling import Compiling, Submission
+from emulator.programs.compiling import Compiling, Submission, WorkShare
 from emulator.programs.history import MotionHistory
 from emulator.programs.host import ProgramHost, StepHook
+from emulator.programs.interpreter import Interpreter
 from emulator.programs.loading import LoadedProgram, load_program
 from emulator.programs.modbus import ModbusSignals
 from emulator.programs.outputs import RunstateOutputs
@@ -56,7 +57,8 @@ class Programs:
     ``state``: the main program's run state. ``view``: the main program that runs or ran last.
     ``socket_backend``: where script sockets come from. ``step_hook``: asked before each
     statement of programs submitted while it is set; a thread for which it says True waits a
-    period and asks again. ``history``, ``flags``, ``outputs``, ``modbus``,
+    period and asks again. ``interpreter``: lines for the main program. ``history``, ``flags``,
+    ``outputs``, ``modbus``,
     ``tool_communication`` and ``loaded`` outlive a program.
     """
 
@@ -74,7 +76,9 @@ class Programs:
         self.flags = [False] * _FLAGS
         self.motion_version = 1  # guess: what motion_version_get() says before it was set
         self.tool_communication: ToolCommunication = (False, 115200, 0, 1, 1.5, 3.5)
-        self._compiling = Compiling(controller.period_s)
+        self._share = WorkShare(controller.period_s)
+        self._compiling = Compiling(self._share)
+        self.interpreter = Interpreter(self._share, self._note, controller.motion.abort)
         self._main: Runtime | None = None
         self._host: ProgramHost | None = None
         self._ended = ""  # name of the program that is STOPPING
@@ -191,7 +195,8 @@ class Programs:
         self.modbus.step(controller.step_count)
         self._feed_watchdogs()
         self._decide()
-        self._compiling.new_period()
+        self.interpreter.step()
+        self._share.new_period()
         self._settle()
         self._start_next()
         self._run_secondary()
@@ -233,6 +238,7 @@ class Programs:
         self._main = Runtime(program, self._host)
         self._host.attach(self._main)
         self.view = ProgramView(self.view.number + 1 if self.view else 1, self._main)
+        self.interpreter.program_started(self._main)
         self._event(RunEvent.START)
         self.outputs.program_started()
         self.modbus.program_started()
@@ -336,6 +342,7 @@ class Programs:
         assert main is not None
         assert host is not None
         main.stop()
+        self.interpreter.program_ended()
         if len(host.sockets):
             host.sockets.close_all()
             self._not_before = controller.step_count + host.frames(_SOCKET_GAP_S)

@@ -26,6 +26,7 @@ PORTS = [
     "primary read-only",
     "secondary read-only",
     "realtime read-only",
+    "interpreter",
 ]
 MODBUS = bytes.fromhex("0001 0000 0006 ff 03 0080 007d")  # 125 registers
 PERIODS = 13  # at least one primary state

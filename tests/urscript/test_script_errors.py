@@ -17,7 +17,9 @@ from urscript import CompileError, RuntimeFault, ScriptError
 from urscript.arguments import BindingError
 from urscript.builtins import LibrarySet
 from urscript.files import ScriptFile
+from urscript.interpreter import Locals, compile_statement
 from urscript.library import LIBRARIES
+from urscript.work import run_to_end
 
 LIBRARY_SET = LibrarySet(LIBRARIES)
 NEWEST = PolyscopeVersion.parse("5.22")
@@ -536,6 +538,33 @@ def test_names_follow_the_version(compiled):
             compiled(text, version)
 
 
+# statements for a program that runs
+
+STATEMENT_ERRORS = [
+    ("global fresh = 1", 1, 8, "cannot declare a new global such as 'fresh'"),
+    ("if True: global fresh = 1 end", 1, 17, "cannot declare a new global such as 'fresh'"),
+    ("return 5", 1, 1, "not inside a function"),
+    ("missing()", 1, 1, "missing"),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "column", "message"), STATEMENT_ERRORS)
+def test_a_statement_that_does_not_fit_its_program_is_refused(compiled, text, line, column, message):
+    with pytest.raises(CompileError, match=message) as caught:
+        _compile_statement(compiled, text)
+    assert (caught.value.line, caught.value.column) == (line, column)
+
+
+def _compile_statement(compiled, text):
+    program = compiled("def f():\n  known = 1\nend")
+    run_to_end(compile_statement(text, program, program.functions, Locals(), 1))
+
+
+def test_a_name_of_a_scope_that_has_no_value_yet_is_an_error():
+    with pytest.raises(RuntimeFault, match="before it has a value"):
+        Locals(["later"])["later"]
+
+
 # every place in the language that can refuse a text or stop a program has a row above
 
 _REPORTERS = frozenset(
@@ -594,6 +623,11 @@ def test_every_place_that_reports_an_error_has_a_row(reached, compiled, run):
         run(f"{row[0]} # {number}")
     for number, (text, _, _, _, version) in enumerate(FAULTS):
         run(f"{text} # {number}", version=version)
+    for text, *_ in STATEMENT_ERRORS:
+        with pytest.raises(CompileError):
+            _compile_statement(compiled, text)
+    with pytest.raises(RuntimeFault):
+        Locals(["later"])["later"]
     for text, _ in FILES:
         ScriptFile("f", text.encode()).problems(LIBRARY_SET, NEWEST)
     missing = [

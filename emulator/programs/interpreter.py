@@ -1,0 +1,199 @@
+"""Interpreter mode: lines sent to a running program become part of it and are executed in the scope of a call.
+
+One interpreter serves all programs, one after the other. Each control period it interprets what
+it received, within the share of work that all compiling has; ``interpreter_mode()`` executes it.
+"""
+
+import re
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+from emulator.programs.compiling import Job, WorkShare
+from emulator.programs.statements import Answer, Interpreted, StatementQueue
+from urproto.interpreter import InterpreterCommand, Reason, ack, discard, state
+from urscript.analysis import FunctionPlan
+from urscript.errors import CompileError
+from urscript.interpreter import CompiledStatement, Locals, compile_statement
+from urscript.runtime import Runtime
+
+__all__ = ["Interpreter"]
+
+_NOTE_LENGTH: Final = 300  # of what clients sent, in the log
+_HOLDING: Final = frozenset(["clear_interpreter", "end_interpreter"])
+_ALWAYS_ACCEPTED: Final = re.compile(r"\s*(clear|end)_interpreter\s*\(\s*\)\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class _Linked:
+    compiled: CompiledStatement
+    body: Callable[[Locals], Generator[bool | None, None, Any]]
+    scope: Locals
+
+
+_Statement: TypeAlias = Interpreted[_Linked]
+
+
+@dataclass(slots=True)
+class _Mode:
+    """A call of interpreter_mode()."""
+
+    scope: Locals
+    clear_on_end: bool
+    ending: bool = False
+
+
+class Interpreter:
+    """The lines of the interpreter port and the program they are for.
+
+    ``note`` writes to the log; ``abort`` ends a movement of the arm.
+    """
+
+    def __init__(self, share: WorkShare, note: Callable[[str], None], abort: Callable[[], None]) -> None:
+        self.queue: StatementQueue[_Linked] = StatementQueue()
+        self._share = share
+        self._note = note
+        self._abort = abort
+        self._runtime: Runtime | None = None
+        self._functions: dict[str, FunctionPlan] = {}  # that can be called
+        self._mode: _Mode | None = None
+        self._job: Job[CompiledStatement] | None = None  # compiles the next line
+        self._serial = 0
+
+    @property
+    def active(self) -> bool:
+        """True while the program is in interpreter_mode()."""
+        return self._mode is not None
+
+    # the program
+
+    def program_started(self, runtime: Runtime) -> None:
+        """Lines are for this program from now on; ids begin anew."""
+        self.queue = StatementQueue()
+        self._runtime = runtime
+        self._functions = dict(runtime.program.functions)
+
+    def program_ended(self) -> None:
+        """Answer everybody who still waits."""
+        self._runtime = self._mode = self._job = None
+        self.queue.discard_received(Reason.INVALID_STATE)
+
+    # the port
+
+    def receive(self, line: str, answer: Answer) -> None:
+        """A line from a client. Commands are answered at once, statements once they are interpreted."""
+        command = InterpreterCommand.of(line)
+        if self._runtime is None:
+            answer(discard(Reason.INVALID_STATE, line))
+        elif command is None:
+            self.queue.receive(line, answer)
+        else:
+            answer(self._carry_out(command, line))
+
+    def _carry_out(self, command: InterpreterCommand, line: str) -> str:
+        queue = self.queue
+        match command:
+            case InterpreterCommand.ABORT:
+                self._abort()
+            case InterpreterCommand.SKIPBUFFER:
+                self._job = None
+                queue.skip()
+            case InterpreterCommand.STATE_LAST_EXECUTED:
+                return state(queue.last_executed, line)
+            case InterpreterCommand.STATE_LAST_INTERPRETED:
+                return state(queue.last_interpreted, line)
+            case InterpreterCommand.STATE_LAST_CLEARED:
+                return state(queue.last_cleared, line)
+            case InterpreterCommand.STATE_UNEXECUTED:
+                return state(queue.unexecuted, line)
+        return ack(0, line)  # the manual: to be ignored; the vendor's helper wants a number
+
+    # once a control period
+
+    def step(self) -> None:
+        """Interpret what was received, as far as this period's share of work goes."""
+        if self._mode is None:
+            return
+        while (received := self.queue.next_received) is not None:
+            if self.queue.full and _ALWAYS_ACCEPTED.fullmatch(received.line) is None:
+                self.queue.refuse(Reason.TOO_MANY)
+            elif not self._interpret(received.line, self._mode.scope):
+                return
+
+    def _interpret(self, line: str, scope: Locals) -> bool:
+        """Go on with the next line; False when it needs another period."""
+        runtime = self._runtime
+        assert runtime is not None, "interpreter mode is part of a program"
+        if self._job is None:
+            self._serial += 1
+            self._job = Job(compile_statement(line, runtime.program, self._functions, scope, self._serial))
+        try:
+            if not self._share.work(self._job):
+                return False
+        except CompileError as error:
+            self._note(_short(f"interpreter mode, {error}: {line}"))
+            self._job = None
+            self.queue.refuse(Reason.SYNTAX if error.wire.startswith("syntax_error") else Reason.COMPILE)
+            return True
+        compiled, self._job = self._job.result, None
+        assert compiled is not None, "the job is done"
+        self._functions.update(compiled.functions)
+        scope.declare(compiled.names)
+        self.queue.accept(_Linked(compiled, runtime.link(compiled), scope), holds=bool(compiled.calls & _HOLDING))
+        return True
+
+    # the built-ins
+
+    def enter(self, scope: Locals, *, clear_queue: bool, clear_on_end: bool) -> None:
+        """interpreter_mode() was called."""
+        if clear_queue:
+            self.queue.discard_received(Reason.CLEANED_UP)
+        self._mode = _Mode(scope, clear_on_end)
+
+    def execute(self) -> Generator[bool | None, None, None]:
+        """Execute statements as they come, until the mode ends."""
+        mode, runtime, queue = self._mode, self._runtime, self.queue
+        assert mode is not None, "entered before"
+        assert runtime is not None, "interpreter mode is part of a program"
+        while not mode.ending:
+            statement = queue.start()
+            if statement is None:
+                yield None
+                continue
+            try:
+                yield from runtime.interpret(statement.code.body, mode.scope)
+            except Exception:
+                self._note(_short(f"the program ends in interpreted statement {statement.id}: {statement.line}"))
+                raise
+            queue.finish()
+
+    def end(self) -> None:
+        """end_interpreter() was called: the statement being executed is the last one."""
+        if self._mode is not None:
+            self._mode.ending = True
+
+    def leave(self) -> None:
+        """interpreter_mode() returns."""
+        mode, self._mode, self._job = self._mode, None, None
+        self.queue.end()
+        if mode is not None and mode.clear_on_end:
+            self.clear()
+
+    def clear(self) -> None:
+        """Take what was interpreted out of the program, and end the threads it started."""
+        runtime = self._runtime
+        if runtime is None:
+            return
+        self._job = None
+        runtime.end_interpreted_threads()
+        for statement in self.queue.clear():
+            runtime.unlink(statement.code.compiled)
+            statement.code.scope.forget(statement.code.compiled.names)
+        self._functions = dict(runtime.program.functions)
+        for statement in self.queue.kept:
+            self._functions.update(statement.code.compiled.functions)
+            statement.code.scope.declare(statement.code.compiled.names)
+
+
+def _short(note: str) -> str:
+    return note if len(note) <= _NOTE_LENGTH else f"{note[:_NOTE_LENGTH]}..."

@@ -1,0 +1,158 @@
+"""Interpreter mode (TCP 30020): one line of URScript statements in, one line of answer out.
+
+The Script Manual's chapter gives the forms of the answers and the commands. The reasons of
+discarded statements are those that a public client, written against the vendor's simulator,
+tells apart; the last two are in the manual of another make whose interpreter mode has the
+other reasons word for word, so they are likely but not sure.
+"""
+
+import re
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from urproto.errors import RemoteProtocolError
+from urproto.versions import Availability
+
+__all__ = [
+    "AVAILABLE",
+    "LAST_ID",
+    "MAX_LINE",
+    "InterpreterAnswer",
+    "InterpreterCommand",
+    "Reason",
+    "StatementDecoder",
+    "TooLong",
+    "ack",
+    "discard",
+    "encode_answer",
+    "parse_answer",
+    "state",
+]
+
+AVAILABLE: Final = Availability.since("3.12", "5.6")
+"""Versions with interpreter mode (a guess: the vendor's article says 5.10, function lists are older)."""
+
+LAST_ID: Final = 65535
+"""Statements are numbered 1 to this and again from 1 (manual: ids may wrap around; the number is a guess)."""
+
+MAX_LINE: Final = 16384
+"""Longest line [bytes]; a limit of this implementation."""
+
+_ANSWER: Final = re.compile(r"(ack|state): *(\d+): ?(.*)|discard: *([^:]*): ?(.*)", re.DOTALL)
+
+
+class InterpreterCommand(Enum):
+    """Lines that are carried out when they arrive, whatever waits; upper and lower case are the same."""
+
+    ABORT = "abort"
+    SKIPBUFFER = "skipbuffer"
+    STATE_LAST_EXECUTED = "statelastexecuted"
+    STATE_LAST_INTERPRETED = "statelastinterpreted"
+    STATE_LAST_CLEARED = "statelastcleared"
+    STATE_UNEXECUTED = "stateunexecuted"
+
+    @classmethod
+    def of(cls, line: str) -> "InterpreterCommand | None":
+        """The command that a line is; None for statements."""
+        return _COMMANDS.get(line.strip().lower())
+
+
+_COMMANDS: Final = {command.value: command for command in InterpreterCommand}
+
+
+class Reason(Enum):
+    """Why a statement was not accepted."""
+
+    INVALID_STATE = "Program is in an invalid state"  # none is running
+    SYNTAX = "Syntax error"
+    COMPILE = "Compile error"
+    TOO_MANY = "Too many interpreted messages"
+    CLEANED_UP = "Cleaned up before interpretation"
+    TOO_LONG = "Statement is too long"  # a guess
+
+
+def ack(number: int, line: str) -> str:
+    """A line was accepted."""
+    return f"ack: {number}: {line}"
+
+
+def discard(reason: Reason, line: str) -> str:
+    """A line was refused."""
+    return f"discard: {reason.value}: {line}"
+
+
+def state(number: int, line: str) -> str:
+    """What a state command asked for: an id, or a number of statements."""
+    return f"state: {number}: {line}"
+
+
+@dataclass(frozen=True, slots=True)
+class InterpreterAnswer:
+    """An answer. ``number`` is None, and ``reason`` says why, for a discarded line."""
+
+    number: int | None
+    reason: str
+    line: str
+
+
+def parse_answer(text: str) -> InterpreterAnswer:
+    """Read an answer without its line end. Raises RemoteProtocolError."""
+    match = _ANSWER.fullmatch(text)
+    if match is None:
+        raise RemoteProtocolError(f"{text!r} is no answer of interpreter mode")
+    _, number, line, reason, discarded = match.groups()
+    if number is None:
+        return InterpreterAnswer(None, reason, discarded)
+    return InterpreterAnswer(int(number), "", line)
+
+
+def encode_answer(text: str) -> bytes:
+    """The bytes of an answer; the statement in it as it came."""
+    return text.encode("utf-8", "surrogateescape") + b"\n"
+
+
+@dataclass(frozen=True, slots=True)
+class TooLong:
+    """A line over the limit, of which only the start was kept."""
+
+    start: str
+
+
+class StatementDecoder:
+    """Cuts lines out of a stream that arrives in any split; what a line lacks is never guessed.
+
+    A CR before the LF is dropped. The rest of a line over the limit is skipped.
+    """
+
+    def __init__(self, max_line: int = MAX_LINE) -> None:
+        self._max_line = max_line
+        self._buffer = bytearray()
+        self._over = False
+
+    @property
+    def rest(self) -> int:
+        """Bytes of a line that has not ended."""
+        return len(self._buffer)
+
+    def feed(self, data: bytes) -> list[str | TooLong]:
+        """Take bytes, give the lines they complete."""
+        *ended, rest = data.split(b"\n")
+        lines: list[str | TooLong] = []
+        for part in ended:
+            self._take(part)
+            lines.append(self._line())
+        self._take(rest)
+        return lines
+
+    def _take(self, part: bytes) -> None:
+        self._buffer += part
+        if len(self._buffer) > self._max_line:
+            self._over = True
+            del self._buffer[self._max_line :]
+
+    def _line(self) -> str | TooLong:
+        text = self._buffer.removesuffix(b"\r").decode("utf-8", "surrogateescape")
+        over, self._over = self._over, False
+        self._buffer.clear()
+        return TooLong(text[:60]) if over else text

@@ -1,0 +1,121 @@
+"""Statements for a program that runs (interpreter mode): compiled against its functions and the variables of a scope.
+
+A function that calls a built-in with the scope keeps its variables in a `Locals` instead of in
+Python's own, and so do the statements interpreted in it. Names that statements declare belong to
+that scope; functions cannot see them, as they see no other local. New globals are refused
+(Script Manual: not supported).
+
+Nothing changes in the program while a statement is compiled: `Runtime.link` makes its functions
+known, all of them or, after an error, none.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import CodeType
+
+from urscript.analysis import FunctionPlan, plan_functions
+from urscript.builtins import Builtin
+from urscript.compile_statements import compile_function, compile_interpreted
+from urscript.compiler import CompiledProgram, generate, make_unit, raise_first_error
+from urscript.errors import CompileError, RuntimeFault
+from urscript.parser import normalize, parse_statements
+from urscript.syntax import Assign, If, Name, Program, Statement, While
+from urscript.values import Value
+from urscript.work import Steps
+
+__all__ = ["STATEMENT_FILE", "CompiledStatement", "Locals", "compile_statement"]
+
+STATEMENT_FILE = "<statement>"
+"""The file name of interpreted code in tracebacks: its lines are not lines of the program."""
+
+
+class Locals(dict[str, Value]):
+    """The variables of a scope that statements are interpreted in; without an item: declared, but without a value.
+
+    ``declared``: the names that interpreted statements brought in.
+    """
+
+    def __init__(self, names: Iterable[str] = (), values: Mapping[str, Value] | None = None) -> None:
+        super().__init__(values or {})
+        self.own = frozenset(names)
+        self.declared: frozenset[str] = frozenset()
+
+    def __missing__(self, name: str) -> Value:
+        raise RuntimeFault("A variable is used before it has a value")
+
+    def declare(self, names: Iterable[str]) -> None:
+        """From now on these are names of the scope."""
+        self.declared |= frozenset(names) - self.own
+
+    def forget(self, names: Iterable[str]) -> None:
+        """Remove declared names with their values."""
+        for name in self.declared.intersection(names):
+            self.pop(name, None)
+        self.declared -= frozenset(names)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompiledStatement:
+    """Statements of one line, ready to be linked into a program."""
+
+    code: tuple[CodeType, ...]
+    functions: Mapping[str, FunctionPlan]  # that they define
+    names: frozenset[str]  # that they declare
+    builtins: Mapping[str, Builtin]  # that they call
+    calls: frozenset[str]  # functions called by the statements themselves
+
+
+def compile_statement(
+    text: str, program: CompiledProgram, functions: Mapping[str, FunctionPlan], scope: Locals, serial: int
+) -> Steps[CompiledStatement]:
+    """Compile a line of statements for a scope of a running program.
+
+    ``functions``: all that can be called. ``serial``: another one each time, for the symbols of new
+    functions. A statement cannot interpret statements. Raises CompileError.
+    """
+    source = normalize(text)
+    try:
+        tree = yield from parse_statements(source)
+        _check_globals(tree, program, source)
+        names = tree.scope.locals | (tree.scope.assigned - set(program.global_names))
+        tree.globals = dict.fromkeys(program.global_names)
+        tree.scope.locals |= scope.own | scope.declared
+        available = program.libraries.available(program.version)
+        builtins = {name: builtin for name, builtin in available.items() if not builtin.takes_scope}
+        plans = plan_functions(tree, builtins, functions, prefix=f"f{serial}")
+        unit = make_unit(tree, source, builtins, {**functions, **plans}, program.version)
+        bodies = [*(compile_function(unit, plan) for plan in plans.values()), compile_interpreted(unit)]
+        code = yield from generate(unit, bodies, STATEMENT_FILE)
+        raise_first_error(unit)
+    except RecursionError as error:
+        raise CompileError.syntax("the statement is nested too deeply", 1, 1, source) from error
+    return CompiledStatement(
+        code=tuple(code),
+        functions={name: plan.interface for name, plan in plans.items()},
+        names=frozenset(names),
+        builtins=unit.used,
+        calls=frozenset(call.name for call in tree.scope.calls),
+    )
+
+
+def _check_globals(tree: Program, program: CompiledProgram, source: str) -> None:
+    """Raise CompileError for a global that the program does not have."""
+    new = [name for name in tree.globals if name not in program.global_names]
+    if new:
+        line, column = _first_assignment(new[0], tree)
+        message = f"interpreted statements cannot declare a new global such as '{new[0]}'"
+        raise CompileError.name_not_found(new[0], message, line, column, source)
+
+
+def _first_assignment(name: str, tree: Program) -> tuple[int, int]:
+    blocks: list[list[Statement]] = [tree.body, *(function.body for function in tree.functions.values())]
+    for block in blocks:
+        for statement in block:
+            if isinstance(statement, Assign):
+                if isinstance(statement.target, Name) and statement.target.name == name:
+                    return statement.line, statement.column
+            elif isinstance(statement, If):
+                blocks += [*(body for _, body in statement.branches), statement.otherwise]
+            elif isinstance(statement, While):
+                blocks.append(statement.body)
+    return 1, 1
