@@ -19,6 +19,7 @@ from typing import Any, Final
 from emulator.arm import Arm
 from emulator.commands import Command
 from emulator.electrics import Electrics
+from emulator.encoders import Encoders
 from emulator.errorcodes import StopCause
 from emulator.ftinput import ForceInput
 from emulator.installation import Installation
@@ -57,6 +58,7 @@ class ControllerConfig:
     model's. running: start with the brakes released. uptime_s: clients wait for 40 s of it.
     programs_dir: where ``load`` looks and reports are written. remote_control: what
     ``is in remote control`` answers; commands are accepted either way, as by a simulator.
+    encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
     """
 
     model: RobotModel
@@ -68,6 +70,7 @@ class ControllerConfig:
     serial_number: str | None = None
     remote_control: bool = False
     popup_auto_close_s: float | None = None
+    encoder_speeds: tuple[float, float] = (0.0, 0.0)
     timings: PowerTimings = field(default_factory=PowerTimings)
 
 
@@ -91,6 +94,7 @@ class Controller:
         self.popups = Popups(self.messages, lambda: self.time_s, config.popup_auto_close_s)
         self.registers = Registers()
         self.signals = Signals()
+        self.encoders = Encoders(self.period_s, config.encoder_speeds)
         self.rtde_inputs: dict[str, Any] = {}  # last value of every RTDE input by name
         self.rtde_refreshed: dict[str, int] = {}  # step at which it came
         self.installation = Installation()
@@ -141,6 +145,8 @@ class Controller:
         self.step_count += 1
         self._run_commands()
         self._advance_timers()
+        if self.encoders.enabled:
+            self.encoders.advance(self.signals.digital_inputs)
         self.programs.step()
         self._move_arm()
         self._judge()
@@ -351,6 +357,8 @@ class Controller:
         snapshot.standard_analog_input0, snapshot.standard_analog_input1 = signals.analog_inputs
         snapshot.standard_analog_output0 = signals.analog_output(0)
         snapshot.standard_analog_output1 = signals.analog_output(1)
+        if self.encoders.enabled:
+            snapshot.encoder0_raw, snapshot.encoder1_raw = self.encoders.raw
         snapshot.tool_analog_input_types = signals.tool_analog_input_types
         snapshot.tool_analog_input0, snapshot.tool_analog_input1 = signals.tool_analog_inputs
         snapshot.tool_output_voltage = signals.tool_voltage

@@ -4,12 +4,14 @@ from typing import Final
 
 from emulator.builtins import (
     compliance,
+    conveyor,
     flow,
     io,
     ioconfig,
     kinematics,
     messages,
     motion,
+    pathoffset,
     refused,
     registers,
     setup,
@@ -25,6 +27,8 @@ LIBRARIES: Final[list[Library]] = [
     *PURE_LIBRARIES,
     motion.LIBRARY,
     compliance.LIBRARY,
+    pathoffset.LIBRARY,
+    conveyor.LIBRARY,
     state.LIBRARY,
     kinematics.LIBRARY,
     setup.LIBRARY,
