@@ -21,7 +21,7 @@ class Follower:
 
     def follow(self, dt: float, target: float, rate: float, limits: Limits) -> None:
         """Go after a target that moves at ``rate``; the limits are those of catching up."""
-        error = target - self.position
+        error = target - self.position - rate * dt  # at the end of the period, keeping pace
         if rate == 0.0 and abs(error) < _ARRIVED and abs(self.speed) < _ARRIVED_SPEED:
             self.position, self.speed = target, 0.0
             return
