@@ -1,4 +1,4 @@
-"""Offsets added to the path: where they take the tool, and what becomes of them when movements start, pause and stop."""
+"""Offsets added to the path: where they take the tool, and what becomes of them at starts, pauses and stops."""
 
 from math import cos, pi, sin
 
@@ -95,7 +95,6 @@ def test_an_offset_can_be_undone_and_told_in_every_frame(path, offset, frame, sh
     source.set(offset, frame)
     source.step(0.002, path, shift, None)
     there = source.apply(path)
-    assert source.undo(there) == pytest.approx(source.undo(source.apply(path)), abs=1e-12)
     assert same(source.undo(there), path)
     for other in OffsetFrame:
         twin = PathOffset(OffsetSettings(translation_limit=9.0, rotation_limit=9.0))
