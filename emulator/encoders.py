@@ -17,7 +17,7 @@ __all__ = ["RANGES", "DecoderType", "Encoder", "Encoders"]
 # Script Manual, encoder_enable_set_tick_count: range_id -> lowest count, number of counts
 RANGES: Final = ((-(2**31), 2**32), (0, 2**8), (0, 2**16), (0, 2**24), (0, 2**32))
 _PULSE_RANGE: Final = RANGES[2]  # Script Manual, encoder_get_tick_count: filtered counts are 0 to 65536
-_BANDWIDTH: Final = 30.0  # rad/s, of the filter (guess)
+_BANDWIDTH: Final = 20.0  # rad/s, of the filter (guess)
 _SETTLED_TICKS: Final = 1e-4  # nearer to the count, and slower, the filter stands on it (guess)
 _SETTLED_TICKS_S: Final = 1e-2
 # change of the count from one pair of levels (A + 2 B) to another, A leading B counts up (guess); both at once: unknown

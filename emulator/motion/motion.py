@@ -205,7 +205,7 @@ class Motion(DisplacingStepper):
 
     def program_stopped(self) -> None:
         """The program is over: no more force mode or freedrive, nothing on the path, and the arm comes to rest."""
-        self.offset_settings = OffsetSettings()
+        self.offset_settings, self.displacement_lost = OffsetSettings(), None
         self.end_force_mode()
         self.stop()
 

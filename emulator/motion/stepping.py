@@ -57,6 +57,7 @@ class Stepper:
         self.force_gain_scaling = 1.0  # force_mode_set_gain_scaling
         self.offset_settings = OffsetSettings()  # of path offsets
         self.fault: MotionFault | None = None  # the last one
+        self.displacement_lost: MotionFault | None = None  # the one that ended a path offset or conveyor tracking
         self._q_min, self._q_max = model.position_limits
         self._kinematics = Kinematics(model.dh)
         # braking distance of a joint over the square of its move in one period
@@ -306,6 +307,8 @@ class Stepper:
 
     def _fail(self, fault: MotionFault) -> None:
         self.fault = fault
+        if self._added is not None:
+            self.displacement_lost = fault
         if self._move is not None:
             self._move.failed = fault
             self._move = None

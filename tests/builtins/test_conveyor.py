@@ -109,6 +109,21 @@ def test_a_conveyor_beyond_reach_stops_the_arm_protectively(belt):
     belt.until(lambda: belt.controller.safety.mode is SafetyMode.PROTECTIVE_STOP, 15.0)
 
 
+def test_a_program_resumed_after_tracking_was_lost_goes_nowhere_else(belt):
+    belt.start(
+        SETUP + "track_conveyor_linear(p[-1, 0, 0, 0, 0, 0], 500)\nsleep(8)\nmovej([0, -1.5, 1.5, -1.6, -1.57, 0])"
+    )
+    belt.until(lambda: belt.controller.safety.mode is SafetyMode.PROTECTIVE_STOP, 15.0)
+    belt.seconds(6.0)
+    stopped = belt.q
+    assert belt.controller.safety_event(SafetyEvent.UNLOCK)
+    assert belt.controller.programs.resume()
+    belt.until(lambda: belt.state is RuntimeState.STOPPED)
+    assert "path offset or conveyor tracking ended: C" in belt.exceptions[-1].text
+    assert belt.q == stopped
+    belt.run("movej([0, -1.5, 1.5, -1.6, -1.57, 0])")
+
+
 def test_an_absolute_encoder_is_fed_by_the_program(rig):
     start = y(rig)
     rig.run(
