@@ -207,7 +207,11 @@ class Stepper:
         generator = self._generator
         nominal = self._proposal(generator, running) if generator is not None else None
         before, path = self._nominal, self._nominal if nominal is None else nominal
-        target = self._complied(*((before, path) if self._added is None else self._displaced(self._added, path)))
+        here, target = before, path
+        if self._added is not None:
+            here, target = self._displaced(self._added, path)
+        if self._compliance is not None:
+            target = self._complied(self._compliance, here, target)
         if generator is None or generator is not self._emergency:
             self._check(target)
         standing = True
@@ -216,7 +220,7 @@ class Stepper:
             standing = self._account(generator)
         elif self._mode is _Mode.STOP:
             self._drop()
-        if not self._beside:
+        if self._compliance is None and self._added is None:
             self._nominal = target
             return target, standing
         if self._compliance is not None:
@@ -259,11 +263,8 @@ class Stepper:
         if self._mode is _Mode.STOP:
             self._mode = _Mode.RUN
 
-    def _complied(self, before: Joints, nominal: Joints) -> Joints:
+    def _complied(self, compliance: Compliance, before: Joints, nominal: Joints) -> Joints:
         """What force mode or freedrive makes of the movement's way in this period."""
-        compliance = self._compliance
-        if compliance is None:
-            return nominal
         if compliance.released and compliance.standing() and self._generator is None and self._added is None:
             self._compliance = None
             return self.q
