@@ -25,6 +25,7 @@ from emulator.clock import claim_real_time
 from emulator.config import (
     ConfigError,
     EmulatorConfig,
+    check_encoder_speeds,
     choose_model,
     choose_version,
     read_initial_positions,
@@ -83,6 +84,8 @@ def _run(
         int, typer.Option(help="Where the Modbus units listen that programs add signals of.")
     ] = 502,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
+    encoder0_speed: Annotated[float, typer.Option(help="Ticks per second of a conveyor at encoder 0.")] = 0.0,
+    encoder1_speed: Annotated[float, typer.Option(help="Ticks per second of a conveyor at encoder 1.")] = 0.0,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
     version: Annotated[
@@ -100,6 +103,7 @@ def _run(
             running=running,
             programs_dir=read_programs_dir(programs),
             remote_control=remote_control,
+            encoder_speeds=check_encoder_speeds(encoder0_speed, encoder1_speed),
         )
         config = EmulatorConfig(
             controller=controller,

@@ -20,6 +20,7 @@ __all__ = [
     "PORTS",
     "ConfigError",
     "EmulatorConfig",
+    "check_encoder_speeds",
     "choose_model",
     "choose_version",
     "read_initial_positions",
@@ -48,6 +49,7 @@ JOINT_NAMES: Final = (  # as in ur_description
     "wrist_3_joint",
 )
 _LAST_PORT: Final = 65535
+_FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder can count (Script Manual)
 _MAJOR: Final = {Series.CB3: 3, Series.E: 5}
 _NEWEST_CB3_MINOR: Final = 15  # the CB3 line ended with 3.15
 
@@ -146,6 +148,17 @@ def _angle(path: Path, model: RobotModel, index: int, value: Any) -> float:
     if not low <= value <= high:
         raise ConfigError(f"{path}: {name} is {value} rad; {model.title} allows {low:.3f} to {high:.3f} rad")
     return float(value)
+
+
+def check_encoder_speeds(*ticks_per_s: float) -> tuple[float, float]:
+    """Speeds of encoder 0 and 1. Raises ConfigError for one that no 32-bit count can follow."""
+    for index, speed in enumerate(ticks_per_s):
+        if not abs(speed) <= _FASTEST_ENCODER:
+            raise ConfigError(
+                f"the speed of encoder {index} must be from -{_FASTEST_ENCODER} to {_FASTEST_ENCODER} ticks/s"
+            )
+    first, second = ticks_per_s
+    return first, second
 
 
 def read_programs_dir(path: Path | None) -> Path | None:

@@ -19,6 +19,7 @@ from typing import Any, Final
 from emulator.arm import Arm
 from emulator.commands import Command
 from emulator.electrics import Electrics
+from emulator.encoders import Encoders
 from emulator.errorcodes import StopCause
 from emulator.ftinput import ForceInput
 from emulator.installation import Installation
@@ -58,6 +59,7 @@ class ControllerConfig:
     model's. running: start with the brakes released. uptime_s: clients wait for 40 s of it.
     programs_dir: where ``load`` looks and reports are written. remote_control: what
     ``is in remote control`` answers; commands are accepted either way, as by a simulator.
+    encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
     """
 
     model: RobotModel
@@ -69,6 +71,7 @@ class ControllerConfig:
     serial_number: str | None = None
     remote_control: bool = False
     popup_auto_close_s: float | None = None
+    encoder_speeds: tuple[float, float] = (0.0, 0.0)
     timings: PowerTimings = field(default_factory=PowerTimings)
 
 
@@ -93,6 +96,7 @@ class Controller:
         self.registers = Registers()
         self.port_memory: PortMemory = PortMemory()
         self.signals = Signals()
+        self.encoders = Encoders(self.period_s, config.encoder_speeds)
         self.rtde_inputs: dict[str, Any] = {}  # last value of every RTDE input by name
         self.rtde_refreshed: dict[str, int] = {}  # step at which it came
         self.installation = Installation()
@@ -143,6 +147,8 @@ class Controller:
         self.step_count += 1
         self._run_commands()
         self._advance_timers()
+        if self.encoders.enabled:
+            self.encoders.advance(self.signals.digital_inputs)
         self.programs.step()
         self._move_arm()
         self._judge()
@@ -354,6 +360,8 @@ class Controller:
         snapshot.standard_analog_input0, snapshot.standard_analog_input1 = signals.analog_inputs
         snapshot.standard_analog_output0 = signals.analog_output(0)
         snapshot.standard_analog_output1 = signals.analog_output(1)
+        if self.encoders.enabled:
+            snapshot.encoder0_raw, snapshot.encoder1_raw = self.encoders.raw
         snapshot.tool_analog_input_types = signals.tool_analog_input_types
         snapshot.tool_analog_input0, snapshot.tool_analog_input1 = signals.tool_analog_inputs
         snapshot.tool_output_voltage = signals.tool_voltage

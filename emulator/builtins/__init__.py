@@ -4,6 +4,7 @@ from typing import Final
 
 from emulator.builtins import (
     compliance,
+    conveyor,
     flow,
     interpreter,
     io,
@@ -12,6 +13,7 @@ from emulator.builtins import (
     messages,
     modbus,
     motion,
+    pathoffset,
     refused,
     registers,
     rpc,
@@ -28,6 +30,8 @@ LIBRARIES: Final[list[Library]] = [
     *PURE_LIBRARIES,
     motion.LIBRARY,
     compliance.LIBRARY,
+    pathoffset.LIBRARY,
+    conveyor.LIBRARY,
     state.LIBRARY,
     kinematics.LIBRARY,
     setup.LIBRARY,

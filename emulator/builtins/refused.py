@@ -14,24 +14,7 @@ LIBRARY: Final = Library("refused")
 # chapter note: (first CB3 version, first e-Series version, names); None: never on that series. The minor versions
 # of the newer ones are guesses where the function list has them as 5.1x and 5.2x.
 _REFUSED: Final[dict[str, tuple[tuple[str | None, str | None, str], ...]]] = {
-    "conveyor tracking": (
-        (
-            "3.0",
-            "5.0",
-            "conveyor_pulse_decode encoder_enable_pulse_decode encoder_enable_set_tick_count encoder_get_tick_count"
-            " encoder_set_tick_count encoder_unwind_delta_tick_count get_conveyor_tick_count set_conveyor_tick_count"
-            " track_conveyor_circular track_conveyor_linear stop_conveyor_tracking",
-        ),
-    ),
     "screw driving": ((None, "5.0", "screw_driving end_screw_driving"),),
-    "path offsets": (
-        (
-            None,
-            "5.9",
-            "path_offset_enable path_offset_disable path_offset_set path_offset_get path_offset_set_alpha_filter"
-            " path_offset_set_max_offset",
-        ),
-    ),
     "tuning of the motion controller": (
         ("3.0", "5.0", "pause_on_error_code"),
         (None, "5.10", "high_holding_torque_enable high_holding_torque_disable"),

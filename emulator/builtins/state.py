@@ -103,21 +103,21 @@ def get_target_tcp_speed(host: ProgramHost) -> list[float]:
     return list(twist_of(host, host.motion.q, host.motion.qd))
 
 
-@LIBRARY.builtin(note="path offsets are refused, so the path is the target")
+@LIBRARY.builtin()
 def get_target_tcp_pose_along_path(host: ProgramHost) -> Pose:
-    """Commanded TCP pose before path offsets."""
-    return Pose(forward(host, host.motion.q))
+    """Commanded TCP pose as it would be without path offset and conveyor tracking."""
+    return Pose(forward(host, host.motion.path_q))
 
 
-@LIBRARY.builtin(note="path offsets are refused, so the path is the target")
+@LIBRARY.builtin()
 def get_target_tcp_speed_along_path(host: ProgramHost) -> list[float]:
-    """Commanded TCP velocity before path offsets [m/s, rad/s]."""
-    return list(twist_of(host, host.motion.q, host.motion.qd))
+    """Commanded TCP velocity as it would be without path offset and conveyor tracking [m/s, rad/s]."""
+    return list(twist_of(host, host.motion.path_q, host.motion.path_qd))
 
 
 @LIBRARY.builtin()
 def get_target_waypoint(host: ProgramHost) -> Pose:
-    """TCP pose the movement in progress leads to; the present target pose without one."""
+    """TCP pose the movement in progress leads to, without path offset and conveyor; without one, where the path is."""
     waypoint = host.motion.target_waypoint
     return Pose(forward(host, host.motion.q) if waypoint is None else waypoint)
 

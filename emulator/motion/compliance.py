@@ -11,11 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp
 
+from emulator.motion.axes import Axes, cross, dot, into6, of_rotation, out_of, out_of6, unit
 from emulator.motion.faults import MotionFault, near_singularity
 from emulator.motion.pacing import within_speed
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import ZERO, Joints, Vec3, as_six, lerp, norm3, sub
-from urproto.robots.pose import Pose, pose_add, pose_sub, rotvec_to_matrix
+from emulator.motion.vectors import ZERO, Joints, as_six, lerp, sub
+from urproto.robots.pose import Pose, pose_add, pose_sub
 
 __all__ = ["Compliance", "Task"]
 
@@ -99,14 +100,14 @@ class Compliance:
         before, after = nominal
         shift = ZERO if before == after else pose_sub(self.reach.pose(after), self.reach.pose(before))
         axes = self._axes(shift)
-        wanted = _into(axes, shift)
+        wanted = into6(axes, shift)
         compliant = self.task.compliant
         own = self._accelerated(dt, self._handed_over(wanted, dt), axes, external, damping, gain)
         moved = as_six((0.0 if compliant[i] else wanted[i]) + own[i] * dt for i in range(6))
         self._next = (self._pose, own, ZERO)
         if moved == ZERO:
             return q
-        pose = pose_add(_out_of6(axes, moved), self._pose)
+        pose = pose_add(out_of6(axes, moved), self._pose)
         target = self._exact(dt, pose, q, alone=before == after)
         if target is None:
             target, pose, own = self._yielded(dt, axes, (pose, own), q)
@@ -130,20 +131,18 @@ class Compliance:
         hardest = max(abs(now - last) / most for now, last, most in zip(step, self._moved, model.qdd_max, strict=True))
         return target if hardest <= dt * dt else None
 
-    def _yielded(
-        self, dt: float, axes: tuple[Vec3, Vec3, Vec3], wanted: tuple[Pose, Joints], q: Joints
-    ) -> tuple[Joints, Pose, Joints]:
+    def _yielded(self, dt: float, axes: Axes, wanted: tuple[Pose, Joints], q: Joints) -> tuple[Joints, Pose, Joints]:
         """Towards the pose as far as a singular arm can; what compliant directions miss of it and of speed is lost."""
         pose, own = wanted
         step = self.reach.step_towards(pose, q)
         excess = max(abs(move) / (most * dt) for move, most in zip(step, self.reach.model.qd_max, strict=True))
         target = lerp(q, step, 1.0 / max(1.0, excess))
-        missed = _into(axes, pose_sub(self.reach.pose(target), pose))
+        missed = into6(axes, pose_sub(self.reach.pose(target), pose))
         free = [compliant or speed != 0.0 for compliant, speed in zip(self.task.compliant, own, strict=True)]
         if any(abs(miss) > _SLACK for miss, may in zip(missed, free, strict=True) if not may):
             raise near_singularity()
         lost = as_six(miss if may else 0.0 for miss, may in zip(missed, free, strict=True))
-        return target, pose_add(_out_of6(axes, lost), pose), lerp(own, lost, 1.0 / dt)
+        return target, pose_add(out_of6(axes, lost), pose), lerp(own, lost, 1.0 / dt)
 
     def commit(self) -> None:
         """The last step came true."""
@@ -163,13 +162,13 @@ class Compliance:
         self,
         dt: float,
         before: Joints,
-        axes: tuple[Vec3, Vec3, Vec3],
+        axes: Axes,
         external: Joints,
         damping: float,
         gain: float,
     ) -> Joints:
         """Exact response of mass and friction over dt, bounded by the task's speed limits."""
-        push = _into(axes, external)
+        push = into6(axes, external)
         linear, turning = _FRICTION[0] + _FRICTION[1] * damping, _TURN_FRICTION[0] + _TURN_FRICTION[1] * damping
         decays = (exp(-dt * linear / _MASS), exp(-dt * turning / _INERTIA))
         speeds = []
@@ -182,50 +181,16 @@ class Compliance:
             speeds.append(0.0 if abs(now) < _REST and abs(final) < _REST else now)
         return as_six(speeds)
 
-    def _axes(self, shift: Joints) -> tuple[Vec3, Vec3, Vec3]:
+    def _axes(self, shift: Joints) -> Axes:
         """The task frame's axes in the base frame."""
-        m = rotvec_to_matrix(*self.task.frame[3:])
-        x, y, z = (m[0], m[3], m[6]), (m[1], m[4], m[7]), (m[2], m[5], m[8])
+        x, y, z = of_rotation(self.task.frame)
         if self.task.kind == 1:
             origin, tool = self.task.frame, self._pose
-            y = _unit((origin[0] - tool[0], origin[1] - tool[1], origin[2] - tool[2]), y)
-            x = _unit(_cross(y, z), x)
-            return x, y, _cross(x, y)
+            y = unit((origin[0] - tool[0], origin[1] - tool[1], origin[2] - tool[2]), y)
+            x = unit(cross(y, z), x)
+            return x, y, cross(x, y)
         if self.task.kind == 3:
-            along = (_dot(shift, x), _dot(shift, y))
-            x = _unit(_out_of((x, y, z), (*along, 0.0)), x)
-            return x, _cross(z, x), z
+            along = (dot(shift, x), dot(shift, y))
+            x = unit(out_of((x, y, z), (*along, 0.0)), x)
+            return x, cross(z, x), z
         return x, y, z
-
-
-def _into(axes: tuple[Vec3, Vec3, Vec3], screw: Joints) -> Joints:
-    """A base-frame (linear, angular) pair in the axes."""
-    x, y, z = axes
-    lin, ang = screw[:3], screw[3:]
-    return (_dot(lin, x), _dot(lin, y), _dot(lin, z), _dot(ang, x), _dot(ang, y), _dot(ang, z))
-
-
-def _out_of(axes: tuple[Vec3, Vec3, Vec3], v: Vec3) -> Vec3:
-    x, y, z = axes
-    return (
-        x[0] * v[0] + y[0] * v[1] + z[0] * v[2],
-        x[1] * v[0] + y[1] * v[1] + z[1] * v[2],
-        x[2] * v[0] + y[2] * v[1] + z[2] * v[2],
-    )
-
-
-def _out_of6(axes: tuple[Vec3, Vec3, Vec3], screw: Joints) -> Joints:
-    return (*_out_of(axes, screw[:3]), *_out_of(axes, screw[3:]))
-
-
-def _unit(v: Vec3, otherwise: Vec3) -> Vec3:
-    size = norm3(*v)
-    return (v[0] / size, v[1] / size, v[2] / size) if size > 1e-9 else otherwise
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: Vec3, b: Vec3) -> Vec3:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

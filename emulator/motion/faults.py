@@ -2,12 +2,23 @@
 
 from dataclasses import dataclass
 
-__all__ = ["MotionFault", "bad_setpoint", "joint_limit", "near_singularity", "unreachable"]
+__all__ = [
+    "MotionFault",
+    "bad_setpoint",
+    "conveyor_too_fast",
+    "joint_limit",
+    "near_singularity",
+    "sudden_jump",
+    "unreachable",
+]
 
 # Report codes and arguments of the controller's error list. Which of them a real controller gives for a pose out of
 # reach is a guess; the others are named in that list.
 _CLOSE_TO_JOINT_LIMIT = 150
+_CONVEYOR_SPEED = 195
+_TOOL_SPEED = 2
 _PATH_SANITY = 204
+_SUDDEN_JUMP = 1
 _INVALID_SETPOINT = 5
 _SINGULARITY = 7
 
@@ -61,4 +72,25 @@ def near_singularity() -> MotionFault:
         _PATH_SANITY,
         _SINGULARITY,
         "the path runs through a singularity and cannot be followed; use movej or move the waypoint",
+    )
+
+
+def sudden_jump(joint: int, change_rad_s: float, speed_rad_s: float) -> MotionFault:
+    """What is added to the path asks too much of a joint within one control period."""
+    return MotionFault(
+        _PATH_SANITY,
+        _SUDDEN_JUMP,
+        f"the path offset or conveyor asks joint {joint} to change its speed by {change_rad_s:.2f} rad/s to "
+        f"{speed_rad_s:.2f} rad/s within one control period; make the offset smoother, or filter it",
+        joint,
+    )
+
+
+def conveyor_too_fast(speed_m_s: float, limit_m_s: float) -> MotionFault:
+    """The conveyor moves the tool faster than it may go."""
+    return MotionFault(
+        _CONVEYOR_SPEED,
+        _TOOL_SPEED,
+        f"the conveyor runs at {abs(speed_m_s):.3f} m/s at the tool and at most {limit_m_s:.3f} m/s can be tracked; "
+        "slow it down, or check its ticks per metre or revolution",
     )

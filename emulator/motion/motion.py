@@ -10,14 +10,16 @@ from math import isfinite
 from emulator.motion.blends import Coast, Leaving, blend_into
 from emulator.motion.circular_moves import ArcLeg, circle_through
 from emulator.motion.compliance import Compliance, Task
+from emulator.motion.displacing import DisplacingStepper
 from emulator.motion.faults import MotionFault, bad_setpoint
 from emulator.motion.legs import TOOL_LIMITS, JointLeg, Leg
 from emulator.motion.path_motion import PathMotion
+from emulator.motion.path_offset import OffsetSettings
 from emulator.motion.profile import Limits
 from emulator.motion.servo import JointServo, ToolServo
 from emulator.motion.speed import JointSpeed, ToolSpeed
-from emulator.motion.stepping import Move, Stepper
-from emulator.motion.stops import ToolStop, brake_together
+from emulator.motion.stepping import Move
+from emulator.motion.stops import ToolStop
 from emulator.motion.tool_moves import LineLeg
 from emulator.motion.vectors import ZERO, Joints, all_finite, as_six, largest, norm3, scaled
 from urproto.robots.pose import Pose
@@ -28,7 +30,7 @@ _HANDOVER_RAD_S2 = 10.0  # leading joint, when a movement of another kind takes 
 _TURN_ACCELERATION_MAX = TOOL_LIMITS.acceleration / 0.25  # rad/s2, at the equivalent radius (guess)
 
 
-class Motion(Stepper):
+class Motion(DisplacingStepper):
     """Motion generator of one arm. Joint vectors (6,) base to wrist 3 [rad]; poses base to TCP [m, rotation vector]."""
 
     # moves along a path
@@ -97,22 +99,23 @@ class Motion(Stepper):
         self, make_leg: Callable[[Joints], Leg], radius_m: float, leaving: Leaving | None, corner_m: float | None
     ) -> PathMotion:
         """The leg, entered from rest or through a blend that stays within corner_m of its start."""
-        leg = make_leg(self.q if leaving is None else leaving.corner)
+        leg = make_leg(self._start()[0] if leaving is None else leaving.corner)
         self._reachable(leg.goal())
         blend = None if leaving is None else blend_into(leaving, leg, corner_m)
         return PathMotion(leg, max(radius_m, 0.0), blend)
 
     def _coast(self) -> Coast | None:
         """From the present speed to rest within the position limits; None at rest."""
-        fastest = largest(self.qd)
+        q, qd = self._start()
+        fastest = largest(qd)
         if fastest == 0.0:
             return None
         duration = fastest / _HANDOVER_RAD_S2
-        for position, speed, low, high in zip(self.q, self.qd, self._q_min, self._q_max, strict=True):
+        for position, speed, low, high in zip(q, qd, self._q_min, self._q_max, strict=True):
             room = high - position if speed > 0.0 else position - low
             if speed:
                 duration = min(duration, 2.0 * max(room, 0.0) / abs(speed))
-        return Coast(self.q, self.qd, duration) if duration > 0.0 else None
+        return Coast(q, qd, duration) if duration > 0.0 else None
 
     def abort(self) -> None:
         """End a movej or movel: stop on the path, or with a blend radius let the next move blend in from here.
@@ -137,7 +140,7 @@ class Motion(Stepper):
             return self._refuse(fault)
         servo = self._generator
         if not (isinstance(servo, JointServo) and self._streaming):
-            servo = JointServo(self._reach, self.q, self.qd)
+            servo = JointServo(self._reach, *self._start())
             self._take_over()
         servo.command(as_six(q), t, lookahead_time, gain)
         return self._install(servo)
@@ -154,7 +157,7 @@ class Motion(Stepper):
             return self._refuse(unreachable)
         servo = self._generator
         if not (isinstance(servo, ToolServo) and self._streaming and servo.reach is self._reach):
-            servo = ToolServo(self._reach, self.q, self.qd)
+            servo = ToolServo(self._reach, *self._start())
             self._take_over()
         servo.command(goal, Limits(min(v, TOOL_LIMITS.speed), min(a, TOOL_LIMITS.acceleration)), r)
         return self._install(servo)
@@ -170,7 +173,7 @@ class Motion(Stepper):
             wanted = scaled(wanted, 1.0 / excess)
         speed = self._generator
         if not (isinstance(speed, JointSpeed) and self._streaming):
-            speed = JointSpeed(self.qd)
+            speed = JointSpeed(self._start()[1])
             self._take_over()
         speed.command(wanted, min(a, *self.model.qdd_max), t)
         return self._install(speed)
@@ -187,7 +190,7 @@ class Motion(Stepper):
             wanted = scaled(wanted, 1.0 / excess)
         speed = self._generator
         if not (isinstance(speed, ToolSpeed) and self._streaming and speed.reach is self._reach):
-            speed = ToolSpeed(self._reach, self.q, self.qd)
+            speed = ToolSpeed(self._reach, *self._start())
             self._take_over()
         speed.command(wanted, min(a, TOOL_LIMITS.acceleration), min(turn_a, _TURN_ACCELERATION_MAX), t)
         return self._install(speed)
@@ -203,7 +206,7 @@ class Motion(Stepper):
         """Slow all joints to rest together, the leading one by ``a`` [rad/s2]; ready at rest."""
         if not (isfinite(a) and a > 0.0):
             return self._refuse(bad_setpoint("stopj's deceleration"))
-        return self._install(brake_together(self.q, self.qd, min(a, *self.model.qdd_max)))
+        return self._stop_joints(a)
 
     def stopl(self, a: float, a_rot: float | None = None) -> Move:
         """Slow the tool to rest by ``a`` [m/s2] and ``a_rot`` [rad/s2], which defaults to a."""
@@ -211,10 +214,11 @@ class Motion(Stepper):
         if not (isfinite(a + turn_a) and a > 0.0 and turn_a > 0.0):
             return self._refuse(bad_setpoint("stopl's deceleration"))
         a, turn_a = min(a, TOOL_LIMITS.acceleration), min(turn_a, _TURN_ACCELERATION_MAX)
-        return self._install(ToolStop(self._reach, self.q, self.qd, a, turn_a))
+        return self._install(ToolStop(self._reach, *self._start(), a, turn_a))
 
     def program_stopped(self) -> None:
-        """The program is over: no more force mode or freedrive, and the arm comes to rest."""
+        """The program is over: no more force mode or freedrive, nothing on the path, and the arm comes to rest."""
+        self.offset_settings, self.displacement_lost = OffsetSettings(), None
         self.end_force_mode()
         self.stop()
 
@@ -254,7 +258,7 @@ class Motion(Stepper):
     def _comply(self, task: Task) -> None:
         if self._compliance is None:
             self._compliance = Compliance(self._reach, self.q, task)
-            self._nominal, self._nominal_qd = self.q, self.qd
+            self._nominal, self._nominal_qd = self._start()
         else:
             self._compliance.comply(task)
 

@@ -1,9 +1,9 @@
 """One control period at a time: from the movement in progress to the target joint configuration.
 
 Rules, in order: an unscaled movement (a stop) runs by the clock; a scaled one runs at the speed fraction, or slows to a
-standstill on its path while paused; force mode and freedrive add to it; the result must leave every joint a way to
-brake before its position limit. Whatever breaks a rule is a MotionFault: the movement is dropped and each joint brakes
-at its acceleration limit.
+standstill on its path while paused; path offsets and conveyors displace it; force mode and freedrive add to that; the
+result must leave every joint a way to brake before its position limit. Whatever breaks a rule is a MotionFault: the
+movement is dropped and each joint brakes at its acceleration limit.
 """
 
 from dataclasses import dataclass
@@ -13,8 +13,10 @@ from emulator.motion.compliance import Compliance
 from emulator.motion.faults import MotionFault, joint_limit
 from emulator.motion.generator import Generator
 from emulator.motion.pacing import RAMP_RAD_S2, Pacer
+from emulator.motion.path_offset import OffsetSettings
 from emulator.motion.reach import Reach
 from emulator.motion.stops import JointStop, ToolStop, brake_together
+from emulator.motion.superposition import Superposition
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, scaled, sub
 from urproto.modes import ControlMode
 from urproto.robots.kinematics import Kinematics
@@ -53,7 +55,9 @@ class Stepper:
         self.external_wrench: Joints = ZERO  # on the tool at the TCP, base frame [N, Nm]; set by the controller
         self.force_damping = 0.025  # force_mode_set_damping; default from recollection of the Script Manual
         self.force_gain_scaling = 1.0  # force_mode_set_gain_scaling
+        self.offset_settings = OffsetSettings()  # of path offsets
         self.fault: MotionFault | None = None  # the last one
+        self.displacement_lost: MotionFault | None = None  # the one that ended a path offset or conveyor tracking
         self._q_min, self._q_max = model.position_limits
         self._kinematics = Kinematics(model.dh)
         # braking distance of a joint over the square of its move in one period
@@ -62,8 +66,9 @@ class Stepper:
         self._pacer = Pacer(model, period_s)
         self._generator: Generator | None = None
         self._move: Move | None = None
-        self._nominal: Joints = self.q  # where the movement is, without what force mode adds
+        self._nominal: Joints = self.q  # where the movement is, without what force mode and the like add
         self._nominal_qd: Joints = ZERO
+        self._added: Superposition | None = None  # what displaces the path
         self._compliance: Compliance | None = None
         self._mode = _Mode.RUN
         self._ramp = RAMP_RAD_S2
@@ -87,12 +92,22 @@ class Stepper:
     def target_waypoint(self) -> Pose:
         """Where the movement in progress, or the last one, goes."""
         goal = self._goal.goal() if self._goal is not None else None
-        return goal if goal is not None else self._reach.pose(self.q)
+        return goal if goal is not None else self._reach.pose(self.path_q)
+
+    @property
+    def path_q(self) -> Joints:
+        """Where the arm would be without path offset and conveyor [rad]."""
+        return self.q if self._added is None else self._nominal
+
+    @property
+    def path_qd(self) -> Joints:
+        """The speed of path_q [rad/s]."""
+        return self.qd if self._added is None else self._nominal_qd
 
     @property
     def idle(self) -> bool:
         """Nothing moves the arm, and it stands."""
-        return self._generator is None and self._compliance is None and self.qd == ZERO
+        return self._generator is None and self._compliance is None and self._added is None and self.qd == ZERO
 
     @property
     def steady(self) -> bool:
@@ -139,6 +154,9 @@ class Stepper:
     def stop(self, decel: float | None = None) -> None:
         """Stop on the path, the leading joint slowing by ``decel`` [rad/s2], and end the movement."""
         self._ramp = RAMP_RAD_S2 if decel is None else decel
+        if self._added is not None:
+            self._let_go()
+            self._generator = brake_together(self._nominal, self._nominal_qd, self._ramp)
         self._mode = _Mode.STOP if self._generator is not None else _Mode.RUN
         self._hasten()
 
@@ -147,14 +165,14 @@ class Stepper:
         stop = self._generator
         if not isinstance(stop, JointStop | ToolStop) or stop is self._emergency:
             return
-        speed = self.qd if self._compliance is None else self._nominal_qd
+        speed = self._nominal_qd if self._beside else self.qd
         if largest(speed) < stop.remaining_s * self._ramp:
             self._generator = brake_together(self._nominal, speed, self._ramp)
 
     def halt(self) -> None:
         """Power is gone: stand still at once and forget everything."""
         self._drop()
-        self._compliance = self._refusal = None
+        self._compliance = self._refusal = self._added = None
         self._nominal, self._nominal_qd = self.q, ZERO
         self.qd = self.qdd = ZERO
         self._mode = _Mode.RUN
@@ -193,7 +211,12 @@ class Stepper:
         running = fraction if self._mode is _Mode.RUN else 0.0
         generator = self._generator
         nominal = self._proposal(generator, running) if generator is not None else None
-        target = self._complied(self._nominal if nominal is None else nominal)
+        before, path = self._nominal, self._nominal if nominal is None else nominal
+        here, target = before, path
+        if self._added is not None:
+            here, target = self._displaced(self._added, path)
+        if self._compliance is not None:
+            target = self._complied(self._compliance, here, target)
         if generator is None or generator is not self._emergency:
             self._check(target)
         standing = True
@@ -202,19 +225,30 @@ class Stepper:
             standing = self._account(generator)
         elif self._mode is _Mode.STOP:
             self._drop()
-        if self._compliance is None:
+        if self._compliance is None and self._added is None:
             self._nominal = target
             return target, standing
-        self._compliance.commit()
-        after = self._nominal if nominal is None else nominal
-        self._nominal_qd = scaled(sub(after, self._nominal), 1.0 / self.period_s)
-        self._nominal = after
-        return target, standing and self._compliance.standing()
+        if self._compliance is not None:
+            self._compliance.commit()
+            standing = standing and self._compliance.standing()
+        self._nominal_qd = scaled(sub(path, before), 1.0 / self.period_s)
+        self._nominal = path
+        return target, standing if self._added is None else target == self.q
+
+    @property
+    def _beside(self) -> bool:
+        """The arm is not where its movement is: something is added to that."""
+        return self._compliance is not None or self._added is not None
+
+    def _displaced(self, added: Superposition, path: Joints) -> tuple[Joints, Joints]:
+        """Where path offset and conveyor take the path, before and after this period."""
+        before = added.q
+        return before, added.advance(self._reach, path, None if self._mode is _Mode.RUN else self._ramp)
 
     def _proposal(self, generator: Generator, running: float) -> Joints | None:
         if not generator.scaled:
             return generator.propose(self.period_s, self._nominal)
-        speed = self.qd if self._compliance is None else self._nominal_qd
+        speed = self._nominal_qd if self._beside else self.qd
         return self._pacer.advance(generator, self._nominal, speed, running, self._ramp)
 
     def _account(self, generator: Generator) -> bool:
@@ -234,12 +268,9 @@ class Stepper:
         if self._mode is _Mode.STOP:
             self._mode = _Mode.RUN
 
-    def _complied(self, nominal: Joints) -> Joints:
-        """What force mode or freedrive makes of the movement's configuration."""
-        compliance = self._compliance
-        if compliance is None:
-            return nominal
-        if compliance.released and compliance.standing() and self._generator is None:
+    def _complied(self, compliance: Compliance, before: Joints, nominal: Joints) -> Joints:
+        """What force mode or freedrive makes of the movement's way in this period."""
+        if compliance.released and compliance.standing() and self._generator is None and self._added is None:
             self._compliance = None
             return self.q
         active = self._mode is _Mode.RUN
@@ -248,10 +279,10 @@ class Stepper:
         yielding = active and not compliance.released
         damping = self.force_damping if yielding else max(self.force_damping, _BRAKE_DAMPING)
         try:
-            target = compliance.step(self.period_s, self.q, (self._nominal, nominal), push, damping, gain)
+            target = compliance.step(self.period_s, self.q, (before, nominal), push, damping, gain)
             self._check(target)
         except MotionFault:
-            if nominal != self._nominal:
+            if nominal != before:
                 raise
             compliance.halt()  # the end of the work space: it yields no further
             return self.q
@@ -282,11 +313,13 @@ class Stepper:
 
     def _fail(self, fault: MotionFault) -> None:
         self.fault = fault
+        if self._added is not None:
+            self.displacement_lost = fault
         if self._move is not None:
             self._move.failed = fault
             self._move = None
         self._drop()
-        self._compliance = None
+        self._compliance = self._added = None
         self._nominal = self.q
         self._generator = self._emergency = self._brake()
 
@@ -312,15 +345,42 @@ class Stepper:
             self._move.ready = True
         if self._mode is _Mode.STOP:
             self._mode = _Mode.RUN
-        if self._compliance is not None and self._compliance.released:
+        start = self._start()
+        if self._compliance is not None and self._compliance.released and self._added is None:
             self._compliance = None
         if generator is not self._generator:
-            self._nominal, self._nominal_qd = self.q, self.qd
+            self._nominal, self._nominal_qd = start
             self._generator = generator
             if generator.goal() is not None:
                 self._goal = generator
         self._move = Move()
         return self._move
+
+    def _start(self) -> tuple[Joints, Joints]:
+        """Where a new movement starts, and how fast: like the arm, or on the path when that is displaced."""
+        if self._added is None:
+            return self.q, self.qd
+        if self._compliance is not None and self._compliance.released:
+            self._rejoin(self._added)
+        return self._nominal, self._nominal_qd
+
+    def _rejoin(self, added: Superposition) -> None:
+        """Take what force mode left behind as part of the path, so that the next movement can take it back."""
+        try:
+            self._nominal = added.path_for(self._reach, self.q, self._nominal)
+        except MotionFault:
+            return  # no path leads here: it stays beside
+        self._compliance, added.q, added.qd = None, self.q, self.qd
+
+    def _stop_joints(self, a: float) -> Move:
+        """All joints slow to rest together, the leading one by ``a`` [rad/s2]; ready at rest."""
+        return self._install(brake_together(*self._start(), min(a, *self.model.qdd_max)))
+
+    def _let_go(self) -> None:
+        """Displace the path no more: it is where it has been taken."""
+        if self._added is not None:
+            self._nominal, self._nominal_qd = self._added.q, self._added.qd
+            self._added = None
 
     @property
     def _blendable(self) -> bool:
@@ -329,7 +389,7 @@ class Stepper:
 
     def _take_over(self) -> None:
         """A movement of another kind starts from the arm's present speed."""
-        self._pacer.reset(largest(self.qd))
+        self._pacer.reset(largest(self._start()[1]))
 
     def _refuse(self, fault: MotionFault) -> Move:
         """A command that cannot be begun: it fails now, and the arm stops protectively in the next period."""

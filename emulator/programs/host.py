@@ -101,7 +101,8 @@ class ProgramHost:
     def motion_control(self) -> Iterator[Motion]:
         """Own the arm while inside. Also left when the thread is killed, so nothing stays locked.
 
-        Raises RuntimeFault when another thread owns it, or when a secondary program asks.
+        Raises RuntimeFault when another thread owns it, when a secondary program asks, or when a fault ended what
+        displaced the path: movements that rely on it would go elsewhere.
         """
         if self.secondary:
             raise RuntimeFault(
@@ -110,6 +111,8 @@ class ProgramHost:
         runtime = self.runtime
         if runtime.motion_thread not in (None, runtime.current):
             raise RuntimeFault("Another thread is already controlling the robot")
+        if self.motion.displacement_lost is not None:
+            raise RuntimeFault(f"the path offset or conveyor tracking ended: {self.motion.displacement_lost}")
         runtime.motion_thread = runtime.current
         try:
             yield self.motion

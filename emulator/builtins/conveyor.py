@@ -1,0 +1,175 @@
+"""Conveyor encoders, and movements that go along with a conveyor."""
+
+import math
+
+from emulator.builtins.values import six, within_range
+from emulator.encoders import DecoderType, Encoder
+from emulator.motion.conveyor import CircularConveyor, LinearConveyor
+from emulator.motion.superposition import Source
+from emulator.programs.host import Frames, ProgramHost
+from urproto.versions import Series
+from urscript.builtins import Library
+from urscript.errors import RuntimeFault
+from urscript.values import Bool, Int, Num, PoseOrJoints, Str
+
+__all__ = ["LIBRARY"]
+
+LIBRARY = Library("conveyor", host=True)
+
+# vendor's conveyor tracking guide: encoder_* and the second encoder came with these versions
+_CB3, _E = "3.8", "5.2"
+_SAMPLED = "inputs are sampled once a control period, so faster pulses are lost"
+# Script Manual: digital inputs 0-3 on CB3, 8-11 on e-Series, where the old function still says 0-3. That 8-11 are the
+# configurable inputs 0-3, as in the digital words, is a guess.
+_PINS = {Series.CB3: (0, 1, 2, 3), Series.E: (0, 1, 2, 3, 8, 9, 10, 11)}
+
+
+@LIBRARY.builtin(cb3=_CB3, e=_E, status="partial", note=_SAMPLED)
+def encoder_enable_pulse_decode(
+    host: ProgramHost, encoder_index: Int, decoder_type: Int, A: Int, B: Int | None = None
+) -> None:
+    """Count the pulses on the digital inputs `A` and `B` with encoder 0 or 1.
+
+    `decoder_type`: 0 none, 1 quadrature (A before B counts up), 2 both edges of A, 3 rising edges of A,
+    4 falling edges of A. Counts start at 0; the call changes nothing when that is how it is set up already.
+    """
+    _decode(host, "encoder_enable_pulse_decode", encoder_index, decoder_type, A, B)
+
+
+@LIBRARY.builtin(status="partial", note=_SAMPLED)
+def conveyor_pulse_decode(host: ProgramHost, type_: Int, A: Int, B: Int | None = None) -> None:
+    """encoder_enable_pulse_decode of encoder 0, by its old name."""
+    _decode(host, "conveyor_pulse_decode", 0, type_, A, B)
+
+
+@LIBRARY.builtin(cb3=_CB3, e=_E)
+def encoder_enable_set_tick_count(host: ProgramHost, encoder_index: Int, range_id: Int) -> None:
+    """Let encoder_set_tick_count() feed the count of encoder 0 or 1.
+
+    `range_id`: 0 signed 32 bits; 1, 2, 3, 4 unsigned 8, 16, 24, 32 bits. Counts wrap round that range.
+    """
+    with within_range():
+        host.controller.encoders.expect_counts(encoder_index, range_id)
+
+
+@LIBRARY.builtin(cb3=_CB3, e=_E)
+def encoder_set_tick_count(host: ProgramHost, encoder_index: Int, count: Num) -> None:
+    """The count of an encoder that this program reads; the first one is where the encoder starts."""
+    with within_range():
+        host.controller.encoders[encoder_index].feed(_whole("encoder_set_tick_count", count))
+
+
+@LIBRARY.builtin()
+def set_conveyor_tick_count(host: ProgramHost, tick_count: Num, absolute_encoder_resolution: Int = 0) -> None:
+    """encoder_enable_set_tick_count and encoder_set_tick_count of encoder 0, by their old name."""
+    with within_range():
+        host.controller.encoders.expect_counts(0, absolute_encoder_resolution)
+        host.controller.encoders[0].feed(_whole("set_conveyor_tick_count", tick_count))
+
+
+@LIBRARY.builtin(cb3=_CB3, e=_E, note="filtered counts of a fed encoder wrap round its own range")
+def encoder_get_tick_count(host: ProgramHost, encoder_index: Int, opt: Str = "") -> float:
+    """The count of encoder 0 or 1: interpolated, 0 to 65536 when pulses are decoded; `opt` "raw" for the plain one."""
+    encoder = _encoder(host, encoder_index)
+    if opt not in ("", "raw"):
+        raise RuntimeFault(f'encoder_get_tick_count: opt must be "" or "raw", not "{opt}"')
+    return encoder.raw if opt == "raw" else encoder.count
+
+
+@LIBRARY.builtin()
+def get_conveyor_tick_count(host: ProgramHost) -> float:
+    """encoder_get_tick_count of encoder 0, by its old name."""
+    return _encoder(host, 0).count
+
+
+@LIBRARY.builtin(cb3=_CB3, e=_E)
+def encoder_unwind_delta_tick_count(host: ProgramHost, encoder_index: Int, delta_tick_count: Num) -> float | None:
+    """A difference of counts, as if the encoder had not wrapped round its range in between; None while not enabled."""
+    encoder = _encoder(host, encoder_index)
+    return float(encoder.unwound(delta_tick_count)) if encoder.enabled else None
+
+
+@LIBRARY.builtin()
+def track_conveyor_linear(
+    host: ProgramHost, direction: PoseOrJoints, ticks_per_meter: Num, encoder_index: Int = 0
+) -> None:
+    """Take the arm, and all following movements, along with a conveyor.
+
+    `direction`: its first three numbers, in the base frame; their length does not count. Poses mean where
+    things were when tracking began. Stays in force until stop_conveyor_tracking() or the program's end.
+    """
+    name = "track_conveyor_linear"
+    x, y, z = six(direction)[:3]
+    if not 0.0 < math.hypot(x, y, z) < math.inf:
+        raise RuntimeFault(f"{name}: direction must point somewhere: give a pose whose x, y, z are not all 0")
+    encoder = _checked(host, name, ticks_per_meter, encoder_index)
+    _track(host, name, LinearConveyor(encoder, (x, y, z), float(ticks_per_meter)))
+
+
+@LIBRARY.builtin()
+def track_conveyor_circular(
+    host: ProgramHost,
+    center: PoseOrJoints,
+    ticks_per_revolution: Num,
+    rotate_tool: Bool = False,
+    encoder_index: Int = 0,
+) -> None:
+    """Take the arm, and all following movements, round with a turning conveyor.
+
+    It turns about the z axis of `center`, counter-clockwise for rising counts. `rotate_tool`: the tool
+    turns as well. See track_conveyor_linear.
+    """
+    name = "track_conveyor_circular"
+    pose = six(center)
+    if not all(map(math.isfinite, pose)):
+        raise RuntimeFault(f"{name}: center must be a pose of finite numbers")
+    encoder = _checked(host, name, ticks_per_revolution, encoder_index)
+    _track(host, name, CircularConveyor(encoder, pose, float(ticks_per_revolution), rotate_tool=rotate_tool))
+
+
+@LIBRARY.builtin()
+def stop_conveyor_tracking(host: ProgramHost, a: Num = 20) -> Frames[None]:
+    """Stop all joints with `a` [rad/s2], and track no conveyor from then on: poses are in the base frame again."""
+    if not a > 0:
+        raise RuntimeFault(f"stop_conveyor_tracking: a must be greater than 0, not {a}")
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.stop_tracking(a))
+
+
+def _decode(host: ProgramHost, name: str, index: int, decoder_type: int, a: int, b: int | None) -> None:
+    try:
+        decoder = DecoderType(decoder_type)
+    except ValueError:
+        raise RuntimeFault(f"{name}: the decoder type must be 0 to 4, not {decoder_type}") from None
+    pins = _PINS[host.controller.version.series]
+    if decoder is DecoderType.QUADRATURE and (b is None or a == b):
+        raise RuntimeFault(f"{name}: a quadrature encoder needs two inputs A and B")
+    second = a if b is None or decoder is not DecoderType.QUADRATURE else b
+    if decoder is not DecoderType.DISABLED and not {a, second} <= set(pins):
+        raise RuntimeFault(f"{name}: A and B must be digital inputs {', '.join(map(str, pins))}, not {a} and {second}")
+    with within_range():
+        host.controller.encoders.decode(index, decoder, a, second)
+
+
+def _encoder(host: ProgramHost, index: int) -> Encoder:
+    with within_range():
+        return host.controller.encoders[index]
+
+
+def _checked(host: ProgramHost, name: str, ticks: float, encoder_index: int) -> Encoder:
+    if not math.isfinite(ticks) or ticks == 0:
+        raise RuntimeFault(f"{name}: the number of ticks must be finite and not 0, not {ticks}")
+    return _encoder(host, encoder_index)
+
+
+def _track(host: ProgramHost, name: str, conveyor: Source) -> None:
+    if host.secondary:
+        raise RuntimeFault(f"{name}: a secondary program cannot control the robot")
+    with within_range():
+        host.motion.track(conveyor)
+
+
+def _whole(name: str, count: float) -> int:
+    if count != math.floor(count):
+        raise RuntimeFault(f"{name}: the count must be a whole number, not {count}")
+    return int(count)

@@ -1,0 +1,77 @@
+"""Path offsets: a Cartesian offset on top of the robot's movements, given anew as often as a program likes."""
+
+from emulator.builtins.values import numbers, six
+from emulator.motion.path_offset import OffsetFrame
+from emulator.programs.host import Frames, ProgramHost
+from urscript.builtins import Library
+from urscript.errors import RuntimeFault
+from urscript.values import Int, Num, Pose, PoseOrJoints
+
+__all__ = ["LIBRARY"]
+
+LIBRARY = Library("path offset", host=True)
+
+_SINCE = "5.6"  # vendor's support article "Modify robot trajectory by overlaying custom motion"
+
+
+@LIBRARY.builtin(cb3=None, e=_SINCE)
+def path_offset_enable(host: ProgramHost) -> None:
+    """Begin to add an offset to all movements, zero until path_offset_set() gives another.
+
+    In force beside movements, and at rest, until path_offset_disable() or the program's end.
+    """
+    if host.secondary:
+        raise RuntimeFault("path_offset_enable: a secondary program cannot control the robot")
+    host.motion.enable_path_offset()
+
+
+@LIBRARY.builtin(cb3=None, e=_SINCE)
+def path_offset_disable(host: ProgramHost, a: Num = 20) -> Frames[None]:
+    """Stop all joints with `a` [rad/s2], as stopj() does, and add no offset from then on: the arm stays where it is."""
+    if not a > 0:
+        raise RuntimeFault(f"path_offset_disable: a must be greater than 0, not {a}")
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.disable_path_offset(a))
+
+
+@LIBRARY.builtin(cb3=None, e=_SINCE, note="without effect before path_offset_enable()")
+def path_offset_set(host: ProgramHost, offset: PoseOrJoints, type_: Int) -> None:
+    """Add this offset [m, rotation vector] to the path; each component is cut to path_offset_set_max_offset().
+
+    `type`: 1 base axes, turning about the TCP; 2 TCP; 3 motion (x along the path, y = x cross the tool's
+    z, z = x cross y); 4 world (the offset is the base's pose in the world, in which the path is meant).
+    An offset that jumps causes a protective stop.
+    """
+    host.motion.set_path_offset(six(numbers(offset, 6, "path_offset_set: offset")), _frame("path_offset_set", type_))
+
+
+@LIBRARY.builtin(cb3=None, e=_SINCE)
+def path_offset_get(host: ProgramHost, type_: Int) -> Pose:
+    """The offset applied now, filtered and limited, as one of this `type` (see path_offset_set)."""
+    return Pose(host.motion.path_offset(_frame("path_offset_get", type_)))
+
+
+@LIBRARY.builtin(cb3=None, e=_SINCE)
+def path_offset_set_alpha_filter(host: ProgramHost, alpha: Num) -> None:
+    """Smooth offsets: each period the one applied goes `alpha` (0 to 1) of the way to the one given; 1 is no filter."""
+    if not 0 <= alpha <= 1:
+        raise RuntimeFault(f"path_offset_set_alpha_filter: alpha must be 0 to 1, not {alpha}")
+    host.motion.offset_settings.alpha = float(alpha)
+
+
+@LIBRARY.builtin(cb3=None, e=_SINCE)
+def path_offset_set_max_offset(host: ProgramHost, transLimit: Num, rotLimit: Num) -> None:
+    """Limit each component of an offset, given from now on, to `transLimit` [m] and `rotLimit` [rad]."""
+    if not (transLimit >= 0 and rotLimit >= 0):
+        raise RuntimeFault(
+            f"path_offset_set_max_offset: the limits must not be negative, as one of {transLimit}, {rotLimit} is"
+        )
+    settings = host.motion.offset_settings
+    settings.translation_limit, settings.rotation_limit = float(transLimit), float(rotLimit)
+
+
+def _frame(name: str, type_: int) -> OffsetFrame:
+    try:
+        return OffsetFrame(type_)
+    except ValueError:
+        raise RuntimeFault(f"{name}: type must be 1 (base), 2 (TCP), 3 (motion) or 4 (world), not {type_}") from None
