@@ -32,6 +32,7 @@ from emulator.safety import Safety, SafetyEvent
 from emulator.signals import Signals
 from emulator.snapshot import Snapshot, Vector6
 from emulator.speed import Speed
+from emulator.worldmodel import WorldModel
 from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatus
 from urproto.robots import RobotModel
 from urproto.robots.pose import Pose
@@ -94,6 +95,7 @@ class Controller:
         self.rtde_inputs: dict[str, Any] = {}  # last value of every RTDE input by name
         self.rtde_refreshed: dict[str, int] = {}  # step at which it came
         self.installation = Installation()
+        self.world_model = WorldModel()
         self.speed = Speed()
         self.power = Power(config.timings, running=config.running)
         self.safety = Safety()

@@ -15,6 +15,7 @@ from emulator.builtins import (
     setup,
     sockets,
     state,
+    worldmodel,
 )
 from urscript.builtins import Library
 from urscript.library import LIBRARIES as PURE_LIBRARIES
@@ -34,5 +35,6 @@ LIBRARIES: Final[list[Library]] = [
     sockets.LIBRARY,
     messages.LIBRARY,
     flow.LIBRARY,
+    worldmodel.LIBRARY,
     refused.LIBRARY,
 ]

@@ -74,14 +74,8 @@ _REFUSED: Final[dict[str, tuple[tuple[str | None, str | None, str], ...]]] = {
             "set_euromap_output get_euromap_input get_euromap_output set_euromap_runstate_dependent_choice",
         ),
     ),
-    "the world model": (
-        (
-            None,
-            "5.10",
-            "add_frame attach_frame delete_all_frames delete_frame move_frame get_pose convert_pose reset_world_model"
-            " is_frame get_frame_parent get_children frame_tracking_enable frame_tracking_disable",
-        ),
-        (None, "5.20", "set_mass_properties set_payload_from_attached_frames"),
+    "frames are not tracked: a movement keeps to the base frame": (
+        (None, "5.10", "frame_tracking_enable frame_tracking_disable"),
     ),
 }
 
