@@ -57,6 +57,8 @@ class Arm:
         self._force_bias: Vector6 = ZERO6
         self._payload: Payload | None = None
         self._gravity: Vector3 | None = None
+        self._base_acceleration: Vector3 | None = None
+        self._felt: Vector3 = (0.0, 0.0, 0.0)  # gravity and the base's acceleration together
         self._driven = False
         self._known = False  # False until the first update
         self._force_zeroed = False
@@ -115,11 +117,17 @@ class Arm:
         snapshot.actual_current_as_torque = self.actual_torque
 
     def _take_loads(self, installation: Installation) -> bool:
-        if installation.payload is self._payload and installation.gravity is self._gravity:
+        if (
+            installation.payload is self._payload
+            and installation.gravity is self._gravity
+            and installation.base_acceleration is self._base_acceleration
+        ):
             return False
         self._payload, self._gravity = installation.payload, installation.gravity
+        self._base_acceleration = installation.base_acceleration
+        self._felt = _plus3(self._gravity, self._base_acceleration)
         self.dynamics.set_payload(self._payload.mass, self._payload.cog, self._payload.inertia)
-        self.dynamics.set_gravity(self._gravity)
+        self.dynamics.set_gravity(self._felt)
         return True
 
     def _moved(self, motion: tuple[Vector6, Vector6, Vector6], tcp: Pose, wrench: Vector6, driven: bool) -> bool:
@@ -156,7 +164,7 @@ class Arm:
 
     def _update_sensors(self, installation: Installation) -> None:
         """Force/torque sensor and accelerometer; both sit in the flange and share its axes."""
-        payload, gravity = installation.payload, installation.gravity
+        payload, gravity = installation.payload, self._felt
         axes = rotvec_to_matrix(*self.flange_pose[3:])
         self.tool_acceleration = _into(axes, _plus3(self.tcp_acceleration, gravity))
         if self.wrench == self._force_bias == ZERO6 and not payload.mass:

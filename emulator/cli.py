@@ -9,6 +9,7 @@ import json
 import logging
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -93,6 +94,7 @@ def _run(
             running=running,
             programs_dir=read_programs_dir(programs),
             remote_control=remote_control,
+            wall_clock_s=time.time(),
         )
         config = EmulatorConfig(
             controller=controller, host=host, port_offset=port_offset, ephemeral_ports=ephemeral_ports, speed=speed

@@ -17,10 +17,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from emulator.arm import Arm
+from emulator.baselight import BaseLight
 from emulator.commands import Command
 from emulator.electrics import Electrics
 from emulator.errorcodes import StopCause
 from emulator.ftinput import ForceInput
+from emulator.inputactions import InputActions
 from emulator.installation import Installation
 from emulator.messages import MessageLog
 from emulator.motion import Motion, MotionFault
@@ -42,6 +44,7 @@ __all__ = ["Controller", "ControllerConfig"]
 
 _ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 # As found in program files of the vendor's simulators; clients want digits only, starting with 20.
+_NEW_YEAR_2024_S: Final = 1_704_067_200.0
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
 
 Reply = Callable[[Any], None]
@@ -58,6 +61,7 @@ class ControllerConfig:
     model's. running: start with the brakes released. uptime_s: clients wait for 40 s of it.
     programs_dir: where ``load`` looks and reports are written. remote_control: what
     ``is in remote control`` answers; commands are accepted either way, as by a simulator.
+    wall_clock_s: date and time of its start [s since 1970, GMT]; always the same unless given.
     """
 
     model: RobotModel
@@ -69,6 +73,7 @@ class ControllerConfig:
     serial_number: str | None = None
     remote_control: bool = False
     popup_auto_close_s: float | None = None
+    wall_clock_s: float = _NEW_YEAR_2024_S
     timings: PowerTimings = field(default_factory=PowerTimings)
 
 
@@ -82,7 +87,7 @@ class Controller:
         self.serial_number = config.serial_number or _SERIAL_NUMBERS[self.version.series]
         self.period_s = self.version.series.period_s
         self._frequency_hz = self.version.series.frequency_hz
-        self.step_count = round(config.uptime_s * self._frequency_hz)
+        self.step_count = self._first_step = round(config.uptime_s * self._frequency_hz)
         self.shutdown_requested = False
         self.execution_time_ms = 0.0  # the clock may tell how long the last tick took
         self.user_role = "NONE"
@@ -96,6 +101,8 @@ class Controller:
         self.rtde_refreshed: dict[str, int] = {}  # step at which it came
         self.installation = Installation()
         self.world_model = WorldModel()
+        self.base_light = BaseLight()
+        self.input_actions = InputActions()
         self.speed = Speed()
         self.power = Power(config.timings, running=config.running)
         self.safety = Safety()
@@ -124,6 +131,17 @@ class Controller:
         """Uptime [s], from the step counter."""
         return self.step_count / self._frequency_hz
 
+    @property
+    def uptime_ns(self) -> int:
+        """Uptime [ns], from the step counter."""
+        return self.step_count * 1_000_000_000 // self._frequency_hz
+
+    @property
+    def wall_clock_ns(self) -> int:
+        """Time since 1970 [ns]: that of the start, and the control periods since."""
+        steps = self.step_count - self._first_step
+        return round(self.config.wall_clock_s * 1e9) + steps * 1_000_000_000 // self._frequency_hz
+
     def _time_us(self) -> int:
         return self.step_count * 1_000_000 // self._frequency_hz
 
@@ -143,6 +161,7 @@ class Controller:
         self.step_count += 1
         self._run_commands()
         self._advance_timers()
+        self.input_actions.advance(self)
         self.programs.step()
         self._move_arm()
         self._judge()
@@ -174,6 +193,8 @@ class Controller:
         if not self.safety.handle(event):
             return False
         self.messages.safety_mode(self.safety.mode)
+        if SafetyMode.REDUCED in (before, self.safety.mode):
+            self.motion.mode_changed()
         if self.safety.stopped:
             self._safety_stop(before)
         else:
@@ -181,8 +202,14 @@ class Controller:
         return True
 
     def protective_stop(self, cause: StopCause) -> None:
-        """Stop the arm protectively and log why; nothing more happens when it is stopped already."""
-        if self.safety_event(SafetyEvent.PROTECTIVE_STOP):
+        """Stop the arm protectively and log why; nothing more happens when it is stopped already.
+
+        Where the program asked for it, it is paused instead.
+        """
+        if self.programs.pauses_on(cause.code, cause.argument):
+            self.messages.error(cause.code, cause.argument, ReportLevel.WARNING, cause.text)
+            self.programs.pause(f"pause_on_error_code: C{cause.code}A{cause.argument}")
+        elif self.safety_event(SafetyEvent.PROTECTIVE_STOP):
             self.messages.error(cause.code, cause.argument, ReportLevel.WARNING, cause.text)
 
     def set_tcp(self, tcp_offset: Pose) -> None:
@@ -252,7 +279,7 @@ class Controller:
         self.speed.scaling = self.safety.speed_factor
         motion = self.motion
         if driven:
-            motion.external_wrench = wrench
+            motion.external_wrench, motion.payload = wrench, self.installation.payload
             self._fault = motion.advance(self.speed.fraction)
         elif not (motion.idle or self._program_paused):
             motion.halt()  # the brakes hold the arm: no movement is left to complete
@@ -282,7 +309,9 @@ class Controller:
             self.programs.stop(mode.name)
         else:
             self.programs.pause(mode.name)
-        if self._program_paused:
+        if self._program_paused and mode is SafetyMode.SAFEGUARD_STOP:
+            self.motion.safeguard_stop()
+        elif self._program_paused:
             self.motion.protective_stop()
         else:
             self.motion.stop(min(self.model.qdd_max))
@@ -342,6 +371,7 @@ class Controller:
         snapshot.payload_cog = payload.cog
         snapshot.payload_inertia = payload.inertia
         snapshot.target_gravity = self.installation.gravity
+        snapshot.target_base_acceleration = (*self.installation.base_acceleration, 0.0, 0.0, 0.0)
 
     def _publish_signals(self, snapshot: Snapshot) -> None:
         signals = self.signals

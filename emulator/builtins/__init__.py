@@ -3,6 +3,7 @@
 from typing import Final
 
 from emulator.builtins import (
+    baselight,
     compliance,
     flow,
     io,
@@ -15,6 +16,7 @@ from emulator.builtins import (
     setup,
     sockets,
     state,
+    tuning,
     worldmodel,
 )
 from urscript.builtins import Library
@@ -35,6 +37,8 @@ LIBRARIES: Final[list[Library]] = [
     sockets.LIBRARY,
     messages.LIBRARY,
     flow.LIBRARY,
+    tuning.LIBRARY,
+    baselight.LIBRARY,
     worldmodel.LIBRARY,
     refused.LIBRARY,
 ]

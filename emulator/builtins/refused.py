@@ -23,7 +23,6 @@ _REFUSED: Final[dict[str, tuple[tuple[str | None, str | None, str], ...]]] = {
             " track_conveyor_circular track_conveyor_linear stop_conveyor_tracking",
         ),
     ),
-    "screw driving": ((None, "5.0", "screw_driving end_screw_driving"),),
     "path offsets": (
         (
             None,
@@ -32,15 +31,6 @@ _REFUSED: Final[dict[str, tuple[tuple[str | None, str | None, str], ...]]] = {
             " path_offset_set_max_offset",
         ),
     ),
-    "tuning of the motion controller": (
-        ("3.0", "5.0", "pause_on_error_code"),
-        (None, "5.10", "high_holding_torque_enable high_holding_torque_disable"),
-        (None, "5.19", "tool_wrench_limit_set"),
-        (None, "5.20", "jerk_gain_scaling_set jerk_gain_scaling_get"),
-    ),
-    "a moving base": ((None, "5.20", "get_base_acceleration set_base_acceleration"),),
-    "the base light": ((None, "5.20", "set_baselight_off set_baselight_iec set_baselight_solid"),),
-    "payload estimation": ((None, "5.20", "estimate_payload"),),
     "Modbus": (
         (
             "3.0",
@@ -57,17 +47,19 @@ _REFUSED: Final[dict[str, tuple[tuple[str | None, str | None, str], ...]]] = {
             " modbus_reset_connection",
         ),
     ),
-    "Ethernet/IP": (("3.0", "5.0", "eip_writer_factory eip_reader_factory"),),
+    "Ethernet/IP needs a fieldbus interface, which is hardware": (
+        ("3.0", "5.0", "eip_writer_factory eip_reader_factory"),
+    ),
     "XML-RPC": (("3.0", "5.0", "rpc_factory"),),
     "interpreter mode": (("3.12", "5.6", "interpreter_mode end_interpreter clear_interpreter"),),
-    "ROS 2": (
+    "ROS 2 objects belong to PolyScope X, another product": (
         (
             None,
             "5.10",
             "ros_publisher_factory ros_subscriber_factory ros_service_client_factory ros_action_client_factory",
         ),
     ),
-    "Euromap 67": (
+    "Euromap 67 is a hardware interface to moulding machines": (
         (
             "3.0",
             "5.0",

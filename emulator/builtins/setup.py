@@ -4,12 +4,14 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from emulator.builtins.values import Vector3, Vector6, numbers, six, three
+from emulator import payloadestimate
+from emulator.builtins.values import Vector3, Vector6, numbers, six, three, within_range
 from emulator.installation import Payload
 from emulator.programs.host import ProgramHost
+from urproto.robots.pose import pose_inv, pose_trans
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
-from urscript.values import ListArg, Num, PoseArg, Str
+from urscript.values import ListArg, Num, PoseArg, Str, Struct
 
 __all__ = ["LIBRARY", "checked_inertia", "checked_mass", "use_payload"]
 
@@ -91,6 +93,42 @@ def get_target_payload_cog(host: ProgramHost) -> list[float]:
 def get_target_payload_inertia(host: ProgramHost) -> list[float]:
     """Payload inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2]."""
     return list(host.controller.installation.target_payload.inertia)
+
+
+@LIBRARY.builtin(cb3=None, e="5.20")
+def set_base_acceleration(host: ProgramHost, a: ListArg) -> None:
+    """Linear acceleration of the base, of an arm on a rail or lift, in the base frame [m/s2].
+
+    Arm and payload feel it in addition to gravity, until it is set anew.
+    """
+    host.controller.installation.base_acceleration = three(a, "set_base_acceleration: the vector")
+
+
+@LIBRARY.builtin(cb3=None, e="5.20")
+def get_base_acceleration(host: ProgramHost) -> list[float]:
+    """Linear acceleration of the base as set_base_acceleration takes it [m/s2]."""
+    return list(host.controller.installation.base_acceleration)
+
+
+@LIBRARY.builtin(cb3=None, e="5.20")
+def estimate_payload(host: ProgramHost, poses: ListArg, wrenches: ListArg) -> Struct:
+    """Mass [kg] and centre of gravity from the flange [m] of a payload, as a struct of `mass` and `cog`.
+
+    `poses`: at least four TCP poses in well different orientations. `wrenches`: what the payload's weight
+    exerts on the flange in each, in base axes, as get_tcp_force() gives it.
+    """
+    back = pose_inv(host.controller.installation.tcp)
+    flanges = [pose_trans(_six_of(pose, "poses"), back) for pose in poses]
+    loads = [_six_of(wrench, "wrenches") for wrench in wrenches]
+    with within_range():
+        mass, cog = payloadestimate.estimate_payload(flanges, loads, host.controller.installation.gravity)
+    return Struct({"mass": mass, "cog": list(cog)})
+
+
+def _six_of(values: object, what: str) -> Vector6:
+    if not isinstance(values, list):
+        raise RuntimeFault(f"estimate_payload: {what} must be a list of poses or lists of six numbers")
+    return six(numbers(values, 6, f"estimate_payload: an element of {what}"))
 
 
 def use_payload(host: ProgramHost, payload: Payload, transition_s: float = 0.0) -> None:

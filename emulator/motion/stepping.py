@@ -9,6 +9,7 @@ at its acceleration limit.
 from dataclasses import dataclass
 from enum import Enum, auto
 
+from emulator.installation import Payload
 from emulator.motion.compliance import Compliance
 from emulator.motion.faults import MotionFault, joint_limit
 from emulator.motion.generator import Generator
@@ -16,6 +17,7 @@ from emulator.motion.pacing import RAMP_RAD_S2, Pacer
 from emulator.motion.reach import Reach
 from emulator.motion.stops import JointStop, ToolStop, brake_together
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, scaled, sub
+from emulator.motion.wrenchlimit import WrenchLimit
 from urproto.modes import ControlMode
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.model import RobotModel
@@ -24,6 +26,7 @@ from urproto.robots.pose import Pose
 __all__ = ["Move", "Stepper"]
 
 _POSITION_TOLERANCE_RAD = 1e-9
+_SAME_SCALE = 1e-9
 _BRAKE_DAMPING = 0.25  # of force mode and freedrive once they end or pause: standing within 0.5 s (guess)
 
 
@@ -51,8 +54,11 @@ class Stepper:
         self.qd: Joints = ZERO
         self.qdd: Joints = ZERO
         self.external_wrench: Joints = ZERO  # on the tool at the TCP, base frame [N, Nm]; set by the controller
-        self.force_damping = 0.025  # force_mode_set_damping; default from recollection of the Script Manual
+        self.force_damping = 0.005  # force_mode_set_damping; default of the Script Manual
         self.force_gain_scaling = 1.0  # force_mode_set_gain_scaling
+        self.hard_transitions = True  # set_safety_mode_transition_hardness; what holds before it is called is a guess
+        self.wrench_limit: WrenchLimit | None = None  # tool_wrench_limit_set
+        self.payload = Payload()  # what the wrench limit is about; set by the controller
         self.fault: MotionFault | None = None  # the last one
         self._q_min, self._q_max = model.position_limits
         self._kinematics = Kinematics(model.dh)
@@ -125,6 +131,18 @@ class Stepper:
     def resume(self) -> None:
         """Go on after `pause` or `protective_stop`."""
         self._mode, self._ramp = _Mode.RUN, RAMP_RAD_S2
+
+    def safeguard_stop(self) -> None:
+        """As a protective stop, or as gently as a pause when transitions are soft."""
+        if self.hard_transitions:
+            self.protective_stop()
+        else:
+            self.pause()
+
+    def mode_changed(self) -> None:
+        """Reduced mode begins or ends: the speed follows as quickly as the joints can, unless transitions are soft."""
+        if self.hard_transitions and self._mode is _Mode.RUN:
+            self._ramp = min(self.model.qdd_max)
 
     def protective_stop(self) -> None:
         """Stop on the path as quickly as the joints' acceleration limit allows; `resume` goes on."""
@@ -210,7 +228,10 @@ class Stepper:
         if not generator.scaled:
             return generator.propose(self.period_s, self._nominal)
         speed = self.qd if self._compliance is None else self._nominal_qd
-        return self._pacer.advance(generator, self._nominal, speed, running, self._ramp)
+        target = self._pacer.advance(generator, self._nominal, speed, running, self._ramp)
+        if self._mode is _Mode.RUN and abs(self._pacer.scale - running) < _SAME_SCALE:
+            self._ramp = RAMP_RAD_S2
+        return target
 
     def _account(self, generator: Generator) -> bool:
         """Tell the waiting program; True when the movement is over."""
