@@ -140,7 +140,8 @@ class Controller:
     def wall_clock_ns(self) -> int:
         """Time since 1970 [ns]: that of the start, and the control periods since."""
         steps = self.step_count - self._first_step
-        return round(self.config.wall_clock_s * 1e9) + steps * 1_000_000_000 // self._frequency_hz
+        seconds, fraction = divmod(self.config.wall_clock_s, 1.0)
+        return int(seconds) * 1_000_000_000 + round(fraction * 1e9) + steps * 1_000_000_000 // self._frequency_hz
 
     def _time_us(self) -> int:
         return self.step_count * 1_000_000 // self._frequency_hz
@@ -279,7 +280,7 @@ class Controller:
         self.speed.scaling = self.safety.speed_factor
         motion = self.motion
         if driven:
-            motion.external_wrench, motion.payload = wrench, self.installation.payload
+            motion.external_wrench = wrench
             self._fault = motion.advance(self.speed.fraction)
         elif not (motion.idle or self._program_paused):
             motion.halt()  # the brakes hold the arm: no movement is left to complete

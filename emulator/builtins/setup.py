@@ -11,7 +11,7 @@ from emulator.programs.host import ProgramHost
 from urproto.robots.pose import pose_inv, pose_trans
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
-from urscript.values import ListArg, Num, PoseArg, Str, Struct
+from urscript.values import Any_, ListArg, Matrix, Num, PoseArg, Str, Struct
 
 __all__ = ["LIBRARY", "checked_inertia", "checked_mass", "use_payload"]
 
@@ -111,24 +111,26 @@ def get_base_acceleration(host: ProgramHost) -> list[float]:
 
 
 @LIBRARY.builtin(cb3=None, e="5.20")
-def estimate_payload(host: ProgramHost, poses: ListArg, wrenches: ListArg) -> Struct:
+def estimate_payload(host: ProgramHost, poses: Any_, wrenches: Any_) -> Struct:
     """Mass [kg] and centre of gravity from the flange [m] of a payload, as a struct of `mass` and `cog`.
 
     `poses`: at least four TCP poses in well different orientations. `wrenches`: what the payload's weight
     exerts on the flange in each, in base axes, as get_tcp_force() gives it.
     """
     back = pose_inv(host.controller.installation.tcp)
-    flanges = [pose_trans(_six_of(pose, "poses"), back) for pose in poses]
-    loads = [_six_of(wrench, "wrenches") for wrench in wrenches]
+    flanges = [pose_trans(pose, back) for pose in _sixes(poses, "poses")]
+    loads = _sixes(wrenches, "wrenches")
     with within_range():
         mass, cog = payloadestimate.estimate_payload(flanges, loads, host.controller.installation.gravity)
     return Struct({"mass": mass, "cog": list(cog)})
 
 
-def _six_of(values: object, what: str) -> Vector6:
-    if not isinstance(values, list):
-        raise RuntimeFault(f"estimate_payload: {what} must be a list of poses or lists of six numbers")
-    return six(numbers(values, 6, f"estimate_payload: an element of {what}"))
+def _sixes(values: object, what: str) -> list[Vector6]:
+    """Poses or lists of six; lists of lists are matrices in the language."""
+    rows = values.rows if isinstance(values, Matrix) else values
+    if not isinstance(rows, list | tuple) or not all(isinstance(row, list | tuple) for row in rows):
+        raise RuntimeFault(f"estimate_payload: {what} must be a list of poses or of lists of six numbers")
+    return [six(numbers(row, 6, f"estimate_payload: each element of {what}")) for row in rows]
 
 
 def use_payload(host: ProgramHost, payload: Payload, transition_s: float = 0.0) -> None:

@@ -68,7 +68,8 @@ def tool_wrench_limit_set(
         if limit is not None and not (math.isfinite(limit) and limit > 0):
             raise RuntimeFault(f"tool_wrench_limit_set: a limit must be greater than 0, not {limit}")
     frame = six(numbers(frame_offset, 6, "tool_wrench_limit_set: frame_offset"))
-    host.motion.wrench_limit = WrenchLimit.of(frame, limits)
+    installation = host.controller.installation
+    host.motion.wrench_limit = WrenchLimit.of(frame, limits, lambda: installation.payload)
 
 
 @LIBRARY.builtin(cb3=None, e="5.19")

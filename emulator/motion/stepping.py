@@ -9,7 +9,6 @@ at its acceleration limit.
 from dataclasses import dataclass
 from enum import Enum, auto
 
-from emulator.installation import Payload
 from emulator.motion.compliance import Compliance
 from emulator.motion.faults import MotionFault, joint_limit
 from emulator.motion.generator import Generator
@@ -58,7 +57,6 @@ class Stepper:
         self.force_gain_scaling = 1.0  # force_mode_set_gain_scaling
         self.hard_transitions = True  # set_safety_mode_transition_hardness; what holds before it is called is a guess
         self.wrench_limit: WrenchLimit | None = None  # tool_wrench_limit_set
-        self.payload = Payload()  # what the wrench limit is about; set by the controller
         self.fault: MotionFault | None = None  # the last one
         self._q_min, self._q_max = model.position_limits
         self._kinematics = Kinematics(model.dh)

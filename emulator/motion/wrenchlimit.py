@@ -4,6 +4,7 @@ The wrench that accelerates a payload grows with the square of the pace: driven 
 of it everywhere. So a leg is looked at once, when it is planned, and slowed by one factor.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf, sqrt
 
@@ -21,13 +22,18 @@ _NO_TURN = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class WrenchLimit:
-    """The most a movement may exert on the payload. ``frame``: from the flange; ``most``: N, Nm, inf for no limit."""
+    """The most a movement may exert on the payload of the moment.
+
+    ``frame``: from the flange; ``most``: N, Nm, inf for no limit.
+    """
 
     frame: Pose
     most: Joints
+    payload: Callable[[], Payload]
 
-    def slow(self, leg: Leg, tcp_offset: Pose, payload: Payload, period_s: float) -> None:
+    def slow(self, leg: Leg, tcp_offset: Pose, period_s: float) -> None:
         """Reduce speed and acceleration of a planned leg until the limit holds all along it."""
+        payload = self.payload()
         excess = max((self._share(leg, t, tcp_offset, payload, period_s) for t in _times(leg, period_s)), default=0.0)
         if excess <= 1.0:
             return
@@ -48,9 +54,9 @@ class WrenchLimit:
         return (self.frame[0] - x, self.frame[1] - y, self.frame[2] - z, *self.frame[3:])
 
     @classmethod
-    def of(cls, frame: Pose, most: tuple[float | None, ...]) -> "WrenchLimit":
+    def of(cls, frame: Pose, most: tuple[float | None, ...], payload: Callable[[], Payload]) -> "WrenchLimit":
         """None leaves a direction unlimited."""
-        return cls(frame, as_six(inf if limit is None else limit for limit in most))
+        return cls(frame, as_six(inf if limit is None else limit for limit in most), payload)
 
 
 def _times(leg: Leg, period_s: float) -> list[float]:
