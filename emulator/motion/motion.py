@@ -99,7 +99,7 @@ class Motion(Stepper):
         """The leg, entered from rest or through a blend that stays within corner_m of its start."""
         leg = make_leg(self.q if leaving is None else leaving.corner)
         if self.wrench_limit is not None:
-            self.wrench_limit.slow(leg, self.tcp_offset, self.period_s)
+            self.wrench_limit.slow(leg, self.tcp_offset)
         self._reachable(leg.goal())
         blend = None if leaving is None else blend_into(leaving, leg, corner_m)
         return PathMotion(leg, max(radius_m, 0.0), blend)
