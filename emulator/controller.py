@@ -116,6 +116,7 @@ class Controller:
         self._queue: deque[tuple[Command, Reply | None]] = deque()
         self._waiting: list[tuple[_Waiting, Command, Reply | None]] = []
         self._subscribers: list[Callable[[Snapshot], None]] = []
+        self._own_sensor = self.model.series is Series.E
         self._resume_after_safeguard = False
         self._power_seen = PowerState.OFF
         self._arm_changed = False
@@ -277,6 +278,7 @@ class Controller:
         wrench = self.external_wrench
         if self.ft_input.enabled:
             wrench = self.ft_input.wrench_base(self.arm)
+        self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled
         self.speed.scaling = self.safety.speed_factor
         motion = self.motion
         if driven:

@@ -142,3 +142,56 @@ def test_a_base_that_accelerates_adds_to_gravity(make_rig):
 
 def test_a_base_acceleration_is_three_numbers(rig):
     assert rig.fault("set_base_acceleration([1, 2])").startswith("set_base_acceleration:")
+
+
+# where the wrench is measured
+
+
+def test_the_wrench_is_about_the_flange_on_e_series_and_at_the_tcp_on_cb3(rig, cb3):
+    """Script Manual, get_tcp_force; the official ROS drivers reckon with it."""
+    wrench = np.array([3.0, -5.0, 7.0, 0.1, 0.2, -0.3])
+    for arm in (rig, cb3):
+        arm.run("set_tcp(p[0.05, 0, 0.2, 0, 0, 0])\nsync()")
+        arm.controller.external_wrench = tuple(wrench)
+        arm.tick()
+    flange, tcp = (np.array(rig.value(f"get_actual_{name}_pose()")[:3]) for name in ("tool_flange", "tcp"))
+    expected = [*wrench[:3], *(wrench[3:] + np.cross(tcp - flange, wrench[:3]))]
+    assert rig.value("get_tcp_force()") == pytest.approx(expected, abs=1e-12)
+    assert rig.controller.snapshot.actual_TCP_force == pytest.approx(expected, abs=1e-12)
+    assert cb3.value("get_tcp_force()") == pytest.approx(list(wrench), abs=1e-12)
+
+
+def test_an_external_sensor_gives_the_wrench_at_the_tcp(rig):
+    """As its users see it (ROS 2 driver, issue 1849)."""
+    rig.run("set_tcp(p[0, 0, 0.2, 0, 0, 0])")
+    rig.controller.ft_input.wrench_flange = (0.0, 6.0, 0.0, 0.0, 0.0, 0.0)
+    rig.start("ft_rtde_input_enable(True)\nsleep(0.02)\nglobal found = get_tcp_force()\nsleep(0.05)")
+    rig.until(lambda: "found" in rig.controller.programs.variables)
+    found = rig.controller.programs.variables["found"]
+    assert np.linalg.norm(found[:3]) == pytest.approx(6)
+    assert np.linalg.norm(found[3:]) == pytest.approx(6 * 0.2)
+
+
+def test_an_unset_payload_is_estimated_from_what_the_sensor_reads(rig):
+    """The procedure of the vendor's manual, with a tool the controller knows nothing of hanging on the flange."""
+    mass, cog = 1.7, np.array([0.01, -0.02, 0.09])
+    rig.run("set_tcp(p[0.02, 0, 0.15, 0.3, 0, 0])\nzero_ftsensor()")
+    poses, wrenches = [], []
+    for q in (
+        [0, -1.5, 1.5, -1.6, -1.57, 0],
+        [0.3, -1.2, 1.0, 0.3, -0.8, 1],
+        [0, -1.5, 1.5, -3, 1, 0.5],
+        [1, -1, 1, 0, 1, 2],
+    ):
+        rig.run(f"movej({q}, a=5, v=2)")
+        arm = rig.controller.arm
+        at_flange = np.array(weights(mass, cog, [arm.flange_pose[3:]])[0])
+        lever = np.subtract(arm.tcp_pose[:3], arm.flange_pose[:3])
+        torque = at_flange[3:] - np.cross(lever, at_flange[:3])
+        rig.controller.external_wrench = tuple(float(v) for v in [*at_flange[:3], *torque])
+        rig.tick()
+        poses.append("p" + str([float(v) for v in rig.value("get_actual_tcp_pose()")]))
+        wrenches.append([float(v) for v in rig.value("get_tcp_force()")])
+    members = rig.value(f"estimate_payload([{', '.join(poses)}], {wrenches})").members
+    assert members["mass"] == pytest.approx(mass, abs=1e-6)
+    assert members["cog"] == pytest.approx(list(cog), abs=1e-6)
