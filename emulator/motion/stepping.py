@@ -26,6 +26,7 @@ __all__ = ["Move", "Stepper"]
 
 _POSITION_TOLERANCE_RAD = 1e-9
 _SAME_SCALE = 1e-9
+_STEADY_S = 0.5  # Script Manual, is_steady
 _BRAKE_DAMPING = 0.25  # of force mode and freedrive once they end or pause: standing within 0.5 s (guess)
 
 
@@ -74,6 +75,7 @@ class Stepper:
         self._refusal: MotionFault | None = None
         self._emergency: Generator | None = None  # braking after a fault: within the position limits by construction
         self._goal: Generator | None = None
+        self._stood_s = _STEADY_S  # for so long, at least
 
     # state
 
@@ -100,8 +102,9 @@ class Stepper:
 
     @property
     def steady(self) -> bool:
-        """As is_steady(): the arm stands and is not compliant. True also while a movement is paused."""
-        return self._compliance is None and self.qd == ZERO and (self._generator is None or self.paused)
+        """As is_steady(): the arm has stood for a while and is not compliant. True also while a movement is paused."""
+        standing = self._stood_s >= _STEADY_S and (self._generator is None or self.paused)
+        return standing and self._compliance is None
 
     @property
     def paused(self) -> bool:
@@ -317,6 +320,7 @@ class Stepper:
         qd = ZERO if standing else scaled(sub(q, self.q), 1.0 / self.period_s)
         self.qdd = scaled(sub(qd, self.qd), 1.0 / self.period_s)
         self.q, self.qd = q, qd
+        self._stood_s = self._stood_s + self.period_s if qd == ZERO else 0.0
 
     # for the commands
 
