@@ -16,6 +16,7 @@ from urproto.robots import RobotModel
 from urproto.robots.dynamics import Dynamics
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.pose import Pose, pose_trans, rotvec_to_matrix
+from urproto.versions import Series
 
 __all__ = ["Arm"]
 
@@ -45,6 +46,8 @@ class Arm:
         self.tcp_acceleration: Vector6 = ZERO6
         self.wrench: Vector6 = ZERO6  # external, before zeroing
         self.tcp_force: Vector6 = ZERO6
+        self.measured_force: Vector6 = ZERO6  # as the controller gives it out: about the flange on e-Series
+        self.sensor_in_flange = model.series is Series.E  # else the wrench is known at the TCP
         self.ft_raw_wrench: Vector6 = ZERO6
         self.elbow_position: Vector3 = (0.0, 0.0, 0.0)
         self.elbow_velocity: Vector3 = (0.0, 0.0, 0.0)
@@ -57,6 +60,8 @@ class Arm:
         self._force_bias: Vector6 = ZERO6
         self._payload: Payload | None = None
         self._gravity: Vector3 | None = None
+        self._base_acceleration: Vector3 | None = None
+        self._felt: Vector3 = (0.0, 0.0, 0.0)  # gravity and the base's acceleration together
         self._driven = False
         self._known = False  # False until the first update
         self._force_zeroed = False
@@ -102,7 +107,7 @@ class Arm:
         snapshot.target_TCP_speed = snapshot.actual_TCP_speed = self.tcp_speed
         snapshot.target_TCP_acceleration = snapshot.actual_TCP_acceleration = self.tcp_acceleration
         snapshot.tcp_offset = self.tcp_offset
-        snapshot.actual_TCP_force = snapshot.wrench_calc_from_currents = self.tcp_force
+        snapshot.actual_TCP_force, snapshot.wrench_calc_from_currents = self.measured_force, self.tcp_force
         snapshot.tcp_force_scalar = math.hypot(*self.tcp_force[:3])
         snapshot.ft_raw_wrench = self.ft_raw_wrench
         snapshot.elbow_position = self.elbow_position
@@ -115,11 +120,17 @@ class Arm:
         snapshot.actual_current_as_torque = self.actual_torque
 
     def _take_loads(self, installation: Installation) -> bool:
-        if installation.payload is self._payload and installation.gravity is self._gravity:
+        if (
+            installation.payload is self._payload
+            and installation.gravity is self._gravity
+            and installation.base_acceleration is self._base_acceleration
+        ):
             return False
         self._payload, self._gravity = installation.payload, installation.gravity
+        self._base_acceleration = installation.base_acceleration
+        self._felt = _plus3(self._gravity, self._base_acceleration)
         self.dynamics.set_payload(self._payload.mass, self._payload.cog, self._payload.inertia)
-        self.dynamics.set_gravity(self._gravity)
+        self.dynamics.set_gravity(self._felt)
         return True
 
     def _moved(self, motion: tuple[Vector6, Vector6, Vector6], tcp: Pose, wrench: Vector6, driven: bool) -> bool:
@@ -156,18 +167,27 @@ class Arm:
 
     def _update_sensors(self, installation: Installation) -> None:
         """Force/torque sensor and accelerometer; both sit in the flange and share its axes."""
-        payload, gravity = installation.payload, installation.gravity
+        payload, gravity = installation.payload, self._felt
         axes = rotvec_to_matrix(*self.flange_pose[3:])
         self.tool_acceleration = _into(axes, _plus3(self.tcp_acceleration, gravity))
         if self.wrench == self._force_bias == ZERO6 and not payload.mass:
-            self.tcp_force = self.ft_raw_wrench = ZERO6
+            self.tcp_force = self.measured_force = self.ft_raw_wrench = ZERO6
             return
-        self.tcp_force = _minus6(self.wrench, self._force_bias)
+        self.tcp_force = self.measured_force = _minus6(self.wrench, self._force_bias)
+        if self.sensor_in_flange:
+            self.measured_force = self._at_flange(self.tcp_force)
         weight = _into(axes, (-payload.mass * gravity[0], -payload.mass * gravity[1], -payload.mass * gravity[2]))
         force = _into(axes, self.wrench)
         lever = _into(axes, _minus3(self.tcp_pose, self.flange_pose))
         torque = _plus3(_into(axes, self.wrench[3:]), _plus3(_cross(lever, force), _cross(payload.cog, weight)))
         self.ft_raw_wrench = (*_plus3(force, weight), *torque)
+
+    def _at_flange(self, wrench: Vector6) -> Vector6:
+        """A wrench at the TCP about the flange, base axes."""
+        if self.tcp_offset == ZERO6:
+            return wrench
+        torque = _plus3(wrench[3:], _cross(_minus3(self.tcp_pose, self.flange_pose), wrench))
+        return (wrench[0], wrench[1], wrench[2], *torque)
 
     def _update_torques(self, jacobian: _Jacobian) -> None:
         self.momentum = self.dynamics.linear_momentum(self.q, self.qd) if self.qd != ZERO6 else 0.0

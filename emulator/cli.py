@@ -9,6 +9,7 @@ import json
 import logging
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -104,6 +105,7 @@ def _run(
             programs_dir=read_programs_dir(programs),
             remote_control=remote_control,
             encoder_speeds=check_encoder_speeds(encoder0_speed, encoder1_speed),
+            wall_clock_s=time.time(),
         )
         config = EmulatorConfig(
             controller=controller,

@@ -17,11 +17,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from emulator.arm import Arm
+from emulator.baselight import BaseLight
 from emulator.commands import Command
 from emulator.electrics import Electrics
 from emulator.encoders import Encoders
 from emulator.errorcodes import StopCause
 from emulator.ftinput import ForceInput
+from emulator.inputactions import InputActions
 from emulator.installation import Installation
 from emulator.messages import MessageLog
 from emulator.modbus_map import PortMemory
@@ -34,6 +36,7 @@ from emulator.safety import Safety, SafetyEvent
 from emulator.signals import Signals
 from emulator.snapshot import Snapshot, Vector6
 from emulator.speed import Speed
+from emulator.worldmodel import WorldModel
 from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatus
 from urproto.robots import RobotModel
 from urproto.robots.pose import Pose
@@ -43,6 +46,7 @@ __all__ = ["Controller", "ControllerConfig"]
 
 _ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 # As found in program files of the vendor's simulators; clients want digits only, starting with 20.
+_NEW_YEAR_2024_S: Final = 1_704_067_200.0
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
 
 Reply = Callable[[Any], None]
@@ -60,6 +64,7 @@ class ControllerConfig:
     programs_dir: where ``load`` looks and reports are written. remote_control: what
     ``is in remote control`` answers; commands are accepted either way, as by a simulator.
     encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
+    wall_clock_s: date and time of its start [s since 1970, GMT]; always the same unless given.
     """
 
     model: RobotModel
@@ -72,6 +77,7 @@ class ControllerConfig:
     remote_control: bool = False
     popup_auto_close_s: float | None = None
     encoder_speeds: tuple[float, float] = (0.0, 0.0)
+    wall_clock_s: float = _NEW_YEAR_2024_S
     timings: PowerTimings = field(default_factory=PowerTimings)
 
 
@@ -85,7 +91,7 @@ class Controller:
         self.serial_number = config.serial_number or _SERIAL_NUMBERS[self.version.series]
         self.period_s = self.version.series.period_s
         self._frequency_hz = self.version.series.frequency_hz
-        self.step_count = round(config.uptime_s * self._frequency_hz)
+        self.step_count = self._first_step = round(config.uptime_s * self._frequency_hz)
         self.shutdown_requested = False
         self.execution_time_ms = 0.0  # the clock may tell how long the last tick took
         self.user_role = "NONE"
@@ -100,6 +106,9 @@ class Controller:
         self.rtde_inputs: dict[str, Any] = {}  # last value of every RTDE input by name
         self.rtde_refreshed: dict[str, int] = {}  # step at which it came
         self.installation = Installation()
+        self.world_model = WorldModel()
+        self.base_light = BaseLight()
+        self.input_actions = InputActions()
         self.speed = Speed()
         self.power = Power(config.timings, running=config.running)
         self.safety = Safety()
@@ -113,6 +122,7 @@ class Controller:
         self._queue: deque[tuple[Command, Reply | None]] = deque()
         self._waiting: list[tuple[_Waiting, Command, Reply | None]] = []
         self._subscribers: list[Callable[[Snapshot], None]] = []
+        self._own_sensor = self.model.series is Series.E
         self._resume_after_safeguard = False
         self._power_seen = PowerState.OFF
         self._arm_changed = False
@@ -127,6 +137,18 @@ class Controller:
     def time_s(self) -> float:
         """Uptime [s], from the step counter."""
         return self.step_count / self._frequency_hz
+
+    @property
+    def uptime_ns(self) -> int:
+        """Uptime [ns], from the step counter."""
+        return self.step_count * 1_000_000_000 // self._frequency_hz
+
+    @property
+    def wall_clock_ns(self) -> int:
+        """Time since 1970 [ns]: that of the start, and the control periods since."""
+        steps = self.step_count - self._first_step
+        seconds, fraction = divmod(self.config.wall_clock_s, 1.0)
+        return int(seconds) * 1_000_000_000 + round(fraction * 1e9) + steps * 1_000_000_000 // self._frequency_hz
 
     def _time_us(self) -> int:
         return self.step_count * 1_000_000 // self._frequency_hz
@@ -149,6 +171,7 @@ class Controller:
         self._advance_timers()
         if self.encoders.enabled:
             self.encoders.advance(self.signals.digital_inputs)
+        self.input_actions.advance(self)
         self.programs.step()
         self._move_arm()
         self._judge()
@@ -180,6 +203,8 @@ class Controller:
         if not self.safety.handle(event):
             return False
         self.messages.safety_mode(self.safety.mode)
+        if SafetyMode.REDUCED in (before, self.safety.mode):
+            self.motion.mode_changed()
         if self.safety.stopped:
             self._safety_stop(before)
         else:
@@ -187,8 +212,14 @@ class Controller:
         return True
 
     def protective_stop(self, cause: StopCause) -> None:
-        """Stop the arm protectively and log why; nothing more happens when it is stopped already."""
-        if self.safety_event(SafetyEvent.PROTECTIVE_STOP):
+        """Stop the arm protectively and log why; nothing more happens when it is stopped already.
+
+        Where the program asked for it, it is paused instead.
+        """
+        if self.programs.pauses_on(cause.code, cause.argument):
+            self.messages.error(cause.code, cause.argument, ReportLevel.WARNING, cause.text)
+            self.programs.pause(f"pause_on_error_code: C{cause.code}A{cause.argument}")
+        elif self.safety_event(SafetyEvent.PROTECTIVE_STOP):
             self.messages.error(cause.code, cause.argument, ReportLevel.WARNING, cause.text)
 
     def set_tcp(self, tcp_offset: Pose) -> None:
@@ -256,6 +287,7 @@ class Controller:
         wrench = self.external_wrench
         if self.ft_input.enabled:
             wrench = self.ft_input.wrench_base(self.arm)
+        self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled
         self.speed.scaling = self.safety.speed_factor
         motion = self.motion
         if driven:
@@ -289,7 +321,9 @@ class Controller:
             self.programs.stop(mode.name)
         else:
             self.programs.pause(mode.name)
-        if self._program_paused:
+        if self._program_paused and mode is SafetyMode.SAFEGUARD_STOP:
+            self.motion.safeguard_stop()
+        elif self._program_paused:
             self.motion.protective_stop()
         else:
             self.motion.stop(min(self.model.qdd_max))
@@ -349,6 +383,7 @@ class Controller:
         snapshot.payload_cog = payload.cog
         snapshot.payload_inertia = payload.inertia
         snapshot.target_gravity = self.installation.gravity
+        snapshot.target_base_acceleration = (*self.installation.base_acceleration, 0.0, 0.0, 0.0)
 
     def _publish_signals(self, snapshot: Snapshot) -> None:
         signals = self.signals

@@ -19,6 +19,7 @@ Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 
 _UPRIGHT_GRAVITY: Final[Vector3] = (0.0, 0.0, 9.82)  # m/s2; the value of the Script Manual's set_gravity example
+_STANDING: Final[Vector3] = (0.0, 0.0, 0.0)
 _NO_TCP: Final[Pose] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _PAYLOAD_DENSITY: Final = 1000.0  # kg/m3: Script Manual, set_payload assumes a sphere of 1 g/cm3
 
@@ -61,12 +62,13 @@ class _Transition:
 @dataclass
 class Installation:
     """Tool and mounting in use. ``tcp``: flange to TCP pose. ``gravity``: as set_gravity,
-    base frame, upright (0, 0, 9.82) [m/s2]."""
+    base frame, upright (0, 0, 9.82) [m/s2]. ``base_acceleration``: of a moving base, base frame [m/s2]."""
 
     name: str = "default.installation"
     tcp: Pose = _NO_TCP
     payload: Payload = field(default_factory=Payload)
     gravity: Vector3 = _UPRIGHT_GRAVITY
+    base_acceleration: Vector3 = _STANDING
     _transition: _Transition | None = None
 
     @property

@@ -3,6 +3,7 @@
 from typing import Final
 
 from emulator.builtins import (
+    baselight,
     compliance,
     conveyor,
     flow,
@@ -20,6 +21,8 @@ from emulator.builtins import (
     setup,
     sockets,
     state,
+    tuning,
+    worldmodel,
 )
 from urscript.builtins import Library
 from urscript.library import LIBRARIES as PURE_LIBRARIES
@@ -44,5 +47,8 @@ LIBRARIES: Final[list[Library]] = [
     messages.LIBRARY,
     flow.LIBRARY,
     interpreter.LIBRARY,
+    tuning.LIBRARY,
+    baselight.LIBRARY,
+    worldmodel.LIBRARY,
     refused.LIBRARY,
 ]

@@ -1,12 +1,14 @@
 """Force mode, freedrive, contact and the force/torque sensor."""
 
+import math
 from typing import Any
 
-from emulator.builtins.values import numbers, six, three, within_range
+from emulator.builtins.values import Vector6, numbers, six, three, within_range
+from emulator.motion.singularity import distance_to_singularity
 from emulator.programs.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
-from urscript.values import Bool, Int, Joints, ListArg, Num, PoseArg, PoseOrJoints
+from urscript.values import Any_, Bool, Int, Joints, ListArg, Num, Pose, PoseArg, PoseOrJoints
 
 __all__ = ["LIBRARY"]
 
@@ -16,7 +18,9 @@ LIBRARY = Library("force", host=True)
 _ORIGIN: Any = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _ALL_AXES: Any = (1, 1, 1, 1, 1, 1)
 _NO_OFFSET: Any = (0, 0, 0)
+_SINGULARITY_BOUNDS = (0.2, 0.05)  # of distance_to_singularity(): about 11 and 3 degrees of elbow or wrist (guess)
 _SENSOR_INPUT = "external_force_torque"
+_SENSOR_NOTE = "what the controller does with the sensor's mass is not published: readings count as free of its weight"
 _SENSOR_MIN_HZ = 10.0  # Script Manual: the watchdog that comes with the sensor
 
 
@@ -77,16 +81,39 @@ def force_mode_get_gain_scaling(host: ProgramHost) -> float:
     return host.motion.force_gain_scaling
 
 
-@LIBRARY.builtin(status="partial", note="the arm follows the emulated external force")
-def freedrive_mode(host: ProgramHost, freeAxes: ListArg = _ALL_AXES, feature: PoseArg = _ORIGIN) -> None:
-    """Let the arm be moved by hand along the axes of `feature` that `freeAxes` marks with 1."""
+@LIBRARY.builtin(cb3=None, e="5.0", status="partial", note="an admittance driven by the emulated contact force")
+def screw_driving(host: ProgramHost, f: Num, v_limit: Num) -> None:
+    """Follow a screw: push with `f` [N] along the TCP's z axis, no faster than `v_limit` [m/s].
+
+    The other directions do not give way. Stays in force until end_screw_driving() or the program's end.
+    """
+    if not math.isfinite(f):
+        raise RuntimeFault(f"screw_driving: f must be a force [N], not {f}")
+    if not (math.isfinite(v_limit) and v_limit > 0):
+        raise RuntimeFault(f"screw_driving: v_limit must be greater than 0 [m/s], not {v_limit}")
+    _main_only(host, "screw_driving")
+    host.motion.screw_driving(float(f), float(v_limit))
+
+
+@LIBRARY.builtin(cb3=None, e="5.0")
+def end_screw_driving(host: ProgramHost) -> None:
+    """Leave screw driving."""
+    host.motion.end_force_mode()
+
+
+@LIBRARY.builtin(status="partial", note="the arm follows the emulated external force; its payload is always right")
+def freedrive_mode(host: ProgramHost, freeAxes: ListArg = _ALL_AXES, feature: Any_ = _ORIGIN) -> None:
+    """Let the arm be moved by hand along the axes of `feature` that `freeAxes` marks with 1.
+
+    `feature`: a pose in the base frame, "base", or "tool" for the axes of the TCP.
+    """
     if len(freeAxes) != 6 or any(axis not in (0, 1) for axis in freeAxes):
         raise RuntimeFault("freedrive_mode: freeAxes must be a list of six numbers, each 0 or 1")
     _main_only(host, "freedrive_mode")
-    host.motion.freedrive(six(freeAxes), six(numbers(feature, 6, "freedrive_mode: feature")))
+    host.motion.freedrive(six(freeAxes), _feature(feature))
 
 
-@LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="the payload is never checked here")
+@LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="the arm follows the emulated external force")
 def freedrive_mode_no_incorrect_payload_check(host: ProgramHost) -> None:
     """freedrive_mode() without looking at the payload first."""
     freedrive_mode(host)
@@ -98,10 +125,11 @@ def end_freedrive_mode(host: ProgramHost) -> None:
     host.motion.end_freedrive()
 
 
-@LIBRARY.builtin(cb3="3.10", e="5.0", status="partial", note="always 0: nearness to singularities is not judged")
+@LIBRARY.builtin(cb3="3.10", e="5.0", note="where near and too near begin are guesses")
 def get_freedrive_status(host: ProgramHost) -> int:
-    """0 normal, 1 close to a singularity, 2 too close for freedrive."""
-    return 0
+    """0 normal, 1 close to a singularity, 2 too close for constrained freedrive."""
+    distance = distance_to_singularity(host.controller.model.dh, host.motion.q)
+    return sum(distance < bound for bound in _SINGULARITY_BOUNDS)
 
 
 @LIBRARY.builtin(status="partial", note="the arm follows the emulated external force")
@@ -117,7 +145,10 @@ def end_teach_mode(host: ProgramHost) -> None:
 
 
 @LIBRARY.builtin(
-    cb3="3.0", e="5.0", status="partial", note="contact is an emulated external force over a fixed threshold"
+    cb3="3.0",
+    e="5.0",
+    status="partial",
+    note="contact is a force beyond 20 N or 2 Nm; the controller's own rule is not known",
 )
 def tool_contact(host: ProgramHost, direction: PoseOrJoints = _ORIGIN) -> int:
     """Control periods since the tool met something while moving along `direction`; 0 without contact.
@@ -133,7 +164,7 @@ def zero_ftsensor(host: ProgramHost) -> None:
     host.arm.zero_force()
 
 
-@LIBRARY.builtin(cb3="3.0", e="5.0", status="partial", note="the readings are taken as free of the sensor's own weight")
+@LIBRARY.builtin(cb3="3.0", e="5.0", status="partial", note=_SENSOR_NOTE)
 def ft_rtde_input_enable(
     host: ProgramHost,
     enable: Bool,
@@ -158,7 +189,7 @@ def ft_rtde_input_enable(
         host.watch(_SENSOR_INPUT, _SENSOR_MIN_HZ, "pause")
 
 
-@LIBRARY.builtin(cb3="3.3", e="5.0", status="partial", note="the readings are taken as free of the sensor's own weight")
+@LIBRARY.builtin(cb3="3.3", e="5.0", status="partial", note=_SENSOR_NOTE)
 def enable_external_ft_sensor(
     host: ProgramHost,
     enable: Bool,
@@ -168,6 +199,17 @@ def enable_external_ft_sensor(
 ) -> None:
     """ft_rtde_input_enable by its old name."""
     ft_rtde_input_enable(host, enable, sensor_mass, sensor_measuring_offset, sensor_cog)
+
+
+def _feature(feature: Any) -> Vector6 | None:
+    """A frame in the base frame; None is the tool's own."""
+    if feature == "tool":
+        return None
+    if feature == "base" or feature is _ORIGIN:
+        return six(_ORIGIN)
+    if not isinstance(feature, Pose):
+        raise RuntimeFault('freedrive_mode: feature must be a pose, "base" or "tool"')
+    return six(numbers(feature, 6, "freedrive_mode: feature"))
 
 
 def _main_only(host: ProgramHost, name: str) -> None:

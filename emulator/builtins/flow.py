@@ -19,13 +19,13 @@ def sleep(host: ProgramHost, t: Num) -> Frames[None]:
         yield
 
 
-@LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="uptime only: the emulator has no wall clock")
+@LIBRARY.builtin(cb3=None, e="5.10", note="the wall clock was set at the controller's start and goes at its pace")
 def time(host: ProgramHost, mode: Int = 0) -> Struct:
-    """The controller's uptime as a struct of `sec` and `nanosec` (mode 0)."""
-    if mode != 0:
-        raise RuntimeFault(f"time: only mode 0 (uptime) is emulated, not {mode}")
-    seconds = host.controller.step_count * host.period_s
-    return Struct({"sec": int(seconds), "nanosec": round((seconds % 1.0) * 1e9)})
+    """Time as a struct of `sec` and `nanosec`: uptime (mode 0), or since 1970 in GMT (mode 2)."""
+    if mode not in (0, 2):
+        raise RuntimeFault(f"time: mode must be 0 (uptime) or 2 (system time), not {mode}")
+    nanoseconds = host.controller.uptime_ns if mode == 0 else host.controller.wall_clock_ns
+    return Struct({"sec": nanoseconds // 1_000_000_000, "nanosec": nanoseconds % 1_000_000_000})
 
 
 @LIBRARY.builtin()
@@ -37,8 +37,9 @@ def protective_stop(host: ProgramHost) -> None:
     host.controller.protective_stop(SCRIPT_PROTECTIVE_STOP)
 
 
-@LIBRARY.builtin(status="partial", note="switches the arm off; the controller stays up")
+@LIBRARY.builtin()
 def powerdown(host: ProgramHost) -> Frames[None]:
-    """Switch the robot off."""
+    """Switch the arm off and end the controller, as the dashboard's shutdown does."""
     host.controller.power_event(PowerEvent.POWER_OFF)
+    host.controller.shutdown_requested = True
     yield

@@ -9,10 +9,13 @@ from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, ListArg, Num, Str
 
-__all__ = ["LIBRARY", "check_input_action"]
+__all__ = ["LIBRARY", "wants_freedrive"]
 
 LIBRARY = Library("ioconfiguration", host=True)
 
+# Script Manual, set_analog_inputrange: 0-5 V counts as 0-10 V; the bipolar ranges of old boxes are gone
+_BOX_RANGES = {0: AnalogDomain.VOLTAGE, 2: AnalogDomain.VOLTAGE}
+_TOOL_RANGES = {0: AnalogDomain.VOLTAGE, 1: AnalogDomain.VOLTAGE, 2: AnalogDomain.CURRENT}
 _BAUD_RATES = (9600, 19200, 38400, 57600, 115200, 1000000, 2000000, 5000000)  # Script Manual, set_tool_communication
 
 
@@ -34,11 +37,19 @@ def set_tool_analog_input_domain(host: ProgramHost, port: Int, domain: Int) -> N
     host.controller.signals.tool_analog_input_domains[_port(port)] = _domain(domain)
 
 
-@LIBRARY.builtin(status="partial", note="deprecated; checked only: the domain says all there is to say")
+@LIBRARY.builtin(note="deprecated")
 def set_analog_inputrange(host: ProgramHost, port: Int, range_: Int) -> None:
-    """Range of an analog input of old control boxes."""
+    """Domain of an analog input by its range: `port` 0 and 1 in the control box, 2 and 3 in the tool.
+
+    `range`: 0 and 2 are voltages in the control box; 0 and 1 are voltages in the tool, 2 is a current.
+    """
     if not 0 <= port <= 3:
         raise RuntimeFault(f"there is no analog input {port}: they are 0 to 3")
+    signals, ranges = host.controller.signals, _TOOL_RANGES if port >= 2 else _BOX_RANGES
+    if range_ not in ranges:
+        raise RuntimeFault(f"set_analog_inputrange: the range of input {port} must be one of {list(ranges)}")
+    domains = signals.tool_analog_input_domains if port >= 2 else signals.analog_input_domains
+    domains[port % 2] = ranges[range_]
 
 
 @LIBRARY.builtin(cb3=None, e="5.0")
@@ -77,38 +88,40 @@ def set_tool_communication(
     host.programs.tool_communication = (enabled, baud_rate, parity, stop_bits, rx_idle_chars, tx_idle_chars)
 
 
-_ACTION_NOTE = 'only "default"; "freedrive" by an input is refused'
-
-
-@LIBRARY.builtin(status="partial", note=_ACTION_NOTE)
+@LIBRARY.builtin()
 def set_standard_digital_input_action(host: ProgramHost, port: Int, action: Str) -> None:
-    """What standard digital input 0 to 7 triggers: "default" (nothing) or "freedrive"."""
-    _input_action(STANDARD, port, action)
+    """What standard digital input 0 to 7 does while no program runs: "default" is nothing, or "freedrive"."""
+    _input_action(host, STANDARD, port, action)
 
 
-@LIBRARY.builtin(status="partial", note=_ACTION_NOTE)
+@LIBRARY.builtin()
 def set_configurable_digital_input_action(host: ProgramHost, port: Int, action: Str) -> None:
-    """What configurable digital input 0 to 7 triggers: "default" (nothing) or "freedrive"."""
-    _input_action(CONFIGURABLE, port, action)
+    """What configurable digital input 0 to 7 does while no program runs: "default" is nothing, or "freedrive"."""
+    _input_action(host, CONFIGURABLE, port, action)
 
 
-@LIBRARY.builtin(status="partial", note=_ACTION_NOTE)
+@LIBRARY.builtin()
 def set_tool_digital_input_action(host: ProgramHost, port: Int, action: Str) -> None:
-    """What tool digital input 0 or 1 triggers: "default" (nothing) or "freedrive"."""
-    _input_action(TOOL, port, action)
+    """What tool digital input 0 or 1 does while no program runs: "default" is nothing, or "freedrive"."""
+    _input_action(host, TOOL, port, action)
 
 
-@LIBRARY.builtin(cb3="3.3", e="5.0", status="partial", note=_ACTION_NOTE)
+@LIBRARY.builtin(cb3="3.3", e="5.0")
 def set_gp_boolean_input_action(host: ProgramHost, port: Int, action: Str) -> None:
-    """What a boolean input register triggers: "default" (nothing) or "freedrive"."""
+    """What a boolean input register does while no program runs: "default" is nothing, or "freedrive"."""
+    actions = host.controller.input_actions
     with within_range():
         host.controller.registers.input.get_bit(port)
-    check_input_action(action)
+    if wants_freedrive(action):
+        actions.watch_register(port)
+    else:
+        actions.forget("register", port)
 
 
-@LIBRARY.builtin(note='inputs have no action but "default" here')
+@LIBRARY.builtin()
 def set_input_actions_to_default(host: ProgramHost) -> None:
     """Let no input trigger anything."""
+    host.controller.input_actions.clear()
 
 
 @LIBRARY.builtin()
@@ -148,7 +161,7 @@ def set_runstate_standard_analog_output_to_value(host: ProgramHost, outputId: In
         host.programs.outputs.set_analog(outputId, state)
 
 
-_OLD_NOTE = "undocumented; the listed outputs follow the program (a guess)"
+_OLD_NOTE = "undocumented; public programs give an empty list only; listed outputs follow the program (a guess)"
 
 
 @LIBRARY.builtin(status="partial", note=_OLD_NOTE)
@@ -190,18 +203,21 @@ def _action(state: int) -> int:
     return state
 
 
-def _input_action(group: DigitalGroup, port: int, action: str) -> None:
+def _input_action(host: ProgramHost, group: DigitalGroup, port: int, action: str) -> None:
+    actions = host.controller.input_actions
     with within_range():
         group.bit(port)
-    check_input_action(action)
+        if wants_freedrive(action):
+            actions.watch_digital(group, port)
+        else:
+            actions.forget(group.name, port)
 
 
-def check_input_action(action: str) -> None:
-    """RuntimeFault unless the action of an input is the one there is."""
-    if action == "freedrive":
-        raise RuntimeFault('inputs that trigger "freedrive" are not emulated; call freedrive_mode() instead')
-    if action != "default":
+def wants_freedrive(action: str) -> bool:
+    """What an input's action means. Raises RuntimeFault for one there is not."""
+    if action not in ("default", "freedrive"):
         raise RuntimeFault(f'an input action must be "default" or "freedrive", not "{action}"')
+    return action == "freedrive"
 
 
 def _port(port: int) -> int:

@@ -52,11 +52,18 @@ def get_inverse_kin_has_solution(
     return inverse(host, pose, qnear, tcp) is not None
 
 
-@LIBRARY.builtin(status="partial", note="reach and joint limits; safety planes are not emulated")
-def is_within_safety_limits(host: ProgramHost, pose: PoseOrJoints) -> bool:
-    """Whether a TCP pose, or joint angles, can be reached within the joint limits."""
+@LIBRARY.builtin(
+    status="partial",
+    note="reach and joint limits; safety planes and tool direction limits are not emulated",
+    aliases={"pose": ("pose", "position")},
+)
+def is_within_safety_limits(host: ProgramHost, pose: PoseOrJoints, qNear: Joints | None = None) -> bool:
+    """Whether a TCP pose, or joint angles, can be reached within the joint limits.
+
+    `qNear`: which solution of a pose counts, the one nearest to the present joint angles when omitted.
+    """
     if isinstance(pose, Pose):
-        return inverse(host, pose) is not None
+        return inverse(host, pose, qNear) is not None
     return in_joint_range(host, pose)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from emulator import modbus_map
-from emulator.builtins.ioconfig import check_input_action
+from emulator.builtins.ioconfig import wants_freedrive
 from emulator.builtins.values import within_range
 from emulator.programs.host import Frames, ProgramHost
 from emulator.programs.modbus import SIGNAL_TYPES, ModbusSignal
@@ -140,14 +140,18 @@ def modbus_send_custom_command(
         host.programs.modbus.send_command(ModbusUnit(IP, slave_number), function_code, bytes(data))
 
 
-@LIBRARY.builtin(status="partial", note='only "default"; "freedrive" by an input is refused')
+@LIBRARY.builtin()
 def modbus_set_digital_input_action(host: ProgramHost, signal_name: Str, action: Str) -> None:
-    """What a digital input triggers: "default" (nothing) or "freedrive"."""
+    """What a digital input does while no program runs: "default" is nothing, or "freedrive"."""
     with within_range():
         signal = host.programs.modbus.get(signal_name)
     if signal.output or not signal.kind.bits:
         raise RuntimeFault(f'"{signal_name}" is a {signal.kind.title}, not a digital input')
-    check_input_action(action)
+    actions = host.controller.input_actions
+    if wants_freedrive(action):
+        actions.watch_signal(signal_name)
+    else:
+        actions.forget("modbus", signal_name)
 
 
 @LIBRARY.builtin()

@@ -230,15 +230,6 @@ def position_deviation_warning(host: ProgramHost, enabled: Bool, threshold: Num 
         raise RuntimeFault(f"position_deviation_warning: threshold must be 0 to 1, not {threshold}")
 
 
-@LIBRARY.builtin(
-    cb3="3.1", e="5.0", status="partial", note="checked only: reduced mode always slows the arm within one period"
-)
-def set_safety_mode_transition_hardness(host: ProgramHost, type_: Int) -> None:
-    """How hard the arm slows when the safety mode changes: 0 hard, 1 soft."""
-    if type_ not in (0, 1):
-        raise RuntimeFault(f"set_safety_mode_transition_hardness: type must be 0 (hard) or 1 (soft), not {type_}")
-
-
 @LIBRARY.builtin(cb3=None, e="5.19", status="partial", note="kept and given back; there is one motion implementation")
 def motion_version_set(host: ProgramHost, version: Int) -> None:
     """Select the motion implementation."""
@@ -249,11 +240,6 @@ def motion_version_set(host: ProgramHost, version: Int) -> None:
 def motion_version_get(host: ProgramHost) -> int:
     """The selected motion implementation."""
     return host.programs.motion_version
-
-
-@LIBRARY.builtin(cb3=None, e="5.19", note="limits cannot be set here, so there is none to remove")
-def tool_wrench_limit_disable(host: ProgramHost) -> None:
-    """Remove the limit on the tool wrench."""
 
 
 def _check_profile(name: str, a: float, v: float, t: float) -> None:

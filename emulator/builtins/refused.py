@@ -14,39 +14,25 @@ LIBRARY: Final = Library("refused")
 # chapter note: (first CB3 version, first e-Series version, names); None: never on that series. The minor versions
 # of the newer ones are guesses where the function list has them as 5.1x and 5.2x.
 _REFUSED: Final[dict[str, tuple[tuple[str | None, str | None, str], ...]]] = {
-    "screw driving": ((None, "5.0", "screw_driving end_screw_driving"),),
-    "tuning of the motion controller": (
-        ("3.0", "5.0", "pause_on_error_code"),
-        (None, "5.10", "high_holding_torque_enable high_holding_torque_disable"),
-        (None, "5.19", "tool_wrench_limit_set"),
-        (None, "5.20", "jerk_gain_scaling_set jerk_gain_scaling_get"),
+    "Ethernet/IP needs a fieldbus interface, which is hardware": (
+        ("3.0", "5.0", "eip_writer_factory eip_reader_factory"),
     ),
-    "a moving base": ((None, "5.20", "get_base_acceleration set_base_acceleration"),),
-    "the base light": ((None, "5.20", "set_baselight_off set_baselight_iec set_baselight_solid"),),
-    "payload estimation": ((None, "5.20", "estimate_payload"),),
-    "Ethernet/IP": (("3.0", "5.0", "eip_writer_factory eip_reader_factory"),),
-    "ROS 2": (
+    "ROS 2 objects belong to PolyScope X, another product": (
         (
             None,
             "5.10",
             "ros_publisher_factory ros_subscriber_factory ros_service_client_factory ros_action_client_factory",
         ),
     ),
-    "Euromap 67": (
+    "Euromap 67 is a hardware interface to moulding machines": (
         (
             "3.0",
             "5.0",
             "set_euromap_output get_euromap_input get_euromap_output set_euromap_runstate_dependent_choice",
         ),
     ),
-    "the world model": (
-        (
-            None,
-            "5.10",
-            "add_frame attach_frame delete_all_frames delete_frame move_frame get_pose convert_pose reset_world_model"
-            " is_frame get_frame_parent get_children frame_tracking_enable frame_tracking_disable",
-        ),
-        (None, "5.20", "set_mass_properties set_payload_from_attached_frames"),
+    "frames are not tracked: a movement keeps to the base frame": (
+        (None, "5.10", "frame_tracking_enable frame_tracking_disable"),
     ),
 }
 

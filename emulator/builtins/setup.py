@@ -4,17 +4,20 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from emulator.builtins.values import Vector3, numbers, six, three
+from emulator import payloadestimate
+from emulator.builtins.values import Vector3, Vector6, numbers, six, three, within_range
 from emulator.installation import Payload
 from emulator.programs.host import ProgramHost
+from urproto.robots.pose import pose_inv, pose_trans
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
-from urscript.values import ListArg, Num, PoseArg, Str
+from urscript.values import Any_, ListArg, Matrix, Num, PoseArg, Str, Struct
 
-__all__ = ["LIBRARY"]
+__all__ = ["LIBRARY", "checked_inertia", "checked_mass", "use_payload"]
 
 LIBRARY = Library("setup", host=True)
 
+_MOST_INERTIA = 133.0  # kg m2: Script Manual, set_target_payload
 _NO_INERTIA: Any = (0, 0, 0, 0, 0, 0)  # a tuple stands for a list that scripts see
 
 
@@ -40,19 +43,19 @@ def get_gravity(host: ProgramHost) -> list[float]:
 def set_payload(host: ProgramHost, m: Num, cog: ListArg | None = None) -> None:
     """Payload mass [kg] and centre of gravity from the flange [m], the TCP when omitted."""
     centre = _xyz(host.controller.installation.tcp) if cog is None else three(cog, "set_payload: cog")
-    _use(host, Payload.of(_mass(m), centre))
+    use_payload(host, Payload.of(checked_mass(m), centre))
 
 
 @LIBRARY.builtin()
 def set_payload_mass(host: ProgramHost, m: Num) -> None:
     """Payload mass [kg]."""
-    _use(host, Payload.of(_mass(m), host.controller.installation.target_payload.cog))
+    use_payload(host, Payload.of(checked_mass(m), host.controller.installation.target_payload.cog))
 
 
 @LIBRARY.builtin()
 def set_payload_cog(host: ProgramHost, CoG: ListArg) -> None:
     """Payload centre of gravity from the flange [m]."""
-    _use(host, Payload.of(host.controller.installation.target_payload.mass, three(CoG, "set_payload_cog: CoG")))
+    use_payload(host, Payload.of(host.controller.installation.target_payload.mass, three(CoG, "set_payload_cog: CoG")))
 
 
 # On CB3 from the first version on: the official control script names it there, in branches that never run.
@@ -68,12 +71,10 @@ def set_target_payload(
 
     Takes effect gradually over `transition_time` [s].
     """
-    moments = numbers(inertia, 6, "set_target_payload: inertia")
-    if min(moments[:3]) < 0:
-        raise RuntimeFault(f"set_target_payload: Ixx, Iyy and Izz must not be negative: {list(moments)}")
+    moments = checked_inertia(inertia, "set_target_payload")
     if not (math.isfinite(transition_time) and transition_time >= 0):
         raise RuntimeFault(f"set_target_payload: transition_time must be 0 or more [s], not {transition_time}")
-    _use(host, Payload(_mass(m), three(cog, "set_target_payload: cog"), six(moments)), transition_time)
+    use_payload(host, Payload(checked_mass(m), three(cog, "set_target_payload: cog"), moments), transition_time)
 
 
 @LIBRARY.builtin(cb3="3.11", e="5.0")
@@ -94,15 +95,65 @@ def get_target_payload_inertia(host: ProgramHost) -> list[float]:
     return list(host.controller.installation.target_payload.inertia)
 
 
-def _use(host: ProgramHost, payload: Payload, transition_s: float = 0.0) -> None:
+@LIBRARY.builtin(cb3=None, e="5.20")
+def set_base_acceleration(host: ProgramHost, a: ListArg) -> None:
+    """Linear acceleration of the base, of an arm on a rail or lift, in the base frame [m/s2].
+
+    Arm and payload feel it in addition to gravity, until it is set anew.
+    """
+    host.controller.installation.base_acceleration = three(a, "set_base_acceleration: the vector")
+
+
+@LIBRARY.builtin(cb3=None, e="5.20")
+def get_base_acceleration(host: ProgramHost) -> list[float]:
+    """Linear acceleration of the base as set_base_acceleration takes it [m/s2]."""
+    return list(host.controller.installation.base_acceleration)
+
+
+@LIBRARY.builtin(cb3=None, e="5.20")
+def estimate_payload(host: ProgramHost, poses: Any_, wrenches: Any_) -> Struct:
+    """Mass [kg] and centre of gravity from the flange [m] of a payload, as a struct of `mass` and `cog`.
+
+    `poses`: at least four TCP poses in well different orientations. `wrenches`: what the payload's weight
+    exerts on the flange in each, in base axes, as get_tcp_force() gives it.
+    """
+    back = pose_inv(host.controller.installation.tcp)
+    flanges = [pose_trans(pose, back) for pose in _sixes(poses, "poses")]
+    loads = _sixes(wrenches, "wrenches")
+    with within_range():
+        mass, cog = payloadestimate.estimate_payload(flanges, loads, host.controller.installation.gravity)
+    return Struct({"mass": mass, "cog": list(cog)})
+
+
+def _sixes(values: object, what: str) -> list[Vector6]:
+    """Poses or lists of six; lists of lists are matrices in the language."""
+    rows = values.rows if isinstance(values, Matrix) else values
+    if not isinstance(rows, list | tuple) or not all(isinstance(row, list | tuple) for row in rows):
+        raise RuntimeFault(f"estimate_payload: {what} must be a list of poses or of lists of six numbers")
+    return [six(numbers(row, 6, f"estimate_payload: each element of {what}")) for row in rows]
+
+
+def use_payload(host: ProgramHost, payload: Payload, transition_s: float = 0.0) -> None:
+    """Take over another payload; the force/torque readings are zeroed, as the Script Manual says."""
     host.controller.installation.set_payload(payload, transition_s)
     host.arm.zero_force()
 
 
-def _mass(m: float) -> float:
+def checked_mass(m: float) -> float:
+    """A payload's mass [kg]; RuntimeFault when it is negative or no number."""
     if not (math.isfinite(m) and m >= 0):
         raise RuntimeFault(f"the payload mass must be 0 or more [kg], not {m}")
     return float(m)
+
+
+def checked_inertia(inertia: Sequence[float], name: str) -> Vector6:
+    """Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2]; RuntimeFault of the built-in ``name`` when they cannot be."""
+    moments = six(numbers(inertia, 6, f"{name}: inertia"))
+    if min(moments[:3]) < 0:
+        raise RuntimeFault(f"{name}: Ixx, Iyy and Izz must not be negative: {list(moments)}")
+    if max(map(abs, moments)) > _MOST_INERTIA:
+        raise RuntimeFault(f"{name}: no moment may be beyond {_MOST_INERTIA} kg m2: {list(moments)}")
+    return moments
 
 
 def _xyz(pose: Sequence[float]) -> Vector3:

@@ -130,8 +130,11 @@ def get_tcp_offset(host: ProgramHost) -> Pose:
 
 @LIBRARY.builtin()
 def get_tcp_force(host: ProgramHost) -> list[float]:
-    """External force and torque at the TCP, base frame [N, Nm]."""
-    return list(host.arm.tcp_force)
+    """External force and torque in base axes [N, Nm].
+
+    About the flange on e-Series, where the sensor is; at the TCP on CB3, and with an external sensor.
+    """
+    return list(host.arm.measured_force)
 
 
 @LIBRARY.builtin()

@@ -24,6 +24,7 @@ _MASS = 20.0  # kg, kg m2 for turning: gives time constants around 0.1 s (guess)
 _INERTIA = 1.0
 _FRICTION = (200.0, 1800.0)  # N s/m at damping 0, and how much full damping adds (guess)
 _TURN_FRICTION = (10.0, 90.0)  # Nm s/rad
+_TOOL, _FIXED = 0, 2  # kinds of task frame
 _REST = 1e-6  # m/s, rad/s: slower than this the tool stands (guess)
 _SLACK = 1e-4  # m, rad: how far a singular arm may come off in directions that are not compliant (guess)
 _FREEDRIVE_LIMITS: Joints = (1.0, 1.0, 1.0, 3.0, 3.0, 3.0)  # m/s, rad/s (guess)
@@ -34,7 +35,7 @@ class Task:
     """What to comply with: ``frame`` in the base frame, six flags, wrench [N, Nm] and speed limits in that frame.
 
     ``kind`` as in force_mode: 1 turns y towards the frame's origin, 2 takes the frame as it is, 3 turns x along the
-    tool's velocity.
+    tool's velocity. 0: the tool's own axes, whatever the frame.
     """
 
     frame: Pose
@@ -54,9 +55,16 @@ class Task:
         return cls(frame, tuple(flag != 0 for flag in selection), as_six(wrench), kind, as_six(limits))
 
     @classmethod
-    def free(cls, frame: Pose, free_axes: Sequence[float]) -> "Task":
-        """Freedrive: only outside forces count."""
-        return cls(frame, tuple(flag != 0 for flag in free_axes), ZERO, 2, _FREEDRIVE_LIMITS, freedrive=True)
+    def screw(cls, force_N: float, speed_m_s: float) -> "Task":
+        """Screw driving: along the tool's z axis."""
+        along_z = (False, False, True, False, False, False)
+        return cls(ZERO, along_z, (0.0, 0.0, force_N, 0.0, 0.0, 0.0), _TOOL, (0.0, 0.0, speed_m_s, 0.0, 0.0, 0.0))
+
+    @classmethod
+    def free(cls, frame: Pose | None, free_axes: Sequence[float]) -> "Task":
+        """Freedrive: only outside forces count. None is the tool's own frame."""
+        free, kind = tuple(flag != 0 for flag in free_axes), _TOOL if frame is None else _FIXED
+        return cls(frame or ZERO, free, ZERO, kind, _FREEDRIVE_LIMITS, freedrive=True)
 
 
 class Compliance:
@@ -87,7 +95,8 @@ class Compliance:
     def release(self) -> None:
         """Comply no more; what speed there is dies away."""
         self.released = True
-        self.task = Task(self.task.frame, (False,) * 6, ZERO, 2, self.task.limits)
+        kind = _TOOL if self.task.kind == _TOOL else _FIXED
+        self.task = Task(self.task.frame, (False,) * 6, ZERO, kind, self.task.limits)
 
     def step(
         self, dt: float, q: Joints, nominal: tuple[Joints, Joints], external: Joints, damping: float, gain: float
@@ -183,7 +192,7 @@ class Compliance:
 
     def _axes(self, shift: Joints) -> Axes:
         """The task frame's axes in the base frame."""
-        x, y, z = of_rotation(self.task.frame)
+        x, y, z = of_rotation(self._pose if self.task.kind == _TOOL else self.task.frame)
         if self.task.kind == 1:
             origin, tool = self.task.frame, self._pose
             y = unit((origin[0] - tool[0], origin[1] - tool[1], origin[2] - tool[2]), y)

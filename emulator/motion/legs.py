@@ -30,6 +30,9 @@ class Leg(Protocol):
     def joints(self, s: float) -> Joints:
         """Joint configuration at path length s. Raises MotionFault when there is none."""
 
+    def pose(self, s: float) -> Pose:
+        """TCP pose at path length s, in the base frame."""
+
     def point(self, s: float) -> Vec3:
         """TCP position at path length s, in the base frame."""
 
@@ -63,8 +66,11 @@ class JointLeg:
             return self._end
         return lerp(self._start, self._change, s / self.length)
 
+    def pose(self, s: float) -> Pose:
+        return self._reach.pose(self.joints(s))
+
     def point(self, s: float) -> Vec3:
-        pose = self._reach.pose(self.joints(s))
+        pose = self.pose(s)
         return (pose[0], pose[1], pose[2])
 
     def goal(self) -> Pose:

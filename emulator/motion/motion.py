@@ -100,6 +100,8 @@ class Motion(DisplacingStepper):
     ) -> PathMotion:
         """The leg, entered from rest or through a blend that stays within corner_m of its start."""
         leg = make_leg(self._start()[0] if leaving is None else leaving.corner)
+        if self.wrench_limit is not None:
+            self.wrench_limit.slow(leg, self.tcp_offset)
         self._reachable(leg.goal())
         blend = None if leaving is None else blend_into(leaving, leg, corner_m)
         return PathMotion(leg, max(radius_m, 0.0), blend)
@@ -240,16 +242,23 @@ class Motion(DisplacingStepper):
             raise ValueError("force mode needs finite numbers")
         self._comply(Task.force(as_six(task_frame), selection, wrench, type, limits))
 
+    def screw_driving(self, force_N: float, speed_m_s: float) -> None:
+        """Push along the tool's own z axis, no faster than ``speed_m_s``, beside any other movement."""
+        self._comply(Task.screw(force_N, speed_m_s))
+
     def end_force_mode(self) -> None:
         """Comply no more; the arm comes to rest where it is. Also ends freedrive."""
         if self._compliance is not None:
             self._compliance.release()
 
-    def freedrive(self, free_axes: Sequence[float] = (1,) * 6, feature: Pose = ZERO) -> None:
-        """Let the external wrench move the tool along the free axes of a frame given in the base frame."""
+    def freedrive(self, free_axes: Sequence[float] = (1,) * 6, feature: Pose | None = ZERO) -> None:
+        """Let the external wrench move the tool along the free axes of a frame given in the base frame.
+
+        None is the tool's own frame.
+        """
         if self._generator is not None:
             self.stopj(_HANDOVER_RAD_S2)
-        self._comply(Task.free(as_six(feature), free_axes))
+        self._comply(Task.free(None if feature is None else as_six(feature), free_axes))
 
     def end_freedrive(self) -> None:
         """As end_force_mode."""

@@ -18,6 +18,7 @@ from emulator.motion.reach import Reach
 from emulator.motion.stops import JointStop, ToolStop, brake_together
 from emulator.motion.superposition import Superposition
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, scaled, sub
+from emulator.motion.wrenchlimit import WrenchLimit
 from urproto.modes import ControlMode
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.model import RobotModel
@@ -26,6 +27,8 @@ from urproto.robots.pose import Pose
 __all__ = ["Move", "Stepper"]
 
 _POSITION_TOLERANCE_RAD = 1e-9
+_SAME_SCALE = 1e-9
+_STEADY_S = 0.5  # Script Manual, is_steady
 _BRAKE_DAMPING = 0.25  # of force mode and freedrive once they end or pause: standing within 0.5 s (guess)
 
 
@@ -53,9 +56,11 @@ class Stepper:
         self.qd: Joints = ZERO
         self.qdd: Joints = ZERO
         self.external_wrench: Joints = ZERO  # on the tool at the TCP, base frame [N, Nm]; set by the controller
-        self.force_damping = 0.025  # force_mode_set_damping; default from recollection of the Script Manual
+        self.force_damping = 0.005  # force_mode_set_damping; default of the Script Manual
         self.force_gain_scaling = 1.0  # force_mode_set_gain_scaling
         self.offset_settings = OffsetSettings()  # of path offsets
+        self.hard_transitions = True  # set_safety_mode_transition_hardness; what holds before it is called is a guess
+        self.wrench_limit: WrenchLimit | None = None  # tool_wrench_limit_set
         self.fault: MotionFault | None = None  # the last one
         self.displacement_lost: MotionFault | None = None  # the one that ended a path offset or conveyor tracking
         self._q_min, self._q_max = model.position_limits
@@ -75,6 +80,7 @@ class Stepper:
         self._refusal: MotionFault | None = None
         self._emergency: Generator | None = None  # braking after a fault: within the position limits by construction
         self._goal: Generator | None = None
+        self._stood_s = _STEADY_S  # for so long, at least
 
     # state
 
@@ -111,8 +117,9 @@ class Stepper:
 
     @property
     def steady(self) -> bool:
-        """As is_steady(): the arm stands and is not compliant. True also while a movement is paused."""
-        return self._compliance is None and self.qd == ZERO and (self._generator is None or self.paused)
+        """As is_steady(): the arm has stood for a while and is not compliant. True also while a movement is paused."""
+        standing = self._stood_s >= _STEADY_S and (self._generator is None or self.paused)
+        return standing and self._compliance is None
 
     @property
     def paused(self) -> bool:
@@ -145,6 +152,18 @@ class Stepper:
     def resume(self) -> None:
         """Go on after `pause` or `protective_stop`."""
         self._mode, self._ramp = _Mode.RUN, RAMP_RAD_S2
+
+    def safeguard_stop(self) -> None:
+        """As a protective stop, or as gently as a pause when transitions are soft."""
+        if self.hard_transitions:
+            self.protective_stop()
+        else:
+            self.pause()
+
+    def mode_changed(self) -> None:
+        """Reduced mode begins or ends: the speed follows as quickly as the joints can, unless transitions are soft."""
+        if self.hard_transitions and self._mode is _Mode.RUN:
+            self._ramp = min(self.model.qdd_max)
 
     def protective_stop(self) -> None:
         """Stop on the path as quickly as the joints' acceleration limit allows; `resume` goes on."""
@@ -249,7 +268,10 @@ class Stepper:
         if not generator.scaled:
             return generator.propose(self.period_s, self._nominal)
         speed = self._nominal_qd if self._beside else self.qd
-        return self._pacer.advance(generator, self._nominal, speed, running, self._ramp)
+        target = self._pacer.advance(generator, self._nominal, speed, running, self._ramp)
+        if self._mode is _Mode.RUN and abs(self._pacer.scale - running) < _SAME_SCALE:
+            self._ramp = RAMP_RAD_S2
+        return target
 
     def _account(self, generator: Generator) -> bool:
         """Tell the waiting program; True when the movement is over."""
@@ -336,6 +358,7 @@ class Stepper:
         qd = ZERO if standing else scaled(sub(q, self.q), 1.0 / self.period_s)
         self.qdd = scaled(sub(qd, self.qd), 1.0 / self.period_s)
         self.q, self.qd = q, qd
+        self._stood_s = self._stood_s + self.period_s if qd == ZERO else 0.0
 
     # for the commands
 

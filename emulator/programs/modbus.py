@@ -177,6 +177,11 @@ class ModbusSignals:
     def __len__(self) -> int:
         return len(self._signals)
 
+    def is_high(self, name: str) -> bool:
+        """Whether a digital signal of that name was high when its unit last answered; False while it does not."""
+        signal = self._signals.get(name)
+        return signal is not None and not signal.in_error and any(signal.values)
+
     def get(self, name: str) -> ModbusSignal:
         """The signal of that name. Raises ModbusSignalError."""
         signal = self._signals.get(name)

@@ -74,6 +74,9 @@ class Programs:
         self.outputs = RunstateOutputs(controller.signals, controller.registers.output)
         self.modbus = ModbusSignals(controller.version.series)
         self.flags = [False] * _FLAGS
+        self.pause_codes: set[tuple[int, int | None]] = set()  # pause_on_error_code: code and argument, None for any
+        self.high_holding_torque = True
+        self.jerk_gain_scaling = 1.0
         self.motion_version = 1  # guess: what motion_version_get() says before it was set
         self.tool_communication: ToolCommunication = (False, 115200, 0, 1, 1.5, 3.5)
         self._share = WorkShare(controller.period_s)
@@ -115,6 +118,12 @@ class Programs:
     def variables(self) -> Mapping[str, Any]:
         """The main program's global variables."""
         return self._main.globals if self._main else {}
+
+    def pauses_on(self, code: int, argument: int) -> bool:
+        """Whether a program plays that wants to be paused where this error would stop the arm."""
+        if not self.pause_codes or self.state is not RuntimeState.PLAYING:
+            return False
+        return not self.pause_codes.isdisjoint(((code, None), (code, argument)))
 
     # what clients ask for
 
@@ -229,6 +238,7 @@ class Programs:
         if self._controller.step_count < self._not_before:
             return
         self._next = None
+        self._controller.input_actions.release(self._controller)
         if not self._controller.may_run:  # a stop came in the gap
             self._refuse(program)
             return
@@ -348,6 +358,7 @@ class Programs:
             self._not_before = controller.step_count + host.frames(_SOCKET_GAP_S)
         self._withdraw_dialogues(host)
         self.watchdogs.clear()
+        self.pause_codes.clear()
         controller.motion.end_force_mode()
         controller.motion.end_freedrive()
         controller.motion.program_stopped()

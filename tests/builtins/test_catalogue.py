@@ -1,6 +1,8 @@
 """Every function of the controller exists in the versions that have it."""
 
+import ast
 import csv
+import re
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,8 @@ from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
 
 SET = LibrarySet(LIBRARIES)
-# Names and first versions as in public function tables and client sources: a number is sure, "?" a guess, "-" never.
+# Names, first versions and signatures as in public function tables and client sources. In a version a number is sure,
+# "?" a guess, "x" any digit, "-" never. In a signature a word as a default says what stands in when it is omitted.
 ROWS = list(csv.DictReader((Path(__file__).parent / "names.csv").read_text().splitlines()))
 
 
@@ -89,6 +92,79 @@ def test_name_appears_in_its_first_version(row):
     builtin = SET.builtins[row["name"]]
     for first in (_sure(row["cb3"]), _sure(row["e"])):
         assert first is None or builtin.availability.covers(first) or row["name"] in {"set_target_payload"}
+
+
+# Earlier, or on another series, than the tables say: the official control script is one text for both series.
+EARLIER = {
+    "force_mode_set_gain_scaling": "cb3",
+    "set_target_payload": "cb3",
+    "set_tool_communication": "cb3",
+    "tool_contact": "cb3",
+    "zero_ftsensor": "cb3",
+    # guesses of the tables that ur_rtde's script, or the manual's change notes, contradict
+    "force_mode_set_damping": "cb3",
+    "get_freedrive_status": "cb3",
+    "get_target_payload": "e",
+    "get_target_payload_cog": "e",
+    "get_target_payload_inertia": "e",
+}
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row["name"])
+def test_first_versions_are_those_of_the_tables(row):
+    availability = SET.builtins[row["name"]].availability
+    for series, first in (("cb3", availability.cb3), ("e", availability.e)):
+        if EARLIER.get(row["name"]) == series:
+            assert first is not None
+        elif row[series] == "-":
+            assert first is None
+        else:
+            minor = row[series].removesuffix("?").split(".")[1].replace("x", r"\d") or r"\d+"
+            assert first is not None
+            assert re.fullmatch(minor, str(first.minor)), f"{first}, not {row[series]}"
+
+
+# (parameter, default of the tables): what stands here instead
+OTHER_DEFAULTS = {
+    ("servoj", "t"): None,  # one control period, which is 0.008 s on CB3 only
+    ("reset_revolution_counter", "qNear"): None,  # the same: angles near 0
+    ("get_pose", "ref_name"): None,  # MotionPlus manual: that of rel_name
+}
+
+
+def _listed_parameters(signature: str) -> list[tuple[str, str | None]]:
+    """Names and defaults of a signature of the tables."""
+    inside = signature.partition("(")[2].rstrip(")")
+    parts = re.split(r",(?![^\[]*\])", inside) if inside else []
+    pairs = (part.strip().partition("=") for part in parts)
+    return [(name, default if equals else None) for name, equals, default in pairs]
+
+
+@pytest.mark.parametrize(
+    "row", [row for row in ROWS if SET.builtins[row["name"]].status != "refused"], ids=lambda row: row["name"]
+)
+def test_parameters_have_the_names_and_defaults_of_the_tables(row):
+    parameters = SET.builtins[row["name"]].parameters
+    listed = _listed_parameters(row["signature"])
+    assert [p.names[0] for p in parameters][: len(listed)] == [name for name, _ in listed]
+    assert all(not p.required for p in parameters[len(listed) :])
+    for parameter, (name, default) in zip(parameters, listed, strict=False):
+        if (row["name"], name) in OTHER_DEFAULTS:
+            assert parameter.default == OTHER_DEFAULTS[row["name"], name]
+        elif default is not None:
+            assert not parameter.required
+            assert parameter.default == _value(default), name
+
+
+def _value(default: str) -> object:
+    """A default of the tables; None for a word that says what stands in."""
+    try:
+        value = ast.literal_eval(default.removeprefix("p"))
+    except (ValueError, SyntaxError):
+        return None
+    if value == "a":  # speedl, stopl: that of another parameter
+        return None
+    return tuple(value) if isinstance(value, list) else value
 
 
 @pytest.mark.parametrize("version", ["3.14.3", "3.15.8", "5.9.4", "5.12.8", "5.22", "5.25.1"])

@@ -7,6 +7,7 @@ import pytest
 from emulator.programs.modbus_units import MemoryModbus, MemoryUnit, ModbusUnit
 from emulator.safety import SafetyEvent
 from urproto.modbus import ExceptionCode, Function
+from urproto.modes import ControlMode
 
 UNIT = ModbusUnit("10.0.0.5", 255)
 ADD = 'modbus_add_signal("10.0.0.5", 255, {address}, {type}, "s"{more})\n'
@@ -386,7 +387,7 @@ def test_without_a_network_units_are_unreachable(make_rig):
         ('modbus_set_runstate_dependent_choice("out", 6)', "0 to 5, not 6"),
         ('modbus_set_runstate_dependent_choice("in", 1)', "only outputs"),
         ('modbus_set_digital_input_action("out", "default")', "not a digital input"),
-        ('modbus_set_digital_input_action("in", "freedrive")', "are not emulated"),
+        ('modbus_set_digital_input_action("in", "teach")', '"default" or "freedrive"'),
         ('modbus_send_custom_command("10.0.0.5", 255, 0, [])', "function_code must be 1 to 127"),
         ('modbus_send_custom_command("10.0.0.5", 255, 6, [256])', "at most 252 bytes"),
         ('modbus_get_error("in", 3)', "0, 1 or 2, not 3"),
@@ -403,3 +404,12 @@ def test_mistakes_are_named(rig, modbus, call, message):
 def test_there_is_an_end_to_signals(rig, modbus):
     text = rig.fault('i = 0\nwhile True:\n  modbus_add_signal("10.0.0.5", 255, 0, 0, to_str(i))\n  i = i + 1\nend')
     assert "500 Modbus signals already" in text
+
+
+def test_an_input_signal_frees_the_arm_while_it_is_high_and_its_unit_answers(rig, modbus):
+    rig.run(add(0) + 'modbus_set_digital_input_action("s", "freedrive")\nsleep(0.2)')
+    rig.seconds(0.2)
+    assert rig.controller.snapshot.control_mode is ControlMode.TEACH
+    del modbus.units[UNIT]
+    rig.seconds(5.0)
+    assert rig.controller.snapshot.control_mode is not ControlMode.TEACH

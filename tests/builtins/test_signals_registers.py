@@ -99,7 +99,6 @@ def test_registers(rig, number):
         "set_tool_voltage(5)",
         "set_analog_outputdomain(0, 2)",
         "set_tool_output_mode(2)",
-        'set_standard_digital_input_action(0, "freedrive")',
         'set_standard_digital_input_action(0, "dance")',
         'set_configurable_digital_input_action(9, "default")',
         "set_runstate_standard_digital_output_to_value(0, 5)",

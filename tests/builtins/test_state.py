@@ -46,6 +46,8 @@ def test_speeds_are_read_during_a_move(rig):
         """
     )
     assert rig.texts == ["True", "True", "False"]
+    assert rig.value("is_steady()") is False
+    rig.seconds(0.5)
     assert rig.value("is_steady()") is True
 
 

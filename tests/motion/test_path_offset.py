@@ -56,6 +56,8 @@ def test_a_standing_arm_goes_where_the_offset_is(rig, frame, expected, tcp):
     assert path_pose(rig) == pytest.approx(start, abs=1e-9)
     assert rig.motion.qd == ZERO
     assert rig.motion.path_offset(frame) == pytest.approx(SLANTED)
+    for _ in range(300):
+        rig.step()
     assert rig.motion.steady
     assert not rig.motion.idle
 

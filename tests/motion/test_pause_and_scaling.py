@@ -79,10 +79,10 @@ def test_pause_and_resume_on_the_path(rig, after, tool):
     rig.motion.pause()
     rig.steps(200)
     assert rig.motion.paused
-    assert rig.motion.steady
     assert rig.motion.qd == ZERO
     stood = rig.motion.q
-    rig.steps(50)
+    rig.steps(round(0.5 / rig.motion.period_s))
+    assert rig.motion.steady
     assert rig.motion.q == stood
     rig.motion.resume()
     rig.finish(move)

@@ -1,0 +1,39 @@
+"""The light ring in the base."""
+
+from emulator.baselight import ARMS_WITH_BASE_LIGHT, BaseLight
+from emulator.programs.host import ProgramHost
+from urscript.builtins import Library
+from urscript.errors import RuntimeFault
+from urscript.values import Int
+
+__all__ = ["LIBRARY"]
+
+LIBRARY = Library("baselight", host=True)
+
+
+@LIBRARY.builtin(cb3=None, e="5.20", note="of UR20 and UR30; other arms have none and log that")
+def set_baselight_off(host: ProgramHost) -> None:
+    """Switch the base light off."""
+    _light(host, BaseLight("off"))
+
+
+@LIBRARY.builtin(cb3=None, e="5.20", status="partial", note="kept as the light's mode; the colour is not worked out")
+def set_baselight_iec(host: ProgramHost) -> None:
+    """Let the base light show the state of the arm in the colours of IEC 60204-1."""
+    _light(host, BaseLight("iec"))
+
+
+@LIBRARY.builtin(cb3=None, e="5.20", note="of UR20 and UR30; other arms have none and log that")
+def set_baselight_solid(host: ProgramHost, r: Int, g: Int, b: Int) -> None:
+    """Show one colour in the base light: red, green, blue, each 0 to 255."""
+    if not all(0 <= part <= 255 for part in (r, g, b)):
+        raise RuntimeFault(f"set_baselight_solid: r, g and b must be 0 to 255, not {r}, {g}, {b}")
+    _light(host, BaseLight("solid", (r, g, b)))
+
+
+def _light(host: ProgramHost, light: BaseLight) -> None:
+    model = host.controller.model
+    if model.name in ARMS_WITH_BASE_LIGHT:
+        host.controller.base_light = light
+    else:
+        host.controller.messages.note(f"{model.title} has no base light: nothing to set")

@@ -1,0 +1,92 @@
+"""How the motion controller goes about its work: limits, stops, holding."""
+
+import math
+
+from emulator.builtins.values import numbers, six
+from emulator.motion.wrenchlimit import WrenchLimit
+from emulator.programs.host import ProgramHost
+from urscript.builtins import Library
+from urscript.errors import RuntimeFault
+from urscript.values import Int, Num, PoseArg
+
+__all__ = ["LIBRARY"]
+
+LIBRARY = Library("tuning", host=True)
+
+_LEAST_JERK_GAIN = 0.01  # Script Manual
+
+
+@LIBRARY.builtin()
+def pause_on_error_code(host: ProgramHost, code: Int, argument: Int | None = None) -> None:
+    """Pause the program where error `code` would stop the arm protectively, until the program ends.
+
+    Any argument of the code when `argument` is omitted.
+    """
+    host.programs.pause_codes.add((code, argument))
+
+
+@LIBRARY.builtin(cb3="3.1", e="5.0", note="until it is called, as 0; that is a guess")
+def set_safety_mode_transition_hardness(host: ProgramHost, type_: Int) -> None:
+    """How the arm slows for reduced mode and for a safeguard stop: 0 hard, as quickly as it can, 1 soft."""
+    if type_ not in (0, 1):
+        raise RuntimeFault(f"set_safety_mode_transition_hardness: type must be 0 (hard) or 1 (soft), not {type_}")
+    host.motion.hard_transitions = type_ == 0
+
+
+@LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="kept; the ideal arm holds its position against any force")
+def high_holding_torque_enable(host: ProgramHost) -> None:
+    """Hold an arm that stands still with more torque, as by default."""
+    host.programs.high_holding_torque = True
+
+
+@LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="kept; the ideal arm holds its position against any force")
+def high_holding_torque_disable(host: ProgramHost) -> None:
+    """Hold an arm that stands still with no more torque than it takes."""
+    host.programs.high_holding_torque = False
+
+
+@LIBRARY.builtin(
+    cb3=None, e="5.19", status="partial", note="movej, movel, movep, movec and optimove; not blends, stops and streams"
+)
+def tool_wrench_limit_set(
+    host: ProgramHost,
+    frame_offset: PoseArg,
+    Fx: Num | None = None,
+    Fy: Num | None = None,
+    Fz: Num | None = None,
+    Mx: Num | None = None,
+    My: Num | None = None,
+    Mz: Num | None = None,
+) -> None:
+    """Let movements accelerate the payload by no more than these forces [N] and torques [Nm].
+
+    They count in a frame given from the flange. Movements that need more become slower; an axis
+    that is omitted has no limit. Applies to movements that begin from now on.
+    """
+    limits = (Fx, Fy, Fz, Mx, My, Mz)
+    for limit in limits:
+        if limit is not None and not (math.isfinite(limit) and limit > 0):
+            raise RuntimeFault(f"tool_wrench_limit_set: a limit must be greater than 0, not {limit}")
+    frame = six(numbers(frame_offset, 6, "tool_wrench_limit_set: frame_offset"))
+    installation = host.controller.installation
+    host.motion.wrench_limit = WrenchLimit.of(frame, limits, lambda: installation.payload)
+
+
+@LIBRARY.builtin(cb3=None, e="5.19")
+def tool_wrench_limit_disable(host: ProgramHost) -> None:
+    """Remove the limit on the tool wrench."""
+    host.motion.wrench_limit = None
+
+
+@LIBRARY.builtin(cb3=None, e="5.20", status="partial", note="kept and given back; no speed profile here limits jerk")
+def jerk_gain_scaling_set(host: ProgramHost, gain: Num) -> None:
+    """Scale the jerk of jerk-limited movements, 0.01 to 1."""
+    if not _LEAST_JERK_GAIN <= gain <= 1:
+        raise RuntimeFault(f"jerk_gain_scaling_set: gain must be {_LEAST_JERK_GAIN} to 1, not {gain}")
+    host.programs.jerk_gain_scaling = float(gain)
+
+
+@LIBRARY.builtin(cb3=None, e="5.20", status="partial", note="gives back what was set")
+def jerk_gain_scaling_get(host: ProgramHost) -> float:
+    """The scale of the jerk, 1 unless set."""
+    return host.programs.jerk_gain_scaling

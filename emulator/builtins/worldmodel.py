@@ -1,0 +1,122 @@
+"""The world model: named frames that poses can be given in, and that move with the arm or with each other."""
+
+from emulator.builtins.geometry import active_tcp, forward
+from emulator.builtins.setup import checked_inertia, checked_mass, use_payload
+from emulator.builtins.values import numbers, six, three, within_range
+from emulator.programs.host import ProgramHost
+from emulator.worldmodel import ArmPose, MassProperties, WorldModel
+from urscript.builtins import Library
+from urscript.values import ListArg, Num, Pose, PoseArg, Str
+
+__all__ = ["LIBRARY"]
+
+LIBRARY = Library("worldmodel", host=True)
+
+_NO_TCP = (0.0,) * 6
+
+
+def _world(host: ProgramHost) -> WorldModel:
+    return host.controller.world_model
+
+
+def _arm(host: ProgramHost) -> ArmPose:
+    return ArmPose(forward(host, host.motion.q, _NO_TCP), active_tcp(host))
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def add_frame(host: ProgramHost, name: Str, pose: PoseArg, ref_name: Str = "base") -> None:
+    """Add a frame at `pose`, given in the frame `ref_name`. It stands in the world: attach_frame() ties it."""
+    with within_range():
+        _world(host).add(name, six(numbers(pose, 6, "add_frame: pose")), ref_name, _arm(host))
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def attach_frame(host: ProgramHost, child: Str, parent: Str) -> None:
+    """Let the frame `child` move along with `parent`. It does not move when it is attached.
+
+    `child` cannot be "world", "flange" or "tcp", nor a frame that `parent` moves along with.
+    """
+    with within_range():
+        _world(host).attach(child, parent, _arm(host))
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def delete_frame(host: ProgramHost, name: Str) -> None:
+    """Delete a frame. What was attached to it stays where it is, attached to the world."""
+    with within_range():
+        _world(host).delete(name, _arm(host))
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def delete_all_frames(host: ProgramHost) -> None:
+    """Delete every frame but "world", "base", "flange" and "tcp", as delete_frame() would."""
+    with within_range():
+        _world(host).delete_all(_arm(host))
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def move_frame(host: ProgramHost, name: Str, pose: PoseArg, ref_name: Str = "base") -> None:
+    """Place a frame at `pose`, given in the frame `ref_name`. What is attached to it comes along."""
+    with within_range():
+        _world(host).move(name, six(numbers(pose, 6, "move_frame: pose")), ref_name, _arm(host))
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def get_pose(host: ProgramHost, name: Str, rel_name: Str, ref_name: Str | None = None) -> Pose:
+    """Pose of the frame `name` against `rel_name`, in the coordinates of `ref_name` (`rel_name` when omitted)."""
+    with within_range():
+        return Pose(_world(host).pose(name, rel_name, rel_name if ref_name is None else ref_name, _arm(host)))
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def convert_pose(host: ProgramHost, pose: PoseArg, from_frame: Str, to_frame: Str) -> Pose:
+    """A pose given in `from_frame`, in the coordinates of `to_frame`."""
+    with within_range():
+        given = six(numbers(pose, 6, "convert_pose: pose"))
+        return Pose(_world(host).convert(given, from_frame, to_frame, _arm(host)))
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def reset_world_model(host: ProgramHost) -> None:
+    """Delete every frame that was added and put the base back to the world's origin."""
+    _world(host).reset()
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def is_frame(host: ProgramHost, name: Str) -> bool:
+    """Whether there is a frame of that name."""
+    return name in _world(host)
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def get_frame_parent(host: ProgramHost, name: Str) -> str:
+    """Name of the frame that `name` is attached to."""
+    with within_range():
+        return _world(host).parent(name)
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def get_children(host: ProgramHost, name: Str) -> list[str]:
+    """Names of the frames attached to `name` itself."""
+    with within_range():
+        return _world(host).children(name)
+
+
+@LIBRARY.builtin(cb3=None, e="5.20")
+def set_mass_properties(host: ProgramHost, frame: Str, m: Num, cog: ListArg, inertia: ListArg) -> None:
+    """What a frame carries: mass [kg], centre of gravity in the frame [m], and inertia about it.
+
+    `inertia`: Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2] in the frame's axes. It counts as payload once
+    set_payload_from_attached_frames() is called.
+    """
+    name = "set_mass_properties"
+    properties = MassProperties(checked_mass(m), three(cog, f"{name}: cog"), checked_inertia(inertia, name))
+    with within_range():
+        _world(host).set_mass(frame, properties)
+
+
+@LIBRARY.builtin(cb3=None, e="5.20")
+def set_payload_from_attached_frames(host: ProgramHost) -> None:
+    """Make the payload of the masses of all frames that are attached, in however many steps, to TCP or flange."""
+    with within_range():
+        use_payload(host, _world(host).payload(_arm(host)))

@@ -1,0 +1,122 @@
+"""Slower movements where the payload would otherwise be accelerated too hard.
+
+The wrench that accelerates a payload grows with the square of the pace: driven k times slower, a movement needs 1/k^2
+of it everywhere. So a leg is looked at once, when it is planned, and slowed by one factor.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from math import inf, sqrt
+
+from emulator.installation import Payload
+from emulator.motion.legs import Leg
+from emulator.motion.profile import Limits, Profile
+from emulator.motion.vectors import Joints, Vec3, as_six
+from urproto.robots.pose import Pose, pose_inv, pose_sub, pose_trans, rotvec_to_matrix, wrench_trans
+
+__all__ = ["WrenchLimit"]
+
+_STRIDES = 16  # that a leg is cut into to look at it
+
+
+@dataclass(frozen=True, slots=True)
+class WrenchLimit:
+    """The most a movement may exert on the payload of the moment.
+
+    ``frame``: from the flange; ``most``: N, Nm, inf for no limit.
+    """
+
+    frame: Pose
+    most: Joints
+    payload: Callable[[], Payload]
+
+    @classmethod
+    def of(cls, frame: Pose, most: tuple[float | None, ...], payload: Callable[[], Payload]) -> "WrenchLimit":
+        """None leaves a direction unlimited."""
+        return cls(frame, as_six(inf if limit is None else limit for limit in most), payload)
+
+    def slow(self, leg: Leg, tcp_offset: Pose) -> None:
+        """Reduce speed and acceleration of a planned leg until the limit holds all along it."""
+        payload = self.payload()
+        if leg.length <= 0.0 or payload.mass <= 0.0:
+            return
+        x, y, z = payload.cog
+        from_cog = (self.frame[0] - x, self.frame[1] - y, self.frame[2] - z, *self.frame[3:])
+        wrenches = (wrench_trans(from_cog, wrench) for wrench in _accelerating(leg, tcp_offset, payload))
+        excess = max(self._share(wrench) for wrench in wrenches)
+        if excess > 1.0:
+            leg.limits = Limits(leg.limits.speed / sqrt(excess), leg.limits.acceleration / excess)
+            leg.profile = Profile.plan(0.0, leg.length, leg.limits)
+
+    def _share(self, wrench: Joints) -> float:
+        """How much of what is allowed; the largest of six."""
+        return max(abs(part) / most for part, most in zip(wrench, self.most, strict=True))
+
+
+def _accelerating(leg: Leg, tcp_offset: Pose, payload: Payload) -> Iterator[Joints]:
+    """Newton and Euler for the payload along the leg: wrench at its centre of gravity, flange axes.
+
+    From the geometry alone: first and second derivatives along the path, by differences, and the profile's speed there.
+    """
+    stride, back = leg.length / _STRIDES, pose_inv(tcp_offset)
+    flanges = [pose_trans(leg.pose(stride * i), back) for i in range(_STRIDES + 1)]
+    places = [pose_trans(flange, (*payload.cog, 0.0, 0.0, 0.0))[:3] for flange in flanges]
+    shifts = [_minus(places[i + 1], places[i]) for i in range(_STRIDES)]
+    turns = [pose_sub(flanges[i + 1], flanges[i])[3:] for i in range(_STRIDES)]
+    for i, flange in enumerate(flanges):
+        m = rotvec_to_matrix(*flange[3:])
+        velocity, curvature = _derivatives(shifts, i, stride)
+        spin, twist = _derivatives(turns, i, stride)
+        for speed, gain in _paces(leg.profile, stride * i):
+            force = _into(m, _scaled_sum(velocity, gain * payload.mass, curvature, speed**2 * payload.mass))
+            omega, alpha = _into(m, _scaled_sum(spin, speed, twist, 0.0)), _scaled_sum(spin, gain, twist, speed**2)
+            gyroscopic = _cross(omega, _times_inertia(payload, omega))
+            torque = _scaled_sum(_times_inertia(payload, _into(m, alpha)), 1.0, gyroscopic, 1.0)
+            yield (*force, *torque)
+
+
+def _derivatives(steps: Sequence[Vec3], i: int, stride: float) -> tuple[Vec3, Vec3]:
+    """First and second derivative at node i of what changes by ``steps`` from node to node; one-sided at the ends."""
+    first = min(max(i - 1, 0), len(steps) - 2)
+    before, after = steps[first], steps[first + 1]
+    where = i - 1 - first  # -1, 0, 1: the start, inside, the end
+    change = _scaled_sum(after, 1.0, before, -1.0)
+    middle = _scaled_sum(before, 0.5 / stride, after, 0.5 / stride)
+    curvature = _scaled_sum(after, 1.0 / stride**2, before, -1.0 / stride**2)
+    return _scaled_sum(middle, 1.0, change, where / stride), curvature
+
+
+def _paces(profile: Profile, s: float) -> list[tuple[float, float]]:
+    """Speed and acceleration of the profile at path length s; two where its acceleration changes near by."""
+    a, peak, length = profile.acceleration, profile.peak_speed, profile.end
+    rising, falling = sqrt(2.0 * a * s), sqrt(2.0 * a * max(length - s, 0.0))
+    paces = []
+    if rising <= 1.2 * peak:
+        paces.append((min(rising, peak), a))
+    if falling <= 1.2 * peak:
+        paces.append((min(falling, peak), -a))
+    return paces or [(peak, 0.0)]
+
+
+def _into(m: Sequence[float], v: Vec3) -> Vec3:
+    """A base vector in the axes that are the columns of m."""
+    x, y, z = v
+    return (m[0] * x + m[3] * y + m[6] * z, m[1] * x + m[4] * y + m[7] * z, m[2] * x + m[5] * y + m[8] * z)
+
+
+def _times_inertia(payload: Payload, v: Vec3) -> Vec3:
+    xx, yy, zz, xy, xz, yz = payload.inertia
+    x, y, z = v
+    return (xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z)
+
+
+def _minus(a: Sequence[float], b: Sequence[float]) -> Vec3:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def _scaled_sum(a: Vec3, p: float, b: Vec3, q: float) -> Vec3:
+    return (a[0] * p + b[0] * q, a[1] * p + b[1] * q, a[2] * p + b[2] * q)
+
+
+def _cross(a: Vec3, b: Vec3) -> Vec3:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

@@ -1,0 +1,87 @@
+"""Clock, base light, analog ranges and shutdown."""
+
+import pytest
+
+from emulator.baselight import BaseLight
+from emulator.controller import Controller, ControllerConfig
+from urproto.modes import AnalogDomain, RobotMode
+from urproto.robots import load_model
+
+
+def test_uptime_and_wall_clock_go_on_together(rig):
+    rig.start("global a = time(0)\nglobal b = time(2)\nsleep(1.5)\nglobal c = time()\nglobal d = time(2)\nsleep(1)")
+    rig.seconds(2)
+    found = {name: rig.controller.programs.variables[name].members for name in "abcd"}
+    moments = {name: value["sec"] * 10**9 + value["nanosec"] for name, value in found.items()}
+    assert moments["c"] - moments["a"] == moments["d"] - moments["b"] == 1_500_000_000
+    assert all(0 <= value["nanosec"] < 10**9 for value in found.values())
+    started = moments["b"] - moments["a"] + 41 * 10**9
+    assert started == 1_704_067_200 * 10**9  # the default: 2024-01-01 00:00:00 GMT
+
+
+def test_the_wall_clock_starts_where_the_configuration_says():
+    controller = Controller(ControllerConfig(model=load_model("ur5e"), wall_clock_s=1_800_000_000.25))
+    for _ in range(500):
+        controller.tick()
+    assert controller.wall_clock_ns == 1_800_000_001_250_000_000
+    assert controller.uptime_ns == 42 * 10**9
+
+
+def test_the_reserved_clock_is_refused(rig):
+    assert "mode must be 0" in rig.fault("time(1)")
+
+
+def test_the_base_light_of_a_large_arm(make_rig):
+    rig = make_rig("ur20", "5.20")
+    assert rig.controller.base_light == BaseLight("iec")
+    rig.run("set_baselight_solid(255, 128, 0)")
+    assert rig.controller.base_light == BaseLight("solid", (255, 128, 0))
+    rig.run("set_baselight_off()")
+    assert rig.controller.base_light == BaseLight("off")
+    rig.run("set_baselight_iec()")
+    assert rig.controller.base_light == BaseLight("iec")
+    assert "0 to 255" in rig.fault("set_baselight_solid(256, 0, 0)")
+
+
+def test_an_arm_without_a_base_light_says_so(rig):
+    rig.run("set_baselight_solid(255, 0, 0)")
+    assert rig.controller.base_light == BaseLight("iec")
+    assert any("UR5e has no base light" in line for line in rig.controller.messages.history)
+
+
+@pytest.mark.parametrize(
+    ("port", "range_", "domain"),
+    [
+        (0, 0, AnalogDomain.VOLTAGE),
+        (1, 2, AnalogDomain.VOLTAGE),
+        (2, 1, AnalogDomain.VOLTAGE),
+        (3, 0, AnalogDomain.VOLTAGE),
+        (2, 2, AnalogDomain.CURRENT),
+        (3, 2, AnalogDomain.CURRENT),
+    ],
+)
+def test_an_analog_range_chooses_the_domain(rig, port, range_, domain):
+    signals = rig.controller.signals
+    domains = signals.tool_analog_input_domains if port > 1 else signals.analog_input_domains
+    domains[port % 2] = AnalogDomain(1 - domain)
+    rig.run(f"set_analog_inputrange({port}, {range_})")
+    assert domains[port % 2] is domain
+
+
+@pytest.mark.parametrize(("port", "range_"), [(0, 1), (1, 3), (2, 3), (4, 0), (-1, 0)])
+def test_ranges_that_are_gone_stop_the_program(rig, port, range_):
+    assert rig.fault(f"set_analog_inputrange({port}, {range_})")
+
+
+def test_powerdown_ends_the_controller(rig):
+    rig.start("powerdown()\nsleep(1)")
+    rig.seconds(0.1)
+    assert rig.controller.shutdown_requested
+    assert rig.controller.snapshot.robot_mode is RobotMode.POWER_OFF
+
+
+def test_limits_are_judged_for_the_solution_asked_for(rig):
+    assert rig.value("is_within_safety_limits(get_actual_tcp_pose())") is True
+    assert rig.value("is_within_safety_limits(position=get_actual_tcp_pose(), qNear=[0,-1,1,-1,-1,0])") is True
+    assert rig.value("is_within_safety_limits(p[3, 0, 0, 0, 0, 0])") is False
+    assert rig.value("is_within_safety_limits([7, 0, 0, 0, 0, 0])") is False
