@@ -21,6 +21,7 @@ from urscript.syntax import (
     Member,
     MethodCall,
     Name,
+    Node,
     PoseLiteral,
     Program,
     Run,
@@ -64,8 +65,26 @@ class Unit:
     structs: bool  # this version has struct()
     fixed_lists: bool  # this version cannot resize a list variable
     used: dict[str, Builtin] = field(default_factory=dict)
-    errors: list[CompileError] = field(default_factory=list)
+    error: CompileError | None = None  # the first of the text found so far
     warnings: list[CallWarning] = field(default_factory=list)
+
+    def name_not_found(self, name: str, node: Node, kind: str, candidates: Callable[[], list[str]]) -> None:
+        """Note the error unless an earlier one is known; a program can hold thousands, each slow to explain."""
+        if self.error is not None and (self.error.line, self.error.column) <= (node.line, node.column):
+            return
+        message = f"{kind} '{name}' is not known{_suggestion(name, candidates())}"
+        self.error = CompileError.name_not_found(name, message, node.line, node.column, self.source)
+
+
+_MAX_CANDIDATES = 2000
+"""Most names, and characters in one, that are searched for one that was meant: it takes some 10 us a name."""
+
+
+def _suggestion(name: str, candidates: list[str]) -> str:
+    if len(name) > _MAX_CANDIDATES or len(candidates) > _MAX_CANDIDATES:
+        return ""
+    close = difflib.get_close_matches(name, candidates, n=1)
+    return f"; did you mean '{close[0]}'?" if close else ""
 
 
 class ExpressionCompiler:
@@ -114,15 +133,11 @@ class ExpressionCompiler:
 
     def name_not_found(self, name: str, node: Expression, kind: str) -> None:
         """Note the error; the first one of the text is raised in the end."""
-        unit = self.unit
+        unit, scope = self.unit, self.scope
         if kind == "variable":
-            candidates = [*unit.program.globals, *self.scope.locals, *self.scope.assigned]
+            unit.name_not_found(name, node, kind, lambda: [*unit.program.globals, *scope.locals, *scope.assigned])
         else:
-            candidates = [*unit.program.functions, *unit.builtins]
-        close = difflib.get_close_matches(name, candidates, n=1)
-        hint = f"; did you mean '{close[0]}'?" if close else ""
-        message = f"{kind} '{name}' is not known{hint}"
-        unit.errors.append(CompileError.name_not_found(name, message, node.line, node.column, unit.source))
+            unit.name_not_found(name, node, kind, lambda: [*unit.program.functions, *unit.builtins])
 
     # leaves
 

@@ -48,7 +48,11 @@ class CompiledProgram:
 
 
 _CACHE_SIZE = 64  # programs
+_CACHE_CHARACTERS = 4_000_000  # of all their texts: compiled programs are some twenty times as large
 _cache: dict[tuple[str, LibrarySet, PolyscopeVersion], CompiledProgram] = {}  # the one used last is last
+
+_MAX_FUNCTION = 50_000
+"""Longest function [statements and expressions]: Python compiles one in one go, this one in about 0.2 s (a guess)."""
 
 _PYTHON_WORK = 4  # of Python's compiler, for each expression and statement
 
@@ -76,9 +80,17 @@ def compile_steps(text: str, libraries: LibrarySet, version: PolyscopeVersion) -
     if program is None:
         program = yield from _compile(text, libraries, version)
         _cache[text, libraries, version] = program
-        if len(_cache) > _CACHE_SIZE:
-            del _cache[next(iter(_cache))]
+        _trim_cache()
     return program
+
+
+def _trim_cache() -> None:
+    """Forget the programs that were used longest ago, but not the last."""
+    characters = sum(len(text) for text, _, _ in _cache)
+    while len(_cache) > 1 and (len(_cache) > _CACHE_SIZE or characters > _CACHE_CHARACTERS):
+        oldest = next(iter(_cache))
+        characters -= len(oldest[0])
+        del _cache[oldest]
 
 
 def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> Steps[CompiledProgram]:
@@ -115,13 +127,20 @@ def _generate(unit: Unit) -> Steps[list[CodeType]]:
     code: list[CodeType] = []
     for steps in [*(compile_function(unit, plan) for plan in unit.plans.values()), compile_main(unit)]:
         for function in (yield from steps):
-            if unit.errors:
-                continue  # only to find more errors
+            if unit.error is not None:
+                continue  # only to find an earlier error
+            _check_length(function, unit.source)
             yield function.size * _PYTHON_WORK
             code.append(_python(function))
-    if unit.errors:
-        raise min(unit.errors, key=lambda error: (error.line, error.column))
+    if unit.error is not None:
+        raise unit.error
     return code
+
+
+def _check_length(function: PythonFunction, source: str) -> None:
+    if function.size > _MAX_FUNCTION:
+        message = f"a def, a thread or a block that cannot be divided has more than {_MAX_FUNCTION} statements and values"
+        raise CompileError.syntax(message, function.code.lineno, function.code.col_offset + 1, source)
 
 
 def _python(function: PythonFunction) -> CodeType:

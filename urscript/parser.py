@@ -133,6 +133,7 @@ class _Parser(ExpressionParser):
         """One statement; its cost is the number of its tokens and the surcharges of its calls."""
         first, surcharge = self.at, self.scope.cost
         kind = self.token.kind
+        self.started = first
         if kind in self._compounds:
             statement = yield from self._compounds[kind](self.take())
         else:
@@ -263,8 +264,7 @@ class _Parser(ExpressionParser):
             self.fail("a thread takes no parameters")
         if self.token.kind != ")":
             self._parameter()
-            while self.token.kind == ",":
-                self.take()
+            while self.another():
                 self._parameter()
         self.expect(")", "to close the parameters")
 
