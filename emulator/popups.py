@@ -2,13 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from emulator.messages import MessageLog
 from urproto.modes import RequestedType
 from urproto.primary.messages import PopupMessage, RequestValueMessage
 
 __all__ = ["Popup", "Popups"]
+
+_MOST_OPEN: Final = 100
+"""Most dialogues open at a time; one more closes the oldest (a guess: a program can open them in a loop)."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -87,6 +90,8 @@ class Popups:
         popup.request_id = self._last_id
         popup.opened_at_s = self._time_s()
         self.shown.append(popup)
+        if len(self.shown) > _MOST_OPEN:
+            self._close(self.shown[:1])
         return popup
 
     def _close(self, popups: list[Popup]) -> None:

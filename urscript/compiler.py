@@ -139,7 +139,7 @@ def _generate(unit: Unit) -> Steps[list[CodeType]]:
 
 def _check_length(function: PythonFunction, source: str) -> None:
     if function.size > _MAX_FUNCTION:
-        message = f"a def, a thread or a block that cannot be divided has more than {_MAX_FUNCTION} statements and values"
+        message = f"a def, a thread or an undivided block is longer than {_MAX_FUNCTION} statements and values"
         raise CompileError.syntax(message, function.code.lineno, function.code.col_offset + 1, source)
 
 

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
 
 from urscript.errors import RuntimeFault
+from urscript.meter import charge
 
 __all__ = [
     "MAX_ELEMENTS",
@@ -212,7 +213,11 @@ def _member_chunks(name: str, value: Value, message: bool) -> Iterator[str]:
     yield from _chunks(value, message, True)
 
 
-def to_text(value: Value, *, message: bool = False, limit: int = MAX_STRING) -> str:
+_CHUNK_WORK = 15
+"""Work for a piece of the text of a list [meter units]."""
+
+
+def to_text(value: Value, *, message: bool = False, limit: int = MAX_STRING, cut: bool = False) -> str:
     """The text of a value.
 
     The default is the form of to_str and str_cat: floats with up to six decimals, ``", "``
@@ -220,10 +225,10 @@ def to_text(value: Value, *, message: bool = False, limit: int = MAX_STRING) -> 
     digits and no blanks (``p[0.605825,-0.720087,...]``, seen on a real log). Struct and nested
     string forms are guesses.
 
-    Raises RuntimeFault when the text is longer than `limit` characters.
+    Raises RuntimeFault when the text is longer than `limit` characters, or with `cut` leaves the rest out.
     """
     if value.__class__ is str:
-        return _limited(value, limit)
+        return value[:limit] if cut else _limited(value, limit)
     pieces: list[str] = []
     length = 0
     for piece in _chunks(value, message, False):
@@ -231,7 +236,9 @@ def to_text(value: Value, *, message: bool = False, limit: int = MAX_STRING) -> 
         length += len(piece)
         if length > limit:
             break
-    return _limited("".join(pieces), limit)
+    charge(_CHUNK_WORK * len(pieces))
+    text = "".join(pieces)
+    return text[:limit] if cut else _limited(text, limit)
 
 
 def _limited(text: str, limit: int) -> str:

@@ -7,6 +7,7 @@ from emulator.programs.host import Frames, ProgramHost
 from urproto.modes import RequestedType
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
+from urscript.meter import charge
 from urscript.values import Any_, Bool, Str, to_text
 
 __all__ = ["LIBRARY"]
@@ -14,7 +15,7 @@ __all__ = ["LIBRARY"]
 LIBRARY = Library("messages", host=True)
 
 _LOG_LIMIT: Final = 3500  # characters: clients read primary packages into 4096 bytes
-_TEXT_LIMIT: Final = 1_000_000  # characters made before they are cut
+_LOG_WORK: Final = 200  # of a line on its way to the log and the clients [meter units]
 
 
 @LIBRARY.builtin()
@@ -90,4 +91,5 @@ def _ask(host: ProgramHost, text: str, kind: RequestedType) -> Frames[Any]:
 
 
 def _log_text(value: Any) -> str:
-    return to_text(value, message=True, limit=_TEXT_LIMIT)[:_LOG_LIMIT]
+    charge(_LOG_WORK)
+    return to_text(value, message=True, limit=_LOG_LIMIT, cut=True)
