@@ -20,7 +20,7 @@ Strings are byte strings on the controller. Here they are text decoded from UTF-
 bytes as surrogate escapes; `to_bytes` and `from_bytes` are the one way across.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
 
@@ -182,7 +182,7 @@ def _scalar_text(value: Value, message: bool) -> str:
     return str(value)
 
 
-def _between(parts: Sequence[Iterator[str]], separator: str) -> Iterator[str]:
+def _between(parts: Iterable[Iterator[str]], separator: str) -> Iterator[str]:
     for number, part in enumerate(parts):
         if number:
             yield separator
@@ -194,13 +194,13 @@ def _chunks(value: Value, message: bool, inner: bool) -> Iterator[str]:
     separator = "," if message else ", "
     if isinstance(value, list):
         yield "p[" if value.__class__ is Pose else "["
-        yield from _between([_chunks(item, message, True) for item in value], separator)
+        yield from _between((_chunks(item, message, True) for item in value), separator)
         yield "]"
     elif isinstance(value, Matrix):
         yield from _chunks([list(row) for row in value.rows], message, True)
     elif isinstance(value, Struct):
         yield "struct("
-        yield from _between([_member_chunks(*item, message) for item in value.members.items()], separator)
+        yield from _between((_member_chunks(*item, message) for item in value.members.items()), separator)
         yield ")"
     elif value.__class__ is str and inner:
         yield f'"{value}"'

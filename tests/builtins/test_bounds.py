@@ -47,3 +47,23 @@ def test_logging_a_long_list_over_and_over_leaves_the_frame_short(rig: Rig) -> N
     rig.seconds(0.2)
     assert 1 <= len(rig.texts) - before <= 100
     assert all(len(text) <= 3500 for text in rig.texts)
+
+
+@pytest.mark.parametrize(
+    ("call", "most"),
+    [("get_inverse_kin(p[0.3, 0.1, 0.3, 0, 3.14, 0])", 30), ("get_jacobian()", 30), ("get_mass_matrix()", 15)],
+)
+def test_kinematics_in_a_loop_count_for_what_they_take(rig: Rig, call: str, most: int) -> None:
+    rig.start(f"n = 0\nwhile True:\na = {call}\nn = n + 1\nend")
+    rig.until(lambda: bool(rig.controller.programs.variables))
+    before = rig.controller.programs.variables["n"]
+    rig.tick(10)
+    assert 10 <= rig.controller.programs.variables["n"] - before <= 10 * most
+
+
+@pytest.mark.parametrize("seconds", ["1e12", "1e300"])
+def test_a_move_may_take_as_long_as_it_likes(rig: Rig, seconds: str) -> None:
+    rig.start(f"movel(p[0.3, 0.1, 0.3, 0, 3.14, 0], t={seconds})")
+    rig.seconds(0.5)
+    assert not rig.exceptions
+    assert rig.controller.programs.name == "prog"
