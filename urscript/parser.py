@@ -254,6 +254,8 @@ class _Parser(ExpressionParser):
         body = yield from self._block(f"to close the {token.kind} of line {token.line}")
         self.scope.cost += self.at - first
         function = FunctionDef(token.line, token.column, self.scope, body)
+        if len(self._program.functions) >= _MAX_FUNCTIONS:
+            self.fail(f"the program has more than {_MAX_FUNCTIONS} defs and threads", token)
         self._program.functions[name] = function  # a second def of a name replaces the first
         self.scope, self._loops = outer, outer_loops
         return function
@@ -286,6 +288,9 @@ _PROGRAM_KINDS: dict[str, ProgramKind] = {"def": "program", "sec": "secondary"}
 
 _MAX_LOOPS = 20
 """Deepest nesting of loops: what Python's compiler bears."""
+
+_MAX_FUNCTIONS = 5000
+"""Most defs and threads of a program, which are planned in one step: ten times those of the largest seen (a guess)."""
 
 _WORK = 2  # of a token
 _SLICE = 32  # tokens, at least, between two yields

@@ -89,3 +89,10 @@ def test_the_text_of_a_long_list_costs_what_it_is_worth() -> None:
 def test_names_of_the_interpreter_are_not_names_of_the_script(expression: str) -> None:
     assert error_of(f"a = {expression}\n").wire == f"compile_error_name_not_found:{expression}:"
     assert error_of(f"{expression}()\n").wire == f"compile_error_name_not_found:{expression}:"
+
+
+def test_a_program_has_a_largest_number_of_defs() -> None:
+    defs = "".join(f"def f{n}():\nend\n" for n in range(5001))
+    error = error_of(f"def program():\n{defs}end\n")
+    assert "more than 5000 defs" in error.message
+    assert error.line == 2 + 2 * 5000
