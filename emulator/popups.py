@@ -12,6 +12,9 @@ from urscript.values import INT_MAX, INT_MIN, MAX_STRING, to_bytes
 
 __all__ = ["Popup", "Popups"]
 
+_MOST_OPEN: Final = 100
+"""Most dialogues open at a time; one more closes the oldest (a guess: a program can open them in a loop)."""
+
 
 @dataclass(eq=False, kw_only=True)
 class Popup:
@@ -106,6 +109,8 @@ class Popups:
         popup.request_id = self._last_id
         popup.opened_at_s = self._time_s()
         self.shown.append(popup)
+        if len(self.shown) > _MOST_OPEN:
+            self._close(self.shown[:1])
         return popup
 
     def _close(self, popups: list[Popup]) -> None:

@@ -36,6 +36,7 @@ from urscript.syntax import (
     Member,
     MethodCall,
     Name,
+    Node,
     PoseLiteral,
     Program,
     Run,
@@ -85,6 +86,23 @@ class Unit:
     used: dict[str, Builtin] = field(default_factory=dict)
     errors: list[CompileError] = field(default_factory=list)
     warnings: list[CallWarning] = field(default_factory=list)
+
+    def name_not_found(self, name: str, node: Node, kind: str, candidates: Callable[[], list[str]]) -> None:
+        """Note the error; a program can hold thousands, so only some are explained."""
+        hint = _suggestion(name, candidates()) if len(self.errors) < _MOST_HINTS else ""
+        message = f"{kind} '{name}' is not known{hint}"
+        self.errors.append(CompileError.name_not_found(name, message, node.line, node.column, self.source))
+
+
+_MAX_CANDIDATES = 2000
+"""Most names, and characters in one, that are searched for one that was meant: it takes some 10 us a name."""
+
+
+def _suggestion(name: str, candidates: list[str]) -> str:
+    if len(name) > _MAX_CANDIDATES or len(candidates) > _MAX_CANDIDATES:
+        return ""
+    close = difflib.get_close_matches(name, candidates, n=1)
+    return f"; did you mean '{close[0]}'?" if close else ""
 
 
 class ExpressionCompiler:
@@ -154,17 +172,13 @@ class ExpressionCompiler:
 
     def name_not_found(self, name: str, node: Expression, kind: str) -> None:
         """Note the error; the first one of the text is raised in the end."""
-        unit = self.unit
+        unit, scope = self.unit, self.scope
         if name in unit.program.damaged:
             return
         if kind == "variable":
-            candidates = [*unit.program.globals, *self.scope.locals, *self.scope.assigned]
+            unit.name_not_found(name, node, kind, lambda: [*unit.program.globals, *scope.locals, *scope.assigned])
         else:
-            candidates = [*unit.plans, *unit.builtins]
-        close = difflib.get_close_matches(name, candidates, n=1) if len(unit.errors) < _MOST_HINTS else []
-        hint = f"; did you mean '{close[0]}'?" if close else ""
-        message = f"{kind} '{name}' is not known{hint}"
-        unit.errors.append(CompileError.name_not_found(name, message, node.line, node.column, unit.source))
+            unit.name_not_found(name, node, kind, lambda: [*unit.plans, *unit.builtins])
 
     # leaves
 

@@ -68,8 +68,12 @@ class CompiledProgram:
 
 
 _CACHE_SIZE = 64  # programs
+_CACHE_CHARACTERS = 4_000_000  # of all their texts: compiled programs are some twenty times as large
 _Key: TypeAlias = tuple[str, LibrarySet, PolyscopeVersion, bool]
 _cache: dict[_Key, CompiledProgram] = {}  # the one used last is last
+
+_MAX_FUNCTION = 50_000
+"""Longest function [statements and expressions]: Python compiles one in one go, this one in about 0.2 s (a guess)."""
 
 _PYTHON_WORK = 4  # of Python's compiler, for each expression and statement
 
@@ -102,9 +106,17 @@ def compile_steps(
     if program is None:
         program = yield from _compile(text, libraries, version, stepped)
         _cache[key] = program
-        if len(_cache) > _CACHE_SIZE:
-            del _cache[next(iter(_cache))]
+        _trim_cache()
     return program
+
+
+def _trim_cache() -> None:
+    """Forget the programs that were used longest ago, but not the last."""
+    characters = sum(len(text) for text, *_ in _cache)
+    while len(_cache) > 1 and (len(_cache) > _CACHE_SIZE or characters > _CACHE_CHARACTERS):
+        oldest = next(iter(_cache))
+        characters -= len(oldest[0])
+        del _cache[oldest]
 
 
 def find_problems(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> list[ScriptError]:
@@ -200,6 +212,7 @@ def generate(unit: Unit, bodies: list[Steps[list[PythonFunction]]], file_name: s
         for function in (yield from steps):
             if unit.errors:
                 continue  # only to find more errors
+            _check_length(function, unit.source)
             yield function.size * _PYTHON_WORK
             code.append(_python(function, file_name))
     return code
@@ -209,6 +222,12 @@ def raise_first_error(unit: Unit) -> None:
     """Raise the error that stands first in the unit's text, if there is one."""
     if unit.errors:
         raise min(unit.errors, key=lambda error: (error.line, error.column))
+
+
+def _check_length(function: PythonFunction, source: str) -> None:
+    if function.size > _MAX_FUNCTION:
+        message = f"a def, a thread or an undivided block is longer than {_MAX_FUNCTION} statements and values"
+        raise CompileError.syntax(message, function.code.lineno, function.code.col_offset + 1, source)
 
 
 def _python(function: PythonFunction, file_name: str) -> CodeType:

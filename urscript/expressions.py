@@ -46,6 +46,10 @@ _MAX_DEPTH = 150
 """Deepest nesting of one expression: a guess, far above real programs and below what Python's compiler bears."""
 
 
+_MAX_TOKENS = 40_000
+"""Longest simple statement [words and signs]: it is read in one step. More than the longest list takes (a guess)."""
+
+
 class ExpressionParser:
     """Reads expressions; the statement parser builds on it."""
 
@@ -53,6 +57,7 @@ class ExpressionParser:
         self.source = source
         self.tokens = tokens
         self.at = 0
+        self.started = 0  # where the statement began
         self.scope = Scope("")
         self._depth = 0
         self._operands = {
@@ -105,6 +110,15 @@ class ExpressionParser:
         """A string that began in an earlier line and ends in this one."""
         strings = (token for token in self.tokens if token.kind == "string" and token.line < line)
         return next((token for token in strings if token.line + token.text.count("\n") == line), None)
+
+    def another(self) -> bool:
+        """Step past a comma, if there is one, in a row of any length."""
+        if self.token.kind != ",":
+            return False
+        if self.at - self.started > _MAX_TOKENS:
+            self.fail(f"the statement is longer than {_MAX_TOKENS} words and signs")
+        self.take()
+        return True
 
     # expressions
 
@@ -173,8 +187,7 @@ class ExpressionParser:
 
     def _items(self, closing: str, where: str) -> list[Expression]:
         items = [self.expression()]
-        while self.token.kind == ",":
-            self.take()
+        while self.another():
             items.append(self.expression())
         self.expect(closing, where)
         return items
@@ -204,8 +217,7 @@ class ExpressionParser:
         self.scope.cost += CALL_COST
         if self.token.kind != ")":
             self._argument(call)
-            while self.token.kind == ",":
-                self.take()
+            while self.another():
                 self._argument(call)
         self.expect(")", f"to close the call of {token.text}")
         return call

@@ -32,6 +32,7 @@ from urscript.values import (
 __all__ = [
     "add",
     "cell",
+    "check_product_size",
     "check_size",
     "div",
     "eq",
@@ -243,8 +244,19 @@ def _matrix_map(matrix: Matrix, operation: Callable[[Value], Value]) -> Matrix:
 def _product(left: Matrix, right: Value) -> Value:
     if right.__class__ is not Matrix:
         return [_dot(row, right) for row in left.rows]
+    check_product_size(left.shape[0] * left.shape[1] * right.shape[1])
     columns = list(zip(*right.rows, strict=True))
     return Matrix(tuple(tuple(_dot(row, column) for column in columns) for row in left.rows))
+
+
+_MAX_PRODUCTS = 100_000
+"""Most multiplications in one matrix operation, so that it fits a few control periods (46 by 46 elements)."""
+
+
+def check_product_size(multiplications: int) -> None:
+    """Raises RuntimeFault when a matrix operation takes too many multiplications."""
+    if multiplications > _MAX_PRODUCTS:
+        raise RuntimeFault(f"The matrices are too large: at most {_MAX_PRODUCTS} multiplications in one operation")
 
 
 def _dot(row: tuple[Value, ...], column: Value) -> Value:

@@ -174,6 +174,7 @@ class _Parser(RecoveringParser):
         """One statement; its cost is the number of its tokens and the surcharges of its calls."""
         first, surcharge = self.at, self.scope.cost
         kind = self.token.kind
+        self.started = first
         if kind in self._compounds:
             statement = yield from self._compounds[kind](self.take())
         else:
@@ -302,6 +303,8 @@ class _Parser(RecoveringParser):
         body = yield from self._block(f"to close the {token.kind} of line {token.line}")
         self.scope.cost += self.at - first
         function = FunctionDef(token.line, token.column, self.scope, body)
+        if len(self._program.functions) >= _MAX_FUNCTIONS:
+            self.fail(f"the program has more than {_MAX_FUNCTIONS} defs and threads", token)
         self._program.functions[self.scope.name] = function  # a second def of a name replaces the first
         self.scope, self._loops = outer, outer_loops
         return function
@@ -317,8 +320,7 @@ class _Parser(RecoveringParser):
             self.fail("a thread takes no parameters")
         if self.token.kind != ")":
             self._parameter()
-            while self.token.kind == ",":
-                self.take()
+            while self.another():
                 self._parameter()
         self.expect(")", "to close the parameters")
 
@@ -340,6 +342,9 @@ _PROGRAM_KINDS: dict[str, ProgramKind] = {"def": "program", "sec": "secondary"}
 
 _MAX_LOOPS = 20
 """Deepest nesting of loops: what Python's compiler bears."""
+
+_MAX_FUNCTIONS = 5000
+"""Most defs and threads of a program, which are planned in one step: ten times those of the largest seen (a guess)."""
 
 _WORK = 2  # of a token
 _SLICE = 32  # tokens, at least, between two yields

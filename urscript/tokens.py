@@ -31,8 +31,8 @@ _TOKEN = re.compile(
     re.VERBOSE,
 )
 
-_WORK = 2  # of a token and the space around it
-_SLICE = 32  # tokens, at least, between two yields
+_WORK = 2  # of a token and the space around it; a line end and a comment count as much
+_SLICE = 32  # of these between two yields, wherever lines end: a text may be one line
 
 
 class Token(NamedTuple):
@@ -49,17 +49,15 @@ def tokenize(source: str) -> Steps[list[Token]]:
     """The tokens of a text, closed by one of kind ``end of text``."""
     tokens: list[Token] = []
     add = tokens.append
-    counted = 0
     line, line_start, depth, fresh = 1, 0, 0, True
-    for match in _TOKEN.finditer(source):
+    for number, match in enumerate(_TOKEN.finditer(source), 1):
+        if number % _SLICE == 0:
+            yield _SLICE * _WORK
         group = match.lastgroup
         if group == "newline":
             line += 1
             line_start = match.end()
             fresh = fresh or depth == 0
-            if len(tokens) >= counted + _SLICE:
-                yield (len(tokens) - counted) * _WORK
-                counted = len(tokens)
             continue
         if group is None or group == "comment":
             continue
@@ -79,5 +77,4 @@ def tokenize(source: str) -> Steps[list[Token]]:
     tail = source.rstrip()
     end_line = tail.count("\n") + 1
     add(Token("end of text", "", end_line, len(tail) - (tail.rfind("\n") + 1) + 1, True))
-    yield (len(tokens) - counted) * _WORK
     return tokens

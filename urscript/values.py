@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, NoReturn, TypeAlias
 
 from urscript.errors import RuntimeFault
+from urscript.meter import charge
 
 __all__ = [
     "MAX_ELEMENTS",
@@ -223,6 +224,10 @@ def _member_chunks(name: str, value: Value, message: bool) -> Iterator[str]:
     yield from _chunks(value, message, True)
 
 
+_CHUNK_WORK = 15
+"""Work for a piece of the text of a list [meter units]."""
+
+
 def to_text(value: Value, *, message: bool = False, limit: int = MAX_STRING) -> str:
     """The text of a value.
 
@@ -258,6 +263,7 @@ def _text(value: Value, message: bool, limit: int) -> str:
         length += len(piece)
         if length > limit:
             break
+    charge(_CHUNK_WORK * len(pieces))
     return "".join(pieces)
 
 

@@ -7,6 +7,7 @@ from emulator.programs.host import Frames, ProgramHost
 from urproto.modes import RequestedType
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
+from urscript.meter import charge
 from urscript.values import Any_, Bool, Str, cut_text
 
 __all__ = ["LIBRARY"]
@@ -15,6 +16,7 @@ LIBRARY = Library("messages", host=True)
 
 _POPUP_BYTES: Final = 3500  # a title comes on top
 _TEXT_BYTES: Final = 4000  # clients read primary packages into 4096 bytes
+_LOG_WORK: Final = 200  # of a line on its way to the log and the clients [meter units]
 
 
 @LIBRARY.builtin()
@@ -90,4 +92,5 @@ def _ask(host: ProgramHost, text: str, kind: RequestedType) -> Frames[Any]:
 
 
 def _log_text(value: Any) -> str:
+    charge(_LOG_WORK)
     return cut_text(value, _TEXT_BYTES)

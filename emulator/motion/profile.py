@@ -6,6 +6,7 @@ from math import sqrt
 __all__ = ["Limits", "Profile", "choose_limits", "limits_for_duration"]
 
 _SHARE = 3.0  # a timed move speeds up for a third of its time and slows down for a third (guess)
+_LONGEST_S = 1e9  # a longer move is planned as one of 30 years: its acceleration would round to nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +76,7 @@ def limits_for_duration(length: float, duration_s: float, most: Limits) -> Limit
     """
     if length <= 0.0:
         return most
+    duration_s = min(duration_s, _LONGEST_S)
     speed = min(length / duration_s * _SHARE / (_SHARE - 1.0), most.speed)
     spare = speed * duration_s - length
     if spare > 0.0 and speed**2 / spare <= most.acceleration:

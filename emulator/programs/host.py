@@ -138,5 +138,5 @@ class ProgramHost:
 
     def remember(self, popup: "Popup") -> "Popup":
         """Take a dialogue back when the program ends."""
-        self.dialogues.append(popup)
+        self.dialogues = [*(earlier for earlier in self.dialogues if earlier.open), popup]
         return popup

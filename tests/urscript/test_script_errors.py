@@ -572,6 +572,10 @@ _REPORTERS = frozenset(
 )
 # (file, function): why no program reaches it
 _OUT_OF_REACH = {
+    **dict.fromkeys(
+        [("expressions.py", "another"), ("operators.py", "check_product_size"), ("parser.py", "_function")],
+        "limits of size: test_bounds.py",
+    ),
     ("recovery.py", "give_up"): "passes on what its callers say",
     ("methods.py", "member"): "Handle.member: as call_method",
     ("methods.py", "call_method"): "Handle.call_method: handles come from hosts, which override it",

@@ -7,7 +7,7 @@ from urproto.robots.pose import pose_inv
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
-from urscript.operators import wrap32
+from urscript.operators import check_product_size, wrap32
 from urscript.values import (
     INT_MAX,
     INT_MIN,
@@ -209,6 +209,7 @@ def inv(m: Any_) -> Value:
 def _inverse(matrix: Matrix) -> Matrix:
     """Gauss-Jordan elimination with row pivoting."""
     size = len(matrix.rows)
+    check_product_size(size**3)
     charge(100 + 5 * size**3)
     work = [[*map(float, row), *(float(i == j) for j in range(size))] for i, row in enumerate(matrix.rows)]
     for column in range(size):

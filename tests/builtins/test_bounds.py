@@ -1,0 +1,69 @@
+"""What a program can pile up has bounds."""
+
+import pytest
+
+from tests.builtins.conftest import Rig
+
+ROW = "[" + ",".join(["1.5"] * 60) + "]"
+SQUARE = "[" + ",".join([ROW] * 60) + "]"
+
+
+def test_open_dialogues_are_limited_and_the_oldest_goes_first(rig: Rig) -> None:
+    rig.run("n = 0\nwhile n < 130:\npopup(n)\nn = n + 1\nend")
+    assert [popup.text for popup in rig.controller.popups.shown] == [str(n) for n in range(30, 130)]
+
+
+def test_a_program_forgets_the_dialogues_that_were_closed(rig: Rig) -> None:
+    rig.start('while True:\npopup("go on?", blocking=True)\nend')
+    for _ in range(5):
+        rig.until(lambda: bool(rig.controller.popups.shown))
+        rig.controller.popups.close_all()
+    rig.until(lambda: bool(rig.controller.popups.shown))
+    host = rig.controller.programs.host
+    assert host is not None
+    assert len(host.dialogues) == 1
+
+
+def test_a_program_cannot_open_sockets_without_end(rig: Rig) -> None:
+    rig.start(
+        "n = 0\nopened = True\nwhile opened:\n"
+        'opened = socket_open("10.0.0.1", 50001, str_cat("s", n))\nn = n + 1\nend\n'
+        'again = socket_open("10.0.0.1", 50001, "s3")\nsync()\nsync()'
+    )
+    rig.until(lambda: "again" in rig.controller.programs.variables)
+    assert rig.controller.programs.variables["n"] == 65
+    assert rig.controller.programs.variables["again"] is True
+
+
+@pytest.mark.parametrize("operation", ["m * m", "inv(m)"])
+def test_matrix_operations_have_a_largest_size(rig: Rig, operation: str) -> None:
+    assert "at most 100000 multiplications" in rig.fault(f"m = {SQUARE}\nx = {operation}")
+
+
+def test_logging_a_long_list_over_and_over_leaves_the_frame_short(rig: Rig) -> None:
+    rig.start("a = make_list(10000, 1.25, 10000)\nwhile True:\ntextmsg(a)\nend")
+    rig.until(lambda: bool(rig.texts))
+    before = len(rig.texts)
+    rig.seconds(0.2)
+    assert 1 <= len(rig.texts) - before <= 100
+    assert all(len(text) <= 4000 for text in rig.texts)
+
+
+@pytest.mark.parametrize(
+    ("call", "most"),
+    [("get_inverse_kin(p[0.3, 0.1, 0.3, 0, 3.14, 0])", 30), ("get_jacobian()", 30), ("get_mass_matrix()", 15)],
+)
+def test_kinematics_in_a_loop_count_for_what_they_take(rig: Rig, call: str, most: int) -> None:
+    rig.start(f"n = 0\nwhile True:\na = {call}\nn = n + 1\nend")
+    rig.until(lambda: bool(rig.controller.programs.variables))
+    before = rig.controller.programs.variables["n"]
+    rig.tick(10)
+    assert 10 <= rig.controller.programs.variables["n"] - before <= 10 * most
+
+
+@pytest.mark.parametrize("seconds", ["1e12", "1e300"])
+def test_a_move_may_take_as_long_as_it_likes(rig: Rig, seconds: str) -> None:
+    rig.start(f"movel(p[0.3, 0.1, 0.3, 0, 3.14, 0], t={seconds})")
+    rig.seconds(0.5)
+    assert not rig.exceptions
+    assert rig.controller.programs.name == "prog"

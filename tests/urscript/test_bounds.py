@@ -1,0 +1,98 @@
+"""However a script is written, its work comes in small steps and its memory has bounds."""
+
+import pytest
+
+from urproto.versions import PolyscopeVersion
+from urscript import compiler
+from urscript.builtins import LibrarySet
+from urscript.compiler import compile_script, compile_steps
+from urscript.errors import CompileError
+from urscript.library import LIBRARIES
+from urscript.meter import METER
+from urscript.tokens import tokenize
+from urscript.values import cut_text, to_text
+
+VERSION = PolyscopeVersion.parse("5.22.0")
+LIBRARY_SET = LibrarySet(LIBRARIES)
+
+
+def compile_text(text: str) -> compiler.CompiledProgram:
+    return compile_script(text, LIBRARY_SET, VERSION)
+
+
+def error_of(text: str) -> CompileError:
+    with pytest.raises(CompileError) as caught:
+        compile_text(text)
+    return caught.value
+
+
+@pytest.mark.parametrize("text", ["a=1 " * 5000, "\n" * 20000, "# note\n" * 20000, "@" * 20000, "(" * 20000])
+def test_a_text_of_any_shape_is_tokenized_in_short_steps(text: str) -> None:
+    steps = list(tokenize(text))
+    assert len(steps) > 400
+    assert max(steps) < 100
+
+
+def test_a_statement_that_is_too_long_is_refused_before_it_is_read_to_its_end() -> None:
+    longest = ",".join(["1"] * 10_000)
+    assert compile_text(f"a = [{longest}]\n").global_names == ("a",)
+    error = error_of("a = [" + ",".join([longest] * 3) + "]\n")
+    assert "longer than 40000" in error.message
+    assert error.column < 45_000
+
+
+def test_thousands_of_unknown_names_are_one_error_the_first() -> None:
+    lines = "".join(f"  missing_{n}()\n" for n in range(3000))
+    error = error_of(f"def program():\n  def later():\n{lines}  end\n  mising()\n  first_of_all = absent\nend\n")
+    assert (error.line, error.wire) == (3, "compile_error_name_not_found:missing_0:")
+
+
+def test_a_misspelt_name_among_very_many_gets_no_suggestion() -> None:
+    declared = "".join(f"value_{n} = 0\n" for n in range(2100))
+    assert "did you mean" not in error_of(f"{declared}b = valu_7\n").message
+    assert "did you mean 'value_7'" in error_of("value_7 = 0\nb = valu_7\n").message
+
+
+def test_a_def_has_a_longest_length_and_the_program_body_has_none() -> None:
+    statements = "    a = 1\n" * 26_000
+    error = error_of(f"def program():\n  def f():\n{statements}  end\n  f()\nend\n")
+    assert "longer than 50000" in error.message
+    assert error.line == 2
+    assert compile_text(f"def program():\n{statements}end\n").global_names == ("a",)
+
+
+def test_the_cache_forgets_programs_by_the_length_of_their_texts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiler, "_cache", {})
+    monkeypatch.setattr(compiler, "_CACHE_CHARACTERS", 1000)
+    texts = [f"a = {n} # {'x' * 400}\n" for n in range(5)]
+    first = compile_text(texts[0])
+    for text in texts:
+        compile_text(text)
+    assert len(compiler._cache) == 2
+    assert compile_text(texts[0]) is not first
+    assert list(compile_steps(texts[0], LIBRARY_SET, VERSION)) == []
+
+
+def test_the_text_of_a_long_list_costs_what_it_is_worth() -> None:
+    METER.left = 0
+    to_text([1.5] * 5000, limit=100_000)
+    long = -METER.left
+    METER.left = 0
+    assert cut_text([1.5] * 5000, 100) == ("[" + "1.5," * 25)[:100]
+    assert long > 50_000 > 2000 > -METER.left
+
+
+@pytest.mark.parametrize(
+    "expression",
+    ["__builtins__", "__import__", "open", "globals", "METER", "_meter", "b_textmsg", "v_a", "__name__", "self"],
+)
+def test_names_of_the_interpreter_are_not_names_of_the_script(expression: str) -> None:
+    assert error_of(f"a = {expression}\n").wire == f"compile_error_name_not_found:{expression}:"
+    assert error_of(f"{expression}()\n").wire == f"compile_error_name_not_found:{expression}:"
+
+
+def test_a_program_has_a_largest_number_of_defs() -> None:
+    defs = "".join(f"def f{n}():\nend\n" for n in range(5001))
+    error = error_of(f"def program():\n{defs}end\n")
+    assert "more than 5000 defs" in error.message
+    assert error.line == 2 + 2 * 5000
