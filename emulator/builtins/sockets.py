@@ -3,7 +3,8 @@
 A read returns at once when what it wants is there; otherwise it looks once per control
 period until its timeout has passed in control periods, or for ever when the timeout is 0 or
 negative. A connection the peer closed wakes it up. Failures are values, never errors: False,
-an empty string, or a list that begins with 0.
+an empty string, or a list that begins with 0. What fails takes a control period at least, so
+that a program that tries again and again leaves time for others.
 """
 
 import math
@@ -17,7 +18,20 @@ from emulator.programs.sockets import ScriptSocket
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
-from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Bool, Int, Num, Str, from_bytes, to_bytes, to_text
+from urscript.values import (
+    INT_MAX,
+    INT_MIN,
+    MAX_STRING,
+    Any_,
+    Bool,
+    Int,
+    Num,
+    Str,
+    from_bytes,
+    to_bytes,
+    to_text,
+    type_name,
+)
 
 __all__ = ["LIBRARY"]
 
@@ -42,9 +56,10 @@ def socket_open(host: ProgramHost, address: Str, port: Int, socket_name: Str = _
     socket = host.programs.socket_backend.open(address, port)
     host.sockets.put(socket_name, socket)
     for _ in range(host.frames(_CONNECT_S)):
+        if socket.state == "connecting" or not host.secondary:
+            yield
         if socket.state != "connecting":
             break
-        yield
     if socket.state == "open":
         return True
     host.sockets.close(socket_name)
@@ -80,17 +95,21 @@ def socket_send_byte(host: ProgramHost, value: Any_, socket_name: Str = _NAME) -
 
 
 @LIBRARY.builtin()
-def socket_send_int(host: ProgramHost, value: Num, socket_name: Str = _NAME) -> bool:
+def socket_send_int(host: ProgramHost, value: Any_, socket_name: Str = _NAME) -> bool:
     """Send four bytes: a signed integer, highest byte first. False when the socket is not open."""
+    if type(value) not in (bool, int, float):  # bools: a guess, a public program sends one
+        raise RuntimeFault(
+            f"Type error: argument 'value' of socket_send_int expected type 'Num' but found '{type_name(value)}'"
+        )
     if not INT_MIN <= value <= INT_MAX:
         raise RuntimeFault(f"socket_send_int: {value} does not fit 32 bits")
     return _send(host, socket_name, struct.pack(">i", int(value)))
 
 
 @LIBRARY.builtin()
-def socket_set_var(host: ProgramHost, name: Str, value: Any_, socket_name: Str = _NAME) -> None:
-    """Send the line ``SET <name> <value>``."""
-    _send(host, socket_name, to_bytes(f"SET {name} {to_text(value)}\n"))
+def socket_set_var(host: ProgramHost, name: Any_, value: Any_, socket_name: Str = _NAME) -> None:
+    """Send the line ``SET <name> <value>``; both may be of any type, as a gripper maker's programs have it."""
+    _send(host, socket_name, to_bytes(f"SET {to_text(name)} {to_text(value)}\n"))
 
 
 @LIBRARY.builtin()
@@ -189,13 +208,15 @@ def _wait(
     host: ProgramHost, socket: ScriptSocket | None, timeout: float, ready: Callable[[bytearray], bool]
 ) -> Frames[bool]:
     """Wait until the bytes received are enough; False when the time is over or no more can come."""
-    if socket is None:
-        return False
     left = host.frames(timeout) if timeout > 0 else -1
-    while not ready(socket.inbox):
-        if socket.state != "open" or left == 0:
+    waited = host.secondary  # which has no time for that
+    while socket is None or not ready(socket.inbox):
+        if socket is None or socket.state != "open" or left == 0:
+            if not waited:
+                yield
             return False
         left -= 1
+        waited = True
         yield
     return True
 

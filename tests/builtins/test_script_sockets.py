@@ -48,6 +48,8 @@ def test_opening_a_name_again_closes_the_first(rig):
         ('socket_send_byte(255, "s")', b"\xff"),
         ('socket_send_byte("A", "s")', b"A"),
         ('socket_send_int(-2, "s")', b"\xff\xff\xff\xfe"),
+        ('socket_send_int(True, "s")', b"\x00\x00\x00\x01"),
+        ('socket_set_var(7, 1, "s")', b"SET 7 1\n"),
         ('socket_set_var("SPE", 100, "s")', b"SET SPE 100\n"),
         ('socket_set_var("POS", -1.5, "s")', b"SET POS -1.5\n"),
         ('socket_get_var("POS", "s")', b"GET POS\n"),
@@ -290,3 +292,20 @@ def test_failed_floats_are_not_numbers(rig):
     value = rig.value("socket_read_ascii_float(2)")
     assert value[0] == 0
     assert all(map(math.isnan, value[1:]))
+
+
+@pytest.mark.parametrize(
+    "attempt",
+    [
+        'socket_open("10.0.0.2", 50001)',
+        'socket_read_byte_list(1, "closed")[0] > 0',
+        'socket_read_string("closed") != ""',
+        'socket_get_var("x", "closed") > 0',
+    ],
+)
+def test_trying_again_and_again_leaves_time_for_others(rig, attempt):
+    """Public programs do it without sync(); it is no endless loop."""
+    rig.start(f"n = 0\nwhile not {attempt}:\nn = n + 1\nend")
+    rig.seconds(12.0)
+    assert rig.state.name == "PLAYING"
+    assert rig.controller.programs.variables["n"] == pytest.approx(12.0 / rig.controller.period_s, rel=0.02)
