@@ -3,9 +3,11 @@
 from emulator.builtins.geometry import active_tcp, forward
 from emulator.builtins.setup import checked_inertia, checked_mass, use_payload
 from emulator.builtins.values import numbers, six, three, within_range
-from emulator.programs.host import ProgramHost
+from emulator.motion.frame_tracking import FrameTracking
+from emulator.programs.host import Frames, ProgramHost
 from emulator.worldmodel import ArmPose, MassProperties, WorldModel
 from urscript.builtins import Library
+from urscript.errors import RuntimeFault
 from urscript.values import ListArg, Num, Pose, PoseArg, Str
 
 __all__ = ["LIBRARY"]
@@ -13,6 +15,7 @@ __all__ = ["LIBRARY"]
 LIBRARY = Library("worldmodel", host=True)
 
 _NO_TCP = (0.0,) * 6
+_STOP_RAD_S2 = 20.0  # that of stop_conveyor_tracking (guess)
 
 
 def _world(host: ProgramHost) -> WorldModel:
@@ -120,3 +123,24 @@ def set_payload_from_attached_frames(host: ProgramHost) -> None:
     """Make the payload of the masses of all frames that are attached, in however many steps, to TCP or flange."""
     with within_range():
         use_payload(host, _world(host).payload(_arm(host)))
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def frame_tracking_enable(host: ProgramHost, frame_name: Str) -> None:
+    """Take the arm, and all following movements, along with a frame as that moves in the base frame.
+
+    Poses mean where things were when tracking began. A frame that the arm itself carries cannot be tracked. Stays
+    in force until frame_tracking_disable() or the program's end.
+    """
+    if host.secondary:
+        raise RuntimeFault("frame_tracking_enable: a secondary program cannot control the robot")
+    world = _world(host)
+    with within_range():
+        host.motion.track_frame(FrameTracking(frame_name, lambda: world.in_base(frame_name)))
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def frame_tracking_disable(host: ProgramHost) -> Frames[None]:
+    """Stop all joints, and track no frame from then on: the arm stays, and poses are in the base frame again."""
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.stop_tracking_frame(_STOP_RAD_S2))

@@ -1,4 +1,4 @@
-"""Commands that add something to the path of the movements: path offsets and conveyor tracking."""
+"""Commands that add something to the path of the movements: path offsets, conveyor and frame tracking."""
 
 from collections.abc import Sequence
 
@@ -42,6 +42,16 @@ class DisplacingStepper(Stepper):
     def stop_tracking(self, a: float) -> Move:
         """Take the path along no more and stop all joints, the leading one by ``a`` [rad/s2]; ready at rest."""
         return self._end_source(Kind.CONVEYOR, a)
+
+    def track_frame(self, frame: Source) -> None:
+        """Take the path along with a frame. Raises ValueError while one is tracked."""
+        if self._added is not None and Kind.FRAME in self._added.sources:
+            raise ValueError("a frame is tracked already: call frame_tracking_disable() first")
+        self._displace(Kind.FRAME, frame)
+
+    def stop_tracking_frame(self, a: float) -> Move:
+        """Take the path along no more and stop all joints, the leading one by ``a`` [rad/s2]; ready at rest."""
+        return self._end_source(Kind.FRAME, a)
 
     @property
     def _path_offset(self) -> PathOffset | None:
