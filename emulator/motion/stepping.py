@@ -1,9 +1,9 @@
 """One control period at a time: from the movement in progress to the target joint configuration.
 
 Rules, in order: an unscaled movement (a stop) runs by the clock; a scaled one runs at the speed fraction, or slows to a
-standstill on its path while paused; path offsets, tracked frames and conveyors displace it; force mode and freedrive add to that; the
-result must leave every joint a way to brake before its position limit. Whatever breaks a rule is a MotionFault: the
-movement is dropped and each joint brakes at its acceleration limit.
+standstill on its path while paused; path offsets, tracked frames and conveyors displace it; force mode and freedrive
+add to that; the result must leave every joint a way to brake before its position limit. Whatever breaks a rule is a
+MotionFault: the movement is dropped and each joint brakes at its acceleration limit.
 """
 
 from dataclasses import dataclass

@@ -2,6 +2,7 @@
 
 import pytest
 
+from emulator.safety import SafetyEvent
 from urproto.modes import RuntimeState, SafetyMode
 
 PART = 'add_frame("part", p[0.4, -0.2, 0.1, 0, 0, 0])\n'
@@ -90,7 +91,7 @@ def test_disabling_what_was_not_enabled_only_stops(rig):
 def test_a_secondary_program_cannot_track(rig):
     rig.submit('sec s():\n  frame_tracking_enable("base")\nend\n')
     rig.tick(5)
-    assert "a secondary program cannot control the robot" in rig.exceptions[-1].text
+    assert "a secondary program cannot control the robot" in rig.keys[-1][1]
 
 
 @pytest.mark.parametrize(
@@ -107,8 +108,8 @@ def test_a_frame_that_is_lost_stops_the_arm_and_ends_the_program_at_its_next_mov
     assert rig.controller.motion.fault is not None
     assert said in rig.controller.motion.fault.text
     rig.seconds(6.0)
-    rig.controller.unlock_protective_stop()
-    rig.controller.programs.resume()
+    assert rig.controller.safety_event(SafetyEvent.UNLOCK)
+    assert rig.controller.programs.resume()
     rig.until(lambda: rig.state is RuntimeState.STOPPED)
     assert "frame tracking ended: C204A5" in rig.exceptions[-1].text
 
@@ -123,7 +124,7 @@ def test_the_end_of_a_program_ends_tracking_and_leaves_the_frame(rig):
 
 def test_pause_and_resume_catch_up(rig):
     start = y(rig)
-    rig.start(DRIFT + TRACK + "run drift()\nsleep(1)\nmove_frame(\"part\", p[0, 0.01, 0, 0, 0, 0], \"part\")\nsleep(5)")
+    rig.start(DRIFT + TRACK + 'run drift()\nsleep(1)\nmove_frame("part", p[0, 0.01, 0, 0, 0, 0], "part")\nsleep(5)')
     rig.seconds(1.0)
     rig.controller.programs.pause("test")
     rig.seconds(0.5)

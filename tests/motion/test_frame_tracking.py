@@ -270,7 +270,9 @@ def test_a_frame_that_is_gone_stops_the_arm(rig):
     rig.rest()
 
 
-@pytest.mark.parametrize(("by", "said"), [((4e-3, 0, 0, 0, 0, 0), "2.000 m/s"), ((0, 0, 0, 0, 0, 0.02), "10.000 rad/s")])
+@pytest.mark.parametrize(
+    ("by", "said"), [((4e-3, 0, 0, 0, 0, 0), "2.000 m/s"), ((0, 0, 0, 0, 0, 0.02), "10.000 rad/s")]
+)
 def test_a_frame_that_is_too_fast_stops_the_arm(rig, by, said):
     part = Part(rig)
     part.step(by, 10)
