@@ -155,14 +155,14 @@ class WorldModel:
         """A pose given in one frame, in another."""
         return pose_trans(self.pose(source, target, target, arm), pose)
 
-    def moves_with_arm(self, name: str) -> bool:
-        """Whether the arm carries the frame: flange, TCP and all that is attached to them."""
+    def carries(self, carrier: str, name: str) -> bool:
+        """Whether a frame is the other one or moves along with it."""
         self._known(name)
-        return _FLANGE in self._chain(name)
+        return carrier in self._chain(name)
 
     def in_base(self, name: str) -> Pose:
         """The pose in the base of a frame that the arm does not carry. Raises WorldModelError for one it does."""
-        if self.moves_with_arm(name):
+        if self.carries(_FLANGE, name):
             raise WorldModelError(f'the frame "{name}" moves with the arm itself; attach it to something else')
         return self.pose(name, _BASE, _BASE, _NO_ARM)
 

@@ -34,7 +34,7 @@ class FrameTracking:
     """``place`` tells the frame's pose in the base frame, and raises ValueError when there is none any more."""
 
     def __init__(self, name: str, place: Callable[[], Pose]) -> None:
-        self._name = name
+        self.name = name
         self._place = place
         self._frame = place()
         self._inverse = pose_inv(self._frame)
@@ -64,15 +64,19 @@ class FrameTracking:
     def undo(self, pose: Pose) -> Pose:
         return pose_trans(pose_inv(self._applied), pose)
 
+    def at_the_start(self, pose: Pose) -> Pose:
+        """Where a pose that moves along with the frame was when tracking began. Raises ValueError without a frame."""
+        return pose_trans(pose_inv(pose_trans(self._place(), self._inverse)), pose)
+
     def _look(self) -> bool:
         """See where the frame is now; whether it moved."""
         try:
             frame = self._place()
             target = pose_trans(frame, self._inverse)
         except ValueError as error:
-            raise frame_lost(self._name, str(error)) from None
+            raise frame_lost(self.name, str(error)) from None
         if not all_finite(target):
-            raise frame_lost(self._name, "it is infinitely far away")
+            raise frame_lost(self.name, "it is infinitely far away")
         moved = frame != self._frame
         if moved:
             self._frame, self._target = frame, target
@@ -112,7 +116,7 @@ class FrameTracking:
             return False
         self._too_fast_s += dt
         if self._too_fast_s > _JUMPS_S + 0.5 * dt:
-            raise frame_too_fast(self._name, speed, TOOL_LIMITS.speed, turn, _FASTEST_TURN)
+            raise frame_too_fast(self.name, speed, TOOL_LIMITS.speed, turn, _FASTEST_TURN)
         return True
 
     def _catch_up(self, dt: float, path: Pose, along: Pose, relative: Joints, rate: Joints) -> None:
