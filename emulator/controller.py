@@ -299,6 +299,8 @@ class Controller:
         self._arm_changed = self.arm.update(targets, self.installation, wrench, self.period_s, driven=driven)
         power_changed = self.power.state is not self._power_seen
         self._power_seen = self.power.state
+        if power_changed:
+            self.programs.outputs.power_changed()
         self.electrics.advance(
             self.arm, self.period_s, powered=self.power.report.powered, changed=self._arm_changed or power_changed
         )

@@ -47,6 +47,9 @@ class MassProperties:
     inertia: Vector6
 
 
+_NO_ARM: Final = ArmPose(_ORIGIN, _ORIGIN)  # for frames that do not depend on it
+
+
 @dataclass(frozen=True, slots=True)
 class _Frame:
     parent: str
@@ -151,6 +154,17 @@ class WorldModel:
     def convert(self, pose: Pose, source: str, target: str, arm: ArmPose) -> Pose:
         """A pose given in one frame, in another."""
         return pose_trans(self.pose(source, target, target, arm), pose)
+
+    def carries(self, carrier: str, name: str) -> bool:
+        """Whether a frame is the other one or moves along with it."""
+        self._known(name)
+        return carrier in self._chain(name)
+
+    def in_base(self, name: str) -> Pose:
+        """The pose in the base of a frame that the arm does not carry. Raises WorldModelError for one it does."""
+        if self.carries(_FLANGE, name):
+            raise WorldModelError(f'the frame "{name}" moves with the arm itself; attach it to something else')
+        return self.pose(name, _BASE, _BASE, _NO_ARM)
 
     def _in_parent(self, name: str, arm: ArmPose) -> Pose:
         if name == _FLANGE:

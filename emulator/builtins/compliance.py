@@ -148,14 +148,17 @@ def end_teach_mode(host: ProgramHost) -> None:
     cb3="3.0",
     e="5.0",
     status="partial",
-    note="contact is a force beyond 20 N or 2 Nm; the controller's own rule is not known",
+    note="contact is a force beyond 20 N, or the threshold; the controller's own rule is not known",
 )
-def tool_contact(host: ProgramHost, direction: PoseOrJoints = _ORIGIN) -> int:
+def tool_contact(host: ProgramHost, direction: PoseOrJoints = _ORIGIN, force_threshold: Num = 0.0) -> int:
     """Control periods since the tool met something while moving along `direction`; 0 without contact.
 
-    `direction`: six numbers in the base frame, as a speed vector; all zero means any direction.
+    `direction`: six numbers in the base frame, of which the first three count; when these are zero, any
+    direction. `force_threshold` [N]: the force that counts as contact (5.25 manual); 0 leaves the usual one.
     """
-    return host.programs.history.contact_steps(direction)
+    if not 0 <= force_threshold < math.inf:
+        raise RuntimeFault(f"tool_contact: force_threshold must not be negative, not {force_threshold}")
+    return host.programs.history.contact_steps(direction, force_threshold)
 
 
 @LIBRARY.builtin(cb3="3.0", e="5.0")

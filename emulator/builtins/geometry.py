@@ -5,12 +5,14 @@ from collections.abc import Sequence
 
 from emulator.builtins.values import Vector6, six
 from emulator.programs.host import ProgramHost
+from emulator.worldmodel import ArmPose
 from urproto.robots.pose import pose_inv, pose_trans
 from urscript.errors import RuntimeFault
 from urscript.values import Pose
 
 __all__ = [
     "active_tcp",
+    "arm_pose",
     "forward",
     "in_joint_range",
     "inverse",
@@ -20,6 +22,9 @@ __all__ = [
     "pose_for",
     "twist_of",
 ]
+
+
+_NO_TCP = (0.0,) * 6
 
 
 def forward(host: ProgramHost, q: Sequence[float], tcp: Sequence[float] | None = None) -> Vector6:
@@ -70,6 +75,11 @@ def twist_of(host: ProgramHost, q: Vector6, qd: Vector6) -> Vector6:
 def active_tcp(host: ProgramHost) -> Vector6:
     """The TCP in use, flange to TCP."""
     return host.controller.installation.tcp
+
+
+def arm_pose(host: ProgramHost) -> ArmPose:
+    """Where flange and TCP are, for the world model."""
+    return ArmPose(forward(host, host.motion.q, _NO_TCP), active_tcp(host))
 
 
 def no_solution(pose: Sequence[float]) -> RuntimeFault:

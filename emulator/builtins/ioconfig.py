@@ -2,7 +2,7 @@
 
 from emulator.builtins.values import within_range
 from emulator.programs.host import ProgramHost
-from emulator.programs.outputs import ANALOG_ACTIONS, DIGITAL_ACTIONS
+from emulator.programs.output_actions import OutputAction, output_action
 from emulator.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolOutputMode
 from urscript.builtins import Library
@@ -128,7 +128,9 @@ def set_input_actions_to_default(host: ProgramHost) -> None:
 def set_runstate_standard_digital_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
     """Standard digital output 0 to 7 by run state.
 
-    `state`: 0 keep, 1 low, 2 high while no program runs; 3 high while one runs, 4 low while one runs.
+    `state`: 0 keep, 1 low, 2 high while no program runs; 3 high while one runs and low otherwise. On e-Series
+    also 4 low when one ends by an error, protective stop, violation or fault, 5 the same and high from a program's
+    start; 6 high, 7 low while the robot has drive power and the reverse without.
     """
     _runstate(host, STANDARD, outputId, state)
 
@@ -141,7 +143,7 @@ def set_runstate_configurable_digital_output_to_value(host: ProgramHost, outputI
 
 @LIBRARY.builtin()
 def set_runstate_tool_digital_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
-    """Tool digital output 0 or 1 by run state; `state` as for the standard ones."""
+    """Tool digital output 0 or 1 by run state; `state` 0 to 5 as for the standard ones."""
     _runstate(host, TOOL, outputId, state)
 
 
@@ -149,16 +151,14 @@ def set_runstate_tool_digital_output_to_value(host: ProgramHost, outputId: Int, 
 def set_runstate_gp_boolean_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
     """Boolean output register by run state; `state` as for the standard outputs."""
     with within_range():
-        host.programs.outputs.set_register(outputId, _action(state))
+        host.programs.outputs.set_register(outputId, _action(host, state))
 
 
 @LIBRARY.builtin()
 def set_runstate_standard_analog_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
-    """Analog output 0 or 1 while no program runs: 0 keep, 1 minimum, 2 maximum."""
-    if state not in ANALOG_ACTIONS:
-        raise RuntimeFault(f"the run-state action of an analog output must be 0, 1 or 2, not {state}")
+    """Analog output 0 or 1 by run state: minimum and maximum for low and high; `state` as for the standard ones."""
     with within_range():
-        host.programs.outputs.set_analog(outputId, state)
+        host.programs.outputs.set_analog(outputId, _action(host, state))
 
 
 _OLD_NOTE = "undocumented; public programs give an empty list only; listed outputs follow the program (a guess)"
@@ -182,25 +182,20 @@ def set_runstate_configurable_digital_outputs(host: ProgramHost, outputs: ListAr
     _runstate_list(host, CONFIGURABLE, outputs)
 
 
-_HIGH_WHILE_RUNNING = 3
-
-
 def _runstate_list(host: ProgramHost, group: DigitalGroup, outputs: list[int]) -> None:
     for index in outputs:
         if not isinstance(index, int):
             raise RuntimeFault(f"the list must hold numbers of outputs, not {index!r}")
-        _runstate(host, group, index, _HIGH_WHILE_RUNNING)
+        _runstate(host, group, index, OutputAction.HIGH_WHILE_RUNNING)
 
 
 def _runstate(host: ProgramHost, group: DigitalGroup, index: int, state: int) -> None:
     with within_range():
-        host.programs.outputs.set_digital(group, index, _action(state))
+        host.programs.outputs.set_digital(group, index, _action(host, state, power=group is not TOOL))
 
 
-def _action(state: int) -> int:
-    if state not in DIGITAL_ACTIONS:
-        raise RuntimeFault(f"the run-state action of a digital output must be 0 to 4, not {state}")
-    return state
+def _action(host: ProgramHost, state: int, *, power: bool = True) -> OutputAction:
+    return output_action(state, host.controller.version.series, power=power)
 
 
 def _input_action(host: ProgramHost, group: DigitalGroup, port: int, action: str) -> None:

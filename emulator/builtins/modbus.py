@@ -210,8 +210,8 @@ def modbus_set_runstate_dependent_choice(host: ProgramHost, signal_name: Str, ru
     """Let an output follow the program.
 
     `runstate_choice`: 0 keep, 1 low, 2 high while no program runs; 3 high while one runs and
-    low otherwise; 4 low, 5 low and high from a program's start, when one ends by an error or
-    a protective stop.
+    low otherwise; on e-Series also 4 low when one ends by an error or a protective stop, 5 the
+    same and high from a program's start.
     """
     with within_range():
         host.programs.modbus.set_runstate_choice(signal_name, runstate_choice)

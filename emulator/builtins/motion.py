@@ -1,11 +1,11 @@
 """Movements: the arm goes somewhere, and the call takes the time that needs."""
 
-from emulator.builtins.geometry import joints_for, nearest_angle, pose_for
-from emulator.builtins.values import six, within_range
+from emulator.builtins.geometry import arm_pose, joints_for, nearest_angle, pose_for
+from emulator.builtins.values import Vector6, numbers, six, within_range
 from emulator.programs.host import Frames, ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
-from urscript.values import Bool, Int, Joints, Num, PoseOrJoints
+from urscript.values import Any_, Bool, Int, Joints, Num, Pose, PoseOrJoints, Struct, Value
 
 __all__ = ["LIBRARY"]
 
@@ -74,9 +74,13 @@ def movec(
 @LIBRARY.builtin(
     cb3=None, e="5.19", status="partial", note="a trapezoidal profile with a and v as shares of the limits"
 )
-def optimovej(host: ProgramHost, goal: PoseOrJoints, a: Num = 0.3, v: Num = 0.3, r: Num = 0) -> Frames[None]:
-    """Joint move with `a` and `v` as fractions (0 to 1) of what the arm can do."""
-    q = joints_for(host, goal)
+def optimovej(host: ProgramHost, goal: Any_, a: Num = 0.3, v: Num = 0.3, r: Num = 0) -> Frames[None]:
+    """Joint move with `a` and `v` as fractions (0 to 1) of what the arm can do.
+
+    `goal`: joint angles, a pose, struct(pose=..., frame=...) for a pose in a frame of the world model, or the name
+    of a frame, which the TCP goes to.
+    """
+    q = joints_for(host, _goal(host, "optimovej", goal))
     _check_fractions("optimovej", a, v)
     model = host.controller.model
     speed, acceleration = v * min(model.qd_max), a * min(model.qdd_max)
@@ -91,13 +95,39 @@ _TOOL_ACCELERATION_M_S2 = 15.0  # guess
 @LIBRARY.builtin(
     cb3=None, e="5.19", status="partial", note="a trapezoidal profile with a and v as shares of the limits"
 )
-def optimovel(host: ProgramHost, goal: PoseOrJoints, a: Num = 0.3, v: Num = 0.3, r: Num = 0) -> Frames[None]:
-    """Straight tool move with `a` and `v` as fractions (0 to 1) of what the arm can do."""
-    pose = pose_for(host, goal)
+def optimovel(host: ProgramHost, goal: Any_, a: Num = 0.3, v: Num = 0.3, r: Num = 0) -> Frames[None]:
+    """Straight tool move with `a` and `v` as fractions (0 to 1) of what the arm can do; `goal` as of optimovej."""
+    pose = pose_for(host, _goal(host, "optimovel", goal))
     _check_fractions("optimovel", a, v)
     speed, acceleration = v * _TOOL_SPEED_M_S, a * _TOOL_ACCELERATION_M_S2
     with host.motion_control() as motion:
         yield from host.until_ready(motion.movel(pose, a=acceleration, v=speed, t=0, r=r))
+
+
+def _goal(host: ProgramHost, name: str, goal: Value) -> list[float]:
+    """Joint angles or a pose of whatever optimovej and optimovel take for a goal."""
+    if isinstance(goal, str):
+        return _in_frame(host, _ORIGIN, goal)
+    if isinstance(goal, Struct) and set(goal.members) == {"pose", "frame"}:
+        pose, frame = goal.members["pose"], goal.members["frame"]
+        if isinstance(pose, Pose) and isinstance(frame, str):
+            return _in_frame(host, six(numbers(pose, 6, f"{name}: pose")), frame)
+    if isinstance(goal, list):
+        return list(numbers(goal, 6, f"{name}: goal")) if not isinstance(goal, Pose) else goal
+    raise RuntimeFault(f"{name}: goal must be joint angles, a pose, struct(pose=p[...], frame=name), or a frame's name")
+
+
+_ORIGIN = (0.0,) * 6
+
+
+def _in_frame(host: ProgramHost, pose: Vector6, frame: str) -> Pose:
+    """A pose in a frame, in the base; in one that moves with a tracked frame, as that was when tracking began."""
+    world, tracked = host.controller.world_model, host.motion.tracked_frame
+    with within_range():
+        there = world.convert(pose, frame, "base", arm_pose(host))
+        if tracked is not None and world.carries(tracked.name, frame):
+            there = tracked.at_the_start(there)
+    return Pose(there)
 
 
 @LIBRARY.builtin()

@@ -31,9 +31,6 @@ _REFUSED: Final[dict[str, tuple[tuple[str | None, str | None, str], ...]]] = {
             "set_euromap_output get_euromap_input get_euromap_output set_euromap_runstate_dependent_choice",
         ),
     ),
-    "frames are not tracked: a movement keeps to the base frame": (
-        (None, "5.10", "frame_tracking_enable frame_tracking_disable"),
-    ),
 }
 
 for _note, _rows in _REFUSED.items():

@@ -1,33 +1,31 @@
 """The world model: named frames that poses can be given in, and that move with the arm or with each other."""
 
-from emulator.builtins.geometry import active_tcp, forward
+from emulator.builtins.geometry import arm_pose
 from emulator.builtins.setup import checked_inertia, checked_mass, use_payload
 from emulator.builtins.values import numbers, six, three, within_range
-from emulator.programs.host import ProgramHost
-from emulator.worldmodel import ArmPose, MassProperties, WorldModel
+from emulator.motion.frame_tracking import FrameTracking
+from emulator.programs.host import Frames, ProgramHost
+from emulator.worldmodel import MassProperties, WorldModel
 from urscript.builtins import Library
+from urscript.errors import RuntimeFault
 from urscript.values import ListArg, Num, Pose, PoseArg, Str
 
 __all__ = ["LIBRARY"]
 
 LIBRARY = Library("worldmodel", host=True)
 
-_NO_TCP = (0.0,) * 6
+_STOP_RAD_S2 = 20.0  # that of stop_conveyor_tracking (guess)
 
 
 def _world(host: ProgramHost) -> WorldModel:
     return host.controller.world_model
 
 
-def _arm(host: ProgramHost) -> ArmPose:
-    return ArmPose(forward(host, host.motion.q, _NO_TCP), active_tcp(host))
-
-
 @LIBRARY.builtin(cb3=None, e="5.10")
 def add_frame(host: ProgramHost, name: Str, pose: PoseArg, ref_name: Str = "base") -> None:
     """Add a frame at `pose`, given in the frame `ref_name`. It stands in the world: attach_frame() ties it."""
     with within_range():
-        _world(host).add(name, six(numbers(pose, 6, "add_frame: pose")), ref_name, _arm(host))
+        _world(host).add(name, six(numbers(pose, 6, "add_frame: pose")), ref_name, arm_pose(host))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
@@ -37,35 +35,35 @@ def attach_frame(host: ProgramHost, child: Str, parent: Str) -> None:
     `child` cannot be "world", "flange" or "tcp", nor a frame that `parent` moves along with.
     """
     with within_range():
-        _world(host).attach(child, parent, _arm(host))
+        _world(host).attach(child, parent, arm_pose(host))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def delete_frame(host: ProgramHost, name: Str) -> None:
     """Delete a frame. What was attached to it stays where it is, attached to the world."""
     with within_range():
-        _world(host).delete(name, _arm(host))
+        _world(host).delete(name, arm_pose(host))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def delete_all_frames(host: ProgramHost) -> None:
     """Delete every frame but "world", "base", "flange" and "tcp", as delete_frame() would."""
     with within_range():
-        _world(host).delete_all(_arm(host))
+        _world(host).delete_all(arm_pose(host))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def move_frame(host: ProgramHost, name: Str, pose: PoseArg, ref_name: Str = "base") -> None:
     """Place a frame at `pose`, given in the frame `ref_name`. What is attached to it comes along."""
     with within_range():
-        _world(host).move(name, six(numbers(pose, 6, "move_frame: pose")), ref_name, _arm(host))
+        _world(host).move(name, six(numbers(pose, 6, "move_frame: pose")), ref_name, arm_pose(host))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def get_pose(host: ProgramHost, name: Str, rel_name: Str, ref_name: Str | None = None) -> Pose:
     """Pose of the frame `name` against `rel_name`, in the coordinates of `ref_name` (`rel_name` when omitted)."""
     with within_range():
-        return Pose(_world(host).pose(name, rel_name, rel_name if ref_name is None else ref_name, _arm(host)))
+        return Pose(_world(host).pose(name, rel_name, rel_name if ref_name is None else ref_name, arm_pose(host)))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
@@ -73,7 +71,7 @@ def convert_pose(host: ProgramHost, pose: PoseArg, from_frame: Str, to_frame: St
     """A pose given in `from_frame`, in the coordinates of `to_frame`."""
     with within_range():
         given = six(numbers(pose, 6, "convert_pose: pose"))
-        return Pose(_world(host).convert(given, from_frame, to_frame, _arm(host)))
+        return Pose(_world(host).convert(given, from_frame, to_frame, arm_pose(host)))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
@@ -119,4 +117,25 @@ def set_mass_properties(host: ProgramHost, frame: Str, m: Num, cog: ListArg, ine
 def set_payload_from_attached_frames(host: ProgramHost) -> None:
     """Make the payload of the masses of all frames that are attached, in however many steps, to TCP or flange."""
     with within_range():
-        use_payload(host, _world(host).payload(_arm(host)))
+        use_payload(host, _world(host).payload(arm_pose(host)))
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def frame_tracking_enable(host: ProgramHost, frame_name: Str) -> None:
+    """Take the arm, and all following movements, along with a frame as that moves in the base frame.
+
+    Poses mean where things were when tracking began. A frame that the arm itself carries cannot be tracked. Stays
+    in force until frame_tracking_disable() or the program's end.
+    """
+    if host.secondary:
+        raise RuntimeFault("frame_tracking_enable: a secondary program cannot control the robot")
+    world = _world(host)
+    with within_range():
+        host.motion.track_frame(FrameTracking(frame_name, lambda: world.in_base(frame_name)))
+
+
+@LIBRARY.builtin(cb3=None, e="5.10")
+def frame_tracking_disable(host: ProgramHost) -> Frames[None]:
+    """Stop all joints, and track no frame from then on: the arm stays, and poses are in the base frame again."""
+    with host.motion_control() as motion:
+        yield from host.until_ready(motion.stop_tracking_frame(_STOP_RAD_S2))

@@ -1,8 +1,9 @@
-"""Commands that add something to the path of the movements: path offsets and conveyor tracking."""
+"""Commands that add something to the path of the movements: path offsets, conveyor and frame tracking."""
 
 from collections.abc import Sequence
 
 from emulator.motion.faults import MotionFault
+from emulator.motion.frame_tracking import FrameTracking
 from emulator.motion.path_offset import OffsetFrame, PathOffset
 from emulator.motion.stepping import Move, Stepper
 from emulator.motion.superposition import Kind, Source, Superposition
@@ -42,6 +43,22 @@ class DisplacingStepper(Stepper):
     def stop_tracking(self, a: float) -> Move:
         """Take the path along no more and stop all joints, the leading one by ``a`` [rad/s2]; ready at rest."""
         return self._end_source(Kind.CONVEYOR, a)
+
+    def track_frame(self, frame: FrameTracking) -> None:
+        """Take the path along with a frame. Raises ValueError while one is tracked."""
+        if self.tracked_frame is not None:
+            raise ValueError("a frame is tracked already: call frame_tracking_disable() first")
+        self._displace(Kind.FRAME, frame)
+
+    def stop_tracking_frame(self, a: float) -> Move:
+        """Take the path along no more and stop all joints, the leading one by ``a`` [rad/s2]; ready at rest."""
+        return self._end_source(Kind.FRAME, a)
+
+    @property
+    def tracked_frame(self) -> FrameTracking | None:
+        """The frame that the path is taken along with."""
+        source = None if self._added is None else self._added.sources.get(Kind.FRAME)
+        return source if isinstance(source, FrameTracking) else None
 
     @property
     def _path_offset(self) -> PathOffset | None:

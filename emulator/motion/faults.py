@@ -6,6 +6,8 @@ __all__ = [
     "MotionFault",
     "bad_setpoint",
     "conveyor_too_fast",
+    "frame_lost",
+    "frame_too_fast",
     "joint_limit",
     "near_singularity",
     "sudden_jump",
@@ -80,8 +82,8 @@ def sudden_jump(joint: int, change_rad_s: float, speed_rad_s: float) -> MotionFa
     return MotionFault(
         _PATH_SANITY,
         _SUDDEN_JUMP,
-        f"the path offset or conveyor asks joint {joint} to change its speed by {change_rad_s:.2f} rad/s to "
-        f"{speed_rad_s:.2f} rad/s within one control period; make the offset smoother, or filter it",
+        f"the path offset, conveyor or frame asks joint {joint} to change its speed by {change_rad_s:.2f} rad/s to "
+        f"{speed_rad_s:.2f} rad/s within one control period; make what is added to the path smoother, or filter it",
         joint,
     )
 
@@ -93,4 +95,23 @@ def conveyor_too_fast(speed_m_s: float, limit_m_s: float) -> MotionFault:
         _TOOL_SPEED,
         f"the conveyor runs at {abs(speed_m_s):.3f} m/s at the tool and at most {limit_m_s:.3f} m/s can be tracked; "
         "slow it down, or check its ticks per metre or revolution",
+    )
+
+
+def frame_too_fast(name: str, speed_m_s: float, limit_m_s: float, turn_rad_s: float, limit_rad_s: float) -> MotionFault:
+    """A tracked frame moves the tool faster than it may go. The code is a guess."""
+    return MotionFault(
+        _PATH_SANITY,
+        _SUDDEN_JUMP,
+        f'the frame "{name}" moves the tool at {speed_m_s:.3f} m/s and {turn_rad_s:.3f} rad/s, and at most '
+        f"{limit_m_s:.3f} m/s and {limit_rad_s:.3f} rad/s can be tracked; move it more slowly",
+    )
+
+
+def frame_lost(name: str, why: str) -> MotionFault:
+    """A tracked frame cannot be tracked any more. The code is a guess."""
+    return MotionFault(
+        _PATH_SANITY,
+        _INVALID_SETPOINT,
+        f'the frame "{name}" cannot be tracked any more: {why}; call frame_tracking_disable() before',
     )

@@ -1,10 +1,11 @@
-"""One number that follows a moving one: no lag behind constant speed, bounded acceleration, no overshoot from afar."""
+"""Following what moves: no lag behind constant speed, bounded acceleration, no overshoot from afar."""
 
-from math import copysign, sqrt
+from math import copysign, hypot, sqrt
 
 from emulator.motion.profile import Limits
+from emulator.motion.vectors import Vec3, norm3
 
-__all__ = ["Follower"]
+__all__ = ["Follower", "braked", "pursuit"]
 
 _BANDWIDTH = 25.0  # rad/s, where no limit is reached: critically damped (guess)
 _BRAKE_SHARE = 0.8  # of the acceleration is planned with on the way to a far target; the rest corrects
@@ -26,8 +27,7 @@ class Follower:
             self.position, self.speed = target, 0.0
             return
         a = limits.acceleration
-        closing = min(0.5 * _BANDWIDTH * abs(error), sqrt(2.0 * _BRAKE_SHARE * a * abs(error)), limits.speed)
-        change = 2.0 * _BANDWIDTH * dt * (rate + copysign(closing, error) - self.speed)
+        change = 2.0 * _BANDWIDTH * dt * (rate + copysign(_closing(abs(error), limits), error) - self.speed)
         self._move(dt, self.speed + max(-a * dt, min(a * dt, change)))
 
     def brake(self, dt: float, deceleration: float) -> None:
@@ -38,3 +38,26 @@ class Follower:
     def _move(self, dt: float, speed: float) -> None:
         self.position += 0.5 * (self.speed + speed) * dt
         self.speed = speed
+
+
+def pursuit(dt: float, missing: Vec3, velocity: Vec3, limits: Limits) -> Vec3:
+    """A period later, the velocity of what is to go the way ``missing``; both are relative to what it follows."""
+    far = hypot(*missing)
+    share = _closing(far, limits) / far if far else 0.0
+    gain = 2.0 * _BANDWIDTH * dt
+    x, y, z = (gain * (share * way - speed) for way, speed in zip(missing, velocity, strict=True))
+    size = norm3(x, y, z)
+    cut = limits.acceleration * dt / size if size > limits.acceleration * dt else 1.0
+    return (velocity[0] + cut * x, velocity[1] + cut * y, velocity[2] + cut * z)
+
+
+def braked(dt: float, velocity: Vec3, deceleration: float) -> Vec3:
+    """A period later, the velocity of what comes to a standstill."""
+    size = norm3(*velocity)
+    left = 1.0 - deceleration * dt / size if size > deceleration * dt else 0.0
+    return (velocity[0] * left, velocity[1] * left, velocity[2] * left)
+
+
+def _closing(far: float, limits: Limits) -> float:
+    """How fast to go when the target is so far away."""
+    return min(0.5 * _BANDWIDTH * far, sqrt(2.0 * _BRAKE_SHARE * limits.acceleration * far), limits.speed)

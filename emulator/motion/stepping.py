@@ -1,9 +1,9 @@
 """One control period at a time: from the movement in progress to the target joint configuration.
 
 Rules, in order: an unscaled movement (a stop) runs by the clock; a scaled one runs at the speed fraction, or slows to a
-standstill on its path while paused; path offsets and conveyors displace it; force mode and freedrive add to that; the
-result must leave every joint a way to brake before its position limit. Whatever breaks a rule is a MotionFault: the
-movement is dropped and each joint brakes at its acceleration limit.
+standstill on its path while paused; path offsets, tracked frames and conveyors displace it; force mode and freedrive
+add to that; the result must leave every joint a way to brake before its position limit. Whatever breaks a rule is a
+MotionFault: the movement is dropped and each joint brakes at its acceleration limit.
 """
 
 from dataclasses import dataclass
@@ -62,7 +62,7 @@ class Stepper:
         self.hard_transitions = True  # set_safety_mode_transition_hardness; what holds before it is called is a guess
         self.wrench_limit: WrenchLimit | None = None  # tool_wrench_limit_set
         self.fault: MotionFault | None = None  # the last one
-        self.displacement_lost: MotionFault | None = None  # the one that ended a path offset or conveyor tracking
+        self.displacement_lost: MotionFault | None = None  # the one that ended what was added to the path
         self._q_min, self._q_max = model.position_limits
         self._kinematics = Kinematics(model.dh)
         # braking distance of a joint over the square of its move in one period
@@ -102,7 +102,7 @@ class Stepper:
 
     @property
     def path_q(self) -> Joints:
-        """Where the arm would be without path offset and conveyor [rad]."""
+        """Where the arm would be without what displaces the path [rad]."""
         return self.q if self._added is None else self._nominal
 
     @property
@@ -260,7 +260,7 @@ class Stepper:
         return self._compliance is not None or self._added is not None
 
     def _displaced(self, added: Superposition, path: Joints) -> tuple[Joints, Joints]:
-        """Where path offset and conveyor take the path, before and after this period."""
+        """Where its sources take the path, before and after this period."""
         before = added.q
         return before, added.advance(self._reach, path, None if self._mode is _Mode.RUN else self._ramp)
 

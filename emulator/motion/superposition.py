@@ -1,7 +1,7 @@
-"""What is added to the path of a movement: path offsets, a conveyor.
+"""What is added to the path of a movement: path offsets, a tracked frame, a conveyor.
 
 The movement runs on its nominal path and knows nothing of this. Once a period each source says where it takes a pose
-of that path, in the order: path offset, then conveyor. Sources move on by the clock, whatever the speed slider says;
+of that path, in the order: path offset, frame, conveyor. Sources move on by the clock, whatever the speed slider says;
 while the movement is held (pause, protective stop) they stand still too, and go on from there afterwards.
 
 A new source needs three things: ``step`` to move on, ``apply`` to displace a pose, ``undo`` to take that back.
@@ -25,7 +25,8 @@ class Kind(IntEnum):
     """There is one source of each kind at most; they apply in this order."""
 
     PATH_OFFSET = 0
-    CONVEYOR = 1
+    FRAME = 1
+    CONVEYOR = 2
 
 
 class Source(Protocol):

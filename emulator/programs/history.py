@@ -11,7 +11,7 @@ Vector6 = tuple[float, float, float, float, float, float]
 
 _DEPTH_S: Final = 2.0  # guess: long enough to step back to any contact a program still reacts to
 _CONTACT_N: Final = 20.0  # guess: force against the direction that counts as contact
-_CONTACT_NM: Final = 2.0  # guess, likewise for a torque
+_CONTACT_NM: Final = 2.0  # guess, likewise for a torque, where no direction is given
 
 
 class MotionHistory:
@@ -31,31 +31,25 @@ class MotionHistory:
         """Joint positions ``steps`` control periods ago, the oldest known beyond the ring; None before the first."""
         return self._q[min(max(steps, 0), len(self._q) - 1)] if self._q else None
 
-    def contact_steps(self, direction: Sequence[float]) -> int:
+    def contact_steps(self, direction: Sequence[float], threshold: float = 0.0) -> int:
         """Control periods since something began to resist a motion along ``direction``; 0 when nothing does.
 
-        ``direction``: six numbers, translation then rotation, base frame; all zero means any direction.
+        ``direction``: base frame, its first three numbers; all zero means any direction. ``threshold``: the force
+        that counts [N]; 0 takes the usual one.
         """
+        least = threshold or _CONTACT_N
         if not self._wrench or not any(self._wrench[0]):
             return 0
         steps = 0
         for wrench in self._wrench:
-            if not _resists(wrench, direction):
+            if not _resists(wrench, direction[:3], least):
                 break
             steps += 1
         return steps
 
 
-def _resists(wrench: Vector6, direction: Sequence[float]) -> bool:
-    force, torque = wrench[:3], wrench[3:]
-    return _against(force, direction[:3], any(direction)) > _CONTACT_N or (
-        _against(torque, direction[3:], any(direction)) > _CONTACT_NM
-    )
-
-
-def _against(load: Sequence[float], direction: Sequence[float], directed: bool) -> float:
-    """Size of the load against the direction; its full size when no direction is given at all."""
-    if not directed:
-        return math.hypot(*load)
+def _resists(wrench: Vector6, direction: Sequence[float], least: float) -> bool:
     length = math.hypot(*direction)
-    return -sum(f * d for f, d in zip(load, direction, strict=True)) / length if length > 0.0 else 0.0
+    if length == 0.0:
+        return math.hypot(*wrench[:3]) > least or math.hypot(*wrench[3:]) > _CONTACT_NM
+    return -sum(f * d for f, d in zip(wrench[:3], direction, strict=True)) / length > least

@@ -112,7 +112,7 @@ class ProgramHost:
         if runtime.motion_thread not in (None, runtime.current):
             raise RuntimeFault("Another thread is already controlling the robot")
         if self.motion.displacement_lost is not None:
-            raise RuntimeFault(f"the path offset or conveyor tracking ended: {self.motion.displacement_lost}")
+            raise RuntimeFault(f"the path offset, conveyor or frame tracking ended: {self.motion.displacement_lost}")
         runtime.motion_thread = runtime.current
         try:
             yield self.motion

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from emulator.programs.modbus_units import CONNECTING, ModbusBackend, ModbusExchange, ModbusUnit, NoModbusNetwork
+from emulator.programs.output_actions import OutputAction, level_at_end, level_at_start, output_action
 from urproto.modbus import Function, ModbusRequest
 from urproto.versions import Series
 
-__all__ = ["RUNSTATE_CHOICES", "SIGNAL_TYPES", "ModbusSignal", "ModbusSignalError", "ModbusSignals", "SignalType"]
+__all__ = ["SIGNAL_TYPES", "ModbusSignal", "ModbusSignalError", "ModbusSignals", "SignalType"]
 
-RUNSTATE_CHOICES: Final = range(6)
 _DEFAULT_FREQUENCY_HZ: Final = 10  # PolyScope's default
 _MAX_FREQUENCY_HZ: Final = 500  # Script Manual
 _DEFAULT_WATCHDOG_S: Final = 2.0  # Script Manual, modbus_set_signal_watchdog
@@ -62,11 +62,6 @@ SIGNAL_TYPES: Final[dict[int, SignalType]] = {
 # e-Series manuals let type 1 write by function 15, the CB3 user manual by 5
 _E_SERIES_DIGITAL_OUTPUT: Final = SignalType("digital output", True, _F.READ_COILS, _F.WRITE_COILS, _F.WRITE_COILS)
 
-# runstate choice -> level once no program runs, one runs, and once one ended unscheduled
-_STOPPED: Final = {1: False, 2: True, 3: False}
-_STARTED: Final = {3: True, 5: True}
-_UNSCHEDULED: Final = {4: False, 5: False}
-
 
 class ModbusSignal:
     """One signal. ``values``: bits or words as last read or set, zeros before that."""
@@ -83,7 +78,7 @@ class ModbusSignal:
         self.write_count = count
         self.frequency_hz = _DEFAULT_FREQUENCY_HZ
         self.watchdog_s = _DEFAULT_WATCHDOG_S
-        self.runstate_choice = 0
+        self.runstate_choice = OutputAction.KEEP
         self.values: tuple[int, ...] = (0,) * count
         self.wanted: tuple[int, ...] | None = None
         self.device_error = 0
@@ -168,7 +163,7 @@ class ModbusSignals:
 
     def __init__(self, series: Series) -> None:
         self.backend: ModbusBackend = NoModbusNetwork()
-        self._e_series = series is Series.E
+        self._series = series
         self._frames_a_second = float(series.frequency_hz)
         self._signals: dict[str, ModbusSignal] = {}
         self._step = 0
@@ -199,7 +194,7 @@ class ModbusSignals:
         _check_span(address, count)
         if name not in self._signals and len(self._signals) >= _MAX_SIGNALS:
             raise ModbusSignalError(f"there are {_MAX_SIGNALS} Modbus signals already: delete some")
-        kind = _E_SERIES_DIGITAL_OUTPUT if type_ == 1 and self._e_series else SIGNAL_TYPES[type_]
+        kind = _E_SERIES_DIGITAL_OUTPUT if type_ == 1 and self._series is Series.E else SIGNAL_TYPES[type_]
         old = self._signals.pop(name, None)
         signal = ModbusSignal(name, unit, kind, address, count, sequential=sequential, step=self._step)
         self._signals[name] = signal
@@ -267,12 +262,10 @@ class ModbusSignals:
     def set_runstate_choice(self, name: str, choice: int) -> None:
         """Let an output follow the program. Raises ModbusSignalError."""
         signal = self.get(name)
-        if choice not in RUNSTATE_CHOICES:
-            raise ModbusSignalError(f"the run-state choice of a Modbus output must be 0 to 5, not {choice}")
         if not signal.output:
             raise ModbusSignalError(f'"{name}" is a {signal.kind.title}: only outputs follow the program')
-        signal.runstate_choice = choice
-        self._follow(signal, _STARTED if self._program_runs else _STOPPED)
+        action = signal.runstate_choice = self._action(choice)
+        self._drive(signal, level_at_start(action) if self._program_runs else level_at_end(action, unscheduled=False))
 
     def request_update(self, name: str) -> ModbusSignal:
         """Ask the unit as soon as possible, whatever the frequency. Raises ModbusSignalError."""
@@ -332,17 +325,21 @@ class ModbusSignals:
         """A main program begins."""
         self._program_runs = True
         for signal in self._signals.values():
-            self._follow(signal, _STARTED)
+            self._drive(signal, level_at_start(signal.runstate_choice))
 
     def program_stopped(self, *, unscheduled: bool) -> None:
         """The main program is over. ``unscheduled``: by an error of its own, a protective stop, fault or violation."""
         self._program_runs = False
-        levels = _STOPPED | _UNSCHEDULED if unscheduled else _STOPPED
         for signal in self._signals.values():
-            self._follow(signal, levels)
+            self._drive(signal, level_at_end(signal.runstate_choice, unscheduled=unscheduled))
 
-    def _follow(self, signal: ModbusSignal, levels: dict[int, bool]) -> None:
-        level = levels.get(signal.runstate_choice)
+    def _action(self, choice: int) -> OutputAction:
+        try:
+            return output_action(choice, self._series, power=False)
+        except ValueError as error:
+            raise ModbusSignalError(str(error)) from None
+
+    def _drive(self, signal: ModbusSignal, level: bool | None) -> None:
         if level is not None:  # a register is 0 or, a guess, 1
             self._write(signal, (int(level),) * signal.write_count)
 

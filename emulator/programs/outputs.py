@@ -1,63 +1,70 @@
-"""Outputs that follow the program: what set_runstate_..._output_to_value() asks for.
-
-Actions: 0 keep, 1 low, 2 high while no program runs; 3 high while one runs and low
-otherwise, 4 the reverse. For analog outputs: 0 keep, 1 minimum, 2 maximum.
-"""
+"""Outputs that follow the program or drive power: what set_runstate_..._output_to_value() asks for."""
 
 from collections.abc import Callable
-from typing import Final
+from typing import TypeAlias
 
+from emulator.programs.output_actions import OutputAction, level_at_end, level_at_start, level_by_power
 from emulator.registers import RegisterBank
 from emulator.signals import DigitalGroup, Signals
 
-__all__ = ["ANALOG_ACTIONS", "DIGITAL_ACTIONS", "RunstateOutputs"]
+__all__ = ["RunstateOutputs"]
 
-DIGITAL_ACTIONS: Final = range(5)
-ANALOG_ACTIONS: Final = range(3)
-_STOPPED: Final[dict[int, bool]] = {1: False, 2: True, 3: False, 4: True}  # level by action when no program runs
-_STARTED: Final[dict[int, bool]] = {3: True, 4: False}
+_Write: TypeAlias = Callable[[bool], None]
 
 
 class RunstateOutputs:
-    """The actions in force. They outlive the program that set them, as the installation's do."""
+    """The actions in force. They outlive the program that set them, as the installation's do.
 
-    def __init__(self, signals: Signals, registers: RegisterBank) -> None:
+    An analog output that is high or low is at its maximum or minimum.
+    """
+
+    def __init__(self, signals: Signals, registers: RegisterBank, powered: Callable[[], bool]) -> None:
         self._signals = signals
         self._registers = registers
-        self._digital: dict[tuple[str, int], tuple[int, Callable[[bool], None]]] = {}
-        self._analog: dict[int, int] = {}
+        self._powered = powered
+        self._program_runs = False
+        self._following: dict[tuple[str, int], tuple[OutputAction, _Write]] = {}
 
-    def set_digital(self, group: DigitalGroup, index: int, action: int) -> None:
-        """Let a digital output follow the program. Raises IndexError for a signal the group does not have."""
+    def set_digital(self, group: DigitalGroup, index: int, action: OutputAction) -> None:
+        """Let a digital output follow. Raises IndexError for a signal the group does not have."""
         group.bit(index)
         self._set((group.name, index), action, lambda level: self._signals.set_digital_output(group, index, level))
 
-    def set_register(self, index: int, action: int) -> None:
-        """Let a boolean output register follow the program. Raises IndexError."""
+    def set_register(self, index: int, action: OutputAction) -> None:
+        """Let a boolean output register follow. Raises IndexError."""
         self._registers.get_bit(index)
         self._set(("register", index), action, lambda level: self._registers.set_bit(index, level))
 
-    def set_analog(self, index: int, action: int) -> None:
-        """Let an analog output follow the program. Raises IndexError."""
+    def set_analog(self, index: int, action: OutputAction) -> None:
+        """Let an analog output follow. Raises IndexError."""
         self._signals.analog_output(index)
-        self._analog[index] = action
+        self._set(("analog", index), action, lambda level: self._signals.set_analog_output(index, float(level)))
 
     def program_started(self) -> None:
         """A main program begins."""
-        for action, write in self._digital.values():
-            if action in _STARTED:
-                write(_STARTED[action])
+        self._program_runs = True
+        self._apply(level_at_start)
 
-    def program_stopped(self) -> None:
-        """The main program is over."""
-        for action, write in self._digital.values():
-            if action in _STOPPED:
-                write(_STOPPED[action])
-        for index, action in self._analog.items():
-            if action:
-                self._signals.set_analog_output(index, action - 1.0)
+    def program_stopped(self, *, unscheduled: bool) -> None:
+        """The main program is over. ``unscheduled``: by an error of its own, a protective stop, fault or violation."""
+        self._program_runs = False
+        self._apply(lambda action: level_at_end(action, unscheduled=unscheduled))
 
-    def _set(self, key: tuple[str, int], action: int, write: Callable[[bool], None]) -> None:
-        self._digital[key] = (action, write)
-        if action in _STARTED:  # called by a program, so one is running
-            write(_STARTED[action])
+    def power_changed(self) -> None:
+        """Drive power came or went."""
+        powered = self._powered()
+        self._apply(lambda action: level_by_power(action, powered=powered))
+
+    def _apply(self, level_of: Callable[[OutputAction], bool | None]) -> None:
+        for action, write in self._following.values():
+            level = level_of(action)
+            if level is not None:
+                write(level)
+
+    def _set(self, key: tuple[str, int], action: OutputAction, write: _Write) -> None:
+        self._following[key] = (action, write)
+        level = level_at_start(action) if self._program_runs else level_at_end(action, unscheduled=False)
+        if level is None:
+            level = level_by_power(action, powered=self._powered())
+        if level is not None:
+            write(level)

@@ -71,7 +71,9 @@ class Programs:
         self.step_hook: StepHook | None = None
         self.watchdogs = Watchdogs()
         self.history = MotionHistory(controller.period_s)
-        self.outputs = RunstateOutputs(controller.signals, controller.registers.output)
+        self.outputs = RunstateOutputs(
+            controller.signals, controller.registers.output, lambda: controller.power.report.powered
+        )
         self.modbus = ModbusSignals(controller.version.series)
         self.flags = [False] * _FLAGS
         self.pause_codes: set[tuple[int, int | None]] = set()  # pause_on_error_code: code and argument, None for any
@@ -362,8 +364,8 @@ class Programs:
         controller.motion.end_force_mode()
         controller.motion.end_freedrive()
         controller.motion.program_stopped()
-        self.outputs.program_stopped()
         unscheduled = main.error is not None or controller.safety.mode in _UNSCHEDULED_ENDS
+        self.outputs.program_stopped(unscheduled=unscheduled)
         self.modbus.program_stopped(unscheduled=unscheduled)
         self._ended, self._main, self._host = host.name, None, None
 

@@ -119,7 +119,7 @@ def test_a_program_resumed_after_tracking_was_lost_goes_nowhere_else(belt):
     assert belt.controller.safety_event(SafetyEvent.UNLOCK)
     assert belt.controller.programs.resume()
     belt.until(lambda: belt.state is RuntimeState.STOPPED)
-    assert "path offset or conveyor tracking ended: C" in belt.exceptions[-1].text
+    assert "path offset, conveyor or frame tracking ended: C" in belt.exceptions[-1].text
     assert belt.q == stopped
     belt.run("movej([0, -1.5, 1.5, -1.6, -1.57, 0])")
 

@@ -413,3 +413,12 @@ def test_an_input_signal_frees_the_arm_while_it_is_high_and_its_unit_answers(rig
     del modbus.units[UNIT]
     rig.seconds(5.0)
     assert rig.controller.snapshot.control_mode is not ControlMode.TEACH
+
+
+@pytest.mark.parametrize(("choice", "said"), [(3, None), (4, "must be 0 to 3, not 4"), (5, "must be 0 to 3, not 5")])
+def test_runstate_choices_of_cb3_end_at_3(cb3, choice, said):
+    body = add(1) + f'modbus_set_runstate_dependent_choice("s", {choice})'
+    if said is None:
+        cb3.run(body)
+    else:
+        assert said in cb3.fault(body)

@@ -6,7 +6,7 @@ import pytest
 
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
-from urproto.robots.pose import pose_trans
+from urproto.robots.pose import pose_sub, pose_trans
 
 HOME = (0.0, -1.5, 1.5, -1.6, -1.57, 0.0)
 START = "[0, -1.5, 1.5, -1.6, -1.57, 0]"
@@ -119,6 +119,60 @@ def test_impossible_profiles_are_refused(rig, call):
 def test_optimovej_arrives(rig):
     rig.run("optimovej([0.5, -1.5, 1.5, -1.6, -1.57, 0], a=0.1, v=0.2)")
     assert rig.q[0] == pytest.approx(0.5, abs=1e-9)
+
+
+WORLD = """add_frame("table", p[0.4, -0.2, 0.3, 0.1, 3, 0.2])
+add_frame("part", p[0.05, 0, 0.02, 0, 0, 0.3], "table")
+attach_frame("part", "table")
+"""
+
+
+@pytest.mark.parametrize("move", ["optimovej", "optimovel"])
+@pytest.mark.parametrize(
+    ("goal", "expected"),
+    [
+        ('"part"', 'get_pose("part", "base")'),
+        (
+            'struct(pose=p[0.01, 0, 0, 0, 0.1, 0], frame="part")',
+            'pose_trans(get_pose("part", "base"), p[0.01, 0, 0, 0, 0.1, 0])',
+        ),
+        ("p[0.45, -0.2, 0.3, 0.1, 3, 0.2]", "p[0.45, -0.2, 0.3, 0.1, 3, 0.2]"),
+    ],
+)
+def test_optimove_goes_to_frames_and_poses_in_frames(rig, move, goal, expected):
+    rig.run(WORLD + f"movej(p[0.4, -0.2, 0.35, 0.1, 3, 0.2])\n{move}({goal})")
+    reached, wanted = rig.value("get_target_tcp_pose()"), rig.value(expected)
+    assert list(pose_sub(reached, wanted)) == pytest.approx([0.0] * 6, abs=1e-6)
+
+
+def test_a_goal_in_a_tracked_frame_is_where_the_frame_is_now(rig):
+    rig.run(
+        WORLD
+        + """movej(p[0.4, -0.2, 0.35, 0.1, 3, 0.2])
+        frame_tracking_enable("table")
+        move_frame("table", p[0.35, -0.25, 0.3, 0.1, 3, 0.2])
+        sleep(2)
+        optimovel(struct(pose=p[0, 0, -0.02, 0, 0, 0], frame="part"))
+        wanted = pose_trans(get_pose("part", "base"), p[0, 0, -0.02, 0, 0, 0])
+        textmsg(point_dist(get_target_tcp_pose(), wanted) < 1e-6)"""
+    )
+    assert rig.texts == ["True"]
+
+
+@pytest.mark.parametrize(
+    ("goal", "said"),
+    [
+        ('"nowhere"', 'there is no frame "nowhere"'),
+        ('struct(pose=p[0, 0, 0, 0, 0, 0], frame="nowhere")', 'there is no frame "nowhere"'),
+        ("struct(pose=1, frame=2)", "goal must be joint angles"),
+        ("struct(place=p[0, 0, 0, 0, 0, 0])", "goal must be joint angles"),
+        ("True", "goal must be joint angles"),
+        ("[1, 2, 3]", "6 finite numbers"),
+        ('["a", 0, 0, 0, 0, 0]', "6 finite numbers"),
+    ],
+)
+def test_impossible_goals_of_optimove_end_the_program(rig, goal, said):
+    assert said in rig.fault(f"optimovej({goal})")
 
 
 def test_servoj_blocks_for_its_time(rig):

@@ -4,6 +4,7 @@ import pytest
 
 from emulator.commands import DashboardLine, RTDEInputs, ScriptUnit
 from emulator.power import PowerEvent
+from emulator.safety import SafetyEvent
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import PopupMessage, RequestValueMessage
 
@@ -346,7 +347,7 @@ def test_run_state_outputs_follow_the_program(rig):
         """
         set_runstate_standard_digital_output_to_value(0, 3)
         set_runstate_standard_digital_output_to_value(1, 2)
-        set_runstate_gp_boolean_output_to_value(5, 4)
+        set_runstate_gp_boolean_output_to_value(5, 2)
         textmsg(get_standard_digital_out(0))
         textmsg(get_standard_digital_out(1))
         """
@@ -355,6 +356,77 @@ def test_run_state_outputs_follow_the_program(rig):
     rig.tick()
     assert rig.controller.signals.digital_outputs == 0b10
     assert rig.controller.registers.output.get_bit(5)
+
+
+KINDS = {
+    "standard": ("set_runstate_standard_digital_output_to_value(0, {})", lambda c: c.signals.digital_outputs & 1),
+    "register": ("set_runstate_gp_boolean_output_to_value(64, {})", lambda c: c.registers.output.get_bit(64)),
+    "analog": ("set_runstate_standard_analog_output_to_value(1, {})", lambda c: c.signals.analog_output(1) / 10.0),  # V
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("action", "before", "running", "ended", "failed"),
+    [
+        (0, 1, 1, 1, 1),
+        (1, 1, 1, 0, 0),
+        (2, 0, 0, 1, 1),
+        (3, 0, 1, 0, 0),
+        (4, 1, 1, 1, 0),
+        (5, 0, 1, 1, 0),
+        (6, 0, 1, 1, 1),
+        (7, 1, 0, 0, 0),
+    ],
+)
+def test_each_run_state_action(rig, kind, action, before, running, ended, failed):
+    """Levels: as the program left it before the action was set; while it runs; after it ended well, and by an error."""
+    call, read = KINDS[kind]
+    level = bool(before)
+    rig.run(
+        f"set_analog_outputdomain(1, 1)\nset_standard_digital_out(0, {level})\nset_standard_analog_out(1, {before})\n"
+        f"write_output_boolean_register(64, {level})\n{call.format(action)}\nsleep(0.1)"
+    )
+    rig.tick()
+    assert read(rig.controller) == ended
+    rig.start("sleep(0.1)\nx = [1][5]")
+    rig.seconds(0.05)
+    assert read(rig.controller) == (ended if action in (1, 2) else running)
+    rig.until(lambda: bool(rig.exceptions), 2.0)
+    rig.tick()
+    assert read(rig.controller) == failed
+
+
+def test_outputs_that_follow_drive_power(make_rig):
+    rig = make_rig("ur5e", None, running=False)
+    rig.submit(
+        "sec s():\n  set_runstate_standard_digital_output_to_value(0, 6)\n"
+        "  set_runstate_configurable_digital_output_to_value(0, 7)\nend\n"
+    )
+    rig.tick(3)
+    assert rig.controller.signals.digital_outputs & 0x101 == 0x100
+    rig.controller.power.handle(PowerEvent.POWER_ON)
+    rig.seconds(5.0)
+    assert rig.controller.signals.digital_outputs & 0x101 == 0x001
+    rig.controller.power.handle(PowerEvent.POWER_OFF)
+    rig.tick()
+    assert rig.controller.signals.digital_outputs & 0x101 == 0x100
+
+
+def test_a_protective_stop_that_ends_a_program_is_an_unscheduled_end(rig):
+    rig.start("set_runstate_standard_digital_output_to_value(0, 5)\nwhile True:\n  sync()\nend")
+    rig.seconds(0.1)
+    assert rig.controller.signals.digital_outputs & 1
+    rig.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
+    rig.seconds(0.1)
+    rig.controller.programs.stop()
+    rig.seconds(0.1)
+    assert not rig.controller.signals.digital_outputs & 1
+
+
+@pytest.mark.parametrize("action", [4, 8, -1])
+def test_run_state_actions_of_cb3_end_at_3(cb3, action):
+    assert "must be 0 to 3" in cb3.fault(f"set_runstate_standard_digital_output_to_value(0, {action})")
 
 
 def test_flags_survive_programs(rig):

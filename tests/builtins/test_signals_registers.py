@@ -101,8 +101,9 @@ def test_registers(rig, number):
         "set_tool_output_mode(2)",
         'set_standard_digital_input_action(0, "dance")',
         'set_configurable_digital_input_action(9, "default")',
-        "set_runstate_standard_digital_output_to_value(0, 5)",
-        "set_runstate_standard_analog_output_to_value(0, 3)",
+        "set_runstate_standard_digital_output_to_value(0, 8)",
+        "set_runstate_standard_analog_output_to_value(0, -1)",
+        "set_runstate_tool_digital_output_to_value(0, 6)",
         "set_tool_communication(True, 1234, 0, 1, 1.5, 3.5)",
     ],
 )

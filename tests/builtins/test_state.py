@@ -226,6 +226,21 @@ def test_contact_is_found_against_the_direction_of_motion(rig):
     assert rig.texts == ["True", "True", "0", "0"]
 
 
+def test_the_threshold_and_the_last_three_numbers_of_a_contact(rig):
+    rig.controller.external_wrench = (0.0, 0.0, 10.0, 0.0, 0.0, 0.0)
+    rig.run(
+        """
+        sleep(0.1)
+        textmsg(tool_contact([0, 0, -1, 0, 0, 0]))
+        textmsg(tool_contact([0, 0, -1, 0, 0, 0], force_threshold=5) > 40)
+        textmsg(tool_contact([0, 0, 0, 1, 0, 0], 5) > 40)
+        textmsg(tool_contact([0, 0, -1, 0, 0, 0], 11))
+        """
+    )
+    assert rig.texts == ["0", "True", "True", "0"]
+    assert "force_threshold" in rig.fault("tool_contact([0, 0, -1, 0, 0, 0], -1)")
+
+
 def test_move_until_contact_returns_to_the_first_touch(rig):
     rig.start(
         """

@@ -182,10 +182,6 @@ def test_a_part_put_down_is_payload_no_more(rig):
     assert rig.value("get_target_payload()") == 0
 
 
-def test_frame_tracking_is_refused_by_name(rig):
-    assert rig.fault('frame_tracking_enable("base")').startswith("frame_tracking_enable is not emulated")
-
-
 def test_the_world_model_is_not_on_cb3(cb3):
     cb3.start('textmsg(is_frame("base"))')
     cb3.tick(5)
