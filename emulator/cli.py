@@ -27,6 +27,7 @@ from emulator.config import (
     EmulatorConfig,
     choose_model,
     choose_version,
+    read_driver_address,
     read_initial_positions,
     read_programs_dir,
 )
@@ -79,6 +80,12 @@ def _run(
     script_network: Annotated[
         ScriptNetwork, typer.Option(help="Addresses that sockets and XML-RPC of scripts may connect to.")
     ] = ScriptNetwork.ANY,
+    external_control: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT", help="Where External Control nodes get their program."
+        ),
+    ] = None,
     modbus_unit_port: Annotated[
         int, typer.Option(help="Where the Modbus units listen that programs add signals of.")
     ] = 502,
@@ -100,6 +107,7 @@ def _run(
             running=running,
             programs_dir=read_programs_dir(programs),
             remote_control=remote_control,
+            external_control=read_driver_address(external_control),
         )
         config = EmulatorConfig(
             controller=controller,

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from emulator.programs.trees.document import DocumentError, read_document
+from emulator.programs.urcap import DriverAddress, address_in
 from urproto.robots.pose import Pose
 
 __all__ = ["Installation", "InstallationError", "Payload"]
@@ -61,12 +63,13 @@ class _Transition:
 @dataclass
 class Installation:
     """Tool and mounting in use. ``tcp``: flange to TCP pose. ``gravity``: as set_gravity,
-    base frame, upright (0, 0, 9.82) [m/s2]."""
+    base frame, upright (0, 0, 9.82) [m/s2]. ``external_control``: the URCap's driver."""
 
     name: str = "default.installation"
     tcp: Pose = _NO_TCP
     payload: Payload = field(default_factory=Payload)
     gravity: Vector3 = _UPRIGHT_GRAVITY
+    external_control: DriverAddress = field(default_factory=DriverAddress)
     _transition: _Transition | None = None
 
     @property
@@ -101,6 +104,10 @@ class Installation:
         emulated and stay as they are.
         """
         tcp, mass = _read_installation(path)
+        try:
+            self.external_control = address_in(read_document(path.read_bytes()))
+        except DocumentError as error:
+            raise InstallationError(f"{path.name} is not an installation file: {error}") from error
         self.name, self.tcp = path.name, tcp
         self.set_payload(Payload.of(mass, (0.0, 0.0, 0.0)))
 

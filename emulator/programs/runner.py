@@ -11,9 +11,13 @@ runs, since the Script Manual allows it a single send but no time to open one.
 A program that does not compile changes nothing: the running one goes on. A long one is
 compiled over several periods (`emulator.programs.compiling`), during which the running one
 goes on too; whatever stops the main program then also drops the one being compiled.
+
+A program with External Control nodes is compiled when its driver has sent what they do
+(`emulator.programs.urcap`). A stop, or another program, ends the waiting.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
@@ -26,6 +30,9 @@ from emulator.programs.loading import LoadedProgram, load_program
 from emulator.programs.modbus import ModbusSignals
 from emulator.programs.outputs import RunstateOutputs
 from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
+from emulator.programs.trees.installation_file import InstallationFile
+from emulator.programs.trees.program import ProgramTree, script_steps
+from emulator.programs.urcap import ProgramRequest
 from emulator.programs.view import ProgramView
 from emulator.programs.watchdog import Watchdogs
 from emulator.runstate import RunEvent, next_run_state
@@ -50,6 +57,15 @@ _UNSCHEDULED_ENDS: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, Sa
 _SECONDARY_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title seen on a real controller
 
 
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """A program that waits for what a driver sends."""
+
+    submission: Submission
+    tree: ProgramTree
+    request: ProgramRequest
+
+
 class Programs:
     """The interpreter's side of the controller.
 
@@ -72,6 +88,7 @@ class Programs:
         self.motion_version = 1  # guess: what motion_version_get() says before it was set
         self.tool_communication: ToolCommunication = (False, 115200, 0, 1, 1.5, 3.5)
         self._compiling = Compiling(controller.period_s)
+        self._asked: _Asked | None = None
         self._main: Runtime | None = None
         self._host: ProgramHost | None = None
         self._ended = ""  # name of the program that is STOPPING
@@ -112,7 +129,8 @@ class Programs:
         in the order of submission. Not accepted when it does not compile, or when the arm is
         not ready for a main program, which a message explains, or when a stop came before.
         """
-        submission = self._compiling.add(text, self._controller.version)
+        submission = Submission(text, self._controller.version)
+        self._compiling.add(submission)
         self._decide()
         return submission
 
@@ -128,14 +146,44 @@ class Programs:
         if self.state is RuntimeState.PLAYING or self._next is not None:
             return self._answer(True)
         coming = [submission for submission in self._compiling.waiting if submission.main]
+        if self._asked is not None:
+            coming.append(self._asked.submission)
         if coming:
             return coming[-1]
         if self.loaded is None:
             return self._answer(False)
+        if self.loaded.tree is not None and self.loaded.tree.needs_external_control:
+            return self._ask(self.loaded.tree)
         if not self.loaded.script:
             self._say(f"{self.loaded.path.name} cannot be played: there is no {self.loaded.name}.script beside it")
             return self._answer(False)
         return self.submit(self.loaded.script)
+
+    def _ask(self, tree: ProgramTree) -> Submission:
+        """Let the driver say what the External Control nodes do; the program is compiled when it has answered."""
+        controller = self._controller
+        address = controller.external_control.complete
+        self._note(f"External Control asks {address[0]}:{address[1]} for its program")
+        request = ProgramRequest(self.socket_backend, address, controller.period_s)
+        self._asked = _Asked(Submission("", controller.version), tree, request)
+        return self._asked.submission
+
+    def _hear(self, asked: _Asked) -> None:
+        """Take the driver's answer, if it is there."""
+        code = asked.request.step()
+        if code is None:
+            return
+        self._asked = None
+        asked.submission.translation = script_steps(asked.tree, InstallationFile(), external_control=code)
+        self._compiling.add(asked.submission)
+
+    def _drop_asked(self) -> bool:
+        asked, self._asked = self._asked, None
+        if asked is None:
+            return False
+        asked.request.close()
+        asked.submission.accepted = False
+        return True
 
     def _answer(self, accepted: bool) -> Submission:
         """For what needs no compiling."""
@@ -162,8 +210,9 @@ class Programs:
 
     def stop(self, reason: str = "") -> bool:
         """End the main program, paused or not, and those about to start; False when there is none."""
+        asked = self._drop_asked()
         dropped = self._compiling.drop_main()
-        return self._stop_main(reason) or dropped
+        return self._stop_main(reason) or dropped or asked
 
     def _stop_main(self, reason: str) -> bool:
         waiting, self._next = self._next, None
@@ -181,6 +230,8 @@ class Programs:
         self.history.record(controller.arm.q, controller.arm.tcp_force)
         self.modbus.step(controller.step_count)
         self._feed_watchdogs()
+        if self._asked is not None:
+            self._hear(self._asked)
         self._decide()
         self._compiling.new_period()
         self._settle()
@@ -304,6 +355,8 @@ class Programs:
         if error is not None:
             self._controller.messages.compile_error(error.line, error.column, error.wire)
             self._note(error.render())
+        if submission.refusal:
+            self._say(submission.refusal)
         if program is None:
             return None
         for warning in program.warnings:
@@ -317,6 +370,7 @@ class Programs:
         if not self._controller.may_run:
             self._refuse(program)
             return False
+        self._drop_asked()
         self._stop_main("replaced by another program")
         self._next = program
         return True
