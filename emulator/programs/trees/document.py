@@ -6,14 +6,17 @@ the second time as a relative path to the first (``reference="../../Move[2]/feat
 
 import re
 import zlib
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from typing import Any, Final
 from xml.parsers import expat
+
+from urscript.work import Steps, run_to_end
 
 __all__ = ["DocumentError", "Element", "read_document", "read_steps"]
 
 _GZIP: Final = b"\x1f\x8b"
 _PIECE: Final = 4096  # bytes of XML read in one step: well under a millisecond
+_PIECE_WORK: Final = 200  # guess [units of `urscript.work`]
 _MAX_BYTES: Final = 16 << 20  # of XML; the largest of 643 public programs has 3.3 MB
 _MAX_ELEMENTS: Final = 1_000_000
 _MAX_DEPTH: Final = 200
@@ -90,16 +93,10 @@ class Element:
 
 def read_document(data: bytes) -> Element:
     """The root of a file, compressed or not. Raises DocumentError."""
-    steps = read_steps(data)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            root: Element = end.value
-            return root
+    return run_to_end(read_steps(data))
 
 
-def read_steps(data: bytes) -> Generator[None, None, Element]:
+def read_steps(data: bytes) -> Steps[Element]:
     """`read_document` in pieces that each take well under a millisecond."""
     builder = _Builder()
     parser = expat.ParserCreate()
@@ -121,7 +118,7 @@ def read_steps(data: bytes) -> Generator[None, None, Element]:
                 pending.clear()
                 # within a long attribute expat begins anew with every piece
                 enough = _PIECE if builder.events > seen else 2 * enough
-            yield
+            yield _PIECE_WORK
         parser.Parse(bytes(pending), True)
     except expat.ExpatError as error:
         raise DocumentError(f"not XML: {error}") from error

@@ -1,12 +1,202 @@
-"""What a program takes from the installation file."""
+"""What PolyScope's installation files say: tool, payload, features, names of inputs and outputs."""
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
 
-__all__ = ["InstallationFile"]
+from emulator.programs.trees.document import DocumentError, Element, read_document
+from emulator.programs.trees.features import read_features
+from emulator.programs.trees.modbus import ModbusSignal, read_modbus
+from emulator.programs.trees.numbers import number, numbers, six
+from urproto.robots.pose import Pose
+
+__all__ = ["InstallationFile", "PayloadSetting", "load_installation_file", "read_installation", "read_variables"]
+
+_ROOT: Final = "Installation"
+_GRAVITY: Final = 9.82  # m/s2; in every program PolyScope generates
+_NAMES: Final = {  # element with the names -> kind of pin
+    "DigitalInputNames": "digital_in",
+    "DigitalOutputNames": "digital_out",
+    "ToolDigitalInputNames": "tool_in",
+    "ToolDigitalOutputNames": "tool_out",
+    "AnalogInputNames": "analog_in",
+    "AnalogOutputNames": "analog_out",
+    "ToolAnalogInputNames": "tool_analog_in",
+    "ConfigurableInputNames": "config_in",
+    "ConfigurableOutputNames": "config_out",
+    "GeneralPurposeBooleanRegisterInputNames": "GP_bool_in",
+    "GeneralPurposeBooleanRegisterOutputNames": "GP_bool_out",
+    "GeneralPurposeIntRegisterInputNames": "GP_int_in",
+    "GeneralPurposeIntRegisterOutputNames": "GP_int_out",
+    "GeneralPurposeFloatRegisterInputNames": "GP_float_in",
+    "GeneralPurposeFloatRegisterOutputNames": "GP_float_out",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PayloadSetting:
+    """Mass [kg], centre of gravity from the flange [m], and inertia [kg m2] when the file gives one."""
+
+    mass: float = 0.0
+    cog: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia: Pose | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class InstallationFile:
-    """An installation as the preamble of its programs needs it."""
+    """An installation as programs need it. Unless read from a file: nothing on the flange, no names.
+
+    tcps, payloads, features: by name; ``tcp`` and ``payload`` are those in use at the start.
+    feature_variables: features that programs may use as variables. pins: what a name stands for,
+    as a kind of `emulator.programs.trees.pins` and a number. variables: name and URScript value.
+    gravity: as for set_gravity [m/s2]. home: joints [rad]. contributions: data of URCaps by URCap name.
+    """
 
     name: str = "default"
+    tcp: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    tcps: Mapping[str, Pose] = field(default_factory=dict)
+    payload: PayloadSetting = PayloadSetting()
+    payloads: Mapping[str, PayloadSetting] = field(default_factory=dict)
+    gravity: tuple[float, float, float] = (0.0, 0.0, _GRAVITY)
+    features: Mapping[str, Pose] = field(default_factory=dict)
+    feature_variables: frozenset[str] = frozenset()
+    pins: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    modbus: tuple[ModbusSignal, ...] = ()
+    variables: Mapping[str, str] = field(default_factory=dict)
+    home: Pose | None = None
+    analog_inputs: tuple[int, ...] = (1, 1)
+    tool_inputs: tuple[int, ...] = (1, 1)
+    analog_outputs: tuple[int, ...] = (0, 0)
+    tool_voltage: int = 0
+    contributions: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+
+def read_installation(data: bytes, name: str, variables: bytes = b"") -> InstallationFile:
+    """The content of an ``.installation`` and of the ``.variables`` beside it. Raises DocumentError."""
+    root = read_document(data)
+    if root.tag != _ROOT:
+        raise DocumentError(f"<{root.tag}> is no installation")
+    tcps, tcp = _tcps(root)
+    payloads, payload = _payloads(root)
+    features, feature_variables = read_features(root)
+    modbus = read_modbus(root)
+    domains = _ints(root, "analogInputRange", (1, 1, 1, 1))
+    return InstallationFile(
+        name=name,
+        tcp=tcp,
+        tcps=tcps,
+        payload=payload,
+        payloads=payloads,
+        gravity=_gravity(root),
+        features=features,
+        feature_variables=feature_variables,
+        pins={**_pins(root), **{signal.name: ("modbus", signal.name) for signal in modbus}},
+        modbus=modbus,
+        variables=read_variables(variables),
+        home=_home(root),
+        analog_inputs=domains[:2],
+        tool_inputs=domains[2:],
+        analog_outputs=_ints(root, "analogOutputDomain", (0, 0)),
+        tool_voltage=_tool_voltage(root),
+        contributions=_contributions(root),
+    )
+
+
+def read_variables(data: bytes) -> dict[str, str]:
+    """Installation variables: a Java properties file, a line each. Lines that are none are skipped."""
+    found = {}
+    for line in data.decode("utf-8", "replace").splitlines():
+        name, equals, value = line.partition("=")
+        if equals and name.strip().isidentifier() and not line.lstrip().startswith(("#", "!")):
+            found[name.strip()] = value.strip().replace("\\:", ":").replace("\\=", "=").replace("\\ ", " ")
+    return found
+
+
+def load_installation_file(path: Path) -> InstallationFile:
+    """An ``.installation`` file with its ``.variables``. Raises OSError or DocumentError."""
+    variables = path.with_suffix(".variables")
+    return read_installation(
+        path.read_bytes(), path.stem, variables.read_bytes() if variables.is_file() else b""
+    )
+
+
+def _tcps(root: Element) -> tuple[dict[str, Pose], Pose]:
+    settings = next((element for element in root if "activePose" in element.attributes), None)
+    if settings is None:
+        raise DocumentError("the installation names no active TCP")
+    tcps = {e.get("name"): six(e.get("offset")) for e in settings.walk() if e.tag == "tcp" and e.get("offset")}
+    active = settings.get("activePose")
+    if active not in tcps:
+        raise DocumentError(f"the active TCP {active!r} is not among the TCPs of the installation")
+    return tcps, tcps[active]
+
+
+def _payloads(root: Element) -> tuple[dict[str, PayloadSetting], PayloadSetting]:
+    settings = root.child("PayloadSettings")
+    if settings is None:
+        old = next(element for element in root if "activePose" in element.attributes)
+        cog = numbers(old.get("centerOfGravity", "0, 0, 0"))
+        return {}, PayloadSetting(number(old.get("toolPayload", "0")), _three(cog))
+    payloads, default = {}, PayloadSetting()
+    for element in settings:
+        inertia = six(element.get("inertiaParameters", "0, 0, 0, 0, 0, 0"))
+        payload = PayloadSetting(number(element.get("mass", "0")), _three(numbers(element.get("centerOfGravity", "0, 0, 0"))), inertia)
+        payloads[element.get("name")] = payload
+        if element.get("defaultPayload") == "true":
+            default = payload
+    return payloads, default
+
+
+def _three(values: list[float]) -> tuple[float, float, float]:
+    if len(values) != 3:
+        raise DocumentError(f"{values} is not three numbers")
+    return (values[0], values[1], values[2])
+
+
+def _gravity(root: Element) -> tuple[float, float, float]:
+    """As PolyScope's mounting page turns the arm: tilted about the base's x axis, then turned about z (signs: guess)."""
+    for element in root.walk():
+        if "tiltAngle" in element.attributes:
+            tilt, turn = number(element.get("tiltAngle")), number(element.get("baseAngle", "0"))
+            across, along = _GRAVITY * math.sin(tilt), _GRAVITY * math.cos(tilt)
+            return (across * math.sin(turn) + 0.0, across * math.cos(turn) + 0.0, along + 0.0)
+    return (0.0, 0.0, _GRAVITY)
+
+
+def _pins(root: Element) -> dict[str, tuple[str, str]]:
+    pins = {}
+    for element in root.child("IOs") or ():
+        kind = _NAMES.get(element.tag)
+        for index, name in enumerate(element.get("value").split(",") if kind else ()):
+            if kind and name.strip():
+                pins[name.strip()] = (kind, str(index))
+    return pins
+
+
+def _home(root: Element) -> Pose | None:
+    settings = root.child("SafeHomeSettings")
+    return six(settings.get("position")) if settings and settings.get("position") else None
+
+
+def _ints(root: Element, tag: str, default: tuple[int, ...]) -> tuple[int, ...]:
+    element = next((e for e in root.child("IOs") or () if e.tag == tag), None)
+    values = tuple(int(value) for value in numbers(element.get("value"))) if element else default
+    return values if len(values) == len(default) else default
+
+
+def _tool_voltage(root: Element) -> int:
+    settings = root.child("ToolCommSettings")
+    text = root.get("toolOutputVoltage") or (settings.get("toolOutputVoltage") if settings else "")
+    return int(text) if text in ("0", "12", "24") else 0
+
+
+def _contributions(root: Element) -> dict[str, dict[str, str]]:
+    return {e.get("name"): dict(_data(e)) for e in root.walk() if e.tag == "Contributed"}
+
+
+def _data(element: Element) -> Iterator[tuple[str, str]]:
+    for data in element:
+        if data.get("key"):
+            yield data.get("key"), data.get("value")

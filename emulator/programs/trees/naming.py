@@ -3,7 +3,7 @@
 import re
 from typing import Final
 
-__all__ = ["identifier", "quoted"]
+__all__ = ["identifier", "quoted", "truth"]
 
 _DROPPED: Final = re.compile(r"\W")
 _UNNAMED: Final = "unnamed"
@@ -23,3 +23,8 @@ def identifier(name: str) -> str:
 def quoted(text: str) -> str:
     """A text between quotation marks; URScript has no escapes, so marks within become single ones."""
     return '"' + text.replace('"', "'") + '"'
+
+
+def truth(text: str) -> str:
+    """A digital value as URScript: files have 1 and 0, true and false."""
+    return "True" if text.strip().lower() in ("1", "true", "on", "high", "hi") else "False"

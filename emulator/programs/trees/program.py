@@ -5,34 +5,40 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final
 
-from emulator.programs.trees import nodes
-from emulator.programs.trees.document import Element, read_document
+from emulator.programs.trees.document import DocumentError, Element, read_steps
 from emulator.programs.trees.installation_file import InstallationFile
-from emulator.programs.trees.registry import translate
+from emulator.programs.trees.folder import ProgramsFolder
+from emulator.programs.trees.nodes import NODE_MODULES
+from emulator.programs.trees.nodes.urcaps import is_external_control
+from emulator.programs.trees.preamble import write_preamble
+from emulator.programs.trees.registry import NODES, translate
 from emulator.programs.trees.writer import ExternalControlCode, TreeError, Writer
+from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.work import Steps, run_to_end
 
 __all__ = ["ExternalControlCode", "ProgramTree", "TreeError", "read_tree", "script_of", "script_steps"]
 
-assert nodes.REGISTERED
+assert NODES, NODE_MODULES  # importing the modules has filled the table
 _ROOT: Final = "URProgram"
 
 
 class ProgramTree:
     """A PolyScope program. ``name``: as PolyScope shows it, without ``.urp``. ``twin``: text of the
-    ``.script`` saved beside it, which holds the code of URCap nodes; empty without one."""
+    ``.script`` saved beside it, which holds the code of URCap nodes; empty without one.
+    ``folder``: where the files it names are looked for."""
 
-    def __init__(self, root: Element, name: str, twin: str = "") -> None:
+    def __init__(self, root: Element, name: str, twin: str = "", folder: ProgramsFolder | None = None) -> None:
         if root.tag != _ROOT or root.child("children") is None:
             raise TreeError(f"<{root.tag}> is no PolyScope program")
         self.root = root
         self.name = name
         self.twin = twin
+        self.folder = folder or ProgramsFolder(None)
 
     @cached_property
     def needs_external_control(self) -> bool:
         """Whether it has External Control nodes, for whose text a driver must be asked."""
-        return any(nodes.is_external_control(element) for element in self.active())
+        return any(is_external_control(element) for element in self.active())
 
     def active(self) -> Iterator[Element]:
         """Every node that is not suppressed, in the order of the tree."""
@@ -50,28 +56,46 @@ class ProgramTree:
         return {id(element): number for number, element in enumerate(tree, 1)}
 
 
-def read_tree(path: Path) -> ProgramTree:
+def read_tree(path: Path, folder: ProgramsFolder | None = None) -> ProgramTree:
     """A ``.urp`` file. Raises OSError, DocumentError or TreeError."""
+    return run_to_end(read_tree_steps(path, folder))
+
+
+def read_tree_steps(path: Path, folder: ProgramsFolder | None = None) -> Steps[ProgramTree]:
+    """`read_tree` in pieces, for a control loop."""
     twin = path.with_suffix(".script")
-    text = twin.read_bytes().decode("utf-8", "replace") if twin.is_file() else ""
-    return ProgramTree(read_document(path.read_bytes()), path.stem, text)
+    text = twin.read_bytes().decode("utf-8", "replace").removeprefix("\ufeff") if twin.is_file() else ""
+    root = yield from read_steps(path.read_bytes())
+    return ProgramTree(root, path.stem, text, folder)
 
 
 def script_of(
-    tree: ProgramTree, installation: InstallationFile, *, external_control: ExternalControlCode | None = None
+    tree: ProgramTree,
+    installation: InstallationFile,
+    *,
+    version: PolyscopeVersion = DEFAULT_VERSION[Series.E],
+    external_control: ExternalControlCode | None = None,
 ) -> str:
     """The URScript of a program. Raises TreeError when the tree has nodes that cannot be run, or
     External Control nodes and no code for them."""
-    return run_to_end(script_steps(tree, installation, external_control=external_control))
+    return run_to_end(script_steps(tree, installation, version=version, external_control=external_control))
 
 
 def script_steps(
-    tree: ProgramTree, installation: InstallationFile, *, external_control: ExternalControlCode | None = None
+    tree: ProgramTree,
+    installation: InstallationFile,
+    *,
+    version: PolyscopeVersion = DEFAULT_VERSION[Series.E],
+    external_control: ExternalControlCode | None = None,
 ) -> Steps[str]:
     """`script_of` in pieces, for a control loop."""
-    writer = Writer(tree, installation, external_control)
+    writer = Writer(tree, installation, version, external_control)
     children = tree.root.child("children")
     assert children is not None
-    for child in children:
-        yield from translate(writer, child)
+    try:
+        write_preamble(writer)
+        for child in children:
+            yield from translate(writer, child)
+    except DocumentError as error:
+        raise TreeError(f"{tree.name}: {error}") from error
     return writer.text()

@@ -1,20 +1,26 @@
 """The URScript of a program tree while it is being written."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from emulator.programs.trees.document import Element
+from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.naming import identifier, quoted
+from emulator.programs.trees.numbers import list_text, pose_text, taught_pose
+from emulator.programs.trees.twin import urcap_code
+from urproto.versions import PolyscopeVersion
 
 if TYPE_CHECKING:
     from emulator.programs.trees.installation_file import InstallationFile
     from emulator.programs.trees.program import ProgramTree
 
-__all__ = ["ExternalControlCode", "TreeError", "Writer"]
+__all__ = ["BASE", "NO_POSE", "TOOL", "ExternalControlCode", "TreeError", "Writer"]
 
-SECTIONS: Final = ("preamble", "variables", "waypoints", "subprograms", "before", "threads", "main")
+BASE: Final = "Joint_0_name"  # PolyScope's names of the features every installation has
+TOOL: Final = "Joint_6_name"
+NO_POSE: Final = "p[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]"
+SECTIONS: Final = ("preamble", "urcaps", "variables", "waypoints", "timers", "subprograms", "before", "threads", "main")
 
 
 class TreeError(ValueError):
@@ -33,22 +39,32 @@ class Writer:
     """Collects the lines of a program by section, in the order PolyScope writes the sections."""
 
     def __init__(
-        self, tree: "ProgramTree", installation: "InstallationFile", external_control: ExternalControlCode | None
+        self,
+        tree: "ProgramTree",
+        installation: "InstallationFile",
+        version: PolyscopeVersion,
+        external_control: ExternalControlCode | None,
     ) -> None:
         self.tree = tree
+        self.version = version
         self.installation = installation
         self.external_control = external_control
-        self.subprograms: dict[str, Element] = {}  # met so far, by the name of their function
+        self.urcap_code = urcap_code(tree.twin)
         self._sections: dict[str, list[str]] = {name: [] for name in SECTIONS}
         self._levels: dict[str, int] = dict.fromkeys(SECTIONS, 1)
         self._section = "main"
         self._numbers = tree.numbers()
         self._counters: dict[str, int] = {}
         self._once: set[str] = set()
+        self._waypoints: dict[int, tuple[str, str]] = {}  # by the identity of the element
 
     def line(self, text: str) -> None:
         """Write one line; further lines of a text are written as they are."""
         self._sections[self._section].append(f"{'  ' * self._levels[self._section]}{text}")
+
+    def raw(self, lines: Iterable[str]) -> None:
+        """Write lines as they are."""
+        self._sections[self._section].extend(lines)
 
     def label(self, element: Element, text: str, stop: str = "") -> None:
         """The mark by which a client sees where the program is. ``stop``: breakAfter or noBreak."""
@@ -68,15 +84,19 @@ class Writer:
         """What is written belongs to a block."""
         section = self._section
         self._levels[section] += 1
-        yield
-        self._levels[section] -= 1
+        try:
+            yield
+        finally:
+            self._levels[section] -= 1
 
     @contextmanager
     def into(self, section: str) -> Iterator[None]:
         """Write to another section."""
         before, self._section = self._section, section
-        yield
-        self._section = before
+        try:
+            yield
+        finally:
+            self._section = before
 
     def count(self, kind: str) -> int:
         """1, 2, 3, ... for each kind of thing."""
@@ -89,6 +109,57 @@ class Writer:
             return False
         self._once.add(key)
         return True
+
+    def number(self, element: Element) -> int:
+        """Line of a node in the program tree."""
+        return self._numbers.get(id(element), 0)
+
+    # what nodes refer to
+
+    def waypoint(self, element: Element) -> tuple[str, str]:
+        """Names of the variables with pose and joints of a taught waypoint, which are written when first asked for."""
+        element = element.resolved()
+        names = self._waypoints.get(id(element))
+        if names is None:
+            names = self._new_waypoint(element)
+            self._waypoints[id(element)] = names
+        return names
+
+    def _new_waypoint(self, element: Element) -> tuple[str, str]:
+        position = element.child("position")
+        if position is None:
+            raise DocumentError(f"the waypoint {element.get('name')} was never taught")
+        joints, pose = taught_pose(position)
+        name = self.unused(identifier(element.get("name") or "Waypoint"))
+        with self.into("waypoints"):
+            self.line(f"global {name}_p={pose_text(pose)}")
+            self.line(f"global {name}_q={list_text(joints)}")
+        return f"{name}_p", f"{name}_q"
+
+    def unused(self, name: str) -> str:
+        """The name, with a number if it is taken."""
+        count = self.count(f"name {name}")
+        return name if count == 1 else f"{name}_{count}"
+
+    def feature(self, reference: Element | None) -> str:
+        """URScript of a feature's pose in the base frame. Raises DocumentError for one the installation lacks."""
+        name = "" if reference is None else reference.get("referencedName") or reference.get("featureName")
+        if name in ("", BASE):
+            return NO_POSE
+        if name == TOOL:
+            return "get_forward_kin()"
+        if name not in self.installation.features:
+            raise DocumentError(f"the installation {self.installation.name} has no feature called {name}")
+        if name in self.installation.feature_variables:
+            return identifier(name)
+        return pose_text(self.installation.features[name])
+
+    def tcp(self, reference: Element | None) -> str:
+        """URScript of a TCP offset. Raises DocumentError for one the installation lacks."""
+        name = "" if reference is None else reference.get("referencedName")
+        if name not in self.installation.tcps:
+            raise DocumentError(f"the installation {self.installation.name} has no TCP called {name!r}")
+        return pose_text(self.installation.tcps[name])
 
     def text(self) -> str:
         """The whole program."""
