@@ -191,7 +191,7 @@ class Controller:
     @property
     def external_control(self) -> DriverAddress:
         """Where a driver is asked for its program: as configured, else as the installation says."""
-        return self.config.external_control.over(self.installation.external_control)
+        return self.config.external_control.over(DriverAddress.of(self.installation.file))
 
     def set_tcp(self, tcp_offset: Pose) -> None:
         """Use another TCP (flange to TCP) from now on, within this period."""

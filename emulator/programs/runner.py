@@ -30,7 +30,6 @@ from emulator.programs.loading import LoadedProgram, load_program
 from emulator.programs.modbus import ModbusSignals
 from emulator.programs.outputs import RunstateOutputs
 from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
-from emulator.programs.trees.installation_file import InstallationFile
 from emulator.programs.trees.program import ProgramTree, script_steps
 from emulator.programs.urcap import ProgramRequest
 from emulator.programs.view import ProgramView
@@ -174,7 +173,10 @@ class Programs:
         if code is None:
             return
         self._asked = None
-        asked.submission.translation = script_steps(asked.tree, InstallationFile(), external_control=code)
+        controller = self._controller
+        asked.submission.translation = script_steps(
+            asked.tree, controller.installation.file, version=controller.version, external_control=code
+        )
         self._compiling.add(asked.submission)
 
     def _drop_asked(self) -> bool:

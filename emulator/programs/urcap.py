@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 from emulator.programs.sockets import ScriptSocket, ScriptSocketBackend
-from emulator.programs.trees.document import Element
+from emulator.programs.trees.installation_file import InstallationFile
 from emulator.programs.trees.naming import quoted
 from emulator.programs.trees.program import ExternalControlCode
 
-__all__ = ["DriverAddress", "ProgramRequest", "address_in", "split_program"]
+__all__ = ["DriverAddress", "ProgramRequest", "split_program"]
 
 _HOST: Final = "192.168.56.1"
 _PORT: Final = 50002
@@ -55,6 +55,14 @@ class DriverAddress:
             )
         return cls(host.strip("[]") or None, int(digits) if digits else None)
 
+    @classmethod
+    def of(cls, installation: InstallationFile) -> Self:
+        """What the URCap's page of an installation says."""
+        data = installation.contributions.get(_URCAP, {})
+        port = data.get("port_nr", "").strip()
+        valid = port.isascii() and port.isdecimal() and len(port) <= 5 and 0 < int(port) < 65536
+        return cls(data.get("host_ip", "").strip() or None, int(port) if valid else None)
+
     def over(self, other: "DriverAddress") -> "DriverAddress":
         """This address, completed by another one."""
         return DriverAddress(self.host or other.host, self.port or other.port)
@@ -63,17 +71,6 @@ class DriverAddress:
     def complete(self) -> tuple[str, int]:
         """Host and port, the URCap's where nothing is given."""
         return self.host or _HOST, self.port or _PORT
-
-
-def address_in(installation: Element) -> DriverAddress:
-    """What the URCap's page of an installation file says."""
-    for element in installation.walk():
-        if element.tag == "Contributed" and element.get("name") == _URCAP:
-            data = {entry.get("key"): entry.get("value").strip() for entry in element if entry.tag == "data"}
-            port = data.get("port_nr", "")
-            valid = port.isascii() and port.isdecimal() and len(port) <= 5 and 0 < int(port) < 65536
-            return DriverAddress(data.get("host_ip") or None, int(port) if valid else None)
-    return DriverAddress()
 
 
 def split_program(program: str) -> ExternalControlCode:

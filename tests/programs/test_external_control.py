@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from emulator.commands import DashboardLine, ScriptUnit
 from emulator.controller import Controller, ControllerConfig
 from emulator.programs.sockets import MemorySocket, MemorySockets
-from emulator.programs.trees.document import read_document
-from emulator.programs.urcap import DriverAddress, ProgramRequest, address_in, split_program
+from emulator.programs.trees.installation_file import read_installation
+from emulator.programs.urcap import DriverAddress, ProgramRequest, split_program
 from urproto.modes import RuntimeState
-from urproto.primary.messages import RobotMessage, RuntimeExceptionMessage, TextMessage
+from urproto.primary.messages import KeyMessage, RobotMessage, RuntimeExceptionMessage, TextMessage
 from urproto.robots import load_model
 
 URCAP_DEFAULT = ("192.168.56.1", 50002)
@@ -42,8 +42,8 @@ sleep(0.1)
 """
 
 
-def urp(nodes: str) -> bytes:
-    main = f'<MainProgram runOnlyOnce="true"><children>{nodes}</children></MainProgram>'
+def urp(nodes: str, once: str = "true") -> bytes:
+    main = f'<MainProgram runOnlyOnce="{once}"><children>{nodes}</children></MainProgram>'
     return gzip.compress(f'<URProgram name="drive"><children>{main}</children></URProgram>'.encode())
 
 
@@ -150,6 +150,28 @@ def test_header_once_and_the_rest_at_each_node(tmp_path):
     assert len(robot.network.opened) == 1
 
 
+def test_a_program_in_a_loop_begins_anew_with_the_header(tmp_path):
+    robot = Robot(tmp_path)
+    (tmp_path / "drive.urp").write_bytes(urp(NODE, once="false"))
+    robot.ask("load drive.urp")
+    _, driver = robot.play()
+    driver.feed(PROGRAM)
+    robot.until(lambda: len(robot.texts) == 3, 1.0)
+    assert robot.texts == ["node 1", "node 1", "node 1"]
+    assert len(robot.network.opened) == 1
+
+
+def test_clients_see_who_controls(robot):
+    _, driver = robot.play()
+    driver.feed(PROGRAM)
+    robot.until(lambda: robot.state is RuntimeState.PLAYING)
+    robot.seconds(0.05)
+    assert [thread.label for thread in robot.controller.programs.view.threads] == ["Control by 192.168.56.1"]
+    robot.finish()
+    keys = [(message.title, message.text) for message in robot.messages if isinstance(message, KeyMessage)]
+    assert keys == [("PROGRAM_XXX_STARTED", "drive"), ("PROGRAM_XXX_STOPPED", "drive")]
+
+
 def test_a_program_with_unknown_last_line_starts_a_little_later(robot):
     answers, driver = robot.play()
     driver.feed(b'textmsg("short")\nsync()\n')
@@ -215,7 +237,7 @@ def silent(robot: Robot) -> str:
 
 @pytest.mark.parametrize(("driver", "waits_s"), [(refused, 0.0), (unreachable, 5.0), (silent, 0.5)])
 def test_without_an_answer_the_program_shows_a_popup_and_goes_on_behind_it(tmp_path, driver, waits_s):
-    robot = Robot(tmp_path, nodes=f"{NODE}<Wait><waitTime>0.2</waitTime></Wait>")
+    robot = Robot(tmp_path, nodes=f'{NODE}<Wait type="Sleep"><waitTime>0.2</waitTime></Wait>')
     text = driver(robot)
     answers = robot.post("play")
     took = robot.until(lambda: answers)
@@ -359,7 +381,8 @@ def test_where_the_driver_is_asked_for(tmp_path):
     ],
 )
 def test_addresses_on_the_installations_page(data, address):
-    assert address_in(read_document(contribution(data).encode())).complete == address
+    installation = read_installation(contribution(data).encode(), "cell")
+    assert DriverAddress.of(installation).complete == address
 
 
 @pytest.mark.parametrize(
