@@ -50,7 +50,7 @@ def test_a_reader_whose_peer_never_pauses_is_no_endless_loop(rig):
     rig.start('socket_open("10.0.0.1", 50001, "s")\nwhile True:\n  m = socket_read_binary_integer(8, "s", 0.5)\nend')
     rig.until(lambda: bool(rig.sockets.opened), 1.0)
     (driver,) = rig.sockets.opened
-    for _ in range(round(12.0 / rig.period)):
+    for _ in range(round(10.5 / rig.period)):
         driver.feed(bytes(32 * max(0, 2000 - len(driver.inbox) // 32)))
         rig.tick()
         assert driver.inbox  # it never gets to wait
