@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from emulator.programs.trees.document import DocumentError, Element, read_document
+from emulator.programs.trees.document import DocumentError, Element, read_document, unpacked
 from emulator.programs.trees.features import read_features
 from emulator.programs.trees.modbus import ModbusSignal, read_modbus
 from emulator.programs.trees.numbers import number, numbers, six
@@ -34,6 +34,10 @@ _NAMES: Final = {  # element with the names -> kind of pin
     "GeneralPurposeFloatRegisterOutputNames": "GP_float_out",
 }
 
+_OUTPUT_KINDS: Final = {"SINKING": 1, "SOURCING": 2, "PUSH_PULL": 3}
+_PARITIES: Final = {"NONE": 0, "ODD": 1, "EVEN": 2}  # as for set_tool_communication
+_VOLTAGES: Final = {"12": 12, "TWELVE": 12, "24": 24, "TWENTYFOUR": 24, "TWENTY_FOUR": 24}  # the rest is 0
+
 
 @dataclass(frozen=True, slots=True)
 class PayloadSetting:
@@ -51,6 +55,7 @@ class InstallationFile:
     tcps, payloads, features: by name; ``tcp`` and ``payload`` are those in use at the start.
     feature_variables: features that programs may use as variables. pins: what a name stands for,
     as a kind of `emulator.programs.trees.pins` and a number. variables: name and URScript value.
+    tool_*: as for set_tool_voltage, set_tool_communication, set_tool_output_mode, set_tool_digital_output_mode.
     gravity: as for set_gravity [m/s2]. home: joints [rad]. contributions: data of URCaps by URCap name.
     """
 
@@ -70,6 +75,9 @@ class InstallationFile:
     tool_inputs: tuple[int, ...] = (1, 1)
     analog_outputs: tuple[int, ...] = (0, 0)
     tool_voltage: int = 0
+    tool_serial: tuple[bool, int, int, int, float, float] = (False, 115200, 0, 1, 1.5, 3.5)
+    tool_output_mode: int = 0
+    tool_outputs: tuple[int, ...] = (1, 1)
     contributions: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
 
@@ -100,14 +108,17 @@ def read_installation(data: bytes, name: str, variables: bytes = b"") -> Install
         tool_inputs=domains[2:],
         analog_outputs=_ints(root, "analogOutputDomain", (0, 0)),
         tool_voltage=_tool_voltage(root),
+        tool_serial=_tool_serial(root),
+        tool_output_mode=0 if _tool(root, "toolOutputMode") in ("", "OUTPUT") else 1,
+        tool_outputs=tuple(_OUTPUT_KINDS.get(_tool(root, f"toolDigitalOutput{port}"), 1) for port in (0, 1)),
         contributions=_contributions(root),
     )
 
 
 def read_variables(data: bytes) -> dict[str, str]:
-    """Installation variables: a Java properties file, a line each. Lines that are none are skipped."""
+    """Installation variables: a Java properties file, a line each, compressed or not. Lines that are none are skipped."""
     found = {}
-    for line in data.decode("utf-8", "replace").splitlines():
+    for line in unpacked(data).decode("utf-8", "replace").splitlines():
         name, equals, value = line.partition("=")
         if equals and name.strip().isidentifier() and not line.lstrip().startswith(("#", "!")):
             found[name.strip()] = value.strip().replace("\\:", ":").replace("\\=", "=").replace("\\ ", " ")
@@ -117,9 +128,7 @@ def read_variables(data: bytes) -> dict[str, str]:
 def load_installation_file(path: Path) -> InstallationFile:
     """An ``.installation`` file with its ``.variables``. Raises OSError or DocumentError."""
     variables = path.with_suffix(".variables")
-    return read_installation(
-        path.read_bytes(), path.stem, variables.read_bytes() if variables.is_file() else b""
-    )
+    return read_installation(path.read_bytes(), path.stem, variables.read_bytes() if variables.is_file() else b"")
 
 
 def _tcps(root: Element) -> tuple[dict[str, Pose], Pose]:
@@ -142,7 +151,9 @@ def _payloads(root: Element) -> tuple[dict[str, PayloadSetting], PayloadSetting]
     payloads, default = {}, PayloadSetting()
     for element in settings:
         inertia = six(element.get("inertiaParameters", "0, 0, 0, 0, 0, 0"))
-        payload = PayloadSetting(number(element.get("mass", "0")), _three(numbers(element.get("centerOfGravity", "0, 0, 0"))), inertia)
+        payload = PayloadSetting(
+            number(element.get("mass", "0")), _three(numbers(element.get("centerOfGravity", "0, 0, 0"))), inertia
+        )
         payloads[element.get("name")] = payload
         if element.get("defaultPayload") == "true":
             default = payload
@@ -186,10 +197,26 @@ def _ints(root: Element, tag: str, default: tuple[int, ...]) -> tuple[int, ...]:
     return values if len(values) == len(default) else default
 
 
-def _tool_voltage(root: Element) -> int:
+def _tool(root: Element, name: str) -> str:
     settings = root.child("ToolCommSettings")
-    text = root.get("toolOutputVoltage") or (settings.get("toolOutputVoltage") if settings else "")
-    return int(text) if text in ("0", "12", "24") else 0
+    return settings.get(name) if settings else ""
+
+
+def _tool_voltage(root: Element) -> int:
+    text = _tool(root, "toolOutputVoltage") or root.get("toolOutputVoltage")
+    return _VOLTAGES.get(text, 0)
+
+
+def _tool_serial(root: Element) -> tuple[bool, int, int, int, float, float]:
+    baud = _tool(root, "baudRate").removeprefix("BAUD_")
+    return (
+        _tool(root, "enabled") == "true",
+        int(baud) if baud.isdigit() else 115200,
+        _PARITIES.get(_tool(root, "parity"), 0),
+        2 if _tool(root, "stopBits") == "TWO" else 1,
+        number(_tool(root, "rxIdleChars") or "1.5"),
+        number(_tool(root, "txIdleChars") or "3.5"),
+    )
 
 
 def _contributions(root: Element) -> dict[str, dict[str, str]]:

@@ -38,6 +38,12 @@ def _inputs_and_outputs(writer: Writer) -> None:
 
 def _tool(writer: Writer) -> None:
     file, payload = writer.installation, writer.installation.payload
+    if writer.version.series is Series.E:
+        enabled, *serial = file.tool_serial
+        writer.line(f"set_tool_communication({enabled}, {', '.join(map(str, serial))})")
+        writer.line(f"set_tool_output_mode({file.tool_output_mode})")
+        for port, kind in enumerate(file.tool_outputs):
+            writer.line(f"set_tool_digital_output_mode({port}, {kind})")
     writer.line(f"set_tool_voltage({file.tool_voltage})")
     writer.line(f"set_tcp({pose_text(file.tcp)})")
     modern = writer.version.series is Series.E and (writer.version.major, writer.version.minor) >= _PAYLOAD_WITH_INERTIA
@@ -51,7 +57,6 @@ def _tool(writer: Writer) -> None:
 def _modbus(writer: Writer) -> None:
     for signal in writer.installation.modbus:
         address, name = quoted(signal.address), quoted(signal.name)
-        writer.line(
-            f"modbus_add_signal({address}, {signal.slave}, {signal.register}, {signal.type}, {name}, False)"
-        )
-        writer.line(f"modbus_set_signal_update_frequency({name}, {signal.frequency})")
+        writer.line(f"modbus_add_signal({address}, {signal.slave}, {signal.register}, {signal.type}, {name}, False)")
+        if signal.frequency >= 0:
+            writer.line(f"modbus_set_signal_update_frequency({name}, {signal.frequency})")

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Final
 
 from emulator.programs.trees.document import DocumentError, Element, read_steps
-from emulator.programs.trees.installation_file import InstallationFile
 from emulator.programs.trees.folder import ProgramsFolder
+from emulator.programs.trees.installation_file import InstallationFile
 from emulator.programs.trees.nodes import NODE_MODULES
 from emulator.programs.trees.nodes.urcaps import is_external_control
 from emulator.programs.trees.preamble import write_preamble

@@ -30,9 +30,7 @@ _NODE_WORK: Final = 50  # guess [units of `urscript.work`]
 NODES: Final[dict[str, NodeType]] = {}  # by XML tag
 
 
-def node(
-    tag: str, *, status: Status = "supported", note: str = ""
-) -> Callable[[Translation], Translation]:
+def node(tag: str, *, status: Status = "supported", note: str = "") -> Callable[[Translation], Translation]:
     """Register a function as the translation of a node type. A generator yields after each of its steps."""
 
     def register(translation: Translation) -> Translation:

@@ -56,7 +56,7 @@ class Writer:
         self._numbers = tree.numbers()
         self._counters: dict[str, int] = {}
         self._once: set[str] = set()
-        self._waypoints: dict[int, tuple[str, str]] = {}  # by the identity of the element
+        self._waypoints: dict[str, tuple[str, str]] = {}
 
     def line(self, text: str) -> None:
         """Write one line; further lines of a text are written as they are."""
@@ -118,28 +118,20 @@ class Writer:
 
     def waypoint(self, element: Element) -> tuple[str, str]:
         """Names of the variables with pose and joints of a taught waypoint, which are written when first asked for."""
-        element = element.resolved()
-        names = self._waypoints.get(id(element))
-        if names is None:
-            names = self._new_waypoint(element)
-            self._waypoints[id(element)] = names
-        return names
+        name = identifier(element.get("name") or "Waypoint")  # waypoints of the same name are the same
+        if name not in self._waypoints:
+            self._write_waypoint(element, name)
+            self._waypoints[name] = (f"{name}_p", f"{name}_q")
+        return self._waypoints[name]
 
-    def _new_waypoint(self, element: Element) -> tuple[str, str]:
+    def _write_waypoint(self, element: Element, name: str) -> None:
         position = element.child("position")
         if position is None:
             raise DocumentError(f"the waypoint {element.get('name')} was never taught")
         joints, pose = taught_pose(position)
-        name = self.unused(identifier(element.get("name") or "Waypoint"))
         with self.into("waypoints"):
             self.line(f"global {name}_p={pose_text(pose)}")
             self.line(f"global {name}_q={list_text(joints)}")
-        return f"{name}_p", f"{name}_q"
-
-    def unused(self, name: str) -> str:
-        """The name, with a number if it is taken."""
-        count = self.count(f"name {name}")
-        return name if count == 1 else f"{name}_{count}"
 
     def feature(self, reference: Element | None) -> str:
         """URScript of a feature's pose in the base frame. Raises DocumentError for one the installation lacks."""
@@ -163,7 +155,7 @@ class Writer:
 
     def text(self) -> str:
         """The whole program."""
-        lines = [f"def {identifier(self.tree.name)}():"]
-        for name in SECTIONS:
-            lines += self._sections[name]
-        return "\n".join([*lines, "end", ""])
+        program = [line for name in SECTIONS[1:] for line in self._sections[name]]
+        lines = [f"def {identifier(self.tree.name)}():", *self._sections[SECTIONS[0]]]
+        lines += self.urcap_code.used_by("\n".join(program))
+        return "\n".join([*lines, *program, "end", ""])
