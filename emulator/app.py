@@ -6,9 +6,10 @@ async with Emulator(EmulatorConfig(controller=ControllerConfig(model=load_model(
 """
 
 import asyncio
+import errno
 from contextlib import AsyncExitStack
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
 
 from emulator.clock import Clock, RealClock
 from emulator.config import EmulatorConfig
@@ -17,6 +18,8 @@ from emulator.primary_state import robot_state
 from emulator.program_state import ProgramReporter
 from emulator.servers.base import PortServer
 from emulator.servers.dashboard import DashboardServer
+from emulator.servers.modbus import ModbusServer
+from emulator.servers.modbus_client import ModbusClient
 from emulator.servers.primary import PrimaryServer
 from emulator.servers.realtime import RealtimeServer
 from emulator.servers.rtde import RTDEServer
@@ -26,12 +29,14 @@ from urproto.primary.state import encode_robot_state
 
 __all__ = ["Emulator", "make_servers"]
 
+_MAY_MOVE: Final = ("modbus",)
+
 
 class Emulator:
     """A controller that answers on its ports while the context is entered.
 
     clock: what drives it, real time unless given. stopped: set when a client shut the
-    controller down, or by ``stop``.
+    controller down, or by ``stop``. moved: why a server listens on another port than wanted.
     """
 
     def __init__(self, config: EmulatorConfig, clock: Clock | None = None) -> None:
@@ -41,6 +46,7 @@ class Emulator:
         self.servers: dict[str, PortServer] = {server.name: server for server in make_servers(self.controller)}
         self.stopped = asyncio.Event()
         self._sockets = NetworkSockets(config.script_network, self.controller.messages.note)
+        self.moved: dict[str, str] = {}
         self._running = AsyncExitStack()
 
     @property
@@ -58,9 +64,12 @@ class Emulator:
             for name, port in self.config.wanted_ports.items():
                 server = self.servers[name]
                 starting.push_async_callback(server.stop)
-                await server.start(self.config.host, port)
+                await self._open(server, port)
             starting.push_async_callback(self._sockets.close)
             self.controller.programs.socket_backend = self._sockets
+            modbus = ModbusClient(self.config.modbus_unit_port)
+            starting.push_async_callback(modbus.close)
+            self.controller.programs.modbus.backend = modbus
             starting.callback(self.clock.close)
             self.clock.start(self._tick)
             self._running = starting.pop_all()
@@ -70,6 +79,18 @@ class Emulator:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         await self._running.aclose()
+
+    async def _open(self, server: PortServer, port: int) -> None:
+        """Only administrators may listen on a port as low as Modbus has; it moves rather than keep the robot off."""
+        host = self.config.host
+        self.moved.pop(server.name, None)
+        try:
+            await server.start(host, port)
+        except OSError as error:
+            if server.name not in _MAY_MOVE or error.errno not in (errno.EACCES, errno.EADDRINUSE):
+                raise
+            await server.start(host, 0)
+            self.moved[server.name] = error.strerror or str(error)
 
     def _tick(self) -> None:
         controller = self.controller
@@ -90,6 +111,7 @@ def make_servers(controller: Controller) -> tuple[PortServer, ...]:
         return PrimaryServer(name, controller, state, messages=True, read_only=read_only, reporter=reporter)
 
     return (
+        ModbusServer(controller),
         DashboardServer(controller),
         primary("primary", read_only=False),
         PrimaryServer("secondary", controller, state, messages=False, read_only=False),

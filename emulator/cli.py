@@ -27,6 +27,7 @@ from emulator.config import (
     EmulatorConfig,
     choose_model,
     choose_version,
+    read_driver_address,
     read_initial_positions,
     read_programs_dir,
 )
@@ -79,6 +80,15 @@ def _run(
     script_network: Annotated[
         ScriptNetwork, typer.Option(help="Addresses that sockets and XML-RPC of scripts may connect to.")
     ] = ScriptNetwork.ANY,
+    external_control: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT", help="Where External Control nodes get their program."
+        ),
+    ] = None,
+    modbus_unit_port: Annotated[
+        int, typer.Option(help="Where the Modbus units listen that programs add signals of.")
+    ] = 502,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
@@ -97,6 +107,7 @@ def _run(
             running=running,
             programs_dir=read_programs_dir(programs),
             remote_control=remote_control,
+            external_control=read_driver_address(external_control),
         )
         config = EmulatorConfig(
             controller=controller,
@@ -105,6 +116,7 @@ def _run(
             ephemeral_ports=ephemeral_ports,
             speed=speed,
             script_network=script_network,
+            modbus_unit_port=modbus_unit_port,
         )
         asyncio.run(_serve(config, ports_file, exit_when_ready=exit_when_ready))
 

@@ -9,13 +9,14 @@ from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from emulator import dashboard, inputs, textcommands
+from emulator import dashboard, inputs, modbus_requests, textcommands
 from urproto.dashboard import failed
+from urproto.modbus import ExceptionCode, exception_response
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["Command", "DashboardLine", "PopupAnswer", "RTDEInputs", "ScriptUnit"]
+__all__ = ["Command", "DashboardLine", "ModbusCall", "PopupAnswer", "RTDEInputs", "ScriptUnit"]
 
 
 class Command:
@@ -89,3 +90,17 @@ class PopupAnswer(Command):
         except ValueError as error:
             controller.messages.note(f"answer refused: {error}")
             return False
+
+
+@dataclass(frozen=True, slots=True)
+class ModbusCall(Command):
+    """A request to the Modbus server: function code and data. Answer: the same of the response."""
+
+    pdu: bytes
+
+    def apply(self, controller: "Controller") -> bytes:
+        return modbus_requests.answer_request(controller, self.pdu)
+
+    @property
+    def failure(self) -> bytes:
+        return exception_response(self.pdu[0], ExceptionCode.DEVICE_FAILURE)

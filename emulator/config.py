@@ -10,6 +10,7 @@ import yaml
 
 from emulator.controller import ControllerConfig
 from emulator.programs.sockets import ScriptNetwork
+from emulator.programs.urcap import DriverAddress
 from urproto.robots import RobotModel, UnknownModel, load_model
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -21,11 +22,13 @@ __all__ = [
     "EmulatorConfig",
     "choose_model",
     "choose_version",
+    "read_driver_address",
     "read_initial_positions",
     "read_programs_dir",
 ]
 
 PORTS: Final[Mapping[str, int]] = {
+    "modbus": 502,
     "dashboard": 29999,
     "primary": 30001,
     "secondary": 30002,
@@ -59,6 +62,8 @@ class EmulatorConfig:
     host: an address of this machine. port_offset is added to each of the usual ports;
     ephemeral_ports takes free ones instead. speed: simulated seconds per second.
     script_network: where the sockets and remote procedure calls of scripts may lead.
+    modbus_unit_port: where the Modbus units listen that programs add signals of (URScript
+    names no port).
     """
 
     controller: ControllerConfig
@@ -67,6 +72,7 @@ class EmulatorConfig:
     ephemeral_ports: bool = False
     speed: float = 1.0
     script_network: ScriptNetwork = ScriptNetwork.ANY
+    modbus_unit_port: int = 502
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed < math.inf:
@@ -74,6 +80,8 @@ class EmulatorConfig:
         if not 0 <= self.port_offset <= _LAST_PORT - max(PORTS.values()):
             most = _LAST_PORT - max(PORTS.values())
             raise ConfigError(f"the port offset must be from 0 to {most}, not {self.port_offset}")
+        if not 1 <= self.modbus_unit_port <= _LAST_PORT:
+            raise ConfigError(f"the port of Modbus units must be from 1 to {_LAST_PORT}, not {self.modbus_unit_port}")
 
     @property
     def wanted_ports(self) -> dict[str, int]:
@@ -146,3 +154,11 @@ def read_programs_dir(path: Path | None) -> Path | None:
     if not path.is_dir():
         raise ConfigError(f"the programs folder {path} is not a folder")
     return path.resolve()
+
+
+def read_driver_address(text: str | None) -> DriverAddress:
+    """What External Control nodes ask, or part of it. Raises ConfigError."""
+    try:
+        return DriverAddress() if text is None else DriverAddress.parse(text)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error

@@ -23,10 +23,12 @@ from emulator.errorcodes import StopCause
 from emulator.ftinput import ForceInput
 from emulator.installation import Installation
 from emulator.messages import MessageLog
+from emulator.modbus_map import PortMemory
 from emulator.motion import Motion, MotionFault
 from emulator.popups import Popups
 from emulator.power import Power, PowerEvent, PowerState, PowerTimings
 from emulator.programs.runner import Programs
+from emulator.programs.urcap import DriverAddress
 from emulator.registers import Registers
 from emulator.safety import Safety, SafetyEvent
 from emulator.signals import Signals
@@ -55,7 +57,8 @@ class ControllerConfig:
 
     version: None takes the default of the model's series. initial_q: [rad], None takes the
     model's. running: start with the brakes released. uptime_s: clients wait for 40 s of it.
-    programs_dir: where ``load`` looks and reports are written. remote_control: what
+    programs_dir: where ``load`` looks and reports are written. external_control: where the driver
+    hands out the program of External Control nodes, before what the installation says. remote_control: what
     ``is in remote control`` answers; commands are accepted either way, as by a simulator.
     """
 
@@ -68,6 +71,7 @@ class ControllerConfig:
     serial_number: str | None = None
     remote_control: bool = False
     popup_auto_close_s: float | None = None
+    external_control: DriverAddress = field(default_factory=DriverAddress)
     timings: PowerTimings = field(default_factory=PowerTimings)
 
 
@@ -90,6 +94,7 @@ class Controller:
         self.messages = MessageLog(self._time_us)
         self.popups = Popups(self.messages, lambda: self.time_s, config.popup_auto_close_s)
         self.registers = Registers()
+        self.port_memory: PortMemory = PortMemory()
         self.signals = Signals()
         self.rtde_inputs: dict[str, Any] = {}  # last value of every RTDE input by name
         self.rtde_refreshed: dict[str, int] = {}  # step at which it came
@@ -182,6 +187,11 @@ class Controller:
         """Stop the arm protectively and log why; nothing more happens when it is stopped already."""
         if self.safety_event(SafetyEvent.PROTECTIVE_STOP):
             self.messages.error(cause.code, cause.argument, ReportLevel.WARNING, cause.text)
+
+    @property
+    def external_control(self) -> DriverAddress:
+        """Where a driver is asked for its program: as configured, else as the installation says."""
+        return self.config.external_control.over(DriverAddress.of(self.installation.file))
 
     def set_tcp(self, tcp_offset: Pose) -> None:
         """Use another TCP (flange to TCP) from now on, within this period."""

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from emulator.programs.trees.document import DocumentError
+from emulator.programs.trees.installation_file import InstallationFile, load_installation_file
 from urproto.robots.pose import Pose
 
 __all__ = ["Installation", "InstallationError", "Payload"]
@@ -61,12 +63,13 @@ class _Transition:
 @dataclass
 class Installation:
     """Tool and mounting in use. ``tcp``: flange to TCP pose. ``gravity``: as set_gravity,
-    base frame, upright (0, 0, 9.82) [m/s2]."""
+    base frame, upright (0, 0, 9.82) [m/s2]. ``file``: what programs take from the installation file."""
 
     name: str = "default.installation"
     tcp: Pose = _NO_TCP
     payload: Payload = field(default_factory=Payload)
     gravity: Vector3 = _UPRIGHT_GRAVITY
+    file: InstallationFile = field(default_factory=InstallationFile)
     _transition: _Transition | None = None
 
     @property
@@ -101,6 +104,10 @@ class Installation:
         emulated and stay as they are.
         """
         tcp, mass = _read_installation(path)
+        try:
+            self.file = load_installation_file(path)
+        except DocumentError as error:
+            raise InstallationError(f"{path.name} is not an installation file: {error}") from error
         self.name, self.tcp = path.name, tcp
         self.set_payload(Payload.of(mass, (0.0, 0.0, 0.0)))
 

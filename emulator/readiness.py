@@ -11,6 +11,16 @@ from typing import Final
 
 from urproto.dashboard import GREETING, LineDecoder
 from urproto.errors import RemoteProtocolError
+from urproto.modbus import (
+    Frame,
+    FrameDecoder,
+    Function,
+    ModbusException,
+    ModbusRequest,
+    decode_response,
+    encode_frame,
+    encode_request,
+)
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.messages import VersionMessage
 from urproto.primary.state import RobotStateData
@@ -102,12 +112,26 @@ async def _rtde_reply(stream: _Stream, decoder: RTDEDecoder) -> Reply:
     return decode_reply(packages[0], _PROTOCOL)
 
 
+async def _modbus(stream: _Stream) -> None:
+    """The major version of the software, register 256."""
+    decoder = FrameDecoder()
+    request = ModbusRequest(Function.READ_HOLDING_REGISTERS, 256)
+    stream.send(encode_frame(Frame(1, 255, encode_request(request))))
+    while not (frames := decoder.feed(await stream.read())):
+        pass
+    try:
+        decode_response(request, frames[0].pdu)
+    except ModbusException as error:
+        raise NotReady(f"register 256 cannot be read: {error}") from error
+
+
 _HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[None]]]] = {
     "dashboard": _dashboard,
     "primary": _primary,
     "secondary": _primary,
     "realtime": _realtime,
     "rtde": _rtde,
+    "modbus": _modbus,
 }
 
 

@@ -21,6 +21,7 @@ _ABOUT = {
     "secondary": "state at 10 Hz; takes URScript",
     "realtime": "state at the control rate; takes URScript",
     "rtde": "variables of your choice, both ways",
+    "modbus": "registers and coils (Modbus/TCP)",
 }
 
 
@@ -46,6 +47,8 @@ def _ports(emulator: Emulator) -> Table:
         table.add_row(name, str(ports[name]), about)
     read_only = ", ".join(str(port) for name, port in ports.items() if name.endswith("read-only"))
     table.add_row("read-only", read_only, "as primary, secondary, realtime")
+    for reason in emulator.moved.values():
+        table.add_row("", "", f"{reason}; a free one serves instead")
     return table
 
 

@@ -9,7 +9,7 @@ from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, ListArg, Num, Str
 
-__all__ = ["LIBRARY"]
+__all__ = ["LIBRARY", "check_input_action"]
 
 LIBRARY = Library("ioconfiguration", host=True)
 
@@ -103,7 +103,7 @@ def set_gp_boolean_input_action(host: ProgramHost, port: Int, action: Str) -> No
     """What a boolean input register triggers: "default" (nothing) or "freedrive"."""
     with within_range():
         host.controller.registers.input.get_bit(port)
-    _check_action(action)
+    check_input_action(action)
 
 
 @LIBRARY.builtin(note='inputs have no action but "default" here')
@@ -193,10 +193,11 @@ def _action(state: int) -> int:
 def _input_action(group: DigitalGroup, port: int, action: str) -> None:
     with within_range():
         group.bit(port)
-    _check_action(action)
+    check_input_action(action)
 
 
-def _check_action(action: str) -> None:
+def check_input_action(action: str) -> None:
+    """RuntimeFault unless the action of an input is the one there is."""
     if action == "freedrive":
         raise RuntimeFault('inputs that trigger "freedrive" are not emulated; call freedrive_mode() instead')
     if action != "default":

@@ -41,22 +41,6 @@ _REFUSED: Final[dict[str, tuple[tuple[str | None, str | None, str], ...]]] = {
     "a moving base": ((None, "5.20", "get_base_acceleration set_base_acceleration"),),
     "the base light": ((None, "5.20", "set_baselight_off set_baselight_iec set_baselight_solid"),),
     "payload estimation": ((None, "5.20", "estimate_payload"),),
-    "Modbus": (
-        (
-            "3.0",
-            "5.0",
-            "modbus_add_signal modbus_delete_signal modbus_get_signal_status modbus_send_custom_command"
-            " modbus_set_digital_input_action modbus_set_output_register modbus_set_output_signal"
-            " modbus_set_signal_update_frequency modbus_set_runstate_dependent_choice"
-            " read_port_bit read_port_register write_port_bit write_port_register",
-        ),
-        (
-            None,
-            "5.10",
-            "modbus_add_rw_signal modbus_get_error modbus_get_time_since_signal_invalid modbus_set_signal_watchdog"
-            " modbus_reset_connection",
-        ),
-    ),
     "Ethernet/IP": (("3.0", "5.0", "eip_writer_factory eip_reader_factory"),),
     "interpreter mode": (("3.12", "5.6", "interpreter_mode end_interpreter clear_interpreter"),),
     "ROS 2": (

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from emulator.builtins import LIBRARIES
+from emulator.programs.trees.program import TreeError
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
 from urscript.compiler import CompiledProgram, compile_steps
@@ -30,13 +31,18 @@ expects the program to call back within 0.5 s.
 
 @dataclass(eq=False, slots=True)
 class Submission:
-    """A text that a client wants to run. ``accepted`` is None until it is decided whether it will."""
+    """A text that a client wants to run. ``accepted`` is None until it is decided whether it will.
+
+    ``translation``: makes the text of something else, a program tree. ``refusal``: why that failed.
+    """
 
     text: str
     version: PolyscopeVersion
     accepted: bool | None = None
     program: CompiledProgram | None = None
     error: CompileError | None = None
+    translation: Steps[str] | None = None
+    refusal: str = ""
 
     @property
     def main(self) -> bool:
@@ -59,11 +65,9 @@ class Compiling:
         """What is not compiled yet, oldest first."""
         return tuple(self._waiting)
 
-    def add(self, text: str, version: PolyscopeVersion) -> Submission:
+    def add(self, submission: Submission) -> None:
         """Compile a text when those before it are done."""
-        submission = Submission(text, version)
         self._waiting.append(submission)
-        return submission
 
     def drop_main(self) -> bool:
         """Refuse every main program that waits; False when there is none."""
@@ -88,7 +92,7 @@ class Compiling:
             return None
         submission = self._waiting[0]
         if self._steps is None:
-            self._steps, self._price = compile_steps(submission.text, LIBRARY_SET, submission.version), 0
+            self._steps, self._price = _work(submission), 0
         try:
             while self._price <= self._left or self._left == self._share:
                 self._left -= self._price
@@ -98,5 +102,13 @@ class Compiling:
             submission.program = end.value
         except CompileError as error:
             submission.error = error
+        except TreeError as error:
+            submission.refusal = str(error)
         self._steps = None
         return self._waiting.popleft()
+
+
+def _work(submission: Submission) -> Steps[CompiledProgram]:
+    if submission.translation is not None:
+        submission.text = yield from submission.translation
+    return (yield from compile_steps(submission.text, LIBRARY_SET, submission.version))

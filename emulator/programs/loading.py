@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from emulator.programs.trees.document import DocumentError
+from emulator.programs.trees.program import ProgramTree, TreeError, read_tree
+
 __all__ = ["LoadedProgram", "ProgramLoadError", "load_program"]
 
 
@@ -12,10 +15,14 @@ class ProgramLoadError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class LoadedProgram:
-    """A program file. ``script`` is its URScript, empty when the file has none that can be run."""
+    """A program file. ``script`` is its URScript, empty when the file has none that can be run.
+
+    ``tree``: the program tree of a ``.urp``.
+    """
 
     path: Path
     script: str
+    tree: ProgramTree | None = None
 
     @property
     def name(self) -> str:
@@ -32,10 +39,16 @@ def load_program(path: Path) -> LoadedProgram:
     if path.suffix == ".script":
         return LoadedProgram(path, _read(path))
     if path.suffix == ".urp":
-        path.read_bytes()
         script = path.with_suffix(".script")
-        return LoadedProgram(path, _read(script) if script.is_file() else "")
+        return LoadedProgram(path, _read(script) if script.is_file() else "", _tree(path))
     raise ProgramLoadError(f"{path.name} is no program: programs are .urp or .script files")
+
+
+def _tree(path: Path) -> ProgramTree | None:
+    try:
+        return read_tree(path)
+    except (DocumentError, TreeError):
+        return None
 
 
 def _read(path: Path) -> str:

@@ -11,9 +11,13 @@ runs, since the Script Manual allows it a single send but no time to open one.
 A program that does not compile changes nothing: the running one goes on. A long one is
 compiled over several periods (`emulator.programs.compiling`), during which the running one
 goes on too; whatever stops the main program then also drops the one being compiled.
+
+A program with External Control nodes is compiled when its driver has sent what they do
+(`emulator.programs.urcap`). A stop, or another program, ends the waiting.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
@@ -23,12 +27,15 @@ from emulator.programs.compiling import Compiling, Submission
 from emulator.programs.history import MotionHistory
 from emulator.programs.host import ProgramHost
 from emulator.programs.loading import LoadedProgram, load_program
+from emulator.programs.modbus import ModbusSignals
 from emulator.programs.outputs import RunstateOutputs
 from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
+from emulator.programs.trees.program import ProgramTree, script_steps
+from emulator.programs.urcap import ProgramRequest
 from emulator.programs.view import ProgramView
 from emulator.programs.watchdog import Watchdogs
 from emulator.runstate import RunEvent, next_run_state
-from urproto.modes import ReportLevel, RuntimeState
+from urproto.modes import ReportLevel, RuntimeState, SafetyMode
 from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED
 from urproto.versions import Series
 from urscript.compiler import CompiledProgram
@@ -44,7 +51,18 @@ ToolCommunication: TypeAlias = tuple[bool, int, int, int, float, float]
 
 _SOCKET_GAP_S: Final = 0.012  # between closing sockets and the next program; the official driver needs more than 0.2 ms
 _FLAGS: Final = 32  # Script Manual, set_flag
+# Script Manual, modbus_set_runstate_dependent_choice: these, and runtime exceptions, end a program unscheduled
+_UNSCHEDULED_ENDS: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, SafetyMode.FAULT)
 _SECONDARY_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title seen on a real controller
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """A program that waits for what a driver sends."""
+
+    submission: Submission
+    tree: ProgramTree
+    request: ProgramRequest
 
 
 class Programs:
@@ -52,7 +70,7 @@ class Programs:
 
     ``state``: the main program's run state. ``view``: the main program that runs or ran last.
     ``socket_backend``: where script sockets come from. ``history``, ``flags``, ``outputs``,
-    ``tool_communication`` and ``loaded`` outlive a program.
+    ``modbus``, ``tool_communication`` and ``loaded`` outlive a program.
     """
 
     def __init__(self, controller: "Controller") -> None:
@@ -64,10 +82,12 @@ class Programs:
         self.watchdogs = Watchdogs()
         self.history = MotionHistory(controller.period_s)
         self.outputs = RunstateOutputs(controller.signals, controller.registers.output)
+        self.modbus = ModbusSignals(controller.version.series)
         self.flags = [False] * _FLAGS
         self.motion_version = 1  # guess: what motion_version_get() says before it was set
         self.tool_communication: ToolCommunication = (False, 115200, 0, 1, 1.5, 3.5)
         self._compiling = Compiling(controller.period_s)
+        self._asked: _Asked | None = None
         self._main: Runtime | None = None
         self._host: ProgramHost | None = None
         self._ended = ""  # name of the program that is STOPPING
@@ -108,7 +128,8 @@ class Programs:
         in the order of submission. Not accepted when it does not compile, or when the arm is
         not ready for a main program, which a message explains, or when a stop came before.
         """
-        submission = self._compiling.add(text, self._controller.version)
+        submission = Submission(text, self._controller.version)
+        self._compiling.add(submission)
         self._decide()
         return submission
 
@@ -124,14 +145,47 @@ class Programs:
         if self.state is RuntimeState.PLAYING or self._next is not None:
             return self._answer(True)
         coming = [submission for submission in self._compiling.waiting if submission.main]
+        if self._asked is not None:
+            coming.append(self._asked.submission)
         if coming:
             return coming[-1]
         if self.loaded is None:
             return self._answer(False)
+        if self.loaded.tree is not None and self.loaded.tree.needs_external_control:
+            return self._ask(self.loaded.tree)
         if not self.loaded.script:
             self._say(f"{self.loaded.path.name} cannot be played: there is no {self.loaded.name}.script beside it")
             return self._answer(False)
         return self.submit(self.loaded.script)
+
+    def _ask(self, tree: ProgramTree) -> Submission:
+        """Let the driver say what the External Control nodes do; the program is compiled when it has answered."""
+        controller = self._controller
+        address = controller.external_control.complete
+        self._note(f"External Control asks {address[0]}:{address[1]} for its program")
+        request = ProgramRequest(self.socket_backend, address, controller.period_s)
+        self._asked = _Asked(Submission("", controller.version), tree, request)
+        return self._asked.submission
+
+    def _hear(self, asked: _Asked) -> None:
+        """Take the driver's answer, if it is there."""
+        code = asked.request.step()
+        if code is None:
+            return
+        self._asked = None
+        controller = self._controller
+        asked.submission.translation = script_steps(
+            asked.tree, controller.installation.file, version=controller.version, external_control=code
+        )
+        self._compiling.add(asked.submission)
+
+    def _drop_asked(self) -> bool:
+        asked, self._asked = self._asked, None
+        if asked is None:
+            return False
+        asked.request.close()
+        asked.submission.accepted = False
+        return True
 
     def _answer(self, accepted: bool) -> Submission:
         """For what needs no compiling."""
@@ -158,8 +212,9 @@ class Programs:
 
     def stop(self, reason: str = "") -> bool:
         """End the main program, paused or not, and those about to start; False when there is none."""
+        asked = self._drop_asked()
         dropped = self._compiling.drop_main()
-        return self._stop_main(reason) or dropped
+        return self._stop_main(reason) or dropped or asked
 
     def _stop_main(self, reason: str) -> bool:
         waiting, self._next = self._next, None
@@ -175,7 +230,10 @@ class Programs:
         """Run every program for one control period."""
         controller = self._controller
         self.history.record(controller.arm.q, controller.arm.tcp_force)
+        self.modbus.step(controller.step_count)
         self._feed_watchdogs()
+        if self._asked is not None:
+            self._hear(self._asked)
         self._decide()
         self._compiling.new_period()
         self._settle()
@@ -221,6 +279,7 @@ class Programs:
         self.view = ProgramView(self.view.number + 1 if self.view else 1, self._main)
         self._event(RunEvent.START)
         self.outputs.program_started()
+        self.modbus.program_started()
         self._controller.messages.key(PROGRAM_STARTED, program.name)
 
     def _refuse(self, program: CompiledProgram) -> None:
@@ -298,6 +357,8 @@ class Programs:
         if error is not None:
             self._controller.messages.compile_error(error.line, error.column, error.wire)
             self._note(error.render())
+        if submission.refusal:
+            self._say(submission.refusal)
         if program is None:
             return None
         for warning in program.warnings:
@@ -311,6 +372,7 @@ class Programs:
         if not self._controller.may_run:
             self._refuse(program)
             return False
+        self._drop_asked()
         self._stop_main("replaced by another program")
         self._next = program
         return True
@@ -330,6 +392,8 @@ class Programs:
         controller.motion.end_freedrive()
         controller.motion.program_stopped()
         self.outputs.program_stopped()
+        unscheduled = main.error is not None or controller.safety.mode in _UNSCHEDULED_ENDS
+        self.modbus.program_stopped(unscheduled=unscheduled)
         self._ended, self._main, self._host = host.name, None, None
 
     def _withdraw_dialogues(self, host: ProgramHost) -> None:

@@ -8,11 +8,12 @@ from hypothesis import strategies as st
 
 from urproto.dashboard import LineDecoder
 from urproto.errors import RemoteProtocolError
+from urproto.modbus import FrameDecoder
 from urproto.primary.framing import MAX_MESSAGE_SIZE, PrimaryDecoder
 from urproto.realtime import RealtimeDecoder
 from urproto.rtde.codec import RTDEDecoder
 
-DECODERS = [RTDEDecoder, PrimaryDecoder, RealtimeDecoder, LineDecoder]
+DECODERS = [RTDEDecoder, PrimaryDecoder, RealtimeDecoder, LineDecoder, FrameDecoder]
 
 
 def framed(header: str) -> st.SearchStrategy[bytes]:
@@ -60,6 +61,7 @@ def test_memory_is_bounded(kind):
         RTDEDecoder: struct.pack(">H", 65535),
         PrimaryDecoder: struct.pack(">i", MAX_MESSAGE_SIZE),
         RealtimeDecoder: struct.pack(">i", 65536),
+        FrameDecoder: struct.pack(">HHH", 1, 0, 254),
     }
     chunk = sizes.get(kind, b"") + b"x" * 50_000
     longest = 0

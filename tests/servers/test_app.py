@@ -1,6 +1,7 @@
 """The whole emulator on real sockets of the loopback interface."""
 
 import asyncio
+import io
 import os
 import socket
 import struct
@@ -8,12 +9,14 @@ from collections.abc import AsyncIterator
 from contextlib import suppress
 
 import pytest
+from rich.console import Console
 
 from emulator.app import Emulator
 from emulator.clock import StepClock
 from emulator.config import PORTS, EmulatorConfig
 from emulator.controller import ControllerConfig
 from emulator.readiness import NotReady, check_ready
+from emulator.welcome import first_screen
 from urproto.robots import load_model
 from urproto.rtde.codec import GetVersion, RequestProtocol, RTDEDecoder, SetupOutputs, Start
 
@@ -42,7 +45,7 @@ async def ask(port: int, *lines: str) -> list[str]:
 
 
 async def test_every_port_answers(emulator: Emulator) -> None:
-    assert len(set(emulator.ports.values())) == 8
+    assert len(set(emulator.ports.values())) == 9
     await check_ready(HOST, emulator.ports)
 
 
@@ -82,7 +85,24 @@ async def test_a_port_in_use_is_named_and_nothing_stays_open() -> None:
         async with Emulator(EmulatorConfig(controller=controller, host=host)):
             pass
     async with Emulator(EmulatorConfig(controller=controller, host=host)) as emulator:
-        assert emulator.ports == PORTS
+        assert {**emulator.ports, **dict.fromkeys(emulator.moved, 502)} == PORTS  # 502 asks for privileges
+
+
+async def test_modbus_moves_to_a_free_port_when_its_own_is_taken() -> None:
+    host = f"127.78.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
+    wanted = EmulatorConfig(controller=ControllerConfig(model=load_model("ur3")), host=host, port_offset=20_000)
+    with socket.create_server((host, 20_502)):
+        async with Emulator(wanted) as emulator:
+            assert emulator.ports["modbus"] not in (20_502, 0)
+            assert "port 20502 (modbus): another program uses it" in emulator.moved["modbus"]
+            console = Console(record=True, width=160, file=io.StringIO())
+            console.print(first_screen(emulator))
+            screen = console.export_text()
+            assert str(emulator.ports["modbus"]) in screen
+            assert "port 20502 (modbus): another program uses it; a free one serves instead" in screen
+            await check_ready(host, emulator.ports)
+    async with Emulator(wanted) as emulator:
+        assert (emulator.ports["modbus"], emulator.moved) == (20_502, {})
 
 
 async def test_an_address_of_another_machine() -> None:

@@ -17,6 +17,7 @@ from urproto.robots import load_model
 from urproto.rtde.codec import RequestProtocol, RTDEDecoder, SetupInputs, SetupOutputs, Start
 
 PORTS = [
+    "modbus",
     "dashboard",
     "primary",
     "secondary",
@@ -26,6 +27,7 @@ PORTS = [
     "secondary read-only",
     "realtime read-only",
 ]
+MODBUS = bytes.fromhex("0001 0000 0006 ff 03 0080 007d")  # 125 registers
 PERIODS = 13  # at least one primary state
 
 rtde_package = st.builds(
@@ -56,10 +58,16 @@ script_piece = st.sampled_from(
         b"1e999",
     ]
 )
+modbus_frame = st.builds(
+    lambda function, data: struct.pack(">HHHBB", 1, 0, len(data) + 2, 255, function) + data,
+    st.sampled_from([1, 2, 3, 4]) | st.integers(0, 255),
+    st.builds(struct.pack, st.just(">HH"), st.integers(0, 700), st.integers(0, 130)) | st.binary(max_size=20),
+)
 line_piece = st.sampled_from([b"load ", b"popup ", b"\xc3(", b"robotmode", b" ", b"\r", b"\n", b"\0", b"addToLog x"])
 garbage = (
     st.binary(max_size=300)
     | st.lists(rtde_package, max_size=12).map(b"".join)
+    | st.lists(modbus_frame, max_size=8).map(b"".join)
     | st.lists(script_piece, max_size=30).map(b"".join)
     | st.lists(line_piece, max_size=20).map(b"".join)
 )
@@ -86,8 +94,10 @@ class Witnesses:
         """Everyone gets what they came for, and the arm stands where it stood."""
         before = self.controller.snapshot
         self.clients["dashboard"].feed(b"robotmode\n")
+        self.clients["modbus"].feed(bytes.fromhex("0001 0000 0006 ff 03 0100 0001"))
         got = self.tick()
         assert got["dashboard"] == b"Robotmode: RUNNING\n"
+        assert got["modbus"] == bytes.fromhex("0001 0000 0005 ff 03 02 0003"), "register 256: version 3"
         packages = RTDEDecoder().feed(got["rtde"])
         assert [len(package.payload) for package in packages] == [1 + 8 + 48] * PERIODS
         for name in ("realtime", "realtime read-only"):
@@ -124,7 +134,12 @@ def test_garbage(witnesses: Witnesses, port: str, data: bytes, chunk: int, caplo
 
 def test_a_flood_of_requests(witnesses: Witnesses) -> None:
     """More than one period can carry out: nobody else waits for it."""
-    for port, data in (("dashboard", b"robotmode\n"), ("secondary", b"x = 1\n"), ("rtde", b"\0\5V\0\2")):
+    for port, data in (
+        ("dashboard", b"robotmode\n"),
+        ("secondary", b"x = 1\n"),
+        ("rtde", b"\0\5V\0\2"),
+        ("modbus", MODBUS),
+    ):
         client = MemoryClient(witnesses.servers[port])
         client.feed(data * 5_000)
         witnesses.check()

@@ -9,6 +9,7 @@ from emulator.programs.trees.writer import TreeError, Writer
 __all__ = ["is_external_control"]
 
 _EXTERNAL_CONTROL: Final = "External Control"
+_UNNAMED: Final = "192.168.56.1"  # what the URCap calls a driver without a name
 
 
 def is_external_control(element: Element) -> bool:
@@ -37,12 +38,12 @@ def contributed(writer: Writer, element: Element) -> None:
 
 
 def _external_control(writer: Writer, element: Element) -> None:
-    """The header once, the rest at every node."""
+    """The header once, where the first node stands, and the rest at every node (seen in saved scripts)."""
     code = writer.external_control
     if code is None:
         raise TreeError("the program has External Control nodes, and no driver has given their code")
-    writer.label(element, _EXTERNAL_CONTROL)
+    page = writer.installation.contributions.get(_EXTERNAL_CONTROL, {})
+    writer.label(element, f"Control by {page.get('name') or _UNNAMED}")
     if writer.once("external control header"):
-        with writer.into("urcaps"):
-            writer.raw(code.header.splitlines())
+        writer.raw(code.header.splitlines())
     writer.raw(code.node.splitlines())

@@ -1,0 +1,49 @@
+"""Modbus/TCP server (TCP 502)."""
+
+from functools import partial
+
+from emulator.commands import ModbusCall
+from emulator.servers.base import CommandQueue, Connection, ControllerDoor, Direction, PortServer
+from urproto.modbus import Frame, FrameDecoder, encode_frame
+
+__all__ = ["ModbusServer"]
+
+_AT_ONCE = 16  # requests of one connection in a control period (guess): clients may send several without waiting
+
+
+class ModbusServer(PortServer):
+    """Requests in, one answer each, in the next control period. Any unit number is the robot."""
+
+    def __init__(self, controller: ControllerDoor) -> None:
+        super().__init__("modbus", controller)
+
+    def connect(self) -> Connection:
+        return _ModbusConnection(self)
+
+
+class _ModbusConnection(Connection):
+    def __init__(self, server: PortServer) -> None:
+        super().__init__(server)
+        self._decoder = FrameDecoder()
+        self._queue = CommandQueue(server.controller, self.read_on, at_once=_AT_ONCE)
+        self._ended = False
+
+    def received(self, data: bytes) -> None:
+        for frame in self._decoder.feed(data):
+            passed = self.server.hooks.message(self, Direction.RECEIVED, frame)
+            if passed is not None:
+                self._queue.put(ModbusCall(passed.pdu), partial(self._answer, passed))
+        if self._decoder.error is not None:
+            raise self._decoder.error
+
+    def at_end(self) -> bool:
+        self._ended = True
+        return not self._queue.idle
+
+    def _answer(self, asked: Frame, pdu: bytes) -> None:
+        answer = Frame(asked.transaction, asked.unit, pdu)
+        passed = self.server.hooks.message(self, Direction.SENT, answer)
+        if passed is not None:
+            self.send(encode_frame(passed))
+        if self._ended and self._queue.idle:
+            self.close()

@@ -1,0 +1,277 @@
+"""Modbus/TCP (TCP 502), both ends of it: frames, requests and their answers.
+
+Source: Modbus Application Protocol 1.1b3 and Modbus Messaging on TCP/IP 1.0b. Words are
+16 bits, highest byte first; coils are packed eight to a byte, the first in the lowest bit.
+"""
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final
+
+from urproto.errors import LocalProtocolError, RemoteProtocolError
+
+__all__ = [
+    "ExceptionCode",
+    "Frame",
+    "FrameDecoder",
+    "Function",
+    "ModbusException",
+    "ModbusRequest",
+    "decode_request",
+    "decode_response",
+    "encode_frame",
+    "encode_request",
+    "encode_response",
+    "exception_response",
+]
+
+_HEADER: Final = struct.Struct(">HHHB")  # transaction, protocol (0), bytes that follow, unit
+_ERROR_BIT: Final = 0x80
+_MAX_PDU: Final = 253  # bytes
+
+
+class Function(IntEnum):
+    """The function codes that are understood here."""
+
+    READ_COILS = 1
+    READ_DISCRETE_INPUTS = 2
+    READ_HOLDING_REGISTERS = 3
+    READ_INPUT_REGISTERS = 4
+    WRITE_COIL = 5
+    WRITE_REGISTER = 6
+    WRITE_COILS = 15
+    WRITE_REGISTERS = 16
+    READ_WRITE_REGISTERS = 23
+
+
+class ExceptionCode(IntEnum):
+    """Why a unit did not carry a request out; others exist."""
+
+    ILLEGAL_FUNCTION = 1
+    ILLEGAL_DATA_ADDRESS = 2
+    ILLEGAL_DATA_VALUE = 3
+    DEVICE_FAILURE = 4
+
+
+_F = Function
+_READ_BITS: Final = (_F.READ_COILS, _F.READ_DISCRETE_INPUTS)
+_READ_WORDS: Final = (_F.READ_HOLDING_REGISTERS, _F.READ_INPUT_REGISTERS)
+_MOST: Final[dict[int, int]] = {  # values in one request
+    _F.READ_COILS: 2000,
+    _F.READ_DISCRETE_INPUTS: 2000,
+    _F.READ_HOLDING_REGISTERS: 125,
+    _F.READ_INPUT_REGISTERS: 125,
+    _F.WRITE_COILS: 1968,
+    _F.WRITE_REGISTERS: 123,
+    _F.READ_WRITE_REGISTERS: 125,
+}
+_MOST_WRITTEN_WHILE_READING: Final = 121
+_COIL_ON: Final = 0xFF00
+
+
+class ModbusException(Exception):  # noqa: N818 - the protocol's own word
+    """A unit understood the frame and refuses the request. ``code``: an ``ExceptionCode``, or another byte."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"Modbus exception {code}")
+        self.code = code
+
+
+@dataclass(frozen=True, slots=True)
+class ModbusRequest:
+    """What is asked of a unit.
+
+    ``address`` and ``count``: what is read, or where ``values`` (words, or 0 and 1) are
+    written; for function 23 these go to ``write_address``.
+    """
+
+    function: int
+    address: int
+    count: int = 1
+    values: tuple[int, ...] = ()
+    write_address: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One message either way. ``pdu``: function code and data; an answer repeats the transaction number."""
+
+    transaction: int
+    unit: int
+    pdu: bytes
+
+
+def encode_frame(frame: Frame) -> bytes:
+    """The bytes of a message. Raises LocalProtocolError when it is empty or too long."""
+    if not 0 < len(frame.pdu) <= _MAX_PDU:
+        raise LocalProtocolError(f"a Modbus message has 1 to {_MAX_PDU} bytes, not {len(frame.pdu)}")
+    return _HEADER.pack(frame.transaction, 0, len(frame.pdu) + 1, frame.unit) + frame.pdu
+
+
+class FrameDecoder:
+    """Cuts a stream of bytes into messages."""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+        self.error: RemoteProtocolError | None = None
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """The messages that are complete now.
+
+        At bytes that are no Modbus/TCP header, this call or, if there were messages before
+        them, the next one raises RemoteProtocolError; ``error`` is set at once.
+        """
+        self._buffer += data
+        frames: list[Frame] = []
+        while self.error is None and (frame := self._take()) is not None:
+            frames.append(frame)
+        if self.error is not None:
+            self._buffer.clear()
+            if not frames:
+                raise self.error
+        return frames
+
+    def _take(self) -> Frame | None:
+        if len(self._buffer) < _HEADER.size:
+            return None
+        transaction, protocol, size, unit = _HEADER.unpack_from(self._buffer)
+        if protocol or not 2 <= size <= _MAX_PDU + 1:
+            self.error = RemoteProtocolError(f"no Modbus/TCP header: protocol {protocol}, {size} bytes")
+            return None
+        end = _HEADER.size + size - 1
+        if len(self._buffer) < end:
+            return None
+        frame = Frame(transaction, unit, bytes(self._buffer[_HEADER.size : end]))
+        del self._buffer[:end]
+        return frame
+
+
+# requests
+
+
+def encode_request(request: ModbusRequest) -> bytes:
+    """Function code and data. Raises LocalProtocolError for what a frame cannot carry."""
+    try:
+        return _encode_request(request)
+    except struct.error as error:
+        raise LocalProtocolError(f"{request} does not fit a Modbus message: {error}") from error
+
+
+def _encode_request(request: ModbusRequest) -> bytes:
+    function, address, values = request.function, request.address, request.values
+    if function in (*_READ_BITS, *_READ_WORDS):
+        return struct.pack(">BHH", function, address, request.count)
+    if function == _F.WRITE_COIL:
+        return struct.pack(">BHH", function, address, _COIL_ON if values[0] else 0)
+    if function == _F.WRITE_REGISTER:
+        return struct.pack(">BHH", function, address, values[0])
+    if function == _F.WRITE_COILS:
+        packed = _pack_bits(values)
+        return struct.pack(">BHHB", function, address, len(values), len(packed)) + packed
+    if function == _F.WRITE_REGISTERS:
+        return struct.pack(">BHHB", function, address, len(values), 2 * len(values)) + _pack_words(values)
+    if function == _F.READ_WRITE_REGISTERS:
+        head = (function, address, request.count, request.write_address, len(values), 2 * len(values))
+        return struct.pack(">BHHHHB", *head) + _pack_words(values)
+    raise LocalProtocolError(f"Modbus function {function} is not known here")
+
+
+def decode_request(pdu: bytes) -> ModbusRequest:
+    """The request of a frame. Raises ModbusException with the code to answer."""
+    try:
+        request = _decode_request(pdu)
+    except struct.error as error:
+        raise ModbusException(ExceptionCode.ILLEGAL_DATA_VALUE) from error
+    written = len(request.values)
+    count = request.count if request.function in (*_READ_BITS, *_READ_WORDS, _F.READ_WRITE_REGISTERS) else written
+    if not 1 <= count <= _MOST.get(request.function, 1):
+        raise ModbusException(ExceptionCode.ILLEGAL_DATA_VALUE)
+    if request.function == _F.READ_WRITE_REGISTERS and not 1 <= written <= _MOST_WRITTEN_WHILE_READING:
+        raise ModbusException(ExceptionCode.ILLEGAL_DATA_VALUE)
+    return request
+
+
+def _decode_request(pdu: bytes) -> ModbusRequest:
+    function, data = pdu[0], pdu[1:]
+    if function in (*_READ_BITS, *_READ_WORDS):
+        address, count = struct.unpack(">HH", data)
+        return ModbusRequest(function, address, count)
+    if function in (_F.WRITE_COIL, _F.WRITE_REGISTER):
+        address, value = struct.unpack(">HH", data)
+        return ModbusRequest(function, address, values=(_coil(value) if function == _F.WRITE_COIL else value,))
+    if function in (_F.WRITE_COILS, _F.WRITE_REGISTERS):
+        address, count, size = struct.unpack_from(">HHB", data)
+        values = _unpack(function == _F.WRITE_COILS, count, size, data[5:])
+        return ModbusRequest(function, address, count, values)
+    if function == _F.READ_WRITE_REGISTERS:
+        address, count, write_address, write_count, size = struct.unpack_from(">HHHHB", data)
+        return ModbusRequest(function, address, count, _unpack(False, write_count, size, data[9:]), write_address)
+    raise ModbusException(ExceptionCode.ILLEGAL_FUNCTION)
+
+
+def _coil(word: int) -> int:
+    if word not in (0, _COIL_ON):
+        raise ModbusException(ExceptionCode.ILLEGAL_DATA_VALUE)
+    return int(word == _COIL_ON)
+
+
+# answers
+
+
+def encode_response(request: ModbusRequest, values: Sequence[int]) -> bytes:
+    """What answers a request that was carried out; ``values``: what was read."""
+    function = request.function
+    if function in _READ_BITS:
+        packed = _pack_bits(values)
+        return bytes((function, len(packed))) + packed
+    if function in (*_READ_WORDS, _F.READ_WRITE_REGISTERS):
+        return bytes((function, 2 * len(values))) + _pack_words(values)
+    if function in (_F.WRITE_COIL, _F.WRITE_REGISTER):
+        return encode_request(request)
+    return struct.pack(">BHH", function, request.address, len(request.values))
+
+
+def exception_response(function: int, code: int) -> bytes:
+    """What answers a request that was refused."""
+    return bytes((function | _ERROR_BIT, code))
+
+
+def decode_response(request: ModbusRequest, pdu: bytes) -> tuple[int, ...]:
+    """The values read, none for a request that only writes.
+
+    Raises ModbusException when the unit refused, and RemoteProtocolError when this is no
+    answer to the request.
+    """
+    function = request.function
+    if len(pdu) == 2 and pdu[0] == function | _ERROR_BIT:
+        raise ModbusException(pdu[1])
+    try:
+        if pdu[0] == function:
+            if function in (*_READ_BITS, *_READ_WORDS, _F.READ_WRITE_REGISTERS):
+                return _unpack(function in _READ_BITS, request.count, pdu[1], pdu[2:])
+            if pdu == encode_response(request, ()):
+                return ()
+    except (IndexError, ModbusException, struct.error) as error:
+        raise RemoteProtocolError(f"the answer to Modbus function {function} has a wrong size") from error
+    raise RemoteProtocolError(f"the answer to Modbus function {function} belongs to another request")
+
+
+def _pack_words(values: Sequence[int]) -> bytes:
+    return struct.pack(f">{len(values)}H", *values)
+
+
+def _pack_bits(values: Sequence[int]) -> bytes:
+    packed = sum(1 << place for place, value in enumerate(values) if value)
+    return packed.to_bytes((len(values) + 7) // 8, "little")
+
+
+def _unpack(bits: bool, count: int, size: int, data: bytes) -> tuple[int, ...]:
+    """Coils or words. Raises ModbusException when the sizes contradict each other."""
+    if size != len(data) or size != ((count + 7) // 8 if bits else 2 * count):
+        raise ModbusException(ExceptionCode.ILLEGAL_DATA_VALUE)
+    if not bits:
+        return struct.unpack(f">{count}H", data)
+    packed = int.from_bytes(data, "little")
+    return tuple(packed >> place & 1 for place in range(count))
