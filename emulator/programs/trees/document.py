@@ -63,7 +63,7 @@ class Element:
             waiting.extend(reversed(element.children))
 
     def resolved(self) -> "Element":
-        """The element itself, or the one that its reference leads to. Raises DocumentError for one that leads nowhere."""
+        """The element itself, or the one that its reference leads to. Raises DocumentError if that is nowhere."""
         element = self
         for _ in range(_MAX_REFERENCES):
             path = element.attributes.get("reference")

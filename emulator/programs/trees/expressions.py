@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 __all__ = ["expression_label", "expression_text", "variable_name"]
 
-# what the editor shows -> what the language has; all but the first are guesses
-_SYMBOLS: Final = {"≟": " == ", "≠": " != ", "≤": " <= ", "≥": " >= ", "−": "-", "×": "*", "·": "*", "÷": "/"}
+# what the editor shows -> what the language has; the four that files have
+_SYMBOLS: Final = {"≟": " == ", "≠": " != ", "≤": " <= ", "≥": " >= "}
 _SYMBOL: Final = re.compile("|".join(_SYMBOLS))
 _STRING: Final = re.compile(r'("[^"]*")')
 _VARIABLES: Final = ("ProgramVariable", "InstallationVariable", "GeomFeatureVariable")

@@ -35,6 +35,12 @@ class ProgramTree:
         self.twin = twin
         self.folder = folder or ProgramsFolder(None)
 
+    @property
+    def installation_names(self) -> tuple[str, ...]:
+        """Names of the installation it was saved with, without extension: relative to the program, and alone."""
+        relative, alone = self.root.get("installationRelativePath"), self.root.get("installation")
+        return (relative or alone, alone)
+
     @cached_property
     def needs_external_control(self) -> bool:
         """Whether it has External Control nodes, for whose text a driver must be asked."""

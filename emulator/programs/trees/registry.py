@@ -52,9 +52,10 @@ def translate(writer: Writer, element: Element) -> Steps[None]:
         raise TreeError(f"node <{element.tag}> is not known")
     if kind.translation is None:
         raise TreeError(f"node <{element.tag}> is not emulated: {kind.note}")
-    steps = kind.translation(writer, element)
-    if steps is not None:
-        yield from steps
+    with writer.node(element.tag):
+        steps = kind.translation(writer, element)
+        if steps is not None:
+            yield from steps
     yield _NODE_WORK
 
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BASE", "NO_POSE", "TOOL", "ExternalControlCode", "TreeError", "Writer"]
 
+_MAX_DEPTH: Final = 60  # as many blocks as a script may nest
+_MAX_SIZE: Final = 8 << 20  # bytes of script; the largest public one has 1.4 MB
 BASE: Final = "Joint_0_name"  # PolyScope's names of the features every installation has
 TOOL: Final = "Joint_6_name"
 NO_POSE: Final = "p[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]"
@@ -56,15 +58,33 @@ class Writer:
         self._numbers = tree.numbers()
         self._counters: dict[str, int] = {}
         self._once: set[str] = set()
+        self._depth = 0
+        self._size = 0
         self._waypoints: dict[str, tuple[str, str]] = {}
+
+    @contextmanager
+    def node(self, tag: str) -> Iterator[None]:
+        """While a node is written. Raises TreeError when too many lie in each other: references can lead in circles."""
+        self._depth += 1
+        if self._depth > _MAX_DEPTH:
+            raise TreeError(f"nodes are nested more than {_MAX_DEPTH} deep at <{tag}>")
+        yield
+        self._depth -= 1
+
+    def _write(self, line: str) -> None:
+        self._size += len(line) + 1
+        if self._size > _MAX_SIZE:
+            raise TreeError(f"the program has more than {_MAX_SIZE >> 20} MiB of script")
+        self._sections[self._section].append(line)
 
     def line(self, text: str) -> None:
         """Write one line; further lines of a text are written as they are."""
-        self._sections[self._section].append(f"{'  ' * self._levels[self._section]}{text}")
+        self._write(f"{'  ' * self._levels[self._section]}{text}")
 
     def raw(self, lines: Iterable[str]) -> None:
         """Write lines as they are."""
-        self._sections[self._section].extend(lines)
+        for line in lines:
+            self._write(line)
 
     def label(self, element: Element, text: str, stop: str = "") -> None:
         """The mark by which a client sees where the program is. ``stop``: breakAfter or noBreak."""
