@@ -82,9 +82,7 @@ def _run(
     ] = ScriptNetwork.ANY,
     external_control: Annotated[
         str | None,
-        typer.Option(
-            metavar="HOST:PORT", help="Where External Control nodes get their program."
-        ),
+        typer.Option(metavar="HOST:PORT", help="Where External Control nodes get their program."),
     ] = None,
     modbus_unit_port: Annotated[
         int, typer.Option(help="Where the Modbus units listen that programs add signals of.")

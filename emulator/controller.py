@@ -28,6 +28,7 @@ from emulator.motion import Motion, MotionFault
 from emulator.popups import Popups
 from emulator.power import Power, PowerEvent, PowerState, PowerTimings
 from emulator.programs.runner import Programs
+from emulator.programs.trees.installation_file import InstallationFile
 from emulator.programs.urcap import DriverAddress
 from emulator.registers import Registers
 from emulator.safety import Safety, SafetyEvent
@@ -201,6 +202,11 @@ class Controller:
     def load_installation(self, path: Path) -> None:
         """Apply an installation file. Raises OSError or InstallationError; then nothing changed."""
         self.installation.load(path)
+        self.set_tcp(self.installation.tcp)
+
+    def apply_installation(self, path: Path, file: InstallationFile) -> None:
+        """Apply what was read from an installation file."""
+        self.installation.apply(path.name, file)
         self.set_tcp(self.installation.tcp)
 
     # the tick's steps

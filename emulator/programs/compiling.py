@@ -5,8 +5,9 @@ in the same period on every machine.
 """
 
 from collections import deque
+from collections.abc import Generator
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 from emulator.builtins import LIBRARIES
 from emulator.programs.trees.program import TreeError
@@ -17,7 +18,7 @@ from urscript.errors import CompileError
 from urscript.parser import is_secondary
 from urscript.work import Steps
 
-__all__ = ["WORK_PER_SECOND", "Compiling", "Submission"]
+__all__ = ["WORK_PER_SECOND", "Compiling", "Submission", "in_periods"]
 
 LIBRARY_SET: Final = LibrarySet(LIBRARIES)
 
@@ -27,6 +28,23 @@ WORK_PER_SECOND: Final = 750_000
 About 0.9 ms of a 2 ms period on an idle machine; the official control script (48 kB) takes 0.1 s, and its driver
 expects the program to call back within 0.5 s.
 """
+
+ResultT = TypeVar("ResultT")
+
+
+def in_periods(steps: Steps[ResultT], period_s: float) -> Generator[None, None, ResultT]:
+    """Work in shares of a control period: yields once for each. Returns the result."""
+    share = round(WORK_PER_SECOND * period_s)
+    left = share
+    while True:
+        try:
+            left -= next(steps)
+        except StopIteration as end:
+            result: ResultT = end.value
+            return result
+        if left <= 0:
+            left = share
+            yield
 
 
 @dataclass(eq=False, slots=True)

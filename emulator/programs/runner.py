@@ -26,7 +26,7 @@ from emulator.programs.busy import TOO_BUSY, busy_long, busy_too_long, describe
 from emulator.programs.compiling import Compiling, Submission
 from emulator.programs.history import MotionHistory
 from emulator.programs.host import ProgramHost
-from emulator.programs.loading import LoadedProgram, load_program
+from emulator.programs.loading import LoadedProgram, load_steps
 from emulator.programs.modbus import ModbusSignals
 from emulator.programs.outputs import RunstateOutputs
 from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
@@ -40,6 +40,7 @@ from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_ST
 from urproto.versions import Series
 from urscript.compiler import CompiledProgram
 from urscript.runtime import Runtime, ScriptThread
+from urscript.work import Steps, run_to_end
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
@@ -134,8 +135,24 @@ class Programs:
         return submission
 
     def load_file(self, path: Path) -> None:
-        """Choose the program that ``play`` starts and end the running one. Raises ProgramLoadError or OSError."""
-        self.loaded = load_program(path)
+        """`load_steps` at once."""
+        run_to_end(self.load_steps(path))
+
+    def load_steps(self, path: Path) -> Steps[None]:
+        """Choose the program that ``play`` starts and end the running one, in pieces for a control loop.
+
+        The installation that a program tree was saved with is loaded too, if it is in the programs
+        folder. Raises ProgramLoadError or OSError; then what was loaded remains.
+        """
+        controller = self._controller
+        loaded = yield from load_steps(
+            path, controller.config.programs_dir, controller.installation.file, controller.version
+        )
+        for note in loaded.notes:
+            self._note(note)
+        if loaded.installation is not None:
+            controller.apply_installation(*loaded.installation)
+        self.loaded = loaded
         self.stop("another program was loaded")
 
     def play(self) -> Submission:
@@ -151,12 +168,18 @@ class Programs:
             return coming[-1]
         if self.loaded is None:
             return self._answer(False)
-        if self.loaded.tree is not None and self.loaded.tree.needs_external_control:
-            return self._ask(self.loaded.tree)
-        if not self.loaded.script:
-            self._say(f"{self.loaded.path.name} cannot be played: there is no {self.loaded.name}.script beside it")
-            return self._answer(False)
-        return self.submit(self.loaded.script)
+        tree = self.loaded.tree
+        if tree is None:
+            return self.submit(self.loaded.script)
+        return self._ask(tree) if tree.needs_external_control else self._translate(tree)
+
+    def _translate(self, tree: ProgramTree) -> Submission:
+        controller = self._controller
+        translation = script_steps(tree, controller.installation.file, version=controller.version)
+        submission = Submission("", controller.version, translation=translation)
+        self._compiling.add(submission)
+        self._decide()
+        return submission
 
     def _ask(self, tree: ProgramTree) -> Submission:
         """Let the driver say what the External Control nodes do; the program is compiled when it has answered."""

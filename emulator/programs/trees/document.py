@@ -12,7 +12,7 @@ from xml.parsers import expat
 
 from urscript.work import Steps, run_to_end
 
-__all__ = ["DocumentError", "Element", "read_document", "read_steps"]
+__all__ = ["DocumentError", "Element", "read_document", "read_steps", "unpacked"]
 
 _GZIP: Final = b"\x1f\x8b"
 _PIECE: Final = 4096  # bytes of XML read in one step: well under a millisecond
@@ -63,7 +63,7 @@ class Element:
             waiting.extend(reversed(element.children))
 
     def resolved(self) -> "Element":
-        """The element itself, or the one that its reference leads to. Raises DocumentError for one that leads nowhere."""
+        """The element itself, or the one that its reference leads to. Raises DocumentError if that is nowhere."""
         element = self
         for _ in range(_MAX_REFERENCES):
             path = element.attributes.get("reference")
@@ -143,6 +143,19 @@ def _pieces(data: bytes) -> Iterator[bytes]:
         yield piece
     if not unpacking.eof:
         raise DocumentError("the compressed file is cut off")
+
+
+def unpacked(data: bytes) -> bytes:
+    """The content of a file, compressed or not. Raises DocumentError."""
+    content = bytearray()
+    try:
+        for piece in _pieces(data):
+            content += piece
+            if len(content) > _MAX_BYTES:
+                raise DocumentError(f"more than {_MAX_BYTES >> 20} MiB")
+    except zlib.error as error:
+        raise DocumentError(str(error)) from error
+    return bytes(content)
 
 
 def _refuse_doctype(*_: Any) -> None:

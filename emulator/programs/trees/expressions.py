@@ -4,6 +4,7 @@ import re
 from typing import TYPE_CHECKING, Final
 
 from emulator.programs.trees.document import DocumentError, Element
+from emulator.programs.trees.naming import identifier
 from emulator.programs.trees.pins import pin_reading
 
 if TYPE_CHECKING:
@@ -11,8 +12,8 @@ if TYPE_CHECKING:
 
 __all__ = ["expression_label", "expression_text", "variable_name"]
 
-# what the editor shows -> what the language has; all but the first are guesses
-_SYMBOLS: Final = {"≟": " == ", "≠": " != ", "≤": " <= ", "≥": " >= ", "−": "-", "×": "*", "·": "*", "÷": "/"}
+# what the editor shows -> what the language has; the four that files have
+_SYMBOLS: Final = {"≟": " == ", "≠": " != ", "≤": " <= ", "≥": " >= "}
 _SYMBOL: Final = re.compile("|".join(_SYMBOLS))
 _STRING: Final = re.compile(r'("[^"]*")')
 _VARIABLES: Final = ("ProgramVariable", "InstallationVariable", "GeomFeatureVariable")
@@ -33,11 +34,11 @@ def expression_label(writer: "Writer", element: Element | None) -> str:
 
 
 def variable_name(element: Element | None) -> str:
-    """Name of a variable or of a feature used as one. Raises DocumentError when there is none."""
+    """Name, in scripts, of a variable or of a feature used as one. Raises DocumentError when there is none."""
     name = "" if element is None else element.get("name") or element.get("featureName")
     if not name:
         raise DocumentError("a variable has no name")
-    return name
+    return identifier(name)
 
 
 def _in_script(text: str) -> str:

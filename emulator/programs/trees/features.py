@@ -14,7 +14,7 @@ _LINE: Final = "GeomLineNode"
 _PLANE: Final = "GeomPlaneNode"
 
 
-class _Degenerate(Exception):
+class _DegenerateError(Exception):
     """The points coincide or are in line: PolyScope does not offer such a feature to programs (guess)."""
 
 
@@ -27,7 +27,7 @@ def read_features(root: Element) -> tuple[dict[str, Pose], frozenset[str]]:
         name = element.get("name")
         try:
             pose = _pose(element) if name else None
-        except _Degenerate:
+        except _DegenerateError:
             continue
         if pose is None:
             continue
@@ -104,5 +104,5 @@ def _cross(a: Vec3, b: Vec3) -> Vec3:
 def _unit(vector: Vec3) -> Vec3:
     length = math.hypot(*vector)
     if length == 0.0:
-        raise _Degenerate
+        raise _DegenerateError
     return (vector[0] / length, vector[1] / length, vector[2] / length)

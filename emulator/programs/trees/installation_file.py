@@ -1,18 +1,27 @@
 """What PolyScope's installation files say: tool, payload, features, names of inputs and outputs."""
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from emulator.programs.trees.document import DocumentError, Element, read_document
+from emulator.programs.trees.document import DocumentError, Element, read_document, read_steps, unpacked
 from emulator.programs.trees.features import read_features
 from emulator.programs.trees.modbus import ModbusSignal, read_modbus
 from emulator.programs.trees.numbers import number, numbers, six
 from urproto.robots.pose import Pose
+from urscript.work import Steps, run_to_end
 
-__all__ = ["InstallationFile", "PayloadSetting", "load_installation_file", "read_installation", "read_variables"]
+__all__ = [
+    "InstallationFile",
+    "PayloadSetting",
+    "load_installation_file",
+    "read_installation",
+    "read_installation_steps",
+    "read_variables",
+]
 
 _ROOT: Final = "Installation"
 _GRAVITY: Final = 9.82  # m/s2; in every program PolyScope generates
@@ -34,6 +43,11 @@ _NAMES: Final = {  # element with the names -> kind of pin
     "GeneralPurposeFloatRegisterOutputNames": "GP_float_out",
 }
 
+_ESCAPED_LETTER: Final = re.compile(r"\\u([0-9A-Fa-f]{4})")
+_OUTPUT_KINDS: Final = {"SINKING": 1, "SOURCING": 2, "PUSH_PULL": 3}
+_PARITIES: Final = {"NONE": 0, "ODD": 1, "EVEN": 2}  # as for set_tool_communication
+_VOLTAGES: Final = {"12": 12, "TWELVE": 12, "24": 24, "TWENTYFOUR": 24, "TWENTY_FOUR": 24}  # the rest is 0
+
 
 @dataclass(frozen=True, slots=True)
 class PayloadSetting:
@@ -46,20 +60,21 @@ class PayloadSetting:
 
 @dataclass(frozen=True, slots=True)
 class InstallationFile:
-    """An installation as programs need it. Unless read from a file: nothing on the flange, no names.
+    """An installation as programs need it. Without a file they leave tool and mounting as they are.
 
     tcps, payloads, features: by name; ``tcp`` and ``payload`` are those in use at the start.
     feature_variables: features that programs may use as variables. pins: what a name stands for,
     as a kind of `emulator.programs.trees.pins` and a number. variables: name and URScript value.
+    tool_*: as for set_tool_voltage, set_tool_communication, set_tool_output_mode, set_tool_digital_output_mode.
     gravity: as for set_gravity [m/s2]. home: joints [rad]. contributions: data of URCaps by URCap name.
     """
 
     name: str = "default"
-    tcp: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    tcp: Pose | None = None
     tcps: Mapping[str, Pose] = field(default_factory=dict)
-    payload: PayloadSetting = PayloadSetting()
+    payload: PayloadSetting | None = None
     payloads: Mapping[str, PayloadSetting] = field(default_factory=dict)
-    gravity: tuple[float, float, float] = (0.0, 0.0, _GRAVITY)
+    gravity: tuple[float, float, float] | None = None
     features: Mapping[str, Pose] = field(default_factory=dict)
     feature_variables: frozenset[str] = frozenset()
     pins: Mapping[str, tuple[str, str]] = field(default_factory=dict)
@@ -70,12 +85,34 @@ class InstallationFile:
     tool_inputs: tuple[int, ...] = (1, 1)
     analog_outputs: tuple[int, ...] = (0, 0)
     tool_voltage: int = 0
+    tool_serial: tuple[bool, int, int, int, float, float] = (False, 115200, 0, 1, 1.5, 3.5)
+    tool_output_mode: int = 0
+    tool_outputs: tuple[int, ...] = (1, 1)
     contributions: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
 
+def read_installation_steps(path: Path) -> Steps[InstallationFile]:
+    """An ``.installation`` file with the ``.variables`` beside it, in pieces for a control loop.
+
+    Raises OSError or DocumentError.
+    """
+    beside = path.with_suffix(".variables")
+    variables = beside.read_bytes() if beside.is_file() else b""
+    root = yield from read_steps(path.read_bytes())
+    return _installation(root, path.stem, variables)
+
+
 def read_installation(data: bytes, name: str, variables: bytes = b"") -> InstallationFile:
-    """The content of an ``.installation`` and of the ``.variables`` beside it. Raises DocumentError."""
-    root = read_document(data)
+    """The content of an ``.installation`` and of its ``.variables``. Raises DocumentError."""
+    return _installation(read_document(data), name, variables)
+
+
+def load_installation_file(path: Path) -> InstallationFile:
+    """`read_installation_steps` at once."""
+    return run_to_end(read_installation_steps(path))
+
+
+def _installation(root: Element, name: str, variables: bytes) -> InstallationFile:
     if root.tag != _ROOT:
         raise DocumentError(f"<{root.tag}> is no installation")
     tcps, tcp = _tcps(root)
@@ -100,26 +137,33 @@ def read_installation(data: bytes, name: str, variables: bytes = b"") -> Install
         tool_inputs=domains[2:],
         analog_outputs=_ints(root, "analogOutputDomain", (0, 0)),
         tool_voltage=_tool_voltage(root),
+        tool_serial=_tool_serial(root),
+        tool_output_mode=0 if _tool(root, "toolOutputMode") in ("", "OUTPUT") else 1,
+        tool_outputs=tuple(_OUTPUT_KINDS.get(_tool(root, f"toolDigitalOutput{port}"), 1) for port in (0, 1)),
         contributions=_contributions(root),
     )
 
 
 def read_variables(data: bytes) -> dict[str, str]:
-    """Installation variables: a Java properties file, a line each. Lines that are none are skipped."""
-    found = {}
-    for line in data.decode("utf-8", "replace").splitlines():
-        name, equals, value = line.partition("=")
-        if equals and name.strip().isidentifier() and not line.lstrip().startswith(("#", "!")):
-            found[name.strip()] = value.strip().replace("\\:", ":").replace("\\=", "=").replace("\\ ", " ")
-    return found
+    """Installation variables and their URScript values; compressed or not.
+
+    XML since PolyScope 5.10 or so, before that a Java properties file: one line each. Lines that are none are
+    skipped. Raises DocumentError.
+    """
+    text = unpacked(data)
+    if text.lstrip().startswith(b"<"):
+        variables = (element for element in read_document(text).walk() if element.tag == "variable")
+        return {element.get("name"): element.get("value") for element in variables if element.get("value")}
+    lines = (line.strip().partition("=") for line in text.decode("utf-8", "replace").splitlines())
+    return {
+        name.strip(): _unescaped(value) for name, equals, value in lines if equals and not name.startswith(("#", "!"))
+    }
 
 
-def load_installation_file(path: Path) -> InstallationFile:
-    """An ``.installation`` file with its ``.variables``. Raises OSError or DocumentError."""
-    variables = path.with_suffix(".variables")
-    return read_installation(
-        path.read_bytes(), path.stem, variables.read_bytes() if variables.is_file() else b""
-    )
+def _unescaped(value: str) -> str:
+    """Java writes a backslash before what would otherwise separate, and letters outside ASCII as numbers."""
+    numbers_read = _ESCAPED_LETTER.sub(lambda match: chr(int(match[1], 16)), value.strip())
+    return re.sub(r"\\(.)", r"\1", numbers_read)
 
 
 def _tcps(root: Element) -> tuple[dict[str, Pose], Pose]:
@@ -142,7 +186,9 @@ def _payloads(root: Element) -> tuple[dict[str, PayloadSetting], PayloadSetting]
     payloads, default = {}, PayloadSetting()
     for element in settings:
         inertia = six(element.get("inertiaParameters", "0, 0, 0, 0, 0, 0"))
-        payload = PayloadSetting(number(element.get("mass", "0")), _three(numbers(element.get("centerOfGravity", "0, 0, 0"))), inertia)
+        payload = PayloadSetting(
+            number(element.get("mass", "0")), _three(numbers(element.get("centerOfGravity", "0, 0, 0"))), inertia
+        )
         payloads[element.get("name")] = payload
         if element.get("defaultPayload") == "true":
             default = payload
@@ -156,7 +202,7 @@ def _three(values: list[float]) -> tuple[float, float, float]:
 
 
 def _gravity(root: Element) -> tuple[float, float, float]:
-    """As PolyScope's mounting page turns the arm: tilted about the base's x axis, then turned about z (signs: guess)."""
+    """As PolyScope's mounting page turns the arm: tilted about x, then turned about z (signs: guess)."""
     for element in root.walk():
         if "tiltAngle" in element.attributes:
             tilt, turn = number(element.get("tiltAngle")), number(element.get("baseAngle", "0"))
@@ -186,10 +232,26 @@ def _ints(root: Element, tag: str, default: tuple[int, ...]) -> tuple[int, ...]:
     return values if len(values) == len(default) else default
 
 
-def _tool_voltage(root: Element) -> int:
+def _tool(root: Element, name: str) -> str:
     settings = root.child("ToolCommSettings")
-    text = root.get("toolOutputVoltage") or (settings.get("toolOutputVoltage") if settings else "")
-    return int(text) if text in ("0", "12", "24") else 0
+    return settings.get(name) if settings else ""
+
+
+def _tool_voltage(root: Element) -> int:
+    text = _tool(root, "toolOutputVoltage") or root.get("toolOutputVoltage")
+    return _VOLTAGES.get(text, 0)
+
+
+def _tool_serial(root: Element) -> tuple[bool, int, int, int, float, float]:
+    baud = _tool(root, "baudRate").removeprefix("BAUD_")
+    return (
+        _tool(root, "enabled") == "true",
+        int(baud) if baud.isdigit() else 115200,
+        _PARITIES.get(_tool(root, "parity"), 0),
+        2 if _tool(root, "stopBits") == "TWO" else 1,
+        number(_tool(root, "rxIdleChars") or "1.5"),
+        number(_tool(root, "txIdleChars") or "3.5"),
+    )
 
 
 def _contributions(root: Element) -> dict[str, dict[str, str]]:

@@ -2,16 +2,19 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 from emulator.programs.trees.document import Element
 from emulator.programs.trees.numbers import number
 
 __all__ = ["ModbusSignal", "read_modbus"]
 
+_TYPES: Final = {"DIGITAL_INPUT": 0, "DIGITAL_OUTPUT": 1, "REGISTER_INPUT": 2, "REGISTER_OUTPUT": 3}  # as for scripts
+
 
 @dataclass(frozen=True, slots=True)
 class ModbusSignal:
-    """One signal, with the arguments of modbus_add_signal; ``frequency`` [Hz]."""
+    """One signal, with the arguments of modbus_add_signal; ``frequency`` [Hz], negative: the usual one."""
 
     name: str
     address: str
@@ -28,21 +31,22 @@ def read_modbus(root: Element) -> tuple[ModbusSignal, ...]:
 
 def _signals(root: Element) -> Iterator[ModbusSignal]:
     for unit in root.walk():
-        if unit.tag.rpartition(".")[2] == "ModbusUnit":
-            address = _value(unit, "ip__address", "ipAddress", "ip_address", "ip")
+        address = _value(unit, "ipAddress", "ip__address")
+        if address and unit.tag != "ModbusSignal":
             for signal in unit.walk():
                 if signal.tag.rpartition(".")[2] == "ModbusSignal":
                     yield _signal(signal, address)
 
 
 def _signal(signal: Element, address: str) -> ModbusSignal:
+    kind = _value(signal, "type")
     return ModbusSignal(
         name=_value(signal, "name"),
         address=address,
-        slave=int(number(_value(signal, "slaveAddress", "slave_address") or "255")),
-        register=int(number(_value(signal, "signalAddress", "signal_address", "address") or "0")),
-        type=int(number(_value(signal, "type") or "0")),
-        frequency=int(number(_value(signal, "updateFrequency", "update_frequency") or "10")),
+        slave=int(number(_value(signal, "slaveAddress") or "255")),
+        register=int(number(_value(signal, "signalAddress") or "0")),
+        type=_TYPES[kind] if kind in _TYPES else int(number(kind or "0")),
+        frequency=int(number(_value(signal, "updateFrequency") or "-1")),
     )
 
 

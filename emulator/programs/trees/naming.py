@@ -5,16 +5,19 @@ from typing import Final
 
 __all__ = ["identifier", "quoted", "truth"]
 
-_DROPPED: Final = re.compile(r"\W")
+_DROPPED: Final = re.compile(r"[^A-Za-z0-9_]")
+_FOREIGN: Final = re.compile(r"[^\W\d_]", re.UNICODE)
 _UNNAMED: Final = "unnamed"
 
 
 def identifier(name: str) -> str:
-    """A program's or subprogram's name as the name of a function.
+    """A name of PolyScope's as a name in a script.
 
-    Blanks become underscores, whatever else cannot be in a name goes (seen in 464 pairs of files).
+    Blanks become underscores, letters outside ASCII their numbers (seen: Cyrillic), whatever else
+    cannot be in a name goes (seen in 464 pairs of files).
     """
-    text = _DROPPED.sub("", name.replace(" ", "_"))
+    text = _FOREIGN.sub(lambda letter: letter[0] if letter[0].isascii() else f"u{ord(letter[0])}", name)
+    text = _DROPPED.sub("", text.replace(" ", "_"))
     if not text:
         return _UNNAMED
     return f"_{text}" if text[0].isdigit() else text

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Final
 
 from emulator.programs.trees.document import DocumentError, Element, read_steps
-from emulator.programs.trees.installation_file import InstallationFile
 from emulator.programs.trees.folder import ProgramsFolder
+from emulator.programs.trees.installation_file import InstallationFile
 from emulator.programs.trees.nodes import NODE_MODULES
 from emulator.programs.trees.nodes.urcaps import is_external_control
 from emulator.programs.trees.preamble import write_preamble
@@ -34,6 +34,12 @@ class ProgramTree:
         self.name = name
         self.twin = twin
         self.folder = folder or ProgramsFolder(None)
+
+    @property
+    def installation_names(self) -> tuple[str, ...]:
+        """Names of the installation it was saved with, without extension: relative to the program, and alone."""
+        relative, alone = self.root.get("installationRelativePath"), self.root.get("installation")
+        return (relative or alone, alone)
 
     @cached_property
     def needs_external_control(self) -> bool:

@@ -30,9 +30,7 @@ _NODE_WORK: Final = 50  # guess [units of `urscript.work`]
 NODES: Final[dict[str, NodeType]] = {}  # by XML tag
 
 
-def node(
-    tag: str, *, status: Status = "supported", note: str = ""
-) -> Callable[[Translation], Translation]:
+def node(tag: str, *, status: Status = "supported", note: str = "") -> Callable[[Translation], Translation]:
     """Register a function as the translation of a node type. A generator yields after each of its steps."""
 
     def register(translation: Translation) -> Translation:
@@ -54,9 +52,10 @@ def translate(writer: Writer, element: Element) -> Steps[None]:
         raise TreeError(f"node <{element.tag}> is not known")
     if kind.translation is None:
         raise TreeError(f"node <{element.tag}> is not emulated: {kind.note}")
-    steps = kind.translation(writer, element)
-    if steps is not None:
-        yield from steps
+    with writer.node(element.tag):
+        steps = kind.translation(writer, element)
+        if steps is not None:
+            yield from steps
     yield _NODE_WORK
 
 

@@ -14,6 +14,8 @@ __all__ = ["TwinBlock", "UrcapCode", "urcap_code"]
 _BEGIN: Final = re.compile(r"\s*# begin: URCap (Program|Installation) Node\s*$")
 _END: Final = re.compile(r"\s*# end: URCap (Program|Installation) Node\s*$")
 _SOURCE: Final = re.compile(r"\s*#\s*Source: (.*)$")
+_DEFINES: Final = re.compile(r"\s*(?:(?:def|thread)\s+(\w+)\s*\(|(?:global\s+)?(\w+)\s*=[^=])")
+_WORD: Final = re.compile(r"\w+")
 _TYPE: Final = re.compile(r"\s*#\s*Type: (.*)$")
 
 
@@ -44,6 +46,16 @@ class UrcapCode:
                 self._taken.update(range(index, index + 1 + block.inner))
                 return block.lines
         return None
+
+    def used_by(self, program: str) -> list[str]:
+        """Code of the installation nodes, if a program uses a name of it.
+
+        PolyScope writes it into every program; here a URCap that the program does not need would
+        only fail for want of its server.
+        """
+        lines = [line for block in self.installation for line in block.lines]
+        names = {match[1] or match[2] for line in lines if (match := _DEFINES.match(line))}
+        return lines if names & set(_WORD.findall(program)) else []
 
 
 def urcap_code(script: str) -> UrcapCode:

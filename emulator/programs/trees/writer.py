@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BASE", "NO_POSE", "TOOL", "ExternalControlCode", "TreeError", "Writer"]
 
+_MAX_DEPTH: Final = 60  # as many blocks as a script may nest
+_MAX_SIZE: Final = 8 << 20  # bytes of script; the largest public one has 1.4 MB
 BASE: Final = "Joint_0_name"  # PolyScope's names of the features every installation has
 TOOL: Final = "Joint_6_name"
 NO_POSE: Final = "p[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]"
@@ -56,15 +58,33 @@ class Writer:
         self._numbers = tree.numbers()
         self._counters: dict[str, int] = {}
         self._once: set[str] = set()
-        self._waypoints: dict[int, tuple[str, str]] = {}  # by the identity of the element
+        self._depth = 0
+        self._size = 0
+        self._waypoints: dict[str, tuple[str, str]] = {}
+
+    @contextmanager
+    def node(self, tag: str) -> Iterator[None]:
+        """While a node is written. Raises TreeError when too many lie in each other: references can lead in circles."""
+        self._depth += 1
+        if self._depth > _MAX_DEPTH:
+            raise TreeError(f"nodes are nested more than {_MAX_DEPTH} deep at <{tag}>")
+        yield
+        self._depth -= 1
+
+    def _write(self, line: str) -> None:
+        self._size += len(line) + 1
+        if self._size > _MAX_SIZE:
+            raise TreeError(f"the program has more than {_MAX_SIZE >> 20} MiB of script")
+        self._sections[self._section].append(line)
 
     def line(self, text: str) -> None:
         """Write one line; further lines of a text are written as they are."""
-        self._sections[self._section].append(f"{'  ' * self._levels[self._section]}{text}")
+        self._write(f"{'  ' * self._levels[self._section]}{text}")
 
     def raw(self, lines: Iterable[str]) -> None:
         """Write lines as they are."""
-        self._sections[self._section].extend(lines)
+        for line in lines:
+            self._write(line)
 
     def label(self, element: Element, text: str, stop: str = "") -> None:
         """The mark by which a client sees where the program is. ``stop``: breakAfter or noBreak."""
@@ -118,28 +138,20 @@ class Writer:
 
     def waypoint(self, element: Element) -> tuple[str, str]:
         """Names of the variables with pose and joints of a taught waypoint, which are written when first asked for."""
-        element = element.resolved()
-        names = self._waypoints.get(id(element))
-        if names is None:
-            names = self._new_waypoint(element)
-            self._waypoints[id(element)] = names
-        return names
+        name = identifier(element.get("name") or "Waypoint")  # waypoints of the same name are the same
+        if name not in self._waypoints:
+            self._write_waypoint(element, name)
+            self._waypoints[name] = (f"{name}_p", f"{name}_q")
+        return self._waypoints[name]
 
-    def _new_waypoint(self, element: Element) -> tuple[str, str]:
+    def _write_waypoint(self, element: Element, name: str) -> None:
         position = element.child("position")
         if position is None:
             raise DocumentError(f"the waypoint {element.get('name')} was never taught")
         joints, pose = taught_pose(position)
-        name = self.unused(identifier(element.get("name") or "Waypoint"))
         with self.into("waypoints"):
             self.line(f"global {name}_p={pose_text(pose)}")
             self.line(f"global {name}_q={list_text(joints)}")
-        return f"{name}_p", f"{name}_q"
-
-    def unused(self, name: str) -> str:
-        """The name, with a number if it is taken."""
-        count = self.count(f"name {name}")
-        return name if count == 1 else f"{name}_{count}"
 
     def feature(self, reference: Element | None) -> str:
         """URScript of a feature's pose in the base frame. Raises DocumentError for one the installation lacks."""
@@ -163,7 +175,7 @@ class Writer:
 
     def text(self) -> str:
         """The whole program."""
-        lines = [f"def {identifier(self.tree.name)}():"]
-        for name in SECTIONS:
-            lines += self._sections[name]
-        return "\n".join([*lines, "end", ""])
+        program = [line for name in SECTIONS[1:] for line in self._sections[name]]
+        lines = [f"def {identifier(self.tree.name)}():", *self._sections[SECTIONS[0]]]
+        lines += self.urcap_code.used_by("\n".join(program))
+        return "\n".join([*lines, *program, "end", ""])

@@ -25,7 +25,7 @@ _AXES: Final = {
 _FAR: Final = "1000.0"  # m; without a distance PolyScope moves that far
 _DECELERATION: Final = "3.0"  # m/s2, of the stop when the file gives none
 _RETREAT_SPEED: Final = "0.1"  # m/s
-_FUNCTION: Final = "direction_target"
+_FUNCTION: Final = "calculate_point_to_move_towards"  # PolyScope's name: other lines of programs call it
 
 
 @node("gui.program.direction.MoveDirectionNode", status="partial", note="an Until of a distance with a blend stops")
@@ -176,13 +176,14 @@ def force(writer: Writer, element: Element) -> Steps[None]:
     )
     frame = writer.feature(element.child("feature"))
     frame = "tool_pose()" if frame == "get_forward_kin()" else frame
-    limits = [yielding if chosen == "1" else stiff for chosen, yielding, stiff in zip(selection, by_force, by_motion, strict=True)]
+    limits = [
+        yielding if chosen == "1" else stiff
+        for chosen, yielding, stiff in zip(selection, by_force, by_motion, strict=True)
+    ]
     writer.label(element, "Force")
     writer.line("sleep(0.02)")
     writer.line("zero_ftsensor()")
-    writer.line(
-        f"force_mode({frame}, [{', '.join(selection)}], [{', '.join(wrench)}], {kind}, [{', '.join(limits)}])"
-    )
+    writer.line(f"force_mode({frame}, [{', '.join(selection)}], [{', '.join(wrench)}], {kind}, [{', '.join(limits)}])")
     yield from translate_children(writer, element)
     writer.line("end_force_mode()")
     writer.line(f"stopl({_FORCE_STOP})")

@@ -2,7 +2,6 @@
 
 from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.expressions import expression_label, expression_text, variable_name
-from emulator.programs.trees.naming import identifier
 from emulator.programs.trees.registry import node, translate_children
 from emulator.programs.trees.writer import Writer
 from urscript.work import Steps
@@ -113,7 +112,7 @@ def loop(writer: Writer, element: Element) -> Steps[None]:
 
 
 def _counting(writer: Writer, element: Element) -> Steps[None]:
-    variable = identifier(variable_name(element.child("loopVariable")))
+    variable = variable_name(element.child("loopVariable"))
     writer.label(element, f"Loop {element.get('count')} times")
     writer.line(f"{variable} = 0")
     with writer.block(f"while ({variable} < {element.get('count')}):"):
@@ -171,7 +170,7 @@ def case(writer: Writer, element: Element) -> None:
 @node("Timer")
 def timer(writer: Writer, element: Element) -> None:
     """Start, stop or reset a variable that counts seconds."""
-    name = identifier(variable_name(element.child("variable")))
+    name = variable_name(element.child("variable"))
     _count_time(writer, name)
     action = element.get("action")
     writer.label(element, f"{name}: {action}")

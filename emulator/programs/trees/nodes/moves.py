@@ -101,7 +101,7 @@ def _target(writer: Writer, element: Element, way: Move) -> str:
     """What the move's first argument is."""
     kind = element.get("type")
     if kind == "Variable":
-        return _in_feature(writer, way, identifier(variable_name(element.child("variable"))))
+        return _in_feature(writer, way, variable_name(element.child("variable")))
     if kind == "Relative":
         return _relative(writer, element)
     if kind and kind != "Fixed":
@@ -139,10 +139,11 @@ def _relative(writer: Writer, element: Element) -> str:
     start, goal = element.child("relativeFromPosition"), element.child("position")
     if start is None or goal is None:
         raise DocumentError(f"the relative waypoint {element.get('name')} was never taught")
-    name = writer.unused(identifier(element.get("name") or "Waypoint"))
-    with writer.into("waypoints"):
-        writer.line(f"global {name}_from_p={pose_text(taught_pose(start)[1])}")
-        writer.line(f"global {name}_to_p={pose_text(taught_pose(goal)[1])}")
+    name = identifier(element.get("name") or "Waypoint")
+    if writer.once(f"relative waypoint {name}"):
+        with writer.into("waypoints"):
+            writer.line(f"global {name}_from_p={pose_text(taught_pose(start)[1])}")
+            writer.line(f"global {name}_to_p={pose_text(taught_pose(goal)[1])}")
     return f"pose_add(get_target_tcp_pose(), pose_sub({name}_to_p, {name}_from_p))"
 
 

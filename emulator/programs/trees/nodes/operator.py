@@ -4,7 +4,7 @@ from typing import Final
 
 from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.expressions import expression_label, expression_text, variable_name
-from emulator.programs.trees.naming import identifier, quoted
+from emulator.programs.trees.naming import quoted
 from emulator.programs.trees.registry import node
 from emulator.programs.trees.writer import Writer
 
@@ -20,7 +20,7 @@ def popup(writer: Writer, element: Element) -> None:
     if kind not in _FLAGS:
         raise DocumentError(f"a Popup of type {kind!r}, which is not known")
     variable = element.child("variable")
-    shown = f'str_cat("", {identifier(variable_name(variable))})' if variable else quoted(element.get("message"))
+    shown = f'str_cat("", {variable_name(variable)})' if variable else quoted(element.get("message"))
     ends = element.get("haltProgram") == "true"
     writer.label(element, "Popup" if variable else f"Popup: {element.get('message')}")
     writer.line(f'popup({shown}, "{kind}", {_FLAGS[kind]}, blocking={not ends})')
@@ -38,7 +38,7 @@ def halt(writer: Writer, element: Element) -> None:
 @node("Assignment")
 def assignment(writer: Writer, element: Element) -> None:
     """A variable gets the value of an expression, or what the operator answers."""
-    name = identifier(variable_name(element.child("variable")))
+    name = variable_name(element.child("variable"))
     if element.get("valueSource") == "Operator":
         kind = element.get("valueType").lower()
         if kind not in ("boolean", "integer", "float", "string"):

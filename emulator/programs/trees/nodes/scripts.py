@@ -1,7 +1,5 @@
 """URScript written by the user, and subprograms."""
 
-from typing import Final
-
 from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.expressions import expression_label, expression_text
 from emulator.programs.trees.naming import identifier
@@ -42,10 +40,15 @@ def _file_text(writer: Writer, element: Element, name: str) -> str:
 @node("SubProgram")
 def subprogram(writer: Writer, element: Element) -> Steps[None]:
     """A part of the program that others call; a function of the script."""
+    yield from _write_subprogram(writer, element)
+
+
+def _write_subprogram(writer: Writer, element: Element) -> Steps[None]:
+    """Once, also when it is called before the tree comes to it."""
     name = _declared(writer, element)
     if not writer.once(f"subprogram {name}"):
         return
-    body = _body(writer, element)
+    body = yield from _body(writer, element)
     with writer.into("subprograms"), writer.block(f"def {name}():"):
         writer.label(element, element.get("name"), "noBreak")
         yield from translate_children(writer, body)
@@ -59,36 +62,29 @@ def call(writer: Writer, element: Element) -> Steps[None]:
         raise DocumentError("a Call names no subprogram")
     writer.label(element, f"Call {called.get('name')}")
     writer.line(f"{_declared(writer, called)}()")
-    yield from subprogram_steps(writer, called)
-
-
-def subprogram_steps(writer: Writer, element: Element) -> Steps[None]:
-    """Write a subprogram that is called before it was met."""
-    steps = subprogram(writer, element)
-    assert steps is not None
-    yield from steps
+    yield from _write_subprogram(writer, called)
 
 
 def _declared(writer: Writer, element: Element) -> str:
     return identifier(element.get("name"))
 
 
-_BODY: Final = ("MainProgram",)
+def _body(writer: Writer, element: Element) -> Steps[Element]:
+    """Where the subprogram's nodes are: here, or in its own file.
 
-
-def _body(writer: Writer, element: Element) -> Element:
-    """Where the subprogram's nodes are: here, or in its own file if it is kept in step with that or has no copy here."""
+    The file counts if the subprogram is kept in step with it, or has no copy here.
+    """
     own = element.child("children")
     name = child_text(element, "programFile")
     if own is not None and element.get("keepSynchronizedWithDisk") != "true":
         return element
-    root = writer.tree.folder.program(name) if name else None
+    root = (yield from writer.tree.folder.program(name)) if name else None
     if root is None:
         if own is None:
             raise DocumentError(f"the subprogram {name or element.get('name')} is not in the programs folder")
         return element
     children = root.child("children")
-    main = children.child(*_BODY) if children else None
+    main = children.child("MainProgram") if children else None
     if main is None:
         raise DocumentError(f"{name} has no robot program")
     return main

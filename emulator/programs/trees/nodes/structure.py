@@ -30,7 +30,7 @@ def init_variables(writer: Writer, element: Element) -> None:
         for variable in element.child("variables") or ():
             text = expression_text(writer, variable.child("expression", "initializeExpression"))
             if text:
-                writer.line(f"global {identifier(variable_name(variable))}={text}")
+                writer.line(f"global {variable_name(variable)}={text}")
 
 
 @node("SpecialSequence", status="partial", note="BeforeStart, and the CircleMove of old files")

@@ -34,10 +34,6 @@ def contributed(writer: Writer, element: Element) -> None:
             f"the node {kind!r} is one of the URCap {urcap!r}, which is not installed here; "
             f"save the program with PolyScope and put {writer.tree.name}.script, which holds its code, beside it"
         )
-    if writer.once("urcap installation nodes"):
-        with writer.into("urcaps"):
-            for block in writer.urcap_code.installation:
-                writer.raw(block.lines)
     writer.raw(lines)
 
 
