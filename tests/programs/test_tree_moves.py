@@ -3,9 +3,26 @@
 import math
 
 import pytest
-from tree_rig import BASE, HOME, TOOL, Arm, assign, children, expression, installation, line, move, pin, say, tag, waypoint
+from tree_rig import (
+    BASE,
+    HOME,
+    TOOL,
+    Arm,
+    assign,
+    children,
+    expression,
+    installation,
+    line,
+    main,
+    move,
+    pin,
+    say,
+    tag,
+    waypoint,
+)
 
 from emulator.signals import STANDARD
+from urproto.modes import SafetyMode
 from urproto.robots import load_model
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.pose import pose_dist, pose_trans
@@ -50,7 +67,11 @@ def test_a_waypoint_with_its_own_time_and_its_own_speed(arm):
 def test_waypoints_with_a_blend_do_not_stop(arm):
     stops = arm.play(move(waypoint(ASIDE), waypoint(BACK, "Waypoint_2"), waypoint(HOME, "Waypoint_3")))
     blends = arm.play(
-        move(waypoint(ASIDE, blendRadius="0.02"), waypoint(BACK, "Waypoint_2", blendRadius="0.02"), waypoint(HOME, "Waypoint_3"))
+        move(
+            waypoint(ASIDE, blendRadius="0.02"),
+            waypoint(BACK, "Waypoint_2", blendRadius="0.02"),
+            waypoint(HOME, "Waypoint_3"),
+        )
     )
     assert blends < stops
 
@@ -58,9 +79,12 @@ def test_waypoints_with_a_blend_do_not_stop(arm):
 def test_a_waypoint_in_a_variable_and_a_relative_one(arm):
     start = arm.pose
     up = tag("Waypoint", tag("motionParameters"), tag("variable", name="goal"), type="Variable", name="Waypoint")
-    relative = waypoint(ASIDE).replace('type="Fixed"', 'type="Relative"').replace(
-        "<BaseToFeature", waypoint(HOME).split("<position>")[1].split("</position>")[0].join(
-            ("<relativeFromPosition>", "</relativeFromPosition>")) + "<BaseToFeature", 1)
+    taught = waypoint(HOME).split("<position>")[1].split("</position>")[0]
+    relative = (
+        waypoint(ASIDE)
+        .replace('type="Fixed"', 'type="Relative"')
+        .replace("<BaseToFeature", tag("relativeFromPosition", taught) + "<BaseToFeature")
+    )
     arm.play(assign("goal", "pose_add(get_target_tcp_pose(), p[0, 0, 0.03, 0, 0, 0])"), move(up, kind="MoveL"))
     assert arm.pose[2] == pytest.approx(start[2] + 0.03, abs=1e-4)
     arm.play(move(waypoint(HOME), relative, kind="MoveL"))
@@ -73,13 +97,12 @@ def test_a_variable_feature_takes_its_waypoints_along(arm):
         "GeomPoseNode",
         tag("toolPosition", value="0.1, 0.25, 0.0"),
         tag("toolAxisAngle", value="0.0, 0.0, 0.0"),
-        name="table", isVariable="true",
+        name="table",
+        isVariable="true",
     )
     (arm.folder / "cell.installation").write_text(installation(tag("Features", tag("GeomPoseNode", feature))))
     on_table = '<feature class="GeomFeatureReference" referencedName="table"/>'
-    arm.play(
-        move(waypoint(BACK, feature="0.1, 0.2, 0.0, 0.0, 0.0, 0.0"), feature=on_table), installation="cell"
-    )
+    arm.play(move(waypoint(BACK, feature="0.1, 0.2, 0.0, 0.0, 0.0, 0.0"), feature=on_table), installation="cell")
     assert pose_dist(arm.pose, pose_trans((0.0, 0.05, 0.0, 0.0, 0.0, 0.0), flange(BACK))) < 1e-3
 
 
@@ -89,7 +112,11 @@ def test_the_tcp_of_a_move_and_of_a_set(arm):
     long = tag("tcp", referencedName="Long")
     tell = line('textmsg("", get_tcp_offset()[2])')
     arm.play(
-        tell, move(waypoint(ASIDE), tcp=long, positionType="JointAngles"), tell, tag("Set", tag("tcp", referencedName="TCP"), type="NoAction"), tell,
+        tell,
+        move(waypoint(ASIDE), tcp=long, positionType="JointAngles"),
+        tell,
+        tag("Set", tag("tcp", referencedName="TCP"), type="NoAction"),
+        tell,
         installation="cell",
     )
     assert arm.texts == ["0.1", "0.3", "0.1"]
@@ -116,7 +143,9 @@ def test_the_home_position(arm):
     (arm.folder / "cell.installation").write_text(
         installation(tag("SafeHomeSettings", position=", ".join(map(str, ASIDE)), enabled="true"))
     )
-    home = tag("SafeHome", positionOptionType="SPEED_AND_ACCELERATION", speed="1.0", acceleration="1.0", nextMotionTime="2")
+    home = tag(
+        "SafeHome", positionOptionType="SPEED_AND_ACCELERATION", speed="1.0", acceleration="1.0", nextMotionTime="2"
+    )
     arm.play(home, installation="cell")
     assert arm.q == pytest.approx(ASIDE, abs=1e-3)
 
@@ -144,9 +173,22 @@ def test_a_direction_as_a_vector_with_its_own_speed(arm):
 
 
 def test_a_direction_until_an_input_or_an_expression(arm):
-    far = tag("Until", tag("children", say("stopped")), pin("digital_in[1]"), type="IO", ioType="DIGITAL_INPUT", digitalValue="true")
+    far = tag(
+        "Until",
+        tag("children", say("stopped")),
+        pin("digital_in[1]"),
+        type="IO",
+        ioType="DIGITAL_INPUT",
+        digitalValue="true",
+    )
     start = arm.pose
-    arm.start(tag("MainProgram", children(move(tag(DIRECTION, children(far), selectedDirection="ZPlus"), kind="MoveL")), runOnlyOnce="true"))
+    arm.start(
+        tag(
+            "MainProgram",
+            children(move(tag(DIRECTION, children(far), selectedDirection="ZPlus"), kind="MoveL")),
+            runOnlyOnce="true",
+        )
+    )
     arm.until(lambda: arm.pose[2] > start[2] + 0.03)
     arm.controller.signals.set_digital_input(STANDARD, 1, True)
     arm.until(lambda: arm.texts == ["stopped"])
@@ -156,6 +198,20 @@ def test_a_direction_until_an_input_or_an_expression(arm):
     arm.play(move(tag(DIRECTION, children(down), selectedDirection="ZMinus"), kind="MoveL"), say("down"))
     assert arm.pose[2] == pytest.approx(start[2], abs=0.03)
     assert arm.texts[-1] == "down"
+
+
+def test_a_direction_until_a_contact_or_a_distance_ends_at_the_first(arm):
+    contact = tag("Until", type="TOOL_CONTACT_DETECTION", retraction="0.005", decelerationAcceleration="3.0")
+    start = arm.pose
+    arm.play(move(tag(DIRECTION, children(contact, distance_of()), selectedDirection="YPlus"), kind="MoveL"))
+    assert arm.pose[1] == pytest.approx(start[1] + 0.05, abs=2e-3)
+
+
+def test_a_direction_that_nothing_ends_goes_as_far_as_the_arm_reaches(arm):
+    start = arm.pose
+    arm.start(main(move(tag(DIRECTION, children(tag("Until", type="NONE")), selectedDirection="ZPlus"), kind="MoveL")))
+    arm.until(lambda: arm.controller.safety.mode is SafetyMode.PROTECTIVE_STOP)
+    assert arm.pose[2] > start[2] + 0.2
 
 
 def test_force_nodes_begin_and_end_force_mode(arm):

@@ -61,8 +61,12 @@ def test_a_symbol_within_a_text_stays_what_it_is(arm):
 
 def test_names_outside_ascii(arm):
     variable = tag("ExpressionVariable", tag("ProgramVariable", name="größe 1"))
-    shown = tag("expression", *(tag("ExpressionChar", character=c) for c in 'textmsg("it is ",'), variable,
-                tag("ExpressionChar", character=")"))
+    shown = tag(
+        "expression",
+        *(tag("ExpressionChar", character=c) for c in 'textmsg("it is ",'),
+        variable,
+        tag("ExpressionChar", character=")"),
+    )
     arm.play(assign("größe 1", "4"), tag("Script", shown, type="Line"))
     assert arm.texts == ["it is 4"]
 
@@ -73,7 +77,9 @@ def test_branches(arm):
         tag("If", expression("n == 2"), children(say("two")), type="ElseIf", checkContinuously="false"),
         tag("If", expression(""), children(say("more")), type="Else", checkContinuously="false"),
     )
-    count = tag("Loop", tag("loopVariable", name="k"), children(assign("n", "k + 1"), *chain), type="Counting", count="3")
+    count = tag(
+        "Loop", tag("loopVariable", name="k"), children(assign("n", "k + 1"), *chain), type="Counting", count="3"
+    )
     arm.play(count)
     assert arm.texts == ["one", "two", "more"]
 
@@ -156,8 +162,14 @@ def test_waiting_for_a_condition(arm):
 
 def test_an_event_happens_beside_the_program_when_its_expression_is_true(arm):
     event = tag("Event", expression("n > 2"), children(say("seen"), assign("n", "0")))
-    count = tag("Loop", tag("loopVariable", name="k"), children(assign("n", "n + 1"), sleep(0.1)), type="Counting", count="7")
-    arm.play(assign("n", "0"), count, others=(tag("InitVariablesNode", tag("variables", tag("variable", expression("0"), name="n"))), event))
+    count = tag(
+        "Loop", tag("loopVariable", name="k"), children(assign("n", "n + 1"), sleep(0.1)), type="Counting", count="7"
+    )
+    arm.play(
+        assign("n", "0"),
+        count,
+        others=(tag("InitVariablesNode", tag("variables", tag("variable", expression("0"), name="n"))), event),
+    )
     assert arm.texts == ["seen", "seen"]
 
 

@@ -55,9 +55,7 @@ def pin(name: str) -> str:
 
 
 def main(*nodes: str, once: bool = True, init: bool = False) -> str:
-    return tag(
-        "MainProgram", children(*nodes), runOnlyOnce=str(once).lower(), InitVariablesNode=str(init).lower()
-    )
+    return tag("MainProgram", children(*nodes), runOnlyOnce=str(once).lower(), InitVariablesNode=str(init).lower())
 
 
 def waypoint(q: tuple[float, ...], name: str = "Waypoint_1", feature: str = "0, 0, 0, 0, 0, 0", **motion: Any) -> str:
