@@ -16,7 +16,7 @@ from emulator.programs.trees.writer import ExternalControlCode, TreeError, Write
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.work import Steps, run_to_end
 
-__all__ = ["ExternalControlCode", "ProgramTree", "TreeError", "read_tree", "script_of", "script_steps"]
+__all__ = ["NODES", "ExternalControlCode", "ProgramTree", "TreeError", "read_tree", "script_of", "script_steps"]
 
 assert NODES, NODE_MODULES  # importing the modules has filled the table
 _ROOT: Final = "URProgram"

@@ -1,6 +1,6 @@
 """The program itself and what only orders it."""
 
-from emulator.programs.trees.document import Element
+from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.expressions import expression_text, variable_name
 from emulator.programs.trees.naming import identifier
 from emulator.programs.trees.nodes.moves import circle_move
@@ -39,6 +39,8 @@ def special_sequence(writer: Writer, element: Element) -> Steps[None]:
     if element.get("type") == "CircleMove":
         circle_move(writer, element)
         return
+    if element.get("type") != "BeforeStart":
+        raise DocumentError(f"a special sequence {element.get('type')!r}, which is not known")
     with writer.into("before"):
         writer.label(element, element.get("type"))
         yield from translate_children(writer, element)
