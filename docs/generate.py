@@ -17,6 +17,7 @@ from emulator import cli as emulator_cli
 from emulator.builtins import LIBRARIES
 from emulator.dashboard import COMMANDS
 from emulator.power import POWER_TABLE
+from emulator.programs.trees.program import NODES
 from emulator.run_command import COMMAND as RUN
 from emulator.runstate import RUN_TABLE
 from emulator.safety import SAFETY_TABLE
@@ -62,6 +63,8 @@ def supported() -> str:
         _table(("command", "meaning"), ((f"`{words}`", _first(h)) for words, h in sorted(TEXT_COMMANDS.items()))),
         "## URScript built-ins",
         _builtins(),
+        "## Nodes of program trees (.urp)",
+        _nodes(),
         "## RTDE outputs",
         _fields(OUTPUT_FIELDS),
         "## RTDE inputs",
@@ -154,6 +157,12 @@ def _builtins() -> str:
         f"{len(builtins)} functions: {summary}. A refused one raises a runtime exception that names it.\n\n"
         + _table(head, rows)
     )
+
+
+def _nodes() -> str:
+    rows = ((f"`{kind.tag}`", kind.status, kind.note or _first_line(kind.doc)) for _, kind in sorted(NODES.items()))
+    head = "A program with a node that is not listed is not loaded, unless PolyScope's script lies beside it."
+    return f"{head}\n\n" + _table(("node", "status", "note"), rows)
 
 
 def _fields(fields: Mapping[str, Field]) -> str:

@@ -29,6 +29,7 @@ from emulator.config import (
     check_encoder_speeds,
     choose_model,
     choose_version,
+    read_driver_address,
     read_initial_positions,
     read_programs_dir,
 )
@@ -81,6 +82,10 @@ def _run(
     script_network: Annotated[
         ScriptNetwork, typer.Option(help="Addresses that sockets and XML-RPC of scripts may connect to.")
     ] = ScriptNetwork.ANY,
+    external_control: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT", help="Where External Control nodes get their program."),
+    ] = None,
     modbus_unit_port: Annotated[
         int, typer.Option(help="Where the Modbus units listen that programs add signals of.")
     ] = 502,
@@ -106,6 +111,7 @@ def _run(
             remote_control=remote_control,
             encoder_speeds=check_encoder_speeds(encoder0_speed, encoder1_speed),
             wall_clock_s=time.time(),
+            external_control=read_driver_address(external_control),
         )
         config = EmulatorConfig(
             controller=controller,

@@ -10,6 +10,7 @@ import yaml
 
 from emulator.controller import ControllerConfig
 from emulator.programs.sockets import ScriptNetwork
+from emulator.programs.urcap import DriverAddress
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.robots import RobotModel, UnknownModel, load_model
 from urproto.robots.model import Joints
@@ -23,6 +24,7 @@ __all__ = [
     "check_encoder_speeds",
     "choose_model",
     "choose_version",
+    "read_driver_address",
     "read_initial_positions",
     "read_programs_dir",
 ]
@@ -168,3 +170,11 @@ def read_programs_dir(path: Path | None) -> Path | None:
     if not path.is_dir():
         raise ConfigError(f"the programs folder {path} is not a folder")
     return path.resolve()
+
+
+def read_driver_address(text: str | None) -> DriverAddress:
+    """What External Control nodes ask, or part of it. Raises ConfigError."""
+    try:
+        return DriverAddress() if text is None else DriverAddress.parse(text)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error

@@ -31,6 +31,8 @@ from emulator.motion import Motion, MotionFault
 from emulator.popups import Popups
 from emulator.power import Power, PowerEvent, PowerState, PowerTimings
 from emulator.programs.runner import Programs
+from emulator.programs.trees.installation_file import InstallationFile
+from emulator.programs.urcap import DriverAddress
 from emulator.registers import Registers
 from emulator.safety import Safety, SafetyEvent
 from emulator.signals import Signals
@@ -61,7 +63,8 @@ class ControllerConfig:
 
     version: None takes the default of the model's series. initial_q: [rad], None takes the
     model's. running: start with the brakes released. uptime_s: clients wait for 40 s of it.
-    programs_dir: where ``load`` looks and reports are written. remote_control: what
+    programs_dir: where ``load`` looks and reports are written. external_control: where the driver
+    hands out the program of External Control nodes, before what the installation says. remote_control: what
     ``is in remote control`` answers; commands are accepted either way, as by a simulator.
     encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
     wall_clock_s: date and time of its start [s since 1970, GMT]; always the same unless given.
@@ -78,6 +81,7 @@ class ControllerConfig:
     popup_auto_close_s: float | None = None
     encoder_speeds: tuple[float, float] = (0.0, 0.0)
     wall_clock_s: float = _NEW_YEAR_2024_S
+    external_control: DriverAddress = field(default_factory=DriverAddress)
     timings: PowerTimings = field(default_factory=PowerTimings)
 
 
@@ -222,6 +226,11 @@ class Controller:
         elif self.safety_event(SafetyEvent.PROTECTIVE_STOP):
             self.messages.error(cause.code, cause.argument, ReportLevel.WARNING, cause.text)
 
+    @property
+    def external_control(self) -> DriverAddress:
+        """Where a driver is asked for its program: as configured, else as the installation says."""
+        return self.config.external_control.over(DriverAddress.of(self.installation.file))
+
     def set_tcp(self, tcp_offset: Pose) -> None:
         """Use another TCP (flange to TCP) from now on, within this period."""
         self.installation.tcp = tcp_offset
@@ -230,6 +239,11 @@ class Controller:
     def load_installation(self, path: Path) -> None:
         """Apply an installation file. Raises OSError or InstallationError; then nothing changed."""
         self.installation.load(path)
+        self.set_tcp(self.installation.tcp)
+
+    def apply_installation(self, path: Path, file: InstallationFile) -> None:
+        """Apply what was read from an installation file."""
+        self.installation.apply(path.name, file)
         self.set_tcp(self.installation.tcp)
 
     # the tick's steps

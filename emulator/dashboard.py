@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING, Any, Final
 from emulator import reports
 from emulator.installation import InstallationError
 from emulator.power import PowerEvent
+from emulator.programs.compiling import in_periods
+from emulator.programs.trees.folder import ProgramsFolder
 from emulator.runstate import is_running
 from emulator.safety import SafetyEvent
 from urproto import dashboard as replies
@@ -35,7 +37,6 @@ _Answer = str | _Waiting
 
 _USER_ROLES: Final = ("PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED")
 _OPERATIONAL_MODES: Final = ("MANUAL", "AUTOMATIC")
-_PROGRAM_ROOTS: Final = ("/ursim/programs", "/programs", "/root/programs")  # where clients believe programs are
 _SHOWN_ROOT: Final = "/programs"
 _RELEASE_DATE: Final = "Jun 20 2022"  # of 3.15.8; other versions show the same, which is a guess
 _START_WITHIN_S: Final = 0.1  # a program shorter than a period is never seen playing (guess)
@@ -110,9 +111,9 @@ def load(controller: "Controller", name: str) -> _Waiting:
     controller.programs.stop("another program is loaded")
     yield from _until(controller, RuntimeState.STOPPED)
     try:
-        controller.programs.load_file(path)
+        yield from in_periods(controller.programs.load_steps(path), controller.period_s)
     except (OSError, ValueError) as error:
-        controller.messages.note(f"loading {name} failed: {error}")
+        controller.messages.text(f"loading {name} failed: {error}")
         return f"Error while loading program: {name}"
     return f"Loading program: {_as_named(controller, path, name)}"
 
@@ -407,11 +408,12 @@ def _until(controller: "Controller", state: RuntimeState) -> Generator[None, Non
 
 
 def _program_name(controller: "Controller") -> str:
-    """Name of the running program, else the loaded file's."""
+    """Name of the loaded file (asserted by the official client's tests), else of the running program.
+
+    A program sent by a client leaves the loaded file's name where it is (guess).
+    """
     programs = controller.programs
-    if programs.name:
-        return programs.name
-    return programs.loaded.path.name if programs.loaded else _no_program(controller)
+    return programs.loaded.path.name if programs.loaded else programs.name or _no_program(controller)
 
 
 def _no_program(controller: "Controller") -> str:
@@ -421,15 +423,7 @@ def _no_program(controller: "Controller") -> str:
 
 def _existing(controller: "Controller", name: str) -> Path | None:
     """The file of the programs directory that a client means, None when there is none."""
-    root = controller.config.programs_dir
-    if root is None or not name:
-        return None
-    wanted = PurePosixPath(name)
-    for shown in _PROGRAM_ROOTS:
-        if wanted.is_relative_to(shown):
-            wanted = wanted.relative_to(shown)
-    path = root.joinpath(*wanted.parts).resolve()
-    return path if path.is_relative_to(root.resolve()) and path.is_file() else None
+    return ProgramsFolder(controller.config.programs_dir).find(name)
 
 
 def _as_named(controller: "Controller", path: Path, name: str) -> str:

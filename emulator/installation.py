@@ -3,14 +3,13 @@
 A program may change all of it; loading an installation file sets it anew.
 """
 
-import gzip
 import math
-import xml.etree.ElementTree as ET
-import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from emulator.programs.trees.document import DocumentError
+from emulator.programs.trees.installation_file import InstallationFile, load_installation_file
 from urproto.robots.pose import Pose
 
 __all__ = ["Installation", "InstallationError", "Payload"]
@@ -62,13 +61,15 @@ class _Transition:
 @dataclass
 class Installation:
     """Tool and mounting in use. ``tcp``: flange to TCP pose. ``gravity``: as set_gravity,
-    base frame, upright (0, 0, 9.82) [m/s2]. ``base_acceleration``: of a moving base, base frame [m/s2]."""
+    base frame, upright (0, 0, 9.82) [m/s2]. ``base_acceleration``: of a moving base, base frame [m/s2].
+    ``file``: what programs take from the installation file."""
 
     name: str = "default.installation"
     tcp: Pose = _NO_TCP
     payload: Payload = field(default_factory=Payload)
     gravity: Vector3 = _UPRIGHT_GRAVITY
     base_acceleration: Vector3 = _STANDING
+    file: InstallationFile = field(default_factory=InstallationFile)
     _transition: _Transition | None = None
 
     @property
@@ -96,26 +97,27 @@ class Installation:
             self.payload = moving.start.towards(moving.target, moving.elapsed_s / moving.duration_s)
 
     def load(self, path: Path) -> None:
-        """Apply TCP and payload of an ``.installation`` file (gzip-compressed XML).
+        """Apply TCP, payload and mounting of an ``.installation`` file (gzip-compressed XML).
 
         Raises OSError when the file cannot be read and InstallationError when it is no
         installation; then nothing has changed. Safety settings and URCaps in it are not
         emulated and stay as they are.
         """
-        tcp, mass = _read_installation(path)
-        self.name, self.tcp = path.name, tcp
-        self.set_payload(Payload.of(mass, (0.0, 0.0, 0.0)))
+        try:
+            self.apply(path.name, load_installation_file(path))
+        except DocumentError as error:
+            raise InstallationError(f"{path.name} is not an installation file: {error}") from error
 
-
-def _read_installation(path: Path) -> tuple[Pose, float]:
-    try:
-        root = ET.fromstring(gzip.decompress(path.read_bytes()))
-        settings = next(element for element in root.iter() if "activePose" in element.attrib)
-        offsets = {tcp.get("name"): tcp.get("offset", "") for tcp in settings.iter("tcp")}
-        x, y, z, rx, ry, rz = (float(number) for number in offsets[settings.get("activePose")].split(","))
-        return (x, y, z, rx, ry, rz), float(settings.get("toolPayload", "0"))
-    except (gzip.BadGzipFile, zlib.error, EOFError, ET.ParseError, StopIteration, KeyError, ValueError) as error:
-        raise InstallationError(f"{path.name} is not an installation file: {error!r}") from error
+    def apply(self, name: str, file: InstallationFile) -> None:
+        """Use what an installation file says. ``name``: of the file."""
+        self.name, self.file = name, file
+        if file.tcp is not None:
+            self.tcp = file.tcp
+        if file.gravity is not None:
+            self.gravity = file.gravity
+        if file.payload is not None:
+            payload = file.payload
+            self.set_payload(Payload.of(payload.mass, payload.cog, payload.inertia))
 
 
 def _sphere_inertia(mass: float) -> Vector6:

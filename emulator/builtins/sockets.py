@@ -218,6 +218,8 @@ def _wait(
         left -= 1
         waited = True
         yield
+    if host.runtime.current is not None:
+        host.runtime.current.parked_frames = 0  # who is kept busy by its peer is in no endless loop
     return True
 
 

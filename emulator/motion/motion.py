@@ -28,6 +28,9 @@ __all__ = ["Motion"]
 
 _HANDOVER_RAD_S2 = 10.0  # leading joint, when a movement of another kind takes over from an arm in motion (guess)
 _TURN_ACCELERATION_MAX = TOOL_LIMITS.acceleration / 0.25  # rad/s2, at the equivalent radius (guess)
+# A tool path at least this long is a direction, followed as far as the arm reaches: PolyScope's Direction nodes end
+# 1000 m away and are stopped before. From which length on this is so is a guess.
+_DIRECTION_M = 100.0
 
 
 class Motion(DisplacingStepper):
@@ -102,7 +105,8 @@ class Motion(DisplacingStepper):
         leg = make_leg(self._start()[0] if leaving is None else leaving.corner)
         if self.wrench_limit is not None:
             self.wrench_limit.slow(leg, self.tcp_offset)
-        self._reachable(leg.goal())
+        if leg.length < _DIRECTION_M:
+            self._reachable(leg.goal())
         blend = None if leaving is None else blend_into(leaving, leg, corner_m)
         return PathMotion(leg, max(radius_m, 0.0), blend)
 

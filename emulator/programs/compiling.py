@@ -5,10 +5,12 @@ in the same period on every machine.
 """
 
 from collections import deque
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
 
 from emulator.builtins import LIBRARIES
+from emulator.programs.trees.program import TreeError
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
 from urscript.compiler import CompiledProgram, compile_steps
@@ -16,7 +18,7 @@ from urscript.errors import CompileError
 from urscript.parser import is_secondary
 from urscript.work import Steps
 
-__all__ = ["WORK_PER_SECOND", "Compiling", "Job", "Submission", "WorkShare"]
+__all__ = ["WORK_PER_SECOND", "Compiling", "Job", "Submission", "WorkShare", "in_periods"]
 
 LIBRARY_SET: Final = LibrarySet(LIBRARIES)
 
@@ -26,7 +28,6 @@ WORK_PER_SECOND: Final = 750_000
 About 0.9 ms of a 2 ms period on an idle machine; the official control script (48 kB) takes 0.1 s, and its driver
 expects the program to call back within 0.5 s.
 """
-
 
 ResultT = TypeVar("ResultT")
 
@@ -66,9 +67,21 @@ class WorkShare:
         return False
 
 
+def in_periods(steps: Steps[ResultT], period_s: float) -> Generator[None, None, ResultT | None]:
+    """Work in shares of control periods of its own: yields once for each. Returns the result."""
+    share, job = WorkShare(period_s), Job(steps)
+    while not share.work(job):
+        share.new_period()
+        yield
+    return job.result
+
+
 @dataclass(eq=False, slots=True)
 class Submission:
-    """A text that a client wants to run. ``accepted`` is None until it is decided whether it will."""
+    """A text that a client wants to run. ``accepted`` is None until it is decided whether it will.
+
+    ``translation``: makes the text of something else, a program tree. ``refusal``: why that failed.
+    """
 
     text: str
     version: PolyscopeVersion
@@ -76,6 +89,8 @@ class Submission:
     accepted: bool | None = None
     program: CompiledProgram | None = None
     error: CompileError | None = None
+    translation: Steps[str] | None = None
+    refusal: str = ""
 
     @property
     def main(self) -> bool:
@@ -96,11 +111,9 @@ class Compiling:
         """What is not compiled yet, oldest first."""
         return tuple(self._waiting)
 
-    def add(self, text: str, version: PolyscopeVersion, *, stepped: bool = False) -> Submission:
+    def add(self, submission: Submission) -> None:
         """Compile a text when those before it are done."""
-        submission = Submission(text, version, stepped)
         self._waiting.append(submission)
-        return submission
 
     def drop_main(self) -> bool:
         """Refuse every main program that waits; False when there is none."""
@@ -118,13 +131,20 @@ class Compiling:
             return None
         submission = self._waiting[0]
         if self._job is None:
-            steps = compile_steps(submission.text, LIBRARY_SET, submission.version, stepped=submission.stepped)
-            self._job = Job(steps)
+            self._job = Job(_work(submission))
         try:
             if not self._share.work(self._job):
                 return None
             submission.program = self._job.result
         except CompileError as error:
             submission.error = error
+        except TreeError as error:
+            submission.refusal = str(error)
         self._job = None
         return self._waiting.popleft()
+
+
+def _work(submission: Submission) -> Steps[CompiledProgram]:
+    if submission.translation is not None:
+        submission.text = yield from submission.translation
+    return (yield from compile_steps(submission.text, LIBRARY_SET, submission.version, stepped=submission.stepped))

@@ -1,9 +1,16 @@
 """Program files the dashboard can load."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-__all__ = ["LoadedProgram", "ProgramLoadError", "load_program"]
+from emulator.programs.trees.document import DocumentError
+from emulator.programs.trees.folder import ProgramsFolder
+from emulator.programs.trees.installation_file import InstallationFile, read_installation_steps
+from emulator.programs.trees.program import ExternalControlCode, ProgramTree, TreeError, read_tree_steps, script_steps
+from urproto.versions import PolyscopeVersion
+from urscript.work import Steps
+
+__all__ = ["LoadedProgram", "ProgramLoadError", "load_steps"]
 
 
 class ProgramLoadError(ValueError):
@@ -12,10 +19,18 @@ class ProgramLoadError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class LoadedProgram:
-    """A program file. ``script`` is its URScript, empty when the file has none that can be run."""
+    """A program file.
+
+    ``tree``: the program tree of a ``.urp``, translated when it is played; without one ``script`` is played.
+    ``installation``: the installation it was saved with, None when that is not in the folder.
+    ``notes``: what the user should know.
+    """
 
     path: Path
     script: str
+    tree: ProgramTree | None = None
+    installation: tuple[Path, InstallationFile] | None = None
+    notes: list[str] = field(default_factory=list)
 
     @property
     def name(self) -> str:
@@ -23,19 +38,50 @@ class LoadedProgram:
         return self.path.stem
 
 
-def load_program(path: Path) -> LoadedProgram:
-    """Read a ``.script`` file, or the ``.script`` that PolyScope saves beside each ``.urp``.
+def load_steps(
+    path: Path, root: Path | None, present: InstallationFile, version: PolyscopeVersion
+) -> Steps[LoadedProgram]:
+    """Read a ``.script`` or ``.urp`` file, in pieces for a control loop.
 
-    A ``.urp`` alone can be loaded but not played: its program tree is not translated.
-    Raises ProgramLoadError for another kind of file and OSError when it cannot be read.
+    root: the programs folder. present: the installation in use. A program tree that cannot be
+    run is replaced by the ``.script`` that PolyScope saves beside each ``.urp``; without that
+    ProgramLoadError says which node is to blame. Also raises OSError.
     """
     if path.suffix == ".script":
         return LoadedProgram(path, _read(path))
-    if path.suffix == ".urp":
-        path.read_bytes()
-        script = path.with_suffix(".script")
-        return LoadedProgram(path, _read(script) if script.is_file() else "")
-    raise ProgramLoadError(f"{path.name} is no program: programs are .urp or .script files")
+    if path.suffix != ".urp":
+        raise ProgramLoadError(f"{path.name} is no program: programs are .urp or .script files")
+    twin = path.with_suffix(".script")
+    script = _read(twin) if twin.is_file() else ""
+    try:
+        return (yield from _tree(path, root, present, version))
+    except (DocumentError, TreeError) as error:
+        if not script:
+            raise ProgramLoadError(f"{path.name} cannot be run: {error}") from error
+        return LoadedProgram(path, script, notes=[f"{twin.name} is played instead of {path.name}: {error}"])
+
+
+def _tree(path: Path, root: Path | None, present: InstallationFile, version: PolyscopeVersion) -> Steps[LoadedProgram]:
+    folder = ProgramsFolder(root or path.parent, path.parent)
+    tree = yield from read_tree_steps(path, folder)
+    found = folder.installation(*tree.installation_names)
+    installation, notes = None, []
+    if found is None:
+        notes.append(f"{path.name}: its installation {tree.installation_names[0]} is not in the programs folder")
+    else:
+        installation = found, (yield from read_installation_steps(found))
+    try:
+        yield from script_steps(
+            tree,
+            installation[1] if installation else present,
+            version=version,
+            external_control=ExternalControlCode("", ""),
+        )
+    except TreeError as error:
+        if tree.needs_external_control:  # a saved script has the code of an earlier driver
+            raise ProgramLoadError(f"{path.name} cannot be run: {error}") from error
+        raise
+    return LoadedProgram(path, "", tree, installation, notes)
 
 
 def _read(path: Path) -> str:

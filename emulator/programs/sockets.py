@@ -39,6 +39,11 @@ class ScriptSocket(Protocol):
         """``closed`` is final; bytes already in ``inbox`` stay readable."""
         ...
 
+    @property
+    def failure(self) -> str:
+        """Why it is closed when neither side closed it, in the words of the system; else empty."""
+        ...
+
     def send(self, data: bytes) -> bool:
         """Queue bytes for the peer. False when the connection is not open."""
         ...
@@ -102,9 +107,10 @@ class SocketTable:
 class MemorySocket:
     """A connection without a network: ``sent`` holds what the script wrote, ``feed`` is the peer writing."""
 
-    def __init__(self, state: SocketState) -> None:
+    def __init__(self, state: SocketState, failure: str = "") -> None:
         self.inbox = bytearray()
         self.sent = bytearray()
+        self.failure = failure
         self._state: SocketState = state
 
     @property
@@ -144,7 +150,7 @@ class MemorySockets:
     def open(self, address: str, port: int) -> MemorySocket:
         where = (address, port)
         state: SocketState = "connecting" if where in self.silent else "open" if where in self.listening else "closed"
-        socket = MemorySocket(state)
+        socket = MemorySocket(state, "Connection refused" if state == "closed" else "")
         self.opened.append(socket)
         return socket
 
@@ -153,4 +159,4 @@ class NoNetwork:
     """Backend of a controller without servers: every connection is refused."""
 
     def open(self, address: str, port: int) -> MemorySocket:
-        return MemorySocket("closed")
+        return MemorySocket("closed", "Network is unreachable")

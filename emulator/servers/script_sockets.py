@@ -6,6 +6,7 @@ to the address that was judged: a name cannot mean something else a moment later
 
 import asyncio
 import logging
+import os
 import socket
 from collections.abc import Awaitable, Callable
 from ipaddress import IPv6Address, ip_address
@@ -80,11 +81,19 @@ def _is_loopback(numeric: str) -> bool:
     return (mapped or address).is_loopback
 
 
+def _reason(error: Exception) -> str:
+    """As the system puts it; asyncio's own texts begin with what it tried."""
+    if isinstance(error, OSError) and error.errno and not isinstance(error, socket.gaierror):
+        return os.strerror(error.errno)
+    return str(getattr(error, "strerror", None) or error)
+
+
 class _NetworkSocket(asyncio.Protocol):
     def __init__(
         self, permitted: Callable[[str, int], Awaitable[list[str]]], gone: Callable[["_NetworkSocket"], None]
     ) -> None:
         self.inbox = bytearray()
+        self.failure = ""
         self._permitted = permitted
         self._gone = gone
         self._transport: asyncio.Transport | None = None
@@ -128,12 +137,14 @@ class _NetworkSocket(asyncio.Protocol):
                 if await self._reach(numeric, port):
                     return
         except (OSError, OverflowError, ValueError) as error:  # ValueError: a NUL in the name
+            self.failure = self.failure or _reason(error)
             _logger.info("a script cannot connect to %s:%d: %s", address, port, error)
 
     async def _reach(self, numeric: str, port: int) -> bool:
         try:
             await asyncio.get_running_loop().create_connection(lambda: self, numeric, port)
         except OSError as error:
+            self.failure = _reason(error)
             _logger.info("a script cannot connect to %s:%d: %s", numeric, port, error)
             return False
         return True
@@ -151,7 +162,7 @@ class _NetworkSocket(asyncio.Protocol):
         if self._state == "closed":  # by the script, while it was connecting
             transport.close()
         else:
-            self._state = "open"
+            self._state, self.failure = "open", ""
 
     def data_received(self, data: bytes) -> None:
         self.inbox += data
@@ -159,6 +170,7 @@ class _NetworkSocket(asyncio.Protocol):
             self._transport.pause_reading()
 
     def connection_lost(self, exc: Exception | None) -> None:
+        self.failure = _reason(exc) if exc is not None else ""
         self._state = "closed"
         self._transport = None
         self._gone(self)

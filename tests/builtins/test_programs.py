@@ -4,6 +4,7 @@ import pytest
 
 from emulator.commands import DashboardLine, RTDEInputs, ScriptUnit
 from emulator.power import PowerEvent
+from emulator.programs.loading import ProgramLoadError
 from emulator.safety import SafetyEvent
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import PopupMessage, RequestValueMessage
@@ -333,13 +334,12 @@ def test_loaded_script_plays_and_its_name_is_known(rig, tmp_path):
     assert rig.texts == ["played"]
 
 
-def test_program_tree_without_script_cannot_be_played(rig, tmp_path):
+def test_program_tree_that_cannot_be_read_is_not_loaded_without_its_script(rig, tmp_path):
     path = tmp_path / "bare.urp"
     path.write_bytes(b"")
-    rig.controller.programs.load_file(path)
-    assert rig.controller.programs.play().accepted is False
-    rig.tick()
-    assert "bare.script" in rig.texts[0]
+    with pytest.raises(ProgramLoadError, match=r"bare\.urp"):
+        rig.controller.programs.load_file(path)
+    assert rig.controller.programs.loaded is None
 
 
 def test_run_state_outputs_follow_the_program(rig):

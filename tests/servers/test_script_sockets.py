@@ -1,7 +1,10 @@
 """The connections of scripts, over real loopback sockets."""
 
 import asyncio
+import errno
+import os
 import socket
+import struct
 from collections.abc import AsyncIterator, Callable
 
 import pytest
@@ -226,3 +229,34 @@ async def test_a_peer_that_does_not_read_stops_the_script_from_sending(sockets: 
         got += len(await reader.read(65536))
     assert got == sent
     assert socket.send(line)
+
+
+async def test_why_a_connection_closed(sockets: NetworkSockets, peer: Peer) -> None:
+    orderly = await opened(sockets, peer)
+    _, writer = await peer.connections.get()
+    writer.close()
+    await until(lambda: orderly.state == "closed")
+    assert orderly.failure == ""
+
+    broken = await opened(sockets, peer)
+    _, writer = await peer.connections.get()
+    end = writer.get_extra_info("socket")
+    end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    writer.transport.abort()
+    await until(lambda: broken.state == "closed")
+    assert broken.failure == os.strerror(errno.ECONNRESET)
+
+    with socket.socket() as bound:
+        bound.bind((HOST, 0))
+        refused = sockets.open(HOST, bound.getsockname()[1])
+        await until(lambda: refused.state == "closed")
+    assert refused.failure == os.strerror(errno.ECONNREFUSED)
+
+
+async def test_a_name_that_means_nothing_is_a_failure_with_a_reason(sockets: NetworkSockets) -> None:
+    nowhere = sockets.open("host.invalid", 50002)
+    async with asyncio.timeout(20):
+        while nowhere.state != "closed":
+            await asyncio.sleep(0.005)
+    assert nowhere.failure
+    assert "Unknown error" not in nowhere.failure

@@ -1,0 +1,1 @@
+"""PolyScope program trees (`.urp` files) and what they are in URScript."""

@@ -1,0 +1,70 @@
+"""The programs folder: every path that clients and files name leads into it, or nowhere."""
+
+from pathlib import Path, PurePosixPath
+from typing import Final
+
+from emulator.programs.trees.document import Element, read_steps
+from urscript.work import Steps
+
+__all__ = ["ROOTS", "ProgramsFolder"]
+
+ROOTS: Final = ("/ursim/programs", "/programs", "/root/programs")  # where clients and files believe the folder is
+_PROGRAMS: Final = "programs"
+_LARGEST: Final = 16 << 20  # bytes of a file that a program names
+
+
+class ProgramsFolder:
+    """A folder on this machine, or none. ``base``: where in it the program is that names the files."""
+
+    def __init__(self, root: Path | None, base: Path | None = None) -> None:
+        self.root = root.resolve() if root is not None else None
+        self._base = base.resolve() if base is not None else self.root
+
+    def find(self, name: str) -> Path | None:
+        """The file that a path means, None when there is none in the folder.
+
+        Absolute paths are of the controller: below one of its programs folders. Links that lead out lead nowhere.
+        """
+        wanted = _relative(name)
+        if self.root is None or self._base is None or wanted is None or "\0" in name:
+            return None
+        bases = (self.root,) if PurePosixPath(name.strip()).is_absolute() else (self._base, self.root)
+        return next((path for base in bases if (path := self._inside(base, wanted))), None)
+
+    def _inside(self, base: Path, wanted: PurePosixPath) -> Path | None:
+        assert self.root is not None
+        try:
+            path = base.joinpath(*wanted.parts).resolve()
+            return path if path.is_relative_to(self.root) and path.is_file() else None
+        except (OSError, RuntimeError, ValueError):  # names too long, loops of links
+            return None
+
+    def installation(self, *names: str) -> Path | None:
+        """The first of these installations that is there; names have no extension."""
+        return next((path for name in names if name and (path := self.find(f"{name}.installation"))), None)
+
+    def text(self, name: str) -> str | None:
+        """Text of a file, None when there is none."""
+        path = self.find(name)
+        if path is None or path.stat().st_size > _LARGEST:
+            return None
+        return path.read_bytes().decode("utf-8", "replace").removeprefix("\ufeff")
+
+    def program(self, name: str) -> Steps[Element | None]:
+        """Root of a program file, None when there is none. Raises DocumentError."""
+        path = self.find(name)
+        if path is None:
+            return None
+        return (yield from read_steps(path.read_bytes()))
+
+
+def _relative(name: str) -> PurePosixPath | None:
+    wanted = PurePosixPath(name.strip())
+    for shown in ROOTS:
+        if wanted.is_relative_to(shown):
+            return wanted.relative_to(shown)
+    if not wanted.is_absolute():
+        return wanted if wanted.parts else None
+    # as a simulator's own folder: /home/someone/ursim-5.11/programs/x.urp
+    parts = wanted.parts
+    return PurePosixPath(*parts[parts.index(_PROGRAMS) + 1 :]) if _PROGRAMS in parts else None

@@ -1,0 +1,196 @@
+"""Branches, loops and timers."""
+
+from emulator.programs.trees.document import DocumentError, Element
+from emulator.programs.trees.expressions import expression_label, expression_text, variable_name
+from emulator.programs.trees.registry import node, translate_children
+from emulator.programs.trees.writer import Writer
+from urscript.work import Steps
+
+__all__: list[str] = []
+
+
+@node("If")
+def branch(writer: Writer, element: Element) -> Steps[None]:
+    """If with the ElseIf and Else nodes behind it; the expression may be checked continuously."""
+    if element.get("type") != "If":
+        return  # written with its If
+    chain = [element, *_others(element)]
+    if any(part.get("checkContinuously") == "true" for part in chain):
+        yield from _continuous(writer, chain)
+        return
+    for part in chain:
+        expression = part.child("expression")
+        if part is element:
+            writer.label(part, f"If {expression_label(writer, expression)}")
+        word = {"If": "if", "ElseIf": "elif"}.get(part.get("type"))
+        writer.line(f"{word} ({expression_text(writer, expression)}):" if word else "else:")
+        with writer.indented():
+            if part is not element:
+                writer.label(part, f"{part.get('type')} {expression_label(writer, expression)}".strip())
+            yield from translate_children(writer, part)
+    writer.line("end")
+
+
+def _others(element: Element) -> list[Element]:
+    """The ElseIf and Else nodes that follow an If."""
+    siblings = element.parent.children if element.parent else []
+    found = []
+    for sibling in siblings[siblings.index(element) + 1 :]:
+        if sibling.tag == "SuppressedNode":
+            continue
+        if sibling.tag != "If" or sibling.get("type") == "If":
+            break
+        found.append(sibling)
+    return found
+
+
+def _continuous(writer: Writer, chain: list[Element]) -> Steps[None]:
+    """Branches of which at least one is left as soon as its expression is false.
+
+    The body is a thread, which is killed. A branch that was left or not taken leads on to the next.
+    """
+    part, rest = chain[0], chain[1:]
+    expression = expression_text(writer, part.child("expression"))
+    writer.label(part, f"{part.get('type')} {expression_label(writer, part.child('expression'))}".strip())
+    if part.get("type") == "Else":
+        yield from translate_children(writer, part)
+        return
+    number = writer.number(part)
+    writer.line(f"global thread_flag_{number}=0")
+    if part.get("checkContinuously") == "true":
+        yield from _watched(writer, part, expression, number)
+    else:
+        writer.line(f"if ({expression}):")
+        with writer.indented():
+            yield from translate_children(writer, part)
+            writer.line(f"thread_flag_{number} = 1")
+        writer.line("else:")
+        with writer.indented():
+            writer.line(f"thread_flag_{number} = 2")
+        writer.line("end")
+    if rest:
+        with writer.block(f"if (thread_flag_{number} == 2):"):
+            yield from _continuous(writer, rest)
+
+
+def _watched(writer: Writer, part: Element, expression: str, number: int) -> Steps[None]:
+    with writer.block(f"thread Thread_if_{number}():"):
+        yield from translate_children(writer, part)
+        writer.line(f"thread_flag_{number} = 1")
+    writer.line(f"if ({expression}):")
+    with writer.indented():
+        writer.line(f"global thread_handler_{number}=run Thread_if_{number}()")
+        with writer.block(f"while (thread_flag_{number} == 0):"):
+            writer.line(f"if not({expression}):")
+            with writer.indented():
+                writer.line(f"kill thread_handler_{number}")
+                writer.line(f"thread_flag_{number} = 2")
+            writer.line("else:")
+            with writer.indented():
+                writer.line("sync()")
+            writer.line("end")
+    writer.line("else:")
+    with writer.indented():
+        writer.line(f"thread_flag_{number} = 2")
+    writer.line("end")
+
+
+@node("Loop")
+def loop(writer: Writer, element: Element) -> Steps[None]:
+    """Repeat a number of times, for ever, or while an expression holds, which may be checked continuously."""
+    kind = element.get("type")
+    if kind == "Counting":
+        yield from _counting(writer, element)
+    elif kind == "Forever":
+        writer.label(element, "Loop")
+        with writer.block("while (True):"):
+            yield from translate_children(writer, element)
+    elif kind == "While":
+        yield from _while(writer, element)
+    else:
+        raise DocumentError(f"a Loop of type {kind!r}, which is not known")
+
+
+def _counting(writer: Writer, element: Element) -> Steps[None]:
+    variable = variable_name(element.child("loopVariable"))
+    writer.label(element, f"Loop {element.get('count')} times")
+    writer.line(f"{variable} = 0")
+    with writer.block(f"while ({variable} < {element.get('count')}):"):
+        yield from translate_children(writer, element)
+        writer.line(f"{variable} = {variable} + 1")
+
+
+def _while(writer: Writer, element: Element) -> Steps[None]:
+    expression = expression_text(writer, element.child("expression"))
+    writer.label(element, f"Loop {expression_label(writer, element.child('expression'))}")
+    if element.get("checkContinuously") != "true":
+        with writer.block(f"while ({expression}):"):
+            yield from translate_children(writer, element)
+        return
+    number = writer.number(element)
+    with writer.block(f"thread Thread_while_{number}():"), writer.block("while (True):"):
+        yield from translate_children(writer, element)
+    with writer.block(f"if ({expression}):"):
+        writer.line(f"global thread_handler_{number}=run Thread_while_{number}()")
+        with writer.block(f"while ({expression}):"):
+            writer.line("sync()")
+        writer.line(f"kill thread_handler_{number}")
+
+
+@node("Switch")
+def switch(writer: Writer, element: Element) -> Steps[None]:
+    """The case whose number the expression has."""
+    cases = [child for child in element.child("children") or () if child.tag == "Case"]
+    name = f"switch_{writer.count('switch')}"
+    writer.label(element, f"Switch {expression_label(writer, element.child('expression'))}")
+    writer.line(f"{name} = {expression_text(writer, element.child('expression'))}")
+    numbered = [case for case in cases if case.get("caseValue")]
+    default = [case for case in cases if not case.get("caseValue")]
+    for index, case in enumerate(numbered):
+        writer.line(f"{'elif' if index else 'if'} ({case.get('caseValue')} == {name}):")
+        with writer.indented():
+            writer.label(case, f"Case {case.get('caseValue')}")
+            yield from translate_children(writer, case)
+    if default and numbered:
+        writer.line("else:")
+        with writer.indented():
+            yield from translate_children(writer, default[0])
+    if numbered:
+        writer.line("end")
+    elif default:
+        yield from translate_children(writer, default[0])
+
+
+@node("Case")
+def case(writer: Writer, element: Element) -> None:
+    """A branch of a Switch, which writes it."""
+    raise DocumentError("a Case outside a Switch")
+
+
+@node("Timer")
+def timer(writer: Writer, element: Element) -> None:
+    """Start, stop or reset a variable that counts seconds."""
+    name = variable_name(element.child("variable"))
+    _count_time(writer, name)
+    action = element.get("action")
+    writer.label(element, f"{name}: {action}")
+    if action in ("Start", "Stop"):
+        writer.line(f"{name}_is_counting = {action == 'Start'}")
+    elif action == "Reset":
+        writer.line(f"{name} = 0")
+    else:
+        raise DocumentError(f"a Timer cannot be told to {action!r}")
+
+
+def _count_time(writer: Writer, name: str) -> None:
+    """One thread for each timer, written once."""
+    if not writer.once(f"timer {name}"):
+        return
+    with writer.into("timers"):
+        writer.line(f"global {name}=0")
+        writer.line(f"global {name}_is_counting=False")
+        with writer.block(f"thread Timer_Thread_{name}():"), writer.block("while (True):"):
+            with writer.block(f"if ({name}_is_counting):"):
+                writer.line(f"{name} = {name} + get_steptime()")
+            writer.line("sync()")
+        writer.line(f"run Timer_Thread_{name}()")

@@ -1,0 +1,99 @@
+"""The program itself and what only orders it."""
+
+from emulator.programs.trees.document import DocumentError, Element
+from emulator.programs.trees.expressions import expression_text, variable_name
+from emulator.programs.trees.naming import identifier
+from emulator.programs.trees.nodes.moves import circle_move
+from emulator.programs.trees.registry import node, translate_children
+from emulator.programs.trees.writer import Writer
+from urscript.work import Steps
+
+__all__: list[str] = []
+
+
+@node("MainProgram")
+def main_program(writer: Writer, element: Element) -> Steps[None]:
+    """The robot program, for ever unless it runs only once."""
+    if element.get("runOnlyOnce") == "true":
+        writer.label(element, "Robot Program")
+        yield from translate_children(writer, element)
+        return
+    with writer.block("while (True):"):
+        writer.label(element, "Robot Program")
+        yield from translate_children(writer, element)
+
+
+@node("InitVariablesNode")
+def init_variables(writer: Writer, element: Element) -> None:
+    """First values of variables."""
+    with writer.into("variables"):
+        for variable in element.child("variables") or ():
+            text = expression_text(writer, variable.child("expression", "initializeExpression"))
+            if text:
+                writer.line(f"global {variable_name(variable)}={text}")
+
+
+@node("SpecialSequence", status="partial", note="BeforeStart, and the CircleMove of old files")
+def special_sequence(writer: Writer, element: Element) -> Steps[None]:
+    """What is done once before the program starts."""
+    if element.get("type") == "CircleMove":
+        circle_move(writer, element)
+        return
+    if element.get("type") != "BeforeStart":
+        raise DocumentError(f"a special sequence {element.get('type')!r}, which is not known")
+    with writer.into("before"):
+        writer.label(element, element.get("type"))
+        yield from translate_children(writer, element)
+
+
+@node("Thread")
+def thread(writer: Writer, element: Element) -> Steps[None]:
+    """Runs beside the robot program, for ever unless it runs only once."""
+    name = identifier(element.get("name"))
+    with writer.into("threads"):
+        writer.label(element, element.get("name"))
+        with writer.block(f"thread {name}():"):
+            if element.get("runOnlyOnce") == "true":
+                yield from translate_children(writer, element)
+            else:
+                with writer.block("while (True):"):
+                    yield from translate_children(writer, element)
+        writer.line(f"threadId_{name} = run {name}()")
+
+
+@node("Event")
+def event(writer: Writer, element: Element) -> Steps[None]:
+    """Done whenever its expression is true, beside the robot program."""
+    number = writer.count("event")
+    suffix = f"_{number}" if number > 1 else ""
+    with writer.into("threads"):
+        with writer.block(f"thread EventThread{suffix}():"), writer.block("while (True):"):
+            with writer.block(f"if ({expression_text(writer, element.child('expression'))}):"):
+                writer.label(element, "Event")
+                yield from translate_children(writer, element)
+            writer.line("sync()")
+        writer.line(f"eventThread{suffix} = run EventThread{suffix}()")
+
+
+@node("Folder")
+def folder(writer: Writer, element: Element) -> Steps[None]:
+    """Nodes under a name."""
+    writer.label(element, element.get("name") or "Folder")
+    yield from translate_children(writer, element)
+
+
+@node("SuppressedNode")
+def suppressed(writer: Writer, element: Element) -> None:
+    """Left out."""
+
+
+@node("Placeholder")
+def placeholder(writer: Writer, element: Element) -> None:
+    """An empty line of the tree."""
+
+
+@node("Comment")
+def comment(writer: Writer, element: Element) -> None:
+    """A remark: a label that clients see."""
+    text = element.get("comment")
+    writer.label(element, f"'{text}'" if text else "Comment")

@@ -1,0 +1,49 @@
+"""Nodes that URCaps contribute."""
+
+from typing import Final
+
+from emulator.programs.trees.document import Element
+from emulator.programs.trees.registry import node
+from emulator.programs.trees.writer import TreeError, Writer
+
+__all__ = ["is_external_control"]
+
+_EXTERNAL_CONTROL: Final = "External Control"
+_UNNAMED: Final = "192.168.56.1"  # what the URCap calls a driver without a name
+
+
+def is_external_control(element: Element) -> bool:
+    """Whether a node is one of the External Control URCap."""
+    return element.tag == "Contributed" and element.get("strategyURCapName") == _EXTERNAL_CONTROL
+
+
+@node(
+    "Contributed",
+    status="partial",
+    note="External Control; others if the .script that PolyScope saved beside the program holds their code",
+)
+def contributed(writer: Writer, element: Element) -> None:
+    """A node of a URCap."""
+    if is_external_control(element):
+        _external_control(writer, element)
+        return
+    urcap, kind = element.get("strategyURCapName"), element.get("strategyProgramNodeType")
+    lines = writer.urcap_code.take(urcap, kind)
+    if lines is None:
+        raise TreeError(
+            f"the node {kind!r} is one of the URCap {urcap!r}, which is not installed here; "
+            f"save the program with PolyScope and put {writer.tree.name}.script, which holds its code, beside it"
+        )
+    writer.raw(lines)
+
+
+def _external_control(writer: Writer, element: Element) -> None:
+    """The header once, where the first node stands, and the rest at every node (seen in saved scripts)."""
+    code = writer.external_control
+    if code is None:
+        raise TreeError("the program has External Control nodes, and no driver has given their code")
+    page = writer.installation.contributions.get(_EXTERNAL_CONTROL, {})
+    writer.label(element, f"Control by {page.get('name') or _UNNAMED}")
+    if writer.once("external control header"):
+        writer.raw(code.header.splitlines())
+    writer.raw(code.node.splitlines())

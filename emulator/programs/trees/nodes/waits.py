@@ -1,0 +1,54 @@
+"""Waiting."""
+
+from typing import Final
+
+from emulator.programs.trees.document import DocumentError, Element
+from emulator.programs.trees.expressions import expression_text
+from emulator.programs.trees.naming import truth
+from emulator.programs.trees.pins import pin_name, pin_reading
+from emulator.programs.trees.registry import node
+from emulator.programs.trees.writer import Writer
+
+__all__ = ["analog_condition", "child_text"]
+
+_COMPARISONS: Final = {"0": "<", "1": ">"}  # guess: which is which
+
+
+@node("Wait", status="partial", note="which of < and > an analogue condition means is a guess")
+def wait(writer: Writer, element: Element) -> None:
+    """Wait for a time, an input or a condition."""
+    kind = element.get("type")
+    if kind == "Sleep":
+        writer.label(element, f"Wait: {child_text(element, 'waitTime')}")
+        writer.line(f"sleep({child_text(element, 'waitTime')})")
+    elif kind == "NoWait":
+        writer.label(element, "Wait")
+    else:
+        condition = _condition(writer, element, kind)
+        writer.label(element, f"Wait {condition}")
+        with writer.block(f"while (not({condition})):"):
+            writer.line("sync()")
+
+
+def _condition(writer: Writer, element: Element, kind: str) -> str:
+    if kind == "Condition":
+        return expression_text(writer, element.child("expression"))
+    if kind == "DigitalInput":
+        return f"{pin_reading(writer, element.child('pin'))} == {truth(child_text(element, 'digitalValue'))}"
+    if kind == "AnalogInput":
+        return analog_condition(writer, element)
+    raise DocumentError(f"a Wait of type {kind!r}, which is not known")
+
+
+def analog_condition(writer: Writer, element: Element) -> str:
+    """An analogue input above or below a value."""
+    operator = _COMPARISONS.get(child_text(element, "analogComparison") or element.get("analogComparison"))
+    if operator is None:
+        raise DocumentError(f"how {pin_name(element.child('pin'))} is compared with a value is not known")
+    return f"{pin_reading(writer, element.child('pin'))} {operator} {child_text(element, 'analogValue')}"
+
+
+def child_text(element: Element, tag: str) -> str:
+    """Text of a child, stripped; empty without one."""
+    child = element.child(tag)
+    return child.text.strip() if child else ""

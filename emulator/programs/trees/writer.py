@@ -1,0 +1,181 @@
+"""The URScript of a program tree while it is being written."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from emulator.programs.trees.document import DocumentError, Element
+from emulator.programs.trees.naming import identifier, quoted
+from emulator.programs.trees.numbers import list_text, pose_text, taught_pose
+from emulator.programs.trees.twin import urcap_code
+from urproto.versions import PolyscopeVersion
+
+if TYPE_CHECKING:
+    from emulator.programs.trees.installation_file import InstallationFile
+    from emulator.programs.trees.program import ProgramTree
+
+__all__ = ["BASE", "NO_POSE", "TOOL", "ExternalControlCode", "TreeError", "Writer"]
+
+_MAX_DEPTH: Final = 60  # as many blocks as a script may nest
+_MAX_SIZE: Final = 8 << 20  # bytes of script; the largest public one has 1.4 MB
+BASE: Final = "Joint_0_name"  # PolyScope's names of the features every installation has
+TOOL: Final = "Joint_6_name"
+NO_POSE: Final = "p[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]"
+SECTIONS: Final = ("preamble", "urcaps", "variables", "waypoints", "timers", "subprograms", "before", "threads", "main")
+
+
+class TreeError(ValueError):
+    """The program tree cannot be run; the text names the node and the reason."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalControlCode:
+    """What a driver wants to run. ``header``: once per program; ``node``: at each External Control node."""
+
+    header: str
+    node: str
+
+
+class Writer:
+    """Collects the lines of a program by section, in the order PolyScope writes the sections."""
+
+    def __init__(
+        self,
+        tree: "ProgramTree",
+        installation: "InstallationFile",
+        version: PolyscopeVersion,
+        external_control: ExternalControlCode | None,
+    ) -> None:
+        self.tree = tree
+        self.version = version
+        self.installation = installation
+        self.external_control = external_control
+        self.urcap_code = urcap_code(tree.twin)
+        self._sections: dict[str, list[str]] = {name: [] for name in SECTIONS}
+        self._levels: dict[str, int] = dict.fromkeys(SECTIONS, 1)
+        self._section = "main"
+        self._numbers = tree.numbers()
+        self._counters: dict[str, int] = {}
+        self._once: set[str] = set()
+        self._depth = 0
+        self._size = 0
+        self._waypoints: dict[str, tuple[str, str]] = {}
+
+    @contextmanager
+    def node(self, tag: str) -> Iterator[None]:
+        """While a node is written. Raises TreeError when too many lie in each other: references can lead in circles."""
+        self._depth += 1
+        if self._depth > _MAX_DEPTH:
+            raise TreeError(f"nodes are nested more than {_MAX_DEPTH} deep at <{tag}>")
+        yield
+        self._depth -= 1
+
+    def _write(self, line: str) -> None:
+        self._size += len(line) + 1
+        if self._size > _MAX_SIZE:
+            raise TreeError(f"the program has more than {_MAX_SIZE >> 20} MiB of script")
+        self._sections[self._section].append(line)
+
+    def line(self, text: str) -> None:
+        """Write one line; further lines of a text are written as they are."""
+        self._write(f"{'  ' * self._levels[self._section]}{text}")
+
+    def raw(self, lines: Iterable[str]) -> None:
+        """Write lines as they are."""
+        for line in lines:
+            self._write(line)
+
+    def label(self, element: Element, text: str, stop: str = "") -> None:
+        """The mark by which a client sees where the program is. ``stop``: breakAfter or noBreak."""
+        number = self._numbers.get(id(element), 0)
+        self.line(f"$ {number} {quoted(text)}" + (f' "{stop}"' if stop else ""))
+
+    @contextmanager
+    def block(self, head: str) -> Iterator[None]:
+        """A block with its end."""
+        self.line(head)
+        with self.indented():
+            yield
+        self.line("end")
+
+    @contextmanager
+    def indented(self) -> Iterator[None]:
+        """What is written belongs to a block."""
+        section = self._section
+        self._levels[section] += 1
+        try:
+            yield
+        finally:
+            self._levels[section] -= 1
+
+    @contextmanager
+    def into(self, section: str) -> Iterator[None]:
+        """Write to another section."""
+        before, self._section = self._section, section
+        try:
+            yield
+        finally:
+            self._section = before
+
+    def count(self, kind: str) -> int:
+        """1, 2, 3, ... for each kind of thing."""
+        self._counters[kind] = self._counters.get(kind, 0) + 1
+        return self._counters[kind]
+
+    def once(self, key: str) -> bool:
+        """True the first time."""
+        if key in self._once:
+            return False
+        self._once.add(key)
+        return True
+
+    def number(self, element: Element) -> int:
+        """Line of a node in the program tree."""
+        return self._numbers.get(id(element), 0)
+
+    # what nodes refer to
+
+    def waypoint(self, element: Element) -> tuple[str, str]:
+        """Names of the variables with pose and joints of a taught waypoint, which are written when first asked for."""
+        name = identifier(element.get("name") or "Waypoint")  # waypoints of the same name are the same
+        if name not in self._waypoints:
+            self._write_waypoint(element, name)
+            self._waypoints[name] = (f"{name}_p", f"{name}_q")
+        return self._waypoints[name]
+
+    def _write_waypoint(self, element: Element, name: str) -> None:
+        position = element.child("position")
+        if position is None:
+            raise DocumentError(f"the waypoint {element.get('name')} was never taught")
+        joints, pose = taught_pose(position)
+        with self.into("waypoints"):
+            self.line(f"global {name}_p={pose_text(pose)}")
+            self.line(f"global {name}_q={list_text(joints)}")
+
+    def feature(self, reference: Element | None) -> str:
+        """URScript of a feature's pose in the base frame. Raises DocumentError for one the installation lacks."""
+        name = "" if reference is None else reference.get("referencedName") or reference.get("featureName")
+        if name in ("", BASE):
+            return NO_POSE
+        if name == TOOL:
+            return "get_forward_kin()"
+        if name not in self.installation.features:
+            raise DocumentError(f"the installation {self.installation.name} has no feature called {name}")
+        if name in self.installation.feature_variables:
+            return identifier(name)
+        return pose_text(self.installation.features[name])
+
+    def tcp(self, reference: Element | None) -> str:
+        """URScript of a TCP offset. Raises DocumentError for one the installation lacks."""
+        name = "" if reference is None else reference.get("referencedName")
+        if name not in self.installation.tcps:
+            raise DocumentError(f"the installation {self.installation.name} has no TCP called {name!r}")
+        return pose_text(self.installation.tcps[name])
+
+    def text(self) -> str:
+        """The whole program."""
+        program = [line for name in SECTIONS[1:] for line in self._sections[name]]
+        lines = [f"def {identifier(self.tree.name)}():", *self._sections[SECTIONS[0]]]
+        lines += self.urcap_code.used_by("\n".join(program))
+        return "\n".join([*lines, *program, "end", ""])

@@ -1,0 +1,237 @@
+"""Program files: what can be loaded, from where, and what a damaged or hostile file does."""
+
+import gzip
+from contextlib import suppress
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tree_rig import Arm, children, installation, line, main, move, say, sleep, tag, urp
+
+from emulator.programs.trees.document import DocumentError, read_document
+from emulator.programs.trees.installation_file import read_variables
+from emulator.programs.trees.naming import identifier
+from emulator.programs.trees.registry import NODES
+from urproto.modes import RuntimeState
+
+GRIPPER = tag(
+    "Contributed", tag("dataModel"), strategyProgramNodeType="Grip", strategyURCapName="Hand", strategyClass="org.hand"
+)
+
+
+@pytest.fixture
+def arm(tmp_path):
+    return Arm(tmp_path)
+
+
+def refused(arm):
+    """What is said when the program saved as tree.urp is loaded."""
+    before = len(arm.texts)
+    assert arm.ask("load tree.urp") == "Error while loading program: tree.urp"
+    assert arm.ask("get loaded program") == "No program loaded"
+    return arm.texts[before]
+
+
+def test_load_play_and_what_is_loaded(arm):
+    arm.save("sub/my tool.urp", main(sleep(0.2)))
+    assert arm.ask("load sub/my tool.urp") == "Loading program: /programs/sub/my tool.urp"
+    assert arm.ask("get loaded program") == "Loaded program: /programs/sub/my tool.urp"
+    assert arm.ask("isProgramSaved") == "true my tool.urp"
+    assert arm.ask("programState") == "STOPPED my tool.urp"
+    assert arm.ask("load gone.urp") == "File not found: gone.urp"
+    assert arm.ask("play") == "Starting program"
+    assert arm.ask("programState") == "PLAYING my tool.urp"
+
+
+def test_an_uncompressed_file_is_a_program_too(arm):
+    (arm.folder / "tree.urp").write_bytes(gzip.decompress(urp(main(say("plain")))))
+    assert arm.ask("load tree.urp").startswith("Loading program")
+    assert arm.ask("play") == "Starting program"
+    arm.until(lambda: arm.texts == ["plain"])
+
+
+def test_a_node_that_is_not_known_is_named(arm):
+    arm.save("tree.urp", main(tag("Teleport")))
+    assert "<Teleport>" in refused(arm)
+
+
+def test_a_refused_node_type_is_named_with_its_reason(arm):
+    (tag_name, kind), *_ = [(name, kind) for name, kind in NODES.items() if kind.status == "refused"]
+    arm.save("tree.urp", main(tag(tag_name)))
+    said = refused(arm)
+    assert f"<{tag_name}>" in said
+    assert kind.note in said
+
+
+def test_a_urcap_node_without_its_code_names_the_urcap(arm):
+    arm.save("tree.urp", main(GRIPPER))
+    assert "'Hand'" in refused(arm)
+
+
+def test_urcap_nodes_take_their_code_from_the_script_beside(arm):
+    arm.save("tree.urp", main(say("before"), GRIPPER, line("hand_tell(2)"), GRIPPER))
+    (arm.folder / "tree.script").write_text(
+        "def tree():\n"
+        "  # begin: URCap Installation Node\n  #   Source: Hand, 1.0, Us\n"
+        '  def hand_tell(n):\n    textmsg("hand ", n)\n  end\n'
+        "  # end: URCap Installation Node\n"
+        "  # begin: URCap Program Node\n  #   Source: Hand, 1.0, Us\n  #   Type: Grip\n  hand_tell(1)\n"
+        "  # end: URCap Program Node\n"
+        '  textmsg("never")\n'
+        "  # begin: URCap Program Node\n  #   Source: Hand, 1.0, Us\n  #   Type: Grip\n  hand_tell(3)\n"
+        "  # end: URCap Program Node\nend\n"
+    )
+    assert arm.ask("load tree.urp").startswith("Loading program")
+    assert arm.ask("play") == "Starting program"
+    arm.until(lambda: len(arm.texts) == 4)
+    assert arm.texts == ["before", "hand 1", "hand 2", "hand 3"]
+
+
+def test_a_tree_that_cannot_be_run_gives_way_to_the_script_beside(arm):
+    arm.save("tree.urp", main(tag("Teleport")))
+    (arm.folder / "tree.script").write_text('def tree():\n  textmsg("saved")\nend\n')
+    assert arm.ask("load tree.urp").startswith("Loading program")
+    assert arm.ask("play") == "Starting program"
+    arm.until(lambda: arm.texts == ["saved"])
+
+
+def test_the_installation_of_a_program_is_loaded_with_it(arm):
+    payload = tag(
+        "PayloadSettings",
+        tag(
+            "Payload",
+            name="tool",
+            mass="1.2",
+            defaultPayload="true",
+            centerOfGravity="0, 0, 0.05",
+            inertiaParameters="0.1, 0.1, 0.1, 0, 0, 0",
+        ),
+    )
+    features = tag("Features", tag("View", tag("WorldtoMarshal", baseAngle="0.0", tiltAngle="3.141592653589793")))
+    (arm.folder / "cells").mkdir()
+    (arm.folder / "cells" / "one.installation").write_bytes(
+        gzip.compress(installation(payload, features, tcps='<tcp name="TCP" offset="0, 0, 0.2, 0, 0, 0"/>').encode())
+    )
+    (arm.folder / "cells" / "one.variables").write_bytes(
+        gzip.compress(
+            b'<InstallationVariables><variable name="speed_1" value="p[1, 2, 3, 0, 0, 0]"/></InstallationVariables>'
+        )
+    )
+    arm.play(
+        line('textmsg("", speed_1)'),
+        line("set_tcp(p[0, 0, 0.5, 0, 0, 0])"),
+        installation="one",
+        installationRelativePath="cells/one",
+    )
+    assert arm.texts == ["p[1,2,3,0,0,0]"]
+    assert arm.controller.installation.name == "one.installation"
+    assert arm.controller.snapshot.payload == pytest.approx(1.2)
+    assert arm.controller.installation.gravity == pytest.approx((0.0, 0.0, -9.82), abs=1e-9)
+    assert arm.ask("play") == "Starting program"
+    arm.until(lambda: len(arm.texts) == 2)  # every run sets the tool anew
+    assert arm.controller.installation.tcp[2] in (0.2, 0.5)
+
+
+def test_a_broken_installation_is_an_error_and_a_missing_one_is_not(arm):
+    (arm.folder / "bad.installation").write_bytes(b"?")
+    arm.save("tree.urp", main(sleep(0.1)), installation="bad")
+    refused(arm)
+    arm.save("tree.urp", main(sleep(0.1)), installation="gone")
+    assert arm.ask("load tree.urp").startswith("Loading program")
+
+
+@pytest.mark.parametrize(
+    "name", ["/etc/secret.urp", "../secret.urp", "/programs/../secret.urp", "linked.urp", "\0.urp"]
+)
+def test_paths_stay_in_the_programs_folder(tmp_path, name):
+    folder = tmp_path / "programs"
+    folder.mkdir()
+    (tmp_path / "secret.urp").write_bytes(urp(main(say("secret"))))
+    (folder / "linked.urp").symlink_to(tmp_path / "secret.urp")
+    arm = Arm(folder)
+    assert arm.ask(f"load {name}") == f"File not found: {name}"
+    called = tag("subprogram", tag("programFile", name), name="inner")
+    if "\0" not in name:  # no XML can say that
+        arm.save("tree.urp", main(tag("CallSubProgram", called)))
+        assert "not in the programs folder" in refused(arm)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\x1f\x8b",
+        gzip.compress(b"<URProgram><children/></URProgram>")[:-9],
+        b"<URProgram/>",
+        b"<Installation><children/></Installation>",
+        b'<!DOCTYPE x [<!ENTITY a "aa">]><URProgram><children>&a;</children></URProgram>',
+        gzip.compress(b" " * (40 << 20)),
+        b"<URProgram><children>" + b"<a>" * 5000,
+        b'<URProgram><children><MainProgram><children reference="../.."/></MainProgram></children></URProgram>',
+        b'<URProgram><children><MainProgram><children reference="."/></MainProgram></children></URProgram>',
+        urp(move(tag("Waypoint", type="Fixed"))),
+    ],
+)
+def test_damaged_and_hostile_files_are_errors(arm, content):
+    (arm.folder / "tree.urp").write_bytes(content)
+    refused(arm)
+    arm.play(say("alive"))
+    assert arm.texts[-1] == "alive"
+
+
+def test_references_that_double_and_double_again_are_an_error(arm):
+    """Each folder has eight times what is in the folder before it: 8^10 waits out of a few kilobytes."""
+    folders = tag("Folder", children(*[sleep(0.1)] * 8), name="0")
+    for number in range(1, 11):
+        before = f'<children reference="../../../../Folder[{number}]/children"/>'
+        folders += tag("Folder", children(*[tag("Folder", before, name="x")] * 8), name=str(number))
+    arm.save("tree.urp", main(folders))
+    assert "MiB" in refused(arm)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.binary(max_size=400))
+def test_any_bytes_are_a_document_or_an_error(content):
+    for data in (content, gzip.compress(content), b"<a>" + content + b"</a>"):
+        with suppress(DocumentError):
+            assert read_document(data).tag
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.text(max_size=30))
+def test_every_name_becomes_an_identifier(name):
+    assert identifier(name).isascii()
+    assert identifier(name).isidentifier()
+
+
+@pytest.mark.parametrize(
+    ("data", "values"),
+    [
+        (b'#\n#Tue Oct 03\nspeed=0.5\ntext="a\\:b"\n', {"speed": "0.5", "text": '"a:b"'}),
+        (b'<InstallationVariables><variable name="n" value="True"/></InstallationVariables>', {"n": "True"}),
+        (b"", {}),
+    ],
+)
+def test_installation_variables(data, values):
+    assert read_variables(data) == values
+    assert read_variables(gzip.compress(data)) == values
+
+
+def test_what_is_loaded_is_kept_when_another_program_is_not(arm):
+    arm.save("good.urp", main(sleep(1.0)))
+    arm.ask("load good.urp")
+    (arm.folder / "tree.urp").write_bytes(b"")
+    assert arm.ask("load tree.urp") == "Error while loading program: tree.urp"
+    assert arm.ask("get loaded program") == "Loaded program: /programs/good.urp"
+    assert arm.state is RuntimeState.STOPPED
+
+
+def test_a_long_program_is_loaded_over_many_periods(arm):
+    arm.save(
+        "tree.urp", main(*(say(f"line {n}") for n in range(2000)), tag("Folder", children(sleep(0.1)), name="end"))
+    )
+    before = arm.controller.step_count
+    assert arm.ask("load tree.urp").startswith("Loading program")
+    assert arm.controller.step_count - before > 50
+    assert arm.ask("play") == "Starting program"
+    arm.until(lambda: len(arm.texts) == 2000)

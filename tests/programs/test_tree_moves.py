@@ -1,0 +1,233 @@
+"""Move, Direction and Force nodes of program trees, by where the arm ends."""
+
+import math
+
+import pytest
+from tree_rig import (
+    BASE,
+    HOME,
+    TOOL,
+    Arm,
+    assign,
+    children,
+    expression,
+    installation,
+    line,
+    main,
+    move,
+    pin,
+    say,
+    tag,
+    waypoint,
+)
+
+from emulator.signals import STANDARD
+from urproto.modes import SafetyMode
+from urproto.robots import load_model
+from urproto.robots.kinematics import Kinematics
+from urproto.robots.pose import pose_dist, pose_trans
+
+ASIDE = (0.3, -1.4, 1.4, -1.5, -1.5, 0.2)
+BACK = (0.0, -1.6, 1.6, -1.6, -1.57, 0.0)
+DIRECTION = "gui.program.direction.MoveDirectionNode"
+
+
+@pytest.fixture
+def arm(tmp_path):
+    return Arm(tmp_path)
+
+
+def flange(q):
+    return Kinematics(load_model("ur5e").dh).forward(q)
+
+
+def distance_of(until="DISTANCE", **attributes):
+    return tag("Until", tag("Distance", "0.05"), tag("motionParameters", blendRadius="0.0"), type=until, **attributes)
+
+
+@pytest.mark.parametrize("kind", ["MoveJ", "MoveL", "MoveP"])
+def test_moves_reach_the_waypoints_taught(arm, kind):
+    arm.play(move(waypoint(ASIDE), waypoint(BACK, "Waypoint_2"), kind=kind))
+    assert arm.q == pytest.approx(BACK, abs=1e-3)
+
+
+def test_a_move_to_joint_angles(arm):
+    turned = (*BACK[:5], 6.0)
+    arm.play(move(waypoint(turned), positionType="JointAngles", speed=3.0, acceleration=10))
+    assert arm.q == pytest.approx(turned, abs=1e-3)
+
+
+def test_a_waypoint_with_its_own_time_and_its_own_speed(arm):
+    timed = arm.play(move(waypoint(ASIDE, nextMotionTime="2.5")))
+    assert timed == pytest.approx(2.5, abs=0.1)
+    slow = arm.play(move(waypoint(HOME, "Waypoint_2", jointSpeed="0.1", jointAcceleration="1.4")))
+    assert slow == pytest.approx(0.3 / 0.1, abs=0.3)
+
+
+def test_waypoints_with_a_blend_do_not_stop(arm):
+    stops = arm.play(move(waypoint(ASIDE), waypoint(BACK, "Waypoint_2"), waypoint(HOME, "Waypoint_3")))
+    blends = arm.play(
+        move(
+            waypoint(ASIDE, blendRadius="0.02"),
+            waypoint(BACK, "Waypoint_2", blendRadius="0.02"),
+            waypoint(HOME, "Waypoint_3"),
+        )
+    )
+    assert blends < stops
+
+
+def test_a_waypoint_in_a_variable_and_a_relative_one(arm):
+    start = arm.pose
+    up = tag("Waypoint", tag("motionParameters"), tag("variable", name="goal"), type="Variable", name="Waypoint")
+    taught = waypoint(HOME).split("<position>")[1].split("</position>")[0]
+    relative = (
+        waypoint(ASIDE)
+        .replace('type="Fixed"', 'type="Relative"')
+        .replace("<BaseToFeature", tag("relativeFromPosition", taught) + "<BaseToFeature")
+    )
+    arm.play(assign("goal", "pose_add(get_target_tcp_pose(), p[0, 0, 0.03, 0, 0, 0])"), move(up, kind="MoveL"))
+    assert arm.pose[2] == pytest.approx(start[2] + 0.03, abs=1e-4)
+    arm.play(move(waypoint(HOME), relative, kind="MoveL"))
+    assert pose_dist(arm.pose, flange(ASIDE)) < 1e-3
+
+
+def test_a_variable_feature_takes_its_waypoints_along(arm):
+    """The feature was moved 0.05 m along y since the waypoint was taught."""
+    feature = tag(
+        "GeomPoseNode",
+        tag("toolPosition", value="0.1, 0.25, 0.0"),
+        tag("toolAxisAngle", value="0.0, 0.0, 0.0"),
+        name="table",
+        isVariable="true",
+    )
+    (arm.folder / "cell.installation").write_text(installation(tag("Features", tag("GeomPoseNode", feature))))
+    on_table = '<feature class="GeomFeatureReference" referencedName="table"/>'
+    arm.play(move(waypoint(BACK, feature="0.1, 0.2, 0.0, 0.0, 0.0, 0.0"), feature=on_table), installation="cell")
+    assert pose_dist(arm.pose, pose_trans((0.0, 0.05, 0.0, 0.0, 0.0, 0.0), flange(BACK))) < 1e-3
+
+
+def test_the_tcp_of_a_move_and_of_a_set(arm):
+    tcps = '<tcp name="TCP" offset="0, 0, 0.1, 0, 0, 0"/><tcp name="Long" offset="0, 0, 0.3, 0, 0, 0"/>'
+    (arm.folder / "cell.installation").write_text(installation(tcps=tcps))
+    long = tag("tcp", referencedName="Long")
+    tell = line('textmsg("", get_tcp_offset()[2])')
+    arm.play(
+        tell,
+        move(waypoint(ASIDE), tcp=long, positionType="JointAngles"),
+        tell,
+        tag("Set", tag("tcp", referencedName="TCP"), type="NoAction"),
+        tell,
+        installation="cell",
+    )
+    assert arm.texts == ["0.1", "0.3", "0.1"]
+
+
+def test_an_arc(arm):
+    """Half a circle of 0.05 m radius in the horizontal plane around a point beside the tool."""
+    start = arm.pose
+
+    def point(name):
+        return tag("Waypoint", tag("motionParameters"), tag("variable", name=name), type="Variable", name=name)
+
+    circle = tag("CircleMove", children(point("via"), point("goal")), OrientationMode="FIXED")
+    arm.play(
+        assign("via", "pose_add(get_target_tcp_pose(), p[0.05, 0.05, 0, 0, 0, 0])"),
+        assign("goal", "pose_add(get_target_tcp_pose(), p[0, 0.1, 0, 0, 0, 0])"),
+        move(circle, kind="MoveP"),
+    )
+    assert arm.pose[:3] == pytest.approx((start[0], start[1] + 0.1, start[2]), abs=1e-3)
+    assert pose_dist(arm.pose, (*start[:3], *arm.pose[3:])) == pytest.approx(0.1, abs=1e-3)
+
+
+def test_the_home_position(arm):
+    (arm.folder / "cell.installation").write_text(
+        installation(tag("SafeHomeSettings", position=", ".join(map(str, ASIDE)), enabled="true"))
+    )
+    home = tag(
+        "SafeHome", positionOptionType="SPEED_AND_ACCELERATION", speed="1.0", acceleration="1.0", nextMotionTime="2"
+    )
+    arm.play(home, installation="cell")
+    assert arm.q == pytest.approx(ASIDE, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("feature", "axis", "moved"),
+    [(BASE, "ZPlus", (0, 0, 0.05)), (BASE, "YMinus", (0, -0.05, 0)), (TOOL, "ZPlus", (0, 0, -0.05))],
+)
+def test_a_direction_until_a_distance(arm, feature, axis, moved):
+    start = arm.pose
+    arm.play(
+        move(tag(DIRECTION, children(distance_of()), selectedDirection=axis), kind="MoveL", feature=feature), say("on")
+    )
+    assert arm.pose[:3] == pytest.approx([s + m for s, m in zip(start, moved, strict=False)], abs=2e-3)
+    assert arm.texts == ["on"]
+
+
+def test_a_direction_as_a_vector_with_its_own_speed(arm):
+    start = arm.pose
+    took = arm.play(
+        move(tag(DIRECTION, expression("[3, 4, 0]"), children(distance_of()), toolParams="0.02, 1.2"), kind="MoveL")
+    )
+    assert arm.pose[:2] == pytest.approx([start[0] + 0.03, start[1] + 0.04], abs=1e-3)
+    assert took == pytest.approx(0.05 / 0.02, rel=0.1)
+
+
+def test_a_direction_until_an_input_or_an_expression(arm):
+    far = tag(
+        "Until",
+        tag("children", say("stopped")),
+        pin("digital_in[1]"),
+        type="IO",
+        ioType="DIGITAL_INPUT",
+        digitalValue="true",
+    )
+    start = arm.pose
+    arm.start(
+        tag(
+            "MainProgram",
+            children(move(tag(DIRECTION, children(far), selectedDirection="ZPlus"), kind="MoveL")),
+            runOnlyOnce="true",
+        )
+    )
+    arm.until(lambda: arm.pose[2] > start[2] + 0.03)
+    arm.controller.signals.set_digital_input(STANDARD, 1, True)
+    arm.until(lambda: arm.texts == ["stopped"])
+    assert math.isclose(arm.pose[2], start[2] + 0.03, abs_tol=0.03)
+    high = f"get_actual_tcp_pose()[2] < {start[2]}"
+    down = tag("Until", expression(high), type="EXPRESSION")
+    arm.play(move(tag(DIRECTION, children(down), selectedDirection="ZMinus"), kind="MoveL"), say("down"))
+    assert arm.pose[2] == pytest.approx(start[2], abs=0.03)
+    assert arm.texts[-1] == "down"
+
+
+def test_a_direction_until_a_contact_or_a_distance_ends_at_the_first(arm):
+    contact = tag("Until", type="TOOL_CONTACT_DETECTION", retraction="0.005", decelerationAcceleration="3.0")
+    start = arm.pose
+    arm.play(move(tag(DIRECTION, children(contact, distance_of()), selectedDirection="YPlus"), kind="MoveL"))
+    assert arm.pose[1] == pytest.approx(start[1] + 0.05, abs=2e-3)
+
+
+def test_a_direction_that_nothing_ends_goes_as_far_as_the_arm_reaches(arm):
+    start = arm.pose
+    arm.start(main(move(tag(DIRECTION, children(tag("Until", type="NONE")), selectedDirection="ZPlus"), kind="MoveL")))
+    arm.until(lambda: arm.controller.safety.mode is SafetyMode.PROTECTIVE_STOP)
+    assert arm.pose[2] > start[2] + 0.2
+
+
+def test_force_nodes_begin_and_end_force_mode(arm):
+    force = tag(
+        "Force",
+        TOOL,
+        tag("selection", value="0, 0, 1, 0, 0, 0"),
+        tag("wrench", value="0.0, 0.0, 5.0, 0.0, 0.0, 0.0"),
+        tag("limitsForce", value="0.15, 0.15, 0.15, 1.0, 1.0, 1.0"),
+        tag("limitsMotion", value="0.1, 0.1, 0.1, 0.3, 0.3, 0.3"),
+        children(tag("Wait", tag("waitTime", "0.5"), type="Sleep")),
+        type="Simple",
+    )
+    start = arm.pose
+    arm.play(force)
+    pressed = arm.pose
+    assert pressed[2] < start[2] - 0.005  # nothing is in the way of the tool, which points down
+    arm.seconds(0.5)
+    assert pose_dist(arm.pose, pressed) < 0.02

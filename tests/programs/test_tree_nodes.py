@@ -1,0 +1,255 @@
+"""Node types of program trees, by what the robot does when it plays them."""
+
+import pytest
+from tree_rig import Arm, assign, children, expression, line, main, pin, say, sleep, tag
+
+from emulator.popups import Popup
+from emulator.signals import STANDARD
+from urproto.modes import RuntimeState
+from urproto.primary.messages import RequestValueMessage
+
+
+@pytest.fixture
+def arm(tmp_path):
+    return Arm(tmp_path)
+
+
+def test_the_program_that_clients_test_with_waits_for_ever(arm):
+    arm.start(main(sleep(0.01), once=False))
+    arm.seconds(2.0)
+    assert arm.state is RuntimeState.PLAYING
+    assert arm.ask("stop") == "Stopped"
+
+
+def test_a_program_that_runs_once_ends(arm):
+    assert arm.play(sleep(0.5)) == pytest.approx(0.5, abs=0.1)
+
+
+def test_labels_say_where_the_program_is(arm):
+    arm.start(main(tag("Folder", children(sleep(1.0)), name="cell one"), once=False))
+    arm.seconds(0.5)
+    view = arm.controller.programs.view
+    assert view is not None
+    assert [(thread.label_id, thread.label) for thread in view.threads] == [(3, "Wait: 1.0")]
+
+
+def test_suppressed_nodes_and_placeholders_do_nothing(arm):
+    suppressed = tag("SuppressedNode", tag("suppressedNode", class_="Halt"))
+    arm.play(suppressed, tag("Placeholder"), tag("Comment", comment="a remark"), say("on"))
+    assert arm.texts == ["on"]
+
+
+def test_expressions_of_characters_tokens_variables_and_inputs(arm):
+    variable = tag("ExpressionVariable", tag("ProgramVariable", name="count"))
+    io = tag("ExpressionIO", pin("digital_in[2]"))
+    token = tag("ExpressionToken", token=" and ")
+    equal = tag("ExpressionChar", character="≟")
+    one = tag("ExpressionChar", character="1")
+    condition = tag("expression", variable, equal, one, token, io, equal, one)
+    both = tag("Assignment", tag("variable", name="both"), condition, valueSource="Expression")
+    tell = line('textmsg("both ", both)')
+    arm.play(assign("count", "1"), both, tell)
+    arm.controller.signals.set_digital_input(STANDARD, 2, True)
+    arm.play(assign("count", "1"), both, tell, assign("count", "2"), both, tell)
+    assert arm.texts == ["both False", "both True", "both False"]
+
+
+def test_a_symbol_within_a_text_stays_what_it_is(arm):
+    arm.play(line('textmsg("a≟b")'))
+    assert arm.texts == ["a≟b"]
+
+
+def test_names_outside_ascii(arm):
+    variable = tag("ExpressionVariable", tag("ProgramVariable", name="größe 1"))
+    shown = tag(
+        "expression",
+        *(tag("ExpressionChar", character=c) for c in 'textmsg("it is ",'),
+        variable,
+        tag("ExpressionChar", character=")"),
+    )
+    arm.play(assign("größe 1", "4"), tag("Script", shown, type="Line"))
+    assert arm.texts == ["it is 4"]
+
+
+def test_branches(arm):
+    chain = (
+        tag("If", expression("n == 1"), children(say("one")), type="If", checkContinuously="false"),
+        tag("If", expression("n == 2"), children(say("two")), type="ElseIf", checkContinuously="false"),
+        tag("If", expression(""), children(say("more")), type="Else", checkContinuously="false"),
+    )
+    count = tag(
+        "Loop", tag("loopVariable", name="k"), children(assign("n", "k + 1"), *chain), type="Counting", count="3"
+    )
+    arm.play(count)
+    assert arm.texts == ["one", "two", "more"]
+
+
+def test_a_branch_that_is_checked_continuously_is_left_for_the_next(arm):
+    arm.play(
+        assign("go", "True"),
+        tag("If", expression("go"), children(say("in"), sleep(1.0), say("late")), type="If", checkContinuously="true"),
+        tag("If", expression(""), children(say("else")), type="Else", checkContinuously="false"),
+        say("end"),
+        others=(tag("Thread", children(sleep(0.5), assign("go", "False")), name="Thread_1", runOnlyOnce="true"),),
+    )
+    assert arm.texts == ["in", "else", "end"]
+
+
+def test_a_branch_that_is_checked_continuously_and_holds_is_done(arm):
+    arm.play(
+        tag("If", expression("True"), children(say("in"), sleep(0.1)), type="If", checkContinuously="true"),
+        tag("If", expression("True"), children(say("elif")), type="ElseIf", checkContinuously="true"),
+        tag("If", expression(""), children(say("else")), type="Else"),
+    )
+    assert arm.texts == ["in"]
+
+
+def test_loops(arm):
+    arm.play(
+        assign("n", "0"),
+        tag("Loop", expression("n < 3"), children(assign("n", "n + 1")), type="While", checkContinuously="false"),
+        line('textmsg("n ", n)'),
+        tag("Loop", children(sleep(0.1), tag("Halt")), type="Forever"),
+        say("never"),
+    )
+    assert arm.texts == ["n 3"]
+
+
+def test_a_loop_that_is_checked_continuously_is_left_in_its_middle(arm):
+    took = arm.play(
+        assign("go", "True"),
+        tag("Loop", expression("go"), children(sleep(5.0)), type="While", checkContinuously="true"),
+        others=(tag("Thread", children(sleep(0.5), assign("go", "False")), name="Thread_1", runOnlyOnce="true"),),
+    )
+    assert took == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize(("value", "texts"), [("1", ["one"]), ("2", ["two"]), ("3", ["other"])])
+def test_switch(arm, value, texts):
+    cases = (
+        tag("Case", children(say("one")), caseValue="1"),
+        tag("Case", children(say("two")), caseValue="2"),
+        tag("Case", children(say("other"))),
+    )
+    arm.play(tag("Switch", expression(value), children(*cases)))
+    assert arm.texts == texts
+
+
+@pytest.mark.parametrize("name", ["digital_in[3]", "Door"])
+def test_waiting_for_an_input_of_either_name(arm, name):
+    names = tag("IOs", tag("DigitalInputNames", value=", , , Door, , , , "))
+    (arm.folder / "cell.installation").write_text(
+        '<Installation><T activePose="TCP"><tcp name="TCP" offset="0,0,0,0,0,0"/></T>' + names + "</Installation>"
+    )
+    wait = tag("Wait", pin(name), tag("digitalValue", "1"), type="DigitalInput")
+    arm.start(main(wait, say("open")), installation="cell")
+    arm.seconds(0.5)
+    assert arm.texts == []
+    arm.controller.signals.set_digital_input(STANDARD, 3, True)
+    arm.until(lambda: arm.texts == ["open"])
+
+
+def test_waiting_for_a_condition(arm):
+    arm.play(
+        assign("n", "0"),
+        tag("Wait", expression("n > 2"), type="Condition"),
+        say("there"),
+        tag("Wait", type="NoWait"),
+        others=(tag("Thread", children(assign("n", "n + 1"), sleep(0.1)), name="Thread_1", runOnlyOnce="false"),),
+    )
+    assert arm.texts == ["there"]
+
+
+def test_an_event_happens_beside_the_program_when_its_expression_is_true(arm):
+    event = tag("Event", expression("n > 2"), children(say("seen"), assign("n", "0")))
+    count = tag(
+        "Loop", tag("loopVariable", name="k"), children(assign("n", "n + 1"), sleep(0.1)), type="Counting", count="7"
+    )
+    arm.play(
+        assign("n", "0"),
+        count,
+        others=(tag("InitVariablesNode", tag("variables", tag("variable", expression("0"), name="n"))), event),
+    )
+    assert arm.texts == ["seen", "seen"]
+
+
+def test_setting_outputs(arm):
+    arm.start(
+        main(
+            tag("Set", pin("digital_out[4]"), tag("digitalValue", "1"), type="DigitalOutput"),
+            tag("Set", pin("analog_out[1]"), tag("analogValue", "0.25"), type="AnalogOutput"),
+            tag("Set", pin("config_out[0]"), expression("1 < 2"), type="ExpressionOutput"),
+            sleep(1.0),
+        )
+    )
+    arm.seconds(0.5)
+    assert arm.controller.snapshot.actual_digital_output_bits == 0b1_0001_0000
+    assert arm.controller.signals.analog_output_ratios[1] == 0.25
+
+
+def test_popups_hold_the_program_and_may_end_it(arm):
+    message = tag("Popup", type="Message", haltProgram="false", message='say "hi"', inputType="Text")
+    ending = tag("Popup", type="Error", haltProgram="true", message="broken", inputType="Text")
+    arm.start(main(message, say("on"), ending, say("never")))
+    arm.seconds(0.5)
+    shown: list[Popup] = list(arm.controller.popups.shown)
+    assert [popup.text for popup in shown] == ["say 'hi'"]
+    assert arm.texts == []
+    assert arm.ask("close popup") == "closing popup"
+    arm.until(lambda: arm.state is RuntimeState.STOPPED)
+    assert arm.texts == ["on"]
+
+
+def test_the_operator_is_asked(arm):
+    ask = tag("Assignment", tag("variable", name="n"), valueSource="Operator", message="How many?", valueType="Integer")
+    arm.start(main(ask))
+    arm.until(lambda: any(isinstance(message, RequestValueMessage) for message in arm.messages))
+
+
+def test_subprograms_here_and_in_their_own_files(arm):
+    arm.save("parts/pick.urp", main(say("pick")))
+    own = tag("subprogram", tag("children", say("place")), name="place it", keepSynchronizedWithDisk="false")
+    there = tag(
+        "subprogram", tag("programFile", "/programs/parts/pick.urp"), name="pick", keepSynchronizedWithDisk="false"
+    )
+    kept = tag(
+        "subprogram",
+        tag("programFile", "/home/ur/ursim/programs/parts/pick.urp"),
+        children(say("old copy")),
+        name="pick2",
+        keepSynchronizedWithDisk="true",
+    )
+    arm.play(*(tag("CallSubProgram", called) for called in (own, there, kept, own)))
+    assert arm.texts == ["place", "pick", "pick", "place"]
+
+
+def test_a_script_file_and_its_copy(arm):
+    (arm.folder / "tools.script").write_text('def tell(n):\n  textmsg("n ", n)\nend\n')
+    there = tag("Script", tag("cachedContents", "old copy"), tag("file", "/programs/tools.script"), type="File")
+    copy = tag("Script", tag("cachedContents", "tell(2)"), tag("file", "/programs/gone.script"), type="File")
+    arm.play(there, line("tell(1)"), copy)
+    assert arm.texts == ["n 1", "n 2"]
+
+
+def test_before_start_is_done_once_and_variables_have_first_values(arm):
+    before = tag("SpecialSequence", children(say("before")), type="BeforeStart")
+    init = tag("InitVariablesNode", tag("variables", tag("variable", expression("7"), name="n")))
+    arm.start(init, before, main(line('textmsg("n ", n)'), sleep(0.5), once=False))
+    arm.until(lambda: arm.texts.count("n 7") == 3)
+    assert arm.texts[0] == "before"
+    assert arm.texts.count("before") == 1
+
+
+def test_timers_count_while_they_are_started(arm):
+    def timer(action):
+        return tag("Timer", tag("variable", name="t_1"), action=action)
+
+    tell = line('textmsg("", t_1)')
+    arm.play(timer("Start"), sleep(1.0), timer("Stop"), sleep(1.0), tell, timer("Reset"), tell)
+    assert [float(text) for text in arm.texts] == pytest.approx([1.0, 0.0], abs=0.02)
+
+
+def test_threads_run_beside_and_for_ever(arm):
+    thread = tag("Thread", children(say("tick"), sleep(0.2)), name="Thread 1", runOnlyOnce="false")
+    arm.play(sleep(0.9), others=(thread,))
+    assert arm.texts == ["tick"] * 5
