@@ -194,6 +194,8 @@ def _wait(
             return False
         left -= 1
         yield
+    if host.runtime.current is not None:
+        host.runtime.current.parked_frames = 0  # who is kept busy by its peer is in no endless loop
     return True
 
 

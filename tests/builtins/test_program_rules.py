@@ -45,6 +45,19 @@ def test_a_loop_that_waits_now_and_then_is_left_alone(rig, wait):
     assert errors(rig) == []
 
 
+def test_a_reader_whose_peer_never_pauses_is_no_endless_loop(rig):
+    """Some drivers send keep-alives without a pause; the official script reads them all."""
+    rig.start('socket_open("10.0.0.1", 50001, "s")\nwhile True:\n  m = socket_read_binary_integer(8, "s", 0.5)\nend')
+    rig.until(lambda: bool(rig.sockets.opened), 1.0)
+    (driver,) = rig.sockets.opened
+    for _ in range(round(10.5 / rig.period)):
+        driver.feed(bytes(32 * max(0, 2000 - len(driver.inbox) // 32)))
+        rig.tick()
+        assert driver.inbox  # it never gets to wait
+    assert rig.state is RuntimeState.PLAYING
+    assert errors(rig) == []
+
+
 def test_secondary_program_uses_the_sockets_of_the_main_one(rig):
     """The manual allows a secondary program a single socket_send, and no time to open a socket."""
     rig.start('socket_open("10.0.0.1", 50001, "link")\nwhile True:\n  sync()\nend')

@@ -155,9 +155,9 @@ def test_load_play_pause_stop(make, programs):
     assert rig.now.runtime_state is RuntimeState.PLAYING
     assert rig.ask("play") == "Failed to execute: play"
     assert rig.ask("running") == "Program running: true"
-    assert rig.ask("programState").startswith("PLAYING far")
+    assert rig.ask("programState") == "PLAYING far.script"
     assert rig.ask("pause") == "Pausing program"
-    assert rig.ask("programState").startswith("PAUSED far")
+    assert rig.ask("programState") == "PAUSED far.script"
     assert rig.ask("running") == "Program running: false"
     assert rig.ask("play") == "Starting program"
     assert rig.ask("stop") == "Stopped"

@@ -1,6 +1,7 @@
 """Programs with External Control nodes: what the robot asks a driver, and what it makes of the answer."""
 
 import gzip
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -148,6 +149,32 @@ def test_header_once_and_the_rest_at_each_node(tmp_path):
     robot.finish()
     assert robot.texts == ["node 1", "node 2", "node 3"]
     assert len(robot.network.opened) == 1
+
+
+HANDED_BACK = b"""# HEADER_BEGIN
+# HEADER_END
+socket_open("10.0.0.1", 50001, "reverse")
+mode = [1, 0]
+while mode[0] > 0 and mode[1] != -2:
+  mode = socket_read_binary_integer(1, "reverse", 0)
+end
+socket_close("reverse")
+# NODE_CONTROL_LOOP_ENDS
+"""
+
+
+def test_the_program_goes_on_behind_the_node_when_the_driver_lets_go(tmp_path):
+    """As the vendor's test of handing control back does it."""
+    robot = Robot(tmp_path, nodes=f'{NODE}<Wait type="Sleep"><waitTime>0.2</waitTime></Wait>')
+    robot.network.listening.add(("10.0.0.1", 50001))
+    _, driver = robot.play()
+    driver.feed(HANDED_BACK)
+    robot.until(lambda: len(robot.network.opened) == 2)
+    robot.seconds(1.0)
+    reverse = robot.network.opened[1]
+    reverse.feed(struct.pack(">i", -2))
+    robot.until(lambda: reverse.state == "closed", 0.01)
+    assert robot.until(lambda: robot.state is RuntimeState.STOPPED, 1.0) == pytest.approx(0.2, abs=0.01)
 
 
 def test_a_program_in_a_loop_begins_anew_with_the_header(tmp_path):

@@ -40,7 +40,7 @@ def test_load_play_and_what_is_loaded(arm):
     assert arm.ask("programState") == "STOPPED my tool.urp"
     assert arm.ask("load gone.urp") == "File not found: gone.urp"
     assert arm.ask("play") == "Starting program"
-    assert arm.ask("programState").startswith("PLAYING my_tool")
+    assert arm.ask("programState") == "PLAYING my tool.urp"
 
 
 def test_an_uncompressed_file_is_a_program_too(arm):
