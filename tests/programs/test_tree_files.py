@@ -161,11 +161,11 @@ def test_paths_stay_in_the_programs_folder(tmp_path, name):
     [
         b"",
         b"\x1f\x8b",
-        gzip.compress(b"<URProgram><children/></URProgram>")[:-9],
+        gzip.compress(b"<URProgram><children/></URProgram>", mtime=0)[:-9],
         b"<URProgram/>",
         b"<Installation><children/></Installation>",
         b'<!DOCTYPE x [<!ENTITY a "aa">]><URProgram><children>&a;</children></URProgram>',
-        gzip.compress(b" " * (40 << 20)),
+        gzip.compress(b" " * (40 << 20), mtime=0),
         b"<URProgram><children>" + b"<a>" * 5000,
         b'<URProgram><children><MainProgram><children reference="../.."/></MainProgram></children></URProgram>',
         b'<URProgram><children><MainProgram><children reference="."/></MainProgram></children></URProgram>',

@@ -231,6 +231,15 @@ def test_a_script_file_and_its_copy(arm):
     assert arm.texts == ["n 1", "n 2"]
 
 
+def test_a_script_that_belongs_to_a_program_of_its_name_gives_way_to_the_copy(arm):
+    arm.save("tools.urp", main(say("program")))
+    (arm.folder / "tools.script").write_text('def tools():\n  textmsg("program")\nend\n')
+    arm.play(
+        tag("Script", tag("cachedContents", 'textmsg("copy")'), tag("file", "/programs/tools.script"), type="File")
+    )
+    assert arm.texts == ["copy"]
+
+
 def test_before_start_is_done_once_and_variables_have_first_values(arm):
     before = tag("SpecialSequence", children(say("before")), type="BeforeStart")
     init = tag("InitVariablesNode", tag("variables", tag("variable", expression("7"), name="n")))

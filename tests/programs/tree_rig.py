@@ -91,7 +91,7 @@ def installation(*extra: str, tcps: str = '<tcp name="TCP" offset="0, 0, 0, 0, 0
 
 def urp(*roots: str, **attributes: Any) -> bytes:
     """A program file: its main program, and threads, subprograms and so on."""
-    return gzip.compress(tag("URProgram", children(*roots), **attributes).encode())
+    return gzip.compress(tag("URProgram", children(*roots), **attributes).encode(), mtime=0)
 
 
 class Arm:

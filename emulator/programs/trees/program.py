@@ -12,6 +12,7 @@ from emulator.programs.trees.nodes import NODE_MODULES
 from emulator.programs.trees.nodes.urcaps import is_external_control
 from emulator.programs.trees.preamble import write_preamble
 from emulator.programs.trees.registry import NODES, translate
+from emulator.programs.trees.twin import TwinBlock, urcap_blocks
 from emulator.programs.trees.writer import ExternalControlCode, TreeError, Writer
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.work import Steps, run_to_end
@@ -40,6 +41,11 @@ class ProgramTree:
         """Names of the installation it was saved with, without extension: relative to the program, and alone."""
         relative, alone = self.root.get("installationRelativePath"), self.root.get("installation")
         return (relative or alone, alone)
+
+    @cached_property
+    def urcap_blocks(self) -> list[TwinBlock]:
+        """Code of URCap nodes in the script beside the program."""
+        return urcap_blocks(self.twin)
 
     @cached_property
     def needs_external_control(self) -> bool:
@@ -72,7 +78,9 @@ def read_tree_steps(path: Path, folder: ProgramsFolder | None = None) -> Steps[P
     twin = path.with_suffix(".script")
     text = twin.read_bytes().decode("utf-8", "replace").removeprefix("\ufeff") if twin.is_file() else ""
     root = yield from read_steps(path.read_bytes())
-    return ProgramTree(root, path.stem, text, folder)
+    tree = ProgramTree(root, path.stem, text, folder)
+    yield len(tree.urcap_blocks)
+    return tree
 
 
 def script_of(

@@ -9,8 +9,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-__all__ = ["TwinBlock", "UrcapCode", "urcap_code"]
+__all__ = ["TwinBlock", "UrcapCode", "urcap_blocks"]
 
+_MARK: Final = ": URCap "
+_HEAD: Final = 3  # lines of a block that may describe it
 _BEGIN: Final = re.compile(r"\s*# begin: URCap (Program|Installation) Node\s*$")
 _END: Final = re.compile(r"\s*# end: URCap (Program|Installation) Node\s*$")
 _SOURCE: Final = re.compile(r"\s*#\s*Source: (.*)$")
@@ -58,16 +60,17 @@ class UrcapCode:
         return lines if names & set(_WORD.findall(program)) else []
 
 
-def urcap_code(script: str) -> UrcapCode:
+def urcap_blocks(script: str) -> list[TwinBlock]:
     """The URCap blocks of a script."""
-    return UrcapCode(list(_blocks(script.splitlines())))
+    return list(_blocks(script.splitlines())) if _MARK in script else []
 
 
 def _blocks(lines: list[str]) -> Iterator[TwinBlock]:
     found: list[TwinBlock] = []
     open_blocks: list[TwinBlock] = []
     for line in lines:
-        if begin := _BEGIN.match(line):
+        marked = _MARK in line
+        if marked and (begin := _BEGIN.match(line)):
             block = TwinBlock(begin[1], "", "", [])
             for outer in open_blocks:
                 outer.inner += 1
@@ -77,12 +80,14 @@ def _blocks(lines: list[str]) -> Iterator[TwinBlock]:
             _describe(open_blocks[-1], line)
         for block in open_blocks:
             block.lines.append(line)
-        if open_blocks and _END.match(line):
+        if open_blocks and marked and _END.match(line):
             open_blocks.pop()
     yield from found
 
 
 def _describe(block: TwinBlock, line: str) -> None:
+    if len(block.lines) > _HEAD:
+        return
     if not block.source and (source := _SOURCE.match(line)):
         block.source = source[1].strip()
     elif not block.type and (kind := _TYPE.match(line)):

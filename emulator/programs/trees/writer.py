@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.naming import identifier, quoted
 from emulator.programs.trees.numbers import list_text, pose_text, taught_pose
-from emulator.programs.trees.twin import urcap_code
+from emulator.programs.trees.twin import UrcapCode
 from urproto.versions import PolyscopeVersion
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Writer:
         self.version = version
         self.installation = installation
         self.external_control = external_control
-        self.urcap_code = urcap_code(tree.twin)
+        self.urcap_code = UrcapCode(tree.urcap_blocks)
         self._sections: dict[str, list[str]] = {name: [] for name in SECTIONS}
         self._levels: dict[str, int] = dict.fromkeys(SECTIONS, 1)
         self._section = "main"

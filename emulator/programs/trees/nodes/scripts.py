@@ -28,8 +28,11 @@ def script(writer: Writer, element: Element) -> None:
 
 
 def _file_text(writer: Writer, element: Element, name: str) -> str:
+    """The file's text, unless PolyScope has written that program over it when it saved one of that name."""
     copy = element.child("cachedContents")
-    found = writer.tree.folder.text(name) if name else None
+    folder = writer.tree.folder
+    overwritten = copy is not None and folder.find(f"{name.removesuffix('.script')}.urp") is not None
+    found = folder.text(name) if name and not overwritten else None
     if found is not None:
         return found
     if copy is None:
