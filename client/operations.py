@@ -204,7 +204,7 @@ def add_to_log(text: str) -> Operation[None]:
 
 def set_user_role(role: UserRole) -> Operation[None]:
     """Choose who the pendant's user is (CB3)."""
-    since = Availability.since("1.8.14035", None)
+    since = Availability.since("3.0", None)  # or before
     return Operation(f"setUserRole {role.value}", _says("Setting user role"), since, _ROLE)
 
 
