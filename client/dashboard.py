@@ -117,13 +117,18 @@ class DashboardCore:
     """
 
     def __init__(self) -> None:
+        self._forget()
+
+    def _forget(self) -> None:
+        """What belonged to the last connection is over."""
         self.version: PolyscopeVersion | None = None
         self._lines = wire.LineDecoder()
         self._received: list[str] = []
         self._unanswered = 0  # commands sent: more than one only after one timed out
 
     def greet(self) -> Flow[None]:
-        """Wait for the greeting; RemoteProtocolError when it is another one."""
+        """Wait for a new connection's greeting; RemoteProtocolError when it is another one."""
+        self._forget()
         greeting = yield from self._next_line()
         if greeting != wire.GREETING:
             raise RemoteProtocolError(f"this is no dashboard server, it says {greeting!r}")
