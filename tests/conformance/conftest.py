@@ -18,16 +18,16 @@ from pathlib import Path
 
 import pytest
 
-HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "real_clients")]  # waiting; an emulator in a process of its own
-
-from emulator_process import EmulatorProcess  # noqa: E402 - found by the line above
-
 from client import BlockingDashboardClient, BlockingPrimaryClient, BlockingRealtimeClient, BlockingRTDEClient, dashboard
 from client.primary import BRAKE_RELEASE, POWER_ON, STOP_PROGRAM, UNLOCK_PROTECTIVE_STOP
 from urproto.errors import RobotRefused
 from urproto.modes import RobotMode, SafetyMode
 from urproto.versions import PolyscopeVersion
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE), str(HERE.parent / "real_clients")]  # waiting; an emulator in a process of its own
+
+from emulator_process import EmulatorProcess  # noqa: E402 - found by the line above
 
 if sys.platform != "linux":  # several emulators at once need the loopback addresses of Linux
     collect_ignore_glob = ["test_*"]

@@ -79,8 +79,6 @@ def test_quit_ends_the_connection(robot):
             asked.ask(dashboard.ROBOT_MODE)
 
 
-
-
 @pytest.mark.moves
 def test_popups_and_log(robot):
     with robot.dashboard() as asked:

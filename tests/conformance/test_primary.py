@@ -1,6 +1,7 @@
 """Primary interface: version first, full state once, ten states a second; commands seen through."""
 
 import math
+from itertools import pairwise
 
 import pytest
 
@@ -39,7 +40,7 @@ def test_the_first_state_is_full(robot):
 def test_ten_states_a_second(robot):
     with robot.primary() as primary:
         stamps = [primary.run(primary.core.robot_state()).mode.timestamp_us for _ in range(12)]
-    steps_s = [(after - before) / 1e6 for before, after in zip(stamps[1:], stamps[2:], strict=False)]
+    steps_s = [(after - before) / 1e6 for before, after in pairwise(stamps[1:])]
     assert steps_s == pytest.approx([0.1] * len(steps_s), abs=0.02)
 
 

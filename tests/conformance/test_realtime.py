@@ -1,5 +1,7 @@
 """Realtime interface: one state every control period, in step with RTDE."""
 
+from itertools import pairwise
+
 import pytest
 
 AT_REST_RAD = 1e-3
@@ -8,7 +10,7 @@ AT_REST_RAD = 1e-3
 def test_a_state_every_period(robot):
     with robot.realtime() as realtime:
         stamps = [realtime.receive()["timestamp"] for _ in range(30)]
-    steps_s = [after - before for before, after in zip(stamps, stamps[1:], strict=False)]
+    steps_s = [after - before for before, after in pairwise(stamps)]
     assert steps_s == pytest.approx([robot.period_s] * len(steps_s), abs=robot.period_s / 10)
 
 
