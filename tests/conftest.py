@@ -17,7 +17,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """Options of tests/conformance; they are here because pytest reads them before it looks into folders."""
     group = parser.getgroup("conformance", "which robot tests/conformance talks to")
     group.addoption("--robot-ip", help="address of a real robot or simulator; an emulator is started without it")
-    group.addoption("--robot-programs", help="program file on that robot, below its programs folder, to load and play")
+    group.addoption("--robot-program", help="program file on that robot, below its programs folder, to load and play")
     group.addoption(
         "--i-know-it-moves", action="store_true", help="let the tests move that robot, switch outputs, end programs"
     )

@@ -4,9 +4,9 @@
     pytest tests/conformance --robot-ip 192.168.1.10                     a robot: looks, does not touch
     pytest tests/conformance --robot-ip 192.168.1.10 --i-know-it-moves   a robot: everything
 
-Cases marked ``moves`` change something: they switch the arm on, move single joints by at
-most 0.1 rad about where they are, at 0.2 rad/s or less, stop programs, write outputs. They
-never run on a robot without the flag. Put the arm where 0.1 rad in each joint is safe, and
+Cases marked ``moves`` change something: they switch the arm on, turn the last joint by at
+most 0.1 rad about where it is, at 0.2 rad/s or less, stop programs, write outputs and
+registers, show popups. They never run on a robot without the flag. Put the arm where 0.1 rad in each joint is safe, and
 on e-Series switch to Remote Control.
 """
 
@@ -87,7 +87,7 @@ def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     """The robot under test; an emulator lives as long as its tests."""
     with ExitStack() as ending:
         if request.config.getoption("--robot-ip"):
-            host, program = request.param, request.config.getoption("--robot-programs")
+            host, program = request.param, request.config.getoption("--robot-program")
         else:
             host, program = _start_emulator(request.param, tmp_path_factory.mktemp("programs"), ending), PROGRAM
         with BlockingDashboardClient(host) as asked:
@@ -106,8 +106,9 @@ def _start_emulator(name: str, programs: Path, ending: ExitStack) -> str:
 
 
 @pytest.fixture
-def running(robot: Robot) -> Robot:
+def running(robot: Robot, request: pytest.FixtureRequest) -> Robot:
     """The robot with its brakes released, no stop, no program. Only for tests marked ``moves``."""
+    assert request.node.get_closest_marker("moves"), "this case moves the robot: mark it"
     with robot.primary() as primary:
         primary.run(primary.core.robot_state())
         state = primary.core.state

@@ -16,6 +16,7 @@ SLIDER = ["speed_slider_mask", "speed_slider_fraction"]
 VOLTAGE = 1  # domain of an analog output: bit 0 is output 0
 
 
+@pytest.mark.moves
 @pytest.mark.parametrize(
     ("name", "value"),
     [

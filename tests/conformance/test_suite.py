@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from client import DashboardClient, PrimaryClient, RealtimeClient, RTDEClient, dashboard
 
 
@@ -29,6 +31,7 @@ def test_without_the_flag_nothing_moves():
     assert not any(word in summary for word in ("passed", "failed", "error"))
 
 
+@pytest.mark.moves
 async def test_all_clients_at_once_in_one_loop(robot):
     """The same flows in the other shell."""
     async with (
