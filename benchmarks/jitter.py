@@ -100,13 +100,21 @@ def _connect(port: int, frequency_hz: float) -> socket.socket:
 
 
 def serve(model: str) -> None:
-    """The emulator, until its standard input ends."""
-    asyncio.run(_serve(model))
+    """The emulator at free ports, until its standard input ends."""
+    asyncio.run(_serve(EmulatorConfig(controller=_running(model), ephemeral_ports=True)))
 
 
-async def _serve(model: str) -> None:
-    controller = ControllerConfig(model=load_model(model), running=True)
-    emulator = Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True))
+def serve_at(model: str, host: str) -> None:
+    """The emulator at the standard ports of an address, until the standard input ends."""
+    asyncio.run(_serve(EmulatorConfig(controller=_running(model), host=host)))
+
+
+def _running(model: str) -> ControllerConfig:
+    return ControllerConfig(model=load_model(model), running=True, remote_control=True)
+
+
+async def _serve(config: EmulatorConfig) -> None:
+    emulator = Emulator(config)
     claim_real_time()
     ended = asyncio.Event()
     async with emulator:

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import jitter
+import latency
 import rtde_codec
 import startup
 import tick_rate
@@ -30,6 +31,7 @@ def main() -> None:
     tables = (
         startup.measure(),
         jitter.measure(seconds),
+        latency.measure(),
         tick_rate.measure(),
         rtde_codec.measure(),
         urscript_speed.measure_compiling(),

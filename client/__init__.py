@@ -5,19 +5,24 @@ Each client comes in two shells over the same logic: ``X`` for asyncio, ``Blocki
 
 from client.dashboard import BlockingDashboardClient, DashboardClient
 from client.errors import ClientError, ConnectionLostError, NoAnswerError, RobotUnreachableError, ScriptFailedError
-from client.primary import BlockingPrimaryClient, PrimaryClient
-from client.rtde import BlockingRTDEClient, RTDEClient
+from client.primary import BlockingPrimaryClient, PrimaryClient, ScriptResult
+from client.realtime import BlockingRealtimeClient, RealtimeClient
+from client.rtde import BlockingRTDEClient, RTDEClient, read_recipe
 
 __all__ = [
     "BlockingDashboardClient",
     "BlockingPrimaryClient",
     "BlockingRTDEClient",
+    "BlockingRealtimeClient",
     "ClientError",
     "ConnectionLostError",
     "DashboardClient",
     "NoAnswerError",
     "PrimaryClient",
     "RTDEClient",
+    "RealtimeClient",
     "RobotUnreachableError",
     "ScriptFailedError",
+    "ScriptResult",
+    "read_recipe",
 ]

@@ -1,27 +1,111 @@
 """Two thin shells around logic that knows no sockets.
 
-The logic is a *flow*: a generator that yields bytes to have them sent, yields None to be
-handed the next bytes from the robot, and returns its result. The same flow runs in either
-shell, so nothing is written twice.
+The logic is a *flow*: a generator that yields what it wants and returns its result. It yields
+
+- bytes, to have them sent;
+- None, to be handed the next bytes from the robot;
+- POLL, to be handed what has arrived already, b"" when nothing has;
+- TimeLimit, to have another one from now on;
+- Reconnect, to go on over a new connection.
+
+What goes wrong meanwhile is raised inside the flow, at its yield: a flow may catch a
+ClientError, explain it, or come back with Reconnect. The same flow runs in either shell, so
+nothing is written twice.
 """
 
 import asyncio
 import socket
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from enum import Enum
+from functools import partial
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Final, Generic, Literal, Self, TypeVar
 
-from client.errors import ConnectionLostError, NoAnswerError, RobotUnreachableError
+from client.errors import ClientError, ConnectionLostError, NoAnswerError, RobotUnreachableError
 
-__all__ = ["DEFAULT_TIMEOUT_S", "AsyncConnection", "BlockingConnection", "Flow"]
+__all__ = ["DEFAULT_TIMEOUT_S", "POLL", "AsyncConnection", "BlockingConnection", "Flow", "Reconnect", "TimeLimit"]
 
 Result = TypeVar("Result")
-Flow = Generator[bytes | None, bytes, Result]
 
 DEFAULT_TIMEOUT_S = 5.0  # for connecting and for each flow; guess: ample for a dashboard "load"
 _LONGEST_WAIT_S = 86400.0  # an infinite timeout becomes this: sockets take no infinity
+_RETRY_EVERY_S = 0.5  # between attempts to connect again; guess: a controller takes a minute to boot
 _CHUNK = 65536  # bytes per read
+
+
+class _Poll(Enum):
+    POLL = "poll"
+
+
+POLL: Final = _Poll.POLL
+
+
+@dataclass(frozen=True, slots=True)
+class TimeLimit:
+    """From here on the flow may take this long [s]; None is the limit it was started with."""
+
+    seconds: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Reconnect:
+    """Close the connection, wait, and try to open it for ``within_s`` [s]. The time limit begins anew."""
+
+    within_s: float
+    after_s: float = 0.0
+
+
+Step = bytes | None | Literal[_Poll.POLL] | TimeLimit | Reconnect
+Flow = Generator[Step, bytes, Result]
+
+
+class _Progress(Generic[Result]):
+    """What a running flow wants next, and until when."""
+
+    def __init__(self, flow: Flow[Result], limit_s: float) -> None:
+        self.wanted: Step = None
+        self.result: list[Result] = []  # empty until the flow has ended
+        self.limit_s = limit_s
+        self._flow = flow
+        self._first_limit_s = limit_s
+        self._deadline = time.monotonic() + limit_s
+        self._advance(partial(next, flow))
+
+    @property
+    def left_s(self) -> float:
+        """Time left, at least a little. Raises TimeoutError when there is none."""
+        left = self._deadline - time.monotonic()
+        if left <= 0:
+            raise TimeoutError
+        return min(left, _LONGEST_WAIT_S)
+
+    def answer(self, data: bytes) -> None:
+        """Hand the flow what it wanted."""
+        if isinstance(self.wanted, Reconnect):
+            self._set_limit(self.limit_s)
+        self._advance(partial(self._flow.send, data))
+
+    def fail(self, error: ClientError) -> None:
+        """Raise an error inside the flow; it comes back out unless the flow handles it."""
+        if isinstance(error, NoAnswerError):
+            self._set_limit(self.limit_s)  # a flow that goes on gets its time again
+        self._advance(partial(self._flow.throw, error))
+
+    def _set_limit(self, limit_s: float) -> None:
+        self.limit_s = limit_s
+        self._deadline = time.monotonic() + limit_s
+
+    def _advance(self, step: Callable[[], Step]) -> None:
+        try:
+            self.wanted = step()
+            while isinstance(self.wanted, TimeLimit):
+                seconds = self.wanted.seconds
+                self._set_limit(self._first_limit_s if seconds is None else seconds)
+                self.wanted = self._flow.send(b"")
+        except StopIteration as end:
+            self.result.append(end.value)
 
 
 class AsyncConnection:
@@ -37,13 +121,12 @@ class AsyncConnection:
         self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
 
     async def __aenter__(self) -> Self:
+        await self._open()
         try:
-            async with asyncio.timeout(self.timeout_s):
-                self._streams = await asyncio.open_connection(self.host, self.port)
-        except OSError as error:  # TimeoutError is one
-            raise RobotUnreachableError(self.host, self.port, _reason(error)) from error
-        tcp = self._streams[1].get_extra_info("socket")
-        tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            await self.run(self._opening())
+        except BaseException:
+            await self.close()
+            raise
         return self
 
     async def __aexit__(
@@ -65,34 +148,80 @@ class AsyncConnection:
 
     async def run(self, flow: Flow[Result], timeout_s: float | None = None) -> Result:
         """Run a flow to its end, within ``timeout_s`` [s] or else the connection's."""
-        limit = self.timeout_s if timeout_s is None else timeout_s
         try:
-            async with asyncio.timeout(limit):
-                return await self._drive(flow)
-        except TimeoutError as error:
-            raise NoAnswerError(self.host, self.port, limit) from error
-        except OSError as error:
-            raise ConnectionLostError(self.host, self.port) from error
+            progress = _Progress(flow, self.timeout_s if timeout_s is None else timeout_s)
+            while not progress.result:
+                try:
+                    answer = await self._perform(progress)
+                except ClientError as error:
+                    progress.fail(error)
+                else:
+                    progress.answer(answer)
+            return progress.result[0]
         finally:
             flow.close()
 
-    async def _drive(self, flow: Flow[Result]) -> Result:
+    def _opening(self) -> Flow[None]:
+        """What has to be said before a new connection can be used."""
+        yield from ()
+
+    async def _open(self) -> None:
+        try:
+            async with asyncio.timeout(self.timeout_s):
+                self._streams = await asyncio.open_connection(self.host, self.port)
+        except OSError as error:  # TimeoutError is one
+            raise RobotUnreachableError(self.host, self.port, _reason(error)) from error
+        tcp = self._streams[1].get_extra_info("socket")
+        tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    async def _perform(self, progress: _Progress[Result]) -> bytes:
+        if isinstance(progress.wanted, Reconnect):
+            await self._reconnect(progress.wanted)
+            return b""
+        try:
+            return await self._exchange(progress.wanted, progress.left_s)
+        except TimeoutError as error:
+            raise NoAnswerError(self.host, self.port, progress.limit_s) from error
+        except OSError as error:
+            raise ConnectionLostError(self.host, self.port) from error
+
+    async def _exchange(self, wanted: Step, left_s: float) -> bytes:
         if self._streams is None:
             raise ConnectionLostError(self.host, self.port)
         reader, writer = self._streams
-        answer: bytes | None = None
-        while True:
-            try:
-                wanted = next(flow) if answer is None else flow.send(answer)
-            except StopIteration as end:
-                result: Result = end.value
-                return result
-            if wanted is not None:
+        if wanted is POLL:
+            return await self._poll(reader)
+        async with asyncio.timeout(left_s):
+            if isinstance(wanted, bytes):
                 writer.write(wanted)
                 await writer.drain()
-                answer = b""
-            elif not (answer := await reader.read(_CHUNK)):
-                raise ConnectionLostError(self.host, self.port)
+                return b""
+            return self._not_ended(await reader.read(_CHUNK))
+
+    async def _poll(self, reader: asyncio.StreamReader) -> bytes:
+        await asyncio.sleep(0)  # lets the loop look at the socket
+        try:
+            async with asyncio.timeout(0):
+                return self._not_ended(await reader.read(_CHUNK))
+        except TimeoutError:
+            return b""
+
+    def _not_ended(self, data: bytes) -> bytes:
+        if not data:
+            raise ConnectionLostError(self.host, self.port)
+        return data
+
+    async def _reconnect(self, how: Reconnect) -> None:
+        await self.close()
+        await asyncio.sleep(how.after_s)
+        until = time.monotonic() + how.within_s
+        while True:
+            try:
+                return await self._open()
+            except RobotUnreachableError:
+                if time.monotonic() + _RETRY_EVERY_S > until:
+                    raise
+            await asyncio.sleep(_RETRY_EVERY_S)
 
 
 class BlockingConnection:
@@ -105,11 +234,12 @@ class BlockingConnection:
         self._socket: socket.socket | None = None
 
     def __enter__(self) -> Self:
+        self._open()
         try:
-            self._socket = socket.create_connection((self.host, self.port), self.timeout_s)
-        except OSError as error:
-            raise RobotUnreachableError(self.host, self.port, _reason(error)) from error
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self.run(self._opening())
+        except BaseException:
+            self.close()
+            raise
         return self
 
     def __exit__(
@@ -125,35 +255,67 @@ class BlockingConnection:
 
     def run(self, flow: Flow[Result], timeout_s: float | None = None) -> Result:
         """Run a flow to its end, within ``timeout_s`` [s] or else the connection's."""
-        limit = self.timeout_s if timeout_s is None else timeout_s
         try:
-            return self._drive(flow, time.monotonic() + limit)
-        except TimeoutError as error:
-            raise NoAnswerError(self.host, self.port, limit) from error
-        except OSError as error:
-            raise ConnectionLostError(self.host, self.port) from error
+            progress = _Progress(flow, self.timeout_s if timeout_s is None else timeout_s)
+            while not progress.result:
+                try:
+                    answer = self._perform(progress)
+                except ClientError as error:
+                    progress.fail(error)
+                else:
+                    progress.answer(answer)
+            return progress.result[0]
         finally:
             flow.close()
 
-    def _drive(self, flow: Flow[Result], deadline: float) -> Result:
+    def _opening(self) -> Flow[None]:
+        """What has to be said before a new connection can be used."""
+        yield from ()
+
+    def _open(self) -> None:
+        try:
+            self._socket = socket.create_connection((self.host, self.port), self.timeout_s)
+        except OSError as error:
+            raise RobotUnreachableError(self.host, self.port, _reason(error)) from error
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def _perform(self, progress: _Progress[Result]) -> bytes:
+        if isinstance(progress.wanted, Reconnect):
+            self._reconnect(progress.wanted)
+            return b""
+        try:
+            return self._exchange(progress.wanted, progress.left_s)
+        except TimeoutError as error:
+            raise NoAnswerError(self.host, self.port, progress.limit_s) from error
+        except OSError as error:
+            raise ConnectionLostError(self.host, self.port) from error
+
+    def _exchange(self, wanted: Step, left_s: float) -> bytes:
         if self._socket is None:
             raise ConnectionLostError(self.host, self.port)
-        answer: bytes | None = None
+        self._socket.settimeout(0.0 if wanted is POLL else left_s)
+        if isinstance(wanted, bytes):
+            self._socket.sendall(wanted)
+            return b""
+        try:
+            data = self._socket.recv(_CHUNK)
+        except BlockingIOError:  # nothing there to poll
+            return b""
+        if not data:
+            raise ConnectionLostError(self.host, self.port)
+        return data
+
+    def _reconnect(self, how: Reconnect) -> None:
+        self.close()
+        time.sleep(how.after_s)
+        until = time.monotonic() + how.within_s
         while True:
             try:
-                wanted = next(flow) if answer is None else flow.send(answer)
-            except StopIteration as end:
-                result: Result = end.value
-                return result
-            left = deadline - time.monotonic()
-            if left <= 0:
-                raise TimeoutError
-            self._socket.settimeout(min(left, _LONGEST_WAIT_S))
-            if wanted is not None:
-                self._socket.sendall(wanted)
-                answer = b""
-            elif not (answer := self._socket.recv(_CHUNK)):
-                raise ConnectionLostError(self.host, self.port)
+                return self._open()
+            except RobotUnreachableError:
+                if time.monotonic() + _RETRY_EVERY_S > until:
+                    raise
+            time.sleep(_RETRY_EVERY_S)
 
 
 def _reason(error: OSError) -> str:

@@ -7,28 +7,69 @@
     with BlockingDashboardClient("192.168.56.101") as dashboard:
         dashboard.ask(load("pick.urp"))
 
-What can be asked is an Operation: a line and how to read the answer. An answer that is not
-the one of success is a RobotRefused.
+What can be asked is an Operation, all of them in client.operations: a line and how to read
+the answer. An answer that is not the one of success is a RobotRefused, and so is a command
+that the controller's version does not have: that one is not even sent.
 """
 
 import asyncio
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Generic, Self, TypeVar
+from typing import TypeVar
 
 from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Flow
+from client.operations import (
+    BRAKE_RELEASE,
+    CLEAR_OPERATIONAL_MODE,
+    CLOSE_POPUP,
+    CLOSE_SAFETY_POPUP,
+    IS_IN_REMOTE_CONTROL,
+    IS_PROGRAM_SAVED,
+    IS_RUNNING,
+    LOADED_PROGRAM,
+    OPERATIONAL_MODE,
+    PAUSE,
+    PLAY,
+    POLYSCOPE_VERSION,
+    POWER_OFF,
+    POWER_ON,
+    PROGRAM_STATE,
+    QUIT,
+    RESTART_SAFETY,
+    ROBOT_MODE,
+    ROBOT_MODEL,
+    SAFETY_MODE,
+    SAFETY_STATUS,
+    SAVE_LOG,
+    SERIAL_NUMBER,
+    SHUTDOWN,
+    STOP,
+    UNLOCK_PROTECTIVE_STOP,
+    USER_ROLE,
+    VERSION,
+    Operation,
+    add_to_log,
+    command,
+    generate_flight_report,
+    generate_support_file,
+    load,
+    load_installation,
+    popup,
+    set_operational_mode,
+    set_user_role,
+)
 from urproto import dashboard as wire
-from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
-from urproto.modes import RobotMode, SafetyMode, SafetyStatus
+from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.versions import PolyscopeVersion
 
 __all__ = [
     "BRAKE_RELEASE",
+    "CLEAR_OPERATIONAL_MODE",
     "CLOSE_POPUP",
     "CLOSE_SAFETY_POPUP",
     "IS_IN_REMOTE_CONTROL",
+    "IS_PROGRAM_SAVED",
     "IS_RUNNING",
     "LOADED_PROGRAM",
+    "OPERATIONAL_MODE",
     "PAUSE",
     "PLAY",
     "POLYSCOPE_VERSION",
@@ -36,22 +77,32 @@ __all__ = [
     "POWER_OFF",
     "POWER_ON",
     "PROGRAM_STATE",
+    "QUIT",
     "RESTART_SAFETY",
     "ROBOT_MODE",
     "ROBOT_MODEL",
     "SAFETY_MODE",
     "SAFETY_STATUS",
+    "SAVE_LOG",
     "SERIAL_NUMBER",
+    "SHUTDOWN",
     "STOP",
     "UNLOCK_PROTECTIVE_STOP",
+    "USER_ROLE",
+    "VERSION",
     "BlockingDashboardClient",
     "DashboardClient",
     "DashboardCore",
     "Operation",
     "add_to_log",
     "command",
+    "generate_flight_report",
+    "generate_support_file",
     "load",
+    "load_installation",
     "popup",
+    "set_operational_mode",
+    "set_user_role",
 ]
 
 PORT = 29999
@@ -59,93 +110,25 @@ PORT = 29999
 Answer = TypeVar("Answer")
 
 
-@dataclass(frozen=True, slots=True)
-class Operation(Generic[Answer]):
-    """A line to send and how to read its answer; ``read`` may raise RemoteProtocolError."""
-
-    line: str
-    read: Callable[[str], Answer]
-
-    def answer(self, reply: str) -> Answer:
-        """What the reply says; RobotRefused when it is not an answer of success."""
-        try:
-            return self.read(reply)
-        except RemoteProtocolError as error:
-            raise RobotRefused(self.line, reply) from error
-
-
-def _expect(beginning: str) -> Callable[[str], None]:
-    def read(reply: str) -> None:
-        if not reply.startswith(beginning):
-            raise RemoteProtocolError(f"{reply!r} does not begin with {beginning!r}")
-
-    return read
-
-
-def _number(reply: str) -> str:
-    if not reply.isdigit():
-        raise RemoteProtocolError(f"{reply!r} is not a serial number")
-    return reply
-
-
-def _model(reply: str) -> str:
-    if not reply.startswith("UR"):
-        raise RemoteProtocolError(f"{reply!r} is not a robot model")
-    return reply
-
-
-POWER_ON = Operation("power on", _expect(wire.POWERING_ON))
-POWER_OFF = Operation("power off", _expect(wire.POWERING_OFF))
-BRAKE_RELEASE = Operation("brake release", _expect(wire.BRAKE_RELEASING))
-PLAY = Operation("play", _expect(wire.STARTING))
-PAUSE = Operation("pause", _expect(wire.PAUSING))
-STOP = Operation("stop", _expect(wire.STOPPED))
-CLOSE_POPUP = Operation("close popup", _expect(wire.CLOSING_POPUP))
-CLOSE_SAFETY_POPUP = Operation("close safety popup", _expect(wire.CLOSING_SAFETY_POPUP))
-UNLOCK_PROTECTIVE_STOP = Operation("unlock protective stop", _expect(wire.UNLOCKING))
-RESTART_SAFETY = Operation("restart safety", _expect(wire.RESTARTING_SAFETY))
-ROBOT_MODE: Operation[RobotMode] = Operation("robotmode", wire.parse_robot_mode)
-SAFETY_MODE: Operation[SafetyMode] = Operation("safetymode", wire.parse_safety_mode)
-SAFETY_STATUS: Operation[SafetyStatus] = Operation("safetystatus", wire.parse_safety_status)
-PROGRAM_STATE: Operation[tuple[wire.ProgramState, str | None]] = Operation("programState", wire.parse_program_state)
-LOADED_PROGRAM: Operation[str | None] = Operation("get loaded program", wire.parse_loaded_program)
-IS_RUNNING: Operation[bool] = Operation("running", wire.parse_boolean)
-IS_IN_REMOTE_CONTROL: Operation[bool] = Operation("is in remote control", wire.parse_boolean)
-POLYSCOPE_VERSION: Operation[PolyscopeVersion] = Operation("PolyscopeVersion", wire.parse_polyscope_version)
-SERIAL_NUMBER: Operation[str] = Operation("get serial number", _number)
-ROBOT_MODEL: Operation[str] = Operation("get robot model", _model)
-
-
-def load(program: str) -> Operation[None]:
-    """Load a program by its name below the controller's program folder."""
-    return Operation(f"load {program}", _expect("Loading program"))
-
-
-def popup(text: str) -> Operation[None]:
-    """Show a popup on the teach pendant."""
-    return Operation(f"popup {text}", _expect(wire.SHOWING_POPUP))
-
-
-def add_to_log(text: str) -> Operation[None]:
-    """Write a line into the controller's log."""
-    return Operation(f"addToLog {text}", _expect(wire.LOG_ADDED))
-
-
-def command(line: str) -> Operation[str]:
-    """Any line; the answer is whatever the robot says."""
-    return Operation(line, str)
-
-
 class DashboardCore:
-    """One side of a dashboard conversation, without I/O."""
+    """One side of a dashboard conversation, without I/O.
+
+    version: the controller's, known once an operation that not every version has was asked.
+    """
 
     def __init__(self) -> None:
+        self._forget()
+
+    def _forget(self) -> None:
+        """What belonged to the last connection is over."""
+        self.version: PolyscopeVersion | None = None
         self._lines = wire.LineDecoder()
         self._received: list[str] = []
         self._unanswered = 0  # commands sent: more than one only after one timed out
 
     def greet(self) -> Flow[None]:
-        """Wait for the greeting; RemoteProtocolError when it is another one."""
+        """Wait for a new connection's greeting; RemoteProtocolError when it is another one."""
+        self._forget()
         greeting = yield from self._next_line()
         if greeting != wire.GREETING:
             raise RemoteProtocolError(f"this is no dashboard server, it says {greeting!r}")
@@ -154,6 +137,13 @@ class DashboardCore:
         """Send an operation's line and read its answer."""
         if "\n" in operation.line or "\r" in operation.line:
             raise LocalProtocolError(f"a dashboard command is one line, this is not: {operation.line!r}")
+        if not operation.in_every_version:
+            if self.version is None:
+                self.version = yield from self._exchange(POLYSCOPE_VERSION)
+            operation.check(self.version)
+        return (yield from self._exchange(operation))
+
+    def _exchange(self, operation: Operation[Answer]) -> Flow[Answer]:
         yield wire.encode_line(operation.line)
         self._unanswered += 1
         while True:
@@ -176,19 +166,13 @@ class DashboardClient(AsyncConnection):
         self._core = DashboardCore()
         self._one_at_a_time = asyncio.Lock()
 
-    async def __aenter__(self) -> Self:
-        await super().__aenter__()
-        try:
-            await self.run(self._core.greet())
-        except BaseException:
-            await self.close()
-            raise
-        return self
-
     async def ask(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
         """Do one operation; RobotRefused when the robot says no."""
         async with self._one_at_a_time:
-            return await self.run(self._core.ask(operation), timeout_s)
+            return await self.run(self._core.ask(operation), timeout_s or operation.timeout_s)
+
+    def _opening(self) -> Flow[None]:
+        return self._core.greet()
 
 
 class BlockingDashboardClient(BlockingConnection):
@@ -198,15 +182,9 @@ class BlockingDashboardClient(BlockingConnection):
         super().__init__(host, port, timeout_s)
         self._core = DashboardCore()
 
-    def __enter__(self) -> Self:
-        super().__enter__()
-        try:
-            self.run(self._core.greet())
-        except BaseException:
-            self.close()
-            raise
-        return self
-
     def ask(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
         """Do one operation; RobotRefused when the robot says no."""
-        return self.run(self._core.ask(operation), timeout_s)
+        return self.run(self._core.ask(operation), timeout_s or operation.timeout_s)
+
+    def _opening(self) -> Flow[None]:
+        return self._core.greet()

@@ -11,6 +11,8 @@ urproto.errors.RemoteProtocolError    the peer does not speak this protocol
 urproto.errors.LocalProtocolError     we were asked to send what the protocol cannot carry
 """
 
+from urproto.primary.messages import ErrorCodeMessage
+
 __all__ = ["ClientError", "ConnectionLostError", "NoAnswerError", "RobotUnreachableError", "ScriptFailedError"]
 
 
@@ -51,10 +53,19 @@ class NoAnswerError(ClientError):
 
 
 class ScriptFailedError(ClientError):
-    """The controller reports an error at ``line`` and ``column`` (from 1) of the script it was sent."""
+    """The program ``name`` did not compile, failed, or did not end as it should.
 
-    def __init__(self, line: int, column: int, text: str) -> None:
-        super().__init__(f"script line {line}, column {column}: {text}")
+    line, column: where in the script, from 1; 0 when the error has no place. errors: the
+    error codes that came while it ran, messages of urproto.primary.
+    """
+
+    def __init__(
+        self, line: int, column: int, text: str, name: str = "", errors: tuple[ErrorCodeMessage, ...] = ()
+    ) -> None:
+        place = f"{name or 'script'} line {line}, column {column}" if line else f"program {name}"
+        super().__init__(f"{place}: {text}")
         self.line = line
         self.column = column
         self.text = text
+        self.name = name
+        self.errors = errors

@@ -13,6 +13,16 @@ settings.register_profile("project", deadline=None, derandomize="CI" in os.envir
 settings.load_profile("project")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Options of tests/conformance; they are here because pytest reads them before it looks into folders."""
+    group = parser.getgroup("conformance", "which robot tests/conformance talks to")
+    group.addoption("--robot-ip", help="address of a real robot or simulator; an emulator is started without it")
+    group.addoption("--robot-program", help="program file on that robot, below its programs folder, to load and play")
+    group.addoption(
+        "--i-know-it-moves", action="store_true", help="let the tests move that robot, switch outputs, end programs"
+    )
+
+
 @pytest.fixture(autouse=True)
 def leaves_nothing_behind() -> Iterator[None]:
     """Fail a test that leaves a Python thread or a listening socket of this process behind."""

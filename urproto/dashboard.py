@@ -34,17 +34,26 @@ __all__ = [
     "UNLOCK_TOO_EARLY",
     "UNNAMED_PROGRAM",
     "LineDecoder",
+    "OperationalMode",
     "ProgramState",
+    "UserRole",
     "encode_line",
     "failed",
+    "is_not_understood",
     "not_understood",
     "parse_boolean",
+    "parse_flight_report",
     "parse_loaded_program",
+    "parse_loading",
+    "parse_operational_mode",
     "parse_polyscope_version",
+    "parse_program_saved",
     "parse_program_state",
     "parse_robot_mode",
     "parse_safety_mode",
     "parse_safety_status",
+    "parse_support_file",
+    "parse_user_role",
 ]
 
 GREETING = "Connected: Universal Robots Dashboard Server"
@@ -81,6 +90,24 @@ class ProgramState(Enum):
     PAUSED = "PAUSED"
 
 
+class UserRole(Enum):
+    """Who the pendant's user is (CB3)."""
+
+    PROGRAMMER = "programmer"
+    OPERATOR = "operator"
+    NONE = "none"
+    LOCKED = "locked"
+    RESTRICTED = "restricted"
+
+
+class OperationalMode(Enum):
+    """Operational mode (e-Series); NONE when neither a password nor the dashboard controls it."""
+
+    MANUAL = "manual"
+    AUTOMATIC = "automatic"
+    NONE = "none"
+
+
 _Member = TypeVar("_Member", bound=Enum)
 
 
@@ -92,6 +119,11 @@ def failed(command: str) -> str:
 def not_understood(line: str) -> str:
     """The answer to an unknown command; that the quotes are these is uncertain."""
     return f"could not understand: '{line}'"
+
+
+def is_not_understood(reply: str) -> bool:
+    """True for the answer to an unknown command, whatever its quotes."""
+    return reply.lower().startswith("could not understand")
 
 
 def encode_line(text: str) -> bytes:
@@ -187,3 +219,37 @@ def parse_polyscope_version(reply: str) -> PolyscopeVersion:
     if match is None:
         raise RemoteProtocolError(f"there is no version number in {reply!r}")
     return PolyscopeVersion.parse(match[0])
+
+
+def parse_loading(reply: str) -> str:
+    """The path in ``Loading program: /programs/x.urp`` and in the answer about an installation."""
+    match = re.fullmatch(r"Loading (?:program|installation): *(.+)", reply)
+    if match is None:
+        raise RemoteProtocolError(f"{reply!r} does not say that something is loaded")
+    return match[1]
+
+
+def parse_program_saved(reply: str) -> tuple[bool, str | None]:
+    """``true pick.urp`` as truth and program name; early CB3 software sends no name."""
+    word, _, name = reply.partition(" ")
+    return parse_boolean(word), None if name in ("", "null", UNNAMED_PROGRAM) else name
+
+
+def parse_user_role(reply: str) -> UserRole:
+    """``PROGRAMMER`` and the like."""
+    return _member(UserRole, reply.strip().upper())
+
+
+def parse_operational_mode(reply: str) -> OperationalMode:
+    """``MANUAL`` and the like."""
+    return _member(OperationalMode, reply.strip().upper())
+
+
+def parse_flight_report(reply: str) -> str:
+    """The id in ``Flight Report generated with id: 7``, the form simulators answer."""
+    return _after("Flight Report generated with id", reply)
+
+
+def parse_support_file(reply: str) -> str:
+    """The file name in ``Completed successfully: x.zip``."""
+    return _after("Completed successfully", reply)

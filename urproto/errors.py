@@ -22,9 +22,13 @@ class RemoteProtocolError(ProtocolError):
 
 
 class RobotRefused(Exception):  # noqa: N818 - it is no error of ours, and design and docs call it so
-    """The robot understood the request and refused it (mode, safety, remote control)."""
+    """The robot understood the request and refused it (mode, safety, remote control).
 
-    def __init__(self, request: str, answer: str) -> None:
-        super().__init__(f"the robot refused {request!r}: {answer}")
+    advice: what to do about it, empty when nobody knows.
+    """
+
+    def __init__(self, request: str, answer: str, advice: str = "") -> None:
+        super().__init__(f"the robot refused {request!r}: {answer}" + (f" - {advice}" if advice else ""))
         self.request = request
         self.answer = answer
+        self.advice = advice

@@ -82,3 +82,11 @@ class Availability:
         """True when a controller of this version has the feature."""
         first = self.cb3 if version.series is Series.CB3 else self.e
         return first is not None and version >= first
+
+    def __str__(self) -> str:
+        """For people: ``CB3 since 3.12, e-Series since 5.6``."""
+        firsts = ((Series.CB3, self.cb3), (Series.E, self.e))
+        return ", ".join(
+            f"{series.value} since {first.major}.{first.minor}" if first else f"{series.value} never"
+            for series, first in firsts
+        )

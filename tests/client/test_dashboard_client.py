@@ -4,13 +4,14 @@ import socket
 
 import pytest
 
-from client import dashboard
+from client import dashboard, operations
 from client.dashboard import BlockingDashboardClient, DashboardClient, DashboardCore, Operation
 from client.errors import ConnectionLostError, NoAnswerError, RobotUnreachableError
-from urproto.dashboard import GREETING, LineDecoder, ProgramState, encode_line
+from emulator.dashboard import COMMANDS
+from urproto.dashboard import GREETING, LineDecoder, OperationalMode, ProgramState, UserRole, encode_line
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.modes import RobotMode, SafetyMode, SafetyStatus
-from urproto.versions import PolyscopeVersion
+from urproto.versions import Availability, PolyscopeVersion
 
 ANSWERS = {
     "power on": "Powering on",
@@ -30,7 +31,25 @@ ANSWERS = {
     "get robot model": "UR3",
     "load pick.urp": "Loading program: /programs/pick.urp",
     "popup look here": "showing popup",
+    "addToLog ": "No log message to add",
+    "in local": "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and "
+    "reconnect to port 29999",
     "addToLog noted": "Added log message",
+    "load installation cell.installation": "Loading installation: /programs/cell.installation",
+    "isProgramSaved": "true pick.urp",
+    "version": "5.11.9.1010327",
+    "get operational mode": "NONE",
+    "set operational mode manual": "Operational mode manual is set",
+    "clear operational mode": "No longer controlling the operational mode.",
+    "generate flight report system": "Flight Report generated with id: 7",
+    "generate support file reports": "Completed successfully: ur_20175599999.zip",
+    "saveLog": "Log saved to disk",
+    "close popup": "closing popup",
+    "close safety popup": "closing safety popup",
+    "unlock protective stop": "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of "
+    "protective stop before unlocking",
+    "restart safety": "Restarting safety",
+    "shutdown": "Shutting down",
 }
 
 
@@ -60,9 +79,22 @@ ASKED = [
     (dashboard.POLYSCOPE_VERSION, PolyscopeVersion(5, 11, 9, 1010327)),
     (dashboard.SERIAL_NUMBER, "20175599999"),
     (dashboard.ROBOT_MODEL, "UR3"),
-    (dashboard.load("pick.urp"), None),
+    (dashboard.load("pick.urp"), "/programs/pick.urp"),
     (dashboard.popup("look here"), None),
     (dashboard.add_to_log("noted"), None),
+    (dashboard.load_installation("cell.installation"), "/programs/cell.installation"),
+    (dashboard.IS_PROGRAM_SAVED, (True, "pick.urp")),
+    (dashboard.VERSION, PolyscopeVersion(5, 11, 9, 1010327)),
+    (dashboard.OPERATIONAL_MODE, OperationalMode.NONE),
+    (dashboard.set_operational_mode(OperationalMode.MANUAL), None),
+    (dashboard.CLEAR_OPERATIONAL_MODE, None),
+    (dashboard.generate_flight_report(), "7"),
+    (dashboard.generate_support_file("reports"), "ur_20175599999.zip"),
+    (dashboard.SAVE_LOG, None),
+    (dashboard.CLOSE_POPUP, None),
+    (dashboard.CLOSE_SAFETY_POPUP, None),
+    (dashboard.RESTART_SAFETY, None),
+    (dashboard.SHUTDOWN, None),
     (dashboard.command("dance"), "could not understand: 'dance'"),
 ]
 
@@ -85,6 +117,70 @@ def test_a_refusal_tells_request_and_answer(serve):
         with pytest.raises(RobotRefused):
             robot.ask(dashboard.PAUSE)
         assert robot.ask(dashboard.ROBOT_MODE) is RobotMode.IDLE
+
+
+REFUSED = [
+    (dashboard.UNLOCK_PROTECTIVE_STOP, "wait until 5 s after the stop"),
+    (dashboard.load("gone.urp"), "known to CB3 since 3.0"),  # the table does not know the line
+    (dashboard.USER_ROLE, "known to CB3 since 3.1, e-Series never"),
+    (dashboard.set_user_role(UserRole.OPERATOR), "e-Series never: update the controller"),
+    (dashboard.add_to_log(""), "not empty"),
+    (Operation("in local", dashboard.POWER_ON.read), "then connect again"),
+]
+
+
+@pytest.mark.parametrize(("operation", "advice"), REFUSED)
+def test_a_refusal_says_what_to_do(serve, operation, advice):
+    with BlockingDashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
+        with pytest.raises(RobotRefused, match=advice) as refused:
+            robot.ask(operation)
+        assert advice in refused.value.advice
+        assert robot.ask(dashboard.ROBOT_MODE) is RobotMode.IDLE
+
+
+def test_what_the_version_lacks_is_not_sent():
+    core = DashboardCore()
+    asking = core.ask(dashboard.SERIAL_NUMBER)
+    assert next(asking) == b"PolyscopeVersion\n"
+    assert asking.send(b"") is None
+    with pytest.raises(RobotRefused, match=r"3\.11\.0\.0 does not know it - known to CB3 since 3\.12"):
+        asking.send(b"URSoftware 3.11.0.0 (Feb 1 2020)\n")
+    again = core.ask(dashboard.SERIAL_NUMBER)  # the version is known now
+    with pytest.raises(RobotRefused):
+        next(again)
+
+
+def test_the_mode_nobody_can_set():
+    with pytest.raises(LocalProtocolError, match="CLEAR_OPERATIONAL_MODE"):
+        dashboard.set_operational_mode(OperationalMode.NONE)
+
+
+BUILDERS = [
+    dashboard.load("x"),
+    dashboard.load_installation("x"),
+    dashboard.popup("x"),
+    dashboard.add_to_log("x"),
+    dashboard.set_user_role(UserRole.NONE),
+    dashboard.set_operational_mode(OperationalMode.MANUAL),
+    dashboard.generate_flight_report(),
+    dashboard.generate_support_file("x"),
+]
+
+
+def test_every_command_the_emulator_offers_can_be_asked():
+    """Both tables come from the same manuals; they say the same about versions from 3.0 on."""
+    asked = [*(value for value in vars(operations).values() if isinstance(value, Operation)), *BUILDERS]
+    rows = {_words(operation.line): operation.available for operation in asked}
+    oldest = PolyscopeVersion(3, 0)
+    for words, entry in COMMANDS.items():
+        cb3 = entry.available.cb3 and max(entry.available.cb3, oldest)
+        assert rows[words] == Availability(cb3, entry.available.e), words
+    assert rows.keys() == COMMANDS.keys()
+
+
+def _words(line: str) -> str:
+    """The longest command that begins a line."""
+    return max((words for words in COMMANDS if f"{line.lower()} ".startswith(f"{words} ")), key=len, default=line)
 
 
 def test_silence_and_hanging_up(serve):

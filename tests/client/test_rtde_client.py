@@ -1,11 +1,13 @@
 """The RTDE client: the conversation without sockets, then both shells against a small server."""
 
 import socket
+import threading
 
 import pytest
 
-from client.errors import ConnectionLostError
-from client.rtde import BlockingRTDEClient, RTDEClient, RTDECore
+from client.connection import POLL
+from client.errors import ConnectionLostError, RobotUnreachableError
+from client.rtde import BlockingRTDEClient, RTDEClient, RTDECore, read_recipe
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.rtde import codec
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
@@ -74,17 +76,25 @@ class Controller:
     def on_Start(self, request):
         return codec.StartReply(self.recipe is not None)
 
+    def on_Pause(self, request):
+        return codec.PauseReply(True)
+
     def on_InputData(self, request):
         return None
 
+    def on_ClientMessage(self, request):
+        return None
 
-def drive(flow, controller):
+
+def drive(flow, controller, waiting=b""):
     """Run a flow against a controller in memory, one byte of each answer at a time."""
-    waiting = b""
     try:
         wanted = next(flow)
         while True:
-            if wanted is not None:
+            if wanted is POLL:
+                arrived, waiting = waiting, b""
+                wanted = flow.send(arrived)
+            elif wanted is not None:
                 waiting += controller.feed(wanted)
                 wanted = flow.send(b"")
             else:
@@ -171,6 +181,244 @@ def test_types_that_are_not_the_documented_ones(types):
 
     with pytest.raises(RemoteProtocolError):
         drive(RTDECore(OUTPUTS).start(), Strange())
+
+
+class Old(Controller):
+    """A controller whose software lacks the joint angles."""
+
+    def on_SetupOutputs(self, request):
+        types = type_names(request.names, OUTPUT_FIELDS)
+        found = [name != "actual_q" for name in request.names]
+        self.recipe = Recipe.of(request.names, OUTPUT_FIELDS) if all(found) else None
+        types = tuple(kind if good else "NOT_FOUND" for kind, good in zip(types, found, strict=True))
+        return codec.SetupOutputsReply(types)
+
+    def data(self):
+        if self.recipe is None or codec.Start() not in self.requests:
+            return b""
+        return codec.OutputData(self.recipe.pack((41.5, 7))).encode(self.protocol)
+
+
+def test_unavailable_outputs_are_left_out_on_request():
+    core = RTDECore(OUTPUTS, ignore_unavailable=True)
+    controller = Old()
+    drive(core.start(), controller)
+    assert core.unavailable == {"actual_q"}
+    assert drive(core.receive(), controller, controller.data()) == {"timestamp": 41.5, "robot_mode": 7}
+
+
+def test_nothing_is_left_to_receive():
+    with pytest.raises(RobotRefused, match="none of actual_q"):
+        drive(RTDECore(["actual_q"], ignore_unavailable=True).start(), Old())
+
+
+@pytest.mark.parametrize(
+    ("version", "frequency_hz", "rate_hz"),
+    [("3.15", None, 125), ("3.15", 50, 62.5), ("3.15", 100, 125), ("5.22", 125, 125), ("5.22", 300, 500)],
+)
+def test_the_rate_is_whole_periods(version, frequency_hz, rate_hz):
+    core = RTDECore(OUTPUTS, frequency_hz=frequency_hz)
+    drive(core.start(), Controller(PolyscopeVersion.parse(version)))
+    assert core.rate_hz == rate_hz
+
+
+def test_frequencies_no_robot_has():
+    with pytest.raises(LocalProtocolError, match="at most 125 times a second, not 500"):
+        drive(RTDECore(OUTPUTS, frequency_hz=500).start(), Controller(PolyscopeVersion(3, 15)))
+    for frequency_hz in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(LocalProtocolError):
+            RTDECore(OUTPUTS, frequency_hz=frequency_hz)
+
+
+def test_recipes_from_files(tmp_path):
+    path = tmp_path / "outputs.txt"
+    path.write_text("# what the robot does\ntimestamp\n\n  actual_q  # rad\r\nrobot_mode")
+    assert read_recipe(path) == tuple(OUTPUTS)
+    controller = Controller()
+    drive(RTDECore(path).start(), controller)
+    assert codec.SetupOutputs(tuple(OUTPUTS), 500.0) in controller.requests
+    path.write_text("timestamp,actual_q")
+    with pytest.raises(LocalProtocolError, match="one name a line"):
+        RTDECore(path)
+    path.write_text("# nothing")
+    with pytest.raises(LocalProtocolError, match="names no variable"):
+        RTDECore(path)
+    with pytest.raises(LocalProtocolError, match="not the text"):
+        RTDECore("timestamp")
+
+
+def test_pause_and_resume():
+    controller = Controller()
+    core = RTDECore(OUTPUTS)
+    drive(core.start(), controller)
+    drive(core.pause(), controller)
+    assert controller.requests[-1] == codec.Pause()
+    assert not core.running
+    with pytest.raises(LocalProtocolError, match="resume"):
+        next(core.receive())
+    drive(core.resume(), controller)
+    assert core.running
+    assert drive(core.receive(), controller, controller.data())["robot_mode"] == 7
+
+
+def test_a_client_that_only_writes():
+    controller = Controller()
+    core = RTDECore([], [REGISTER])
+    drive(core.start(), controller)
+    assert controller.requests[2:] == [codec.SetupInputs(tuple(REGISTER))]
+    with pytest.raises(LocalProtocolError, match="no outputs"):
+        next(core.latest())
+    drive(core.say("careful", "me"), controller)
+    assert controller.requests[-1] == codec.ClientMessage("careful", "me")
+
+
+def written(controller):
+    """Input values the controller got, package by package."""
+    packages = [request for request in controller.requests if isinstance(request, codec.InputData)]
+    recipes = [controller.input_recipes[package.recipe_id - 1] for package in packages]
+    return [
+        dict(zip(recipe.names, recipe.unpack(package.data), strict=True))
+        for recipe, package in zip(recipes, packages, strict=True)
+    ]
+
+
+def test_partial_writes_keep_the_last_values_but_no_masks():
+    controller = Controller()
+    core = RTDECore(OUTPUTS, [[*SLIDER, "input_double_register_24"], REGISTER, ["external_force_torque"]])
+    drive(core.start(), controller)
+    drive(core.write({"input_double_register_24": 2.5}), controller)
+    drive(core.write({"speed_slider_mask": 1, "speed_slider_fraction": 0.5}), controller)
+    drive(core.write({"input_double_register_24": 3.5, "input_int_register_24": 4}), controller)
+    drive(core.write({"external_force_torque": [1, 2, 3, 4, 5, 6]}), controller)
+    assert written(controller) == [
+        {"speed_slider_mask": 0, "speed_slider_fraction": 0.0, "input_double_register_24": 2.5},
+        {"speed_slider_mask": 1, "speed_slider_fraction": 0.5, "input_double_register_24": 2.5},
+        {"input_int_register_24": 4},
+        {"speed_slider_mask": 0, "speed_slider_fraction": 0.5, "input_double_register_24": 3.5},
+        {"external_force_torque": (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)},
+    ]
+
+
+def test_the_smallest_recipe_that_has_all_is_written():
+    controller = Controller()
+    core = RTDECore([], [[*REGISTER, "input_int_register_25"], REGISTER])
+    drive(core.start(), controller)
+    drive(core.write({"input_int_register_24": 1}), controller)
+    assert written(controller) == [{"input_int_register_24": 1}]
+
+
+def test_a_value_that_does_not_fit_changes_nothing():
+    controller = Controller()
+    core = RTDECore([], [["input_int_register_24", "input_int_register_25"]])
+    drive(core.start(), controller)
+    with pytest.raises(LocalProtocolError):
+        drive(core.write({"input_int_register_24": 1, "input_int_register_25": 2**40}), controller)
+    with pytest.raises(LocalProtocolError, match="no input recipe has input_int_register_26"):
+        drive(core.write({"input_int_register_26": 1}), controller)
+    drive(core.write({"input_int_register_25": 2}), controller)
+    assert written(controller) == [{"input_int_register_24": 0, "input_int_register_25": 2}]
+
+
+def test_the_latest_state_skips_the_others():
+    controller = Controller()
+    core = RTDECore(OUTPUTS)
+    drive(core.start(), controller)
+    drive(core.receive(), controller, controller.data())
+    many = controller.data() + controller.data() + controller.data()
+    assert drive(core.latest(), controller, many)["timestamp"] == pytest.approx(41.010)
+    assert core.skipped == 2
+    assert core.state["timestamp"] == pytest.approx(41.010)
+
+
+def lossy(requests):
+    """A controller that hangs up after its first state, and later serves as it should."""
+
+    def serve_lossily(connection):
+        controller = Controller()
+        while data := connection.recv(4096):
+            answer = controller.feed(data)
+            started = codec.Start() in controller.requests
+            if started:
+                requests.append(controller.requests)
+            connection.sendall(answer)
+            if started:
+                if len(requests) > 1:
+                    connection.recv(4096)
+                return
+
+    return serve_lossily
+
+
+RECIPES = [codec.SetupOutputs(tuple(OUTPUTS), 125.0), codec.SetupInputs(tuple(SLIDER)), codec.Start()]
+
+
+def test_coming_back_blocking(serve):
+    requests = []
+    port = serve(lossy(requests))
+    with BlockingRTDEClient("127.0.0.1", OUTPUTS, [SLIDER], frequency_hz=125, reconnect_s=5, port=port) as robot:
+        assert [robot.receive() for _ in range(2)] == [STATE, STATE]
+        assert robot.core.reconnects == 1
+    assert [made[2:] for made in requests] == [RECIPES, RECIPES]
+
+
+async def test_coming_back_async(serve):
+    requests = []
+    port = serve(lossy(requests))
+    async with RTDEClient("127.0.0.1", OUTPUTS, [SLIDER], frequency_hz=125, reconnect_s=5, port=port) as robot:
+        assert [await robot.latest() for _ in range(2)] == [STATE, STATE]
+        assert robot.core.reconnects == 1
+    assert [made[2:] for made in requests] == [RECIPES, RECIPES]
+
+
+def test_without_patience_a_loss_is_an_error_and_may_be_mended(serve):
+    with BlockingRTDEClient("127.0.0.1", OUTPUTS, port=serve(lossy([]))) as robot:
+        robot.receive()
+        with pytest.raises(ConnectionLostError):
+            robot.receive()
+        robot.reconnect()
+        assert robot.receive() == STATE
+
+
+def test_a_robot_that_stays_away(serve):
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+        serving = threading.Thread(target=serve_once, args=(listener,))
+        serving.start()
+        with BlockingRTDEClient("127.0.0.1", OUTPUTS, reconnect_s=0.1, port=port) as robot:
+            robot.receive()
+            serving.join()
+            listener.close()
+            with pytest.raises(RobotUnreachableError):
+                robot.receive()
+
+
+def serve_once(listener):
+    connection, _ = listener.accept()
+    with connection:
+        lossy([])(connection)
+
+
+def test_paused_before_and_after_a_loss():
+    controller = Controller()
+    core = RTDECore(OUTPUTS)
+    drive(core.start(), controller)
+    drive(core.pause(), controller)
+    again = Controller()
+    coming_back = core.reconnect(1.0)
+    assert next(coming_back).within_s == 1.0
+    drive(answered(coming_back), again)
+    assert codec.Start() not in again.requests
+    assert not core.running
+
+
+def answered(flow):
+    """A flow that waits for a connection, with the connection made."""
+    wanted = flow.send(b"")
+    while True:
+        try:
+            wanted = flow.send((yield wanted))
+        except StopIteration:
+            return
 
 
 def serve_controller(connection: socket.socket) -> None:

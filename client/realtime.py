@@ -1,0 +1,69 @@
+"""The realtime interface: a robot's whole state, every control period, without asking.
+
+    with BlockingRealtimeClient("192.168.56.101") as robot:
+        state = robot.receive()          # {"timestamp": 41.2, "actual_q": (0.0, ...), ...}
+
+Names and units are those of RTDE, as far as the robot's version sends them; what RTDE offers
+is better taken from there.
+"""
+
+from collections import deque
+
+from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Flow
+from urproto.realtime import RealtimeDecoder, RealtimeState
+
+__all__ = ["PORT", "BlockingRealtimeClient", "RealtimeClient", "RealtimeCore"]
+
+PORT = 30003
+
+
+class RealtimeCore:
+    """One client's side of a realtime connection, without I/O."""
+
+    def __init__(self) -> None:
+        self._forget()
+
+    def _forget(self) -> None:
+        self._decoder = RealtimeDecoder()
+        self._received: deque[RealtimeState] = deque()
+
+    def opening(self) -> Flow[None]:
+        """A new connection: nothing has to be said."""
+        self._forget()
+        yield from ()
+
+    def receive(self) -> Flow[RealtimeState]:
+        """The next state, by variable name; in order, none skipped."""
+        while not self._received:
+            self._received.extend(self._decoder.feed((yield None)))
+        return self._received.popleft()
+
+
+class RealtimeClient(AsyncConnection):
+    """The realtime interface, for asyncio programs."""
+
+    def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
+        super().__init__(host, port, timeout_s)
+        self.core = RealtimeCore()
+
+    async def receive(self) -> RealtimeState:
+        """The next state, by variable name; in order, none skipped."""
+        return await self.run(self.core.receive())
+
+    def _opening(self) -> Flow[None]:
+        return self.core.opening()
+
+
+class BlockingRealtimeClient(BlockingConnection):
+    """The realtime interface, for scripts and notebooks."""
+
+    def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
+        super().__init__(host, port, timeout_s)
+        self.core = RealtimeCore()
+
+    def receive(self) -> RealtimeState:
+        """The next state, by variable name; in order, none skipped."""
+        return self.run(self.core.receive())
+
+    def _opening(self) -> Flow[None]:
+        return self.core.opening()

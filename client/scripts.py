@@ -1,0 +1,125 @@
+"""Scripts as they are sent, and what is heard about them while they run.
+
+A text is sent as a program with a name; a controller reports that name, and errors by line.
+"""
+
+import itertools
+import re
+from dataclasses import dataclass
+from typing import Final
+
+from client.errors import ScriptFailedError
+from urproto.errors import LocalProtocolError
+from urproto.modes import ReportLevel, RobotMode, SafetyMode
+from urproto.primary.framing import PrimaryMessage
+from urproto.primary.messages import ErrorCodeMessage, RuntimeExceptionMessage, SafetyModeMessage, TextMessage
+from urproto.primary.state import RobotStateData
+
+__all__ = ["MAY_RUN", "Script", "ScriptResult", "ScriptRun", "mode_name", "prepare"]
+
+MAY_RUN: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED, SafetyMode.RECOVERY)
+_GRAVE: Final = (ReportLevel.VIOLATION, ReportLevel.FAULT, ReportLevel.CRITICAL_FAULT)
+
+# What may stand before a program: blank lines and comments.
+_HEAD: Final = re.compile(r"\A(?:[ \t]*(?:#[^\n]*)?\r?\n)*[ \t]*(def|sec)\s+(\w+)\s*\(")
+_NAME: Final = re.compile(r"[A-Za-z_]\w*\Z", re.ASCII)
+_WIRE_LINE: Final = re.compile(r"(?<=syntax_error_on_line:)\d+")  # the controller names the line in such a text too
+
+_numbers = itertools.count(1)
+
+
+@dataclass(frozen=True, slots=True)
+class Script:
+    """A program ready to be sent. ``shift``: lines put before the caller's text."""
+
+    name: str
+    text: str
+    shift: int = 0
+
+    def line(self, reported: int) -> int:
+        """The caller's line for the one a controller reports, both from 1."""
+        return max(1, reported - self.shift)
+
+    def message(self, reported: str) -> str:
+        """A controller's text about an error, with the caller's line in it."""
+        return _WIRE_LINE.sub(lambda match: str(self.line(int(match[0]))), reported)
+
+
+def prepare(text: str, name: str | None = None) -> Script:
+    """A ``def`` program as it is; bare statements become one, with this name or a new one.
+
+    Raises LocalProtocolError for a ``sec`` program, of which controllers report nothing, and
+    for a name that is none.
+    """
+    head = _HEAD.match(text)
+    if head is None:
+        return _wrapped(text, name or f"script_{next(_numbers)}")
+    if head[1] == "sec":
+        raise LocalProtocolError(
+            f"the secondary program {head[2]} cannot be waited for: controllers do not report its end; "
+            "send it with send_script"
+        )
+    return Script(head[2], text)
+
+
+def _wrapped(text: str, name: str) -> Script:
+    if not _NAME.match(name):
+        raise LocalProtocolError(f"{name!r} is no program name: use letters, digits and _, a digit not first")
+    return Script(name, f"def {name}():\n{text}\nend", shift=1)
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptResult:
+    """A program that ran to its end, or was stopped by somebody: controllers do not tell which.
+
+    texts: what it said with textmsg(). errors: error codes that came meanwhile, none grave.
+    """
+
+    name: str
+    texts: tuple[str, ...] = ()
+    errors: tuple[ErrorCodeMessage, ...] = ()
+
+
+class ScriptRun:
+    """What is heard about a program while it runs."""
+
+    def __init__(self, script: Script) -> None:
+        self.script = script
+        self._texts: list[str] = []
+        self._errors: list[ErrorCodeMessage] = []
+        self._stopped: SafetyMode | int | None = None
+        self._states_since = 0
+
+    def watch(self, message: PrimaryMessage) -> None:
+        """Take note; raises ScriptFailedError for what ends a program."""
+        if isinstance(message, TextMessage):
+            self._texts.append(message.text)
+        elif isinstance(message, RuntimeExceptionMessage):
+            line = self.script.line(message.line)
+            raise self.failed(self.script.message(message.text), line, message.column)
+        elif isinstance(message, ErrorCodeMessage):
+            self._errors.append(message)
+            if message.level in _GRAVE:
+                raise self.failed(f"{message.label} {message.text}")
+        elif isinstance(message, SafetyModeMessage) and message.safety_mode not in MAY_RUN:
+            self._stopped = message.safety_mode
+        elif isinstance(message, RobotStateData):
+            self._states_since += self._stopped is not None
+        self._judge()
+
+    def _judge(self) -> None:
+        """A stop is reported with its error code, which comes before it or soon after."""
+        if self._stopped is not None and (self._errors or self._states_since > 1):
+            codes = ", ".join(f"{error.label} {error.text}" for error in self._errors)
+            raise self.failed(f"{mode_name(SafetyMode, self._stopped)} {codes}".rstrip())
+
+    def failed(self, text: str, line: int = 0, column: int = 0) -> ScriptFailedError:
+        return ScriptFailedError(line, column, text, self.script.name, tuple(self._errors))
+
+    def result(self) -> ScriptResult:
+        return ScriptResult(self.script.name, tuple(self._texts), tuple(self._errors))
+
+
+def mode_name(modes: type[RobotMode] | type[SafetyMode], value: int) -> str:
+    """The mode's name; the number when it has none."""
+    return modes(value).name if value in list(modes) else str(value)
