@@ -16,11 +16,11 @@ from client import cli as client_cli
 from emulator import cli as emulator_cli
 from emulator.builtins import LIBRARIES
 from emulator.dashboard import COMMANDS
-from emulator.power import POWER_TABLE
+from emulator.lifecycle.power import POWER_TABLE
+from emulator.lifecycle.runstate import RUN_TABLE
+from emulator.lifecycle.safety import SAFETY_TABLE
 from emulator.programs.trees.program import NODES
 from emulator.run_command import COMMAND as RUN
-from emulator.runstate import RUN_TABLE
-from emulator.safety import SAFETY_TABLE
 from emulator.textcommands import TEXT_COMMANDS
 from urproto.robots import MODELS, load_model
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field

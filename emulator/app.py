@@ -14,8 +14,8 @@ from typing import Final, Self
 from emulator.clock import Clock, RealClock
 from emulator.config import EmulatorConfig
 from emulator.controller import Controller
-from emulator.primary_state import robot_state
-from emulator.program_state import ProgramReporter
+from emulator.reporting.primary_state import robot_state
+from emulator.reporting.program_state import ProgramReporter
 from emulator.servers.base import PortServer
 from emulator.servers.dashboard import DashboardServer
 from emulator.servers.interpreter import InterpreterServer

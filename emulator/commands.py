@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
-from emulator import dashboard, inputs, modbus_requests, textcommands
+from emulator import dashboard, textcommands
+from emulator.io import inputs, modbus_requests
 from urproto.dashboard import failed
 from urproto.modbus import ExceptionCode, exception_response
 

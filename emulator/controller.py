@@ -16,29 +16,29 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from emulator.arm import Arm
-from emulator.baselight import BaseLight
 from emulator.commands import Command
-from emulator.electrics import Electrics
-from emulator.encoders import Encoders
-from emulator.errorcodes import StopCause
-from emulator.ftinput import ForceInput
-from emulator.inputactions import InputActions
-from emulator.installation import Installation
-from emulator.messages import MessageLog
-from emulator.modbus_map import PortMemory
+from emulator.io.baselight import BaseLight
+from emulator.io.encoders import Encoders
+from emulator.io.ftinput import ForceInput
+from emulator.io.inputactions import InputActions
+from emulator.io.modbus_map import PortMemory
+from emulator.io.registers import Registers
+from emulator.io.signals import Signals
+from emulator.lifecycle.errorcodes import StopCause
+from emulator.lifecycle.power import Power, PowerEvent, PowerState, PowerTimings
+from emulator.lifecycle.safety import Safety, SafetyEvent
+from emulator.lifecycle.speed import Speed
 from emulator.motion import Motion, MotionFault
-from emulator.popups import Popups
-from emulator.power import Power, PowerEvent, PowerState, PowerTimings
 from emulator.programs.runner import Programs
 from emulator.programs.trees.installation_file import InstallationFile
 from emulator.programs.urcap import DriverAddress
-from emulator.registers import Registers
-from emulator.safety import Safety, SafetyEvent
-from emulator.signals import Signals
+from emulator.reporting.messages import MessageLog
+from emulator.reporting.popups import Popups
+from emulator.robot.arm import Arm
+from emulator.robot.electrics import Electrics
+from emulator.robot.installation import Installation
+from emulator.robot.worldmodel import WorldModel
 from emulator.snapshot import Snapshot, Vector6
-from emulator.speed import Speed
-from emulator.worldmodel import WorldModel
 from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatus
 from urproto.robots import RobotModel
 from urproto.robots.pose import Pose

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
 
-from emulator import reports
-from emulator.installation import InstallationError
-from emulator.power import PowerEvent
+from emulator.lifecycle.power import PowerEvent
+from emulator.lifecycle.runstate import is_running
+from emulator.lifecycle.safety import SafetyEvent
 from emulator.programs.compiling import in_periods
 from emulator.programs.trees.folder import ProgramsFolder
-from emulator.runstate import is_running
-from emulator.safety import SafetyEvent
+from emulator.reporting import reports
+from emulator.robot.installation import InstallationError
 from urproto import dashboard as replies
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.versions import Availability, PolyscopeVersion, Series

@@ -9,8 +9,8 @@ own: how the pendant's software answers a program's question is not public.
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
-from emulator.power import PowerEvent
-from emulator.safety import SafetyEvent
+from emulator.lifecycle.power import PowerEvent
+from emulator.lifecycle.safety import SafetyEvent
 
 if TYPE_CHECKING:
     from emulator.controller import Controller

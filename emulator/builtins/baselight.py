@@ -1,6 +1,6 @@
 """The light ring in the base."""
 
-from emulator.baselight import ARMS_WITH_BASE_LIGHT, BaseLight
+from emulator.io.baselight import ARMS_WITH_BASE_LIGHT, BaseLight
 from emulator.programs.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault

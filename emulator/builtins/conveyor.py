@@ -3,7 +3,7 @@
 import math
 
 from emulator.builtins.values import six, within_range
-from emulator.encoders import DecoderType, Encoder
+from emulator.io.encoders import DecoderType, Encoder
 from emulator.motion.conveyor import CircularConveyor, LinearConveyor
 from emulator.motion.superposition import Source
 from emulator.programs.host import Frames, ProgramHost

@@ -1,7 +1,7 @@
 """Time, and what stops the robot."""
 
-from emulator.errorcodes import SCRIPT_PROTECTIVE_STOP
-from emulator.power import PowerEvent
+from emulator.lifecycle.errorcodes import SCRIPT_PROTECTIVE_STOP
+from emulator.lifecycle.power import PowerEvent
 from emulator.programs.host import Frames, ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault

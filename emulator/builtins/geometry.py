@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from emulator.builtins.values import Vector6, six
 from emulator.programs.host import ProgramHost
-from emulator.worldmodel import ArmPose
+from emulator.robot.worldmodel import ArmPose
 from urproto.robots.pose import pose_inv, pose_trans
 from urscript.errors import RuntimeFault
 from urscript.values import Pose

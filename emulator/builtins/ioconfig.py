@@ -1,9 +1,9 @@
 """How signals are set up. PolyScope writes these calls at the head of every program."""
 
 from emulator.builtins.values import within_range
+from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from emulator.programs.host import ProgramHost
 from emulator.programs.output_actions import OutputAction, output_action
-from emulator.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolOutputMode
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault

@@ -2,8 +2,8 @@
 
 from typing import Any, Final
 
-from emulator.popups import Popup
 from emulator.programs.host import Frames, ProgramHost
+from emulator.reporting.popups import Popup
 from urproto.modes import RequestedType
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault

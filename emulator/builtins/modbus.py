@@ -7,9 +7,9 @@ is not there disturbs only programs that use its signals.
 from collections.abc import Sequence
 from typing import Any, Final
 
-from emulator import modbus_map
 from emulator.builtins.ioconfig import wants_freedrive
 from emulator.builtins.values import within_range
+from emulator.io import modbus_map
 from emulator.programs.host import Frames, ProgramHost
 from emulator.programs.modbus import SIGNAL_TYPES, ModbusSignal
 from emulator.programs.modbus_units import ModbusUnit

@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from emulator import payloadestimate
 from emulator.builtins.values import Vector3, Vector6, numbers, six, three, within_range
-from emulator.installation import Payload
 from emulator.programs.host import ProgramHost
+from emulator.robot import payloadestimate
+from emulator.robot.installation import Payload
 from urproto.robots.pose import pose_inv, pose_trans
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault

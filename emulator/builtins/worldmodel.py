@@ -5,7 +5,7 @@ from emulator.builtins.setup import checked_inertia, checked_mass, use_payload
 from emulator.builtins.values import numbers, six, three, within_range
 from emulator.motion.frame_tracking import FrameTracking
 from emulator.programs.host import Frames, ProgramHost
-from emulator.worldmodel import MassProperties, WorldModel
+from emulator.robot.worldmodel import MassProperties, WorldModel
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import ListArg, Num, Pose, PoseArg, Str

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import inf, sqrt
 
-from emulator.installation import Payload
 from emulator.motion.legs import Leg
 from emulator.motion.profile import Limits, Profile
 from emulator.motion.vectors import Joints, Vec3, as_six
+from emulator.robot.installation import Payload
 from urproto.robots.pose import Pose, pose_inv, pose_sub, pose_trans, rotvec_to_matrix, wrench_trans
 
 __all__ = ["WrenchLimit"]

@@ -11,10 +11,10 @@ from emulator.programs.watchdog import Watchdog, WatchdogAction
 from urscript.errors import RuntimeFault
 
 if TYPE_CHECKING:
-    from emulator.arm import Arm
     from emulator.controller import Controller
-    from emulator.popups import Popup
     from emulator.programs.runner import Programs
+    from emulator.reporting.popups import Popup
+    from emulator.robot.arm import Arm
     from urscript.runtime import Runtime, ScriptThread
 
 __all__ = ["Frames", "ProgramHost", "StepHook"]

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import TypeAlias
 
+from emulator.io.registers import RegisterBank
+from emulator.io.signals import DigitalGroup, Signals
 from emulator.programs.output_actions import OutputAction, level_at_end, level_at_start, level_by_power
-from emulator.registers import RegisterBank
-from emulator.signals import DigitalGroup, Signals
 
 __all__ = ["RunstateOutputs"]
 

@@ -21,7 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from emulator.errorcodes import BUSY_PROTECTIVE_STOP
+from emulator.lifecycle.errorcodes import BUSY_PROTECTIVE_STOP
+from emulator.lifecycle.runstate import RunEvent, next_run_state
 from emulator.programs.busy import TOO_BUSY, busy_long, busy_too_long, describe
 from emulator.programs.compiling import Compiling, Submission, WorkShare
 from emulator.programs.history import MotionHistory
@@ -35,7 +36,6 @@ from emulator.programs.trees.program import ProgramTree, script_steps
 from emulator.programs.urcap import ProgramRequest
 from emulator.programs.view import ProgramView
 from emulator.programs.watchdog import Watchdogs
-from emulator.runstate import RunEvent, next_run_state
 from urproto.modes import ReportLevel, RuntimeState, SafetyMode
 from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED
 from urproto.versions import Series

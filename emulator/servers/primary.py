@@ -12,7 +12,7 @@ the stop would tell it that there is nothing to unlock.
 from collections.abc import Callable
 from typing import Final
 
-from emulator.program_state import ProgramReporter
+from emulator.reporting.program_state import ProgramReporter
 from emulator.servers.base import Connection, ControllerDoor, PortServer
 from emulator.servers.scripts import ScriptConnection
 from emulator.snapshot import Snapshot

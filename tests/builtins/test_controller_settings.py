@@ -2,8 +2,8 @@
 
 import pytest
 
-from emulator.baselight import BaseLight
 from emulator.controller import Controller, ControllerConfig
+from emulator.io.baselight import BaseLight
 from urproto.modes import AnalogDomain, RobotMode
 from urproto.robots import load_model
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from emulator.safety import SafetyEvent
+from emulator.lifecycle.safety import SafetyEvent
 from urproto.modes import RuntimeState, SafetyMode
 
 PART = 'add_frame("part", p[0.4, -0.2, 0.1, 0, 0, 0])\n'

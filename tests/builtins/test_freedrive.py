@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL
+from emulator.lifecycle.safety import SafetyEvent
 from emulator.motion.singularity import distance_to_singularity
-from emulator.safety import SafetyEvent
-from emulator.signals import CONFIGURABLE, STANDARD, TOOL
 from urproto.modes import ControlMode, RuntimeState
 from urproto.robots import MODELS, load_model
 from urproto.robots.kinematics import Kinematics

@@ -2,8 +2,8 @@
 
 import pytest
 
-from emulator.power import PowerEvent
-from emulator.safety import SafetyEvent
+from emulator.lifecycle.power import PowerEvent
+from emulator.lifecycle.safety import SafetyEvent
 from urproto.modes import RuntimeState, SafetyMode
 
 HOME = (0.0, -1.5, 1.5, -1.6, -1.57, 0.0)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from emulator.modbus_map import COILS, REGISTERS, PortError, read_coil, read_register
-from emulator.safety import SafetyEvent
-from emulator.signals import CONFIGURABLE, STANDARD, TOOL
+from emulator.io.modbus_map import COILS, REGISTERS, PortError, read_coil, read_register
+from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL
+from emulator.lifecycle.safety import SafetyEvent
 
 
 def word(rig, address: int) -> int:

@@ -4,8 +4,8 @@ import errno
 
 import pytest
 
+from emulator.lifecycle.safety import SafetyEvent
 from emulator.programs.modbus_units import MemoryModbus, MemoryUnit, ModbusUnit
-from emulator.safety import SafetyEvent
 from urproto.modbus import ExceptionCode, Function
 from urproto.modes import ControlMode
 

@@ -3,9 +3,9 @@
 import pytest
 
 from emulator.commands import DashboardLine, RTDEInputs, ScriptUnit
-from emulator.power import PowerEvent
+from emulator.lifecycle.power import PowerEvent
+from emulator.lifecycle.safety import SafetyEvent
 from emulator.programs.loading import ProgramLoadError
-from emulator.safety import SafetyEvent
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import PopupMessage, RequestValueMessage
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from emulator.safety import SafetyEvent
+from emulator.lifecycle.safety import SafetyEvent
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.robots.pose import pose_inv, pose_trans, rotvec_to_matrix
 

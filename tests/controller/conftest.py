@@ -7,7 +7,7 @@ import pytest
 
 from emulator.commands import DashboardLine, RTDEInputs, ScriptUnit
 from emulator.controller import Controller, ControllerConfig
-from emulator.power import PowerTimings
+from emulator.lifecycle.power import PowerTimings
 from emulator.snapshot import Snapshot
 from urproto.primary.messages import RobotMessage
 from urproto.robots import load_model

@@ -4,8 +4,8 @@ import pytest
 
 from emulator.commands import Command, DashboardLine
 from emulator.controller import Controller, ControllerConfig
-from emulator.errorcodes import SCRIPT_PROTECTIVE_STOP
-from emulator.safety import SafetyEvent
+from emulator.lifecycle.errorcodes import SCRIPT_PROTECTIVE_STOP
+from emulator.lifecycle.safety import SafetyEvent
 from urproto.modes import ControlMode, JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage, RuntimeExceptionMessage, SafetyModeMessage
 from urproto.robots import load_model

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emulator.installation import Installation, InstallationError, Payload
-from emulator.messages import MessageLog
-from emulator.popups import Popups
-from emulator.registers import RegisterBank
-from emulator.signals import CONFIGURABLE, STANDARD, TOOL, Signals
-from emulator.speed import Speed
+from emulator.io.registers import RegisterBank
+from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, Signals
+from emulator.lifecycle.speed import Speed
+from emulator.reporting.messages import MessageLog
+from emulator.reporting.popups import Popups
+from emulator.robot.installation import Installation, InstallationError, Payload
 from urproto.modes import AnalogDomain, RequestedType
 from urproto.primary.messages import ErrorCodeMessage, PopupMessage, RequestValueMessage, TextMessage
 

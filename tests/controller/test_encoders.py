@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from emulator.config import ConfigError, check_encoder_speeds
 from emulator.controller import Controller, ControllerConfig
-from emulator.encoders import RANGES, DecoderType, Encoder, Encoders
+from emulator.io.encoders import RANGES, DecoderType, Encoder, Encoders
 from urproto.robots import load_model
 
 PERIOD = 0.002

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from emulator.installation import Payload
+from emulator.robot.installation import Payload
 from urproto.robots.pose import pose_trans, rotvec_to_matrix
 
 ZERO6 = (0.0,) * 6

@@ -6,9 +6,9 @@ the code: one row a state, one column an event, a dot where nothing changes.
 
 import pytest
 
-from emulator.power import POWER_TABLE, REPORTS, Power, PowerEvent, PowerState, PowerTimings
-from emulator.runstate import RUN_TABLE, RunEvent, is_running, next_run_state
-from emulator.safety import SAFETY_TABLE, Safety, SafetyEvent
+from emulator.lifecycle.power import POWER_TABLE, REPORTS, Power, PowerEvent, PowerState, PowerTimings
+from emulator.lifecycle.runstate import RUN_TABLE, RunEvent, is_running, next_run_state
+from emulator.lifecycle.safety import SAFETY_TABLE, Safety, SafetyEvent
 from urproto.modes import RobotMode, RuntimeState, SafetyMode, SafetyStatusBits
 
 POWER = """

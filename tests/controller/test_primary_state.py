@@ -2,8 +2,8 @@
 
 import pytest
 
-from emulator.primary_state import configuration_data, kinematics_info, robot_state
-from emulator.safety import SafetyEvent
+from emulator.lifecycle.safety import SafetyEvent
+from emulator.reporting.primary_state import configuration_data, kinematics_info, robot_state
 from urproto.modes import RobotMode, SafetyMode
 from urproto.primary.state import decode_robot_state, encode_robot_state
 from urproto.robots import MODELS, load_model

@@ -21,7 +21,7 @@ from tree_rig import (
     waypoint,
 )
 
-from emulator.signals import STANDARD
+from emulator.io.signals import STANDARD
 from urproto.modes import SafetyMode
 from urproto.robots import load_model
 from urproto.robots.kinematics import Kinematics

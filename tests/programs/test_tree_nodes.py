@@ -3,8 +3,8 @@
 import pytest
 from tree_rig import Arm, assign, children, expression, line, main, pin, say, sleep, tag
 
-from emulator.popups import Popup
-from emulator.signals import STANDARD
+from emulator.io.signals import STANDARD
+from emulator.reporting.popups import Popup
 from urproto.modes import RuntimeState
 from urproto.primary.messages import RequestValueMessage
 

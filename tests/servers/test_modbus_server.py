@@ -10,8 +10,8 @@ from emulator.app import Emulator
 from emulator.commands import ModbusCall
 from emulator.config import EmulatorConfig
 from emulator.controller import Controller, ControllerConfig
+from emulator.io.signals import STANDARD
 from emulator.servers.base import Direction
-from emulator.signals import STANDARD
 from urproto.robots import load_model
 
 HOST = "127.0.0.1"

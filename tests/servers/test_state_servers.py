@@ -8,7 +8,7 @@ import pytest
 from server_rig import CB3, E_SERIES, FakeController, MemoryClient
 
 from emulator.commands import RTDEInputs, ScriptUnit
-from emulator.primary_state import robot_state
+from emulator.reporting.primary_state import robot_state
 from emulator.servers.base import Connection, Direction, PortServer
 from emulator.servers.primary import PrimaryServer
 from emulator.servers.realtime import RealtimeServer

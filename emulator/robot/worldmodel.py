@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
-from emulator.installation import Payload
+from emulator.robot.installation import Payload
 from urproto.robots.pose import Pose, pose_inv, pose_trans, rotvec_to_matrix
 
 __all__ = ["ArmPose", "MassProperties", "WorldModel", "WorldModelError"]

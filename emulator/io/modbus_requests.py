@@ -6,7 +6,7 @@ Coils and discrete inputs are one table, as are holding and input registers (gue
 
 from typing import TYPE_CHECKING
 
-from emulator.modbus_map import (
+from emulator.io.modbus_map import (
     COILS,
     REGISTERS,
     PortError,

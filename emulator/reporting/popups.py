@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from emulator.messages import MessageLog
+from emulator.reporting.messages import MessageLog
 from urproto.modes import RequestedType
 from urproto.primary.messages import PopupMessage, RequestValueMessage
 from urscript.values import INT_MAX, INT_MIN, MAX_STRING, to_bytes

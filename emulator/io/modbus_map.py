@@ -13,7 +13,15 @@ import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
-from emulator.modbus_io import Cell, PortError, ReadCell, WriteCell, analog_registers, digital_coils, digital_registers
+from emulator.io.modbus_io import (
+    Cell,
+    PortError,
+    ReadCell,
+    WriteCell,
+    analog_registers,
+    digital_coils,
+    digital_registers,
+)
 from urproto.modes import RobotStatusBits, SafetyStatusBits
 
 if TYPE_CHECKING:

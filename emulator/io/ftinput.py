@@ -7,7 +7,7 @@ from emulator.snapshot import Vector3, Vector6
 from urproto.robots.pose import rotvec_to_matrix
 
 if TYPE_CHECKING:
-    from emulator.arm import Arm
+    from emulator.robot.arm import Arm
 
 __all__ = ["ForceInput"]
 

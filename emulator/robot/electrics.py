@@ -6,7 +6,7 @@ All numbers are guesses of the size a real arm shows.
 from operator import mul
 from typing import Final
 
-from emulator.arm import Arm
+from emulator.robot.arm import Arm
 from emulator.snapshot import Snapshot, Vector6
 
 __all__ = ["Electrics"]

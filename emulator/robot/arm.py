@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from emulator.installation import Installation, Payload
+from emulator.robot.installation import Installation, Payload
 from emulator.snapshot import Snapshot, Vector3, Vector6
 from urproto.robots import RobotModel
 from urproto.robots.dynamics import Dynamics

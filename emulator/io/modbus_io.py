@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from emulator.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
+from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.modbus import ExceptionCode
 from urproto.modes import AnalogDomain
 

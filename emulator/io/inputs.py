@@ -8,7 +8,7 @@ value). Registers and the external wrench apply as they arrive.
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
-from emulator.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
+from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.modes import AnalogDomain
 from urproto.rtde.fields import INPUT_FIELDS, Field
 from urproto.rtde.types import FieldType

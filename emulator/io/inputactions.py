@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from emulator.signals import DigitalGroup
+from emulator.io.signals import DigitalGroup
 from urproto.modes import RuntimeState
 
 if TYPE_CHECKING:

@@ -1,0 +1,1 @@
+"""What the controller tells: messages, dialogues, reports, states for primary clients."""

@@ -1,0 +1,1 @@
+"""The arm with what is mounted on it and stands around it."""
