@@ -21,7 +21,7 @@ MAY_IMPORT = {
 }
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
-    "h11": ("emulator.programs.httpclient",),
+    "h11": ("emulator.programs.rpc.httpclient",),
     "numpy": ("urproto.robots.dynamics",),
     "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("emulator", "client"),

@@ -8,10 +8,10 @@ from collections.abc import Generator
 from typing import Final
 
 from emulator.programs.host import Frames, ProgramHost
-from emulator.programs.httpclient import HttpConnection, HttpUrl
-from emulator.programs.pstream import PacketConnection
-from emulator.programs.remote import RemoteConnection, RemoteError
-from emulator.programs.xmlrpc import BadReplyError, Reply, encode_call, to_value
+from emulator.programs.rpc.httpclient import HttpConnection, HttpUrl
+from emulator.programs.rpc.pstream import PacketConnection
+from emulator.programs.rpc.remote import RemoteConnection, RemoteError
+from emulator.programs.rpc.xmlrpc import BadReplyError, Reply, encode_call, to_value
 from urscript.builtins import Library
 from urscript.compiler import STRUCT
 from urscript.errors import RuntimeFault

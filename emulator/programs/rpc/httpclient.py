@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 import h11
 
 from emulator.programs.host import Frames, ProgramHost
-from emulator.programs.remote import RemoteError, authority, connect
+from emulator.programs.rpc.remote import RemoteError, authority, connect
 from emulator.programs.sockets import ScriptSocket
 from urscript.meter import pay
 

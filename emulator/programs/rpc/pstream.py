@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Final
 
 from emulator.programs.host import Frames, ProgramHost
-from emulator.programs.remote import RemoteError, authority, connect
+from emulator.programs.rpc.remote import RemoteError, authority, connect
 from emulator.programs.sockets import ScriptSocket
 from urscript.meter import pay
 

@@ -1,0 +1,1 @@
+"""Remote procedure calls of programs: XML-RPC over HTTP and over packet streams."""
