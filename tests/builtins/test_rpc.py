@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from emulator.programs import remote
+from emulator.programs.rpc import remote
 from emulator.programs.rpc.pstream import PacketReader
 from emulator.programs.rpc.xmlrpc import BadReplyError, Reply, encode_call, to_value
 from urscript.values import INT_MAX, INT_MIN, MAX_ELEMENTS, Matrix, Pose, Struct
