@@ -20,7 +20,7 @@ __all__ = ["PROGRAM_NAME", "ControlProgram", "ToolCommunication"]
 PROGRAM_NAME: Final = "external_control"
 _POLYSCOPE_X: Final = 10
 
-# Shares of the joint friction that direct torque control makes up for unless told otherwise; guess: the library's values
+# Shares of the joint friction that direct torque control makes up for by default (the client library's)
 _VISCOUS: Final = "[0.9, 0.9, 0.8, 0.9, 0.9, 0.9]"
 _COULOMB: Final = "[0.8, 0.8, 0.7, 0.8, 0.8, 0.8]"
 
@@ -44,9 +44,7 @@ _OPTIMOVE: Final = """  elif kind == 4:
   elif kind == 13:
     optimovel(target, a=a, v=v, r=r)"""
 _GAIN_SCALING: Final = "force_mode_set_gain_scaling(words[28] / ec_scale)"
-_INERTIA: Final = (
-    "set_target_payload(words[2] / ec_scale, ec_three(words, 3), ec_six(words, 6), words[12] / ec_scale)"
-)
+_INERTIA: Final = "set_target_payload(words[2] / ec_scale, ec_three(words, 3), ec_six(words, 6), words[12] / ec_scale)"
 _NO_INERTIA: Final = "set_payload(words[2] / ec_scale, ec_three(words, 3))"
 
 
@@ -146,4 +144,6 @@ def _has_ft_rtde_input(version: PolyscopeVersion) -> bool:
 def _torque(version: PolyscopeVersion) -> str:
     if _at_least(version, "5.25.1", "10.12.1"):
         return _TORQUE.format(friction="viscous_scale=ec_viscous, coulomb_scale=ec_coulomb")
-    return _TORQUE.format(friction="friction_comp=ec_friction_on") if _at_least(version, "5.23", "10.11") else _NO_TORQUE
+    return (
+        _TORQUE.format(friction="friction_comp=ec_friction_on") if _at_least(version, "5.23", "10.11") else _NO_TORQUE
+    )
