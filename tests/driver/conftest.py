@@ -15,10 +15,10 @@ from emulator.app import Emulator  # noqa: E402
 
 
 @pytest.fixture(params=["ur3", "ur5e"])
-async def robot(request: pytest.FixtureRequest) -> AsyncIterator[Emulator]:
+async def robot(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator[Emulator]:
     """A running emulator: a UR3 of the CB3 series and a UR5e, or what the test is parametrised with."""
     model, _, version = str(request.param).partition(" ")
-    async with emulator(model, version or None) as running:
+    async with emulator(model, version or None, tmp_path) as running:
         yield running
 
 

@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from client.driver import URDriver
@@ -19,10 +20,12 @@ PATIENCE_S = 20.0
 CALM_S = 0.2  # the longest real-time timeout: a busy test machine is not the subject
 
 
-def emulator(model: str = "ur5e", version: str | None = None) -> Emulator:
+def emulator(model: str = "ur5e", version: str | None = None, programs_dir: Path | None = None) -> Emulator:
     """One with its brakes released, not entered yet."""
     chosen = PolyscopeVersion.parse(version) if version else None
-    controller = ControllerConfig(model=load_model(model), version=chosen, initial_q=HOME, running=True)
+    controller = ControllerConfig(
+        model=load_model(model), version=chosen, initial_q=HOME, running=True, programs_dir=programs_dir
+    )
     return Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True))
 
 
