@@ -4,7 +4,6 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from client.driver.core import DriverCore
-from client.errors import ProgramEndedError
 from urproto.errors import LocalProtocolError
 from urproto.external_control import MotionType, TrajectoryAction, TrajectoryPoint, TrajectoryResult
 
@@ -24,6 +23,7 @@ class Trajectories(DriverCore):
     """
 
     _executing = False
+    _cancelling = False
     _streamed: int | None = None
 
     async def execute(self, points: Iterable[TrajectoryPoint], timeout_s: float | None = None) -> TrajectoryResult:
@@ -31,11 +31,13 @@ class Trajectories(DriverCore):
 
         CANCELED when somebody cancelled it, FAILURE when the program could not follow it.
         """
-        await self.start_trajectory(points)
+        points = list(points)
+        self._check(points)
         try:
+            await self.start_trajectory(points)
             return await self.trajectory_result(timeout_s)
-        except BaseException as error:
-            if not isinstance(error, ProgramEndedError) and self.program_running:
+        except BaseException:
+            if self._executing and self.program_running:
                 self._send_cancel()
             raise
 
@@ -51,7 +53,9 @@ class Trajectories(DriverCore):
         if not self._executing:
             raise LocalProtocolError("no trajectory is under way: start one first")
         result = await self.trajectory.result(timeout_s)
-        self._executing = False
+        if self._cancelling and result is not TrajectoryResult.CANCELED:
+            await self.trajectory.result(timeout_s)  # it ended just before; cancelling is answered all the same
+        self._executing = self._cancelling = False
         return result
 
     async def cancel_trajectory(self) -> TrajectoryResult:
@@ -92,9 +96,12 @@ class Trajectories(DriverCore):
             await self.cancel_trajectory()
         self.trajectory.forget_results()
         self.reverse.trajectory(action, count, self.config.keep_alive_timeout_s)
-        self._executing, self._streamed = True, None
+        self._executing, self._cancelling, self._streamed = True, False, None
 
     def _send_cancel(self) -> None:
+        if self._cancelling:
+            return
+        self._cancelling = True
         count, self._streamed = self._streamed or 0, None
         self.reverse.trajectory(TrajectoryAction.CANCEL, count, self.config.keep_alive_timeout_s)
 
@@ -106,5 +113,5 @@ class Trajectories(DriverCore):
 
     def _program_changed(self, connected: bool) -> None:
         if connected:
-            self._executing, self._streamed = False, None
+            self._executing, self._cancelling, self._streamed = False, False, None
         super()._program_changed(connected)

@@ -9,9 +9,9 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))  # driver_rig; importlib mode does not add the folder
 
-from driver_rig import Pair, emulator  # noqa: E402 - found by the line above
+from driver_rig import Pair, emulator
 
-from emulator.app import Emulator  # noqa: E402
+from emulator.app import Emulator
 
 
 @pytest.fixture(params=["ur3", "ur5e"])

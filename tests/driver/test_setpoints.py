@@ -102,18 +102,6 @@ async def test_torques_need_a_newer_robot(pair):
         pair.driver.torque([0] * 6)
 
 
-async def test_freedrive_follows_the_hand(pair):
-    pair.driver.start_freedrive()
-    await pair.periods(20)
-    pair.driver.keep_freedrive()
-    assert pair.robot.controller.motion.compliance is not None or pair.driver.program_running
-    pair.driver.stop_freedrive()
-    await pair.until(lambda: pair.at_rest)
-    pair.driver.servoj(pair.q, CALM_S)
-    await pair.periods(5)
-    assert pair.driver.program_running
-
-
 async def test_values_that_cannot_be_sent_are_the_callers_fault(pair):
     for wrong in ([0.0] * 5, [float("nan")] * 6, [1e9] * 6):
         with pytest.raises(LocalProtocolError):
