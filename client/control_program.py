@@ -31,7 +31,7 @@ _TORQUE: Final = """thread ec_torque():
   stopj(4.0)
 end"""
 _NO_TORQUE: Final = """thread ec_torque():
-  ec_fail("This PolyScope version has no torque control.")
+  ec_refuse("This PolyScope version has no torque control.")
 end"""
 _OPTIMOVE: Final = """  elif kind == 4:
     optimovej(target, a=a, v=v, r=r)

@@ -29,7 +29,8 @@ class Trajectories(DriverCore):
     async def execute(self, points: Iterable[TrajectoryPoint], timeout_s: float | None = None) -> TrajectoryResult:
         """Execute a trajectory and wait for its end; it is cancelled when the caller is, or when it takes too long.
 
-        CANCELED when somebody cancelled it, FAILURE when the program could not follow it.
+        CANCELED when somebody cancelled it, the robot too, which shows a popup for points it
+        cannot reach in their time; FAILURE when points were missing.
         """
         points = list(points)
         self._check(points)
