@@ -4,7 +4,16 @@ Each client comes in two shells over the same logic: ``X`` for asyncio, ``Blocki
 """
 
 from client.dashboard import BlockingDashboardClient, DashboardClient
-from client.errors import ClientError, ConnectionLostError, NoAnswerError, RobotUnreachableError, ScriptFailedError
+from client.driver import BlockingURDriver, URDriver
+from client.errors import (
+    ClientError,
+    ConnectionLostError,
+    NoAnswerError,
+    ProgramEndedError,
+    ProgramNotRunningError,
+    RobotUnreachableError,
+    ScriptFailedError,
+)
 from client.primary import BlockingPrimaryClient, PrimaryClient
 from client.rtde import BlockingRTDEClient, RTDEClient
 
@@ -12,12 +21,16 @@ __all__ = [
     "BlockingDashboardClient",
     "BlockingPrimaryClient",
     "BlockingRTDEClient",
+    "BlockingURDriver",
     "ClientError",
     "ConnectionLostError",
     "DashboardClient",
     "NoAnswerError",
     "PrimaryClient",
+    "ProgramEndedError",
+    "ProgramNotRunningError",
     "RTDEClient",
     "RobotUnreachableError",
     "ScriptFailedError",
+    "URDriver",
 ]

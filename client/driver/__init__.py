@@ -11,6 +11,7 @@ from client.driver.endpoint import Endpoint
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.reverse import ReverseEndpoint
 from client.driver.sender import ScriptSender
+from urproto.external_control import TrajectoryPoint, TrajectoryResult
 
 __all__ = [
     "BlockingURDriver",
@@ -20,6 +21,8 @@ __all__ = [
     "ScriptCommandEndpoint",
     "ScriptSender",
     "TrajectoryEndpoint",
+    "TrajectoryPoint",
+    "TrajectoryResult",
     "URDriver",
     "calibration_hash",
     "points",

@@ -8,14 +8,14 @@ last was noticed; other addresses are sent away while a robot is there.
 import asyncio
 import logging
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Final, Self
 
 from client.connection import DEFAULT_TIMEOUT_S
 from client.errors import ProgramNotRunningError
 
-__all__ = ["Endpoint", "Peer"]
+__all__ = ["Endpoint", "Peer", "tell"]
 
 _MOST_UNSENT: Final = 8192  # bytes, beyond what the system buffers; guess: a robot that reads never gets near it
 _HINT: Final = "start the program on the robot and wait for it"
@@ -194,5 +194,13 @@ class Endpoint:
         self._tell(False)
 
     def _tell(self, connected: bool) -> None:
-        for listener in tuple(self.listeners):
-            listener(connected)
+        tell(self.listeners, connected)
+
+
+def tell(listeners: Sequence[Callable[..., object]], *news: object) -> None:
+    """Call each of them; one that raises is logged and harms nobody else."""
+    for listener in tuple(listeners):
+        try:
+            listener(*news)
+        except Exception:
+            _logger.exception("a callback failed")

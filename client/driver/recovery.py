@@ -73,7 +73,7 @@ class Recovery(DriverCore):
             raise RobotRefused("unlock protective stop", f"it stays in {mode}: remove the cause first") from None
 
     def _note(self, state: Mapping[str, Any]) -> None:
-        mode = SafetyMode(state["safety_mode"])
+        mode = self.robot.safety_mode
         if mode is self._safety_mode:
             return
         self._safety_mode = mode

@@ -11,6 +11,7 @@ from typing import Any, Final, Self
 
 from client.dashboard import DashboardClient
 from client.driver.config import DriverConfig
+from client.driver.endpoint import tell
 from client.errors import ClientError, NoAnswerError, RobotUnreachableError, ScriptFailedError
 from client.primary import PrimaryClient
 from client.rtde import RTDEClient
@@ -26,6 +27,9 @@ _NEEDED: Final = ("timestamp", "robot_mode", "safety_mode", "runtime_state", "ta
 _SLIDER: Final = ("speed_slider_mask", "speed_slider_fraction")
 _KEPT: Final = 100  # error reports
 _AGAIN_S: Final = 1.0  # between attempts to get a lost connection back
+
+_ROBOT_MODES: Final = frozenset(int(mode) for mode in RobotMode)
+_SAFETY_MODES: Final = frozenset(int(mode) for mode in SafetyMode)
 
 _logger = logging.getLogger(__name__)
 
@@ -81,13 +85,15 @@ class RobotLink:
 
     @property
     def robot_mode(self) -> RobotMode:
-        """As RTDE says."""
-        return RobotMode(self.state["robot_mode"])
+        """As RTDE says; NO_CONTROLLER for one that is not known here."""
+        value = self.state["robot_mode"]
+        return RobotMode(value) if value in _ROBOT_MODES else RobotMode.NO_CONTROLLER
 
     @property
     def safety_mode(self) -> SafetyMode:
-        """As RTDE says."""
-        return SafetyMode(self.state["safety_mode"])
+        """As RTDE says; UNDEFINED_SAFETY_MODE for one that is not known here."""
+        value = self.state["safety_mode"]
+        return SafetyMode(value) if value in _SAFETY_MODES else SafetyMode.UNDEFINED_SAFETY_MODE
 
     async def next_state(self) -> Mapping[str, Any]:
         """The state after the newest one. Raises NoAnswerError from a silent robot."""
@@ -168,8 +174,7 @@ class RobotLink:
                 self._take(await self._rtde.run(self._rtde.core.receive(), self.config.silence_s))
             except (ClientError, RemoteProtocolError) as error:
                 _logger.error("the robot's state is lost: %s", error)
-                for callback in tuple(self.on_silence):
-                    callback()
+                tell(self.on_silence)
                 await self._reconnect()
 
     async def _reconnect(self) -> None:
@@ -184,8 +189,7 @@ class RobotLink:
 
     def _take(self, state: Mapping[str, Any]) -> None:
         self.state = state
-        for callback in tuple(self.on_state):
-            callback(state)
+        tell(self.on_state, state)
         news, self._news = self._news, asyncio.Event()
         news.set()
 
