@@ -28,6 +28,8 @@ MOVABLE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 _STOP_LINE: Final = "stop program"
 _END_TIMEOUT_S: Final = 2.0  # guess: a ramp to rest from full speed takes 0.8 s
 
+_SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within this
+
 _logger = logging.getLogger(__name__)
 
 
@@ -45,7 +47,7 @@ class DriverCore:
         self.trajectory = TrajectoryEndpoint(config.trajectory_port)
         self.commands = ScriptCommandEndpoint(config.command_port)
         self._own_address = ""
-        self._partners: tuple[tuple[Endpoint, Peer | None], ...] = ()
+        self._partners: dict[Endpoint, Peer | None] = {}
         self._open = AsyncExitStack()
 
     async def __aenter__(self) -> Self:
@@ -214,23 +216,37 @@ class DriverCore:
 
     def _program_changed(self, connected: bool) -> None:
         if connected:
-            self._partners = tuple((end, end.current_peer) for end in (self.trajectory, self.commands))
+            self._partners = {end: end.current_peer for end in (self.trajectory, self.commands)}
             self.reverse.keep_alive(self.config.keep_alive_timeout_s)
+            asyncio.get_running_loop().call_later(_SETTLE_S, self._expect_partners, self.reverse.current_peer)
             return
-        for _, peer in self._partners:  # only its own: a new program may have connected to these already
+        partners, self._partners = self._partners, {}
+        for peer in partners.values():  # only its own: a new program may have connected to these already
             if peer is not None:
                 peer.abort()
-        self._partners = ()
 
     def _partner_changed(self, connected: bool) -> None:
         """A program that has lost one of its connections is ended as a whole."""
-        if connected or not self.program_running:
-            return
-        for endpoint, peer in self._partners:
-            if peer is not None and peer is not endpoint.current_peer:
-                _logger.error("the robot is no longer connected to port %d: its program is ended", endpoint.port)
-                self.reverse.stop()
+        for endpoint, peer in tuple(self._partners.items()):
+            if peer is None:
+                self._partners[endpoint] = endpoint.current_peer  # accepted after the last one
+            elif not connected and peer is not endpoint.current_peer:
+                self._end_crippled(endpoint)
                 return
+
+    def _expect_partners(self, reverse: Peer | None) -> None:
+        """A program that got through to the last port only, because others were lost meanwhile, is of no use."""
+        if reverse is None or reverse is not self.reverse.current_peer:
+            return
+        for endpoint, peer in self._partners.items():
+            if peer is None:
+                self._end_crippled(endpoint)
+                return
+
+    def _end_crippled(self, endpoint: Endpoint) -> None:
+        _logger.error("the robot is not connected to port %d: its program is ended", endpoint.port)
+        if self.program_running:
+            self.reverse.stop()
 
     def _robot_is_silent(self) -> None:
         peer = self.reverse.current_peer

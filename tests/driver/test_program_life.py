@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+import struct
 
 import pytest
 from driver_rig import CALM_S, HOME, HOST, Pair, swing
@@ -11,7 +12,7 @@ from client.errors import NoAnswerError, ProgramEndedError, ProgramNotRunningErr
 from client.rtde import RTDEClient
 from emulator.power import PowerEvent
 from urproto.errors import RobotRefused
-from urproto.external_control import TrajectoryResult
+from urproto.external_control import ControlMode, TrajectoryResult
 from urproto.modes import SafetyMode
 
 LONG = points.movej([HOME[0] + 1.5, *HOME[1:]], v=0.5)
@@ -99,6 +100,16 @@ async def test_a_driver_that_freezes_during_a_trajectory_stops_the_arm(connect):
         await pair.until(lambda: pair.program_ended and pair.at_rest, 5.0)
         assert pair.snapshot.timestamp - begin < 1.0
         assert await pair.driver.trajectory_result(5) is TrajectoryResult.CANCELED
+
+
+async def test_a_program_that_reaches_one_port_only_is_ended(connect):
+    async with connect(start=False) as pair:
+        reader, writer = await asyncio.open_connection(HOST, pair.driver.reverse.port)
+        async with asyncio.timeout(5):
+            while struct.unpack(">8i", await reader.readexactly(32))[7] != ControlMode.STOPPED:
+                pass
+        writer.close()
+        await pair.driver.reverse.wait_disconnected()
 
 
 async def test_an_idle_program_lives_as_long_as_its_driver(connect):
