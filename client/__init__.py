@@ -4,7 +4,16 @@ Each client comes in two shells over the same logic: ``X`` for asyncio, ``Blocki
 """
 
 from client.dashboard import BlockingDashboardClient, DashboardClient
-from client.errors import ClientError, ConnectionLostError, NoAnswerError, RobotUnreachableError, ScriptFailedError
+from client.driver import BlockingURDriver, URDriver
+from client.errors import (
+    ClientError,
+    ConnectionLostError,
+    NoAnswerError,
+    ProgramEndedError,
+    ProgramNotRunningError,
+    RobotUnreachableError,
+    ScriptFailedError,
+)
 from client.primary import BlockingPrimaryClient, PrimaryClient, ScriptResult
 from client.realtime import BlockingRealtimeClient, RealtimeClient
 from client.rtde import BlockingRTDEClient, RTDEClient, read_recipe
@@ -14,15 +23,19 @@ __all__ = [
     "BlockingPrimaryClient",
     "BlockingRTDEClient",
     "BlockingRealtimeClient",
+    "BlockingURDriver",
     "ClientError",
     "ConnectionLostError",
     "DashboardClient",
     "NoAnswerError",
     "PrimaryClient",
+    "ProgramEndedError",
+    "ProgramNotRunningError",
     "RTDEClient",
     "RealtimeClient",
     "RobotUnreachableError",
     "ScriptFailedError",
     "ScriptResult",
+    "URDriver",
     "read_recipe",
 ]

@@ -4,7 +4,9 @@ ClientError
 ├── RobotUnreachableError    no connection came about
 ├── ConnectionLostError      the robot closed it, or the network did
 ├── NoAnswerError            the robot keeps silent
-└── ScriptFailedError        a script did not compile or failed while running
+├── ScriptFailedError        a script did not compile or failed while running
+├── ProgramNotRunningError   the robot's control program is not connected to the driver
+└── ProgramEndedError        it ended while something was under way
 
 urproto.errors.RobotRefused           the robot understood and said no
 urproto.errors.RemoteProtocolError    the peer does not speak this protocol
@@ -13,7 +15,15 @@ urproto.errors.LocalProtocolError     we were asked to send what the protocol ca
 
 from urproto.primary.messages import ErrorCodeMessage
 
-__all__ = ["ClientError", "ConnectionLostError", "NoAnswerError", "RobotUnreachableError", "ScriptFailedError"]
+__all__ = [
+    "ClientError",
+    "ConnectionLostError",
+    "NoAnswerError",
+    "ProgramEndedError",
+    "ProgramNotRunningError",
+    "RobotUnreachableError",
+    "ScriptFailedError",
+]
 
 
 class ClientError(Exception):
@@ -69,3 +79,23 @@ class ScriptFailedError(ClientError):
         self.text = text
         self.name = name
         self.errors = errors
+
+
+class ProgramNotRunningError(ClientError):
+    """No control program is connected to the driver's ``port``."""
+
+    def __init__(self, port: int, hint: str) -> None:
+        super().__init__(f"no control program is connected to port {port}: {hint}")
+        self.port = port
+        self.hint = hint
+
+
+class ProgramEndedError(ClientError):
+    """The control program left the driver's ``port`` while ``doing`` was under way."""
+
+    def __init__(self, port: int, doing: str) -> None:
+        super().__init__(
+            f"the control program left port {port} during {doing}: the robot's log says why; start the program again"
+        )
+        self.port = port
+        self.doing = doing

@@ -1,0 +1,149 @@
+"""The control program: what the robot runs so that a driver can move it (External Control).
+
+    text = ControlProgram("192.168.56.1").render(PolyscopeVersion(5, 12))
+
+The program itself is resources/control_program.script. Here its open places are filled in:
+who the driver is, and what differs between versions. Everything it names exists in that
+version, since a controller refuses a program with one unknown name.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Final
+
+from urproto.errors import LocalProtocolError
+from urproto.versions import PolyscopeVersion, Series
+
+__all__ = ["PROGRAM_NAME", "ControlProgram", "ToolCommunication"]
+
+PROGRAM_NAME: Final = "external_control"
+_POLYSCOPE_X: Final = 10
+
+# Shares of the joint friction that direct torque control makes up for by default (the client library's)
+_VISCOUS: Final = "[0.9, 0.9, 0.8, 0.9, 0.9, 0.9]"
+_COULOMB: Final = "[0.8, 0.8, 0.7, 0.8, 0.8, 0.8]"
+
+_TORQUE: Final = """thread ec_torque():
+  while ec_mode == 8:
+    direct_torque(ec_values, {friction})
+  end
+  stopj(4.0)
+end"""
+_NO_TORQUE: Final = """thread ec_torque():
+  ec_refuse("This PolyScope version has no torque control.")
+end"""
+_OPTIMOVE: Final = """  elif kind == 4:
+    optimovej(target, a=a, v=v, r=r)
+  elif kind == 5:
+    optimovel(ec_pose(target), a=a, v=v, r=r)
+  elif kind == 12 and option > 0.5:
+    optimovej(get_inverse_kin(ec_pose(target), second), a=a, v=v, r=r)
+  elif kind == 12:
+    optimovej(ec_pose(target), a=a, v=v, r=r)
+  elif kind == 13:
+    optimovel(target, a=a, v=v, r=r)"""
+_GAIN_SCALING: Final = "force_mode_set_gain_scaling(words[28] / ec_scale)"
+_INERTIA: Final = "set_target_payload(words[2] / ec_scale, ec_three(words, 3), ec_six(words, 6), words[12] / ec_scale)"
+_NO_INERTIA: Final = "set_payload(words[2] / ec_scale, ec_three(words, 3))"
+
+
+@dataclass(frozen=True, slots=True)
+class ToolCommunication:
+    """The serial line of an e-Series tool: parity 0 none, 1 odd, 2 even; idle times in characters."""
+
+    baud_rate: int = 115200
+    parity: int = 0
+    stop_bits: int = 1
+    rx_idle_chars: float = 1.5
+    tx_idle_chars: float = 3.5
+
+    @property
+    def script(self) -> str:
+        """The script line that sets it up."""
+        options = (self.baud_rate, self.parity, self.stop_bits, self.rx_idle_chars, self.tx_idle_chars)
+        return f"set_tool_communication(True, {', '.join(map(str, options))})"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlProgram:
+    """What goes into the control program.
+
+    host: the driver's address as the robot sees it; the ports are the driver's.
+    servoj_lookahead_s (0.03 to 0.2) and servoj_gain (100 to 2000): smoothing of servoj.
+    tool_voltage, tool_communication: set when the program starts; None leaves them alone.
+    """
+
+    host: str
+    reverse_port: int = 50001
+    trajectory_port: int = 50003
+    command_port: int = 50004
+    servoj_lookahead_s: float = 0.03
+    servoj_gain: int = 2000
+    tool_voltage: int | None = None
+    tool_communication: ToolCommunication | None = None
+
+    def __post_init__(self) -> None:
+        if not 0.03 <= self.servoj_lookahead_s <= 0.2:
+            raise LocalProtocolError(f"the lookahead of servoj is 0.03 to 0.2 s, not {self.servoj_lookahead_s}")
+        if not 100 <= self.servoj_gain <= 2000:
+            raise LocalProtocolError(f"the gain of servoj is 100 to 2000, not {self.servoj_gain}")
+        if '"' in self.host or not self.host.isprintable() or not self.host:
+            raise LocalProtocolError(f"{self.host!r} is no address")
+
+    def render(self, version: PolyscopeVersion) -> str:
+        """The program as the External Control URCap wants it: bare statements between anchors."""
+        text = _template()
+        for place, value in self._places(version).items():
+            text = text.replace("{{" + place + "}}", value)
+        return text
+
+    def render_headless(self, version: PolyscopeVersion) -> str:
+        """The program as a script port takes it: a def, by the name PROGRAM_NAME."""
+        lines = "".join(f"  {line}\n" if line else "\n" for line in self.render(version).splitlines())
+        return f"def {PROGRAM_NAME}():\n{lines}end\n"
+
+    def _places(self, version: PolyscopeVersion) -> dict[str, str]:
+        return {
+            "BEGIN": self._begin(),
+            "SERVOJ": f"lookahead_time={self.servoj_lookahead_s}, gain={self.servoj_gain}",
+            "TORQUE": _torque(version),
+            "OPTIMOVE": _OPTIMOVE if _at_least(version, "5.21", "10.8") else "",
+            "FT_INPUT": "ft_rtde_input_enable" if _has_ft_rtde_input(version) else "enable_external_ft_sensor",
+            "GAIN_SCALING": _GAIN_SCALING if _at_least(version, "5.0") else "",
+            "TARGET_PAYLOAD": _INERTIA if _at_least(version, "5.10") else _NO_INERTIA,
+            "HOST": self.host,
+            "REVERSE_PORT": str(self.reverse_port),
+            "TRAJECTORY_PORT": str(self.trajectory_port),
+            "COMMAND_PORT": str(self.command_port),
+            "VISCOUS": _VISCOUS,
+            "COULOMB": _COULOMB,
+        }
+
+    def _begin(self) -> str:
+        lines = [] if self.tool_voltage is None else [f"set_tool_voltage({self.tool_voltage})"]
+        lines += [] if self.tool_communication is None else [self.tool_communication.script]
+        return "\n".join(lines)
+
+
+@cache
+def _template() -> str:
+    return files("client").joinpath("resources/control_program.script").read_text("utf-8")
+
+
+def _at_least(version: PolyscopeVersion, e_series: str, polyscope_x: str = "10.0") -> bool:
+    if version.series is Series.CB3:
+        return False
+    return version >= PolyscopeVersion.parse(polyscope_x if version.major >= _POLYSCOPE_X else e_series)
+
+
+def _has_ft_rtde_input(version: PolyscopeVersion) -> bool:
+    return _at_least(version, "5.9.1") or (version.series is Series.CB3 and version >= PolyscopeVersion(3, 14, 1))
+
+
+def _torque(version: PolyscopeVersion) -> str:
+    if _at_least(version, "5.25.1", "10.12.1"):
+        return _TORQUE.format(friction="viscous_scale=ec_viscous, coulomb_scale=ec_coulomb")
+    return (
+        _TORQUE.format(friction="friction_comp=ec_friction_on") if _at_least(version, "5.23", "10.11") else _NO_TORQUE
+    )

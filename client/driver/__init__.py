@@ -1,0 +1,29 @@
+"""The External Control driver: a robot moved through a program of the driver's own on it.
+
+`URDriver` and `BlockingURDriver` are everything together; the endpoints can be used alone.
+"""
+
+from client.driver import points
+from client.driver.calibration import calibration_hash
+from client.driver.config import DriverConfig
+from client.driver.driver import BlockingURDriver, URDriver
+from client.driver.endpoint import Endpoint
+from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
+from client.driver.reverse import ReverseEndpoint
+from client.driver.sender import ScriptSender
+from urproto.external_control import TrajectoryPoint, TrajectoryResult
+
+__all__ = [
+    "BlockingURDriver",
+    "DriverConfig",
+    "Endpoint",
+    "ReverseEndpoint",
+    "ScriptCommandEndpoint",
+    "ScriptSender",
+    "TrajectoryEndpoint",
+    "TrajectoryPoint",
+    "TrajectoryResult",
+    "URDriver",
+    "calibration_hash",
+    "points",
+]

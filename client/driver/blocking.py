@@ -1,0 +1,117 @@
+"""Plain calls to what lives in an event loop, without writing it twice.
+
+A server has to answer while its owner does something else, so the blocking form of what
+listens keeps an event loop in a thread of its own, and every call is carried over to it:
+
+    class BlockingThing(Blocking[Thing]):
+        do = blocking(Thing.do)
+"""
+
+import asyncio
+import functools
+import inspect
+import threading
+from collections.abc import Callable, Coroutine
+from contextlib import AbstractAsyncContextManager
+from types import TracebackType
+from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, cast, overload
+
+__all__ = ["Blocking", "blocking"]
+
+Inner = TypeVar("Inner", bound=AbstractAsyncContextManager[Any])
+Owner = TypeVar("Owner")
+Params = ParamSpec("Params")
+Result = TypeVar("Result")
+
+
+class Blocking(Generic[Inner]):
+    """Owns an asynchronous object and the thread its event loop runs in; use it with ``with``.
+
+    make: makes the object, in that thread.
+    """
+
+    def __init__(self, make: Callable[[], Inner]) -> None:
+        self._make = make
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._thread: threading.Thread | None = None
+        self._inner: Inner | None = None
+
+    @property
+    def inner(self) -> Inner:
+        """The asynchronous object. Raises RuntimeError outside the context."""
+        if self._inner is None:
+            raise RuntimeError(f"{type(self).__name__} is not open: use it in a with statement")
+        return self._inner
+
+    def __enter__(self) -> Self:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name=type(self).__name__, daemon=True)
+        self._thread.start()
+        try:
+            self._inner = self.call(self._enter())
+        except BaseException:
+            self._end()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        inner, self._inner = self._inner, None
+        try:
+            if inner is not None:
+                self.call(_leave(inner, kind, error, trace))
+        finally:
+            self._end()
+
+    def call(self, work: Coroutine[Any, Any, Result]) -> Result:
+        """Run a coroutine in the loop and wait for it; a KeyboardInterrupt here cancels it there."""
+        if self._loop is None:
+            work.close()
+            raise RuntimeError(f"{type(self).__name__} is not open: use it in a with statement")
+        future = asyncio.run_coroutine_threadsafe(work, self._loop)
+        try:
+            return future.result()
+        except BaseException:
+            future.cancel()
+            raise
+
+    async def _enter(self) -> Inner:
+        inner = self._make()
+        await inner.__aenter__()
+        return inner
+
+    def _end(self) -> None:
+        loop, thread = self._loop, self._thread
+        self._loop = self._thread = None
+        if loop is None or thread is None:
+            return
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join()
+        loop.run_until_complete(loop.shutdown_asyncgens())
+        loop.close()
+
+
+async def _leave(inner: AbstractAsyncContextManager[Any], *reason: Any) -> None:
+    await inner.__aexit__(*reason)
+
+
+@overload
+def blocking(
+    method: Callable[Concatenate[Owner, Params], Coroutine[Any, Any, Result]],
+) -> Callable[Concatenate[Any, Params], Result]: ...
+@overload
+def blocking(method: Callable[Concatenate[Owner, Params], Result]) -> Callable[Concatenate[Any, Params], Result]: ...
+def blocking(method: Callable[..., Any]) -> Callable[..., Any]:
+    """The blocking form of a method, plain or async, of what a `Blocking` owns."""
+
+    async def do(inner: Any, args: Any, kwargs: Any) -> Any:
+        result = method(inner, *args, **kwargs)
+        return await result if inspect.isawaitable(result) else result
+
+    @functools.wraps(method)
+    def call(self: Blocking[Any], *args: Any, **kwargs: Any) -> Any:
+        return self.call(do(self.inner, args, kwargs))
+
+    call.__dict__.pop("__wrapped__", None)  # it is no coroutine function
+    return cast(Callable[..., Any], call)

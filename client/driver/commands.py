@@ -1,0 +1,150 @@
+"""Commands beside the motion: force mode, contact, payload, TCP, gravity, tool voltage, sensors, friction."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from client.driver.core import DriverCore
+from urproto.errors import LocalProtocolError
+from urproto.external_control import ScriptCommand, ScriptCommandKind, TrajectoryResult
+
+__all__ = ["Commands"]
+
+_ZERO3: Final = (0.0, 0.0, 0.0)
+_ZERO6: Final = (0.0,) * 6
+
+
+class Commands(DriverCore):
+    """What the program does without interrupting the motion.
+
+    Those that set something up (payload, tool voltage, gravity, zeroing) work without the
+    control program too: then the robot is sent a small script. The others raise
+    ProgramNotRunningError. Any raises LocalProtocolError for values that make no sense and
+    RobotRefused for what this version does not have.
+    """
+
+    async def zero_ftsensor(self) -> None:
+        """Let what the force sensor feels now be zero; e-Series."""
+        self._require("zero_ftsensor")
+        await self._command_or_script(ScriptCommand.plain(ScriptCommandKind.ZERO_FTSENSOR), "zero_ftsensor()")
+
+    async def set_payload(self, mass_kg: float, cog_m: Sequence[float]) -> None:
+        """Mass and its centre of gravity (3,) in the flange frame."""
+        _check_mass(mass_kg)
+        script = f"set_payload({mass_kg}, {_list(cog_m)})"
+        await self._command_or_script(ScriptCommand.set_payload(mass_kg, cog_m), script)
+
+    async def set_target_payload(
+        self,
+        mass_kg: float,
+        cog_m: Sequence[float],
+        inertia_kg_m2: Sequence[float] = _ZERO6,
+        transition_time_s: float = 0.0,
+    ) -> None:
+        """As set_payload with the inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,), taking effect gradually; from 5.10 on."""
+        self._require("set_target_payload")
+        _check_mass(mass_kg)
+        command = ScriptCommand.set_target_payload(mass_kg, cog_m, inertia_kg_m2, transition_time_s)
+        script = f"set_target_payload({mass_kg}, {_list(cog_m)}, {_list(inertia_kg_m2)}, {transition_time_s})"
+        await self._command_or_script(command, script)
+
+    async def set_tool_voltage(self, volts: int) -> None:
+        """0, 12 or 24 V."""
+        await self._command_or_script(ScriptCommand.set_tool_voltage(volts), f"set_tool_voltage({volts})")
+
+    async def set_gravity(self, gravity_m_s2: Sequence[float]) -> None:
+        """Acceleration of the base (3,) in its frame: [0, 0, 9.82] for an upright arm."""
+        await self._command_or_script(ScriptCommand.set_gravity(gravity_m_s2), f"set_gravity({_list(gravity_m_s2)})")
+
+    def set_tcp(self, pose_flange_tcp: Sequence[float]) -> None:
+        """Flange to TCP (6,) [m, rotation vector]."""
+        self.commands.send(ScriptCommand.set_tcp_offset(pose_flange_tcp))
+
+    def start_force_mode(
+        self,
+        task_frame_base: Sequence[float],
+        selection: Sequence[int],
+        wrench: Sequence[float],
+        kind: int,
+        limits: Sequence[float],
+        *,
+        damping: float = 0.025,
+        gain_scaling: float = 0.5,
+    ) -> None:
+        """Comply along the axes of a frame.
+
+        task_frame_base: pose in the base frame (6,) [m, rotation vector]. selection: 1 for
+        axes that comply (6,). wrench: to press with [N, Nm] (6,). kind: 1 the frame's y axis
+        points to the TCP, 2 the frame as it is, 3 its x axis follows the velocity. limits:
+        top speeds of complying axes [m/s, rad/s], deviations of the others [m, rad] (6,).
+        damping: 0 to 1. gain_scaling: 0 to 2, e-Series only.
+        """
+        if kind not in (1, 2, 3):
+            raise LocalProtocolError(f"the kind of force mode is 1, 2 or 3, not {kind}")
+        if any(axis not in (0, 1) for axis in selection):
+            raise LocalProtocolError(f"the selection of force mode has a 0 or 1 for each axis, not {list(selection)}")
+        if not (0.0 <= damping <= 1.0 and 0.0 <= gain_scaling <= 2.0):
+            raise LocalProtocolError(f"damping is 0 to 1 and gain scaling 0 to 2, not {damping} and {gain_scaling}")
+        if any(not limit >= 0.0 for limit in limits):
+            raise LocalProtocolError(f"the limits of force mode cannot be negative: {list(limits)}")
+        command = ScriptCommand.start_force_mode(
+            task_frame_base, selection, wrench, kind, limits, damping=damping, gain_scaling=gain_scaling
+        )
+        self.commands.send(command)
+
+    def end_force_mode(self) -> None:
+        """Hold the pose again."""
+        self.commands.send(ScriptCommand.plain(ScriptCommandKind.END_FORCE_MODE))
+
+    def start_tool_contact(self) -> None:
+        """Stop the motion where the tool touches something, and go back to where the contact began; e-Series.
+
+        Afterwards the arm rests until `end_tool_contact`. Watched once with each message to the
+        robot, so best with setpoints in every control period.
+        """
+        self._require("start_tool_contact")
+        self.commands.forget_results()
+        self.commands.send(ScriptCommand.plain(ScriptCommandKind.START_TOOL_CONTACT))
+
+    def end_tool_contact(self) -> None:
+        """Watch for contact no longer; the result is CANCELED if there was none."""
+        self._require("end_tool_contact")
+        self.commands.send(ScriptCommand.plain(ScriptCommandKind.END_TOOL_CONTACT))
+
+    async def tool_contact_result(self, timeout_s: float | None = None) -> TrajectoryResult:
+        """SUCCESS when the arm is back at the beginning of a contact, CANCELED when watching ended without one."""
+        return await self.commands.result(timeout_s)
+
+    def ft_rtde_input_enable(
+        self,
+        enabled: bool,
+        sensor_mass_kg: float = 0.0,
+        offset_m: Sequence[float] = _ZERO3,
+        cog_m: Sequence[float] = _ZERO3,
+    ) -> None:
+        """Take the wrench from RTDE inputs; mass, measuring point (3,) and centre of gravity (3,) are the sensor's."""
+        self.commands.send(ScriptCommand.ft_rtde_input_enable(enabled, sensor_mass_kg, offset_m, cog_m))
+
+    def set_friction_compensation(self, enabled: bool) -> None:
+        """Whether torque control makes up for friction; from 5.23 on."""
+        self._require("set_friction_compensation")
+        self.commands.send(ScriptCommand.set_friction_compensation(enabled))
+
+    def set_friction_scales(self, viscous: Sequence[float], coulomb: Sequence[float]) -> None:
+        """Shares 0 to 1 of each joint's friction (6,) that torque control makes up for; from 5.25.1 on."""
+        self._require("set_friction_scales")
+        self.commands.send(ScriptCommand.set_friction_scales(viscous, coulomb))
+
+    async def _command_or_script(self, command: ScriptCommand, statement: str) -> None:
+        if self.program_running:
+            self.commands.send(command)
+        else:
+            await self.robot.send_script(f"sec command():\n  {statement}\nend")
+
+
+def _check_mass(mass_kg: float) -> None:
+    if not mass_kg >= 0.0:
+        raise LocalProtocolError(f"a mass is 0 kg or more, not {mass_kg}")
+
+
+def _list(values: Sequence[float]) -> str:
+    return f"[{', '.join(str(float(value)) for value in values)}]"

@@ -1,0 +1,60 @@
+"""What a driver is told about its robot."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from client import dashboard, primary, rtde
+from client.control_program import ToolCommunication
+from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
+from client.driver.reverse import REVERSE_PORT
+from client.driver.sender import SENDER_PORT
+from client.driver.timeouts import KEEP_ALIVE_TIMEOUT_S
+
+__all__ = ["ROBOT_PORTS", "DriverConfig"]
+
+ROBOT_PORTS: Final[Mapping[str, int]] = {
+    "dashboard": dashboard.PORT,
+    "primary": primary.PORT,
+    "rtde": rtde.PORT,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriverConfig:
+    """How to reach a robot and be reached by it.
+
+    robot: its address. headless: the driver sends the program itself; otherwise the External
+    Control URCap on the robot fetches it, from `program`, which the driver loads (None: the
+    one that is loaded) and plays through the dashboard.
+    own_address: the driver's address as the robot sees it; found by itself when None.
+    listen_on: the own addresses the four ports are opened on, the own address when None.
+    outputs: RTDE variables to receive beside those the driver needs; frequency_hz: how often,
+    None as often as the robot can.
+    keep_alive_s: how often the driver says that it is alive while it has nothing to say;
+    keep_alive_timeout_s: how long the program waits for that. silence_s: a robot whose state
+    does not come for so long counts as frozen, and its program is disconnected.
+    calibration: what the robot's calibration hash has to be; None takes any.
+    """
+
+    robot: str
+    headless: bool = True
+    program: str | None = None
+    own_address: str | None = None
+    listen_on: str | None = None
+    reverse_port: int = REVERSE_PORT
+    sender_port: int = SENDER_PORT
+    trajectory_port: int = TRAJECTORY_PORT
+    command_port: int = COMMAND_PORT
+    robot_ports: Mapping[str, int] = field(default_factory=lambda: dict(ROBOT_PORTS))
+    outputs: tuple[str, ...] = ()
+    frequency_hz: float | None = None
+    keep_alive_s: float = 0.1
+    keep_alive_timeout_s: float = KEEP_ALIVE_TIMEOUT_S
+    silence_s: float = 1.0
+    start_timeout_s: float = 5.0
+    calibration: str | None = None
+    servoj_lookahead_s: float = 0.03
+    servoj_gain: int = 2000
+    tool_voltage: int | None = None
+    tool_communication: ToolCommunication | None = None

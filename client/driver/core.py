@@ -1,0 +1,261 @@
+"""The life of the control program: started, watched, kept alive, ended, started again."""
+
+import asyncio
+import logging
+from collections.abc import Callable, Mapping
+from contextlib import AsyncExitStack, suppress
+from types import TracebackType
+from typing import Any, Final, Self
+
+from client import dashboard
+from client.control_program import ControlProgram
+from client.driver.calibration import calibration_problem
+from client.driver.config import DriverConfig
+from client.driver.endpoint import Endpoint, Peer
+from client.driver.gates import require
+from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
+from client.driver.reverse import ReverseEndpoint
+from client.driver.robot import RobotLink, cancel
+from client.driver.sender import ScriptSender
+from client.errors import ProgramNotRunningError
+from urproto.errors import LocalProtocolError, RobotRefused
+from urproto.modes import RobotMode, SafetyMode
+from urproto.versions import PolyscopeVersion
+
+__all__ = ["DriverCore"]
+
+MOVABLE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
+_STOP_LINE: Final = "stop program"
+_END_TIMEOUT_S: Final = 2.0  # guess: a ramp to rest from full speed takes 0.8 s
+
+_SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within this
+
+_logger = logging.getLogger(__name__)
+
+
+class DriverCore:
+    """The four ports, the robot's own interfaces, and the program between them.
+
+    robot: what the robot says about itself. reverse, sender, trajectory, commands: the ports.
+    """
+
+    def __init__(self, config: DriverConfig) -> None:
+        self.config = config
+        self.robot = RobotLink(config)
+        self.reverse = ReverseEndpoint(config.reverse_port)
+        self.sender = ScriptSender(self.program_text, config.sender_port)
+        self.trajectory = TrajectoryEndpoint(config.trajectory_port)
+        self.commands = ScriptCommandEndpoint(config.command_port)
+        self._own_address = ""
+        self._partners: dict[Endpoint, Peer | None] = {}
+        self._open = AsyncExitStack()
+
+    async def __aenter__(self) -> Self:
+        """Connect, open the ports and check the calibration; the program is not started yet.
+
+        Raises the errors of client.errors, RobotRefused for a wrong calibration, OSError for a
+        port that is taken.
+        """
+        async with AsyncExitStack() as opening:
+            await opening.enter_async_context(self.robot)
+            self._own_address = self.config.own_address or self.robot.own_address
+            self.reverse.period_s = self.version.series.period_s
+            for endpoint in self._endpoints:
+                endpoint.host = self._own_address if self.config.listen_on is None else self.config.listen_on
+                await opening.enter_async_context(endpoint)
+            await self._check_calibration()
+            self.reverse.listeners.append(self._program_changed)
+            for partner in (self.trajectory, self.commands):
+                partner.listeners.append(self._partner_changed)
+            self.robot.on_silence.append(self._robot_is_silent)
+            opening.push_async_callback(cancel, asyncio.create_task(self._keep_alive()))
+            self._open = opening.pop_all()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the program, which stops the arm, and close everything."""
+        try:
+            with suppress(TimeoutError):
+                await self.stop_program()
+        finally:
+            await self._open.aclose()
+
+    @property
+    def _endpoints(self) -> tuple[Endpoint, ...]:
+        return self.reverse, self.sender, self.trajectory, self.commands
+
+    @property
+    def version(self) -> PolyscopeVersion:
+        """The robot's PolyScope version."""
+        return self.robot.version
+
+    @property
+    def state(self) -> Mapping[str, Any]:
+        """The newest RTDE state, by variable name."""
+        return self.robot.state
+
+    @property
+    def program_running(self) -> bool:
+        """True while the control program is connected."""
+        return self.reverse.connected
+
+    def program_text(self) -> str:
+        """The control program as the URCap gets it."""
+        return self._program().render(self.version)
+
+    def on_program_state(self, callback: Callable[[bool], None]) -> None:
+        """Call back with True and False as the control program connects and leaves."""
+        self.reverse.listeners.append(callback)
+
+    async def next_state(self) -> Mapping[str, Any]:
+        """The RTDE state after the newest one."""
+        return await self.robot.next_state()
+
+    async def set_speed_slider(self, fraction: float) -> None:
+        """Scale the speed of everything by 0.01 to 1; RobotRefused when another client holds the slider."""
+        if not 0.01 <= fraction <= 1.0:
+            raise LocalProtocolError(f"the speed slider goes from 0.01 to 1, not to {fraction}")
+        await self.robot.set_speed_slider(fraction)
+
+    async def start_program(self) -> None:
+        """Start the control program, or start it again, and wait until it is connected.
+
+        Raises ScriptFailedError when the robot reports an error in it, RobotRefused in a mode
+        in which no program can run, ProgramNotRunningError when it does not connect in time.
+        """
+        self._check_modes()
+        await self._end_old_program()
+        self.robot.forget_errors()
+        if self.config.headless:
+            await self.robot.send_script(self._program().render_headless(self.version))
+        else:
+            await self._play()
+        await self._wait_for_program()
+
+    async def stop_program(self) -> None:
+        """End the control program, which stops the arm; does nothing when it is not running."""
+        if self.program_running:
+            self.reverse.stop()
+            await self.reverse.wait_disconnected(_END_TIMEOUT_S)
+
+    async def wait_for_program(self, timeout_s: float) -> None:
+        """Wait until somebody started the program on the robot. Raises ProgramNotRunningError."""
+        await self.reverse.wait_connected(timeout_s)
+
+    def _program(self) -> ControlProgram:
+        config = self.config
+        return ControlProgram(
+            host=self._own_address,
+            reverse_port=self.reverse.port,
+            trajectory_port=self.trajectory.port,
+            command_port=self.commands.port,
+            servoj_lookahead_s=config.servoj_lookahead_s,
+            servoj_gain=config.servoj_gain,
+            tool_voltage=config.tool_voltage,
+            tool_communication=config.tool_communication,
+        )
+
+    def _require(self, feature: str) -> None:
+        require(feature, self.version)
+
+    async def _check_calibration(self) -> None:
+        problem = calibration_problem(await self.robot.kinematics(), self.config.calibration)
+        if problem is not None:
+            raise RobotRefused("the calibration check", problem)
+
+    # starting
+
+    def _check_modes(self) -> None:
+        if self.robot.safety_mode not in MOVABLE:
+            raise RobotRefused(
+                "start of the control program",
+                f"its safety mode is {self.robot.safety_mode.name}: clear the cause, then unlock or restart the safety",
+            )
+        if self.robot.robot_mode is not RobotMode.RUNNING:
+            raise RobotRefused(
+                "start of the control program",
+                f"its mode is {self.robot.robot_mode.name}: power it on and release the brakes",
+            )
+
+    async def _end_old_program(self) -> None:
+        if self.program_running:
+            await self.robot.send_script(_STOP_LINE)
+            await self.reverse.wait_disconnected(_END_TIMEOUT_S)
+
+    async def _play(self) -> None:
+        assert self.robot.dashboard is not None
+        if self.config.program is not None:
+            await self.robot.dashboard.ask(dashboard.load(self.config.program))
+        await self.robot.dashboard.ask(dashboard.PLAY)
+
+    async def _wait_for_program(self) -> None:
+        connected = asyncio.create_task(self.reverse.wait_connected(self.config.start_timeout_s))
+        failed = asyncio.create_task(self.robot.script_error())
+        try:
+            await asyncio.wait((connected, failed), return_when=asyncio.FIRST_COMPLETED)
+            if failed.done():
+                raise failed.result()
+            await connected
+        except ProgramNotRunningError:
+            raise ProgramNotRunningError(self.reverse.port, await self._why_not()) from None
+        finally:
+            for task in (connected, failed):
+                task.cancel()
+            await asyncio.gather(connected, failed, return_exceptions=True)
+
+    async def _why_not(self) -> str:
+        where = f"{self._own_address}, ports {', '.join(str(endpoint.port) for endpoint in self._endpoints)}"
+        remote = "the robot has to be in remote control"
+        if not self.config.headless and not self.sender.requests:
+            return f"the URCap did not ask for it; check that it is set to {where} (program: {self.sender.port})"
+        return f"the robot was sent it; it must be able to reach {where}, and e-Series: {remote}"
+
+    # watching
+
+    def _program_changed(self, connected: bool) -> None:
+        if connected:
+            self._partners = {end: end.current_peer for end in (self.trajectory, self.commands)}
+            self.reverse.keep_alive(self.config.keep_alive_timeout_s)
+            asyncio.get_running_loop().call_later(_SETTLE_S, self._expect_partners, self.reverse.current_peer)
+            return
+        partners, self._partners = self._partners, {}
+        for peer in partners.values():  # only its own: a new program may have connected to these already
+            if peer is not None:
+                peer.abort()
+
+    def _partner_changed(self, connected: bool) -> None:
+        """A program that has lost one of its connections is ended as a whole."""
+        for endpoint, peer in tuple(self._partners.items()):
+            if peer is None:
+                self._partners[endpoint] = endpoint.current_peer  # accepted after the last one
+            elif not connected and peer is not endpoint.current_peer:
+                self._end_crippled(endpoint)
+                return
+
+    def _expect_partners(self, reverse: Peer | None) -> None:
+        """A program that got through to the last port only, because others were lost meanwhile, is of no use."""
+        if reverse is None or reverse is not self.reverse.current_peer:
+            return
+        for endpoint, peer in self._partners.items():
+            if peer is None:
+                self._end_crippled(endpoint)
+                return
+
+    def _end_crippled(self, endpoint: Endpoint) -> None:
+        _logger.error("the robot is not connected to port %d: its program is ended", endpoint.port)
+        if self.program_running:
+            self.reverse.stop()
+
+    def _robot_is_silent(self) -> None:
+        peer = self.reverse.current_peer
+        if peer is not None:
+            _logger.error("the robot is silent: its program is disconnected")
+            peer.abort()
+
+    async def _keep_alive(self) -> None:
+        while True:
+            await asyncio.sleep(self.config.keep_alive_s)
+            if self.program_running:
+                self.reverse.continue_mode(self.config.keep_alive_timeout_s)

@@ -1,0 +1,206 @@
+"""A port of the driver that the robot's program connects to.
+
+Here the driver is the server. One robot is served at a time: a new connection from the same
+address replaces the old one, which is a program that was started again before the end of the
+last was noticed; other addresses are sent away while a robot is there.
+"""
+
+import asyncio
+import logging
+import socket
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Final, Self
+
+from client.connection import DEFAULT_TIMEOUT_S
+from client.errors import ProgramNotRunningError
+
+__all__ = ["Endpoint", "Peer", "tell"]
+
+_MOST_UNSENT: Final = 8192  # bytes, beyond what the system buffers; guess: a robot that reads never gets near it
+_HINT: Final = "start the program on the robot and wait for it"
+
+_logger = logging.getLogger(__name__)
+
+
+class Peer(asyncio.Protocol):
+    """One connection of a robot."""
+
+    def __init__(self, endpoint: "Endpoint") -> None:
+        self._endpoint = endpoint
+        self._may_write = asyncio.Event()
+        self._may_write.set()
+        self.gone = asyncio.get_running_loop().create_future()
+        self.address = ""
+        self.transport: asyncio.Transport
+
+    def abort(self) -> None:
+        """End the connection at once, without waiting for what is not sent yet."""
+        self.transport.abort()
+
+    def write(self, data: bytes) -> None:
+        """Send now. A robot that does not read ends its connection."""
+        if self.transport.get_write_buffer_size() > _MOST_UNSENT:
+            _logger.error("%s does not read what it is sent on port %d", self.address, self._endpoint.port)
+            self.abort()
+            return
+        self.transport.write(data)
+
+    async def write_all(self, data: bytes) -> None:
+        """Send as fast as the robot reads."""
+        self.transport.write(data)
+        await self._may_write.wait()
+
+    # asyncio's side
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self.transport = transport
+        self.address = str(transport.get_extra_info("peername")[0])
+        transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        transport.set_write_buffer_limits(_MOST_UNSENT)
+        self._endpoint._arrived(self)
+
+    def data_received(self, data: bytes) -> None:
+        self._endpoint._received(self, data)
+
+    def pause_writing(self) -> None:
+        self._may_write.clear()
+
+    def resume_writing(self) -> None:
+        self._may_write.set()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._may_write.set()
+        self.gone.set_result(None)
+        self._endpoint._left(self)
+
+
+class Endpoint:
+    """A server for one robot; use it with ``async with``.
+
+    port: 0 takes a free one, which `port` then is. host: the own address to listen on, all
+    of them when empty. listeners: called with True and False as the robot comes and goes.
+    """
+
+    def __init__(self, port: int, host: str = "") -> None:
+        self.port = port
+        self.host = host
+        self.listeners: list[Callable[[bool], None]] = []
+        self._peers: set[Peer] = set()
+        self._peer: Peer | None = None
+        self._server: asyncio.Server | None = None
+
+    async def __aenter__(self) -> Self:
+        """Listen. Raises OSError when the port is taken."""
+        loop = asyncio.get_running_loop()
+        self._server = await loop.create_server(lambda: Peer(self), self.host or None, self.port, reuse_address=True)
+        self.port = self._server.sockets[0].getsockname()[1]
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Stop listening and end every connection; closing twice does no harm."""
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+        while self._peers:
+            peer = next(iter(self._peers))
+            peer.transport.close() if not peer.transport.get_write_buffer_size() else peer.abort()
+            await peer.gone
+
+    @property
+    def connected(self) -> bool:
+        """True while a robot is there."""
+        return self._peer is not None
+
+    @property
+    def peer(self) -> Peer:
+        """The robot's connection. Raises ProgramNotRunningError without one."""
+        if self._peer is None:
+            raise ProgramNotRunningError(self.port, _HINT)
+        return self._peer
+
+    @property
+    def current_peer(self) -> Peer | None:
+        """The robot's connection, or None."""
+        return self._peer
+
+    async def wait_connected(self, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
+        """Wait for a robot. Raises ProgramNotRunningError when none comes."""
+        try:
+            await self._wait_until(True, timeout_s)
+        except TimeoutError:
+            raise ProgramNotRunningError(self.port, f"none came within {timeout_s:g} s; {_HINT}") from None
+
+    async def wait_disconnected(self, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
+        """Wait until no robot is there. Raises TimeoutError."""
+        await self._wait_until(False, timeout_s)
+
+    async def _wait_until(self, connected: bool, timeout_s: float) -> None:
+        async with asyncio.timeout(timeout_s):
+            while self.connected is not connected:
+                future = asyncio.get_running_loop().create_future()
+
+                def changed(_: bool, future: "asyncio.Future[None]" = future) -> None:
+                    if not future.done():
+                        future.set_result(None)
+
+                self.listeners.append(changed)
+                try:
+                    await future
+                finally:
+                    self.listeners.remove(changed)
+
+    # what connections report
+
+    def _arrived(self, peer: Peer) -> None:
+        self._peers.add(peer)
+        if self._peer is not None and self._peer.address != peer.address:
+            _logger.warning("%s is sent away: port %d serves %s", peer.address, self.port, self._peer.address)
+            peer.abort()
+            return
+        if self._peer is not None:
+            before, self._peer = self._peer, None
+            before.abort()
+            self._lost(before)
+        self._peer = peer
+        self._found(peer)
+
+    def _received(self, peer: Peer, data: bytes) -> None:
+        if peer is self._peer:
+            self.data_received(data)
+
+    def _left(self, peer: Peer) -> None:
+        self._peers.discard(peer)
+        if peer is self._peer:
+            self._peer = None
+            self._lost(peer)
+
+    # for kinds of endpoints
+
+    def data_received(self, data: bytes) -> None:
+        """Bytes from the robot; of this kind none are expected."""
+        _logger.info("the robot says %r on port %d, which means nothing", data[:80], self.port)
+
+    def _found(self, peer: Peer) -> None:
+        self._tell(True)
+
+    def _lost(self, peer: Peer) -> None:
+        self._tell(False)
+
+    def _tell(self, connected: bool) -> None:
+        tell(self.listeners, connected)
+
+
+def tell(listeners: Sequence[Callable[..., object]], *news: object) -> None:
+    """Call each of them; one that raises is logged and harms nobody else."""
+    for listener in tuple(listeners):
+        try:
+            listener(*news)
+        except Exception:
+            _logger.exception("a callback failed")

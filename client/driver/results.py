@@ -1,0 +1,102 @@
+"""The two interfaces that answer: trajectory points (50003) and script commands (50004)."""
+
+import asyncio
+import logging
+from collections.abc import Iterable
+from typing import Final
+
+from client.driver.endpoint import Endpoint, Peer
+from client.errors import NoAnswerError, ProgramEndedError
+from urproto.errors import RemoteProtocolError
+from urproto.external_control import MessageDecoder, ScriptCommand, TrajectoryPoint, TrajectoryResult
+
+__all__ = ["COMMAND_PORT", "TRAJECTORY_PORT", "ResultEndpoint", "ScriptCommandEndpoint", "TrajectoryEndpoint"]
+
+TRAJECTORY_PORT: Final = 50003
+COMMAND_PORT: Final = 50004
+_POINTS_AT_ONCE: Final = 64
+
+_logger = logging.getLogger(__name__)
+
+
+class ResultEndpoint(Endpoint):
+    """An endpoint whose robot answers with results."""
+
+    doing = "a request"
+
+    def __init__(self, port: int, host: str = "") -> None:
+        super().__init__(port, host)
+        self._decoder = MessageDecoder.results()
+        self._results: asyncio.Queue[TrajectoryResult | None] = asyncio.Queue()
+
+    async def result(self, timeout_s: float | None = None) -> TrajectoryResult:
+        """The next result; None waits as long as it takes.
+
+        Raises NoAnswerError, or ProgramEndedError when the program ends before it comes.
+        """
+        if not self.connected and self._results.empty():
+            raise ProgramEndedError(self.port, self.doing)
+        try:
+            async with asyncio.timeout(timeout_s):
+                result = await self._results.get()
+        except TimeoutError:
+            raise NoAnswerError(self.peer.address, self.port, timeout_s or 0.0) from None
+        if result is None:
+            raise ProgramEndedError(self.port, self.doing)
+        return result
+
+    def forget_results(self) -> None:
+        """Drop results nobody has asked for."""
+        while not self._results.empty():
+            self._results.get_nowait()
+
+    def data_received(self, data: bytes) -> None:
+        try:
+            for result in self._decoder.feed(data):
+                self._results.put_nowait(result)
+        except RemoteProtocolError as error:
+            _logger.error("port %d: %s; the connection is given up", self.port, error)
+            self.peer.abort()
+
+    def _found(self, peer: Peer) -> None:
+        self._decoder = MessageDecoder.results()
+        self.forget_results()
+        super()._found(peer)
+
+    def _lost(self, peer: Peer) -> None:
+        self._results.put_nowait(None)  # wakes who waits
+        super()._lost(peer)
+
+
+class TrajectoryEndpoint(ResultEndpoint):
+    """Sends the points of trajectories; which of them belong together the reverse interface says."""
+
+    doing = "a trajectory"
+
+    def __init__(self, port: int = TRAJECTORY_PORT, host: str = "") -> None:
+        super().__init__(port, host)
+
+    async def write(self, points: Iterable[TrajectoryPoint]) -> None:
+        """Send points as fast as the robot takes them. Raises ProgramEndedError when it goes away meanwhile.
+
+        Nothing is sent when one of them raises LocalProtocolError.
+        """
+        messages = [point.encode() for point in points]
+        peer = self.peer
+        for start in range(0, len(messages), _POINTS_AT_ONCE):
+            if peer.gone.done():
+                raise ProgramEndedError(self.port, self.doing)
+            await peer.write_all(b"".join(messages[start : start + _POINTS_AT_ONCE]))
+
+
+class ScriptCommandEndpoint(ResultEndpoint):
+    """Sends commands that are executed beside the motion; contact of the tool is the only one that answers."""
+
+    doing = "tool contact"
+
+    def __init__(self, port: int = COMMAND_PORT, host: str = "") -> None:
+        super().__init__(port, host)
+
+    def send(self, command: ScriptCommand) -> None:
+        """Send one command."""
+        self.peer.write(command.encode())

@@ -1,0 +1,44 @@
+"""A driver and an emulator in the same process, in real time, on free ports of the loopback interface."""
+
+import sys
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))  # driver_rig; importlib mode does not add the folder
+
+from driver_rig import Pair, emulator
+
+from emulator.app import Emulator
+
+
+@pytest.fixture(params=["ur3", "ur5e"])
+async def robot(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator[Emulator]:
+    """A running emulator: a UR3 of the CB3 series and a UR5e, or what the test is parametrised with."""
+    model, _, version = str(request.param).partition(" ")
+    async with emulator(model, version or None, tmp_path) as running:
+        yield running
+
+
+@pytest.fixture
+def connect(robot: Emulator) -> Callable[..., AbstractAsyncContextManager[Pair]]:
+    """``async with connect() as pair``: a driver of that robot; options are those of DriverConfig."""
+
+    @asynccontextmanager
+    async def open_pair(*, start: bool = True, **options: object) -> AsyncIterator[Pair]:
+        pair = Pair(robot, **options)
+        async with pair.driver:
+            if start:
+                await pair.driver.start_program()
+            yield pair
+
+    return open_pair
+
+
+@pytest.fixture
+async def pair(connect: Callable[..., AbstractAsyncContextManager[Pair]]) -> AsyncIterator[Pair]:
+    """A driver whose control program runs."""
+    async with connect() as pair:
+        yield pair

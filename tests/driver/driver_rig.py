@@ -1,0 +1,104 @@
+"""Helpers of the driver's tests."""
+
+import asyncio
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from client.driver import URDriver
+from emulator.app import Emulator
+from emulator.config import EmulatorConfig
+from emulator.controller import ControllerConfig
+from urproto.modes import RuntimeState
+from urproto.robots import load_model
+from urproto.versions import PolyscopeVersion
+
+HOST = "127.0.0.1"
+HOME = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
+PATIENCE_S = 20.0
+CALM_S = 0.2  # the longest real-time timeout: a busy test machine is not the subject
+
+
+def emulator(model: str = "ur5e", version: str | None = None, programs_dir: Path | None = None) -> Emulator:
+    """One with its brakes released, not entered yet."""
+    chosen = PolyscopeVersion.parse(version) if version else None
+    controller = ControllerConfig(
+        model=load_model(model), version=chosen, initial_q=HOME, running=True, programs_dir=programs_dir
+    )
+    return Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True))
+
+
+class Pair:
+    """A driver and the robot it drives, seen from inside."""
+
+    def __init__(self, robot: Emulator, **options: Any) -> None:
+        self.robot = robot
+        chosen: dict[str, Any] = {
+            "robot_ports": robot.ports,
+            "reverse_port": 0,
+            "sender_port": 0,
+            "trajectory_port": 0,
+            "command_port": 0,
+            "silence_s": 5.0,
+        }
+        self.driver = URDriver(HOST, **(chosen | options))
+
+    @property
+    def snapshot(self) -> Any:
+        return self.robot.controller.snapshot
+
+    @property
+    def q(self) -> tuple[float, ...]:
+        return tuple(self.snapshot.actual_q)
+
+    @property
+    def at_rest(self) -> bool:
+        return not any(self.snapshot.target_qd)
+
+    @property
+    def program_ended(self) -> bool:
+        return self.robot.controller.programs.state is RuntimeState.STOPPED
+
+    @property
+    def log(self) -> list[str]:
+        return list(self.robot.controller.messages.history)
+
+    def distance(self, q: tuple[float, ...] = HOME) -> float:
+        """Of the farthest joint [rad]."""
+        return max(abs(a - b) for a, b in zip(self.q, q, strict=True))
+
+    async def until(self, condition: Callable[[], bool], timeout_s: float = PATIENCE_S) -> None:
+        """Look at every control period until it holds."""
+        met: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+
+        def look(_: object) -> None:
+            if condition() and not met.done():
+                met.set_result(None)
+
+        unsubscribe = self.robot.controller.subscribe(look)
+        try:
+            async with asyncio.timeout(timeout_s):
+                await met
+        except TimeoutError:
+            raise AssertionError(f"not within {timeout_s} s; the log says {self.log[-10:]}") from None
+        finally:
+            unsubscribe()
+
+    async def periods(self, count: int) -> None:
+        """Let control periods pass."""
+        last = self.snapshot.step + count
+        await self.until(lambda: self.snapshot.step >= last)
+
+    async def setpoints(self, seconds: float, send: Callable[[float], None]) -> None:
+        """Call `send` with the robot's time since the beginning, once a control period."""
+        period, begin = self.robot.controller.period_s, self.snapshot.step
+        while (elapsed := (self.snapshot.step - begin) * period) < seconds:
+            send(elapsed)
+            await self.periods(1)
+
+
+def swing(t: float, radius: float = 0.2, period_s: float = 2.0) -> tuple[float, ...]:
+    """Joint angles of a smooth to and fro that begins and ends at rest in HOME."""
+    offset = radius * (1 - math.cos(2 * math.pi * t / period_s)) / 2
+    return tuple(q + offset for q in HOME)

@@ -1,0 +1,239 @@
+"""Starting, ending, losing and recovering the control program."""
+
+import asyncio
+import socket
+import struct
+
+import pytest
+from driver_rig import CALM_S, HOME, HOST, Pair, swing
+
+from client.driver import calibration_hash, points
+from client.errors import NoAnswerError, ProgramEndedError, ProgramNotRunningError, ScriptFailedError
+from client.rtde import RTDEClient
+from emulator.lifecycle.power import PowerEvent
+from urproto.errors import RobotRefused
+from urproto.external_control import ControlMode, TrajectoryResult
+from urproto.modes import SafetyMode
+
+LONG = points.movej([HOME[0] + 1.5, *HOME[1:]], v=0.5)
+
+
+async def move_again(pair):
+    """The next program works."""
+    await pair.driver.start_program()
+    here = [pair.q[0] - 0.05, *pair.q[1:]]
+    assert await pair.driver.execute([points.movej(here, v=1, a=5)], 10) is TrajectoryResult.SUCCESS
+
+
+async def test_callers_are_told_when_the_program_comes_and_goes(connect):
+    async with connect(start=False) as pair:
+        told = []
+        pair.driver.on_program_state(told.append)
+        await pair.driver.start_program()
+        await pair.driver.stop_program()
+        assert told == [True, False]
+        await pair.until(lambda: pair.program_ended)
+        await pair.driver.start_program()
+        await pair.driver.start_program()
+        assert told == [True, False, True, False, True]
+
+
+async def test_leaving_the_context_stops_the_arm_and_the_program(connect):
+    async with connect() as pair:
+        await pair.driver.start_trajectory([LONG])
+        await pair.until(lambda: pair.snapshot.target_qd[0] > 0.1)
+    await pair.until(lambda: pair.program_ended and pair.at_rest)
+
+
+@pytest.mark.parametrize("lost", ["reverse", "trajectory", "commands"])
+async def test_any_connection_lost_in_motion_stops_the_arm_and_ends_the_program(pair, lost):
+    await pair.driver.start_trajectory([LONG])
+    await pair.until(lambda: pair.snapshot.target_qd[0] > 0.1)
+    getattr(pair.driver, lost).peer.abort()
+    await pair.until(lambda: pair.program_ended and pair.at_rest, 3.0)
+    assert pair.distance() < 1.0
+    with pytest.raises(ProgramEndedError):
+        await pair.driver.trajectory_result(5)
+    await move_again(pair)
+
+
+@pytest.mark.parametrize("lost", ["reverse", "trajectory", "commands"])
+async def test_any_connection_lost_at_rest_ends_the_program(pair, lost):
+    getattr(pair.driver, lost).peer.abort()
+    await pair.until(lambda: pair.program_ended, 3.0)
+    await move_again(pair)
+
+
+@pytest.mark.parametrize("lost", ["trajectory", "commands"])
+async def test_the_program_notices_a_lost_connection_by_itself(pair, lost):
+    """When the driver does not: only the robot's end is told."""
+    pair.driver.trajectory.listeners.clear()
+    pair.driver.commands.listeners.clear()
+    if lost == "trajectory":
+        await pair.driver.start_trajectory([points.movej(HOME, duration_s=0.5)] * 2)
+    getattr(pair.driver, lost).peer.abort()
+    await pair.until(lambda: pair.program_ended and pair.at_rest, 5.0)
+    await move_again(pair)
+
+
+@pytest.mark.parametrize("send", ["servoj", "speedj"])
+async def test_a_driver_that_freezes_stops_the_arm(pair, send):
+    """Setpoints cease and no keep-alive follows, as when the driver's process hangs."""
+
+    def setpoint(t):
+        if send == "servoj":
+            pair.driver.servoj(swing(t), 0.1)
+        else:
+            pair.driver.speedj([0.3, 0, 0, 0, 0, 0], 0.1)
+
+    await pair.setpoints(0.8, setpoint)
+    begin = pair.snapshot.timestamp
+    await pair.until(lambda: pair.program_ended and pair.at_rest, 3.0)
+    assert pair.snapshot.timestamp - begin < 0.6
+    await move_again(pair)
+
+
+async def test_a_driver_that_freezes_during_a_trajectory_stops_the_arm(connect):
+    async with connect(keep_alive_s=3600.0, keep_alive_timeout_s=0.3) as pair:
+        await pair.driver.start_trajectory([LONG])
+        begin = pair.snapshot.timestamp
+        await pair.until(lambda: pair.program_ended and pair.at_rest, 5.0)
+        assert pair.snapshot.timestamp - begin < 1.0
+        assert await pair.driver.trajectory_result(5) is TrajectoryResult.CANCELED
+
+
+async def test_a_program_that_reaches_one_port_only_is_ended(connect):
+    async with connect(start=False) as pair:
+        reader, writer = await asyncio.open_connection(HOST, pair.driver.reverse.port)
+        async with asyncio.timeout(5):
+            while struct.unpack(">8i", await reader.readexactly(32))[7] != ControlMode.STOPPED:
+                pass
+        writer.close()
+        await pair.driver.reverse.wait_disconnected()
+
+
+async def test_an_idle_program_lives_as_long_as_its_driver(connect):
+    async with connect(keep_alive_s=0.05, keep_alive_timeout_s=0.5) as pair:
+        await pair.periods(round(1.2 / pair.robot.controller.period_s))
+        assert pair.driver.program_running
+
+
+async def test_a_robot_that_freezes_is_noticed_and_works_again(connect, robot):
+    async with connect(silence_s=0.3) as pair:
+        robot.clock.close()
+        async with asyncio.timeout(5):
+            while pair.driver.program_running:
+                await asyncio.sleep(0.02)
+        with pytest.raises(NoAnswerError):
+            await pair.driver.next_state()
+        robot.clock.start(robot._tick)
+        await pair.until(lambda: pair.program_ended, 5)
+        async with asyncio.timeout(5):
+            before = pair.driver.state["timestamp"]
+            while pair.driver.state["timestamp"] == before:
+                await asyncio.sleep(0.02)
+        await move_again(pair)
+
+
+async def test_the_robot_stops_the_program(pair):
+    await pair.driver.start_trajectory([LONG])
+    await pair.until(lambda: pair.snapshot.target_qd[0] > 0.1)
+    pair.robot.controller.programs.stop()
+    with pytest.raises(ProgramEndedError, match="trajectory"):
+        await pair.driver.trajectory_result(5)
+    await move_again(pair)
+
+
+async def test_a_pose_without_joint_angles_ends_the_program(pair):
+    """The robot reports it, the driver is told that the program has ended."""
+    await pair.driver.start_trajectory([points.movej_pose([9, 9, 9, 0, 0, 0])])
+    with pytest.raises(ProgramEndedError):
+        await pair.driver.trajectory_result(5)
+    await move_again(pair)
+
+
+async def test_protective_stop_and_recovery(pair):
+    modes = []
+    pair.driver.on_safety_mode(modes.append)
+    await pair.driver.start_trajectory([LONG])
+    await pair.until(lambda: pair.snapshot.target_qd[0] > 0.1)
+    await pair.driver.robot.send_script("sec hit():\n  protective_stop()\nend")
+    await pair.until(lambda: pair.driver.protective_stopped)
+    with pytest.raises(RobotRefused, match="PROTECTIVE_STOP"):
+        await pair.driver.start_program()
+    await pair.driver.recover()
+    assert modes == [SafetyMode.PROTECTIVE_STOP, SafetyMode.NORMAL]
+    assert pair.driver.program_running
+    await move_again(pair)
+
+
+async def test_a_robot_that_is_off_refuses_the_program(pair):
+    pair.robot.controller.power_event(PowerEvent.POWER_OFF)
+    await pair.until(lambda: pair.driver.state["robot_mode"] != 7)
+    with pytest.raises(RobotRefused, match="release the brakes"):
+        await pair.driver.start_program()
+
+
+async def test_an_error_in_the_program_is_shown(connect, monkeypatch):
+    async with connect(start=False) as pair:
+        monkeypatch.setattr("client.control_program._template", lambda: "textmsg(1)\nno_such_function()\n")
+        with pytest.raises(ScriptFailedError, match="no_such_function"):
+            await pair.driver.start_program()
+
+
+async def test_a_program_that_does_not_connect(connect, monkeypatch):
+    async with connect(start=False, start_timeout_s=0.3) as pair:
+        monkeypatch.setattr("client.control_program._template", lambda: "sleep(0.1)\n")
+        with pytest.raises(ProgramNotRunningError, match="must be able to reach"):
+            await pair.driver.start_program()
+
+
+async def test_a_driver_that_comes_later_is_found(robot):
+    """The program asks the operator and tries again when the popup is closed."""
+    with socket.create_server((HOST, 0)) as taken:
+        port = taken.getsockname()[1]
+    pair = Pair(robot, reverse_port=port)
+    async with pair.driver:
+        text = pair.driver._program().render_headless(pair.driver.version)
+    robot.controller.programs.submit(text)
+    await pair.until(lambda: bool(robot.controller.popups.shown))
+    assert f"There is no driver at {HOST}" in robot.controller.popups.shown[-1].text
+
+
+async def test_two_robots_do_not_share_a_driver(pair):
+    """The second one is sent away, the first goes on."""
+    reader, writer = await asyncio.open_connection(HOST, pair.driver.reverse.port, local_addr=("127.0.0.2", 0))
+    assert await reader.read() == b""
+    writer.close()
+    await pair.setpoints(0.2, lambda t: pair.driver.servoj(swing(t), CALM_S))
+    assert pair.driver.program_running
+
+
+async def test_calibration(connect):
+    async with connect(start=False) as pair:
+        found = calibration_hash(await pair.driver.robot.kinematics())
+    async with connect(calibration=found):
+        pass
+    with pytest.raises(RobotRefused, match="another arm"):
+        async with connect(calibration="calib_0000000000000000"):
+            pytest.fail("entered")
+
+
+async def test_the_slider_of_another_client_is_left_alone(robot, connect):
+    slider = [("speed_slider_mask", "speed_slider_fraction")]
+    async with (
+        RTDEClient(HOST, ["timestamp"], slider, port=robot.ports["rtde"]),
+        connect(start=False) as pair,
+    ):
+        with pytest.raises(RobotRefused, match="another RTDE client"):
+            await pair.driver.set_speed_slider(0.5)
+
+
+@pytest.mark.parametrize("robot", ["ur5e"], indirect=True)
+async def test_the_program_of_the_pendant(robot, connect, tmp_path):
+    """Not headless: loaded and played through the dashboard."""
+    async with connect(start=False, headless=False, program="control.script") as pair:
+        body = "".join(f"  {line}\n" for line in pair.driver.program_text().splitlines())
+        (tmp_path / "control.script").write_text(f"def control():\n{body}end\n")
+        await pair.driver.start_program()
+        assert await pair.driver.execute([points.movej(HOME)]) is TrajectoryResult.SUCCESS
