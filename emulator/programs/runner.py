@@ -11,13 +11,9 @@ runs, since the Script Manual allows it a single send but no time to open one.
 A program that does not compile changes nothing: the running one goes on. A long one is
 compiled over several periods (`emulator.programs.compiling`), during which the running one
 goes on too; whatever stops the main program then also drops the one being compiled.
-
-A program with External Control nodes is compiled when its driver has sent what they do
-(`emulator.programs.urcap`). A stop, or another program, ends the waiting.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
@@ -28,12 +24,11 @@ from emulator.programs.compiling import Compiling, Submission, WorkShare
 from emulator.programs.history import MotionHistory
 from emulator.programs.host import ProgramHost, StepHook
 from emulator.programs.interpreter import Interpreter
-from emulator.programs.loading import LoadedProgram, load_steps
+from emulator.programs.loading import LoadedProgram
 from emulator.programs.modbus import ModbusSignals
 from emulator.programs.outputs import RunstateOutputs
+from emulator.programs.player import Player
 from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
-from emulator.programs.trees.program import ProgramTree, script_steps
-from emulator.programs.urcap import ProgramRequest
 from emulator.programs.view import ProgramView
 from emulator.programs.watchdog import Watchdogs
 from urproto.modes import ReportLevel, RuntimeState, SafetyMode
@@ -58,15 +53,6 @@ _UNSCHEDULED_ENDS: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, Sa
 _SECONDARY_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title seen on a real controller
 
 
-@dataclass(frozen=True, slots=True)
-class _Asked:
-    """A program that waits for what a driver sends."""
-
-    submission: Submission
-    tree: ProgramTree
-    request: ProgramRequest
-
-
 class Programs:
     """The interpreter's side of the controller.
 
@@ -74,14 +60,12 @@ class Programs:
     ``socket_backend``: where script sockets come from. ``step_hook``: asked before each
     statement of programs submitted while it is set; a thread for which it says True waits a
     period and asks again. ``interpreter``: lines for the main program. ``history``, ``flags``,
-    ``outputs``, ``modbus``,
-    ``tool_communication`` and ``loaded`` outlive a program.
+    ``outputs``, ``modbus``, ``tool_communication`` and ``loaded`` outlive a program.
     """
 
     def __init__(self, controller: "Controller") -> None:
         self._controller = controller
         self.state = RuntimeState.STOPPED
-        self.loaded: LoadedProgram | None = None
         self.view: ProgramView | None = None
         self.socket_backend: ScriptSocketBackend = NoNetwork()
         self.step_hook: StepHook | None = None
@@ -100,7 +84,7 @@ class Programs:
         self._share = WorkShare(controller.period_s)
         self._compiling = Compiling(self._share)
         self.interpreter = Interpreter(self._share, self._note, controller.motion.abort)
-        self._asked: _Asked | None = None
+        self._player = Player(controller)
         self._main: Runtime | None = None
         self._host: ProgramHost | None = None
         self._ended = ""  # name of the program that is STOPPING
@@ -116,6 +100,11 @@ class Programs:
         if self._host is not None:
             return self._host.name
         return self.loaded.path.name if self.loaded else ""
+
+    @property
+    def loaded(self) -> LoadedProgram | None:
+        """What ``play`` starts."""
+        return self._player.loaded
 
     @property
     def host(self) -> ProgramHost | None:
@@ -153,7 +142,9 @@ class Programs:
         in the order of submission. Not accepted when it does not compile, or when the arm is
         not ready for a main program, which a message explains, or when a stop came before.
         """
-        submission = Submission(text, self._controller.version, self.step_hook is not None)
+        return self._compile(Submission(text, self._controller.version, self.step_hook is not None))
+
+    def _compile(self, submission: Submission) -> Submission:
         self._compiling.add(submission)
         self._decide()
         return submission
@@ -165,18 +156,9 @@ class Programs:
     def load_steps(self, path: Path) -> Steps[None]:
         """Choose the program that ``play`` starts and end the running one, in pieces for a control loop.
 
-        The installation that a program tree was saved with is loaded too, if it is in the programs
-        folder. Raises ProgramLoadError or OSError; then what was loaded remains.
+        Raises ProgramLoadError or OSError; then what was loaded remains.
         """
-        controller = self._controller
-        loaded = yield from load_steps(
-            path, controller.config.programs_dir, controller.installation.file, controller.version
-        )
-        for note in loaded.notes:
-            self._note(note)
-        if loaded.installation is not None:
-            controller.apply_installation(*loaded.installation)
-        self.loaded = loaded
+        yield from self._player.load_steps(path)
         self.stop("another program was loaded")
 
     def play(self) -> Submission:
@@ -185,54 +167,13 @@ class Programs:
             return self._answer(self.resume())
         if self.state is RuntimeState.PLAYING or self._next is not None:
             return self._answer(True)
-        coming = [submission for submission in self._compiling.waiting if submission.main]
-        if self._asked is not None:
-            coming.append(self._asked.submission)
-        if coming:
-            return coming[-1]
-        if self.loaded is None:
+        coming = [submission for submission in (*self._compiling.waiting, self._player.waiting) if submission]
+        if mains := [submission for submission in coming if submission.main]:
+            return mains[-1]
+        submission = self._player.submission(stepped=self.step_hook is not None)
+        if submission is None:
             return self._answer(False)
-        tree = self.loaded.tree
-        if tree is None:
-            return self.submit(self.loaded.script)
-        return self._ask(tree) if tree.needs_external_control else self._translate(tree)
-
-    def _translate(self, tree: ProgramTree) -> Submission:
-        controller = self._controller
-        translation = script_steps(tree, controller.installation.file, version=controller.version)
-        submission = Submission("", controller.version, translation=translation)
-        self._compiling.add(submission)
-        self._decide()
-        return submission
-
-    def _ask(self, tree: ProgramTree) -> Submission:
-        """Let the driver say what the External Control nodes do; the program is compiled when it has answered."""
-        controller = self._controller
-        address = controller.external_control.complete
-        self._note(f"External Control asks {address[0]}:{address[1]} for its program")
-        request = ProgramRequest(self.socket_backend, address, controller.period_s)
-        self._asked = _Asked(Submission("", controller.version), tree, request)
-        return self._asked.submission
-
-    def _hear(self, asked: _Asked) -> None:
-        """Take the driver's answer, if it is there."""
-        code = asked.request.step()
-        if code is None:
-            return
-        self._asked = None
-        controller = self._controller
-        asked.submission.translation = script_steps(
-            asked.tree, controller.installation.file, version=controller.version, external_control=code
-        )
-        self._compiling.add(asked.submission)
-
-    def _drop_asked(self) -> bool:
-        asked, self._asked = self._asked, None
-        if asked is None:
-            return False
-        asked.request.close()
-        asked.submission.accepted = False
-        return True
+        return submission if submission is self._player.waiting else self._compile(submission)
 
     def _answer(self, accepted: bool) -> Submission:
         """For what needs no compiling."""
@@ -259,7 +200,7 @@ class Programs:
 
     def stop(self, reason: str = "") -> bool:
         """End the main program, paused or not, and those about to start; False when there is none."""
-        asked = self._drop_asked()
+        asked = self._player.drop()
         dropped = self._compiling.drop_main()
         return self._stop_main(reason) or dropped or asked
 
@@ -279,8 +220,8 @@ class Programs:
         self.history.record(controller.arm.q, controller.arm.tcp_force)
         self.modbus.step(controller.step_count)
         self._feed_watchdogs()
-        if self._asked is not None:
-            self._hear(self._asked)
+        if (answered := self._player.step()) is not None:
+            self._compiling.add(answered)
         self._decide()
         self.interpreter.step()
         self._share.new_period()
@@ -422,7 +363,7 @@ class Programs:
         if not self._controller.may_run:
             self._refuse(program)
             return False
-        self._drop_asked()
+        self._player.drop()
         self._stop_main("replaced by another program")
         self._next = program
         return True
