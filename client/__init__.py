@@ -4,9 +4,17 @@ Each client comes in two shells over the same logic: ``X`` for asyncio, ``Blocki
 """
 
 from client.dashboard import BlockingDashboardClient, DashboardClient
-from client.errors import ClientError, ConnectionLostError, NoAnswerError, RobotUnreachableError, ScriptFailedError
+from client.errors import (
+    ClientError,
+    ConnectionLostError,
+    DeviceError,
+    NoAnswerError,
+    RobotUnreachableError,
+    ScriptFailedError,
+)
 from client.primary import BlockingPrimaryClient, PrimaryClient
 from client.rtde import BlockingRTDEClient, RTDEClient
+from client.tool_communication import ToolCommunication
 
 __all__ = [
     "BlockingDashboardClient",
@@ -15,9 +23,11 @@ __all__ = [
     "ClientError",
     "ConnectionLostError",
     "DashboardClient",
+    "DeviceError",
     "NoAnswerError",
     "PrimaryClient",
     "RTDEClient",
     "RobotUnreachableError",
     "ScriptFailedError",
+    "ToolCommunication",
 ]

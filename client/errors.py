@@ -4,6 +4,7 @@ ClientError
 ├── RobotUnreachableError    no connection came about
 ├── ConnectionLostError      the robot closed it, or the network did
 ├── NoAnswerError            the robot keeps silent
+├── DeviceError              a device of this machine cannot be made
 └── ScriptFailedError        a script did not compile or failed while running
 
 urproto.errors.RobotRefused           the robot understood and said no
@@ -11,7 +12,16 @@ urproto.errors.RemoteProtocolError    the peer does not speak this protocol
 urproto.errors.LocalProtocolError     we were asked to send what the protocol cannot carry
 """
 
-__all__ = ["ClientError", "ConnectionLostError", "NoAnswerError", "RobotUnreachableError", "ScriptFailedError"]
+from pathlib import Path
+
+__all__ = [
+    "ClientError",
+    "ConnectionLostError",
+    "DeviceError",
+    "NoAnswerError",
+    "RobotUnreachableError",
+    "ScriptFailedError",
+]
 
 
 class ClientError(Exception):
@@ -48,6 +58,15 @@ class NoAnswerError(ClientError):
         self.host = host
         self.port = port
         self.timeout_s = timeout_s
+
+
+class DeviceError(ClientError):
+    """The serial device ``path`` cannot be made on this machine."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"cannot make the device {path} ({reason}): choose another path, in a folder you may write to")
+        self.path = path
+        self.reason = reason
 
 
 class ScriptFailedError(ClientError):
