@@ -110,11 +110,11 @@ class TerminalDevice:
             data = os.read(self._descriptor, _READ_BYTES)
         except BlockingIOError:
             return
-        except OSError as error:
-            _logger.warning("the tool device %s is gone: %s", self._name, error.strerror)
+        except OSError:  # as some systems say it
             data = b""
         self._inbox += data
         if not data:
+            _logger.warning("the tool device %s is gone", self._name)
             self._loop.remove_reader(self._descriptor)
         elif len(self._inbox) >= _MOST_UNREAD:
             self._reading = False
