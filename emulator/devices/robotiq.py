@@ -42,22 +42,20 @@ class GripperModel:
     """One kind of gripper.
 
     stroke_mm: from closed to open. slowest, fastest: of the fingers [mm/s], at SPE 0 and 255.
-    open_stop, closed_stop: counts at which the fingers cannot go further. open_count: count
-    at which the opening is the stroke; the way from there to closed_stop is linear.
+    open_stop, closed_stop: counts at which the fingers cannot go further; what lies between is linear.
     """
 
     title: str
     stroke_mm: float
     slowest: float
     fastest: float
-    open_stop: int = 3  # as clients of the ASCII interface report it
-    open_count: int = 13  # this and the next: the scale of the ROS driver for these grippers
+    open_stop: int = 3  # these two: what the maker's calibration left in a program of one 2F-85
     closed_stop: int = 230
 
     @property
     def counts_per_mm(self) -> float:
         """Counts of one millimetre of opening."""
-        return (self.closed_stop - self.open_count) / self.stroke_mm
+        return (self.closed_stop - self.open_stop) / self.stroke_mm
 
     def count(self, width_mm: float) -> float:
         """The count at an opening."""
@@ -152,7 +150,7 @@ _WRITABLE: Final[Mapping[str, int]] = {  # name: greatest value
     "MOD": _MOST, "LBP": _MOST, "LRD": _MOST, "LBL": _MOST, "LGN": _MOST, "MSC": _MOST,
 }  # fmt: skip
 _ALIASES: Final = {"ADR": "ARD"}  # as a widespread client spells it
-_NOT_THERE: Final = {"VER": "EMULATED", "FWV": "EMULATED", "SNU": "EMULATED"}
+_TEXTS: Final = {"VER": "EMULATED", "FWV": "EMULATED", "SNU": "EMULATED"}
 
 
 class Gripper:
@@ -223,7 +221,7 @@ class Gripper:
             return self._read[name]()
         if name in self._set:
             return f"{self._set[name]}"
-        return _NOT_THERE.get(name)
+        return _TEXTS.get(name)
 
     # what it is told
 
@@ -293,9 +291,7 @@ class Gripper:
             return float(model.closed_stop)
         if self.phase is Phase.OPENING:
             return float(model.open_stop)
-        if (
-            self.phase is Phase.RELEASING
-        ):  # ARD 0 opens in the maker's programs and in ur_rtde; his manual has it closing
+        if self.phase is Phase.RELEASING:  # ARD 0 opens for the maker's programs and ur_rtde; by the manual it closes
             return float(model.closed_stop if self._set["ARD"] else model.open_stop)
         return None
 

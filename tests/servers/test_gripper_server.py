@@ -70,7 +70,7 @@ async def test_a_client_grips_something(emulator: Emulator, client: Client) -> N
     assert await client.ask(b"GET PRE\n") == b"PRE 255\n"
     while await client.ask(b"GET OBJ\n") == b"OBJ 0\n":
         pass
-    assert await client.ask(b"GET OBJ\nGET POS\nGET FLT\n") == b"OBJ 2\nPOS 153\nFLT 00\n", "in one piece"
+    assert await client.ask(b"GET OBJ\nGET POS\nGET FLT\n") == b"OBJ 2\nPOS 150\nFLT 00\n", "in one piece"
     assert gripper.position == pytest.approx(MODEL.count(30.0))
 
 
@@ -157,7 +157,7 @@ async def test_a_program_reaches_the_gripper_of_its_own_controller(network: Scri
                 controller.tick()
                 await asyncio.sleep(0)
         said = [message.text for message in texts if isinstance(message, TextMessage)]
-        assert said == ["opened True", "sid [3,97,99,107]", "held 2", "at 153"]
+        assert said == ["opened True", "sid [3,97,99,107]", "held 2", "at 150"]
         assert controller.programs.state is RuntimeState.STOPPED
         assert controller.gripper is not None
         assert controller.gripper.status is Status.ACTIVE
