@@ -32,7 +32,6 @@ from emulator.servers.tool_device import open_tool_device
 from emulator.snapshot import Snapshot
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.primary.state import encode_robot_state
-from urproto.versions import Series
 
 __all__ = ["Emulator", "make_servers"]
 
@@ -51,10 +50,8 @@ class Emulator:
         self.config = config
         self.controller = Controller(config.controller)
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
-        servers = make_servers(self.controller)
-        self.servers: dict[str, PortServer] = {
-            server.name: server for server in servers if server.name in config.wanted_ports
-        }
+        servers = make_servers(self.controller, tool_line=config.tool_device is not None)
+        self.servers: dict[str, PortServer] = {server.name: server for server in servers}
         self.stopped = asyncio.Event()
         self.tool_device = ""
         self._own_ports = OwnPorts()
@@ -117,8 +114,8 @@ class Emulator:
             self.stop()
 
 
-def make_servers(controller: Controller) -> tuple[PortServer, ...]:
-    """One server for each port of a controller, not listening yet."""
+def make_servers(controller: Controller, *, tool_line: bool = False) -> tuple[PortServer, ...]:
+    """One server for each port of a controller, not listening yet. tool_line: also of its tool's serial line."""
 
     def state(snapshot: Snapshot, full: bool) -> bytes:
         return encode_robot_state(robot_state(snapshot, controller.model), controller.version, full=full)
@@ -140,7 +137,7 @@ def make_servers(controller: Controller) -> tuple[PortServer, ...]:
     )
     if INTERPRETER_MODE.covers(controller.version):
         servers = (*servers, InterpreterServer(controller))
-    if controller.version.series is Series.E:
+    if tool_line:
         servers = (*servers, ToolCommunicationServer(controller))
     if controller.gripper is not None:
         servers = (*servers, GripperServer(controller))

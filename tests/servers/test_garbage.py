@@ -12,7 +12,6 @@ from emulator.controller import Controller, ControllerConfig
 from emulator.devices.robotiq import MODELS
 from emulator.devices.tool_line import EchoDevice, SerialSettings
 from emulator.servers.base import PortServer
-from emulator.servers.tool_communication import ToolCommunicationServer
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.state import RobotStateData
 from urproto.realtime import RealtimeDecoder
@@ -92,7 +91,7 @@ class Witnesses:
         self.controller.tool_line.connect(EchoDevice())
         self.controller.tool_line.settings = SerialSettings(True)
         self.controller.signals.set_tool_voltage(24)
-        servers = (*make_servers(self.controller), ToolCommunicationServer(self.controller))
+        servers = make_servers(self.controller, tool_line=True)
         self.servers: dict[str, PortServer] = {server.name: server for server in servers}
         self.clients = {name: MemoryClient(server) for name, server in self.servers.items()}
         rtde = self.clients["rtde"]
