@@ -41,7 +41,7 @@ PORTS: Final[Mapping[str, int]] = {
     "secondary read-only": 30012,
     "realtime read-only": 30013,
     "interpreter": 30020,
-    "tool communication": 54321,  # as the vendor's RS485 URCap has it
+    "tool line": 54321,  # as the vendor's RS485 URCap has it
     "gripper": GRIPPER_PORT,
 }
 _FIRST_VERSION: Final = {"interpreter": INTERPRETER_MODE}  # the other ports are as old as the series
@@ -106,7 +106,7 @@ class EmulatorConfig:
 
     @property
     def _port_names(self) -> list[str]:
-        switched = {"tool communication": self.tool_device is not None, "gripper": self.controller.gripper is not None}
+        switched = {"tool line": self.tool_device is not None, "gripper": self.controller.gripper is not None}
         there = (name for name in PORTS if switched.get(name, True))
         return [name for name in there if name not in _FIRST_VERSION or _FIRST_VERSION[name].covers(self._version)]
 

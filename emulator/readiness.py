@@ -137,7 +137,7 @@ async def _modbus(stream: _Stream) -> None:
         raise NotReady(f"register 256 cannot be read: {error}") from error
 
 
-async def _tool_communication(stream: _Stream) -> None:
+async def _tool_line(stream: _Stream) -> None:
     """That it takes the connection is all one can ask of a line without a protocol."""
 
 
@@ -158,7 +158,7 @@ _HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[None]]]] = {
     "rtde": _rtde,
     "modbus": _modbus,
     "interpreter": _interpreter,
-    "tool communication": _tool_communication,
+    "tool line": _tool_line,
     "gripper": _gripper,
 }
 

@@ -23,8 +23,8 @@ _ABOUT = {
     "rtde": "variables of your choice, both ways",
     "modbus": "registers and coils (Modbus/TCP)",
     "interpreter": "statements for a program in interpreter_mode()",
-    "tool communication": "the tool's serial line as a stream of bytes",
-    "gripper": "requests to the gripper: lines of text",
+    "tool line": "the tool's serial line",
+    "gripper": "lines of text",
 }
 
 
@@ -58,10 +58,10 @@ def _ports(emulator: Emulator) -> Table:
 
 
 def _about(emulator: Emulator, name: str, about: str) -> str:
-    if name == "tool communication":
-        return f"{about}; its device is {emulator.tool_device}"
+    if name == "tool line":
+        return f"{about}, to {emulator.tool_device}"
     mounted = emulator.controller.gripper
-    return f"{about} ({mounted.model.title})" if name == "gripper" and mounted else about
+    return f"{mounted.model.title}: {about}" if name == "gripper" and mounted else about
 
 
 def _dashboard_line(emulator: Emulator) -> str:

@@ -15,7 +15,7 @@ class ToolCommunicationServer(PortServer):
     """Bytes both ways, whatever they mean."""
 
     def __init__(self, controller: ControllerDoor) -> None:
-        super().__init__("tool communication", controller)
+        super().__init__("tool line", controller)
 
     def connect(self) -> Connection:
         return _ToolConnection(self)

@@ -1,7 +1,7 @@
 """The device on the tool's serial line, when it is not inside the emulator: a pseudo terminal or a serial port.
 
-    with open_tool_device("pty") as device:    # in a running event loop
-        print(device.title)
+    with open_tool_device("pty") as (device, name):  # in a running event loop
+        print(name)
 
 Needs a Unix: elsewhere only the echo is there.
 """
@@ -34,7 +34,10 @@ def open_tool_device(choice: str) -> Iterator[tuple[SerialDevice, str]]:
     if choice == ECHO:
         yield EchoDevice(), "an echo"
         return
-    descriptors, name = _pseudo_terminal() if choice == PTY else _serial_port(choice)
+    try:
+        descriptors, name = _pseudo_terminal() if choice == PTY else _serial_port(choice)
+    except ImportError as error:
+        raise OSError(None, f"the tool device {choice} needs Linux or macOS: here there is only {ECHO}") from error
     device = TerminalDevice(descriptors[0], name)
     try:
         yield device, name

@@ -30,7 +30,7 @@ PORTS = [
     "realtime read-only",
     "interpreter",
     "gripper",
-    "tool communication",
+    "tool line",
 ]
 MODBUS = bytes.fromhex("0001 0000 0006 ff 03 0080 007d")  # 125 registers
 PERIODS = 13  # at least one primary state
@@ -156,7 +156,7 @@ def test_a_flood_of_requests(witnesses: Witnesses) -> None:
         ("rtde", b"\0\5V\0\2"),
         ("modbus", MODBUS),
         ("gripper", b"SET ACT 0\n"),
-        ("tool communication", b"0123456789"),
+        ("tool line", b"0123456789"),
     ):
         client = MemoryClient(witnesses.servers[port])
         client.feed(data * 5_000)

@@ -48,7 +48,7 @@ class Client:
 
     @classmethod
     async def connect(cls, emulator: Emulator) -> "Client":
-        return cls(*await asyncio.open_connection(HOST, emulator.ports["tool communication"]))
+        return cls(*await asyncio.open_connection(HOST, emulator.ports["tool line"]))
 
     async def echoed(self, data: bytes) -> bytes:
         self.writer.write(data)
@@ -82,7 +82,7 @@ async def test_one_client_at_a_time_has_the_line(echo: Emulator) -> None:
 
 async def test_a_check_that_the_port_is_there_harms_nobody(echo: Emulator) -> None:
     """As the vendor's script does it before it starts socat."""
-    (await asyncio.open_connection(HOST, echo.ports["tool communication"]))[1].close()
+    (await asyncio.open_connection(HOST, echo.ports["tool line"]))[1].close()
     client = await Client.connect(echo)
     assert await client.echoed(b"here") == b"here"
     await client.close()
@@ -93,8 +93,8 @@ async def test_only_where_it_is_wanted() -> None:
     with pytest.raises(ConfigError, match="UR3 has no serial line at its tool"):
         config("echo", "ur3")
     plain = EmulatorConfig(controller=ControllerConfig(model=load_model("ur5e")))
-    assert "tool communication" not in plain.wanted_ports
-    assert config("echo").wanted_ports["tool communication"] == 0
+    assert "tool line" not in plain.wanted_ports
+    assert config("echo").wanted_ports["tool line"] == 0
 
 
 async def test_a_device_that_is_none(tmp_path: Path) -> None:
@@ -191,13 +191,13 @@ async def test_a_device_that_is_pulled_out(caplog: pytest.LogCaptureFixture) -> 
         await client.writer.drain()
         for _ in range(10):
             emulator.controller.tick()
-        await check_ready(HOST, {name: port for name, port in emulator.ports.items() if name != "tool communication"})
+        await check_ready(HOST, {name: port for name, port in emulator.ports.items() if name != "tool line"})
         await client.close()
 
 
 async def test_the_port_is_taken() -> None:
     with socket.create_server(("127.94.54.32", 54321)):
         controller = ControllerConfig(model=load_model("ur5e"))
-        with pytest.raises(OSError, match=r"54321 \(tool communication\): another program uses it"):
+        with pytest.raises(OSError, match=r"54321 \(tool line\): another program uses it"):
             async with Emulator(EmulatorConfig(controller=controller, host="127.94.54.32", tool_device="echo")):
                 pass
