@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from client.errors import DeviceError, RobotUnreachableError
-from client.tool_communication import ToolCommunication
+from client.tool_communication import PORT, ToolCommunication
 
 HOST = "127.0.0.1"
 
@@ -163,16 +163,40 @@ async def test_the_name_of_the_device(robot: Robot, tmp_path: Path) -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 async def test_the_command(robot: Robot, tmp_path: Path, number: signal.Signals) -> None:
     device = tmp_path / "ttyUR"
-    offset = robot.port - 54321
-    command = [sys.executable, "-c", "from client.cli import main; main()", "tool-comm"]
-    process = await asyncio.create_subprocess_exec(
-        *command, "--device", str(device), "--port-offset", str(offset), stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    assert process.stdout is not None
-    async with asyncio.timeout(30):
-        assert f"{device} is the tool of {HOST}:{robot.port}".encode() in await process.stdout.readline()
+    command = [sys.executable, "-c", "from client.cli import main; main()", "tool-comm", "--device", str(device)]
+    offset = str(robot.port - PORT)
+    process = subprocess.Popen([*command, "--port-offset", offset], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
+        assert process.stdout is not None
+        said = await read_until(process.stdout.fileno(), b"\n")
+        assert said == f"{device} is the tool of {HOST}:{robot.port}. Ctrl-C ends it.\n".encode()
         assert await exchange(device, b"hello") == b"hello"
         process.send_signal(number)
-        assert await process.communicate() == (b"", b"")
+        assert await read_until(process.stdout.fileno(), None) == b""
+        assert process.communicate(timeout=20) == (b"", b"")
+    finally:
+        process.kill()
+        process.communicate()
     assert process.returncode == 0
     assert not device.is_symlink()
+
+
+async def read_until(descriptor: int, end: bytes | None) -> bytes:
+    """Read a pipe up to these bytes, or to its end, while the robot goes on."""
+    loop = asyncio.get_running_loop()
+    got = bytearray()
+    done = asyncio.Event()
+
+    def readable() -> None:
+        data = os.read(descriptor, 4096)
+        got.extend(data)
+        if not data or (end is not None and got.endswith(end)):
+            done.set()
+
+    loop.add_reader(descriptor, readable)
+    try:
+        async with asyncio.timeout(30):
+            await done.wait()
+    finally:
+        loop.remove_reader(descriptor)
+    return bytes(got)
