@@ -8,6 +8,7 @@ from client.driver import BlockingURDriver, URDriver
 from client.errors import (
     ClientError,
     ConnectionLostError,
+    DeviceError,
     NoAnswerError,
     ProgramEndedError,
     ProgramNotRunningError,
@@ -17,6 +18,7 @@ from client.errors import (
 from client.primary import BlockingPrimaryClient, PrimaryClient, ScriptResult
 from client.realtime import BlockingRealtimeClient, RealtimeClient
 from client.rtde import BlockingRTDEClient, RTDEClient, read_recipe
+from client.tool_communication import ToolCommunication
 
 __all__ = [
     "BlockingDashboardClient",
@@ -27,6 +29,7 @@ __all__ = [
     "ClientError",
     "ConnectionLostError",
     "DashboardClient",
+    "DeviceError",
     "NoAnswerError",
     "PrimaryClient",
     "ProgramEndedError",
@@ -36,6 +39,7 @@ __all__ = [
     "RobotUnreachableError",
     "ScriptFailedError",
     "ScriptResult",
+    "ToolCommunication",
     "URDriver",
     "read_recipe",
 ]

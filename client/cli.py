@@ -1,5 +1,7 @@
 """``ur-client``: the everyday things, from a terminal, against any robot or emulator."""
 
+import asyncio
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from client import dashboard, primary, rtde
+from client import dashboard, primary, rtde, tool_communication
 from client.errors import ClientError
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
@@ -70,6 +72,29 @@ def send_command(
         if wait:
             name = robot.run(robot.core.wait_until_stopped(), float("inf"))
             typer.echo(f"{name} has ended")
+
+
+@app.command("tool-comm")
+def tool_comm_command(
+    device: Annotated[Path, typer.Option(help="Path of the serial device to make.")] = Path("/tmp/ttyUR"),
+    robot_ip: RobotIP = "127.0.0.1",
+    port_offset: PortOffset = 0,
+) -> None:
+    """Offer the serial line at the robot's tool (e-Series) as a device of this machine, until Ctrl-C."""
+    line = tool_communication.ToolCommunication(robot_ip, tool_communication.PORT + port_offset, device, typer.echo)
+    asyncio.run(_offer(line))
+
+
+async def _offer(line: tool_communication.ToolCommunication) -> None:
+    loop = asyncio.get_running_loop()
+    async with line:
+        running = loop.create_task(line.run())
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, running.cancel)
+        typer.echo(f"{line.device} is the tool of {line.host}:{line.port}. Ctrl-C ends it.")
+        await asyncio.wait([running])
+    if not running.cancelled():
+        running.result()
 
 
 def _readable(name: str, value: Any) -> str:

@@ -4,6 +4,7 @@ ClientError
 ├── RobotUnreachableError    no connection came about
 ├── ConnectionLostError      the robot closed it, or the network did
 ├── NoAnswerError            the robot keeps silent
+├── DeviceError              a device of this machine cannot be made
 ├── ScriptFailedError        a script did not compile or failed while running
 ├── ProgramNotRunningError   the robot's control program is not connected to the driver
 └── ProgramEndedError        it ended while something was under way
@@ -13,11 +14,14 @@ urproto.errors.RemoteProtocolError    the peer does not speak this protocol
 urproto.errors.LocalProtocolError     we were asked to send what the protocol cannot carry
 """
 
+from pathlib import Path
+
 from urproto.primary.messages import ErrorCodeMessage
 
 __all__ = [
     "ClientError",
     "ConnectionLostError",
+    "DeviceError",
     "NoAnswerError",
     "ProgramEndedError",
     "ProgramNotRunningError",
@@ -60,6 +64,15 @@ class NoAnswerError(ClientError):
         self.host = host
         self.port = port
         self.timeout_s = timeout_s
+
+
+class DeviceError(ClientError):
+    """The serial device ``path`` cannot be made on this machine."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"cannot make the device {path} ({reason}): choose another path, in a folder you may write to")
+        self.path = path
+        self.reason = reason
 
 
 class ScriptFailedError(ClientError):

@@ -12,19 +12,23 @@ from types import TracebackType
 from typing import Final, Self
 
 from emulator.clock import Clock, RealClock
-from emulator.config import EmulatorConfig
+from emulator.config import PORTS, EmulatorConfig
 from emulator.controller import Controller
 from emulator.reporting.primary_state import robot_state
 from emulator.reporting.program_state import ProgramReporter
 from emulator.servers.base import PortServer
 from emulator.servers.dashboard import DashboardServer
+from emulator.servers.gripper import GripperServer
 from emulator.servers.interpreter import InterpreterServer
 from emulator.servers.modbus import ModbusServer
 from emulator.servers.modbus_client import ModbusClient
+from emulator.servers.own_ports import OwnPorts
 from emulator.servers.primary import PrimaryServer
 from emulator.servers.realtime import RealtimeServer
 from emulator.servers.rtde import RTDEServer
 from emulator.servers.script_sockets import NetworkSockets
+from emulator.servers.tool_communication import ToolCommunicationServer
+from emulator.servers.tool_device import open_tool_device
 from emulator.snapshot import Snapshot
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.primary.state import encode_robot_state
@@ -39,15 +43,19 @@ class Emulator:
 
     clock: what drives it, real time unless given. stopped: set when a client shut the
     controller down, or by ``stop``. moved: why a server listens on another port than wanted.
+    tool_device: what is connected to the tool's serial line, "" for nothing; a pseudo terminal's path.
     """
 
     def __init__(self, config: EmulatorConfig, clock: Clock | None = None) -> None:
         self.config = config
         self.controller = Controller(config.controller)
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
-        self.servers: dict[str, PortServer] = {server.name: server for server in make_servers(self.controller)}
+        servers = make_servers(self.controller, tool_line=config.tool_device is not None)
+        self.servers: dict[str, PortServer] = {server.name: server for server in servers}
         self.stopped = asyncio.Event()
-        self._sockets = NetworkSockets(config.script_network, self.controller.messages.note)
+        self.tool_device = ""
+        self._own_ports = OwnPorts()
+        self._sockets = NetworkSockets(config.script_network, self.controller.messages.note, self._own_ports)
         self.moved: dict[str, str] = {}
         self._running = AsyncExitStack()
 
@@ -67,9 +75,13 @@ class Emulator:
                 server = self.servers[name]
                 starting.push_async_callback(server.stop)
                 await self._open(server, port)
+            self._own_ports.opened(self.config.host, {PORTS[name]: port for name, port in self.ports.items()})
+            if self.config.tool_device is not None:
+                device, self.tool_device = starting.enter_context(open_tool_device(self.config.tool_device))
+                self.controller.tool_line.connect(device)
             starting.push_async_callback(self._sockets.close)
             self.controller.programs.socket_backend = self._sockets
-            modbus = ModbusClient(self.config.modbus_unit_port)
+            modbus = ModbusClient(self.config.modbus_unit_port, self._own_ports)
             starting.push_async_callback(modbus.close)
             self.controller.programs.modbus.backend = modbus
             starting.callback(self.clock.close)
@@ -102,8 +114,8 @@ class Emulator:
             self.stop()
 
 
-def make_servers(controller: Controller) -> tuple[PortServer, ...]:
-    """One server for each port of a controller, not listening yet."""
+def make_servers(controller: Controller, *, tool_line: bool = False) -> tuple[PortServer, ...]:
+    """One server for each port of a controller, not listening yet. tool_line: also of its tool's serial line."""
 
     def state(snapshot: Snapshot, full: bool) -> bytes:
         return encode_robot_state(robot_state(snapshot, controller.model), controller.version, full=full)
@@ -125,4 +137,8 @@ def make_servers(controller: Controller) -> tuple[PortServer, ...]:
     )
     if INTERPRETER_MODE.covers(controller.version):
         servers = (*servers, InterpreterServer(controller))
+    if tool_line:
+        servers = (*servers, ToolCommunicationServer(controller))
+    if controller.gripper is not None:
+        servers = (*servers, GripperServer(controller))
     return servers

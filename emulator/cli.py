@@ -27,6 +27,7 @@ from emulator.config import (
     ConfigError,
     EmulatorConfig,
     check_encoder_speeds,
+    choose_gripper,
     choose_model,
     choose_version,
     read_driver_address,
@@ -92,6 +93,11 @@ def _run(
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
     encoder0_speed: Annotated[float, typer.Option(help="Ticks per second of a conveyor at encoder 0.")] = 0.0,
     encoder1_speed: Annotated[float, typer.Option(help="Ticks per second of a conveyor at encoder 1.")] = 0.0,
+    tool_device: Annotated[
+        str | None, typer.Option(help="On the tool's serial line (e-Series): echo, pty, or a serial port's path.")
+    ] = None,
+    gripper: Annotated[str | None, typer.Option(help="Mounted on the arm: robotiq-2f-85 or robotiq-2f-140.")] = None,
+    gripper_object: Annotated[float | None, typer.Option(help="Width of what the gripper meets, in mm.")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
     version: Annotated[
@@ -110,6 +116,8 @@ def _run(
             programs_dir=read_programs_dir(programs),
             remote_control=remote_control,
             encoder_speeds=check_encoder_speeds(encoder0_speed, encoder1_speed),
+            gripper=choose_gripper(gripper, gripper_object),
+            gripper_object_mm=gripper_object,
             wall_clock_s=time.time(),
             external_control=read_driver_address(external_control),
         )
@@ -121,6 +129,7 @@ def _run(
             speed=speed,
             script_network=script_network,
             modbus_unit_port=modbus_unit_port,
+            tool_device=tool_device,
         )
         asyncio.run(_serve(config, ports_file, exit_when_ready=exit_when_ready))
 

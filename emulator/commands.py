@@ -11,14 +11,26 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 from emulator import dashboard, textcommands
+from emulator.devices.gripper_requests import GripperSession
 from emulator.io import inputs, modbus_requests
 from urproto.dashboard import failed
 from urproto.modbus import ExceptionCode, exception_response
+from urproto.robotiq import Request as GripperRequest
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["Command", "DashboardLine", "InterpreterLine", "ModbusCall", "PopupAnswer", "RTDEInputs", "ScriptUnit"]
+__all__ = [
+    "Command",
+    "DashboardLine",
+    "GripperCall",
+    "InterpreterLine",
+    "ModbusCall",
+    "PopupAnswer",
+    "RTDEInputs",
+    "ScriptUnit",
+    "ToolBytes",
+]
 
 
 class Command:
@@ -117,3 +129,31 @@ class ModbusCall(Command):
     @property
     def failure(self) -> bytes:
         return exception_response(self.pdu[0], ExceptionCode.DEVICE_FAILURE)
+
+
+@dataclass(frozen=True, slots=True)
+class GripperCall(Command):
+    """Requests of one client of the gripper. Answer: the bytes to send back."""
+
+    requests: tuple[GripperRequest, ...]
+    session: GripperSession
+
+    def apply(self, controller: "Controller") -> bytes:
+        assert controller.gripper is not None, "its port is open only then"
+        return self.session.answer(controller.gripper, self.requests)
+
+    @property
+    def failure(self) -> bytes:
+        return b""
+
+
+@dataclass(frozen=True, slots=True)
+class ToolBytes(Command):
+    """Bytes for the device on the tool's serial line. Done when the line has room for them."""
+
+    data: bytes
+
+    def apply(self, controller: "Controller") -> Generator[None, None, None]:
+        while controller.tool_line.full:
+            yield
+        controller.tool_line.send(self.data)

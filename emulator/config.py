@@ -9,9 +9,11 @@ from typing import Any, Final
 import yaml
 
 from emulator.controller import ControllerConfig
+from emulator.devices.robotiq import MODELS, GripperModel
 from emulator.programs.sockets import ScriptNetwork
 from emulator.programs.urcap import DriverAddress
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
+from urproto.robotiq import PORT as GRIPPER_PORT
 from urproto.robots import RobotModel, UnknownModel, load_model
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -22,6 +24,7 @@ __all__ = [
     "ConfigError",
     "EmulatorConfig",
     "check_encoder_speeds",
+    "choose_gripper",
     "choose_model",
     "choose_version",
     "read_driver_address",
@@ -40,6 +43,8 @@ PORTS: Final[Mapping[str, int]] = {
     "secondary read-only": 30012,
     "realtime read-only": 30013,
     "interpreter": 30020,
+    "tool line": 54321,  # as the vendor's RS485 URCap has it
+    "gripper": GRIPPER_PORT,
 }
 _FIRST_VERSION: Final = {"interpreter": INTERPRETER_MODE}  # the other ports are as old as the series
 JOINT_NAMES: Final = (  # as in ur_description
@@ -68,7 +73,8 @@ class EmulatorConfig:
     ephemeral_ports takes free ones instead. speed: simulated seconds per second.
     script_network: where the sockets and remote procedure calls of scripts may lead.
     modbus_unit_port: where the Modbus units listen that programs add signals of (URScript
-    names no port).
+    names no port). tool_device: what is connected to the tool's serial line of an e-Series
+    arm: "echo", "pty", or the path of a serial port; None for nothing, and no port for it.
     """
 
     controller: ControllerConfig
@@ -78,22 +84,33 @@ class EmulatorConfig:
     speed: float = 1.0
     script_network: ScriptNetwork = ScriptNetwork.ANY
     modbus_unit_port: int = 502
+    tool_device: str | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed < math.inf:
             raise ConfigError(f"the speed must be a positive number, not {self.speed}")
-        if not 0 <= self.port_offset <= _LAST_PORT - max(PORTS.values()):
-            most = _LAST_PORT - max(PORTS.values())
+        if self.tool_device is not None and self._version.series is not Series.E:
+            raise ConfigError(f"{self.controller.model.title} has no serial line at its tool: e-Series arms do")
+        most = _LAST_PORT - max(PORTS[name] for name in self._port_names)
+        if not 0 <= self.port_offset <= most:
             raise ConfigError(f"the port offset must be from 0 to {most}, not {self.port_offset}")
         if not 1 <= self.modbus_unit_port <= _LAST_PORT:
             raise ConfigError(f"the port of Modbus units must be from 1 to {_LAST_PORT}, not {self.modbus_unit_port}")
 
     @property
     def wanted_ports(self) -> dict[str, int]:
-        """The port to listen on, by server name; 0 where any free one will do. Only those this version has."""
-        version = self.controller.version or DEFAULT_VERSION[self.controller.model.series]
-        names = [name for name in PORTS if name not in _FIRST_VERSION or _FIRST_VERSION[name].covers(version)]
-        return {name: 0 if self.ephemeral_ports else PORTS[name] + self.port_offset for name in names}
+        """The port to listen on, by server name; 0 where any free one will do. Only those that are there."""
+        return {name: 0 if self.ephemeral_ports else PORTS[name] + self.port_offset for name in self._port_names}
+
+    @property
+    def _version(self) -> PolyscopeVersion:
+        return self.controller.version or DEFAULT_VERSION[self.controller.model.series]
+
+    @property
+    def _port_names(self) -> list[str]:
+        switched = {"tool line": self.tool_device is not None, "gripper": self.controller.gripper is not None}
+        there = (name for name in PORTS if switched.get(name, True))
+        return [name for name in there if name not in _FIRST_VERSION or _FIRST_VERSION[name].covers(self._version)]
 
 
 def choose_model(name: str) -> RobotModel:
@@ -150,6 +167,22 @@ def _angle(path: Path, model: RobotModel, index: int, value: Any) -> float:
     if not low <= value <= high:
         raise ConfigError(f"{path}: {name} is {value} rad; {model.title} allows {low:.3f} to {high:.3f} rad")
     return float(value)
+
+
+def choose_gripper(name: str | None, object_mm: float | None) -> GripperModel | None:
+    """The gripper of this name, if any. Raises ConfigError for an unknown one, or an object it cannot hold."""
+    if name is None:
+        if object_mm is not None:
+            raise ConfigError("an object to grip needs a gripper")
+        return None
+    model = MODELS.get(name.lower())
+    if model is None:
+        raise ConfigError(f"unknown gripper {name!r}: known are {', '.join(MODELS)}")
+    if object_mm is not None and not 0.0 < object_mm < model.stroke_mm:
+        raise ConfigError(
+            f"the object must be wider than 0 and narrower than {model.stroke_mm:g} mm, not {object_mm:g}"
+        )
+    return model
 
 
 def check_encoder_speeds(*ticks_per_s: float) -> tuple[float, float]:

@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from emulator.commands import Command
+from emulator.devices.robotiq import Gripper, GripperModel
+from emulator.devices.tool_line import ToolLine
 from emulator.io.baselight import BaseLight
 from emulator.io.encoders import Encoders
 from emulator.io.ftinput import ForceInput
@@ -67,6 +69,7 @@ class ControllerConfig:
     hands out the program of External Control nodes, before what the installation says. remote_control: what
     ``is in remote control`` answers; commands are accepted either way, as by a simulator.
     encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
+    gripper: what is mounted on the arm; gripper_object_mm: width of what its fingers meet.
     wall_clock_s: date and time of its start [s since 1970, GMT]; always the same unless given.
     """
 
@@ -80,6 +83,8 @@ class ControllerConfig:
     remote_control: bool = False
     popup_auto_close_s: float | None = None
     encoder_speeds: tuple[float, float] = (0.0, 0.0)
+    gripper: GripperModel | None = None
+    gripper_object_mm: float | None = None
     wall_clock_s: float = _NEW_YEAR_2024_S
     external_control: DriverAddress = field(default_factory=DriverAddress)
     timings: PowerTimings = field(default_factory=PowerTimings)
@@ -121,6 +126,8 @@ class Controller:
         self.arm = Arm(self.model)
         self.electrics = Electrics()
         self.motion = Motion(self.model, self.period_s, config.initial_q or self.model.home_q)
+        self.tool_line = ToolLine(self.period_s)
+        self.gripper = Gripper(config.gripper, config.gripper_object_mm) if config.gripper else None
         self.programs = Programs(self)
 
         self._queue: deque[tuple[Command, Reply | None]] = deque()
@@ -178,6 +185,7 @@ class Controller:
         self.input_actions.advance(self)
         self.programs.step()
         self._move_arm()
+        self._advance_tool()
         self._judge()
         self._publish()
         for callback in tuple(self._subscribers):
@@ -319,6 +327,14 @@ class Controller:
             self.arm, self.period_s, powered=self.power.report.powered, changed=self._arm_changed or power_changed
         )
 
+    def _advance_tool(self) -> None:
+        """What is mounted on the arm has power only while the arm has."""
+        powered = self.power.report.powered
+        if self.gripper is not None:
+            self.gripper.advance(self.period_s, powered=powered)
+        if self.tool_line.device is not None:
+            self.tool_line.advance(powered=powered and self.signals.tool_voltage > 0)
+
     def _judge(self) -> None:
         """A movement that cannot go on stops the arm; an emergency stop switches it off once it stands."""
         if self._fault is not None:
@@ -417,6 +433,7 @@ class Controller:
         snapshot.tool_analog_input0, snapshot.tool_analog_input1 = signals.tool_analog_inputs
         snapshot.tool_output_voltage = signals.tool_voltage
         snapshot.tool_output_mode = signals.tool_output_mode
+        snapshot.tool_communication, snapshot.tool_bytes = self.tool_line.settings, self.tool_line.received
         snapshot.tool_digital_output0_mode, snapshot.tool_digital_output1_mode = signals.tool_digital_output_modes
 
     def _publish_registers(self, snapshot: Snapshot) -> None:

@@ -26,6 +26,7 @@ from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.messages import VersionMessage
 from urproto.primary.state import RobotStateData
 from urproto.realtime import RealtimeDecoder
+from urproto.robotiq import Get, encode_value
 from urproto.rtde.codec import (
     GetVersion,
     ProtocolReply,
@@ -136,6 +137,19 @@ async def _modbus(stream: _Stream) -> None:
         raise NotReady(f"register 256 cannot be read: {error}") from error
 
 
+async def _tool_line(stream: _Stream) -> None:
+    """That it takes the connection is all one can ask of a line without a protocol."""
+
+
+async def _gripper(stream: _Stream) -> None:
+    """Driver state: there with and without power."""
+    request = Get("DST")
+    stream.send(f"GET {request.name}\n".encode())
+    answer = await stream.read()
+    if not answer.startswith(encode_value(request, "").rstrip(b"\n")):
+        raise NotReady(f"the answer to GET {request.name} is {answer!r}")
+
+
 _HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[None]]]] = {
     "dashboard": _dashboard,
     "primary": _primary,
@@ -144,6 +158,8 @@ _HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[None]]]] = {
     "rtde": _rtde,
     "modbus": _modbus,
     "interpreter": _interpreter,
+    "tool line": _tool_line,
+    "gripper": _gripper,
 }
 
 

@@ -11,6 +11,7 @@ what changed is written to it; at rest a snapshot costs a few microseconds.
 from dataclasses import dataclass
 from typing import Self
 
+from emulator.devices.tool_line import AS_DELIVERED, SerialSettings
 from urproto.modes import (
     ControlMode,
     JointMode,
@@ -134,6 +135,8 @@ class Snapshot:
     tool_output_current_2: float = 0.0
     tool_temperature: float = 0.0
     tool_output_mode: int = ToolOutputMode.DIGITAL
+    tool_communication: SerialSettings = AS_DELIVERED
+    tool_bytes: bytes = b""  # what came in over the tool's serial line in this period
     tool_digital_output0_mode: int = ToolDigitalOutputMode.SINKING_NPN
     tool_digital_output1_mode: int = ToolDigitalOutputMode.SINKING_NPN
     # registers: 128 booleans packed into one integer (bit n is register n), 48 integers, 48 doubles

@@ -23,6 +23,8 @@ _ABOUT = {
     "rtde": "variables of your choice, both ways",
     "modbus": "registers and coils (Modbus/TCP)",
     "interpreter": "statements for a program in interpreter_mode()",
+    "tool line": "the tool's serial line",
+    "gripper": "lines of text",
 }
 
 
@@ -47,12 +49,19 @@ def _ports(emulator: Emulator) -> Table:
     for name, about in _ABOUT.items():
         if name not in ports:
             continue
-        table.add_row(name, str(ports[name]), about)
+        table.add_row(name, str(ports[name]), _about(emulator, name, about))
     read_only = ", ".join(str(port) for name, port in ports.items() if name.endswith("read-only"))
     table.add_row("read-only", read_only, "as primary, secondary, realtime")
     for reason in emulator.moved.values():
         table.add_row("", "", f"{reason}; a free one serves instead")
     return table
+
+
+def _about(emulator: Emulator, name: str, about: str) -> str:
+    if name == "tool line":
+        return f"{about}, to {emulator.tool_device}"
+    mounted = emulator.controller.gripper
+    return f"{mounted.model.title}: {about}" if name == "gripper" and mounted else about
 
 
 def _dashboard_line(emulator: Emulator) -> str:

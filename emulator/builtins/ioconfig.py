@@ -1,6 +1,7 @@
 """How signals are set up. PolyScope writes these calls at the head of every program."""
 
 from emulator.builtins.values import within_range
+from emulator.devices.tool_line import SerialSettings
 from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from emulator.programs.host import ProgramHost
 from emulator.programs.output_actions import OutputAction, output_action
@@ -68,9 +69,7 @@ def set_tool_digital_output_mode(host: ProgramHost, n: Int, mode: Int) -> None:
     host.controller.signals.tool_digital_output_modes[_port(n)] = ToolDigitalOutputMode(max(mode, 1))
 
 
-@LIBRARY.builtin(
-    cb3="3.0", e="5.0", status="partial", note="checked and kept; nothing is connected to the tool's serial line"
-)
+@LIBRARY.builtin(cb3="3.0", e="5.0", note="a device is connected to the line by --tool-device")
 def set_tool_communication(
     host: ProgramHost,
     enabled: Bool,
@@ -80,12 +79,15 @@ def set_tool_communication(
     rx_idle_chars: Num,
     tx_idle_chars: Num,
 ) -> None:
-    """Serial line of the tool: `parity` 0 none, 1 odd, 2 even; idle times in characters."""
+    """Serial line of the tool, which clients reach on port 54321: `parity` 0 none, 1 odd, 2 even; idle times in
+    characters."""
     if baud_rate not in _BAUD_RATES:
         raise RuntimeFault(f"set_tool_communication: baud_rate must be one of {_BAUD_RATES}, not {baud_rate}")
     if parity not in (0, 1, 2) or stop_bits not in (1, 2):
         raise RuntimeFault("set_tool_communication: parity must be 0, 1 or 2, and stop_bits 1 or 2")
-    host.programs.tool_communication = (enabled, baud_rate, parity, stop_bits, rx_idle_chars, tx_idle_chars)
+    host.controller.tool_line.settings = SerialSettings(
+        enabled, baud_rate, parity, stop_bits, rx_idle_chars, tx_idle_chars
+    )
 
 
 @LIBRARY.builtin()

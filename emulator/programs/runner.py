@@ -15,7 +15,7 @@ goes on too; whatever stops the main program then also drops the one being compi
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final
 
 from emulator.lifecycle.errorcodes import BUSY_PROTECTIVE_STOP
 from emulator.lifecycle.runstate import RunEvent, next_run_state
@@ -43,9 +43,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Programs"]
 
-# enabled, baud rate, parity, stop bits, rx and tx idle characters; the values of a simulator's capture
-ToolCommunication: TypeAlias = tuple[bool, int, int, int, float, float]
-
 _SOCKET_GAP_S: Final = 0.012  # between closing sockets and the next program; the official driver needs more than 0.2 ms
 _FLAGS: Final = 32  # Script Manual, set_flag
 # Script Manual, modbus_set_runstate_dependent_choice: these, and runtime exceptions, end a program unscheduled
@@ -60,7 +57,7 @@ class Programs:
     ``socket_backend``: where script sockets come from. ``step_hook``: asked before each
     statement of programs submitted while it is set; a thread for which it says True waits a
     period and asks again. ``interpreter``: lines for the main program. ``history``, ``flags``,
-    ``outputs``, ``modbus``, ``tool_communication`` and ``loaded`` outlive a program.
+    ``outputs``, ``modbus`` and ``loaded`` outlive a program.
     """
 
     def __init__(self, controller: "Controller") -> None:
@@ -80,7 +77,6 @@ class Programs:
         self.high_holding_torque = True
         self.jerk_gain_scaling = 1.0
         self.motion_version = 1  # guess: what motion_version_get() says before it was set
-        self.tool_communication: ToolCommunication = (False, 115200, 0, 1, 1.5, 3.5)
         self._share = WorkShare(controller.period_s)
         self._compiling = Compiling(self._share)
         self.interpreter = Interpreter(self._share, self._note, controller.motion.abort)

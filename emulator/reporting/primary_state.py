@@ -41,7 +41,7 @@ def robot_state(snapshot: Snapshot, model: RobotModel) -> RobotStateData:
         force_mode=ForceModeData(wrench=snapshot.actual_TCP_force),
         additional=AdditionalInfo(),
         safety=SafetyData(elbow_position=snapshot.elbow_position),
-        tool_communication=ToolCommunicationInfo(),
+        tool_communication=ToolCommunicationInfo(**snapshot.tool_communication._asdict()),
         tool_mode=ToolModeInfo(
             output_mode=snapshot.tool_output_mode,
             digital_output0_mode=snapshot.tool_digital_output0_mode,

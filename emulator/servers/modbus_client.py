@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from emulator.programs.modbus_units import DISCONNECTED, ModbusExchange, ModbusUnit
+from emulator.servers.own_ports import OwnPorts
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.modbus import (
     Frame,
@@ -39,10 +40,14 @@ _logger = logging.getLogger(__name__)
 
 
 class ModbusClient:
-    """Carries requests to units in the running event loop. ``port``: where units listen, as URScript names none."""
+    """Carries requests to units in the running event loop. ``port``: where units listen, as URScript names none.
 
-    def __init__(self, port: int = 502) -> None:
+    own_ports: where the controller itself is reached, which is a unit too.
+    """
+
+    def __init__(self, port: int = 502, own_ports: OwnPorts | None = None) -> None:
         self._port = port
+        self._own_ports = own_ports or OwnPorts()
         self._links: dict[ModbusUnit, _Link] = {}
         self._ending: list[_Link] = []
 
@@ -87,7 +92,7 @@ class ModbusClient:
             if len(self._links) >= _MOST_UNITS:
                 item.fail(errno.EMFILE)
                 return
-            link = self._links[unit] = _Link(unit, self._port)
+            link = self._links[unit] = _Link(unit, *self._own_ports.reach(unit.address, self._port))
         link.put(item)
 
 
@@ -120,8 +125,9 @@ class _Item:
 class _Link(asyncio.Protocol):
     """The connection to one unit, there or not."""
 
-    def __init__(self, unit: ModbusUnit, port: int) -> None:
+    def __init__(self, unit: ModbusUnit, address: str, port: int) -> None:
         self._unit = unit
+        self._address = address
         self._port = port
         self._loop = asyncio.get_running_loop()
         self._waiting: deque[_Item] = deque()
@@ -175,7 +181,7 @@ class _Link(asyncio.Protocol):
         error = 0
         try:
             async with asyncio.timeout(_CONNECT_S):
-                await self._loop.create_connection(lambda: self, self._unit.address, self._port)
+                await self._loop.create_connection(lambda: self, self._address, self._port)
         except TimeoutError:
             error = errno.ETIMEDOUT
         except OSError as failure:  # the resolver's numbers are its own, and negative

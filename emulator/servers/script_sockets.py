@@ -13,6 +13,7 @@ from ipaddress import IPv6Address, ip_address
 from typing import Final
 
 from emulator.programs.sockets import ScriptNetwork, SocketState
+from emulator.servers.own_ports import OwnPorts
 
 __all__ = ["NetworkSockets"]
 
@@ -26,15 +27,19 @@ class NetworkSockets:
     """Opens connections in the running event loop; the script looks at them once per control period.
 
     network: where they may lead; what it forbids fails as a refused connection does, and `note`
-    is told why.
+    is told why. own_ports: where the controller itself is reached.
     """
 
     def __init__(
-        self, network: ScriptNetwork = ScriptNetwork.ANY, note: Callable[[str], None] = lambda text: None
+        self,
+        network: ScriptNetwork = ScriptNetwork.ANY,
+        note: Callable[[str], None] = lambda text: None,
+        own_ports: OwnPorts | None = None,
     ) -> None:
         self._open: set[_NetworkSocket] = set()
         self._network = network
         self._note = note
+        self._own_ports = own_ports or OwnPorts()
 
     def __len__(self) -> int:
         """Connections that are open or being opened."""
@@ -54,8 +59,8 @@ class NetworkSockets:
                 opened.close()
             await asyncio.sleep(0)
 
-    async def _permitted(self, address: str, port: int) -> list[str]:
-        """The numeric addresses to try, in order. Raises OSError when there are none, or none that is permitted."""
+    async def _permitted(self, address: str, port: int) -> list[tuple[str, int]]:
+        """The numeric addresses and ports to try, in order. Raises OSError when none is there, or permitted."""
         network = self._network
         found = [] if network is ScriptNetwork.NONE else await _resolve(address, port)
         permitted = [numeric for numeric in found if network is ScriptNetwork.ANY or _is_loopback(numeric)]
@@ -64,7 +69,7 @@ class NetworkSockets:
             text = f"a script may not connect to {where}: the script network is {network}"
             self._note(text)
             raise PermissionError(text)
-        return permitted
+        return [self._own_ports.reach(numeric, port) for numeric in permitted]
 
 
 async def _resolve(address: str, port: int) -> list[str]:
@@ -90,7 +95,9 @@ def _reason(error: Exception) -> str:
 
 class _NetworkSocket(asyncio.Protocol):
     def __init__(
-        self, permitted: Callable[[str, int], Awaitable[list[str]]], gone: Callable[["_NetworkSocket"], None]
+        self,
+        permitted: Callable[[str, int], Awaitable[list[tuple[str, int]]]],
+        gone: Callable[["_NetworkSocket"], None],
     ) -> None:
         self.inbox = bytearray()
         self.failure = ""
@@ -133,8 +140,8 @@ class _NetworkSocket(asyncio.Protocol):
 
     async def _connect(self, address: str, port: int) -> None:
         try:
-            for numeric in await self._permitted(address, port):
-                if await self._reach(numeric, port):
+            for numeric, real_port in await self._permitted(address, port):
+                if await self._reach(numeric, real_port):
                     return
         except (OSError, OverflowError, ValueError) as error:  # ValueError: a NUL in the name
             self.failure = self.failure or _reason(error)

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from emulator.app import Emulator
 from emulator.clock import StepClock
-from emulator.config import PORTS, EmulatorConfig
+from emulator.config import EmulatorConfig
 from emulator.controller import ControllerConfig
 from emulator.readiness import NotReady, check_ready
 from emulator.welcome import first_screen
@@ -85,7 +85,7 @@ async def test_a_port_in_use_is_named_and_nothing_stays_open() -> None:
         async with Emulator(EmulatorConfig(controller=controller, host=host)):
             pass
     async with Emulator(EmulatorConfig(controller=controller, host=host)) as emulator:
-        assert {**emulator.ports, **dict.fromkeys(emulator.moved, 502)} == PORTS  # 502 asks for privileges
+        assert {**emulator.ports, **dict.fromkeys(emulator.moved, 502)} == emulator.config.wanted_ports  # 502 is low
 
 
 async def test_modbus_moves_to_a_free_port_when_its_own_is_taken() -> None:

@@ -98,6 +98,23 @@ def test_python_m_beside_a_decoy_client(tmp_path: Path) -> None:
     assert "Ready:" in done.stdout
 
 
+def test_what_is_mounted_on_the_arm_is_shown(tmp_path: Path) -> None:
+    command = emulator_command(
+        "--model",
+        "ur5e",
+        "--ephemeral-ports",
+        "--exit-when-ready",
+        "--tool-device",
+        "pty",
+        "--gripper",
+        "robotiq-2f-85",
+    )
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "Robotiq 2F-85: lines of text" in done.stdout
+    assert "the tool's serial line, to /dev/" in done.stdout
+
+
 def test_a_port_in_use(tmp_path: Path) -> None:
     host = f"127.78.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
     with socket.create_server((host, 30104)):
@@ -118,6 +135,13 @@ def test_a_port_in_use(tmp_path: Path) -> None:
         (["--initial-positions", "missing.yaml"], "cannot read missing.yaml: No such file"),
         (["--programs", "missing"], "the programs folder missing is not a folder"),
         (["--speed", "0"], "the speed must be a positive number"),
+        (["--gripper", "hand"], "unknown gripper 'hand': known are robotiq-2f-85, robotiq-2f-140"),
+        (["--gripper-object", "30"], "an object to grip needs a gripper"),
+        (["--tool-device", "echo"], "UR3 has no serial line at its tool: e-Series arms do"),
+        (
+            ["--model", "ur5e", "--ephemeral-ports", "--tool-device", "/dev/none"],
+            "cannot open the tool device /dev/none: No such file or directory",
+        ),
         (["--speed", "nan"], "the speed must be a positive number"),
         (["--port-offset", "-1"], "the port offset must be from 0 to"),
     ],

@@ -9,6 +9,8 @@ from server_rig import MemoryClient
 
 from emulator.app import make_servers
 from emulator.controller import Controller, ControllerConfig
+from emulator.devices.robotiq import MODELS
+from emulator.devices.tool_line import EchoDevice, SerialSettings
 from emulator.servers.base import PortServer
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.state import RobotStateData
@@ -27,6 +29,8 @@ PORTS = [
     "secondary read-only",
     "realtime read-only",
     "interpreter",
+    "gripper",
+    "tool line",
 ]
 MODBUS = bytes.fromhex("0001 0000 0006 ff 03 0080 007d")  # 125 registers
 PERIODS = 13  # at least one primary state
@@ -64,12 +68,16 @@ modbus_frame = st.builds(
     st.sampled_from([1, 2, 3, 4]) | st.integers(0, 255),
     st.builds(struct.pack, st.just(">HH"), st.integers(0, 700), st.integers(0, 130)) | st.binary(max_size=20),
 )
+gripper_piece = st.sampled_from(
+    [b"SET", b"GET", b" ", b"ACT 1", b"POS", b"SID", b" 1e99", b" -0", b"\n", b" nan", b"FLT"]
+)
 line_piece = st.sampled_from([b"load ", b"popup ", b"\xc3(", b"robotmode", b" ", b"\r", b"\n", b"\0", b"addToLog x"])
 garbage = (
     st.binary(max_size=300)
     | st.lists(rtde_package, max_size=12).map(b"".join)
     | st.lists(modbus_frame, max_size=8).map(b"".join)
     | st.lists(script_piece, max_size=30).map(b"".join)
+    | st.lists(gripper_piece, max_size=12).map(b"".join)
     | st.lists(line_piece, max_size=20).map(b"".join)
 )
 
@@ -78,8 +86,13 @@ class Witnesses:
     """A running arm, and one well-behaved client on each port."""
 
     def __init__(self) -> None:
-        self.controller = Controller(ControllerConfig(model=load_model("ur3"), running=True))
-        self.servers: dict[str, PortServer] = {server.name: server for server in make_servers(self.controller)}
+        gripper = MODELS["robotiq-2f-85"]
+        self.controller = Controller(ControllerConfig(model=load_model("ur3"), running=True, gripper=gripper))
+        self.controller.tool_line.connect(EchoDevice())
+        self.controller.tool_line.settings = SerialSettings(True)
+        self.controller.signals.set_tool_voltage(24)
+        servers = make_servers(self.controller, tool_line=True)
+        self.servers: dict[str, PortServer] = {server.name: server for server in servers}
         self.clients = {name: MemoryClient(server) for name, server in self.servers.items()}
         rtde = self.clients["rtde"]
         rtde.feed(RequestProtocol(2).encode(1) + SetupOutputs(("timestamp", "actual_q"), 125.0).encode(2))
@@ -95,9 +108,11 @@ class Witnesses:
         """Everyone gets what they came for, and the arm stands where it stood."""
         before = self.controller.snapshot
         self.clients["dashboard"].feed(b"robotmode\n")
+        self.clients["gripper"].feed(b"GET DST\n")
         self.clients["modbus"].feed(bytes.fromhex("0001 0000 0006 ff 03 0100 0001"))
         got = self.tick()
         assert got["dashboard"] == b"Robotmode: RUNNING\n"
+        assert got["gripper"] == b"DST 4\n"
         assert got["modbus"] == bytes.fromhex("0001 0000 0005 ff 03 02 0003"), "register 256: version 3"
         packages = RTDEDecoder().feed(got["rtde"])
         assert [len(package.payload) for package in packages] == [1 + 8 + 48] * PERIODS
@@ -140,6 +155,8 @@ def test_a_flood_of_requests(witnesses: Witnesses) -> None:
         ("secondary", b"x = 1\n"),
         ("rtde", b"\0\5V\0\2"),
         ("modbus", MODBUS),
+        ("gripper", b"SET ACT 0\n"),
+        ("tool line", b"0123456789"),
     ):
         client = MemoryClient(witnesses.servers[port])
         client.feed(data * 5_000)

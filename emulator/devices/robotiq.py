@@ -1,0 +1,315 @@
+"""A Robotiq 2-finger gripper: activation, motion, object detection, faults.
+
+    gripper = Gripper(MODELS["robotiq-2f-85"])
+    gripper.set("ACT", 1)
+    while gripper.status is not Status.ACTIVE:
+        gripper.advance(0.002, powered=True)
+
+Positions are the gripper's own counts: 0 open, 255 closed; the fingers stop before either.
+Facts: the maker's instruction manual (variables, status and fault codes, speeds), and the
+programs and clients of the ASCII interface.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum, IntEnum, auto
+from typing import Final
+
+__all__ = [
+    "MODELS",
+    "SLAVE_ID",
+    "TRANSITIONS",
+    "Event",
+    "Fault",
+    "Gripper",
+    "GripperModel",
+    "ObjectStatus",
+    "Phase",
+    "Status",
+]
+
+SLAVE_ID: Final = 9  # of a gripper as delivered
+_MOST: Final = 255
+_ACTIVATION_SPEED: Final = 255  # as SPE (guess)
+_RELEASE_SPEED: Final = 0  # as SPE: automatic release is slow
+# as `GET DST` tells them: the names are in the maker's programs
+_DRIVER_LISTENS: Final = 1
+_DRIVER_RUNS: Final = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class GripperModel:
+    """One kind of gripper.
+
+    stroke_mm: from closed to open. slowest, fastest: of the fingers [mm/s], at SPE 0 and 255.
+    open_stop, closed_stop: counts at which the fingers cannot go further; what lies between is linear.
+    """
+
+    title: str
+    stroke_mm: float
+    slowest: float
+    fastest: float
+    open_stop: int = 3  # these two: what the maker's calibration left in a program of one 2F-85
+    closed_stop: int = 230
+
+    @property
+    def counts_per_mm(self) -> float:
+        """Counts of one millimetre of opening."""
+        return (self.closed_stop - self.open_stop) / self.stroke_mm
+
+    def count(self, width_mm: float) -> float:
+        """The count at an opening."""
+        return self.closed_stop - width_mm * self.counts_per_mm
+
+    def speed(self, spe: int) -> float:
+        """Counts/s at a value of SPE."""
+        return (self.slowest + (self.fastest - self.slowest) * spe / _MOST) * self.counts_per_mm
+
+
+MODELS: Final[Mapping[str, GripperModel]] = {  # strokes and speeds: the maker's specifications
+    "robotiq-2f-85": GripperModel(title="Robotiq 2F-85", stroke_mm=85.0, slowest=20.0, fastest=150.0),
+    "robotiq-2f-140": GripperModel(title="Robotiq 2F-140", stroke_mm=140.0, slowest=30.0, fastest=250.0),
+}
+
+
+class Status(IntEnum):
+    """``STA``."""
+
+    RESET = 0
+    ACTIVATING = 1
+    ACTIVE = 3
+
+
+class ObjectStatus(IntEnum):
+    """``OBJ``."""
+
+    MOVING = 0
+    HELD_OPENING = 1
+    HELD_CLOSING = 2
+    AT_REQUEST = 3
+
+
+class Fault(IntEnum):
+    """``FLT``; those from UNDER_VOLTAGE on need a reset."""
+
+    NONE = 0x00
+    ACTION_DELAYED = 0x05
+    NOT_ACTIVATED = 0x07
+    OVER_TEMPERATURE = 0x08
+    NO_COMMUNICATION = 0x09
+    UNDER_VOLTAGE = 0x0A
+    RELEASING = 0x0B
+    INTERNAL = 0x0C
+    ACTIVATION = 0x0D
+    OVER_CURRENT = 0x0E
+    RELEASED = 0x0F
+
+
+class Phase(Enum):
+    """What the gripper is about."""
+
+    RESET = auto()
+    CLOSING = auto()  # activation, first half
+    OPENING = auto()  # activation, second half
+    ACTIVE = auto()
+    RELEASING = auto()
+    RELEASED = auto()
+    FAILED = auto()
+
+
+class Event(Enum):
+    """What changes the phase."""
+
+    ACTIVATE = auto()
+    RESET = auto()
+    RELEASE = auto()
+    ARRIVED = auto()
+    FAIL = auto()
+
+
+TRANSITIONS: Final[Mapping[tuple[Phase, Event], Phase]] = {
+    (Phase.RESET, Event.ACTIVATE): Phase.CLOSING,
+    (Phase.CLOSING, Event.ARRIVED): Phase.OPENING,
+    (Phase.OPENING, Event.ARRIVED): Phase.ACTIVE,
+    (Phase.RELEASING, Event.ARRIVED): Phase.RELEASED,
+    **{(phase, Event.RESET): Phase.RESET for phase in Phase},
+    **{(phase, Event.FAIL): Phase.FAILED for phase in Phase},
+    **{(phase, Event.RELEASE): Phase.RELEASING for phase in (Phase.RESET, Phase.CLOSING, Phase.OPENING, Phase.ACTIVE)},
+}
+_STATUS: Final = {Phase.CLOSING: Status.ACTIVATING, Phase.OPENING: Status.ACTIVATING, Phase.ACTIVE: Status.ACTIVE}
+_PHASE_FAULT: Final = {Phase.RELEASING: Fault.RELEASING, Phase.RELEASED: Fault.RELEASED}
+_MOTION_FAULT: Final = {
+    Phase.RESET: Fault.NOT_ACTIVATED,
+    Phase.CLOSING: Fault.ACTION_DELAYED,
+    Phase.OPENING: Fault.ACTION_DELAYED,
+}
+
+_WRITABLE: Final[Mapping[str, int]] = {  # name: greatest value
+    "ACT": 1, "GTO": 1, "ATR": 1, "ARD": 1, "POS": _MOST, "SPE": _MOST, "FOR": _MOST,
+    # of other grippers of the maker; kept, without effect on this one (their programs read them all)
+    "MOD": _MOST, "LBP": _MOST, "LRD": _MOST, "LBL": _MOST, "LGN": _MOST, "MSC": _MOST,
+}  # fmt: skip
+_ALIASES: Final = {"ADR": "ARD"}  # as a widespread client spells it
+_TEXTS: Final = {"VER": "EMULATED", "FWV": "EMULATED", "SNU": "EMULATED"}
+
+
+class Gripper:
+    """One gripper on the arm.
+
+    object_mm: width of something the fingers cannot pass, None for nothing; it is held from
+    outside when they close on it and from inside when they open against it. ``position``: count,
+    a float. ``powered`` follows the arm: a gripper without power answers nothing and forgets
+    that it was active.
+    """
+
+    def __init__(self, model: GripperModel, object_mm: float | None = None) -> None:
+        self.model = model
+        self.object_mm = object_mm
+        self.position = float(model.open_stop)
+        self.powered = False
+        self.phase = Phase.RESET
+        self.cycles = 0
+        self._failure = Fault.NONE
+        self._moving = False
+        self._closing = True  # the way the fingers moved last
+        self._set: dict[str, int] = dict.fromkeys(_WRITABLE, 0) | {"SPE": _MOST, "FOR": _MOST}  # guess: full
+        self._read = {
+            "POS": lambda: f"{round(self.position)}",
+            "PRE": lambda: f"{self._set['POS']:03d}",  # three digits, FLT two: the maker's programs count them
+            "FLT": lambda: f"{self.fault:02d}",
+            "STA": lambda: f"{self.status:d}",
+            "OBJ": lambda: f"{self.object_status:d}",
+            "NCY": lambda: f"{self.cycles}",
+        }
+
+    # what it says
+
+    @property
+    def status(self) -> Status:
+        """Reset, being activated, active. Automatic release and faults count as reset (manual)."""
+        return _STATUS.get(self.phase, Status.RESET)
+
+    @property
+    def object_status(self) -> ObjectStatus:
+        """On the way, stopped by something, or there. Without GTO as if there (guess: the manual says ignore it)."""
+        goal = self._goal()
+        if goal is None or goal == self.position:
+            return ObjectStatus.AT_REQUEST
+        if not self._blocked(goal):
+            return ObjectStatus.MOVING
+        return ObjectStatus.HELD_CLOSING if goal > self.position else ObjectStatus.HELD_OPENING
+
+    @property
+    def fault(self) -> Fault:
+        """Fault.NONE when there is none."""
+        if self._failure is not Fault.NONE:
+            return self._failure
+        if self.phase in _PHASE_FAULT:
+            return _PHASE_FAULT[self.phase]
+        return _MOTION_FAULT.get(self.phase, Fault.NONE) if self._set["GTO"] else Fault.NONE
+
+    def get(self, name: str) -> str | None:
+        """A variable as text. None when there is none of that name, or nothing answers."""
+        name = _ALIASES.get(name, name)
+        if name == "PCO":  # problem of the connection
+            return f"{int(not self.powered)}"
+        if name == "DST":
+            return f"{_DRIVER_RUNS if self.powered else _DRIVER_LISTENS}"
+        if not self.powered:
+            return None
+        if name in self._read:
+            return self._read[name]()
+        if name in self._set:
+            return f"{self._set[name]}"
+        return _TEXTS.get(name)
+
+    # what it is told
+
+    def accepts(self, name: str, value: int) -> bool:
+        """True for a variable that can be set, and a value it can have."""
+        return 0 <= value <= _WRITABLE.get(_ALIASES.get(name, name), -1)
+
+    def set(self, name: str, value: int) -> None:
+        """Set a variable. Raises ValueError for what it does not accept; nothing happens without power."""
+        if not self.accepts(name, value):
+            raise ValueError(f"the gripper has no variable {name} that could be {value}")
+        if not self.powered:
+            return
+        name = _ALIASES.get(name, name)
+        self._set[name] = value
+        if name == "ACT":
+            self._handle(Event.ACTIVATE if value else Event.RESET)
+        elif name == "ATR" and value:
+            self._handle(Event.RELEASE)
+
+    def fail(self, fault: Fault) -> None:
+        """Let it have a fault: a minor one, which stops the fingers, until ``recover``, a major one until a reset."""
+        self._failure = fault
+        if fault >= Fault.UNDER_VOLTAGE:
+            self._handle(Event.FAIL)
+
+    def recover(self) -> None:
+        """The cause of a minor fault is gone; does nothing for a major one."""
+        if self.phase is not Phase.FAILED:
+            self._failure = Fault.NONE
+
+    def advance(self, period_s: float, *, powered: bool) -> None:
+        """One control period."""
+        if powered is not self.powered:
+            self._switch(powered)
+        goal = self._goal()
+        if goal is not None and goal != self.position and not self._blocked(goal):
+            self._move(goal, self.model.speed(self._spe()) * period_s)
+            return
+        self._moving = False
+        if goal is not None:
+            self._handle(Event.ARRIVED)
+
+    def _switch(self, powered: bool) -> None:
+        self.powered = powered
+        if not powered:
+            self._set["ACT"] = self._set["ATR"] = 0
+            self._handle(Event.RESET)
+
+    def _handle(self, event: Event) -> None:
+        self.phase = TRANSITIONS.get((self.phase, event), self.phase)
+        if event is Event.RESET:
+            self._set["GTO"] = 0  # guess: what was requested before is not carried out after the next activation
+            self._failure = Fault.NONE
+
+    def _spe(self) -> int:
+        if self.phase is Phase.ACTIVE:
+            return self._set["SPE"]
+        return _RELEASE_SPEED if self.phase is Phase.RELEASING else _ACTIVATION_SPEED
+
+    def _goal(self) -> float | None:
+        """Where the fingers are going or would like to be; None where they are held."""
+        model = self.model
+        if self.phase is Phase.ACTIVE and self._set["GTO"] and not self._failure:
+            return float(min(max(self._set["POS"], model.open_stop), model.closed_stop))
+        if self.phase is Phase.CLOSING:
+            return float(model.closed_stop)
+        if self.phase is Phase.OPENING:
+            return float(model.open_stop)
+        if self.phase is Phase.RELEASING:  # ARD 0 opens for the maker's programs and ur_rtde; by the manual it closes
+            return float(model.closed_stop if self._set["ARD"] else model.open_stop)
+        return None
+
+    def _stop(self) -> float | None:
+        return None if self.object_mm is None else self.model.count(self.object_mm)
+
+    def _blocked(self, goal: float) -> bool:
+        """True when the fingers touch something that is in the way to the goal."""
+        return self._stop() == self.position and (goal > self.position) is self._closing
+
+    def _move(self, goal: float, way: float) -> None:
+        here = self.position
+        closing = goal > here
+        if closing and not (self._moving and self._closing):
+            self.cycles += 1
+        self._moving, self._closing = True, closing
+        there = min(here + way, goal) if closing else max(here - way, goal)
+        stop = self._stop()
+        if stop is not None and (here < stop < there or there < stop < here):
+            there = stop
+        self.position = there

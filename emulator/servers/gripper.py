@@ -1,0 +1,59 @@
+"""The gripper software that the maker of the gripper installs on the controller (TCP 63352)."""
+
+from emulator.commands import GripperCall
+from emulator.devices.gripper_requests import GripperSession
+from emulator.servers.base import CommandQueue, Connection, ControllerDoor, Direction, PortServer
+from emulator.snapshot import Snapshot
+from urproto.robotiq import Request, RequestDecoder
+
+__all__ = ["GripperServer"]
+
+
+class GripperServer(PortServer):
+    """Requests in, values and acknowledgements out."""
+
+    def __init__(self, controller: ControllerDoor) -> None:
+        super().__init__("gripper", controller)
+
+    def connect(self) -> Connection:
+        return _GripperConnection(self)
+
+    def publish(self, snapshot: Snapshot) -> None:
+        """A request whose line end has not come within the period has none."""
+        for connection in self.connections:
+            if isinstance(connection, _GripperConnection):
+                connection.flush()
+
+
+class _GripperConnection(Connection):
+    def __init__(self, server: PortServer) -> None:
+        super().__init__(server)
+        self._decoder = RequestDecoder()
+        self._session = GripperSession()
+        self._queue = CommandQueue(server.controller, self.read_on)
+        self._ended = False
+
+    def received(self, data: bytes) -> None:
+        self._call(self._decoder.feed(data))
+
+    def flush(self) -> None:
+        self._call(self._decoder.flush())
+
+    def at_end(self) -> bool:
+        self.flush()
+        self._ended = True
+        return not self._queue.idle
+
+    def _call(self, requests: list[Request]) -> None:
+        hooks = self.server.hooks
+        passed = [hooks.message(self, Direction.RECEIVED, request) for request in requests]
+        wanted = tuple(request for request in passed if request is not None)
+        if wanted:
+            self._queue.put(GripperCall(wanted, self._session), self._answer)
+
+    def _answer(self, answer: bytes) -> None:
+        passed = self.server.hooks.message(self, Direction.SENT, answer)
+        if passed is not None:
+            self.send(passed)
+        if self._ended and self._queue.idle:
+            self.close()
