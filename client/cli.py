@@ -9,6 +9,8 @@ from rich.console import Console
 from rich.table import Table
 
 from client import dashboard, primary, rtde
+from client.commands.decode import decode_command
+from client.commands.watch import watch_command
 from client.errors import ClientError
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
@@ -70,6 +72,10 @@ def send_command(
         if wait:
             name = robot.run(robot.core.wait_until_stopped(), float("inf"))
             typer.echo(f"{name} has ended")
+
+
+app.command("decode")(decode_command)
+app.command("watch")(watch_command)
 
 
 def _readable(name: str, value: Any) -> str:
