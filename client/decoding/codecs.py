@@ -132,6 +132,9 @@ def guess(data: bytes, final: bool) -> Guess | None:
     if _is_text(data):
         return _guess_text(data.decode("utf-8", "replace"), final or len(data) >= _ENOUGH)
     fitting = [name for name, framing in _FRAMINGS.items() if _messages(framing, data)]
+    fitting.sort(
+        key=lambda name: not _messages(_FRAMINGS[name], data, whole=True)
+    )  # those that end with the bytes first
     if fitting:
         return Guess(CODECS[fitting[0]])
     if not final and len(data) < _ENOUGH:
@@ -141,8 +144,8 @@ def guess(data: bytes, final: bool) -> Guess | None:
     return Guess(CODECS[next(later, "bytes")])
 
 
-def _messages(framing: Framing, data: bytes) -> int:
-    """How many messages these bytes may be, the last one perhaps unfinished; 0 when they are none."""
+def _messages(framing: Framing, data: bytes, whole: bool = False) -> int:
+    """How many messages these bytes may be, the last one unfinished unless ``whole``; 0 when they are none."""
     count = offset = 0
     while offset < len(data):
         header = data[offset : offset + framing.header]
@@ -152,7 +155,7 @@ def _messages(framing: Framing, data: bytes) -> int:
             break
         count += 1
         offset += framing.size(header)
-    return count
+    return 0 if whole and offset != len(data) else count
 
 
 def _is_text(data: bytes) -> bool:

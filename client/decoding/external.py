@@ -22,8 +22,7 @@ from urproto.external_control import (
 __all__ = ["COMMANDS", "RESULTS", "REVERSE", "TRAJECTORY", "command_stream", "result_stream", "reverse_stream",
            "trajectory_stream"]  # fmt: skip
 
-_LIKELY_TIMEOUT_MS = 3_600_000  # an hour; guess: what is longer is no message
-_LIKELY_POSITION = 2147.0  # what a word can carry
+_LIKELY_TIMEOUT_MS = 60_000  # guess: what waits longer is no message; drivers use 2 ms to a few seconds
 _PARAMETERS = {  # how many words of a command mean something
     ScriptCommandKind.ZERO_FTSENSOR: 0,
     ScriptCommandKind.SET_PAYLOAD: 4,

@@ -123,7 +123,7 @@ class _Setups:
         if told is not None:
             return told
         why = "it does not fit the recipe" if known else "the recipe's set-up was not seen"
-        return f"{len(data)} bytes {show.value(data)} ({why})"
+        return f"{_raw(data)} ({why})"
 
 
 class Conversation:
@@ -131,6 +131,7 @@ class Conversation:
 
     def __init__(self) -> None:
         self._protocol = 1
+        self._agreed = False  # whether anything told the protocol
         self._asked_protocol = codec.KNOWN_PROTOCOLS[-1]  # when only replies are there
         self._outputs = _Setups()
         self._inputs = _Setups()
@@ -146,15 +147,19 @@ class Conversation:
     def _from_robot(self, data: bytes) -> Iterator[Line]:
         package = _package(data)
         if package.type == PackageType.SETUP_OUTPUTS and package.payload[:1] < b"A":
-            self._protocol = 2  # a number comes first; types begin with a letter
+            self._protocol, self._agreed = 2, True  # a number comes first; types begin with a letter
         reply = codec.decode_reply(package, self._protocol)
         match reply:
             case codec.ProtocolReply():
-                self._protocol = self._asked_protocol if reply.accepted else 1
+                self._protocol, self._agreed = (self._asked_protocol if reply.accepted else 1), True
             case codec.SetupOutputsReply():
+                self._agreed = True
                 self._outputs.answer(reply.recipe_id, reply.types)
             case codec.SetupInputsReply():
                 self._inputs.answer(reply.recipe_id, reply.types)
+            case codec.OutputData() if not self._agreed:
+                yield Line(f"data: {_raw(package.payload)} (the set-up was not seen)")
+                return
             case codec.OutputData():
                 yield Line(f"data {reply.recipe_id}: {self._outputs.tell(reply.recipe_id, reply.data)}")
                 return
@@ -163,7 +168,10 @@ class Conversation:
     def _from_client(self, data: bytes) -> Iterator[Line]:
         package = _package(data)
         if package.type == PackageType.SETUP_OUTPUTS and package.payload[:1] in (b"?", b"@"):
-            self._protocol = 2  # a frequency from 2^-255 Hz up comes first, never the start of a name
+            self._protocol, self._agreed = (
+                2,
+                True,
+            )  # a frequency from 2^-255 Hz up comes first, never the start of a name
         request = codec.decode_request(package, self._protocol)
         match request:
             case codec.RequestProtocol():
@@ -176,6 +184,10 @@ class Conversation:
                 yield Line(f"input {request.recipe_id}: {self._inputs.tell(request.recipe_id, request.data)}")
                 return
         yield _told("request", package.type, request)
+
+
+def _raw(data: bytes) -> str:
+    return f"{len(data)} bytes {show.value(data)}"
 
 
 def _package(data: bytes) -> codec.Package:

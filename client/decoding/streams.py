@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from client.decoding import show
-from urproto.errors import ProtocolError
+from urproto.errors import ProtocolError, RemoteProtocolError
 
 __all__ = ["FramedStream", "Framing", "Line", "LineStream", "Stream", "trouble"]
 
@@ -114,8 +114,12 @@ class FramedStream:
         """Of the message that begins here: 0 when that is not known yet, None when there is none."""
         if len(self._buffer) < self._framing.header:
             return 0
+        header = bytes(self._buffer[: self._framing.header])
         try:
-            return self._framing.size(bytes(self._buffer[: self._framing.header]))
+            size = self._framing.size(header)
+            if self._offset or self._framing.likely(header):
+                return size
+            raise RemoteProtocolError("the stream does not begin with one")
         except ProtocolError as error:
             self._begin_garbage(str(error))
             return None

@@ -10,7 +10,7 @@ from urproto.interpreter import InterpreterCommand
 
 __all__ = ["BytesStream", "answer_stream", "line_stream", "statement_stream", "unended_stream"]
 
-_LONGEST_LINE = 65536  # bytes; guess: ample
+_LONGEST_LINE = 8192  # bytes; what is longer is told in pieces
 
 
 def line_stream() -> LineStream:
