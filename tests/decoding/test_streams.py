@@ -220,13 +220,14 @@ PIECES = st.lists(
 
 
 @given(PIECES, CHOICES, SIDES, st.integers(1, 50))
-def test_any_bytes_in_any_split_are_told_the_same(data, codec_, side, chunk):
+def test_any_bytes_in_any_split(data, codec_, side, chunk):
     whole = told(data, codec=codec_, side=side)
-    assert all(("\n" not in line and line.isprintable()) or "\t" in line for line in whole)
-    if codec_ is not None and codec_.name not in ("bytes", "gripper"):  # those tell what comes together
-        assert told(data, chunk, codec=codec_, side=side) == whole
-    else:
-        told(data, chunk, codec=codec_, side=side)
+    pieces = told(data, chunk, codec=codec_, side=side)
+    assert all(line.replace("\t", " ").isprintable() for line in (*whole, *pieces) if line)
+    if codec_ is None or codec_.name in ("bytes", "gripper"):  # these tell what comes together
+        return
+    if not any(line.startswith("!") for line in whole):  # where garbage ends is told by what has come by then
+        assert pieces == whole
 
 
 @given(st.binary(max_size=300))
