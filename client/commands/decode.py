@@ -71,6 +71,5 @@ def _pump(source: BufferedIOBase, session: Session) -> None:
 
 
 def _show(lines: Iterable[str]) -> None:
-    for line in lines:
-        sys.stdout.write(f"{line}\n")
+    sys.stdout.write("".join(f"{line}\n" for line in lines))  # at once: Ctrl-C between lines would lose the rest
     sys.stdout.flush()

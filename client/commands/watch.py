@@ -78,7 +78,7 @@ def _watch(robot: rtde.BlockingRTDEClient, sinks: list[Sink]) -> None:
 
 
 def _come_back(robot: rtde.BlockingRTDEClient, error: ClientError) -> None:
-    typer.echo(f"{error}; trying until it is there again, Ctrl-C ends", err=True)
+    typer.echo(f"{error} (tried until it works; Ctrl-C ends)", err=True)
     while True:
         try:
             robot.reconnect(_RECONNECT_S)

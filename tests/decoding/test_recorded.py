@@ -17,7 +17,6 @@ from typer.testing import CliRunner
 
 from client.cli import app
 from client.commands.watch import state_table, unknown_fields
-from client.decoding.codecs import CODECS
 from client.decoding.session import InputForm
 from urproto.rtde import codec
 
@@ -31,6 +30,7 @@ def emulator() -> Iterator[EmulatorProcess]:
     process.start()
     yield process
     process.stop()
+    process.dispose()
 
 
 @contextmanager
@@ -99,7 +99,7 @@ def test_an_rtde_conversation(emulator):
             talk.say(False, request).say(True, robot.recv(65536))
         write = codec.InputData(1, b"\0\0\0\x2a").encode(2)
         robot.sendall(write)
-        talk.say(False, write).say(True, receive(robot, 1000)[: 68 * 10])
+        talk.say(False, write).say(True, receive(robot, 1000)[: 64 * 10])
     lines, troubles = session(pcap([ethernet(ip_packet(sent, 30004)) for sent in talk.segments]))
     texts = [line.partition(" rtde: ")[2] for line in lines[1:]]
     assert "input 1: input_int_register_24=42" in texts
@@ -140,10 +140,10 @@ def command(*arguments: str) -> list[str]:
 
 
 @contextmanager
-def running(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
-    process = subprocess.Popen(
-        command(*arguments), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+def running(*arguments: str) -> Iterator["subprocess.Popen[bytes]"]:
+    """The command with unbuffered pipes, so that select() tells whether a line is there."""
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(command(*arguments), stdin=pipe, stdout=pipe, stderr=pipe, bufsize=0)
     try:
         yield process
     finally:
@@ -154,17 +154,16 @@ def running(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
 def next_line(pipe) -> str:
     readable, _, _ = select.select([pipe], [], [], PATIENCE_S)
     assert readable, "nothing came"
-    return pipe.readline()
+    return pipe.readline().decode()
 
 
 def test_decode_prints_while_its_input_goes_on():
     with running("decode", "-", "--as", "dashboard") as process:
-        process.stdin.write("power on\nbrake")
-        process.stdin.flush()
+        process.stdin.write(b"power on\nbrake")
         assert next_line(process.stdout) == "power on\n"
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=PATIENCE_S)
-    assert out == "brake\n"
+    assert out == b"brake\n"
     assert process.returncode == 0
 
 
