@@ -1,7 +1,5 @@
 """``ur-client``: the everyday things, from a terminal, against any robot or emulator."""
 
-import asyncio
-import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,7 +8,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from client import dashboard, primary, rtde, tool_communication
+from client import dashboard, primary, rtde
+from client.commands.decode import decode_command
+from client.commands.options import PortOffset, RobotIP
+from client.commands.tool_comm import tool_comm_command
+from client.commands.watch import watch_command
 from client.errors import ClientError
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
@@ -19,9 +21,6 @@ from urproto.rtde.fields import OUTPUT_FIELDS
 __all__ = ["app", "main"]
 
 app = typer.Typer(help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
-
-RobotIP = Annotated[str, typer.Option("--robot-ip", help="Address of the robot.")]
-PortOffset = Annotated[int, typer.Option("--port-offset", help="Added to each port, as given to the emulator.")]
 
 _STATE = (
     "timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction",
@@ -74,27 +73,9 @@ def send_command(
             typer.echo(f"{name} has ended")
 
 
-@app.command("tool-comm")
-def tool_comm_command(
-    device: Annotated[Path, typer.Option(help="Path of the serial device to make.")] = Path("/tmp/ttyUR"),
-    robot_ip: RobotIP = "127.0.0.1",
-    port_offset: PortOffset = 0,
-) -> None:
-    """Offer the serial line at the robot's tool (e-Series) as a device of this machine, until Ctrl-C."""
-    line = tool_communication.ToolCommunication(robot_ip, tool_communication.PORT + port_offset, device, typer.echo)
-    asyncio.run(_offer(line))
-
-
-async def _offer(line: tool_communication.ToolCommunication) -> None:
-    loop = asyncio.get_running_loop()
-    async with line:
-        running = loop.create_task(line.run())
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, running.cancel)
-        typer.echo(f"{line.device} is the tool of {line.host}:{line.port}. Ctrl-C ends it.")
-        await asyncio.wait([running])
-    if not running.cancelled():
-        running.result()
+app.command("decode")(decode_command)
+app.command("watch")(watch_command)
+app.command("tool-comm")(tool_comm_command)
 
 
 def _readable(name: str, value: Any) -> str:

@@ -25,7 +25,7 @@ THIRD_PARTY = {
     "numpy": ("urproto.robots.dynamics",),
     "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("emulator", "client"),
-    "typer": ("emulator.cli", "client.cli", "urscript.cli"),
+    "typer": ("emulator.cli", "client.cli", "client.commands", "urscript.cli"),
     "rich": ("emulator", "client", "urscript.cli"),
 }
 URSCRIPT_SEES = ("urproto.robots.pose", "urproto.versions")

@@ -1,0 +1,194 @@
+"""Packets out of pcap and pcapng files, as tcpdump and Wireshark write them, in bytes as they come.
+
+Layouts: the IETF drafts draft-ietf-opsawg-pcap and draft-ietf-opsawg-pcapng.
+"""
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from urproto.errors import RemoteProtocolError
+
+__all__ = ["MAGIC_SIZE", "Packet", "PacketReader", "open_capture"]
+
+MAGIC_SIZE = 4
+_LONGEST = 1 << 20  # bytes of a packet or block; tcpdump cuts packets at 256 kB
+_PCAP = {  # magic number: byte order, ticks a second
+    b"\xa1\xb2\xc3\xd4": (">", 1_000_000),
+    b"\xd4\xc3\xb2\xa1": ("<", 1_000_000),
+    b"\xa1\xb2\x3c\x4d": (">", 1_000_000_000),
+    b"\x4d\x3c\xb2\xa1": ("<", 1_000_000_000),
+}
+_PCAPNG = b"\x0a\x0d\x0d\x0a"
+_SECTION, _INTERFACE, _OLD_PACKET, _SIMPLE_PACKET, _ENHANCED_PACKET = 0x0A0D0D0A, 1, 2, 3, 6
+_BYTE_ORDERS = {b"\x1a\x2b\x3c\x4d": ">", b"\x4d\x3c\x2b\x1a": "<"}
+_TSRESOL, _TSOFFSET = 9, 14  # options of an interface
+_MICROSECONDS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """One packet as captured. time_ns: since 1970 [ns], or None; link: its LINKTYPE; size: what was on the wire."""
+
+    time_ns: int | None
+    link: int
+    data: bytes
+    size: int
+
+
+class PacketReader:
+    """Cuts packets out of a file that arrives in any split."""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+        self._skip = 0  # bytes to come that are not wanted
+        self._offset = 0  # of the buffer in the file
+
+    def feed(self, data: bytes) -> Iterator[Packet]:
+        """Take bytes, give the packets they complete. Raises RemoteProtocolError where the file cannot be read on."""
+        self._buffer += data
+        self._drop(0)
+        while not self._skip and (size := self._size()) and len(self._buffer) >= size:
+            piece = bytes(self._buffer[:size])
+            try:
+                packet = self._read(piece)
+            except struct.error as error:
+                raise self._broken(f"a block is too short: {error}") from error
+            self._drop(size)
+            if packet is not None:
+                yield packet
+
+    @property
+    def rest(self) -> int:
+        """Bytes of a packet that has not ended."""
+        return len(self._buffer)
+
+    def _drop(self, size: int) -> None:
+        self._skip += size
+        dropped = min(self._skip, len(self._buffer))
+        del self._buffer[:dropped]
+        self._skip -= dropped
+        self._offset += dropped
+
+    def _broken(self, why: str) -> RemoteProtocolError:
+        return RemoteProtocolError(f"the capture file cannot be read on at offset {self._offset}: {why}")
+
+    def _size(self) -> int:
+        """Of what comes next in the file, 0 when that is not known yet."""
+        raise NotImplementedError
+
+    def _read(self, piece: bytes) -> Packet | None:
+        raise NotImplementedError
+
+
+def open_capture(magic: bytes) -> PacketReader | None:
+    """The reader of a file that begins with these 4 bytes (they are to be fed too); None when it is no capture."""
+    if magic == _PCAPNG:
+        return _PcapngReader()
+    return _PcapReader(*_PCAP[magic]) if magic in _PCAP else None
+
+
+class _PcapReader(PacketReader):
+    """A header, then records: seconds, ticks, bytes captured, bytes on the wire."""
+
+    def __init__(self, order: str, ticks: int) -> None:
+        super().__init__()
+        self._header = struct.Struct(order + "20xI")
+        self._record = struct.Struct(order + "4I")
+        self._ticks = ticks
+        self._link: int | None = None
+
+    def _size(self) -> int:
+        if self._link is None:
+            return self._header.size
+        if len(self._buffer) < self._record.size:
+            return 0
+        captured = self._record.unpack_from(self._buffer)[2]
+        if captured > _LONGEST:
+            raise self._broken(f"a packet of {captured} bytes")
+        return int(self._record.size + captured)
+
+    def _read(self, piece: bytes) -> Packet | None:
+        if self._link is None:
+            self._link = self._header.unpack(piece)[0] & 0x0FFFFFFF  # the bits above tell of checksums
+            return None
+        seconds, ticks, _, size = self._record.unpack_from(piece)
+        time_ns = seconds * 1_000_000_000 + ticks * (1_000_000_000 // self._ticks)
+        return Packet(time_ns, self._link, piece[self._record.size :], size)
+
+
+@dataclass(frozen=True, slots=True)
+class _Interface:
+    link: int
+    ticks: int = _MICROSECONDS  # a second
+    offset_s: int = 0
+
+
+class _PcapngReader(PacketReader):
+    """Blocks: type, size, body, size again."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._order = "<"
+        self._interfaces: list[_Interface] = []
+
+    def _size(self) -> int:
+        if len(self._buffer) < 12:
+            return 0
+        if self._buffer[:4] == _PCAPNG:
+            magic = bytes(self._buffer[8:12])
+            if magic not in _BYTE_ORDERS:
+                raise self._broken("a section has no byte order")
+            self._order = _BYTE_ORDERS[magic]
+        kind, size = self._unpack("2I", self._buffer)
+        if size < 12 or size % 4:
+            raise self._broken(f"a block has size {size}")
+        if size <= _LONGEST:
+            return int(size)
+        if kind in (_SECTION, _INTERFACE, _OLD_PACKET, _SIMPLE_PACKET, _ENHANCED_PACKET):
+            raise self._broken(f"a block of type {kind} has {size} bytes")
+        self._drop(size)  # nothing that is read here
+        return 0
+
+    def _unpack(self, layout: str, data: bytes | bytearray, offset: int = 0) -> tuple[int, ...]:
+        return struct.unpack_from(self._order + layout, data, offset)
+
+    def _read(self, piece: bytes) -> Packet | None:
+        kind, body = self._unpack("I", piece)[0], piece[8:-4]
+        if kind == _SECTION:
+            self._interfaces.clear()
+        elif kind == _INTERFACE:
+            self._interfaces.append(self._interface(body))
+        elif kind == _ENHANCED_PACKET:
+            number, high, low, captured, size = self._unpack("5I", body)
+            return self._packet(number, high << 32 | low, body[20 : 20 + captured], size)
+        elif kind == _OLD_PACKET:
+            number, _, high, low, captured, size = self._unpack("2H4I", body)
+            return self._packet(number, high << 32 | low, body[20 : 20 + captured], size)
+        elif kind == _SIMPLE_PACKET:
+            (size,) = self._unpack("I", body)
+            return self._packet(0, None, body[4 : 4 + size], size)
+        return None
+
+    def _packet(self, number: int, ticks: int | None, data: bytes, size: int) -> Packet:
+        if number >= len(self._interfaces):
+            raise self._broken(f"a packet is of interface {number}, which was not described")
+        interface = self._interfaces[number]
+        time_ns = None
+        if ticks is not None:
+            time_ns = interface.offset_s * 1_000_000_000 + ticks * 1_000_000_000 // interface.ticks
+        return Packet(time_ns, interface.link, data, size)
+
+    def _interface(self, body: bytes) -> _Interface:
+        link, ticks, offset_s, place = self._unpack("H", body)[0], _MICROSECONDS, 0, 8
+        while place + 4 <= len(body):
+            code, size = self._unpack("2H", body, place)
+            option = body[place + 4 : place + 4 + size]
+            if code == _TSRESOL and len(option) == 1:
+                ticks = 2 ** (option[0] & 0x7F) if option[0] & 0x80 else 10 ** option[0]
+            elif code == _TSOFFSET and len(option) == 8:
+                (offset_s,) = self._unpack("q", option)
+            elif code == 0:
+                break
+            place += 4 + size + -size % 4
+        return _Interface(link, ticks, offset_s)

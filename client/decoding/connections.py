@@ -1,0 +1,275 @@
+"""Byte streams of TCP connections out of segments that were captured in any order.
+
+A direction's bytes are given in their order, each once. Between the directions, a segment
+waits for the bytes its acknowledgement says its sender had received: so a request comes
+before its reply however the packets were sorted. What does not come is given up as lost
+when too much waits for it, and the stream goes on behind it.
+"""
+
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from client.decoding.packets import Endpoint, Segment
+
+__all__ = ["MAX_CONNECTIONS", "Closed", "Connection", "Connections", "Data", "Ends", "Event", "Lost"]
+
+MAX_CONNECTIONS = 256  # followed at once; the one that was silent longest is given up
+_MAX_HELD = 256  # segments
+_MAX_HELD_BYTES = 1 << 18
+_MAX_WAIT_NS = 2_000_000_000  # of the capture's time; guess: a lost segment is sent again sooner
+_SETTLING = 64  # segments, or time, until a connection counts as begun before the capture
+_SETTLING_NS = 1_000_000_000
+_NUMBERS = 1 << 32
+
+
+@dataclass(frozen=True, slots=True)
+class Data:
+    """Bytes of one direction, in order."""
+
+    source: Endpoint
+    data: bytes
+    time_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """So many bytes of a direction are not in the capture."""
+
+    source: Endpoint
+    size: int
+    time_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Closed:
+    """Nothing comes any more from this end."""
+
+    source: Endpoint
+    time_ns: int | None
+
+
+Event = Data | Lost | Closed
+Ends = frozenset[Endpoint]
+
+
+@dataclass(slots=True)
+class _Piece:
+    start: int
+    segment: Segment
+    arrival: int
+
+    @property
+    def end(self) -> int:
+        return self.start + len(self.segment.data) + self.segment.missing
+
+
+@dataclass(slots=True)
+class _Direction:
+    """Positions count from the first byte known of; ``next`` is the one that is given next."""
+
+    source: Endpoint
+    base: int | None = None  # sequence number of position 0
+    syn: int | None = None
+    next: int = 0
+    started: bool = False
+    ended: bool = False
+    held: list[_Piece] = field(default_factory=list)
+
+    def position(self, sequence: int) -> int:
+        """Of a sequence number, taken to be near the next one."""
+        if self.base is None:
+            self.base = sequence
+        ahead = (sequence - self.base - self.next) % _NUMBERS
+        return self.next + (ahead if ahead < _NUMBERS // 2 else ahead - _NUMBERS)
+
+    def begin(self, sequence: int) -> None:
+        """The SYN was seen: position 0 is behind it."""
+        self.syn = sequence
+        if self.started:
+            return
+        shift = self.position((sequence + 1) % _NUMBERS)
+        self.base = (sequence + 1) % _NUMBERS
+        for piece in self.held:
+            piece.start -= shift
+        self.started = True
+
+    def begin_anywhere(self) -> None:
+        """No SYN came: the stream begins with the first bytes there are."""
+        self.next = min((piece.start for piece in self.held), default=0)
+        self.started = True
+
+    @property
+    def first(self) -> _Piece | None:
+        """What is held and comes first."""
+        return min(self.held, key=lambda piece: (piece.start, piece.end), default=None)
+
+
+class Connection:
+    """Both directions of what goes on between two ends, one connection after the other."""
+
+    def __init__(self, ends: tuple[Endpoint, Endpoint]) -> None:
+        self._ends = ends
+        self._fresh()
+
+    def _fresh(self) -> None:
+        self._directions = {end: _Direction(end) for end in self._ends}
+        self._settled = False
+        self._arrivals = 0
+        self._now: int | None = None
+        self._first_ns: int | None = None
+
+    def add(self, segment: Segment) -> Iterator[Event]:
+        """Take a segment, give what it completes."""
+        direction = self._directions[segment.source]
+        if segment.syn:
+            if self._is_another(direction, segment):
+                yield from self.finish()
+                self._fresh()
+                direction = self._directions[segment.source]
+            direction.begin(segment.sequence)
+        self._now = segment.time_ns if segment.time_ns is not None else self._now
+        self._first_ns = self._now if self._first_ns is None else self._first_ns
+        self._hold(direction, segment)
+        yield from self._drain()
+        while self._overdue():
+            yield from self._give_up()
+            yield from self._drain()
+        if segment.rst:
+            yield from self.finish()
+
+    def finish(self) -> Iterator[Event]:
+        """No more segments come: give all there is."""
+        self._settle()
+        yield from self._drain()
+        while any(direction.held for direction in self._directions.values()):
+            yield from self._give_up()
+            yield from self._drain()
+        for direction in self._directions.values():
+            if not direction.ended:
+                direction.ended = True
+                yield Closed(direction.source, self._now)
+
+    def _is_another(self, direction: _Direction, segment: Segment) -> bool:
+        """Whether a SYN opens a new connection between the same ports."""
+        if direction.syn is not None:
+            return direction.syn != segment.sequence
+        if not direction.started:
+            return direction.ended
+        return not 0 <= direction.next - direction.position((segment.sequence + 1) % _NUMBERS) < _NUMBERS // 4
+
+    def _hold(self, direction: _Direction, segment: Segment) -> None:
+        if direction.ended or not (segment.data or segment.missing or segment.fin):
+            return
+        start = direction.position((segment.sequence + segment.syn) % _NUMBERS)
+        piece = _Piece(start, segment, self._arrivals)
+        if piece.end > direction.next or segment.fin or not direction.started:
+            direction.held.append(piece)
+            self._arrivals += 1
+
+    # giving
+
+    def _drain(self) -> Iterator[Event]:
+        if not self._settled and not self._may_settle():
+            return
+        self._settle()
+        while (direction := next(filter(self._is_ready, self._directions.values()), None)) is not None:
+            yield from self._give(direction)
+
+    def _may_settle(self) -> bool:
+        directions = self._directions.values()
+        if all(direction.started for direction in directions):
+            return True
+        waited = (self._now or 0) - (self._first_ns or 0)
+        return sum(len(direction.held) for direction in directions) >= _SETTLING or waited > _SETTLING_NS
+
+    def _settle(self) -> None:
+        self._settled = True
+        for direction in self._directions.values():
+            if not direction.started and direction.held:
+                direction.begin_anywhere()
+
+    def _is_ready(self, direction: _Direction) -> bool:
+        first = direction.first
+        return first is not None and first.start <= direction.next and not self._unheard(direction, first)
+
+    def _unheard(self, direction: _Direction, piece: _Piece) -> int:
+        """How many bytes of the other direction the sender of a piece had, and we have not yet."""
+        other = self._other(direction)
+        if piece.segment.ack is None or not other.started or other.ended:
+            return 0
+        return max(0, other.position(piece.segment.ack) - other.next)
+
+    def _other(self, direction: _Direction) -> _Direction:
+        first, second = self._ends
+        return self._directions[second if direction.source == first else first]
+
+    def _give(self, direction: _Direction) -> Iterator[Event]:
+        piece = direction.first
+        assert piece is not None
+        direction.held.remove(piece)
+        segment, source = piece.segment, direction.source
+        if data := segment.data[max(0, direction.next - piece.start) :]:
+            direction.next += len(data)
+            yield Data(source, data, segment.time_ns)
+        if piece.end > direction.next:
+            yield Lost(source, piece.end - direction.next, segment.time_ns)
+            direction.next = piece.end
+        if segment.fin and piece.end == direction.next:
+            direction.next += 1  # a FIN is counted
+            direction.ended = True
+            direction.held.clear()
+            yield Closed(source, segment.time_ns)
+
+    # giving up
+
+    def _overdue(self) -> bool:
+        held = [piece for direction in self._directions.values() for piece in direction.held]
+        if not held or not self._settled:
+            return False
+        if len(held) > _MAX_HELD or sum(len(piece.segment.data) for piece in held) > _MAX_HELD_BYTES:
+            return True
+        oldest = min(held, key=lambda piece: piece.arrival).segment.time_ns
+        return oldest is not None and self._now is not None and self._now - oldest > _MAX_WAIT_NS
+
+    def _give_up(self) -> Iterator[Event]:
+        """Stop waiting for what the piece waits for that has waited longest."""
+        waiting = [direction for direction in self._directions.values() if direction.held]
+        direction = min(waiting, key=lambda one: min(piece.arrival for piece in one.held))
+        piece = direction.first
+        assert piece is not None
+        if piece.start > direction.next:
+            yield Lost(direction.source, piece.start - direction.next, piece.segment.time_ns)
+            direction.next = piece.start
+        other, unheard = self._other(direction), self._unheard(direction, piece)
+        if unheard and not other.held:
+            yield Lost(other.source, unheard, piece.segment.time_ns)
+            other.next += unheard
+        yield from self._give(direction)
+
+
+class Connections:
+    """All connections of a capture; each event comes with the two ends of its connection."""
+
+    def __init__(self) -> None:
+        self._known: OrderedDict[Ends, Connection] = OrderedDict()
+
+    def add(self, segment: Segment) -> Iterator[tuple[Ends, Event]]:
+        """Take a segment, give what it completes."""
+        ends = frozenset((segment.source, segment.destination))
+        if ends not in self._known:
+            self._known[ends] = Connection((segment.source, segment.destination))
+        self._known.move_to_end(ends)
+        for event in self._known[ends].add(segment):
+            yield ends, event
+        if len(self._known) > MAX_CONNECTIONS:
+            silent_ends, silent = self._known.popitem(last=False)
+            for event in silent.finish():
+                yield silent_ends, event
+
+    def finish(self) -> Iterator[tuple[Ends, Event]]:
+        """The capture has ended."""
+        for ends, connection in self._known.items():
+            for event in connection.finish():
+                yield ends, event
+        self._known.clear()

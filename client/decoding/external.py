@@ -1,0 +1,129 @@
+"""External Control's ports (50001, 50003, 50004) told to people. The driver is the server there."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from client.decoding import show
+from client.decoding.streams import FramedStream, Framing, Line
+from urproto.errors import RemoteProtocolError
+from urproto.external_control import (
+    ControlMode,
+    FreedriveAction,
+    MotionType,
+    ReverseMessage,
+    ScriptCommand,
+    ScriptCommandKind,
+    SplineType,
+    TrajectoryAction,
+    TrajectoryPoint,
+    TrajectoryResult,
+)
+
+__all__ = ["COMMANDS", "RESULTS", "REVERSE", "TRAJECTORY", "command_stream", "result_stream", "reverse_stream",
+           "trajectory_stream"]  # fmt: skip
+
+_LIKELY_TIMEOUT_MS = 60_000  # guess: what waits longer is no message; drivers use 2 ms to a few seconds
+_PARAMETERS = {  # how many words of a command mean something
+    ScriptCommandKind.ZERO_FTSENSOR: 0,
+    ScriptCommandKind.SET_PAYLOAD: 4,
+    ScriptCommandKind.SET_TOOL_VOLTAGE: 1,
+    ScriptCommandKind.START_FORCE_MODE: 27,
+    ScriptCommandKind.END_FORCE_MODE: 0,
+    ScriptCommandKind.START_TOOL_CONTACT: 0,
+    ScriptCommandKind.END_TOOL_CONTACT: 0,
+    ScriptCommandKind.FT_RTDE_INPUT_ENABLE: 8,
+    ScriptCommandKind.SET_GRAVITY: 3,
+    ScriptCommandKind.SET_TCP_OFFSET: 6,
+    ScriptCommandKind.SET_FRICTION_COMPENSATION: 1,
+    ScriptCommandKind.SET_FRICTION_SCALES: 12,
+    ScriptCommandKind.SET_TARGET_PAYLOAD: 11,
+}
+_FLAG_FIRST = (ScriptCommandKind.FT_RTDE_INPUT_ENABLE, ScriptCommandKind.SET_FRICTION_COMPENSATION)
+
+
+def _fixed(name: str, size: int, decode: Callable[[bytes], Any], likely: Callable[[Any], bool]) -> Framing:
+    """Messages of one size, which have to be read to see that they are some."""
+
+    def check(data: bytes) -> int:
+        decode(data)
+        return size
+
+    return Framing(name, size, check, lambda data: likely(decode(data)))
+
+
+def _result(data: bytes) -> TrajectoryResult:
+    number = int.from_bytes(data, "big", signed=True)
+    if number not in list(TrajectoryResult):
+        raise RemoteProtocolError(f"{number} is no TrajectoryResult")
+    return TrajectoryResult(number)
+
+
+REVERSE = _fixed(
+    "reverse interface",
+    ReverseMessage.SIZE,
+    ReverseMessage.decode,
+    lambda message: 0 <= message.read_timeout_ms <= _LIKELY_TIMEOUT_MS,
+)
+TRAJECTORY = _fixed(
+    "trajectory interface",
+    TrajectoryPoint.SIZE,
+    TrajectoryPoint.decode,
+    lambda point: point.duration_s >= 0 and point.blend_radius_m >= 0,
+)
+COMMANDS = _fixed("script command interface", ScriptCommand.SIZE, ScriptCommand.decode, lambda command: True)
+RESULTS = _fixed("result", 4, _result, lambda result: True)
+
+
+def reverse_stream() -> FramedStream:
+    """What the driver sends on the reverse interface."""
+    return FramedStream(REVERSE, _told(ReverseMessage.decode, _reverse))
+
+
+def trajectory_stream() -> FramedStream:
+    """What the driver sends on the trajectory interface."""
+    return FramedStream(TRAJECTORY, _told(TrajectoryPoint.decode, _point))
+
+
+def command_stream() -> FramedStream:
+    """What the driver sends on the script command interface."""
+    return FramedStream(COMMANDS, _told(ScriptCommand.decode, _command))
+
+
+def result_stream() -> FramedStream:
+    """What the robot sends on the trajectory and script command interfaces."""
+    return FramedStream(RESULTS, _told(_result, lambda result: f"result: {result.name}"))
+
+
+def _told(decode: Callable[[bytes], Any], tell: Callable[[Any], str]) -> Callable[[bytes], Iterator[Line]]:
+    def read(data: bytes) -> Iterator[Line]:
+        yield Line(tell(decode(data)))
+
+    return read
+
+
+def _reverse(message: ReverseMessage) -> str:
+    timeout = f"read_timeout_ms={message.read_timeout_ms}"
+    if message.mode is ControlMode.FORWARD:
+        action = show.enum_name(TrajectoryAction, message.words[0])
+        return f"{message.mode.name} {action} points={message.words[1]} {timeout}"
+    if message.mode is ControlMode.FREEDRIVE:
+        return f"{message.mode.name} {show.enum_name(FreedriveAction, message.words[0])} {timeout}"
+    if message.mode.real_time:
+        return f"{message.mode.name} {show.value(message.values)} {timeout}"
+    return f"{message.mode.name} {timeout}"  # its payload may be anything
+
+
+def _point(point: TrajectoryPoint) -> str:
+    how = [("target", point.target), ("second", point.via), ("third", point.parameters)]
+    how.append(("duration_s", point.duration_s))  # type: ignore[arg-type]
+    if point.type is MotionType.SPLINE:
+        return f"{SplineType(point.spline_type or 0).name} SPLINE {show.pairs(how)}"
+    return f"{point.type.name} {show.pairs(how)} blend_radius_m={show.value(point.blend_radius_m)}"
+
+
+def _command(command: ScriptCommand) -> str:
+    count = _PARAMETERS[command.kind]
+    values: list[float] = list(command.values[:count])
+    if count and command.kind in _FLAG_FIRST:
+        values[0] = command.words[0]
+    return f"{command.kind.name} {show.value(values)}" if count else command.kind.name

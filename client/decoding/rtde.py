@@ -1,0 +1,205 @@
+"""RTDE told to people. What a data package holds is known from the set-up before it.
+
+The two directions of a connection complete each other: a request names the variables, the
+reply has their types and the recipe's number. With one direction only, values are told
+without names (replies alone), or under the names of the n-th request for recipe n
+(requests alone); without either, as they came.
+"""
+
+import struct
+from collections import deque
+from collections.abc import Iterator
+from enum import Enum
+
+from client.decoding import show
+from client.decoding.streams import FramedStream, Framing, Line
+from urproto.errors import RemoteProtocolError
+from urproto.rtde import codec
+from urproto.rtde.codec import PackageType
+from urproto.rtde.fields import INPUT_FIELDS
+from urproto.rtde.recipes import type_names
+from urproto.rtde.types import IN_USE, NOT_FOUND, FieldType
+
+__all__ = ["FRAMING", "Conversation", "Sender", "sender_of"]
+
+_HEADER = struct.Struct(">HB")
+_MAX_RECIPES = 256  # what a recipe's number can say
+_MAX_UNANSWERED = 16  # requests remembered; guess: clients wait for each answer
+_WIRE_TYPES = {kind.wire_name: kind for kind in FieldType}
+_WORDS = {*_WIRE_TYPES, NOT_FOUND, IN_USE}
+
+# sizes of packages that have only certain ones: request, reply
+_SIZES = {
+    PackageType.REQUEST_PROTOCOL_VERSION: (5, 4),
+    PackageType.GET_URCONTROL_VERSION: (3, 19),
+    PackageType.START: (3, 4),
+    PackageType.PAUSE: (3, 4),
+}
+
+
+class Sender(Enum):
+    """Who sent a package."""
+
+    ROBOT = "robot"
+    CLIENT = "client"
+
+
+def _size(header: bytes) -> int:
+    size, kind = _HEADER.unpack_from(header)
+    if kind not in list(PackageType):
+        raise RemoteProtocolError(f"no package has type {kind}")
+    if size < _HEADER.size:
+        raise RemoteProtocolError(f"no package has size {size}")
+    return int(size)
+
+
+def _likely(header: bytes) -> bool:
+    size, kind = _HEADER.unpack_from(header)
+    return size in _SIZES.get(kind, (size,))
+
+
+FRAMING = Framing("RTDE", _HEADER.size, _size, _likely)
+
+
+def sender_of(data: bytes) -> Sender | None:
+    """Who must have sent this package; None when either may have."""
+    size, kind = _HEADER.unpack_from(data)
+    if kind in _SIZES:
+        request, reply = _SIZES[PackageType(kind)]
+        return {request: Sender.CLIENT, reply: Sender.ROBOT}.get(size)
+    if kind in (PackageType.SETUP_INPUTS, PackageType.SETUP_OUTPUTS):
+        last = data[_HEADER.size :].rpartition(b",")[2].decode("ascii", "replace")
+        return Sender.ROBOT if any(last.endswith(word) for word in _WORDS) else Sender.CLIENT
+    return None
+
+
+class _Recipe:
+    """What is known about a recipe: types, and names where a request gave them."""
+
+    def __init__(self, names: tuple[str, ...], types: tuple[str, ...], note: str = "") -> None:
+        self._types = [_WIRE_TYPES[kind] for kind in types if kind in _WIRE_TYPES]
+        self._names = names if len(names) == len(types) else types
+        self._note = note
+        usable = len(self._types) == len(types)
+        self._struct = struct.Struct(">" + "".join(kind.layout for kind in self._types)) if usable else None
+
+    def tell(self, data: bytes) -> str | None:
+        """The values; None when these bytes are not of this recipe."""
+        if self._struct is None or len(data) != self._struct.size:
+            return None
+        values, offset, told = self._struct.unpack(data), 0, []
+        for name, kind in zip(self._names, self._types, strict=True):
+            value = values[offset] if kind.count == 1 else values[offset : offset + kind.count]
+            told.append((name, value))
+            offset += kind.count
+        return show.pairs(told) + self._note
+
+
+class _Setups:
+    """The recipes of one kind: requests without an answer, and what is known by number."""
+
+    def __init__(self) -> None:
+        self._asked: deque[tuple[str, ...]] = deque(maxlen=_MAX_UNANSWERED)
+        self._count = 0
+        self._recipes: dict[int, _Recipe] = {}
+
+    def ask(self, names: tuple[str, ...]) -> None:
+        """A request; its recipe is assumed to get the next number until a reply tells."""
+        self._asked.append(names)
+        self._count += 1
+        types = type_names(names, INPUT_FIELDS)
+        if self._count < _MAX_RECIPES:
+            self._recipes.setdefault(self._count, _Recipe(names, types, " (recipe guessed, no reply was seen)"))
+
+    def answer(self, number: int, types: tuple[str, ...]) -> None:
+        """A reply to the oldest request without one."""
+        names = self._asked.popleft() if self._asked else ()
+        self._recipes[number] = _Recipe(names, types)
+
+    def tell(self, number: int, data: bytes) -> str:
+        """A data package, as far as its recipe is known."""
+        known = self._recipes.get(number)
+        told = known.tell(data) if known else None
+        if told is not None:
+            return told
+        why = "it does not fit the recipe" if known else "the recipe's set-up was not seen"
+        return f"{_raw(data)} ({why})"
+
+
+class Conversation:
+    """Both directions of one connection; ``unknown`` is one of them whose packages tell which."""
+
+    def __init__(self) -> None:
+        self._protocol = 1
+        self._agreed = False  # whether anything told the protocol
+        self._asked_protocol = codec.KNOWN_PROTOCOLS[-1]  # when only replies are there
+        self._outputs = _Setups()
+        self._inputs = _Setups()
+        self._unknown = Sender.ROBOT
+        self.robot = FramedStream(FRAMING, self._from_robot)
+        self.client = FramedStream(FRAMING, self._from_client)
+        self.unknown = FramedStream(FRAMING, self._from_somebody)
+
+    def _from_somebody(self, data: bytes) -> Iterator[Line]:
+        self._unknown = sender_of(data) or self._unknown
+        yield from (self._from_robot if self._unknown is Sender.ROBOT else self._from_client)(data)
+
+    def _from_robot(self, data: bytes) -> Iterator[Line]:
+        package = _package(data)
+        if package.type == PackageType.SETUP_OUTPUTS and package.payload[:1] < b"A":
+            self._protocol, self._agreed = 2, True  # a number comes first; types begin with a letter
+        reply = codec.decode_reply(package, self._protocol)
+        match reply:
+            case codec.ProtocolReply():
+                self._protocol, self._agreed = (self._asked_protocol if reply.accepted else 1), True
+            case codec.SetupOutputsReply():
+                self._agreed = True
+                self._outputs.answer(reply.recipe_id, reply.types)
+            case codec.SetupInputsReply():
+                self._inputs.answer(reply.recipe_id, reply.types)
+            case codec.OutputData() if not self._agreed:
+                yield Line(f"data: {_raw(package.payload)} (the set-up was not seen)")
+                return
+            case codec.OutputData():
+                yield Line(f"data {reply.recipe_id}: {self._outputs.tell(reply.recipe_id, reply.data)}")
+                return
+        yield _told("reply", package.type, reply)
+
+    def _from_client(self, data: bytes) -> Iterator[Line]:
+        package = _package(data)
+        if package.type == PackageType.SETUP_OUTPUTS and package.payload[:1] in (b"?", b"@"):
+            self._protocol, self._agreed = (
+                2,
+                True,
+            )  # a frequency from 2^-255 Hz up comes first, never the start of a name
+        request = codec.decode_request(package, self._protocol)
+        match request:
+            case codec.RequestProtocol():
+                self._asked_protocol = request.version
+            case codec.SetupOutputs():
+                self._outputs.ask(request.names)
+            case codec.SetupInputs():
+                self._inputs.ask(request.names)
+            case codec.InputData():
+                yield Line(f"input {request.recipe_id}: {self._inputs.tell(request.recipe_id, request.data)}")
+                return
+        yield _told("request", package.type, request)
+
+
+def _raw(data: bytes) -> str:
+    return f"{len(data)} bytes {show.value(data)}"
+
+
+def _package(data: bytes) -> codec.Package:
+    size, kind = _HEADER.unpack_from(data)
+    return codec.Package(kind, data[_HEADER.size : size])
+
+
+def _told(what: str, kind: int, item: object) -> Line:
+    name = PackageType(kind).name.lower()
+    if isinstance(item, codec.TextMessage | codec.ClientMessage):
+        level = show.enum_name(codec.MessageLevel, item.level)
+        return Line(f"{name} {level}: {show.quoted(item.text)} from {show.quoted(item.source)}")
+    if isinstance(item, codec.VersionReply):
+        return Line(f"{what} {name}: {item.version}")
+    return Line(f"{what} {name}: {show.message(item)}".removesuffix(": "))

@@ -1,0 +1,342 @@
+"""Whatever somebody captured, as lines: bytes of one direction, the same in hexadecimal, or a capture file."""
+
+import re
+from collections import Counter, OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from enum import Enum
+
+from client.decoding.capture import MAGIC_SIZE, Packet, PacketReader, open_capture
+from client.decoding.codecs import Channel, Codec, Side, codec_of_port, guess
+from client.decoding.connections import MAX_CONNECTIONS, Closed, Connections, Data, Ends, Event, Lost
+from client.decoding.packets import Endpoint, Segment, UnreadablePacketError, tcp_segment
+from client.decoding.streams import Line, Stream, trouble
+from urproto.errors import RemoteProtocolError
+
+__all__ = ["Choice", "InputForm", "Session"]
+
+_HEX_TEXT = re.compile(rb"(?:#[^\n]*(?:\n|$)|0[xX]|[0-9a-fA-F]|[\s,:;])*")
+_HEX_NOISE = re.compile(rb"#[^\n]*(?=\n|$)|0[xX]|[\s,:;]")
+_LOOKED_AT = 4096  # bytes of an input that tell its form
+_LONGEST_HEX_LINE = 1 << 20
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_LISTED = 8  # ports named in a note
+_COUNTED = 1024  # ports that are counted for it
+
+
+def _side(codec: Codec, from_server: bool) -> Side:
+    """Who sent what the server of a connection, or the other end, sent."""
+    if from_server:
+        return codec.server
+    return Side.CLIENT if codec.server is Side.ROBOT else Side.ROBOT
+
+
+class InputForm(Enum):
+    """What an input is."""
+
+    AUTO = "auto"
+    RAW = "raw"
+    HEX = "hex"
+    PCAP = "pcap"
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What the caller knows. ports: of a capture to look at, all of a robot's when empty; offset is that of all."""
+
+    codec: Codec | None = None
+    side: Side | None = None
+    ports: tuple[int, ...] = ()
+    port_offset: int = 0
+    form: InputForm = InputForm.AUTO
+
+    def codec_of(self, port: int) -> Codec | None:
+        """The protocol on a port, None when it has to be guessed."""
+        return self.codec or codec_of_port(port - self.port_offset)
+
+    def wants(self, port: int) -> bool:
+        """Whether a capture's connections to this port are to be told."""
+        return port in self.ports if self.ports else codec_of_port(port - self.port_offset) is not None
+
+
+class Session:
+    """One input from its first byte to its last. ``troubles`` counts what could not be read."""
+
+    def __init__(self, choice: Choice) -> None:
+        self.troubles = 0
+        self._choice = choice
+        self._input: _Raw | _Hex | _Capture | None = None
+        self._head = bytearray()
+
+    def feed(self, data: bytes) -> Iterator[str]:
+        """Take bytes, give the lines they complete."""
+        if self._input is None:
+            self._head += data
+            if len(self._head) < MAGIC_SIZE:
+                return
+            self._open()
+            data = bytes(self._head)
+        assert self._input is not None
+        yield from self._counted(self._input.feed(data))
+
+    def end(self) -> Iterator[str]:
+        """The input has ended: give what is left."""
+        if self._input is None:
+            self._open()
+            assert self._input is not None
+            yield from self._counted(self._input.feed(bytes(self._head)))
+        yield from self._counted(self._input.end())
+
+    def _open(self) -> None:
+        form, head = self._choice.form, bytes(self._head[:_LOOKED_AT])
+        reader = open_capture(head[:MAGIC_SIZE])
+        if form is InputForm.PCAP or (form is InputForm.AUTO and reader is not None):
+            self._input = _Capture(self._choice, reader)
+        elif form is InputForm.HEX or (form is InputForm.AUTO and _is_hex(head)):
+            self._input = _Hex(_Raw(self._choice))
+        else:
+            self._input = _Raw(self._choice)
+
+    def _counted(self, lines: Iterator[Line]) -> Iterator[str]:
+        for line in lines:
+            self.troubles += line.trouble
+            yield f"! {line.text}" if line.trouble else line.text
+
+
+def _is_hex(head: bytes) -> bool:
+    return _HEX_TEXT.fullmatch(head) is not None and len(_HEX_NOISE.sub(b"", head)) > 1
+
+
+class _Raw:
+    """The bytes one side sent."""
+
+    def __init__(self, choice: Choice) -> None:
+        codec = choice.codec or (codec_of_port(choice.ports[0] - choice.port_offset) if choice.ports else None)
+        self._stream: Stream = _Guessed({}, choice.side)
+        if codec is not None:
+            self._stream = codec.open().stream(choice.side, codec.usual)
+
+    def feed(self, data: bytes) -> Iterator[Line]:
+        """Take bytes, tell what they complete."""
+        return self._stream.feed(data)
+
+    def end(self) -> Iterator[Line]:
+        """Tell what is left."""
+        return self._stream.end()
+
+
+class _Hex:
+    """The same in hexadecimal; ``#`` begins a comment."""
+
+    def __init__(self, raw: _Raw) -> None:
+        self._raw = raw
+        self._text = bytearray()
+        self._line = 1
+        self._broken = False
+
+    def feed(self, data: bytes) -> Iterator[Line]:
+        """Take text, tell what its whole lines complete."""
+        self._text += data
+        while not self._broken and (end := self._text.find(b"\n") + 1 or len(self._text) > _LONGEST_HEX_LINE):
+            yield from self._take(bytes(self._text[:end]))
+            del self._text[:end]
+
+    def end(self) -> Iterator[Line]:
+        """Tell what is left."""
+        if not self._broken:
+            yield from self._take(bytes(self._text))
+        yield from self._raw.end()
+
+    def _take(self, line: bytes) -> Iterator[Line]:
+        digits = _HEX_NOISE.sub(b"", line)
+        try:
+            data = bytes.fromhex(digits.decode("ascii"))
+        except ValueError:
+            self._broken = True
+            self._text.clear()
+            yield trouble(f"line {self._line} is no hexadecimal text: the rest is left out")
+            return
+        self._line += 1
+        yield from self._raw.feed(data)
+
+
+class _Guessed:
+    """A stream whose protocol its first bytes tell. ``channels``: those of the connection, by protocol."""
+
+    def __init__(self, channels: dict[str, Channel], side: Side | None, from_server: bool | None = None) -> None:
+        self._channels = channels
+        self._side = side
+        self._from_server = from_server
+        self._head = bytearray()
+        self._stream: Stream | None = None
+
+    def feed(self, data: bytes) -> Iterator[Line]:
+        """Take bytes; tell nothing before they tell their protocol."""
+        if self._stream is None:
+            self._head += data
+            yield from self._decide(final=False)
+        else:
+            yield from self._stream.feed(data)
+
+    def lost(self, size: int) -> None:
+        """Guess from what comes then."""
+        if self._stream is None:
+            self._head.clear()
+        else:
+            self._stream.lost(size)
+
+    def end(self) -> Iterator[Line]:
+        """Decide with what there is, and tell what is left."""
+        if self._stream is None:
+            yield from self._decide(final=True)
+        if self._stream is not None:
+            yield from self._stream.end()
+
+    def _decide(self, final: bool) -> Iterator[Line]:
+        guessed = guess(bytes(self._head), final)
+        if guessed is None or not self._head:
+            return
+        codec, side = guessed.codec, self._side or guessed.side
+        if self._from_server is not None:
+            side = _side(codec, self._from_server)
+        channel = self._channels.setdefault(codec.name, codec.open())
+        self._stream = channel.stream(side, codec.usual)
+        sender = side.value if side else f"{codec.usual.value}?"
+        yield Line(f"# taken for {codec.name} (sender: {sender}) by the look of it; --as and --from tell better")
+        yield from self._stream.feed(bytes(self._head))
+        self._head.clear()
+
+
+# captures
+
+
+@dataclass(slots=True)
+class _Told:
+    """A connection that is told: its server, and what each end's bytes go through."""
+
+    server: Endpoint
+    codec: Codec | None
+    streams: dict[Endpoint, Stream] = field(default_factory=dict)
+    channels: dict[str, Channel] = field(default_factory=dict)
+
+    def stream(self, source: Endpoint) -> Stream:
+        """What an end's bytes go through."""
+        if source not in self.streams:
+            stream: Stream = _Guessed(self.channels, None, source == self.server)
+            if self.codec is not None:
+                channel = self.channels.setdefault(self.codec.name, self.codec.open())
+                stream = channel.stream(_side(self.codec, source == self.server), self.codec.usual)
+            self.streams[source] = stream
+        return self.streams[source]
+
+    def close(self, source: Endpoint) -> Stream:
+        """The end has nothing more to say; what was agreed on is forgotten when neither has."""
+        stream = self.streams.pop(source)
+        if not self.streams:
+            self.channels.clear()
+        return stream
+
+
+class _Capture:
+    """A pcap or pcapng file."""
+
+    def __init__(self, choice: Choice, reader: PacketReader | None) -> None:
+        self._choice = choice
+        self._reader = reader
+        self._connections = Connections()
+        self._told: OrderedDict[Ends, _Told] = OrderedDict()
+        self._left_out: Counter[int] = Counter()
+        self._unreadable: Counter[str] = Counter()
+        self._begun = False
+        self._broken = False
+
+    def feed(self, data: bytes) -> Iterator[Line]:
+        """Take bytes of the file, tell the messages they complete."""
+        if self._broken:
+            return
+        if self._reader is None:
+            self._broken = True
+            yield trouble("this is no pcap or pcapng file")
+            return
+        try:
+            for packet in self._reader.feed(data):
+                yield from self._take(packet)
+        except RemoteProtocolError as error:
+            self._broken = True
+            yield trouble(str(error))
+
+    def end(self) -> Iterator[Line]:
+        """Tell what is left, and what was left out."""
+        for ends, event in self._connections.finish():
+            yield from self._tell(ends, event)
+        if self._reader is not None and self._reader.rest and not self._broken:
+            yield trouble(f"the capture file ends {self._reader.rest} bytes into a packet")
+        for why, count in self._unreadable.items():
+            yield trouble(f"{count} packets were left out: {why}")
+        if self._left_out:
+            ports = ", ".join(str(port) for port, _ in self._left_out.most_common(_LISTED))
+            yield Line(f"# {self._left_out.total()} TCP packets of other ports were left out ({ports}); see --port")
+
+    def _take(self, packet: Packet) -> Iterator[Line]:
+        if not self._begun and packet.time_ns is not None:
+            self._begun = True
+            yield Line(f"# the capture begins {_time(packet.time_ns, '%Y-%m-%d %H:%M:%S.%f')} UTC")
+            if self._choice.side is not None:
+                yield Line("# --from is not needed: a capture tells who sent what")
+        try:
+            segment = tcp_segment(packet)
+        except UnreadablePacketError as error:
+            self._unreadable[str(error)] += 1
+            return
+        if segment is not None and self._is_told(segment):
+            for ends, event in self._connections.add(segment):
+                yield from self._tell(ends, event)
+
+    def _is_told(self, segment: Segment) -> bool:
+        """Whether a segment's connection is one to tell; finds out who its server is."""
+        ends = frozenset((segment.source, segment.destination))
+        opens = segment.syn and segment.ack is None
+        if ends in self._told and not opens:
+            self._told.move_to_end(ends)
+            return True
+        candidates = [segment.destination] if opens else sorted(ends, key=lambda end: end.port)
+        server = next((end for end in candidates if self._choice.wants(end.port)), None)
+        if server is None:
+            self._leave_out(candidates[0].port)
+            return False
+        if ends not in self._told or self._told[ends].server != server:
+            self._told[ends] = _Told(server, self._choice.codec_of(server.port))
+        if len(self._told) > 2 * MAX_CONNECTIONS:  # more than are followed: the oldest has ended
+            self._told.popitem(last=False)
+        return True
+
+    def _leave_out(self, port: int) -> None:
+        self._left_out[port] += 1
+        if len(self._left_out) > _COUNTED:
+            self._left_out = Counter(dict(self._left_out.most_common(_LISTED)))
+
+    def _tell(self, ends: Ends, event: Event) -> Iterator[Line]:
+        told = self._told[ends]
+        match event:
+            case Data():
+                lines = told.stream(event.source).feed(event.data)
+            case Lost():
+                told.stream(event.source).lost(event.size)
+                lines = iter([trouble(f"{event.size} bytes are not in the capture")])
+            case Closed():
+                told.stream(event.source)
+                lines = told.close(event.source).end()
+        destination = next((end for end in ends if end != event.source), event.source)
+        time = f"{_time(event.time_ns, '%H:%M:%S.%f')} " if event.time_ns is not None else ""
+        name = f" {told.codec.name}" if told.codec else ""
+        for line in lines:
+            yield Line(f"{time}{event.source} > {destination}{name}: {line.text}", line.trouble)
+
+
+def _time(time_ns: int, form: str) -> str:
+    """UTC; the plain number when no calendar has it."""
+    try:
+        return (_EPOCH + timedelta(microseconds=time_ns // 1000)).strftime(form)
+    except OverflowError:
+        return f"{time_ns / 1e9:.6f}"
