@@ -14,7 +14,7 @@ from rich.live import Live
 from rich.table import Table
 
 from client import rtde
-from client.commands.options import RobotIP
+from client.commands.options import PortOffset, RobotIP
 from client.connection import DEFAULT_TIMEOUT_S
 from client.decoding import show
 from client.errors import ClientError
@@ -32,9 +32,7 @@ Sink = Callable[[Mapping[str, Any]], None]
 def watch_command(
     fields: Annotated[list[str], typer.Argument(help="RTDE outputs, for example actual_q robot_mode.")],
     robot_ip: RobotIP = "127.0.0.1",
-    port_offset: Annotated[
-        int, typer.Option("--port-offset", help="Added to each port, as given to the emulator.")
-    ] = 0,
+    port_offset: PortOffset = 0,
     rate: Annotated[float, typer.Option("--rate", help="How often a second the robot sends them.")] = 10.0,
     plain: Annotated[bool, typer.Option("--plain", help="Print lines, as without a terminal.")] = False,
     csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every state to this file too.")] = None,
