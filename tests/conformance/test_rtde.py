@@ -40,7 +40,7 @@ def test_states_come_every_so_many_periods(robot, divisor):
 def test_every_output_of_the_version(robot):
     """Those whose first version is known for certain; a robot may know more."""
     names = list(available_fields(OUTPUT_FIELDS, robot.version))
-    for start in range(0, len(names), 60):  # a list of names may take 2048 bytes
+    for start in range(0, len(names), 60):  # the guide supports 2048 bytes of names
         with robot.rtde(names[start : start + 60], ignore_unavailable=True) as rtde:
             state = rtde.receive()
             assert set(state) | rtde.core.unavailable == set(names[start : start + 60])

@@ -27,6 +27,7 @@ from urproto.rtde.codec import (
     TextMessage,
     VersionReply,
 )
+from urproto.rtde.fields import OUTPUT_FIELDS, available_fields
 from urproto.versions import PolyscopeVersion
 
 
@@ -160,12 +161,35 @@ def test_a_new_output_recipe_replaces_the_old_one(talk: Conversation) -> None:
     assert second is None
 
 
+def test_every_variable_fits_one_recipe(talk: Conversation) -> None:
+    """The official client library asks for its whole list, 9 kB of names, in one request."""
+    names = tuple(available_fields(OUTPUT_FIELDS, CB3))
+    assert len(",".join(names)) > 2048
+    (reply,) = talk.ask(SetupOutputs(names, 125.0))
+    assert reply == SetupOutputsReply(tuple(OUTPUT_FIELDS[name].type.wire_name for name in names), 1)
+
+
+def test_the_largest_recipe_fits_its_package(talk: Conversation) -> None:
+    names = ("actual_q",) * 1365  # no vector has a shorter name
+    assert talk.ask(SetupOutputs(names, 125.0))[0].recipe_id == 1
+    talk.ask(Start())
+    (package,) = talk.packages(1)
+    assert package is not None
+    assert len(package) == 4 + 1365 * 48
+
+
 def test_over_long_lists_are_refused_name_by_name(talk: Conversation) -> None:
-    names = ("timestamp",) * 210  # 10 bytes each
+    names = ("actual_q",) * 1366  # 9 bytes each
     reply, message = talk.ask(SetupOutputs(names, 125.0))
-    assert reply == SetupOutputsReply(("NOT_FOUND",) * 210, 0)
-    assert "2048" in message.text
-    assert talk.ask(SetupOutputs(("timestamp",) * 204, 125.0))[0].recipe_id == 1
+    assert reply == SetupOutputsReply(("NOT_FOUND",) * 1366, 0)
+    assert "12288" in message.text
+
+
+@pytest.mark.parametrize("count", [6144, 6145, 32_000])
+def test_any_answer_fits_its_package(talk: Conversation, count: int) -> None:
+    reply, message = talk.ask(SetupOutputs(("x",) * count, 125.0))
+    assert len(reply.encode(2)) < 65536
+    assert message.encode(2)
 
 
 def test_nothing_at_all_is_no_recipe(talk: Conversation) -> None:
