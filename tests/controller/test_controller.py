@@ -466,7 +466,10 @@ def test_speed_slider_stretches_a_move(make):
     assert duration(0.25) == pytest.approx(4 * duration(1.0), rel=0.05)
 
 
-def test_at_rest_everything_but_time_and_energy_is_bit_stable(ready):
+SLOWLY = {"joint_temperatures", "tool_temperature", "board_temperature"}  # once a second
+
+
+def test_at_rest_everything_but_time_energy_and_temperature_is_bit_stable(ready):
     ready.script(LONG_MOVE)
     ready.until(is_state(RuntimeState.PLAYING), 1.0)
     ready.until(is_state(RuntimeState.STOPPED))

@@ -51,6 +51,6 @@ def test_encodes_and_decodes(ready, full):
 def test_every_model_describes_itself(name):
     model = load_model(name)
     configuration = configuration_data(model)
-    assert configuration.qd_max == model.qd_max
+    assert configuration.qd_max == tuple(speed + 0.2 for speed in model.qd_max)
     assert kinematics_info(model).dh_a == model.dh.a
     assert kinematics_info(model).checksum == (0xFFFFFFFF,) * 6
