@@ -27,6 +27,7 @@ from emulator.config import (
     ConfigError,
     EmulatorConfig,
     check_encoder_speeds,
+    check_enforced_remote_control,
     choose_model,
     choose_version,
     read_driver_address,
@@ -79,6 +80,9 @@ def _run(
     remote_control: Annotated[
         bool, typer.Option("--remote-control", help="Answer true to 'is in remote control' (e-Series).")
     ] = False,
+    enforce_remote_control: Annotated[
+        bool, typer.Option("--enforce-remote-control", help="Refuse orders unless in remote control (e-Series).")
+    ] = False,
     script_network: Annotated[
         ScriptNetwork, typer.Option(help="Addresses that sockets and XML-RPC of scripts may connect to.")
     ] = ScriptNetwork.ANY,
@@ -109,6 +113,7 @@ def _run(
             running=running,
             programs_dir=read_programs_dir(programs),
             remote_control=remote_control,
+            enforce_remote_control=check_enforced_remote_control(enforce_remote_control, arm),
             encoder_speeds=check_encoder_speeds(encoder0_speed, encoder1_speed),
             wall_clock_s=time.time(),
             external_control=read_driver_address(external_control),

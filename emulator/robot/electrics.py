@@ -59,13 +59,13 @@ class Electrics:
         snapshot.board_temperature = self.thermals.box
 
     def _draw(self, arm: Arm, powered: bool) -> None:
-        power_W = _joint_power_W(arm) if powered else 0.0
+        power_W = _joint_power(arm) if powered else 0.0
         self._braking_W = max(0.0, -power_W)
         self.robot_current_A = _STANDBY_A + max(0.0, power_W) / _RAIL_V if powered else 0.0
         self._news = True
 
 
-def _joint_power_W(arm: Arm) -> float:
+def _joint_power(arm: Arm) -> float:
     """What the joints take in together: losses and mechanical power; negative when they brake."""
     losses: float = _LOSS_OHM * sum(map(mul, arm.actual_current, arm.actual_current))
     mechanical: float = sum(map(mul, arm.actual_torque, arm.qd))

@@ -478,4 +478,4 @@ def test_at_rest_everything_but_time_energy_and_temperature_is_bit_stable(ready)
     for _ in range(50):
         ready.tick()
         changed = {name for name, value in vars(ready.now).items() if value != first[name]}
-        assert changed == {"step", "timestamp", "actual_robot_energy_consumed"}
+        assert changed - SLOWLY == {"step", "timestamp", "actual_robot_energy_consumed"}
