@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from server_rig import CB3, E_SERIES, FakeController, MemoryClient
 
-from emulator.commands import RTDEInputs, ScriptUnit
+from emulator.commands import RefusedScript, RTDEInputs, ScriptUnit
 from emulator.reporting.primary_state import robot_state
 from emulator.servers.base import Connection, Direction, PortServer
 from emulator.servers.primary import PrimaryServer
