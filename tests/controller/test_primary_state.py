@@ -84,8 +84,8 @@ def test_a_ur5e_tells_the_limits_of_the_recorded_one():
     ours = configuration_data(load_model("ur5e"))
     for name in ("qd_max", "qdd_max", "q_min", "q_max"):
         assert getattr(ours, name) == pytest.approx(getattr(recorded.configuration, name), abs=1e-9)
-    same = ("v_joint_default", "a_joint_default", "v_tool_default", "a_tool_default", "eq_radius", "masterboard_version",
-            "controller_box", "robot_type", "sub_type")  # fmt: skip
+    same = ("v_joint_default", "a_joint_default", "v_tool_default", "a_tool_default", "eq_radius")
+    same += ("masterboard_version", "controller_box", "robot_type", "sub_type")
     assert [getattr(ours, name) for name in same] == [getattr(recorded.configuration, name) for name in same]
 
 
