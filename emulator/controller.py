@@ -402,7 +402,8 @@ class Controller:
         snapshot.program_running = state in (RuntimeState.PLAYING, RuntimeState.RESUMING)
         snapshot.program_paused = self._program_paused
         # captures of controllers show 0 while no program plays, and 1 while one plays undisturbed
-        snapshot.speed_scaling = self.speed.scaling if snapshot.program_running else 0.0
+        scaling = self.speed.scaling * self.motion.limiter_share
+        snapshot.speed_scaling = scaling if snapshot.program_running else 0.0
         bits = int(RobotStatusBits.POWER_ON) if self.power.report.powered else 0
         snapshot.robot_status_bits = bits | (RobotStatusBits.PROGRAM_RUNNING if snapshot.program_running else 0)
 

@@ -82,6 +82,19 @@ def a_program_moves_the_arm(make: Make) -> Seen:
     return before, rig.until(lambda now: min(map(abs, now.actual_qd)) > 0.01 and any(now.target_qdd))
 
 
+def a_tool_path_is_too_much_for_the_joints(make: Make) -> Seen:
+    rig = powered_rig(make, initial_q=(0.0, -1.4, 1.6, -1.7, -0.25, 0.0))
+    rig.script(
+        "def past():\n  p = get_actual_tcp_pose()\n  p[0] = p[0] + 0.3\n  p[1] = p[1] + 0.15\n"
+        "  movel(p, a=3, v=1)\nend\n"
+    )
+    before = rig.until(lambda now: now.program_running and any(now.actual_qd))
+    slowest = before
+    while rig.tick().program_running:
+        slowest = min(slowest, rig.now, key=lambda now: now.speed_scaling)
+    return before, slowest
+
+
 def the_arm_brakes(make: Make) -> Seen:
     rig = powered_rig(make)
     before = rig.tick()
@@ -220,6 +233,7 @@ TABLE: dict[Situation, dict[str, Callable[[Any, Any], bool]]] = {
         "speed_scaling": becomes(1.0),
         "robot_status_bits": becomes(3),
     },
+    a_tool_path_is_too_much_for_the_joints: {"speed_scaling": lambda before, after: before == 1.0 > after > 0.0},
     the_arm_brakes: {"actual_robot_braking_energy_dissipated": grows},
     something_pushes_the_tool: {
         "actual_TCP_force": becomes((12.0, -7.0, 5.0, 0.3, 0.2, 0.1)),
