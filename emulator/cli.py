@@ -27,6 +27,7 @@ from emulator.config import (
     ConfigError,
     EmulatorConfig,
     check_encoder_speeds,
+    check_enforced_remote_control,
     choose_gripper,
     choose_model,
     choose_version,
@@ -80,6 +81,9 @@ def _run(
     remote_control: Annotated[
         bool, typer.Option("--remote-control", help="Answer true to 'is in remote control' (e-Series).")
     ] = False,
+    enforce_remote_control: Annotated[
+        bool, typer.Option("--enforce-remote-control", help="Refuse orders unless in remote control (e-Series).")
+    ] = False,
     script_network: Annotated[
         ScriptNetwork, typer.Option(help="Addresses that sockets and XML-RPC of scripts may connect to.")
     ] = ScriptNetwork.ANY,
@@ -115,6 +119,7 @@ def _run(
             running=running,
             programs_dir=read_programs_dir(programs),
             remote_control=remote_control,
+            enforce_remote_control=check_enforced_remote_control(enforce_remote_control, arm),
             encoder_speeds=check_encoder_speeds(encoder0_speed, encoder1_speed),
             gripper=choose_gripper(gripper, gripper_object),
             gripper_object_mm=gripper_object,

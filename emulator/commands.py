@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from emulator import dashboard, textcommands
 from emulator.devices.gripper_requests import GripperSession
 from emulator.io import inputs, modbus_requests
+from emulator.lifecycle.errorcodes import READ_ONLY_SOCKET
 from urproto.dashboard import failed
 from urproto.modbus import ExceptionCode, exception_response
 from urproto.robotiq import Request as GripperRequest
@@ -28,9 +29,12 @@ __all__ = [
     "ModbusCall",
     "PopupAnswer",
     "RTDEInputs",
+    "RefusedScript",
     "ScriptUnit",
     "ToolBytes",
 ]
+
+_SHOWN = 60  # characters of a refused script in the log
 
 
 class Command:
@@ -49,12 +53,14 @@ class Command:
 @dataclass(frozen=True, slots=True)
 class DashboardLine(Command):
     """One line of the dashboard server, without its line end. Answer: the reply line, or
-    None when there is nothing to reply to (an empty line)."""
+    None when there is nothing to reply to (an empty line). ``restricted``: it came over a
+    connection that was opened while the arm was in local control."""
 
     text: str
+    restricted: bool = False
 
     def apply(self, controller: "Controller") -> str | Generator[None, None, str | None] | None:
-        return dashboard.execute(controller, self.text)
+        return dashboard.execute(controller, self.text, restricted=self.restricted)
 
     @property
     def failure(self) -> str:
@@ -76,6 +82,17 @@ class ScriptUnit(Command):
         submission = controller.programs.submit(self.text)
         while submission.accepted is None:
             yield
+
+
+@dataclass(frozen=True, slots=True)
+class RefusedScript(Command):
+    """A program or line from a connection that may only read. Nothing is done but to say so: C210."""
+
+    text: str
+
+    def apply(self, controller: "Controller") -> None:
+        controller.messages.error(READ_ONLY_SOCKET)
+        controller.messages.note(f"not executed, the socket it came from is read-only: {self.text[:_SHOWN]!r}")
 
 
 @dataclass(frozen=True, slots=True)

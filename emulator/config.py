@@ -24,6 +24,7 @@ __all__ = [
     "ConfigError",
     "EmulatorConfig",
     "check_encoder_speeds",
+    "check_enforced_remote_control",
     "choose_gripper",
     "choose_model",
     "choose_version",
@@ -194,6 +195,13 @@ def check_encoder_speeds(*ticks_per_s: float) -> tuple[float, float]:
             )
     first, second = ticks_per_s
     return first, second
+
+
+def check_enforced_remote_control(wanted: bool, model: RobotModel) -> bool:
+    """As wanted. Raises ConfigError for an arm that knows no local control."""
+    if wanted and model.series is not Series.E:
+        raise ConfigError(f"{model.title} is a {model.series.value} arm: it has no remote control to enforce")
+    return wanted
 
 
 def read_programs_dir(path: Path | None) -> Path | None:

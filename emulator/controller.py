@@ -44,6 +44,7 @@ from emulator.snapshot import Snapshot, Vector6
 from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatus
 from urproto.robots import RobotModel
 from urproto.robots.pose import Pose
+from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
 __all__ = ["Controller", "ControllerConfig"]
@@ -67,7 +68,8 @@ class ControllerConfig:
     model's. running: start with the brakes released. uptime_s: clients wait for 40 s of it.
     programs_dir: where ``load`` looks and reports are written. external_control: where the driver
     hands out the program of External Control nodes, before what the installation says. remote_control: what
-    ``is in remote control`` answers; commands are accepted either way, as by a simulator.
+    ``is in remote control`` answers; commands are accepted either way, as by a simulator, unless
+    enforce_remote_control says that a local arm takes none, as a real e-Series arm.
     encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
     gripper: what is mounted on the arm; gripper_object_mm: width of what its fingers meet.
     wall_clock_s: date and time of its start [s since 1970, GMT]; always the same unless given.
@@ -81,6 +83,7 @@ class ControllerConfig:
     programs_dir: Path | None = None
     serial_number: str | None = None
     remote_control: bool = False
+    enforce_remote_control: bool = False
     popup_auto_close_s: float | None = None
     encoder_speeds: tuple[float, float] = (0.0, 0.0)
     gripper: GripperModel | None = None
@@ -105,6 +108,7 @@ class Controller:
         self.execution_time_ms = 0.0  # the clock may tell how long the last tick took
         self.user_role = "NONE"
         self.operational_mode = "NONE"
+        self.remote_control = config.remote_control  # the pendant's switch
 
         self.messages = MessageLog(self._time_us)
         self.popups = Popups(self.messages, lambda: self.time_s, config.popup_auto_close_s)
@@ -124,6 +128,7 @@ class Controller:
         self.external_wrench: Vector6 = _ZERO6  # what the world does to the TCP, base frame [N, Nm]
         self.ft_input = ForceInput()
         self.arm = Arm(self.model)
+        self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
         self.electrics = Electrics()
         self.motion = Motion(self.model, self.period_s, config.initial_q or self.model.home_q)
         self.tool_line = ToolLine(self.period_s)
@@ -233,6 +238,11 @@ class Controller:
             self.programs.pause(f"pause_on_error_code: C{cause.code}A{cause.argument}")
         elif self.safety_event(SafetyEvent.PROTECTIVE_STOP):
             self.messages.error(cause.code, cause.argument, ReportLevel.WARNING, cause.text)
+
+    @property
+    def local_control(self) -> bool:
+        """True while the arm takes no orders from the network; an arm of the CB3 series always does."""
+        return self.config.enforce_remote_control and not self.remote_control and self.version.series is Series.E
 
     @property
     def external_control(self) -> DriverAddress:
@@ -394,6 +404,9 @@ class Controller:
         snapshot.safety_status = SafetyStatus(self.safety.mode)
         snapshot.safety_status_bits = self.safety.status_bits
         snapshot.control_mode = self.motion.control_mode
+        snapshot.force_mode_frame = self.motion.force_frame
+        snapshot.io_freedrive = self.input_actions.free
+        snapshot.local_control = self.local_control
         snapshot.target_speed_fraction = self.speed.slider
         snapshot.actual_execution_time = self.execution_time_ms
 
@@ -405,7 +418,8 @@ class Controller:
         snapshot.program_running = state in (RuntimeState.PLAYING, RuntimeState.RESUMING)
         snapshot.program_paused = self._program_paused
         # captures of controllers show 0 while no program plays, and 1 while one plays undisturbed
-        snapshot.speed_scaling = self.speed.scaling if snapshot.program_running else 0.0
+        scaling = self.speed.scaling * self.motion.limiter_share
+        snapshot.speed_scaling = scaling if snapshot.program_running else 0.0
         bits = int(RobotStatusBits.POWER_ON) if self.power.report.powered else 0
         snapshot.robot_status_bits = bits | (RobotStatusBits.PROGRAM_RUNNING if snapshot.program_running else 0)
 

@@ -44,12 +44,16 @@ _START_WITHIN_S: Final = 0.1  # a program shorter than a period is never seen pl
 
 @dataclass(frozen=True, slots=True)
 class DashboardCommand:
-    """One command: its words as documented, the versions that have it, and the function."""
+    """One command: its words as documented, the versions that have it, and the function.
+
+    ``remote_only``: an e-Series arm in local control refuses it.
+    """
 
     words: str
     available: Availability
     takes_argument: bool
     function: Callable[..., _Answer]
+    remote_only: bool = False
 
     @property
     def help(self) -> str:
@@ -65,8 +69,11 @@ def available_commands(version: PolyscopeVersion) -> list[DashboardCommand]:
     return [command for command in COMMANDS.values() if command.available.covers(version)]
 
 
-def execute(controller: "Controller", line: str) -> str | _Waiting | None:
-    """The reply to one line, a generator that returns it, or None for an empty line."""
+def execute(controller: "Controller", line: str, *, restricted: bool = False) -> str | _Waiting | None:
+    """The reply to one line, a generator that returns it, or None for an empty line.
+
+    ``restricted``: what needs remote control is refused.
+    """
     text = line.strip()
     if not text:
         return None
@@ -74,6 +81,8 @@ def execute(controller: "Controller", line: str) -> str | _Waiting | None:
     if found is None:
         return replies.not_understood(text)
     entry, argument = found
+    if restricted and entry.remote_only:
+        return replies.NOT_IN_REMOTE_CONTROL
     return entry.function(controller, argument) if entry.takes_argument else entry.function(controller)
 
 
@@ -88,12 +97,15 @@ def _find(text: str, version: PolyscopeVersion) -> tuple[DashboardCommand, str] 
     return None
 
 
-def command(words: str, *, cb3: str | None, e: str | None) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def command(
+    words: str, *, cb3: str | None, e: str | None, remote_only: bool = False
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Register a function as a command; ``cb3`` and ``e`` are the first versions that have it."""
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
         takes_argument = len(inspect.signature(function).parameters) > 1
-        COMMANDS[words.lower()] = DashboardCommand(words, Availability.since(cb3, e), takes_argument, function)
+        available = Availability.since(cb3, e)
+        COMMANDS[words.lower()] = DashboardCommand(words, available, takes_argument, function, remote_only)
         return function
 
     return register
@@ -102,7 +114,7 @@ def command(words: str, *, cb3: str | None, e: str | None) -> Callable[[Callable
 # Programs and installations
 
 
-@command("load", cb3="1.4", e="5.0")
+@command("load", cb3="1.4", e="5.0", remote_only=True)
 def load(controller: "Controller", name: str) -> _Waiting:
     """Load a program of the programs directory; a running one is stopped."""
     path = _existing(controller, name)
@@ -118,7 +130,7 @@ def load(controller: "Controller", name: str) -> _Waiting:
     return f"Loading program: {_as_named(controller, path, name)}"
 
 
-@command("play", cb3="1.4", e="5.0")
+@command("play", cb3="1.4", e="5.0", remote_only=True)
 def play(controller: "Controller") -> _Waiting:
     """Start the loaded program, or let a paused one go on. Needs a running arm."""
     programs = controller.programs
@@ -136,7 +148,7 @@ def play(controller: "Controller") -> _Waiting:
     return replies.STARTING
 
 
-@command("stop", cb3="1.4", e="5.0")
+@command("stop", cb3="1.4", e="5.0", remote_only=True)
 def stop(controller: "Controller") -> _Waiting:
     """Stop the running program; also answered when none runs."""
     controller.programs.stop("dashboard")
@@ -144,7 +156,7 @@ def stop(controller: "Controller") -> _Waiting:
     return replies.STOPPED
 
 
-@command("pause", cb3="1.4", e="5.0")
+@command("pause", cb3="1.4", e="5.0", remote_only=True)
 def pause(controller: "Controller") -> _Waiting:
     """Pause the running program."""
     if not is_running(controller.programs.state):
@@ -181,7 +193,7 @@ def program_state(controller: "Controller") -> str:
     return f"{shown.get(controller.programs.state, 'PLAYING')} {_program_name(controller)}"
 
 
-@command("load installation", cb3="3.2.18654", e="5.0")
+@command("load installation", cb3="3.2.18654", e="5.0", remote_only=True)
 def load_installation(controller: "Controller", name: str) -> str:
     """Load TCP and payload of an installation of the programs directory."""
     path = _existing(controller, name)
@@ -198,27 +210,27 @@ def load_installation(controller: "Controller", name: str) -> str:
 # Power and safety
 
 
-@command("power on", cb3="3.0", e="5.0")
+@command("power on", cb3="3.0", e="5.0", remote_only=True)
 def power_on(controller: "Controller") -> str:
     """Switch the arm on; the robot mode goes to IDLE in its own time."""
     return replies.POWERING_ON if controller.power_event(PowerEvent.POWER_ON) else replies.failed("power on")
 
 
-@command("power off", cb3="3.0", e="5.0")
+@command("power off", cb3="3.0", e="5.0", remote_only=True)
 def power_off(controller: "Controller") -> str:
     """Switch the arm off; a running program is stopped."""
     controller.power_event(PowerEvent.POWER_OFF)
     return replies.POWERING_OFF
 
 
-@command("brake release", cb3="3.0", e="5.0")
+@command("brake release", cb3="3.0", e="5.0", remote_only=True)
 def brake_release(controller: "Controller") -> str:
     """Release the brakes; an arm that is off is switched on first."""
     accepted = controller.power_event(PowerEvent.BRAKE_RELEASE)
     return replies.BRAKE_RELEASING if accepted else replies.failed("brake release")
 
 
-@command("unlock protective stop", cb3="3.1", e="5.0")
+@command("unlock protective stop", cb3="3.1", e="5.0", remote_only=True)
 def unlock_protective_stop(controller: "Controller") -> str:
     """Leave a protective stop, no earlier than 5 s after it happened."""
     if not controller.safety.may_unlock_remotely:
@@ -227,7 +239,7 @@ def unlock_protective_stop(controller: "Controller") -> str:
     return replies.UNLOCKING
 
 
-@command("restart safety", cb3="3.7", e="5.1")
+@command("restart safety", cb3="3.7", e="5.1", remote_only=True)
 def restart_safety(controller: "Controller") -> str:
     """Restart the safety system after a violation or fault; the arm ends switched off."""
     if controller.safety.mode in (SafetyMode.VIOLATION, SafetyMode.FAULT):
@@ -301,7 +313,7 @@ def get_user_role(controller: "Controller") -> str:
     return controller.user_role
 
 
-@command("set operational mode", cb3=None, e="5.0")
+@command("set operational mode", cb3=None, e="5.0", remote_only=True)
 def set_operational_mode(controller: "Controller", mode: str) -> str:
     """Let the dashboard control the operational mode: manual or automatic."""
     if mode.upper() not in _OPERATIONAL_MODES:
@@ -316,7 +328,7 @@ def get_operational_mode(controller: "Controller") -> str:
     return controller.operational_mode
 
 
-@command("clear operational mode", cb3=None, e="5.0")
+@command("clear operational mode", cb3=None, e="5.0", remote_only=True)
 def clear_operational_mode(controller: "Controller") -> str:
     """Give the control of the operational mode back to the pendant."""
     controller.operational_mode = "NONE"
@@ -325,8 +337,8 @@ def clear_operational_mode(controller: "Controller") -> str:
 
 @command("is in remote control", cb3=None, e="5.6")
 def is_in_remote_control(controller: "Controller") -> str:
-    """Whether the pendant is set to remote control. Commands are accepted either way."""
-    return str(controller.config.remote_control).lower()
+    """Whether the pendant is set to remote control. Commands are accepted either way unless that is enforced."""
+    return str(controller.remote_control).lower()
 
 
 # About the controller
@@ -384,7 +396,7 @@ def save_log(controller: "Controller") -> str:
     return "Log saved to disk"
 
 
-@command("shutdown", cb3="1.4", e="5.0")
+@command("shutdown", cb3="1.4", e="5.0", remote_only=True)
 def shutdown(controller: "Controller") -> str:
     """Switch the arm off and end the controller."""
     controller.power_event(PowerEvent.POWER_OFF)

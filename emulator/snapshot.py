@@ -96,7 +96,7 @@ class Snapshot:
     # speed
     speed_scaling: float = 0.0  # 0 while no program plays
     target_speed_fraction: float = 1.0
-    time_scale_source: int = 0
+    time_scale_source: int = 0  # the numbering is not published
     # electrics
     actual_main_voltage: float = 0.0
     actual_robot_voltage: float = 0.0
@@ -153,7 +153,11 @@ class Snapshot:
     program_paused: bool = False
     # what happened in this period, in order
     messages: tuple[RobotMessage | VariableMessage, ...] = ()
-    force_mode_wrench: Vector6 = _ZERO6
+    # of the primary interface only
+    force_mode_frame: Vector6 = _ZERO6  # task frame in the base frame, zero without force mode
+    board_temperature: float = 0.0  # degC, of the control box
+    io_freedrive: bool = False  # an input holds the arm in freedrive
+    local_control: bool = False  # an e-Series arm that takes no orders from the network
 
     def successor(self) -> Self:
         """A shallow copy to write the next period into."""

@@ -20,6 +20,7 @@ __all__ = [
     "GREETING",
     "LOG_ADDED",
     "MAX_LINE",
+    "NOT_IN_REMOTE_CONTROL",
     "NO_LOG_MESSAGE",
     "NO_PROGRAM_LOADED",
     "PAUSING",
@@ -76,6 +77,10 @@ RESTARTING_SAFETY = "Restarting safety"
 UNLOCKING = "Protective stop releasing"
 UNLOCK_TOO_EARLY = (
     "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
+)
+NOT_IN_REMOTE_CONTROL = (  # as users of e-Series arms quote it
+    "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and reconnect to port "
+    "29999"
 )
 UNNAMED_PROGRAM = "<unnamed>"  # e-Series, in the answer to programState; CB3 says null
 

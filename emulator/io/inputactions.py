@@ -22,6 +22,11 @@ class InputActions:
         self._levels: dict[tuple[str, int | str], Callable[[Controller], bool]] = {}
         self._free = False
 
+    @property
+    def free(self) -> bool:
+        """True while an input holds the arm in freedrive."""
+        return self._free
+
     def watch_digital(self, group: DigitalGroup, index: int) -> None:
         """Freedrive by a digital input. Raises IndexError for one the group does not have."""
         group.bit(index)

@@ -7,7 +7,7 @@ text are shown to people only; drivers look at the code and the level.
 from dataclasses import dataclass
 from typing import Final
 
-__all__ = ["BUSY_PROTECTIVE_STOP", "SCRIPT_PROTECTIVE_STOP", "TEXTS", "StopCause", "error_text"]
+__all__ = ["BUSY_PROTECTIVE_STOP", "READ_ONLY_SOCKET", "SCRIPT_PROTECTIVE_STOP", "TEXTS", "StopCause", "error_text"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +44,13 @@ TEXTS: Final[dict[int, str]] = {
     205: "The target speed does not match the target position",
     206: "The target speed of a joint does not match its target position",
     209: "A protective stop was requested by the program",
-    210: "The socket is read-only while the robot is in local control",
+    210: "The socket is read-only: scripts need a port that takes them and, on e-Series, remote control",
     218: "A thread used too much time",
     271: "The program computes without end: put sync() or sleep() into loops that do not move the robot",
 }
 
 SCRIPT_PROTECTIVE_STOP: Final = StopCause(209)
+READ_ONLY_SOCKET: Final = 210
 BUSY_PROTECTIVE_STOP: Final = StopCause(271, 1)
 
 

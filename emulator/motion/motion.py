@@ -36,6 +36,14 @@ _DIRECTION_M = 100.0
 class Motion(DisplacingStepper):
     """Motion generator of one arm. Joint vectors (6,) base to wrist 3 [rad]; poses base to TCP [m, rotation vector]."""
 
+    @property
+    def limiter_share(self) -> float:
+        """What the joints' limits leave of a path's speed: less than 1 where it is too much for them.
+
+        1 in streamed movements, whose sender sets the pace: drivers slow down by it (guess).
+        """
+        return self._pacer.share if isinstance(self._generator, PathMotion) else 1.0
+
     # moves along a path
 
     def movej(self, q: Sequence[float], *, a: float = 1.4, v: float = 1.05, t: float = 0.0, r: float = 0.0) -> Move:

@@ -36,6 +36,7 @@ class Pacer:
         self._reach = [speed * period_s for speed in model.qd_max]
         self._change = [acceleration * (1.0 + _TOLERANCE) * period_s**2 for acceleration in model.qdd_max]
         self.scale = 1.0
+        self.share = 1.0  # of the wanted speed, that the joints could follow in the last period
         self._pace = 0.0  # speed of the leading joint in the movement's own time [rad/s]; 0 = not yet known
         self._gain = 0.0  # how fast that grows [rad/s2]
         self._stuck_s = 0.0
@@ -43,6 +44,7 @@ class Pacer:
     def reset(self, pace_rad_s: float = 0.0) -> None:
         """A new movement starts, from rest or at this speed of the leading joint."""
         self.scale, self._pace, self._gain, self._stuck_s = 1.0, pace_rad_s, 0.0, 0.0
+        self.share = 1.0
 
     def advance(
         self, movement: Generator, q: Joints, qd: Joints, goal: float, ramp: float = RAMP_RAD_S2
@@ -53,6 +55,7 @@ class Pacer:
         """
         goal = self._slewed(goal, ramp)
         h = goal * self._period
+        self.share = 1.0
         if goal < _TOLERANCE:
             self.scale = self._gain = 0.0
             return None
@@ -60,6 +63,7 @@ class Pacer:
         step = sub(target, q)
         if not self._easy(step, qd):
             h, target = self._shortened(movement, h, target, q, qd)
+            self.share = h / (goal * self._period)
             step = sub(target, q)
         self._judge(h, goal)
         self._remember(h, largest(step))

@@ -143,6 +143,11 @@ class Stepper:
             return ControlMode.POSITION
         return ControlMode.TEACH if self._compliance.task.freedrive else ControlMode.FORCE
 
+    @property
+    def force_frame(self) -> Pose:
+        """The task frame of force mode in the base frame; zero without force mode."""
+        return self._compliance.task.frame if self.control_mode is ControlMode.FORCE and self._compliance else ZERO
+
     # pausing and stopping
 
     def pause(self) -> None:

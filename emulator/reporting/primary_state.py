@@ -1,5 +1,7 @@
 """The robot state of the primary interface, out of a snapshot."""
 
+from emulator.motion.singularity import dexterity
+from emulator.robot.thermals import ROOM_C
 from emulator.snapshot import Snapshot
 from urproto.modes import AnalogDomain, RobotMode, SafetyMode, SafetyStatusBits
 from urproto.primary.state import (
@@ -20,27 +22,33 @@ from urproto.primary.state import (
     ToolModeInfo,
 )
 from urproto.robots import RobotModel
+from urproto.robots.model import Joints
+from urproto.versions import Series
 
 __all__ = ["configuration_data", "kinematics_info", "robot_state"]
 
 _MASTERBOARD_VERSION = 6  # as a UR5e simulator of 5.24 sends it; that all send the same is a guess
+# added to each joint's highest speed: a UR5e simulator of 5.24 sends pi + 0.2; that all do so is a guess
+_SPEED_MARGIN_RAD_S = 0.2
 _POWERED = frozenset({RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.BACKDRIVE, RobotMode.RUNNING})
 
 
 def robot_state(snapshot: Snapshot, model: RobotModel) -> RobotStateData:
     """All parts of the state; the encoder leaves out those a version or a repeated state does not have."""
+    on_e_series = model.series is Series.E
     return RobotStateData(
         mode=_mode(snapshot),
-        joints=_joints(snapshot),
+        joints=_joints(snapshot, on_e_series),
         cartesian=CartesianInfo(pose_base_tcp=snapshot.actual_TCP_pose, tcp_offset=snapshot.tcp_offset),
         kinematics=kinematics_info(model),
-        calibration=CalibrationData(),
-        masterboard=_masterboard(snapshot),
+        # internal: zero in captures of simulators, of the size of a sensed force in that of an arm (guess)
+        calibration=CalibrationData(wrench=snapshot.actual_TCP_force),
+        masterboard=_masterboard(snapshot, on_e_series),
         tool=_tool(snapshot),
         configuration=configuration_data(model),
-        force_mode=ForceModeData(wrench=snapshot.actual_TCP_force),
-        additional=AdditionalInfo(),
-        safety=SafetyData(elbow_position=snapshot.elbow_position),
+        force_mode=ForceModeData(frame=snapshot.force_mode_frame, dexterity=dexterity(model.dh, snapshot.actual_q)),
+        additional=AdditionalInfo(io_enabled_freedrive=snapshot.io_freedrive),
+        safety=SafetyData(flag0=on_e_series, flag1=on_e_series, elbow_position=snapshot.elbow_position),
         tool_communication=ToolCommunicationInfo(**snapshot.tool_communication._asdict()),
         tool_mode=ToolModeInfo(
             output_mode=snapshot.tool_output_mode,
@@ -62,7 +70,7 @@ def configuration_data(model: RobotModel) -> ConfigurationData:
     return ConfigurationData(
         q_min=model.q_min,
         q_max=model.q_max,
-        qd_max=model.qd_max,
+        qd_max=_plus_margin(model.qd_max),
         qdd_max=model.qdd_max,
         v_joint_default=model.v_joint_default,
         a_joint_default=model.a_joint_default,
@@ -78,6 +86,11 @@ def configuration_data(model: RobotModel) -> ConfigurationData:
         robot_type=model.robot_type,
         sub_type=model.sub_type,
     )
+
+
+def _plus_margin(qd_max: Joints) -> Joints:
+    a, b, c, d, e, f = (speed + _SPEED_MARGIN_RAD_S for speed in qd_max)
+    return (a, b, c, d, e, f)
 
 
 def _mode(snapshot: Snapshot) -> ModeData:
@@ -97,7 +110,9 @@ def _mode(snapshot: Snapshot) -> ModeData:
     )
 
 
-def _joints(snapshot: Snapshot) -> JointData:
+def _joints(snapshot: Snapshot, on_e_series: bool) -> JointData:
+    # a CB3 arm's micro temperatures, deprecated, stay near the room's; e-Series sends none
+    micro_temperature = 0.0 if on_e_series else ROOM_C
     rows = zip(
         snapshot.actual_q,
         snapshot.target_q,
@@ -117,6 +132,7 @@ def _joints(snapshot: Snapshot) -> JointData:
                 current=current,
                 voltage=voltage,
                 motor_temperature=temperature,
+                micro_temperature=micro_temperature,
                 mode=mode,
             )
             for q, q_target, qd, current, voltage, temperature, mode in rows
@@ -124,7 +140,7 @@ def _joints(snapshot: Snapshot) -> JointData:
     )
 
 
-def _masterboard(snapshot: Snapshot) -> MasterboardData:
+def _masterboard(snapshot: Snapshot, on_e_series: bool) -> MasterboardData:
     types = snapshot.analog_io_types
     return MasterboardData(
         digital_input_bits=snapshot.actual_digital_input_bits,
@@ -137,11 +153,14 @@ def _masterboard(snapshot: Snapshot) -> MasterboardData:
         analog_output_domain1=AnalogDomain(types >> 3 & 1),
         analog_output0=snapshot.standard_analog_output0,
         analog_output1=snapshot.standard_analog_output1,
+        board_temperature=snapshot.board_temperature,
         robot_voltage_48V=snapshot.actual_robot_voltage,
         robot_current=snapshot.actual_robot_current,
         io_current=snapshot.io_current,
         safety_mode=snapshot.safety_mode,
         reduced_mode=snapshot.safety_mode is SafetyMode.REDUCED,
+        operational_mode_selector=on_e_series,
+        three_position_device=on_e_series,
     )
 
 

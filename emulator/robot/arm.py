@@ -8,6 +8,7 @@ motion nor payload nor wrench change, so everything is bit-stable at rest.
 
 import math
 from collections.abc import Sequence
+from operator import sub, truediv
 from typing import Final
 
 from emulator.robot.installation import Installation, Payload
@@ -18,9 +19,10 @@ from urproto.robots.kinematics import Kinematics
 from urproto.robots.pose import Pose, pose_trans, rotvec_to_matrix
 from urproto.versions import Series
 
-__all__ = ["Arm"]
+__all__ = ["CURRENT_WINDOW_A", "Arm"]
 
 ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+CURRENT_WINDOW_A: Final[Vector6] = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5)  # of collision detection (guess)
 
 _Matrix3 = tuple[float, ...]  # nine numbers, row by row
 _Jacobian = Sequence[Sequence[float]]
@@ -53,6 +55,9 @@ class Arm:
         self.elbow_velocity: Vector3 = (0.0, 0.0, 0.0)
         self.tool_acceleration: Vector3 = (0.0, 0.0, 0.0)
         self.momentum = 0.0
+        self.collision_ratio = 0.0  # largest share of its window by which a joint current is not the target's, to 1
+        self.base_wrench_wanted = False  # target_base_wrench costs; few versions have it
+        self.base_wrench: Vector6 = ZERO6
         self.target_torque: Vector6 = ZERO6
         self.actual_torque: Vector6 = ZERO6
         self.target_current: Vector6 = ZERO6
@@ -118,6 +123,8 @@ class Arm:
         snapshot.target_current = self.target_current
         snapshot.actual_current = snapshot.joint_control_output = self.actual_current
         snapshot.actual_current_as_torque = self.actual_torque
+        snapshot.collision_detection_ratio = self.collision_ratio
+        snapshot.target_base_wrench = self.base_wrench
 
     def _take_loads(self, installation: Installation) -> bool:
         if (
@@ -191,6 +198,9 @@ class Arm:
 
     def _update_torques(self, jacobian: _Jacobian) -> None:
         self.momentum = self.dynamics.linear_momentum(self.q, self.qd) if self.qd != ZERO6 else 0.0
+        self.collision_ratio = 0.0
+        if self.base_wrench_wanted:
+            self.base_wrench = self.dynamics.base_wrench(self.q, self.qd, self.qdd)
         if not self._driven:
             self.target_torque = self.actual_torque = self.target_current = self.actual_current = ZERO6
             return
@@ -200,6 +210,8 @@ class Arm:
             held = _times6(tuple(zip(*jacobian, strict=True)), self.wrench)
             self.actual_torque = _minus6(self.target_torque, held)
             self.actual_current = self._currents(self.actual_torque)
+            excess = map(sub, self.actual_current, self.target_current)
+            self.collision_ratio = min(1.0, max(map(truediv, map(abs, excess), CURRENT_WINDOW_A)))
 
     def _currents(self, torque: Vector6) -> Vector6:
         k = self.model.torque_constants

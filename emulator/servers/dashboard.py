@@ -23,6 +23,7 @@ class _DashboardConnection(Connection):
         self._decoder = LineDecoder()
         self._queue = CommandQueue(server.controller, self.read_on)
         self._ended = False
+        self._restricted = server.controller.snapshot.local_control  # for good: the refusal says "reconnect"
 
     def opened(self) -> None:
         self._send_line(GREETING)
@@ -31,7 +32,7 @@ class _DashboardConnection(Connection):
         for line in self._decoder.feed(data):
             passed = self.server.hooks.message(self, Direction.RECEIVED, line)
             if passed is not None:
-                self._queue.put(DashboardLine(passed), self._answer)
+                self._queue.put(DashboardLine(passed, self._restricted), self._answer)
         if self._decoder.error is not None:
             raise self._decoder.error
 

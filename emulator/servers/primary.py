@@ -47,11 +47,11 @@ class PrimaryServer(PortServer):
         self._reporter = reporter
         self._messages = messages
         self._fresh: list[Connection] = []  # had no state yet
-        self._greets = _Greeted if read_only else _GreetedScripts
+        self._read_only = read_only
         self._version_message = VersionMessage.of(controller.version, _BUILD_DATE).encode(controller.version)
 
     def connect(self) -> Connection:
-        return self._greets(self)
+        return _Greeted(self, read_only=self._read_only)
 
     def greet(self, connection: Connection) -> None:
         """Send what a new client gets at once."""
@@ -107,16 +107,7 @@ class PrimaryServer(PortServer):
         return step * _STATES_PER_S // frequency_hz != (step - 1) * _STATES_PER_S // frequency_hz
 
 
-class _Greeted(Connection):
+class _Greeted(ScriptConnection):
     def opened(self) -> None:
-        _greet(self)
-
-
-class _GreetedScripts(ScriptConnection):
-    def opened(self) -> None:
-        _greet(self)
-
-
-def _greet(connection: Connection) -> None:
-    assert isinstance(connection.server, PrimaryServer)
-    connection.server.greet(connection)
+        assert isinstance(self.server, PrimaryServer)
+        self.server.greet(self)

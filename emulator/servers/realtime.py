@@ -13,11 +13,11 @@ class RealtimeServer(PortServer):
 
     def __init__(self, name: str, controller: ControllerDoor, *, read_only: bool) -> None:
         super().__init__(name, controller)
-        self._kind = Connection if read_only else ScriptConnection
+        self._read_only = read_only
         self._encode = realtime_packer(controller.version)
 
     def connect(self) -> Connection:
-        return self._kind(self)
+        return ScriptConnection(self, read_only=self._read_only)
 
     def publish(self, snapshot: Snapshot) -> None:
         if not self.connections:

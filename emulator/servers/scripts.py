@@ -2,7 +2,7 @@
 
 import logging
 
-from emulator.commands import ScriptUnit
+from emulator.commands import RefusedScript, ScriptUnit
 from emulator.servers.base import CommandQueue, Connection, Direction, PortServer
 from urscript.splitter import ScriptSplitter, Unit
 
@@ -12,10 +12,15 @@ _logger = logging.getLogger(__name__)
 
 
 class ScriptConnection(Connection):
-    """Hands over one unit per control period, so that what a unit did is done when the next begins."""
+    """Hands over one unit per control period, so that what a unit did is done when the next begins.
 
-    def __init__(self, server: PortServer) -> None:
+    A connection that may only read stays so: one of a read-only port, and one that was opened while an
+    e-Series arm was in local control (documentation of the official client library: switch, then reconnect).
+    """
+
+    def __init__(self, server: PortServer, *, read_only: bool) -> None:
         super().__init__(server)
+        self._read_only = read_only or server.controller.snapshot.local_control
         self._splitter = ScriptSplitter()
         self._queue = CommandQueue(server.controller, self.read_on)
 
@@ -37,4 +42,5 @@ class ScriptConnection(Connection):
                 continue
             passed = self.server.hooks.message(self, Direction.RECEIVED, unit)
             if passed is not None:
-                self._queue.put(ScriptUnit(passed.text, passed.kind))
+                refused = self._read_only
+                self._queue.put(RefusedScript(passed.text) if refused else ScriptUnit(passed.text, passed.kind))

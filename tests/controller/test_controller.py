@@ -466,7 +466,10 @@ def test_speed_slider_stretches_a_move(make):
     assert duration(0.25) == pytest.approx(4 * duration(1.0), rel=0.05)
 
 
-def test_at_rest_everything_but_time_and_energy_is_bit_stable(ready):
+SLOWLY = {"joint_temperatures", "tool_temperature", "board_temperature"}  # once a second
+
+
+def test_at_rest_everything_but_time_energy_and_temperature_is_bit_stable(ready):
     ready.script(LONG_MOVE)
     ready.until(is_state(RuntimeState.PLAYING), 1.0)
     ready.until(is_state(RuntimeState.STOPPED))
@@ -475,4 +478,4 @@ def test_at_rest_everything_but_time_and_energy_is_bit_stable(ready):
     for _ in range(50):
         ready.tick()
         changed = {name for name, value in vars(ready.now).items() if value != first[name]}
-        assert changed == {"step", "timestamp", "actual_robot_energy_consumed"}
+        assert changed - SLOWLY == {"step", "timestamp", "actual_robot_energy_consumed"}

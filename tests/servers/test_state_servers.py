@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from server_rig import CB3, E_SERIES, FakeController, MemoryClient
 
-from emulator.commands import RTDEInputs, ScriptUnit
+from emulator.commands import RefusedScript, RTDEInputs, ScriptUnit
 from emulator.reporting.primary_state import robot_state
 from emulator.servers.base import Connection, Direction, PortServer
 from emulator.servers.primary import PrimaryServer
@@ -298,9 +298,22 @@ def test_half_a_program_does_not_run(controller: FakeController, caplog: pytest.
 
 
 @pytest.mark.parametrize("kind", [0, 1])
-def test_read_only_ports_take_no_notice(controller: FakeController, kind: int) -> None:
+def test_read_only_ports_refuse_scripts(controller: FakeController, kind: int) -> None:
     client = MemoryClient(script_servers(controller, read_only=True)[kind])
-    client.feed(b"power off\n")
-    controller.tick(2)
-    assert controller.commands == []
+    client.feed(b"power off\ndef f():\nend\n")
+    controller.tick(3)
+    assert controller.commands == [RefusedScript("power off"), RefusedScript("def f():\nend")]
     assert client.connected
+
+
+@pytest.mark.parametrize("kind", [0, 1])
+def test_connections_opened_in_local_control_stay_read_only(controller: FakeController, kind: int) -> None:
+    server = script_servers(controller, read_only=False)[kind]
+    controller.tick(local_control=True)
+    early = MemoryClient(server)
+    controller.tick(local_control=False)
+    late = MemoryClient(server)
+    early.feed(b"stop program\n")
+    late.feed(b"stop program\n")
+    controller.tick(2)
+    assert controller.commands == [RefusedScript("stop program"), ScriptUnit("stop program", "line")]

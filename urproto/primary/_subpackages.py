@@ -390,12 +390,16 @@ class ConfigurationData(SubPackage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceModeData(SubPackage):
-    """Wrench at the TCP [N, Nm] and the arm's dexterity."""
+    """Task frame of force mode and the square of the Jacobian's determinant.
+
+    frame: in the base frame [m, rotation vector], zero without force mode. Clients disagree whether it is
+    a frame or a wrench; the capture of an arm that senses a force has zeros here and the force in CalibrationData.
+    """
 
     type: ClassVar[int] = 7
-    _layout: ClassVar[Layout] = (("wrench", "6d"), ("dexterity", "d"))
+    _layout: ClassVar[Layout] = (("frame", "6d"), ("dexterity", "d"))
 
-    wrench: Vector6 = _ZERO6
+    frame: Vector6 = _ZERO6
     dexterity: float = 0.0
 
 
@@ -419,7 +423,7 @@ class AdditionalInfo(SubPackage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationData(SubPackage):
-    """Internal: forces of the calibration [N, Nm]; zero in simulators."""
+    """Internal: a wrench [N, Nm]; zero in simulators, that of a sensed force from an arm."""
 
     type: ClassVar[int] = 9
     _layout: ClassVar[Layout] = (("wrench", "6d"),)

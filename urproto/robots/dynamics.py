@@ -60,6 +60,14 @@ class Dynamics:
         """Torques that give the accelerations ``qdd``."""
         return _joints(pin.rnea(self._pin, self._data, _vector(q_rad), _vector(qd), _vector(qdd)))
 
+    def base_wrench(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
+        """What arm and payload do to the base (6,): force [N], torque [Nm] about its origin, base axes.
+
+        The weight of an upright arm is a negative z.
+        """
+        pin.rnea(self._pin, self._data, _vector(q_rad), _vector(qd), _vector(qdd))
+        return _joints(-self._data.liMi[1].act(self._data.f[1]).vector)
+
     def forward_dynamics(self, q_rad: Sequence[float], qd: Sequence[float], torque_Nm: Sequence[float]) -> Joints:
         """Accelerations under the torques."""
         return _joints(pin.aba(self._pin, self._data, _vector(q_rad), _vector(qd), _vector(torque_Nm)))

@@ -1,0 +1,60 @@
+"""Temperatures of joints, tool and control box: first-order warming, worked out once a second.
+
+Each part heads for the room's temperature plus what its electronics and, in a joint, the
+losses of its motor add. The rises are fitted to one capture of a warm CB3 arm that stands
+(joints 32 to 41 degC, wrists the warmest though they carry least; box 37 degC), the room is
+what simulators report. How the rise divides, and how long it takes, are guesses.
+"""
+
+from math import exp
+from operator import add, mul
+from typing import Final
+
+from emulator.snapshot import Vector6
+
+__all__ = ["ROOM_C", "Thermals"]
+
+ROOM_C: Final = 24.0
+_PERIOD_S: Final = 1.0
+_TIME_CONSTANT_S: Final = 1800.0
+_SHARE: Final = 1.0 - exp(-_PERIOD_S / _TIME_CONSTANT_S)  # of the way to go, made in one period
+_DRIVE_RISE_K: Final[Vector6] = (8.0, 8.0, 10.0, 13.0, 15.0, 16.0)  # powered, without load
+_MOTOR_RISE_K_A2: Final[Vector6] = (0.04, 0.04, 0.04, 0.5, 0.5, 0.5)
+_TOOL_RISE_K: Final = 6.0
+_BOX_RISE_K: Final = 13.0  # always on
+_NO_RISE: Final[Vector6] = (0.0,) * 6
+
+
+class Thermals:
+    """Temperatures [degC]. A controller begins cold."""
+
+    def __init__(self) -> None:
+        self.joints: Vector6 = (ROOM_C,) * 6
+        self.tool = ROOM_C
+        self.box = ROOM_C
+        self._elapsed_s = 0.0
+
+    def advance(self, current: Vector6, period_s: float, *, powered: bool) -> bool:
+        """One control period with these joint currents [A]; True when the temperatures were renewed."""
+        self._elapsed_s += period_s
+        if self._elapsed_s < _PERIOD_S:
+            return False
+        self._elapsed_s -= _PERIOD_S
+        self.joints = _towards6(self.joints, _joint_rises(current) if powered else _NO_RISE)
+        self.tool = _towards(self.tool, _TOOL_RISE_K if powered else 0.0)
+        self.box = _towards(self.box, _BOX_RISE_K)
+        return True
+
+
+def _joint_rises(current: Vector6) -> Vector6:
+    a, b, c, d, e, f = map(add, _DRIVE_RISE_K, map(mul, _MOTOR_RISE_K_A2, map(mul, current, current)))
+    return (a, b, c, d, e, f)
+
+
+def _towards(temperature: float, rise: float) -> float:
+    return temperature + _SHARE * (ROOM_C + rise - temperature)
+
+
+def _towards6(temperatures: Vector6, rises: Vector6) -> Vector6:
+    a, b, c, d, e, f = map(_towards, temperatures, rises)
+    return (a, b, c, d, e, f)

@@ -1,0 +1,94 @@
+"""Local and remote control of an e-Series arm, when it is enforced."""
+
+import pytest
+
+from emulator.commands import DashboardLine, RefusedScript
+from emulator.config import ConfigError, check_enforced_remote_control
+from emulator.dashboard import COMMANDS, available_commands
+from urproto.dashboard import NOT_IN_REMOTE_CONTROL, not_understood
+from urproto.modes import RobotMode
+from urproto.primary.messages import ErrorCodeMessage
+from urproto.robots import load_model
+from urproto.versions import PolyscopeVersion
+
+# what the dashboard manual of the e-Series marks as available in remote control only
+REMOTE_ONLY = {
+    "load", "play", "stop", "pause", "shutdown", "power on", "power off", "brake release", "unlock protective stop",
+    "load installation", "restart safety", "set operational mode", "clear operational mode",
+}  # fmt: skip
+EXAMPLES = {words: f"{words} x" if COMMANDS[words].takes_argument else words for words in REMOTE_ONLY}
+
+
+def ask_restricted(rig, line):
+    answers = []
+    rig.controller.post(DashboardLine(line, restricted=True), answers.append)
+    rig.until(lambda _: bool(answers))
+    return answers[0]
+
+
+@pytest.mark.parametrize("words", sorted(REMOTE_ONLY))
+def test_orders_over_a_local_connection_are_refused_and_change_nothing(make, words):
+    rig = make("ur5e", enforce_remote_control=True)
+    assert ask_restricted(rig, EXAMPLES[words]) == NOT_IN_REMOTE_CONTROL
+    rig.seconds(0.5)
+    assert rig.now.robot_mode is RobotMode.POWER_OFF
+    assert not rig.controller.shutdown_requested
+    assert rig.controller.operational_mode == "NONE"
+
+
+def test_everything_else_is_answered_in_local_control(make):
+    rig = make("ur5e", enforce_remote_control=True)
+    for command in available_commands(rig.controller.version):
+        if command.words not in REMOTE_ONLY:
+            line = f"{command.words} x" if command.takes_argument else command.words
+            answer = ask_restricted(rig, line)
+            assert answer != NOT_IN_REMOTE_CONTROL
+            assert answer != not_understood(line)
+
+
+@pytest.mark.parametrize(
+    ("config", "local"),
+    [
+        ({}, False),
+        ({"remote_control": True}, False),
+        ({"enforce_remote_control": True}, True),
+        ({"enforce_remote_control": True, "remote_control": True}, False),
+    ],
+)
+def test_who_takes_orders(make, config, local):
+    rig = make("ur5e", **config)
+    assert rig.tick().local_control is local
+    assert rig.ask("is in remote control") == str(config.get("remote_control", False)).lower()
+
+
+def test_the_switch_is_the_pendants(make):
+    rig = make("ur5e", enforce_remote_control=True)
+    assert rig.tick().local_control
+    rig.controller.remote_control = True
+    assert not rig.tick().local_control
+    assert rig.ask("is in remote control") == "true"
+
+
+def test_a_cb3_arm_has_no_local_control(make):
+    rig = make("ur3", enforce_remote_control=True)
+    assert not rig.tick().local_control
+    with pytest.raises(ConfigError, match="no remote control"):
+        check_enforced_remote_control(True, load_model("ur3"))
+    assert check_enforced_remote_control(True, load_model("ur3e"))
+    assert not check_enforced_remote_control(False, load_model("ur3"))
+
+
+def test_a_refused_script_is_reported_as_c210_and_does_nothing(make):
+    rig = make("ur5e")
+    rig.controller.post(RefusedScript("power on"))
+    rig.tick()
+    (message,) = rig.said(ErrorCodeMessage)
+    assert (message.code, message.argument) == (210, 0)
+    assert "read-only" in message.text
+    rig.seconds(0.5)
+    assert rig.now.robot_mode is RobotMode.POWER_OFF
+
+
+def test_remote_only_names_commands_of_the_e_series():
+    words = {command.words for command in available_commands(PolyscopeVersion(5, 22)) if command.remote_only}
+    assert words == REMOTE_ONLY
