@@ -81,7 +81,8 @@ class Contexts(RobotCore):
                 self.driver.end_force_mode()
         if not self.driver.program_running:
             raise await self._explanation("force_mode")
-        await self._come_to_rest()
+        if not self.moving:
+            await self._come_to_rest()
 
     @asynccontextmanager
     async def _stream(self, doing: str, send: Callable[[Sequence[float]], None]) -> AsyncIterator[Follow]:

@@ -238,7 +238,7 @@ class RobotCore:
 
     # motions
 
-    async def _launch(self, doing: str, work: Coroutine[Any, Any, None], wait: bool) -> None:
+    async def _launch(self, doing: str, work: Callable[[], Coroutine[Any, Any, None]], wait: bool) -> None:
         """Begin a motion, and wait for its end if asked to; then it ends with its caller."""
         self._doing = doing
         motion = self._motion = asyncio.create_task(self._guarded(work))
@@ -297,10 +297,10 @@ class RobotCore:
                 while not self.state.at_rest:
                     await self._next_state("stop")
 
-    async def _guarded(self, work: Coroutine[Any, Any, None]) -> None:
+    async def _guarded(self, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
         """Do it, and raise why it failed: also when the robot stops and the program waits for somebody."""
         doing = self._doing
-        task = asyncio.create_task(work)
+        task = asyncio.create_task(work())
         trouble = asyncio.create_task(self._trouble.wait())
         try:
             await asyncio.wait((task, trouble), return_when=asyncio.FIRST_COMPLETED)

@@ -1,6 +1,7 @@
 """Moves: one, or several as one trajectory."""
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Final
 
 from client.driver import points
@@ -131,7 +132,7 @@ class Moves(RobotCore):
             move.encode()  # its numbers can be sent
         await self._ready(doing)
         self._check_reach(doing, moves)
-        await self._launch(doing, self._execute(doing, moves), wait)
+        await self._launch(doing, partial(self._execute, doing, moves), wait)
 
     def _check_reach(self, doing: str, moves: list[TrajectoryPoint]) -> None:
         link = self.driver.robot
@@ -157,7 +158,7 @@ class Moves(RobotCore):
             raise LocalProtocolError(f"the duration of {doing} is above 0 s, not {duration_s}")
         await self._ready(doing)
         send()  # raises here what cannot be sent
-        await self._launch(doing, self._sending(doing, send, duration_s), wait)
+        await self._launch(doing, partial(self._sending, doing, send, duration_s), wait)
 
     async def _sending(self, doing: str, send: Callable[[], None], duration_s: float) -> None:
         until = self.state.timestamp_s + duration_s

@@ -2,7 +2,9 @@
 
 import asyncio
 import math
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,22 @@ def emulator(model: str = "ur5e", version: str | None = None, programs_dir: Path
         model=load_model(model), version=chosen, initial_q=HOME, running=True, programs_dir=programs_dir
     )
     return Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True))
+
+
+@contextmanager
+def emulator_thread(model: str = "ur5e") -> Iterator[Emulator]:
+    """One that runs in a thread of its own."""
+    loop, running = asyncio.new_event_loop(), emulator(model)
+    thread = threading.Thread(target=loop.run_forever)
+    thread.start()
+    asyncio.run_coroutine_threadsafe(running.__aenter__(), loop).result(PATIENCE_S)
+    try:
+        yield running
+    finally:
+        asyncio.run_coroutine_threadsafe(running.__aexit__(None, None, None), loop).result(PATIENCE_S)
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join()
+        loop.close()
 
 
 def driver_options(robot: Emulator, **options: Any) -> dict[str, Any]:

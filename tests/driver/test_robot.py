@@ -119,11 +119,10 @@ async def test_servoing_paces_and_follows(lab):
     assert lab.at_rest
     x, *rest = arm.tcp_pose
     async with arm.servo_pose() as follow:
-        begin = (await follow([x, *rest])).timestamp_s
-        while (state := await follow([x + 0.01 * min(1.0, arm.state.timestamp_s - begin), *rest])).timestamp_s < (
-            begin + 1.3
-        ):
-            pass
+        state = await follow([x, *rest])
+        began = state.timestamp_s
+        while state.timestamp_s < began + 1.3:
+            state = await follow([x + 0.01 * min(1.0, state.timestamp_s - began), *rest])
     assert arm.tcp_pose[0] == pytest.approx(x + 0.01, abs=1e-3)
 
 
@@ -146,7 +145,7 @@ async def test_freedrive_follows_the_hand_and_holds(lab):
         with pytest.raises(LocalProtocolError, match="has to wait for freedrive"):
             await lab.arm.move_j(HOME)
         lab.robot.controller.external_wrench = (0.0,) * 6
-    assert lab.at_rest
+    assert lab.arm.state.at_rest
     await lab.arm.move_j(HOME, **FAST)
 
 
@@ -156,7 +155,7 @@ async def test_force_mode_complies_until_it_ends(lab):
     async with lab.arm.force_mode((0.0,) * 6, (0, 0, 1, 0, 0, 0), (0, 0, -10.0, 0, 0, 0), limits=(0.1,) * 6):
         state = await lab.arm.wait_for(lambda state: state.pose_base_tcp[2] < z - 0.005, 5)
     assert state.pose_base_tcp[2] < z - 0.005
-    assert lab.at_rest
+    assert lab.arm.state.at_rest
     await lab.arm.move_j(HOME, **FAST)
 
 
