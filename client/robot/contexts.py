@@ -19,7 +19,7 @@ _SLOW: Final = (0.1, 0.1, 0.1, 0.17, 0.17, 0.17)  # m/s, rad/s where it complies
 
 
 class Contexts(RobotCore):
-    """The arm obeys to one of these at a time; leaving the block brings it to rest. Errors are those of the moves."""
+    """The arm obeys one of these at a time; leaving the block brings it to rest. Errors are those of the moves."""
 
     @asynccontextmanager
     async def servo_j(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator[Follow]:

@@ -34,6 +34,7 @@ _FREE_PORTS: Final = {"reverse_port": 0, "trajectory_port": 0, "command_port": 0
 _POWER_UP_S: Final = 60.0  # guess: switching an arm on takes up to half a minute
 _REST_S: Final = 5.0  # guess: a ramp to rest takes less than one second
 _WORDS_S: Final = 0.3  # guess: what explains an end arrives within this; the primary interface sends 10 times a second
+_LISTEN_EVERY_S: Final = 0.01
 _LOCAL_CONTROL_CODE: Final = 210  # error code of a script port while the robot is in local control
 _REMOTE: Final = "switch the robot to Remote Control on its teach pendant, then connect again"
 LOCAL_CONTROL: Final = ("it is in local control", _REMOTE)
@@ -186,9 +187,12 @@ class RobotCore:
         """Await the start of the program; one that does not come about is explained."""
         try:
             await start
-        except ProgramNotRunningError:
+        except ProgramNotRunningError as error:
             if await self._in_local_control():
-                raise RobotRefused(doing, *LOCAL_CONTROL) from None
+                why, advice = LOCAL_CONTROL
+                raise RobotRefused(
+                    doing, why, f"{advice}; a simulator, which takes scripts anyway: {error.hint}"
+                ) from None
             raise
 
     async def _in_local_control(self) -> bool:
@@ -203,7 +207,11 @@ class RobotCore:
     # before a motion
 
     async def _ready(self, doing: str) -> None:
-        """The program runs and nobody has the arm, or else the error that says why not."""
+        """The program runs and nobody has the arm, or else the error that says why not.
+
+        The caller must take the arm before it awaits anything.
+        """
+        stops = self._stops
         await self._check_free(doing)
         self._trouble.clear()
         if self._silent:
@@ -220,11 +228,17 @@ class RobotCore:
             raise await self._explanation(doing)
         else:
             await self._start(doing)
+        if self._stops != stops:  # by another task, as what follows
+            raise MotionStoppedError(doing, "stop() was called")
+        self._check_nobody_moves(doing)
 
     async def _check_free(self, doing: str) -> None:
+        self._check_nobody_moves(doing)
+        await self.wait_done()  # a failure that nobody was told
+
+    def _check_nobody_moves(self, doing: str) -> None:
         if self.moving or self._has_context:
             raise LocalProtocolError(f"{doing} has to wait for {self._doing}: wait_done() or stop() first")
-        await self.wait_done()  # a failure that nobody was told
 
     def _check_safety(self, doing: str) -> None:
         mode = self.driver.robot.safety_mode
@@ -367,14 +381,23 @@ class RobotCore:
 
     async def _last_failure(self) -> ScriptFailedError | None:
         """The script error that ended the program, if one did; what else explains an end has then come too."""
-        until = asyncio.get_running_loop().time() + _WORDS_S
-        while asyncio.get_running_loop().time() < until:
+        failures: list[ScriptFailedError] = []
+
+        def heard() -> bool:
             if failure := self.driver.robot.take_script_error():
-                return failure
-            if self._silent or (self.driver.robot.safety_mode not in MOVABLE and self._reported()):
-                break
-            await asyncio.sleep(_WORDS_S / 20)
-        return None
+                failures.append(failure)
+            stopped = self.driver.robot.safety_mode not in MOVABLE and self._reported()
+            return bool(failures or self._silent or stopped)
+
+        await self._hear(heard)
+        return failures[0] if failures else None
+
+    async def _hear(self, heard: Callable[[], bool]) -> None:
+        """Wait for what the robot says by another connection, as long as that may take."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_WORDS_S):
+                while not heard():
+                    await asyncio.sleep(_LISTEN_EVERY_S)
 
     def _why(self, failure: ScriptFailedError | None) -> str:
         if failure is not None:

@@ -147,7 +147,7 @@ class Moves(RobotCore):
         if result is TrajectoryResult.FAILURE:
             raise MotionError(doing, "its points did not reach the robot in time: look at the network")
         if result is TrajectoryResult.CANCELED and not popups:
-            await self._next_state(doing)  # what the robot says about it may be on its way
+            await self._hear(lambda: bool(popups))
         if result is TrajectoryResult.CANCELED and popups:
             raise MotionError(doing, popups[-1].text)
         if result is TrajectoryResult.CANCELED:

@@ -202,6 +202,21 @@ async def test_stop_ends_what_is_sent_all_the_time(lab, motion):
     await lab.arm.move_j(HOME, **FAST)
 
 
+async def test_of_two_moves_at_the_same_time_one_is_refused(lab):
+    both = await asyncio.gather(lab.arm.move_j(off(0.1)), lab.arm.move_j(off(-0.1)), return_exceptions=True)
+    assert sorted(map(type, both), key=str) == sorted([type(None), LocalProtocolError], key=str)
+
+
+async def test_stop_while_the_program_is_being_started(lab):
+    task = asyncio.create_task(lab.arm.move_j(off(1.5)))
+    await lab.until(lambda: not lab.program_ended)
+    await lab.arm.stop()
+    with pytest.raises(MotionStoppedError):
+        await task
+    await lab.periods(20)
+    assert lab.at_rest
+
+
 async def test_a_move_in_the_background(lab):
     await lab.arm.move_j(off(0.5), **FAST, wait=False)
     assert lab.arm.moving
@@ -361,6 +376,10 @@ async def test_an_emergency_stop_says_what_to_do(lab):
     with pytest.raises(SafetyStopError, match="release the emergency stop") as caught:
         await lab.arm.wait_done()
     assert caught.value.mode is SafetyMode.ROBOT_EMERGENCY_STOP
+    lab.robot.controller.safety_event(SafetyEvent.EMERGENCY_STOP_RELEASED)
+    await lab.arm.wait_for(lambda state: state.safety_mode == SafetyMode.NORMAL, 5)
+    await lab.arm.make_ready()
+    await lab.arm.move_j(HOME, **FAST)
 
 
 async def test_a_program_that_somebody_ended_is_not_started_again_by_itself(lab):
@@ -372,6 +391,13 @@ async def test_a_program_that_somebody_ended_is_not_started_again_by_itself(lab)
         await lab.arm.move_j(HOME)
     await lab.arm.make_ready()
     await lab.arm.move_j(HOME, **FAST)
+
+
+async def test_what_the_robot_will_not_execute_is_told_in_its_words(lab):
+    rest = (0.0,) * 6
+    with pytest.raises(MotionError, match=r"the sequence.*too far away"):
+        await lab.arm.sequence([points.spline(off(3.0), rest, 0.01), points.spline(HOME, rest, 1.0)])
+    await lab.arm.move_j(off(0.1), **FAST)
 
 
 async def test_a_paused_program_is_no_place_for_a_move(lab):
