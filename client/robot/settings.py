@@ -3,7 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from client.robot.core import LOCAL_CONTROL, RobotCore
+from client.robot.core import RobotCore
+from client.robot.readiness import LOCAL_CONTROL
 from client.robot.state import RobotState, check_signal
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import to_words
