@@ -4,27 +4,37 @@ The arm stands still. A client takes a state, at once commands a joint target a 
 the first state whose target has left the place tells in which period the command was carried
 out. Counted in the controller's own time, so a slow clock is not mistaken for a slow client.
 A row is one Commander; the arm, the states and the counting are the same for all.
+
+A servo loop of another program is a row too where UR_LATENCY_PEER has its command line, to which the
+robot's address is added: see urcl_servo.cpp.
 """
 
 import json
+import os
 import random
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Final
+from pathlib import Path
+from typing import Final, Self
 
 from jitter import serve_at
 from rtde_control import RTDEControlInterface
 from table import Table
 
 from client import BlockingRTDEClient
+from client.driver import URDriver
+from client.driver.blocking import Blocking, blocking
+from client.driver.timeouts import LONGEST_REAL_TIME_S
 
 SAMPLES: Final = 200
 OFFSET_RAD: Final = 0.002  # of the last joint: too little to matter, far above rounding
 MOVED_RAD: Final = 1e-7
 SETTLED_S: Final = 0.25  # servoj has come to rest by then: its lookahead is 0.03 s
 GIVE_UP_S: Final = 2.0
+PEER: Final = "UR_LATENCY_PEER"
 
 Command = Callable[[Sequence[float]], None]  # six joint angles [rad]; returns as soon as it may
 
@@ -41,8 +51,56 @@ def ur_rtde(host: str, period_s: float) -> Iterator[Command]:
         control.disconnect()
 
 
+class Servo(URDriver):
+    """This project's driver in a servo loop: a target goes out at once, and again with every state."""
+
+    target: Sequence[float] = ()
+
+    async def __aenter__(self) -> Self:
+        await super().__aenter__()
+        await self.start_program()
+        self.target = self.state["actual_q"]
+        self.command(self.target)
+        self.robot.on_state.append(lambda _: self.command(self.target))
+        return self
+
+    def command(self, q_rad: Sequence[float]) -> None:
+        self.target = q_rad
+        self.servoj(q_rad, LONGEST_REAL_TIME_S)
+
+
+class BlockingServo(Blocking[Servo]):
+    command = blocking(Servo.command)
+
+
+@contextmanager
+def our_driver(host: str, period_s: float) -> Iterator[Command]:
+    """`client.URDriver` with the control program of this project."""
+    ports = dict.fromkeys(("reverse_port", "sender_port", "trajectory_port", "command_port"), 0)
+    with BlockingServo(lambda: Servo(host, outputs=("actual_q",), **ports)) as servo:
+        yield servo.command
+
+
+@contextmanager
+def another_driver(host: str, period_s: float) -> Iterator[Command]:
+    """The program of UR_LATENCY_PEER, which takes targets line by line."""
+    command = [*shlex.split(os.environ[PEER]), host]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1)
+    assert process.stdin is not None
+    assert process.stdout is not None
+    lines = process.stdin
+    try:
+        if "ready\n" not in process.stdout:  # reads until it comes
+            raise RuntimeError(f"{shlex.join(command)} ended before it was ready")
+        yield lambda q: print(*q, file=lines, flush=True)
+    finally:
+        process.communicate()
+
+
 # name -> how its client is opened: a context manager that gives the command
-COMMANDERS: Final = {"ur_rtde servoJ": ur_rtde}
+COMMANDERS: Final = {"ur_rtde servoJ": ur_rtde, "URDriver servoj": our_driver} | (
+    {f"{Path(shlex.split(os.environ[PEER])[0]).name} servoj": another_driver} if os.environ.get(PEER) else {}
+)
 
 
 def measure(samples: int = SAMPLES) -> Table:

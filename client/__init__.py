@@ -1,26 +1,34 @@
 """The driver library: dashboard, data exchange and scripts for a robot, emulated or real.
 
-Each client comes in two shells over the same logic: ``X`` for asyncio, ``BlockingX`` for plain scripts.
+`Robot` is what most programs want. The clients below it come in two shells over the same logic: ``X`` for
+asyncio, ``BlockingX`` for plain scripts; of the robot itself these are `AsyncRobot` and `Robot`.
 """
 
 from client.dashboard import BlockingDashboardClient, DashboardClient
-from client.driver import BlockingURDriver, URDriver
+from client.driver import BlockingURDriver, URDriver, points
 from client.errors import (
     ClientError,
     ConnectionLostError,
     DeviceError,
+    MotionError,
+    MotionStoppedError,
     NoAnswerError,
+    OutOfReachError,
     ProgramEndedError,
     ProgramNotRunningError,
+    ProtectiveStopError,
     RobotUnreachableError,
+    SafetyStopError,
     ScriptFailedError,
 )
 from client.primary import BlockingPrimaryClient, PrimaryClient, ScriptResult
 from client.realtime import BlockingRealtimeClient, RealtimeClient
+from client.robot import AsyncRobot, Robot, RobotState
 from client.rtde import BlockingRTDEClient, RTDEClient, read_recipe
 from client.tool_communication import ToolCommunication
 
 __all__ = [
+    "AsyncRobot",
     "BlockingDashboardClient",
     "BlockingPrimaryClient",
     "BlockingRTDEClient",
@@ -30,16 +38,24 @@ __all__ = [
     "ConnectionLostError",
     "DashboardClient",
     "DeviceError",
+    "MotionError",
+    "MotionStoppedError",
     "NoAnswerError",
+    "OutOfReachError",
     "PrimaryClient",
     "ProgramEndedError",
     "ProgramNotRunningError",
+    "ProtectiveStopError",
     "RTDEClient",
     "RealtimeClient",
+    "Robot",
+    "RobotState",
     "RobotUnreachableError",
+    "SafetyStopError",
     "ScriptFailedError",
     "ScriptResult",
     "ToolCommunication",
     "URDriver",
+    "points",
     "read_recipe",
 ]

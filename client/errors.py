@@ -7,7 +7,12 @@ ClientError
 ├── DeviceError              a device of this machine cannot be made
 ├── ScriptFailedError        a script did not compile or failed while running
 ├── ProgramNotRunningError   the robot's control program is not connected to the driver
-└── ProgramEndedError        it ended while something was under way
+├── ProgramEndedError        it ended while something was under way
+└── MotionError              the arm did not do what it was asked to
+    ├── OutOfReachError      a target beyond the joints' limits, or without joint angles
+    ├── MotionStoppedError   somebody stopped the arm
+    └── SafetyStopError      the robot did, for safety
+        └── ProtectiveStopError
 
 urproto.errors.RobotRefused           the robot understood and said no
 urproto.errors.RemoteProtocolError    the peer does not speak this protocol
@@ -16,16 +21,22 @@ urproto.errors.LocalProtocolError     we were asked to send what the protocol ca
 
 from pathlib import Path
 
+from urproto.modes import SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 
 __all__ = [
     "ClientError",
     "ConnectionLostError",
     "DeviceError",
+    "MotionError",
+    "MotionStoppedError",
     "NoAnswerError",
+    "OutOfReachError",
     "ProgramEndedError",
     "ProgramNotRunningError",
+    "ProtectiveStopError",
     "RobotUnreachableError",
+    "SafetyStopError",
     "ScriptFailedError",
 ]
 
@@ -104,11 +115,53 @@ class ProgramNotRunningError(ClientError):
 
 
 class ProgramEndedError(ClientError):
-    """The control program left the driver's ``port`` while ``doing`` was under way."""
+    """The control program left the driver's ``port`` while ``doing`` was under way; ``why``, if that is known."""
 
-    def __init__(self, port: int, doing: str) -> None:
-        super().__init__(
-            f"the control program left port {port} during {doing}: the robot's log says why; start the program again"
-        )
+    def __init__(
+        self,
+        port: int,
+        doing: str,
+        why: str = "the robot's log says why",
+        advice: str = "start the program again",
+    ) -> None:
+        super().__init__(f"the control program left port {port} during {doing}: {why}; {advice}")
         self.port = port
         self.doing = doing
+        self.why = why
+
+
+class MotionError(ClientError):
+    """``doing`` was not carried out, and ``why``."""
+
+    def __init__(self, doing: str, why: str) -> None:
+        super().__init__(f"{doing} was not carried out: {why}")
+        self.doing = doing
+        self.why = why
+
+
+class OutOfReachError(MotionError):
+    """The arm cannot get to a target.
+
+    point: which one of ``doing``, from 0; None when the robot said so and not which.
+    """
+
+    def __init__(self, doing: str, why: str, point: int | None = None) -> None:
+        super().__init__(doing, why)
+        self.point = point
+
+
+class MotionStoppedError(MotionError):
+    """Somebody stopped the arm on the way; the program still runs, the next motion may follow."""
+
+
+class SafetyStopError(MotionError):
+    """The robot has stopped for safety: its ``mode``, and the ``cause`` it reports, empty when it reports none."""
+
+    def __init__(self, doing: str, mode: SafetyMode, cause: str, advice: str) -> None:
+        super().__init__(doing, f"{mode.name}, {cause or 'the robot does not say why'}: {advice}")
+        self.mode = mode
+        self.cause = cause
+
+
+class ProtectiveStopError(SafetyStopError):
+    """A protective stop."""

@@ -5,22 +5,24 @@ listens keeps an event loop in a thread of its own, and every call is carried ov
 
     class BlockingThing(Blocking[Thing]):
         do = blocking(Thing.do)
+        doing = blocking_context(Thing.doing)
 """
 
 import asyncio
 import functools
 import inspect
 import threading
-from collections.abc import Callable, Coroutine
-from contextlib import AbstractAsyncContextManager
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, contextmanager
 from types import TracebackType
 from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, cast, overload
 
-__all__ = ["Blocking", "blocking"]
+__all__ = ["Blocking", "blocking", "blocking_context"]
 
 Inner = TypeVar("Inner", bound=AbstractAsyncContextManager[Any])
 Owner = TypeVar("Owner")
 Params = ParamSpec("Params")
+Given = ParamSpec("Given")
 Result = TypeVar("Result")
 
 
@@ -69,6 +71,11 @@ class Blocking(Generic[Inner]):
         if self._loop is None:
             work.close()
             raise RuntimeError(f"{type(self).__name__} is not open: use it in a with statement")
+        if threading.current_thread() is self._thread:
+            work.close()
+            raise RuntimeError(
+                f"{type(self).__name__} cannot be called from its own callbacks: it would wait for itself"
+            )
         future = asyncio.run_coroutine_threadsafe(work, self._loop)
         try:
             return future.result()
@@ -115,3 +122,33 @@ def blocking(method: Callable[..., Any]) -> Callable[..., Any]:
 
     call.__dict__.pop("__wrapped__", None)  # it is no coroutine function
     return cast(Callable[..., Any], call)
+
+
+@overload
+def blocking_context(
+    method: Callable[Concatenate[Owner, Params], AbstractAsyncContextManager[None]],
+) -> Callable[Concatenate[Any, Params], AbstractContextManager[None]]: ...
+@overload
+def blocking_context(
+    method: Callable[
+        Concatenate[Owner, Params], AbstractAsyncContextManager[Callable[Given, Coroutine[Any, Any, Result]]]
+    ],
+) -> Callable[Concatenate[Any, Params], AbstractContextManager[Callable[Given, Result]]]: ...
+def blocking_context(method: Callable[..., Any]) -> Callable[..., Any]:
+    """The blocking form of a method that gives an asynchronous context, of nothing or of a coroutine function."""
+
+    @contextmanager
+    def enter(self: Blocking[Any], *args: Any, **kwargs: Any) -> Iterator[Any]:
+        context = method(self.inner, *args, **kwargs)
+        do = self.call(context.__aenter__())
+        try:
+            yield None if do is None else lambda *given, **named: self.call(do(*given, **named))
+        except BaseException as error:
+            if not self.call(context.__aexit__(type(error), error, error.__traceback__)):
+                raise
+        else:
+            self.call(context.__aexit__(None, None, None))
+
+    functools.update_wrapper(enter, method)
+    enter.__dict__.pop("__wrapped__", None)
+    return enter

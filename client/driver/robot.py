@@ -17,15 +17,15 @@ from client.primary import PrimaryClient
 from client.rtde import RTDEClient
 from urproto.errors import RemoteProtocolError, RobotRefused
 from urproto.modes import RobotMode, SafetyMode
-from urproto.primary.messages import ErrorCodeMessage, RuntimeExceptionMessage
-from urproto.primary.state import KinematicsInfo, RobotStateData
+from urproto.primary.messages import ErrorCodeMessage, PopupMessage, RuntimeExceptionMessage
+from urproto.primary.state import ConfigurationData, KinematicsInfo, RobotStateData
 from urproto.versions import PolyscopeVersion
 
 __all__ = ["RobotLink", "cancel"]
 
 _NEEDED: Final = ("timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction")
 _SLIDER: Final = ("speed_slider_mask", "speed_slider_fraction")
-_KEPT: Final = 100  # error reports
+_KEPT: Final = 100  # error reports and popups, each
 _AGAIN_S: Final = 1.0  # between attempts to get a lost connection back
 
 _ROBOT_MODES: Final = frozenset(int(mode) for mode in RobotMode)
@@ -37,14 +37,15 @@ _logger = logging.getLogger(__name__)
 class RobotLink:
     """The connections a driver opens to its robot; use it with ``async with``.
 
-    state: the newest RTDE state, by variable name. reports: error messages of the robot.
-    on_state: called with each state. on_silence: called once when the robot falls silent.
+    state: the newest RTDE state, by variable name. reports, popups: error messages and popups
+    of the robot, oldest first. on_state: called with each state. on_silence: called once when the robot falls silent.
     """
 
     def __init__(self, config: DriverConfig) -> None:
         self.config = config
         self.state: Mapping[str, Any] = {}
         self.reports: deque[ErrorCodeMessage] = deque(maxlen=_KEPT)
+        self.popups: deque[PopupMessage] = deque(maxlen=_KEPT)
         self.on_state: list[Callable[[Mapping[str, Any]], None]] = []
         self.on_silence: list[Callable[[], None]] = []
         self.dashboard: DashboardClient | None = None
@@ -95,6 +96,16 @@ class RobotLink:
         value = self.state["safety_mode"]
         return SafetyMode(value) if value in _SAFETY_MODES else SafetyMode.UNDEFINED_SAFETY_MODE
 
+    @property
+    def primary_state(self) -> RobotStateData | None:
+        """The newest state of the primary interface, which sends ten a second."""
+        return self._primary.core.state
+
+    @property
+    def configuration(self) -> ConfigurationData | None:
+        """The arm's type and limits, None until they came."""
+        return self._primary.core.configuration
+
     async def next_state(self) -> Mapping[str, Any]:
         """The state after the newest one. Raises NoAnswerError from a silent robot."""
         try:
@@ -115,6 +126,10 @@ class RobotLink:
     async def script_error(self) -> ScriptFailedError:
         """Wait until the robot reports an error in a script."""
         return await self._exceptions.get()
+
+    def take_script_error(self) -> ScriptFailedError | None:
+        """The oldest error in a script that nobody has taken yet; None without any."""
+        return None if self._exceptions.empty() else self._exceptions.get_nowait()
 
     def forget_errors(self) -> None:
         """Drop errors of scripts that were sent before."""
@@ -222,6 +237,8 @@ class RobotLink:
             self._exceptions.put_nowait(ScriptFailedError(message.line, message.column, message.text))
         elif isinstance(message, ErrorCodeMessage):
             self.reports.append(message)
+        elif isinstance(message, PopupMessage):
+            self.popups.append(message)
 
 
 async def cancel(task: "asyncio.Task[None]") -> None:

@@ -2,10 +2,13 @@
 
 import asyncio
 import math
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from client import AsyncRobot
 from client.driver import URDriver
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
@@ -29,20 +32,34 @@ def emulator(model: str = "ur5e", version: str | None = None, programs_dir: Path
     return Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True))
 
 
+@contextmanager
+def emulator_thread(model: str = "ur5e") -> Iterator[Emulator]:
+    """One that runs in a thread of its own."""
+    loop, running = asyncio.new_event_loop(), emulator(model)
+    thread = threading.Thread(target=loop.run_forever)
+    thread.start()
+    asyncio.run_coroutine_threadsafe(running.__aenter__(), loop).result(PATIENCE_S)
+    try:
+        yield running
+    finally:
+        asyncio.run_coroutine_threadsafe(running.__aexit__(None, None, None), loop).result(PATIENCE_S)
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join()
+        loop.close()
+
+
+def driver_options(robot: Emulator, **options: Any) -> dict[str, Any]:
+    """Of a driver for this robot, on free ports and patient."""
+    ports = dict.fromkeys(("reverse_port", "sender_port", "trajectory_port", "command_port"), 0)
+    return {"robot_ports": robot.ports, "silence_s": 5.0} | ports | options
+
+
 class Pair:
     """A driver and the robot it drives, seen from inside."""
 
     def __init__(self, robot: Emulator, **options: Any) -> None:
         self.robot = robot
-        chosen: dict[str, Any] = {
-            "robot_ports": robot.ports,
-            "reverse_port": 0,
-            "sender_port": 0,
-            "trajectory_port": 0,
-            "command_port": 0,
-            "silence_s": 5.0,
-        }
-        self.driver = URDriver(HOST, **(chosen | options))
+        self.driver = URDriver(HOST, **driver_options(robot, **options))
 
     @property
     def snapshot(self) -> Any:
@@ -96,6 +113,15 @@ class Pair:
         while (elapsed := (self.snapshot.step - begin) * period) < seconds:
             send(elapsed)
             await self.periods(1)
+
+
+class Lab(Pair):
+    """The facade over a driver, and its robot seen from inside."""
+
+    def __init__(self, robot: Emulator, **options: Any) -> None:
+        self.robot = robot
+        self.arm = AsyncRobot(HOST, **driver_options(robot, **options))
+        self.driver = self.arm.driver
 
 
 def swing(t: float, radius: float = 0.2, period_s: float = 2.0) -> tuple[float, ...]:

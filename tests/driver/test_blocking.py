@@ -1,12 +1,10 @@
 """The blocking shell: the same driver for plain scripts."""
 
-import asyncio
 import inspect
-import threading
 from collections.abc import Iterator
 
 import pytest
-from driver_rig import CALM_S, HOME, HOST, emulator
+from driver_rig import CALM_S, HOME, HOST, emulator_thread
 
 from client.driver import BlockingURDriver, URDriver, points
 from client.errors import RobotUnreachableError
@@ -20,15 +18,8 @@ FREE = {"reverse_port": 0, "sender_port": 0, "trajectory_port": 0, "command_port
 @pytest.fixture
 def robot() -> Iterator[Emulator]:
     """An emulator in a thread of its own."""
-    loop, running = asyncio.new_event_loop(), emulator("ur5e")
-    thread = threading.Thread(target=loop.run_forever)
-    thread.start()
-    asyncio.run_coroutine_threadsafe(running.__aenter__(), loop).result(20)
-    yield running
-    asyncio.run_coroutine_threadsafe(running.__aexit__(None, None, None), loop).result(20)
-    loop.call_soon_threadsafe(loop.stop)
-    thread.join()
-    loop.close()
+    with emulator_thread("ur5e") as running:
+        yield running
 
 
 def test_a_script_moves_the_arm(robot):

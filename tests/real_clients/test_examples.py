@@ -1,4 +1,4 @@
-"""The numbered examples run as they are and end well."""
+"""The numbered examples, and the programs of docs/client.md, run as they are and end well."""
 
 import subprocess
 import sys
@@ -9,6 +9,10 @@ from rig import Rig
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("[0-9][0-9]_*.py"))
 DEADLINE_S = 45.0
+PAGE = Path(__file__).parents[2] / "docs" / "client.md"
+PROGRAMS = [block.split("```")[0] for block in PAGE.read_text().split("```python\n")[1:]]
+PAGE_HOST = '"192.168.1.10"'
+FREE_PORTS = "reverse_port=0, sender_port=0, trajectory_port=0, command_port=0"
 
 
 def run(example: Path, host: str) -> "subprocess.CompletedProcess[str]":
@@ -17,7 +21,7 @@ def run(example: Path, host: str) -> "subprocess.CompletedProcess[str]":
 
 
 def test_the_examples_are_found_and_short() -> None:
-    assert len(EXAMPLES) >= 7
+    assert len(EXAMPLES) >= 8
     for example in EXAMPLES:
         assert len(example.read_text().splitlines()) < 60, example.name
 
@@ -27,6 +31,15 @@ def test_example(rig: Rig, example: Path) -> None:
     done = run(example, rig.host)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout
+
+
+@pytest.mark.parametrize("text", PROGRAMS, ids=range(len(PROGRAMS)))
+def test_program_of_the_client_page(rig: Rig, text: str, tmp_path: Path) -> None:
+    assert PAGE_HOST in text
+    here = text.replace(f"URDriver({PAGE_HOST}", f"URDriver({PAGE_HOST}, {FREE_PORTS}")
+    (program := tmp_path / "page.py").write_text(here.replace(PAGE_HOST, f'"{rig.host}"'))
+    done = run(program, rig.host)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_first_connection_wakes_a_robot_that_is_off(rig: Rig) -> None:

@@ -1,0 +1,15 @@
+"""A robot for whoever wants it to move: power it on, move it, read it, and be told what went wrong.
+
+    with Robot("192.168.1.10") as robot:
+        robot.make_ready()
+        robot.move_j([0.2, -1.4, 1.5, -1.7, -1.5, 0.1])
+        x, y, z, *turn = robot.tcp_pose
+        robot.move_l([x, y, z + 0.05, *turn], speed_m_s=0.1)
+
+`AsyncRobot` is the same for asyncio programs. Below it is a driver, `client.URDriver`.
+"""
+
+from client.robot.facade import AsyncRobot, Robot
+from client.robot.state import RobotState
+
+__all__ = ["AsyncRobot", "Robot", "RobotState"]

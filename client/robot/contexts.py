@@ -1,0 +1,106 @@
+"""What lasts as long as a with block: servoing, freedrive, force mode."""
+
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from contextlib import asynccontextmanager
+from typing import Any, Final
+
+from client.driver.timeouts import LONGEST_REAL_TIME_S
+from client.errors import MotionError, MotionStoppedError, ProgramEndedError, ProgramNotRunningError
+from client.robot.core import RobotCore
+from client.robot.state import RobotState
+
+__all__ = ["Contexts", "Follow"]
+
+Follow = Callable[[Sequence[float]], Coroutine[Any, Any, RobotState]]
+"""Send one setpoint (6,), wait for the next state, return that."""
+
+_SETTLE_STATES: Final = 3  # guess: a command beside the motion is read within one control period
+_SLOW: Final = (0.1, 0.1, 0.1, 0.17, 0.17, 0.17)  # m/s, rad/s where it complies, m, rad elsewhere; guess: slow
+
+
+class Contexts(RobotCore):
+    """The arm obeys one of these at a time; leaving the block brings it to rest. Errors are those of the moves."""
+
+    @asynccontextmanager
+    async def servo_j(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator[Follow]:
+        """Follow joint angles, one set in every control period.
+
+            with robot.servo_j() as follow:
+                while not done:
+                    state = follow(next_target(state))     # (6,) [rad]; paces the loop
+
+        timeout_s: without a target for so long (at most 0.2 s) the robot stops by itself and
+        ends the program. Targets too far away are ignored by the robot: MotionError says so.
+        """
+        async with self._stream("servo_j", lambda q_rad: self.driver.servoj(q_rad, timeout_s)) as follow:
+            yield follow
+
+    @asynccontextmanager
+    async def servo_pose(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator[Follow]:
+        """As servo_j with poses base to TCP (6,) [m, rotation vector]."""
+        async with self._stream("servo_pose", lambda pose: self.driver.servo_pose(pose, timeout_s)) as follow:
+            yield follow
+
+    @asynccontextmanager
+    async def freedrive(self) -> AsyncIterator[None]:
+        """Let the arm be moved by hand, and hold it where it is left."""
+        async with self._holding("freedrive"):
+            self.driver.start_freedrive()
+            yield
+
+    @asynccontextmanager
+    async def force_mode(
+        self,
+        task_frame_base: Sequence[float],
+        selection: Sequence[int],
+        wrench: Sequence[float],
+        *,
+        kind: int = 2,
+        limits: Sequence[float] = _SLOW,
+        damping: float = 0.025,
+        gain_scaling: float = 0.5,
+    ) -> AsyncIterator[None]:
+        """Comply along some axes of a frame, while moves go on along the others.
+
+        task_frame_base: pose in the base frame (6,) [m, rotation vector]. selection: 1 for
+        axes that comply (6,). wrench: to press with (6,) [N, Nm]. kind: 1 the frame's y axis
+        points to the TCP, 2 the frame as it is, 3 its x axis follows the velocity. limits: top
+        speeds of complying axes [m/s, rad/s], deviations of the others [m, rad] (6,).
+        damping: 0 to 1. gain_scaling: 0 to 2, e-Series only.
+        """
+        await self._ready("force_mode")
+        self.driver.start_force_mode(
+            task_frame_base, selection, wrench, kind, limits, damping=damping, gain_scaling=gain_scaling
+        )
+        for _ in range(_SETTLE_STATES):
+            await self._next_state("force_mode")
+        try:
+            yield
+        finally:
+            if self.driver.program_running:  # it ends with the program
+                self.driver.end_force_mode()
+        if not self.driver.program_running:
+            raise await self._explanation("force_mode")
+        if not self.moving:
+            await self._come_to_rest()
+
+    @asynccontextmanager
+    async def _stream(self, doing: str, send: Callable[[Sequence[float]], None]) -> AsyncIterator[Follow]:
+        async with self._holding(doing):
+            stops, popups = self._stops, self.driver.robot.popups
+            popups.clear()
+
+            async def follow(setpoint: Sequence[float]) -> RobotState:
+                if self._stops != stops:
+                    raise MotionStoppedError(doing, "stop() was called")
+                if popups:
+                    raise MotionError(doing, popups[-1].text)
+                self._check_safety(doing)
+                try:
+                    send(setpoint)
+                except (ProgramNotRunningError, ProgramEndedError):
+                    raise await self._explanation(doing) from None
+                await self._next_state(doing)
+                return self.state
+
+            yield follow

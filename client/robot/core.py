@@ -1,0 +1,204 @@
+"""One motion at a time: begun, watched, waited for, stopped."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager, suppress
+from types import TracebackType
+from typing import Any, Final
+
+from client.errors import ClientError, MotionStoppedError, ProgramEndedError, ProgramNotRunningError
+from client.robot.readiness import Readiness
+from client.robot.state import RobotState
+from urproto.errors import LocalProtocolError, RobotRefused
+from urproto.external_control import ControlMode
+from urproto.modes import RobotMode
+
+__all__ = ["RobotCore"]
+
+_REST_S: Final = 5.0  # guess: a ramp to rest takes less than one second
+_ENDS: Final = (ProgramEndedError, ProgramNotRunningError)
+
+
+class RobotCore(Readiness):
+    """A robot that is connected, and the motion that is under way."""
+
+    def __init__(self, host: str, **options: Any) -> None:
+        super().__init__(host, **options)
+        self._motion: asyncio.Task[None] | None = None  # begun, and its end not yet told to anybody
+        self._doing = ""  # of the motion, or of the context that has the arm
+        self._has_context = False
+        self._stops = 0  # how often stop() was called
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop the arm and disconnect. A failure nobody has asked for is raised, unless another is on its way."""
+        motion, self._motion = self._motion, None
+        try:
+            if motion is not None and not motion.done():
+                await _cancelled(motion)
+        finally:
+            await self.driver.__aexit__(kind, error, trace)
+        if motion is not None and not motion.cancelled() and (failure := motion.exception()) and error is None:
+            raise failure
+
+    @property
+    def moving(self) -> bool:
+        """True while a motion that was begun here is under way."""
+        return self._motion is not None and not self._motion.done()
+
+    async def wait_for(self, condition: Callable[[RobotState], bool], timeout_s: float | None = None) -> RobotState:
+        """Look at each state until the condition holds for one, and return that.
+
+        Raises TimeoutError, what ends the motion that is under way, and RobotUnreachableError
+        for a silent robot. The condition must be quick and must not call the robot.
+        """
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not condition(state := self.state):
+                    if self._motion is not None and self._motion.done() and _failed(self._motion):
+                        await self.wait_done()
+                    await self._next_state("wait_for")
+        except TimeoutError:
+            raise TimeoutError(f"what was waited for did not happen within {timeout_s} s") from None
+        return state
+
+    # before a motion
+
+    async def _ready(self, doing: str) -> None:
+        """The program runs and nobody has the arm, or else the error that says why not.
+
+        The caller must take the arm before it awaits anything.
+        """
+        stops = self._stops
+        await self._check_free(doing)
+        self._trouble.clear()
+        if self._silent:
+            raise self._unreachable(doing)
+        self._check_safety(doing)
+        if self.driver.robot.robot_mode is not RobotMode.RUNNING:
+            mode = self.driver.robot.robot_mode.name
+            raise RobotRefused(doing, f"its mode is {mode}", "make_ready() powers it on and releases the brakes")
+        if self.driver.program_running and self._paused:
+            raise RobotRefused(doing, "its program is paused", "resume it on the robot, or make_ready() starts it anew")
+        if self.driver.program_running:
+            self._started = True
+        elif self._started:
+            raise await self._explanation(doing)
+        else:
+            await self._start(doing)
+        if self._stops != stops:  # by another task, as what follows
+            raise MotionStoppedError(doing, "stop() was called")
+        self._check_nobody_moves(doing)
+
+    async def _check_free(self, doing: str) -> None:
+        self._check_nobody_moves(doing)
+        await self.wait_done()  # a failure that nobody was told
+
+    def _check_nobody_moves(self, doing: str) -> None:
+        if self.moving or self._has_context:
+            raise LocalProtocolError(f"{doing} has to wait for {self._doing}: wait_done() or stop() first")
+
+    # motions
+
+    async def _launch(self, doing: str, work: Callable[[], Coroutine[Any, Any, None]], wait: bool) -> None:
+        """Begin a motion, and wait for its end if asked to; then it ends with its caller."""
+        self._doing = doing
+        motion = self._motion = asyncio.create_task(self._guarded(work))
+        if not wait:
+            return
+        try:
+            await self.wait_done()
+        except asyncio.CancelledError:
+            self._motion = None
+            await _cancelled(motion)
+            raise
+
+    async def wait_done(self, timeout_s: float | None = None) -> None:
+        """Wait for the end of the motion that is under way, if any, and raise what went wrong.
+
+        Raises TimeoutError when it takes longer than ``timeout_s``; the motion goes on.
+        """
+        motion, doing = self._motion, self._doing
+        if motion is None:
+            return
+        await asyncio.wait({motion}, timeout=timeout_s)
+        if not motion.done():
+            raise TimeoutError(f"{doing} is still under way after {timeout_s} s: wait_done() again, or stop()")
+        if self._motion is motion:
+            self._motion = None
+        if motion.cancelled():
+            raise MotionStoppedError(doing, "stop() was called")
+        motion.result()
+
+    async def stop(self) -> None:
+        """Bring the arm to rest, and return when it has; who waits for the motion gets MotionStoppedError.
+
+        The program goes on, the next motion may follow. For motions that were begun here: a
+        program of somebody else is stopped by ``driver.robot.send_script("stop program")``.
+        """
+        self._stops += 1
+        motion, self._motion = self._motion, None
+        had_failed = motion is not None and motion.done()
+        if motion is not None:
+            await _cancelled(motion)
+        await self._come_to_rest()
+        if motion is not None and had_failed:
+            motion.result()  # a failure that nobody was told
+
+    async def _come_to_rest(self) -> None:
+        if not self.driver.program_running or self._paused:
+            return
+        if self.driver.reverse.mode is ControlMode.FORWARD:
+            with suppress(ClientError, LocalProtocolError):  # none under way, or it ended otherwise
+                await self.driver.trajectory_result(_REST_S)
+        else:
+            self.driver.idle()
+            await self._next_state("stop")  # the program reads it once a control period
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_REST_S):
+                while not self.state.at_rest:
+                    await self._next_state("stop")
+
+    async def _guarded(self, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        """Do it, and raise why it failed: also when the robot stops and the program waits for somebody."""
+        doing = self._doing
+        task = asyncio.create_task(work())
+        trouble = asyncio.create_task(self._trouble.wait())
+        try:
+            await asyncio.wait((task, trouble), return_when=asyncio.FIRST_COMPLETED)
+            if task.done() and not isinstance(task.exception(), _ENDS):
+                return task.result()
+        finally:
+            await _cancelled(task)
+            await _cancelled(trouble)
+        raise await self._explanation(doing)
+
+    @asynccontextmanager
+    async def _holding(self, doing: str) -> AsyncIterator[None]:
+        """A context that has the arm for itself; its end brings the arm to rest."""
+        await self._ready(doing)
+        self._doing, self._has_context = doing, True
+        try:
+            yield
+        except BaseException:
+            if self.driver.program_running:
+                self.driver.idle()
+            raise
+        finally:
+            self._has_context = False
+        if not self.driver.program_running or self._trouble.is_set():
+            raise await self._explanation(doing)
+        await self._come_to_rest()
+
+
+def _failed(motion: "asyncio.Task[None]") -> bool:
+    return motion.cancelled() or motion.exception() is not None
+
+
+async def _cancelled(task: "asyncio.Task[Any]") -> None:
+    """End a task and wait until it has; its failure is for whoever awaits it."""
+    task.cancel()
+    await asyncio.wait({task})
+    if not task.cancelled():
+        task.exception()  # looked at

@@ -1,0 +1,76 @@
+"""The two shells of the facade."""
+
+from typing import Any
+
+from client.driver.blocking import Blocking, blocking, blocking_context
+from client.robot.contexts import Contexts
+from client.robot.moves import Moves
+from client.robot.settings import Settings
+from client.robot.state import RobotState
+from urproto.robots import Joints
+from urproto.robots.pose import Pose
+
+__all__ = ["AsyncRobot", "Robot"]
+
+
+class AsyncRobot(Moves, Contexts, Settings):
+    """A robot for asyncio programs; use it with ``async with``. Options are those of `client.driver.DriverConfig`.
+
+    The driver's ports are any free ones unless they are given, as a firewall may demand.
+    """
+
+
+class Robot(Blocking[AsyncRobot]):
+    """The same for scripts and notebooks; use it with ``with``.
+
+    `stop` may be called from another thread. A KeyboardInterrupt during a move stops the arm.
+    """
+
+    def __init__(self, host: str, **options: Any) -> None:
+        super().__init__(lambda: AsyncRobot(host, **options))
+
+    make_ready = blocking(AsyncRobot.make_ready)
+    recover = blocking(AsyncRobot.recover)
+    stop = blocking(AsyncRobot.stop)
+    wait_done = blocking(AsyncRobot.wait_done)
+    wait_for = blocking(AsyncRobot.wait_for)
+
+    move_j = blocking(AsyncRobot.move_j)
+    move_l = blocking(AsyncRobot.move_l)
+    move_p = blocking(AsyncRobot.move_p)
+    move_c = blocking(AsyncRobot.move_c)
+    sequence = blocking(AsyncRobot.sequence)
+    speed_j = blocking(AsyncRobot.speed_j)
+    speed_l = blocking(AsyncRobot.speed_l)
+
+    servo_j = blocking_context(AsyncRobot.servo_j)
+    servo_pose = blocking_context(AsyncRobot.servo_pose)
+    freedrive = blocking_context(AsyncRobot.freedrive)
+    force_mode = blocking_context(AsyncRobot.force_mode)
+
+    digital_in = blocking(AsyncRobot.digital_in)
+    digital_out = blocking(AsyncRobot.digital_out)
+    set_digital_out = blocking(AsyncRobot.set_digital_out)
+    set_payload = blocking(AsyncRobot.set_payload)
+    set_tcp = blocking(AsyncRobot.set_tcp)
+    set_speed_slider = blocking(AsyncRobot.set_speed_slider)
+
+    @property
+    def state(self) -> RobotState:
+        """The newest state."""
+        return self.inner.state
+
+    @property
+    def q(self) -> Joints:
+        """Joint angles (6,) [rad], base to wrist 3."""
+        return self.inner.q
+
+    @property
+    def tcp_pose(self) -> Pose:
+        """TCP in the base frame (6,) [m, rotation vector]."""
+        return self.inner.tcp_pose
+
+    @property
+    def moving(self) -> bool:
+        """True while a motion that was begun here is under way."""
+        return self.inner.moving

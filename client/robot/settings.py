@@ -1,0 +1,72 @@
+"""Outputs, payload, TCP and speed: set, and seen to be in effect before the call returns."""
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from client.robot.core import RobotCore
+from client.robot.readiness import LOCAL_CONTROL
+from client.robot.state import RobotState, check_signal
+from urproto.errors import LocalProtocolError, RobotRefused
+from urproto.external_control import to_words
+
+__all__ = ["Settings"]
+
+_EFFECT_S: Final = 2.0  # guess: ten times what the slowest takes, which the primary interface shows
+_SAME_M: Final = 1e-5  # m or rad
+_SET_OUTPUT: Final = ("set_standard_digital_out", "set_configurable_digital_out", "set_tool_digital_out")
+
+
+class Settings(RobotCore):
+    """Any of these works with and without the control program, and beside a motion.
+
+    Raises LocalProtocolError for values that make no sense, RobotRefused when no effect is seen.
+    """
+
+    async def set_digital_out(self, number: int, on: bool) -> None:
+        """Switch a digital output: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
+        bank, index = divmod(check_signal(number), 8)
+        await self._say(f"{_SET_OUTPUT[bank]}({index}, {bool(on)})")
+        await self._take_effect(f"digital output {number}", lambda state: state.digital_out(number) is bool(on))
+
+    async def set_payload(self, mass_kg: float, cog_m: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        """Mass and its centre of gravity (3,) in the flange frame; takes effect within a few control periods."""
+        await self.driver.set_payload(mass_kg, cog_m)
+
+    async def set_tcp(self, pose_flange_tcp: Sequence[float]) -> None:
+        """Flange to TCP (6,) [m, rotation vector]; not while a motion is under way."""
+        await self._check_free("set_tcp")
+        to_words(pose_flange_tcp)
+        if len(pose_flange_tcp) != 6:
+            raise LocalProtocolError(f"a pose has 6 numbers, not {len(pose_flange_tcp)}")
+        if self.driver.program_running:
+            self.driver.set_tcp(pose_flange_tcp)
+        else:
+            await self._say(f"set_tcp(p[{', '.join(str(float(value)) for value in pose_flange_tcp)}])")
+        await self._take_effect("set_tcp", lambda _: self._tcp_is(pose_flange_tcp))
+
+    async def set_speed_slider(self, fraction: float) -> None:
+        """Scale the speed of everything by 0.01 to 1."""
+        await self.driver.set_speed_slider(fraction)
+        await self._take_effect("speed slider", lambda state: abs(state.speed_fraction - fraction) < 1e-3)
+
+    async def _say(self, statement: str) -> None:
+        await self.driver.robot.send_script(f"sec setting():\n  {statement}\nend")
+
+    async def _take_effect(self, what: str, done: Callable[[RobotState], bool]) -> None:
+        try:
+            await self.wait_for(done, _EFFECT_S)
+        except TimeoutError:
+            raise RobotRefused(what, *await self._why_no_effect()) from None
+
+    async def _why_no_effect(self) -> tuple[str, str]:
+        if await self._in_local_control():
+            return LOCAL_CONTROL
+        failure = self.driver.robot.take_script_error()
+        why = str(failure) if failure else self._reported()
+        return f"{why or 'nothing changed'} within {_EFFECT_S:g} s", "look at the pendant and its log"
+
+    def _tcp_is(self, pose_flange_tcp: Sequence[float]) -> bool:
+        state = self.driver.robot.primary_state
+        if state is None or state.cartesian is None:
+            return False
+        return all(abs(a - b) < _SAME_M for a, b in zip(state.cartesian.tcp_offset, pose_flange_tcp, strict=True))
