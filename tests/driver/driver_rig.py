@@ -23,13 +23,15 @@ PATIENCE_S = 20.0
 CALM_S = 0.2  # the longest real-time timeout: a busy test machine is not the subject
 
 
-def emulator(model: str = "ur5e", version: str | None = None, programs_dir: Path | None = None) -> Emulator:
+def emulator(
+    model: str = "ur5e", version: str | None = None, programs_dir: Path | None = None, speed: float = 1.0
+) -> Emulator:
     """One with its brakes released, not entered yet."""
     chosen = PolyscopeVersion.parse(version) if version else None
     controller = ControllerConfig(
         model=load_model(model), version=chosen, initial_q=HOME, running=True, programs_dir=programs_dir
     )
-    return Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True))
+    return Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True, speed=speed))
 
 
 @contextmanager
