@@ -113,13 +113,13 @@ async def test_a_program_that_reaches_one_port_only_is_ended(connect):
 
 
 async def test_an_idle_program_lives_as_long_as_its_driver(connect):
-    async with connect(keep_alive_s=0.05, keep_alive_timeout_s=0.5) as pair:
+    async with connect(keep_alive_s=0.05, keep_alive_timeout_s=1.0) as pair:
         await pair.periods(round(1.2 / pair.robot.controller.period_s))
         assert pair.driver.program_running
 
 
 async def test_a_robot_that_freezes_is_noticed_and_works_again(connect, robot):
-    async with connect(silence_s=0.3) as pair:
+    async with connect(silence_s=1.0) as pair:
         robot.clock.close()
         async with asyncio.timeout(5):
             while pair.driver.program_running:

@@ -420,7 +420,7 @@ async def test_power_that_is_lost_on_the_way(lab):
 
 
 async def test_a_robot_that_freezes_in_a_move(enter, robot):
-    async with enter(silence_s=0.3) as lab:
+    async with enter(silence_s=1.0) as lab:
         await under_way(lab)
         robot.clock.close()
         with pytest.raises(RobotUnreachableError, match="during move_j"):
