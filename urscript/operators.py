@@ -191,20 +191,23 @@ _only_floats = frozenset([float]).issuperset
 def _elementwise(operation: _Arithmetic, left: Value, right: Value) -> Value:
     """Of two lists, or of a list and a number."""
     left_list, right_list = left.__class__ in _LISTS, right.__class__ in _LISTS
-    if not (left_list or right_list):
-        return _matrix_elementwise(operation, left, right)
-    if not left_list:
-        if left.__class__ not in _NUMBERS:
-            _refuse(operation.sign, left, right)
-        left = (left,) * len(right)
-    elif not right_list:
-        if right.__class__ not in _NUMBERS:
-            _refuse(operation.sign, left, right)
+    if left_list and right_list:
+        if len(left) != len(right):
+            sign = operation.sign
+            raise RuntimeFault(f"Lists of different lengths ({len(left)} and {len(right)}) with operator {sign}")
+        floats = _only_floats(map(type, left)) and _only_floats(map(type, right))
+    elif left_list and right.__class__ in _NUMBERS:
+        floats = right.__class__ is float and _only_floats(map(type, left))
         right = (right,) * len(left)
-    elif len(left) != len(right):
-        raise RuntimeFault(f"Lists of different lengths ({len(left)} and {len(right)}) with operator {operation.sign}")
+    elif right_list and left.__class__ in _NUMBERS:
+        floats = left.__class__ is float and _only_floats(map(type, right))
+        left = (left,) * len(right)
+    elif left_list or right_list:
+        _refuse(operation.sign, left, right)
+    else:
+        return _matrix_elementwise(operation, left, right)
     METER.left -= 10 + 5 * len(left)
-    if _only_floats(map(type, left)) and _only_floats(map(type, right)):
+    if floats:
         try:
             return list(map(operation.floats, left, right))
         except ZeroDivisionError:
