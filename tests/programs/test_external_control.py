@@ -2,22 +2,20 @@
 
 import gzip
 import struct
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tree_rig import Arm
 
 from emulator.commands import DashboardLine, ScriptUnit
-from emulator.controller import Controller, ControllerConfig
 from emulator.programs.sockets import MemorySocket, MemorySockets
 from emulator.programs.trees.installation_file import read_installation
 from emulator.programs.urcap import DriverAddress, ProgramRequest, split_program
 from urproto.modes import RuntimeState
-from urproto.primary.messages import KeyMessage, RobotMessage, RuntimeExceptionMessage, TextMessage
-from urproto.robots import load_model
+from urproto.primary.messages import KeyMessage, RuntimeExceptionMessage
 
 URCAP_DEFAULT = ("192.168.56.1", 50002)
 ASKED = b"request_program\n"
@@ -59,46 +57,23 @@ def contribution(data: str) -> str:
     )
 
 
-class Robot:
-    """A running arm in virtual time whose loaded program has External Control nodes."""
+class Robot(Arm):
+    """An arm whose loaded program has External Control nodes."""
+
+    patience_s = 20.0
 
     def __init__(
         self, folder: Path, *, nodes: str = NODE, driver: tuple[str, int] = URCAP_DEFAULT, **config: Any
     ) -> None:
         (folder / "drive.urp").write_bytes(urp(nodes))
-        self.controller = Controller(
-            ControllerConfig(model=load_model("ur5e"), running=True, programs_dir=folder, **config)
-        )
+        super().__init__(folder, **config)
         self.network = MemorySockets(driver)
         self.controller.programs.socket_backend = self.network
-        self.messages: list[RobotMessage] = []
         self.ask("load drive.urp")
-
-    @property
-    def state(self) -> RuntimeState:
-        return self.controller.programs.state
-
-    @property
-    def texts(self) -> list[str]:
-        return [message.text for message in self.messages if isinstance(message, TextMessage)]
 
     @property
     def popups(self) -> list[str]:
         return [popup.text for popup in self.controller.popups.shown]
-
-    def tick(self) -> None:
-        self.messages += self.controller.tick().messages
-
-    def seconds(self, duration: float) -> None:
-        for _ in range(round(duration / self.controller.period_s)):
-            self.tick()
-
-    def until(self, condition: Callable[[], Any], limit_s: float = 20.0) -> float:
-        for count in range(round(limit_s / self.controller.period_s)):
-            if condition():
-                return count * self.controller.period_s
-            self.tick()
-        raise AssertionError(f"not reached within {limit_s} s; {self.state.name}, said {self.messages}")
 
     def post(self, line: str) -> list[str]:
         """Where the dashboard's answer will be."""

@@ -97,6 +97,8 @@ def urp(*roots: str, **attributes: Any) -> bytes:
 class Arm:
     """A running UR5e with a programs folder, in virtual time."""
 
+    patience_s = 30.0  # of `until`
+
     def __init__(self, folder: Path, **config: Any) -> None:
         self.folder = folder
         self.controller = Controller(
@@ -129,7 +131,8 @@ class Arm:
         for _ in range(round(duration / self.controller.period_s)):
             self.tick()
 
-    def until(self, condition: Callable[[], Any], limit_s: float = 30.0) -> float:
+    def until(self, condition: Callable[[], Any], limit_s: float | None = None) -> float:
+        limit_s = self.patience_s if limit_s is None else limit_s
         for count in range(round(limit_s / self.controller.period_s)):
             if condition():
                 return count * self.controller.period_s
