@@ -4,18 +4,24 @@ A movement says where the arm would be after h seconds of its own time. Normally
 speed fraction. It is less
 
 - while the fraction changes, or for a pause: the leading joint's speed then changes by a known acceleration;
+- where a limit of the safety system would be exceeded;
 - where the joints could not follow: near a singularity a tool path needs more joint speed than there is, so the tool
   slows down. Only when no speed is slow enough the movement fails.
 
 Shortening h changes when the arm is somewhere, never where it goes.
 """
 
+from collections.abc import Callable
+
 from emulator.motion.faults import near_singularity
 from emulator.motion.generator import Generator
 from emulator.motion.vectors import Joints, largest, sub
 from urproto.robots.model import RobotModel
 
-__all__ = ["RAMP_RAD_S2", "Pacer", "within_speed"]
+__all__ = ["RAMP_RAD_S2", "Excess", "Pacer", "within_speed"]
+
+Excess = Callable[[Joints, Joints], float]
+"""From a configuration and a step of one period: the largest share of a limit that it takes."""
 
 RAMP_RAD_S2 = 10.0  # leading joint, when the speed fraction changes or a program pauses (guess)
 _ROUNDS = 4  # proposals per period while looking for a step the joints can follow
@@ -47,9 +53,15 @@ class Pacer:
         self.share = 1.0
 
     def advance(
-        self, movement: Generator, q: Joints, qd: Joints, goal: float, ramp: float = RAMP_RAD_S2
+        self,
+        movement: Generator,
+        q: Joints,
+        qd: Joints,
+        goal: float,
+        ramp: float = RAMP_RAD_S2,
+        excess: Excess | None = None,
     ) -> Joints | None:
-        """Propose the next configuration, heading for time scale ``goal`` (0..1).
+        """Propose the next configuration, heading for time scale ``goal`` (0..1), within what ``excess`` allows.
 
         None when the movement has come to a standstill. Raises MotionFault when the joints cannot follow.
         """
@@ -61,6 +73,11 @@ class Pacer:
             return None
         target = movement.propose(h, q)
         step = sub(target, q)
+        if excess is not None and (too_fast := excess(q, step)) > 1.0:
+            h /= too_fast
+            target = movement.propose(h, q)
+            step = sub(target, q)
+            self.share = h / (goal * self._period)
         if not self._easy(step, qd):
             h, target = self._shortened(movement, h, target, q, qd)
             self.share = h / (goal * self._period)

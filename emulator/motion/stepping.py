@@ -12,9 +12,11 @@ from enum import Enum, auto
 from emulator.motion.compliance import Compliance
 from emulator.motion.faults import MotionFault, joint_limit
 from emulator.motion.generator import Generator
-from emulator.motion.pacing import RAMP_RAD_S2, Pacer
+from emulator.motion.pacing import RAMP_RAD_S2, Excess, Pacer
+from emulator.motion.path_motion import PathMotion
 from emulator.motion.path_offset import OffsetSettings
 from emulator.motion.reach import Reach
+from emulator.motion.speed import JointSpeed, ToolSpeed
 from emulator.motion.stops import JointStop, ToolStop, brake_together
 from emulator.motion.superposition import Superposition
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, scaled, sub
@@ -29,6 +31,8 @@ __all__ = ["Move", "Stepper"]
 _POSITION_TOLERANCE_RAD = 1e-9
 _SAME_SCALE = 1e-9
 _STEADY_S = 0.5  # Script Manual, is_steady
+_GOVERNED = (PathMotion, JointSpeed, ToolSpeed)  # streamed targets set their own pace
+_BRAKE_SHARE = 1.5  # of the highest acceleration is what the brakes slow a joint by (guess)
 _BRAKE_DAMPING = 0.25  # of force mode and freedrive once they end or pause: standing within 0.5 s (guess)
 
 
@@ -69,6 +73,7 @@ class Stepper:
         self._braking = as_six(1.0 / (2.0 * a * period_s**2) for a in model.qdd_max)
         self._reach = Reach(model, self._kinematics, ZERO)
         self._pacer = Pacer(model, period_s)
+        self._excess: Excess | None = None
         self._generator: Generator | None = None
         self._move: Move | None = None
         self._nominal: Joints = self.q  # where the movement is, without what force mode and the like add
@@ -79,6 +84,7 @@ class Stepper:
         self._ramp = RAMP_RAD_S2
         self._refusal: MotionFault | None = None
         self._emergency: Generator | None = None  # braking after a fault: within the position limits by construction
+        self._brakes: Generator | None = None
         self._goal: Generator | None = None
         self._stood_s = _STEADY_S  # for so long, at least
 
@@ -164,6 +170,28 @@ class Stepper:
             self.protective_stop()
         else:
             self.pause()
+
+    def engage_brakes(self) -> None:
+        """Power is removed (stop category 0): the brakes alone bring each joint to rest, and everything is forgotten."""
+        self._drop()
+        self._compliance = self._refusal = self._added = None
+        self._nominal, self._mode = self.q, _Mode.RUN
+        if self.qd != ZERO:
+            durations = (abs(speed) / (_BRAKE_SHARE * a) for speed, a in zip(self.qd, self.model.qdd_max, strict=True))
+            self._generator = self._emergency = self._brakes = JointStop(self.q, self.qd, as_six(durations))
+
+    @property
+    def braking(self) -> bool:
+        """The brakes are bringing the arm to rest."""
+        return self._brakes is not None and self._generator is self._brakes
+
+    def govern(self, excess: Excess) -> None:
+        """Let movements along a path be slowed down: ``excess`` tells how much too fast a step would be."""
+        self._excess = excess
+
+    def limit_positions(self, low: Joints, high: Joints) -> None:
+        """Where the joints may go from now on [rad]."""
+        self._q_min, self._q_max = low, high
 
     def mode_changed(self) -> None:
         """Reduced mode begins or ends: the speed follows as quickly as the joints can, unless transitions are soft."""
@@ -273,7 +301,8 @@ class Stepper:
         if not generator.scaled:
             return generator.propose(self.period_s, self._nominal)
         speed = self._nominal_qd if self._beside else self.qd
-        target = self._pacer.advance(generator, self._nominal, speed, running, self._ramp)
+        excess = self._excess if isinstance(generator, _GOVERNED) else None
+        target = self._pacer.advance(generator, self._nominal, speed, running, self._ramp, excess)
         if self._mode is _Mode.RUN and abs(self._pacer.scale - running) < _SAME_SCALE:
             self._ramp = RAMP_RAD_S2
         return target

@@ -186,7 +186,7 @@ class Programs:
 
     def resume(self) -> bool:
         """Go on after a pause; False when the program is not paused or the arm may not move."""
-        if not self._controller.may_run or not self._event(RunEvent.RESUME):
+        if not self._controller.may_play or not self._event(RunEvent.RESUME):
             return False
         if self._host is None or self._host.waiting_for is None:
             self._controller.motion.resume()
@@ -254,7 +254,7 @@ class Programs:
             return
         self._next = None
         self._controller.input_actions.release(self._controller)
-        if not self._controller.may_run:  # a stop came in the gap
+        if not self._controller.may_play:  # a stop came in the gap
             self._refuse(program)
             return
         if self._controller.motion.paused:  # a protective stop without a program
@@ -356,7 +356,7 @@ class Programs:
         if program.kind == "secondary":
             self._secondary.append(program)
             return True
-        if not self._controller.may_run:
+        if not self._controller.may_play:
             self._refuse(program)
             return False
         self._player.drop()

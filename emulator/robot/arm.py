@@ -71,6 +71,11 @@ class Arm:
         self._known = False  # False until the first update
         self._force_zeroed = False
 
+    @property
+    def following_error(self) -> Vector6:
+        """How far each joint is from its target [rad]: nothing, an ideal arm is where it is told to be."""
+        return ZERO6
+
     def zero_force(self) -> None:
         """What zero_ftsensor() does: the present external wrench counts as none from now on."""
         self._force_bias = self.wrench

@@ -19,7 +19,6 @@ __all__ = [
     "CHANNELS",
     "PRESETS",
     "RECOVERY_LIMITS",
-    "UNASSIGNED",
     "BoundaryMode",
     "LimitSet",
     "Plane",
@@ -28,16 +27,19 @@ __all__ = [
     "SafetyOutput",
     "ToolOrientation",
     "ToolSphere",
+    "elbow_radius",
     "factory_configuration",
+    "preset_of",
 ]
 
-UNASSIGNED: Final = 255  # a pin in an installation file
 CHANNELS: Final = 8  # configurable inputs, and as many outputs
 Vector3 = tuple[float, float, float]
 Pins = tuple[int, int]  # both channels of a safety signal: configurable pins 0-7
 
 _NO_JOINT_LIMIT: Final[Joints] = (inf,) * 6
-_SPEED_MARGIN_RAD_S: Final = 0.2  # the factory's joint speed limit over the nominal speed: 3.3416 for pi, 2.2944 for 2.0944
+_SPEED_MARGIN_RAD_S: Final = (
+    0.2  # the factory's joint speed limit over the nominal speed: 3.3416 for pi, 2.2944 for 2.0944
+)
 _POSITION_LIMIT_RAD: Final = 363.0 * pi / 180.0
 
 
@@ -114,7 +116,7 @@ class Plane:
 
 @dataclass(frozen=True, slots=True)
 class ToolOrientation:
-    """The tool's direction, in the flange frame, keeps within ``deviation`` [rad] of ``direction`` in the base frame."""
+    """Direction of the tool, in the flange frame, within ``deviation`` [rad] of ``direction``, in the base frame."""
 
     direction: Vector3
     deviation: float
@@ -159,7 +161,6 @@ class SafetyConfiguration:
         return zlib.crc32(repr(replace(self, inputs=dict(self.inputs), outputs=dict(self.outputs))).encode()) or 1
 
 
-# Least restricted, Default, Restricted, Very restricted; the first four on CB3, all eight on e-Series
 PRESETS: Final[Mapping[str, LimitSet]] = MappingProxyType(
     {
         "least restricted": LimitSet(
@@ -211,6 +212,13 @@ RECOVERY_LIMITS: Final = LimitSet(
 )
 
 
+def elbow_radius(model: RobotModel) -> float:
+    """Of the sphere that stands for the elbow [m]; captures of UR3e and UR5e simulators, other sizes are guesses."""
+    if model.series is Series.CB3:
+        return 0.0
+    return 0.1 if model.name == "ur3e" else 0.13
+
+
 def factory_configuration(model: RobotModel) -> SafetyConfiguration:
     """What an arm of this model is delivered with."""
     sets = (preset_of("default", model), preset_of("restricted", model))
@@ -238,12 +246,14 @@ def _six(values: tuple[float, ...]) -> Joints:
     return (a, b, c, d, e, f)
 
 
-# As public installation files have it, by the highest joint speeds; which arms and versions share one is not known
+# As installation files and captures of simulators have it, by the highest joint speeds. The number in the file is the
+# one on the wire: UR5e 5.24 and CB3. Which arms and versions share one is a guess
 _FACTORY_CHECKSUMS: Final = {
     (Series.CB3, pi, pi): 2588156642,  # shown as CCCC
     (Series.CB3, pi, 2.0 * pi): 121691621,
-    (Series.E, pi, pi): 2384686873,  # 5.8
-    (Series.E, 2.0943951023931953, pi): 1041004964,  # 5.5
+    (Series.E, pi, pi): 1475618907,
+    (Series.E, pi, 2.0 * pi): 3683737400,
+    (Series.E, 2.0943951023931953, pi): 1041004964,
 }
 
 

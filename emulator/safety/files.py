@@ -92,7 +92,9 @@ def _from_yaml(text: str, model: RobotModel) -> SafetyConfiguration:
         reduced=_limits(table.get("reduced", {}), "reduced", _STRICTER[preset], model),
         planes=tuple(_plane(row, f"planes, no. {n}") for n, row in enumerate(_rows(table, "planes"), 1)),
         tool_orientation=None if orientation is None else _orientation(orientation),
-        tool_spheres=tuple(_sphere(row, f"tool_spheres, no. {n}") for n, row in enumerate(_rows(table, "tool_spheres"), 1)),
+        tool_spheres=tuple(
+            _sphere(row, f"tool_spheres, no. {n}") for n, row in enumerate(_rows(table, "tool_spheres"), 1)
+        ),
         inputs=_inputs(table, model),
         outputs=MappingProxyType(_pins(table.get("outputs", {}), "outputs", SafetyOutput)),
         safe_home=None if home is None else _joints(home, "safe_home"),
@@ -114,7 +116,8 @@ def _limits(content: Any, where: str, preset: str, model: RobotModel) -> LimitSe
             raise SafetySettingsError(f"{where}: {model.title} has no limit {name}, e-Series arms do")
         of_joints = name.startswith("joint_")
         given = _joints(value, f"{where}: {name}") if of_joints else _positive(value, f"{where}: {name}")
-        limits = replace(limits, **{name: given})
+        changed: dict[str, Any] = {name: given}
+        limits = replace(limits, **changed)
     if any(low >= high for low, high in zip(limits.joint_min, limits.joint_max, strict=True)):
         raise SafetySettingsError(f"{where}: joint_min must be below joint_max for each joint")
     if min(limits.joint_speed) <= 0.0:

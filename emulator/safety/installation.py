@@ -192,4 +192,3 @@ def _safe_home(sections: Sections) -> Joints | None:
 def _six(values: tuple[float, ...]) -> Joints:
     a, b, c, d, e, f = values
     return (a, b, c, d, e, f)
-

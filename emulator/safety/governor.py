@@ -1,0 +1,148 @@
+"""Keeps movements along a path below the limits, as a controller does: they slow down, the safety system never acts.
+
+A controller keeps a margin to each limit: 150 mm/s to speeds (CB3 manual, tolerances), 0.2 rad/s to joint speeds and
+3 degrees to joint positions (what the factory's limits are over the nominal ones). That these hold on e-Series and
+that the momentum's is its tolerance are guesses. Where the limits become stricter, what is allowed falls steadily, so
+that the path slows down within the 500 ms in which both sets of limits are accepted (hardware manuals).
+"""
+
+from collections.abc import Iterable
+from dataclasses import fields, replace
+from math import dist, hypot, inf, radians, sqrt
+from typing import Final
+
+from emulator.robot.arm import Arm
+from emulator.safety.configuration import LimitSet
+from urproto.robots.model import Joints, RobotModel
+
+__all__ = ["MANUAL_SPEED_M_S", "TRANSITION_S", "Governor", "manual_limits", "operational", "operational_positions"]
+
+TRANSITION_S: Final = 0.5
+MANUAL_SPEED_M_S: Final = 0.25  # user manual: manual mode, unless high speed is allowed
+_SLOWING_S: Final = 0.4  # of the transition (guess)
+_SPEED_MARGIN_M_S: Final = 0.15
+_JOINT_SPEED_MARGIN_RAD_S: Final = 0.2
+_POSITION_MARGIN_RAD: Final = radians(3.0)
+_MOMENTUM_MARGIN: Final = 3.0
+_LEAST_SHARE: Final = 0.2  # of a limit is left where the margin would take more (guess)
+
+
+class Governor:
+    """How much too fast a step of one period would be.
+
+    ``excess`` is called by the motion's pacer, for steps along a path only: streamed targets set their own pace.
+    """
+
+    def __init__(self, model: RobotModel, arm: Arm, period_s: float, limits: LimitSet) -> None:
+        self._arm = arm
+        self._model = model
+        self._period = period_s
+        self._deceleration = min(model.qdd_max)
+        self._mass = sum(link.mass_kg for link in model.links) + model.payload_max_kg
+        self._from = self._to = self._now = operational(limits)
+        self._since_s = inf
+        self._radii = _radii(model)
+
+    def use(self, limits: LimitSet, *, at_once: bool = False) -> None:
+        """Other limits are in force."""
+        self._from, self._to, self._since_s = self._now, operational(limits), inf if at_once else 0.0
+        if at_once:
+            self._now = self._to
+
+    def advance(self) -> None:
+        """One control period of a transition."""
+        if self._since_s > _SLOWING_S:
+            return
+        self._since_s += self._period
+        self._now = _between(self._from, self._to, min(1.0, self._since_s / _SLOWING_S))
+
+    def excess(self, q: Joints, step: Joints) -> float:
+        """The largest share of a limit that the step takes; 1 and less is allowed."""
+        limits, period = self._now, self._period
+        share = max(abs(move) / most for move, most in zip(step, limits.joint_speed, strict=True)) / period
+        bound = self._farthest(step) / period
+        slowest = min(limits.tcp_speed, limits.elbow_speed, limits.momentum / self._mass)
+        if bound > slowest or bound > 1.0:
+            share = max(share, self._exact(q, step))
+        return share
+
+    def _farthest(self, step: Joints) -> float:
+        """At least as far as any part of arm and tool moves."""
+        extra = hypot(*self._arm.tcp_offset[:3])
+        return sum(abs(move) * (radius + extra) for move, radius in zip(step, self._radii, strict=True))
+
+    def _exact(self, q: Joints, step: Joints) -> float:
+        limits, arm, period = self._now, self._arm, self._period
+        target = tuple(now + move for now, move in zip(q, step, strict=True))
+        tool = dist(arm.kinematics.forward(q, arm.tcp_offset)[:3], arm.kinematics.forward(target, arm.tcp_offset)[:3])
+        elbow = dist(arm.kinematics.elbow_position(q), arm.kinematics.elbow_position(target))
+        qd = tuple(move / period for move in step)
+        time = max(map(abs, qd)) / self._deceleration
+        # a stop's length grows with the square of the speed
+        length = sqrt(0.5 * max(tool, elbow) / period * time / limits.stopping_distance)
+        momentum = arm.dynamics.linear_momentum(q, qd) / limits.momentum
+        speeds = max(tool / period / limits.tcp_speed, elbow / period / limits.elbow_speed)
+        return max(speeds, momentum, time / limits.stopping_time, length)
+
+
+def operational(limits: LimitSet) -> LimitSet:
+    """What a controller aims at, given the limits of the safety system."""
+    return replace(
+        limits,
+        tcp_speed=_less(limits.tcp_speed, _SPEED_MARGIN_M_S),
+        elbow_speed=_less(limits.elbow_speed, _SPEED_MARGIN_M_S),
+        momentum=_less(limits.momentum, _MOMENTUM_MARGIN),
+        joint_speed=_six(_less(speed, _JOINT_SPEED_MARGIN_RAD_S) for speed in limits.joint_speed),
+    )
+
+
+def manual_limits(limits: LimitSet) -> LimitSet:
+    """Limits under which a controller moves the tool and the elbow at 250 mm/s at most."""
+    speed = MANUAL_SPEED_M_S + _SPEED_MARGIN_M_S
+    return replace(limits, tcp_speed=min(limits.tcp_speed, speed), elbow_speed=min(limits.elbow_speed, speed))
+
+
+def operational_positions(limits: LimitSet, model: RobotModel) -> tuple[Joints, Joints]:
+    """Where joints may move: inside the limits by a margin; the arm's own range where that is no wider."""
+    low, high = model.position_limits
+    return (
+        _six(
+            own if limit <= own + 1e-6 else limit + _POSITION_MARGIN_RAD
+            for limit, own in zip(limits.joint_min, low, strict=True)
+        ),
+        _six(
+            own if limit >= own - 1e-6 else limit - _POSITION_MARGIN_RAD
+            for limit, own in zip(limits.joint_max, high, strict=True)
+        ),
+    )
+
+
+def _less(limit: float, margin: float) -> float:
+    return max(limit - margin, _LEAST_SHARE * limit)
+
+
+def _between(a: LimitSet, b: LimitSet, share: float) -> LimitSet:
+    """Limits that rise jump, and those that fall do so steadily."""
+    changed = {}
+    for name in _FALLING:
+        before, after = getattr(a, name), getattr(b, name)
+        falls = before > after and before < inf
+        changed[name] = before + share * (after - before) if falls else after
+    joints = zip(a.joint_speed, b.joint_speed, strict=True)
+    speeds = _six(one + share * (other - one) if one > other and one < inf else other for one, other in joints)
+    return replace(b, joint_speed=speeds, **changed)
+
+
+_FALLING: Final = tuple(field.name for field in fields(LimitSet) if not field.name.startswith("joint_"))
+
+
+def _radii(model: RobotModel) -> Joints:
+    """At most this far from the axis of each joint is any part of the arm behind it [m]."""
+    dh = model.dh
+    lengths = [hypot(a, d) for a, d in zip(dh.a, dh.d, strict=True)]
+    return _six(sum(lengths[max(joint, 1) :]) for joint in range(6))
+
+
+def _six(values: Iterable[float]) -> Joints:
+    a, b, c, d, e, f = values
+    return (a, b, c, d, e, f)
