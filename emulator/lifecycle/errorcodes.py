@@ -12,7 +12,7 @@ __all__ = ["BUSY_PROTECTIVE_STOP", "READ_ONLY_SOCKET", "SCRIPT_PROTECTIVE_STOP",
 
 @dataclass(frozen=True, slots=True)
 class StopCause:
-    """Why a protective stop happened: ``C<code>A<argument>``, and a text of its own or the joint to blame where known."""
+    """Why a protective stop happened: ``C<code>A<argument>``, a text of its own, and the joint to blame if one is."""
 
     code: int
     argument: int = 0

@@ -73,11 +73,11 @@ class Pacer:
             return None
         target = movement.propose(h, q)
         step = sub(target, q)
-        if excess is not None and (too_fast := excess(q, step)) > 1.0:
-            h /= too_fast
+        if excess is not None and (too_fast := excess(q, step)) > 1.0 + _TOLERANCE:
+            slower = self._slewed(goal / too_fast, ramp)
+            h, self.share = slower * self._period, slower / goal
             target = movement.propose(h, q)
             step = sub(target, q)
-            self.share = h / (goal * self._period)
         if not self._easy(step, qd):
             h, target = self._shortened(movement, h, target, q, qd)
             self.share = h / (goal * self._period)

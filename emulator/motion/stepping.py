@@ -172,7 +172,7 @@ class Stepper:
             self.pause()
 
     def engage_brakes(self) -> None:
-        """Power is removed (stop category 0): the brakes alone bring each joint to rest, and everything is forgotten."""
+        """Power is removed (stop category 0): brakes bring each joint to rest, and everything is forgotten."""
         self._drop()
         self._compliance = self._refusal = self._added = None
         self._nominal, self._mode = self.q, _Mode.RUN
@@ -355,6 +355,8 @@ class Stepper:
             end = now + move * abs(move) * braking
             if low <= now <= high and low <= end <= high:
                 continue
+            if (before > high and move <= 0.0) or (before < low and move >= 0.0):
+                continue  # outside already, as in recovery mode, and on its way back
             margin = abs(move) + _POSITION_TOLERANCE_RAD  # the speed is the period's mean, not its end's
             inside = low - _POSITION_TOLERANCE_RAD <= now <= high + _POSITION_TOLERANCE_RAD
             if not (inside and low - margin <= end <= high + margin):

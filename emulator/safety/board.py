@@ -131,7 +131,6 @@ class SafetyBoard:
     def judge(self, *, changed: bool) -> None:
         """The arm, after it has moved. ``changed``: it is not as it was in the last period."""
         controller = self._controller
-        self.governor.advance()
         self._follow_stop()
         if (changed or self.supervision.pending) and controller.power.running:
             self._supervise()

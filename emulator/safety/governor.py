@@ -2,13 +2,12 @@
 
 A controller keeps a margin to each limit: 150 mm/s to speeds (CB3 manual, tolerances), 0.2 rad/s to joint speeds and
 3 degrees to joint positions (what the factory's limits are over the nominal ones). That these hold on e-Series and
-that the momentum's is its tolerance are guesses. Where the limits become stricter, what is allowed falls steadily, so
-that the path slows down within the 500 ms in which both sets of limits are accepted (hardware manuals).
+that the momentum's is its tolerance are guesses.
 """
 
 from collections.abc import Iterable
-from dataclasses import fields, replace
-from math import dist, hypot, inf, radians, sqrt
+from dataclasses import replace
+from math import dist, hypot, radians, sqrt
 from typing import Final
 
 from emulator.robot.arm import Arm
@@ -17,9 +16,8 @@ from urproto.robots.model import Joints, RobotModel
 
 __all__ = ["MANUAL_SPEED_M_S", "TRANSITION_S", "Governor", "manual_limits", "operational", "operational_positions"]
 
-TRANSITION_S: Final = 0.5
+TRANSITION_S: Final = 0.5  # hardware manuals: for so long both sets of limits are accepted
 MANUAL_SPEED_M_S: Final = 0.25  # user manual: manual mode, unless high speed is allowed
-_SLOWING_S: Final = 0.4  # of the transition (guess)
 _SPEED_MARGIN_M_S: Final = 0.15
 _JOINT_SPEED_MARGIN_RAD_S: Final = 0.2
 _POSITION_MARGIN_RAD: Final = radians(3.0)
@@ -39,31 +37,23 @@ class Governor:
         self._period = period_s
         self._deceleration = min(model.qdd_max)
         self._mass = sum(link.mass_kg for link in model.links) + model.payload_max_kg
-        self._from = self._to = self._now = operational(limits)
-        self._since_s = inf
+        self._limits = operational(limits)
         self._radii = _radii(model)
 
-    def use(self, limits: LimitSet, *, at_once: bool = False) -> None:
-        """Other limits are in force."""
-        self._from, self._to, self._since_s = self._now, operational(limits), inf if at_once else 0.0
-        if at_once:
-            self._now = self._to
-
-    def advance(self) -> None:
-        """One control period of a transition."""
-        if self._since_s > _SLOWING_S:
-            return
-        self._since_s += self._period
-        self._now = _between(self._from, self._to, min(1.0, self._since_s / _SLOWING_S))
+    def use(self, limits: LimitSet) -> None:
+        """Other limits are in force; the pacer slows the path down to them as quickly as the joints may."""
+        self._limits = operational(limits)
 
     def excess(self, q: Joints, step: Joints) -> float:
         """The largest share of a limit that the step takes; 1 and less is allowed."""
-        limits, period = self._now, self._period
+        limits, period = self._limits, self._period
         share = max(abs(move) / most for move, most in zip(step, limits.joint_speed, strict=True)) / period
+        time = max(map(abs, step)) / period / self._deceleration  # that a stop takes
+        share = max(share, time / limits.stopping_time)
         bound = self._farthest(step) / period
         slowest = min(limits.tcp_speed, limits.elbow_speed, limits.momentum / self._mass)
-        if bound > slowest or bound > 1.0:
-            share = max(share, self._exact(q, step))
+        if bound > slowest or 0.5 * bound * time > limits.stopping_distance:
+            share = max(share, self._exact(q, step, time))
         return share
 
     def _farthest(self, step: Joints) -> float:
@@ -71,18 +61,17 @@ class Governor:
         extra = hypot(*self._arm.tcp_offset[:3])
         return sum(abs(move) * (radius + extra) for move, radius in zip(step, self._radii, strict=True))
 
-    def _exact(self, q: Joints, step: Joints) -> float:
-        limits, arm, period = self._now, self._arm, self._period
+    def _exact(self, q: Joints, step: Joints, time: float) -> float:
+        limits, arm, period = self._limits, self._arm, self._period
         target = tuple(now + move for now, move in zip(q, step, strict=True))
         tool = dist(arm.kinematics.forward(q, arm.tcp_offset)[:3], arm.kinematics.forward(target, arm.tcp_offset)[:3])
         elbow = dist(arm.kinematics.elbow_position(q), arm.kinematics.elbow_position(target))
         qd = tuple(move / period for move in step)
-        time = max(map(abs, qd)) / self._deceleration
         # a stop's length grows with the square of the speed
         length = sqrt(0.5 * max(tool, elbow) / period * time / limits.stopping_distance)
         momentum = arm.dynamics.linear_momentum(q, qd) / limits.momentum
         speeds = max(tool / period / limits.tcp_speed, elbow / period / limits.elbow_speed)
-        return max(speeds, momentum, time / limits.stopping_time, length)
+        return max(speeds, momentum, length)
 
 
 def operational(limits: LimitSet) -> LimitSet:
@@ -119,21 +108,6 @@ def operational_positions(limits: LimitSet, model: RobotModel) -> tuple[Joints, 
 
 def _less(limit: float, margin: float) -> float:
     return max(limit - margin, _LEAST_SHARE * limit)
-
-
-def _between(a: LimitSet, b: LimitSet, share: float) -> LimitSet:
-    """Limits that rise jump, and those that fall do so steadily."""
-    changed = {}
-    for name in _FALLING:
-        before, after = getattr(a, name), getattr(b, name)
-        falls = before > after and before < inf
-        changed[name] = before + share * (after - before) if falls else after
-    joints = zip(a.joint_speed, b.joint_speed, strict=True)
-    speeds = _six(one + share * (other - one) if one > other and one < inf else other for one, other in joints)
-    return replace(b, joint_speed=speeds, **changed)
-
-
-_FALLING: Final = tuple(field.name for field in fields(LimitSet) if not field.name.startswith("joint_"))
 
 
 def _radii(model: RobotModel) -> Joints:

@@ -357,19 +357,6 @@ def test_safeguard_does_not_resume_what_was_paused_before(ready):
     assert ready.now.runtime_state is RuntimeState.PAUSED
 
 
-def test_reduced_mode_is_slower(make):
-    def duration(reduced):
-        rig = make(running=True)
-        if reduced:
-            rig.controller.safety_event(SafetyEvent.REDUCED)
-        rig.script(LONG_MOVE)
-        rig.until(is_state(RuntimeState.PLAYING), 1.0)
-        start = rig.now.timestamp
-        return rig.until(is_state(RuntimeState.STOPPED), 20.0).timestamp - start
-
-    assert duration(True) == pytest.approx(2 * duration(False), rel=0.1)
-
-
 def test_violation_stops_the_program_and_needs_a_restart(ready):
     ready.script(LONG_MOVE)
     ready.seconds(0.5)
