@@ -34,6 +34,7 @@ from emulator.config import (
     read_driver_address,
     read_initial_positions,
     read_programs_dir,
+    read_safety,
 )
 from emulator.controller import ControllerConfig
 from emulator.programs.sockets import ScriptNetwork
@@ -102,6 +103,12 @@ def _run(
     ] = None,
     gripper: Annotated[str | None, typer.Option(help="Mounted on the arm: robotiq-2f-85 or robotiq-2f-140.")] = None,
     gripper_object: Annotated[float | None, typer.Option(help="Width of what the gripper meets, in mm.")] = None,
+    safety: Annotated[
+        Path | None, typer.Option(help="Safety configuration: a YAML file, or PolyScope's .installation.")
+    ] = None,
+    self_collision: Annotated[
+        bool, typer.Option("--self-collision", help="Stop when links of the arm touch each other.")
+    ] = False,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
     version: Annotated[
@@ -123,6 +130,8 @@ def _run(
             encoder_speeds=check_encoder_speeds(encoder0_speed, encoder1_speed),
             gripper=choose_gripper(gripper, gripper_object),
             gripper_object_mm=gripper_object,
+            safety=read_safety(safety, arm),
+            self_collision=self_collision,
             wall_clock_s=time.time(),
             external_control=read_driver_address(external_control),
         )

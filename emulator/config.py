@@ -12,6 +12,9 @@ from emulator.controller import ControllerConfig
 from emulator.devices.robotiq import MODELS, GripperModel
 from emulator.programs.sockets import ScriptNetwork
 from emulator.programs.urcap import DriverAddress
+from emulator.safety.configuration import SafetyConfiguration
+from emulator.safety.files import load_safety_file
+from emulator.safety.installation import SafetySettingsError
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.robotiq import PORT as GRIPPER_PORT
 from urproto.robots import RobotModel, UnknownModel, load_model
@@ -31,6 +34,7 @@ __all__ = [
     "read_driver_address",
     "read_initial_positions",
     "read_programs_dir",
+    "read_safety",
 ]
 
 PORTS: Final[Mapping[str, int]] = {
@@ -211,6 +215,18 @@ def read_programs_dir(path: Path | None) -> Path | None:
     if not path.is_dir():
         raise ConfigError(f"the programs folder {path} is not a folder")
     return path.resolve()
+
+
+def read_safety(path: Path | None, model: RobotModel) -> SafetyConfiguration | None:
+    """The safety configuration in a file; None for the factory's. Raises ConfigError."""
+    if path is None:
+        return None
+    try:
+        return load_safety_file(path, model)
+    except SafetySettingsError as error:
+        raise ConfigError(str(error)) from error
+    except (OSError, UnicodeError) as error:
+        raise ConfigError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
 
 
 def read_driver_address(text: str | None) -> DriverAddress:

@@ -75,6 +75,7 @@ class ControllerConfig:
     encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
     gripper: what is mounted on the arm; gripper_object_mm: width of what its fingers meet.
     safety: limits, planes and safety inputs; None takes what the arm is delivered with.
+    self_collision: stop when links touch each other, which a controller itself does not look after.
     wall_clock_s: date and time of its start [s since 1970, GMT]; always the same unless given.
     """
 
@@ -92,6 +93,7 @@ class ControllerConfig:
     gripper: GripperModel | None = None
     gripper_object_mm: float | None = None
     safety: SafetyConfiguration | None = None
+    self_collision: bool = False
     wall_clock_s: float = _NEW_YEAR_2024_S
     external_control: DriverAddress = field(default_factory=DriverAddress)
     timings: PowerTimings = field(default_factory=PowerTimings)

@@ -71,7 +71,7 @@ class SafetyBoard:
         self.inputs = SafetyInputs(self.configuration, controller.signals)
         self.boundaries = Boundaries(self.configuration, elbow_radius(model))
         self.governor = Governor(model, controller.arm, controller.period_s, self.limits)
-        self.supervision = Supervision(model, controller.period_s)
+        self.supervision = Supervision(model, controller.period_s, self_collision=controller.config.self_collision)
         self.supply_lost = False
         self.joint_at_fault: int | None = None
         self.last_stop: StopRecord | None = None

@@ -143,12 +143,15 @@ class Cause(Enum):
     TOOL_ORIENTATION = _protective(what="the tool is close to its orientation limit", code=151)
     SAFETY_PLANE = _protective(what="the tool is close to a safety plane", code=152)
     PATH_DEVIATION = _protective(what="a joint is too far from its target", code=153, per_joint=True)
-    COLLISION = _protective(what="a joint's current is outside its window: a collision", code=157, per_joint=True)
+    COLLISION = _protective(
+        what="a joint's current is outside its window: a collision, with the arm itself too where that is asked for",
+        code=157,
+        per_joint=True,
+    )
     ELBOW_PLANE = _protective(
         what="the elbow is close to a safety plane", code=400, only=Series.E
     )  # code: guess, beside C403
     CLAMPING = _protective(what="the flange is so close to the lower arm that it could clamp", code=403, only=Series.E)
-    SELF_COLLISION = _protective(what="parts of the arm touch each other", code=157, argument=6)  # code: guess
     UNREACHABLE = _protective(what="a pose out of reach, or no number", code=204, argument=5)
     SINGULARITY = _protective(what="a path through a singularity", code=204, argument=7)
     PROGRAM = _protective(what="protective_stop() of a program", code=209)

@@ -17,6 +17,7 @@ from emulator.robot.arm import CURRENT_WINDOW_A, Arm
 from emulator.safety.causes import Cause
 from emulator.safety.configuration import LimitSet
 from emulator.safety.geometry import CLAMPING_M, Boundaries, clamping_distance, tool_deviation
+from emulator.safety.selfcollision import SelfCollision
 from urproto.modes import SafetyMode
 from urproto.robots.model import RobotModel
 from urproto.versions import Series
@@ -62,7 +63,7 @@ _TOLERANCES: Final = {
 class Supervision:
     """Judges the arm once per control period in which it moves or feels something."""
 
-    def __init__(self, model: RobotModel, period_s: float) -> None:
+    def __init__(self, model: RobotModel, period_s: float, *, self_collision: bool = False) -> None:
         self._model = model
         self._period = period_s
         self._deceleration = min(model.qdd_max)
@@ -72,6 +73,8 @@ class Supervision:
         self._collision_s = 0.0
         self._deviation_before: float | None = None
         self._clamping_before: float | None = None
+        self._links = SelfCollision(model) if self_collision else None
+        self._clearance_before: float | None = None
 
     @property
     def pending(self) -> bool:
@@ -82,7 +85,7 @@ class Supervision:
         """The arm is stopped or off: what was exceeded counts from the beginning."""
         self._lasting.clear()
         self._collision_s = 0.0
-        self._deviation_before = self._clamping_before = None
+        self._deviation_before = self._clamping_before = self._clearance_before = None
 
     # violations
 
@@ -163,6 +166,8 @@ class Supervision:
             found = self._near_plane(arm, boundaries, mode) or self._near_orientation(arm, boundaries, mode)
         if found is None and self._clamps:
             found = self._clamping(arm)
+        if found is None and self._links is not None:
+            found = self._touching(self._links, arm)
         return found
 
     def _deviation(self, arm: Arm) -> Finding | None:
@@ -232,6 +237,18 @@ class Supervision:
             return None
         text = f"the flange is {1000.0 * distance:.0f} mm from the lower arm's axis; move it away"
         return Finding(Cause.CLAMPING, None, text)
+
+    def _touching(self, links: SelfCollision, arm: Arm) -> Finding | None:
+        """Contact of the arm with itself; the fastest joint is the one that notices (guess)."""
+        if not any(arm.qd):
+            return None
+        clearance = links.clearance(arm.q)
+        before, self._clearance_before = self._clearance_before, clearance
+        if clearance > 0.0 or before is None or clearance >= before:
+            return None
+        speeds = [abs(speed) for speed in arm.qd]
+        joint = speeds.index(max(speeds))
+        return Finding(Cause.COLLISION, joint, f"joint {joint} moved the arm against itself; move it back")
 
 
 _POSITIONS: Final = frozenset(
