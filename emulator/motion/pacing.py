@@ -65,7 +65,8 @@ class Pacer:
 
         None when the movement has come to a standstill. Raises MotionFault when the joints cannot follow.
         """
-        goal = self._slewed(goal, ramp)
+        wanted, goal = goal, self._slewed(goal, ramp)
+        wanted = max(wanted, goal)
         h = goal * self._period
         self.share = 1.0
         if goal < _TOLERANCE:
@@ -75,12 +76,12 @@ class Pacer:
         step = sub(target, q)
         if excess is not None and (too_fast := excess(q, step)) > 1.0 + _TOLERANCE:
             slower = self._slewed(goal / too_fast, ramp)
-            h, self.share = slower * self._period, slower / goal
+            h, self.share = slower * self._period, slower / wanted
             target = movement.propose(h, q)
             step = sub(target, q)
         if not self._easy(step, qd):
             h, target = self._shortened(movement, h, target, q, qd)
-            self.share = h / (goal * self._period)
+            self.share = h / (wanted * self._period)
             step = sub(target, q)
         self._judge(h, goal)
         self._remember(h, largest(step))

@@ -81,7 +81,7 @@ def _segment_distance(p1: Vec3, q1: Vec3, p2: Vec3, q2: Vec3) -> float:
     a, e, f, c, b = _dot(d1, d1), _dot(d2, d2), _dot(d2, r), _dot(d1, r), _dot(d1, d2)
     denominator = a * e - b * b
     s = _share((b * f - c * e) / denominator) if denominator > 1e-12 * a * e and denominator > 0.0 else 0.0
-    t = (b * s + f) / e if e > 0.0 else 0.0
+    t = (b * s + f) / e if e > 0.0 else -1.0  # a point: as beyond the end
     if not 0.0 <= t <= 1.0:
         t = _share(t)
         s = _share((b * t - c) / a) if a > 0.0 else 0.0

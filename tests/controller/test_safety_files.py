@@ -117,7 +117,7 @@ def test_every_arm_is_delivered_with_limits_of_its_series(name):
 
 def test_an_installation(tmp_path):
     path = tmp_path / "default.installation"
-    xml = f'<Installation directory="/programs" fileName="default"><SafetySettings>{SETTINGS}</SafetySettings></Installation>'
+    xml = f'<Installation fileName="default"><SafetySettings>{SETTINGS}</SafetySettings></Installation>'
     path.write_bytes(gzip.compress(xml.encode()))
     found = read_safety(path, load_model("ur5e"))
     assert found.normal.tcp_speed == 1.2
