@@ -22,6 +22,7 @@ _SPEED_MARGIN_M_S: Final = 0.15
 _JOINT_SPEED_MARGIN_RAD_S: Final = 0.2
 _POSITION_MARGIN_RAD: Final = radians(3.0)
 _MOMENTUM_MARGIN: Final = 3.0
+_TURNING_M_S: Final = 0.02  # more than a period's turning of the links adds to the speed of any part
 _LEAST_SHARE: Final = 0.2  # of a limit is left where the margin would take more (guess)
 
 
@@ -46,20 +47,33 @@ class Governor:
 
     def excess(self, q: Joints, step: Joints) -> float:
         """The largest share of a limit that the step takes; 1 and less is allowed."""
-        limits, period = self._limits, self._period
-        share = max(abs(move) / most for move, most in zip(step, limits.joint_speed, strict=True)) / period
-        time = max(map(abs, step)) / period / self._deceleration  # that a stop takes
+        limits, arm, period = self._limits, self._arm, self._period
+        share = fastest = change = 0.0
+        for move, before, radius, most in zip(step, arm.qd, self._radii, limits.joint_speed, strict=True):
+            qd = move / period
+            speed = abs(qd)
+            change += abs(qd - before) * radius
+            if speed > fastest:
+                fastest = speed
+            if speed > share * most:
+                share = speed / most
+        time = fastest / self._deceleration  # that a stop takes
         share = max(share, time / limits.stopping_time)
-        bound = self._farthest(step) / period
-        slowest = min(limits.tcp_speed, limits.elbow_speed, limits.momentum / self._mass)
-        if bound > slowest or 0.5 * bound * time > limits.stopping_distance:
+        if self._near_a_limit(change * (1.0 + hypot(*arm.tcp_offset[:3]) / self._radii[0]), time):
             share = max(share, self._exact(q, step, time))
         return share
 
-    def _farthest(self, step: Joints) -> float:
-        """At least as far as any part of arm and tool moves."""
-        extra = hypot(*self._arm.tcp_offset[:3])
-        return sum(abs(move) * (radius + extra) for move, radius in zip(step, self._radii, strict=True))
+    def _near_a_limit(self, change: float, time: float) -> bool:
+        """Whether looking closely is worth it: no part of the arm changes its speed by more than ``change`` [m/s]."""
+        limits, arm = self._limits, self._arm
+        u, v, w, *_ = arm.tcp_speed
+        x, y, z = arm.elbow_velocity
+        most = sqrt(max(u * u + v * v + w * w, x * x + y * y + z * z)) + change + _TURNING_M_S
+        return (
+            most > min(limits.tcp_speed, limits.elbow_speed)
+            or arm.momentum + (change + _TURNING_M_S) * self._mass > limits.momentum
+            or 0.5 * most * time > limits.stopping_distance
+        )
 
     def _exact(self, q: Joints, step: Joints, time: float) -> float:
         limits, arm, period = self._limits, self._arm, self._period

@@ -73,6 +73,8 @@ class Supervision:
         self._collision_s = 0.0
         self._deviation_before: float | None = None
         self._clamping_before: float | None = None
+        self._clamping_room = 0.0
+        self._wrist_m = hypot(*model.dh.d[3:])
         self._links = SelfCollision(model) if self_collision else None
         self._clearance_before: float | None = None
 
@@ -91,14 +93,29 @@ class Supervision:
 
     def violation(self, arm: Arm, limits: LimitSet, boundaries: Boundaries, mode: SafetyMode) -> Finding | None:
         """The limit that has been exceeded for too long, if any."""
-        exceeded = {finding.cause: finding for finding in self._exceeded(arm, limits, boundaries, mode)}
-        if not exceeded and not self._lasting:
+        if not self._lasting and not boundaries.any and self._well_within(arm, limits):
             return None
+        exceeded = {finding.cause: finding for finding in self._exceeded(arm, limits, boundaries, mode)}
         self._lasting = {cause: self._lasting.get(cause, 0.0) + self._period for cause in exceeded}
         for cause, lasted in self._lasting.items():
             if lasted >= (_POSITION_S if cause in _POSITIONS else _MOTION_S):
                 return exceeded[cause]
         return None
+
+    def _well_within(self, arm: Arm, limits: LimitSet) -> bool:
+        """The quick look of nearly every period: nothing exceeds a limit, even without the tolerance."""
+        bounds = zip(arm.q, arm.qd, limits.joint_min, limits.joint_max, limits.joint_speed, strict=True)
+        for q, qd, low, high, most in bounds:
+            if not (low <= q <= high and -most <= qd <= most):
+                return False
+        u, v, w, *_ = arm.tcp_speed
+        x, y, z = arm.elbow_velocity
+        return (
+            u * u + v * v + w * w <= limits.tcp_speed * limits.tcp_speed
+            and x * x + y * y + z * z <= limits.elbow_speed * limits.elbow_speed
+            and arm.momentum <= limits.momentum
+            and not any(arm.wrench)
+        )
 
     def _exceeded(self, arm: Arm, limits: LimitSet, boundaries: Boundaries, mode: SafetyMode) -> Iterator[Finding]:
         yield from self._joints(arm, limits)
@@ -171,6 +188,8 @@ class Supervision:
         return found
 
     def _deviation(self, arm: Arm) -> Finding | None:
+        if not any(arm.following_error):
+            return None
         for joint, error in enumerate(arm.following_error):
             if abs(error) > _PATH_DEVIATION_RAD:
                 text = f"joint {joint} is {abs(error):.3f} rad from its target; check payload and acceleration"
@@ -229,9 +248,12 @@ class Supervision:
         return Finding(Cause.TOOL_ORIENTATION, None, text)
 
     def _clamping(self, arm: Arm) -> Finding | None:
-        if not any(arm.qd[2:5]):
+        # only joints 4 and 5 move the flange against the lower arm: far away is far for a while
+        self._clamping_room -= (abs(arm.qd[3]) + abs(arm.qd[4])) * self._wrist_m * self._period
+        if self._clamping_room > 0.0:
             return None
         distance = clamping_distance(self._model, arm)
+        self._clamping_room = distance - CLAMPING_M
         before, self._clamping_before = self._clamping_before, distance
         if distance >= CLAMPING_M or before is None or distance >= before:
             return None
