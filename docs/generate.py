@@ -21,6 +21,7 @@ from emulator.lifecycle.runstate import RUN_TABLE
 from emulator.lifecycle.safety import SAFETY_TABLE
 from emulator.programs.trees.program import NODES
 from emulator.run_command import COMMAND as RUN
+from emulator.safety.causes import CAUSES
 from emulator.textcommands import TEXT_COMMANDS
 from urproto.robots import MODELS, load_model
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field
@@ -83,6 +84,8 @@ def states() -> str:
         _transitions(POWER_TABLE),
         "## Safety",
         _transitions(SAFETY_TABLE),
+        "## Causes",
+        _causes(),
         "## Program",
         _transitions(RUN_TABLE),
     ]
@@ -193,6 +196,27 @@ def _span(names: list[str]) -> str:
 def _transitions(table: Mapping[tuple[Any, Any], Enum]) -> str:
     rows = ((state.name, event.name, after.name) for (state, event), after in table.items())
     return _table(("state", "event", "then"), rows)
+
+
+def _causes() -> str:
+    """What makes the safety system act, and the way back."""
+    rows = (
+        (
+            row.what,
+            row.only.value if row.only else "both",
+            row.label,
+            "-" if row.category is None else str(row.category.value),
+            row.status.name,
+            row.robot_mode.name,
+            row.program.name,
+            "; ".join(step.value for step in row.recovery),
+        )
+        for row in CAUSES.values()
+    )
+    head = ("cause", "series", "report", "stop", "safety status", "robot mode", "a program is", "way back")
+    return "A stop is a stop category of IEC 60204-1; the robot mode is that of the arm at rest.\n\n" + _table(
+        head, rows
+    )
 
 
 def _since(availability: Availability, guess: bool = False) -> tuple[str, str]:

@@ -221,7 +221,7 @@ class Controller:
         """Apply an event to the power state; False when the safety system forbids it."""
         if event is PowerEvent.POWER_OFF:
             self.programs.stop("power off")
-            self.motion.halt()
+            self.motion.engage_brakes()
         elif not self.safety.power_allowed:
             return False
         self.power.handle(event)
@@ -266,12 +266,16 @@ class Controller:
     def load_installation(self, path: Path) -> None:
         """Apply an installation file. Raises OSError or InstallationError; then nothing changed."""
         self.installation.load(path)
-        self.set_tcp(self.installation.tcp)
+        self._installed()
 
     def apply_installation(self, path: Path, file: InstallationFile) -> None:
         """Apply what was read from an installation file."""
         self.installation.apply(path.name, file)
+        self._installed()
+
+    def _installed(self) -> None:
         self.set_tcp(self.installation.tcp)
+        self.safety_board.compare(self.installation.name, self.installation.file.safety)
 
     # the tick's steps
 

@@ -173,10 +173,10 @@ class Stepper:
 
     def engage_brakes(self) -> None:
         """Power is removed (stop category 0): brakes bring each joint to rest, and everything is forgotten."""
-        self._drop()
-        self._compliance = self._refusal = self._added = None
-        self._nominal, self._mode = self.q, _Mode.RUN
-        if self.qd != ZERO:
+        qd, qdd = self.qd, self.qdd
+        self.halt()
+        if qd != ZERO:
+            self.qd, self.qdd = qd, qdd
             durations = (abs(speed) / (_BRAKE_SHARE * a) for speed, a in zip(self.qd, self.model.qdd_max, strict=True))
             self._generator = self._emergency = self._brakes = JointStop(self.q, self.qd, as_six(durations))
 

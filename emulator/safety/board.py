@@ -16,6 +16,7 @@ from emulator.safety.causes import Cause
 from emulator.safety.configuration import (
     RECOVERY_LIMITS,
     LimitSet,
+    SafetyConfiguration,
     SafetyInput,
     SafetyOutput,
     elbow_radius,
@@ -196,6 +197,14 @@ class SafetyBoard:
         self.joint_at_fault, self.safety_popup = None, ""
         if self.supply_lost:
             self.trip(Cause.POWER_LOSS)
+
+    def compare(self, name: str, other: SafetyConfiguration | None) -> None:
+        """Note when an installation that was loaded has another configuration: the pendant would ask to confirm it."""
+        if other is not None and other.checksum != self._checksum:
+            self._controller.messages.note(
+                f"the safety configuration of {name} (checksum {other.checksum}) is not the one in force "
+                f"({self._checksum}); start with --safety to use it"
+            )
 
     def set_supply(self, present: bool) -> None:
         """Take the arm's 48 V away, or give them back."""

@@ -182,7 +182,8 @@ def test_power_off_stops_arm_and_program_at_once(ready):
     ready.seconds(0.5)
     assert ready.now.target_qd != ZERO6
     ready.ask("power off")
-    assert ready.now.target_qd == ZERO6
+    assert ready.now.robot_mode is RobotMode.POWER_OFF
+    ready.until(lambda s: s.target_qd == ZERO6, 0.1)  # the brakes take that long
     standing = ready.now.actual_q
     ready.until(is_state(RuntimeState.STOPPED), 1.0)
     ready.ask("brake release")
