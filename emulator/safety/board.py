@@ -39,6 +39,7 @@ _TRIGGER_HYSTERESIS_M: Final = 0.02  # hardware manuals: both sets of limits are
 _STOPS_COUNTED_S: Final = 8 * 3600.0
 _MOST_STOPS: Final = 50  # dashboard manual, on C163
 _STOP_WITHIN_S: Final = 0.524  # CB3 manual: braking begins within 24 ms and takes 500 ms at most
+_REST_RAD_S: Final = 0.2  # CB3 manual: slower than this a joint counts as standing
 _MOVING_RAD_S: Final = 0.1  # user manual: output "robot moving"
 _HOME_RAD: Final = 0.0297  # 1.7 degrees: e-Series manual, safe home
 _ENABLING_BIT: Final = Availability.since(None, "5.25")
@@ -360,9 +361,15 @@ class SafetyBoard:
                 f"{stop.mode.name}: stop category {stop.category.value} took {stop.duration_s:.3f} s, "
                 f"the tool travelled {stop.distance_m:.3f} m"
             )
-        elif stop.duration_s > _STOP_WITHIN_S and controller.power.running and controller.motion.hard_transitions:
+        elif stop.duration_s > _STOP_WITHIN_S and self._stops_too_slowly(stop):
             stop.done = True
             self.trip(Cause.STOP_TIME_VIOLATION)
+
+    def _stops_too_slowly(self, stop: StopRecord) -> bool:
+        """Asked when a stop should be over: the arm still moves, and neither its brakes nor a soft stop are at work."""
+        controller = self._controller
+        monitored = stop.category is not StopCategory.POWER_REMOVED and controller.motion.hard_transitions
+        return monitored and max(map(abs, controller.arm.qd)) > _REST_RAD_S
 
     # what others see
 

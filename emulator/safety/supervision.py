@@ -74,6 +74,7 @@ class Supervision:
         self._deviation_before: float | None = None
         self._clamping_before: float | None = None
         self._clamping_room = 0.0
+        self._wrist_before = (0.0, 0.0)
         self._wrist_m = hypot(*model.dh.d[3:])
         self._links = SelfCollision(model) if self_collision else None
         self._clearance_before: float | None = None
@@ -249,7 +250,9 @@ class Supervision:
 
     def _clamping(self, arm: Arm) -> Finding | None:
         # only joints 4 and 5 move the flange against the lower arm: far away is far for a while
-        self._clamping_room -= (abs(arm.qd[3]) + abs(arm.qd[4])) * self._wrist_m * self._period
+        wrist, (fourth, fifth) = arm.q[3:5], self._wrist_before
+        self._wrist_before = wrist
+        self._clamping_room -= (abs(wrist[0] - fourth) + abs(wrist[1] - fifth)) * self._wrist_m
         if self._clamping_room > 0.0:
             return None
         distance = clamping_distance(self._model, arm)

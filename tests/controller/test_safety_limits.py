@@ -412,3 +412,15 @@ def test_how_far_and_how_hard_a_stop_is(make, model, event, category):
     assert stop.duration_s == pytest.approx(speed / most, abs=3.0 * period)
     assert stop.distance_m == pytest.approx(moved * 0.95, rel=0.4)
     assert rig.now.robot_mode is (RobotMode.RUNNING if category is StopCategory.CONTROLLED else RobotMode.POWER_OFF)
+
+
+def test_a_stop_that_takes_too_long_is_a_violation(make):
+    """CB3 manual: braking begins within 24 ms and is over after 500 ms."""
+    weak = replace(load_model("ur5"), qdd_max=(2.0,) * 6)
+    rig = started(make, weak, SWING.replace("a=6, v=3", "a=2, v=1.4"))
+    rig.until(lambda s: s.actual_qd[0] > 1.3)
+    rig.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
+    begin = rig.now.timestamp
+    rig.until(lambda s: s.safety_mode is SafetyMode.VIOLATION, 1.0)
+    assert rig.now.timestamp - begin == pytest.approx(0.524, abs=0.02)
+    assert codes(rig)[-1] == (191, 16)
