@@ -168,11 +168,14 @@ class SafetyBoard:
     def trip(self, cause: Cause, joint: int | None = None, text: str = "") -> bool:
         """Let something happen that has a report code; True when the safety mode changed.
 
-        Lasting conditions are not tripped but held: see `set_device`. Raises ValueError for those.
+        Lasting conditions are not tripped but held: see `set_device`. Raises ValueError for those, and for
+        what this series does not have.
         """
         row = cause.value
         if row.code is None:
             raise ValueError(f"{cause.name} lasts as long as something holds it up: use a safety device")
+        if row.only not in (None, self._controller.model.series):
+            raise ValueError(f"{self._controller.model.title} knows no {cause.name}: it is of the {row.only} series")
         blamed = (joint or 0) if row.per_joint else joint
         argument = row.argument + (joint or 0 if row.per_joint else 0)
         before = self._controller.safety.mode

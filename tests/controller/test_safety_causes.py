@@ -236,6 +236,14 @@ def test_what_lasts_cannot_be_tripped(make, cause):
     assert rig.now.safety_mode is SafetyMode.NORMAL
 
 
+def test_a_cb3_arm_has_no_cause_of_e_series(make):
+    rig, answers = make("ur5", running=True), []
+    rig.controller.post(TripSafety(Cause.CLAMPING), answers.append)
+    rig.tick()
+    assert answers == [False]
+    assert rig.now.safety_mode is SafetyMode.NORMAL
+
+
 def test_fifty_stops_of_one_joint_are_allowed_and_one_more_is_a_fault(make):
     rig = make("ur5e", running=True)
     for _ in range(50):

@@ -133,6 +133,7 @@ def test_a_port_in_use(tmp_path: Path) -> None:
         (["--polyscope", "new"], "'new' is not a PolyScope version"),
         (["--polyscope", "5.22"], "UR3 is a CB3 arm"),
         (["--initial-positions", "missing.yaml"], "cannot read missing.yaml: No such file"),
+        (["--safety", "missing.yaml"], "cannot read missing.yaml: No such file"),
         (["--programs", "missing"], "the programs folder missing is not a folder"),
         (["--speed", "0"], "the speed must be a positive number"),
         (["--gripper", "hand"], "unknown gripper 'hand': known are robotiq-2f-85, robotiq-2f-140"),
