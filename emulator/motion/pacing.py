@@ -75,7 +75,7 @@ class Pacer:
         target = movement.propose(h, q)
         step = sub(target, q)
         if excess is not None and (too_fast := excess(q, step)) > 1.0 + _TOLERANCE:
-            slower = self._slewed(goal / too_fast, ramp)
+            slower = max(self._slewed(goal / too_fast, ramp), 2.0 * _TOLERANCE)
             h, self.share = slower * self._period, slower / wanted
             target = movement.propose(h, q)
             step = sub(target, q)

@@ -49,17 +49,18 @@ class Governor:
         """The largest share of a limit that the step takes; 1 and less is allowed."""
         limits, arm, period = self._limits, self._arm, self._period
         share = fastest = change = 0.0
+        tool = hypot(*arm.tcp_offset[:3])
         for move, before, radius, most in zip(step, arm.qd, self._radii, limits.joint_speed, strict=True):
             qd = move / period
             speed = abs(qd)
-            change += abs(qd - before) * radius
+            change += abs(qd - before) * (radius + tool)
             if speed > fastest:
                 fastest = speed
             if speed > share * most:
                 share = speed / most
         time = fastest / self._deceleration  # that a stop takes
         share = max(share, time / limits.stopping_time)
-        if self._near_a_limit(change * (1.0 + hypot(*arm.tcp_offset[:3]) / self._radii[0]), time):
+        if self._near_a_limit(change, time):
             share = max(share, self._exact(q, step, time))
         return share
 
