@@ -1,0 +1,42 @@
+"""Verbs about programs and what they say."""
+
+from typing import Any
+
+from emulator import dashboard
+from emulator.control.base import ControlBase, Waiting
+from emulator.control.verbs import verb
+from emulator.programs.compiling import Submission
+
+__all__ = ["ProgramVerbs"]
+
+
+class ProgramVerbs(ControlBase):
+    """Verbs about programs, the dashboard's lines and the log."""
+
+    @verb
+    def dashboard(self, line: str) -> str:
+        """Carry out a line of the dashboard server; its answer."""
+        answer = dashboard.execute(self.controller, line)
+        return (answer if isinstance(answer, str) else self._wait(answer) if answer is not None else "") or ""
+
+    @verb
+    def send_script(self, text: str) -> bool:
+        """Run a script as if it came on a script port; whether it starts, which the log explains."""
+        return self._wait(_decided(self.controller.programs.submit(text)))
+
+    @verb
+    def variables(self) -> dict[str, Any]:
+        """The global variables of the running program, as text."""
+        return {name: str(value) for name, value in self.controller.programs.variables.items()}
+
+    @verb
+    def log(self, lines: int = 100) -> list[str]:
+        """The last lines of the controller's log, oldest first."""
+        history = self.controller.messages.history
+        return list(history)[-lines:] if lines > 0 else []
+
+
+def _decided(submission: Submission) -> Waiting[bool]:
+    while submission.accepted is None:
+        yield
+    return submission.accepted
