@@ -1,4 +1,4 @@
-"""Writes docs/supported.md, docs/states.md and docs/command_line.md from the code.
+"""Writes docs/supported.md, states.md, command_line.md and control_verbs.md from the code.
 
 ``python docs/generate.py`` rewrites them; ``--check`` fails when they are stale instead.
 """
@@ -14,7 +14,11 @@ import typer.main
 
 from client import cli as client_cli
 from emulator import cli as emulator_cli
+from emulator import ctl
 from emulator.builtins import LIBRARIES
+from emulator.control.live import LiveControl
+from emulator.control.openapi import listing
+from emulator.control.verbs import verbs_of
 from emulator.dashboard import COMMANDS
 from emulator.lifecycle.power import POWER_TABLE
 from emulator.lifecycle.runstate import RUN_TABLE
@@ -46,7 +50,12 @@ def main() -> int:
 
 def pages() -> dict[str, str]:
     """File name and text of every generated page."""
-    return {"supported.md": supported(), "states.md": states(), "command_line.md": command_line()}
+    return {
+        "supported.md": supported(),
+        "states.md": states(),
+        "command_line.md": command_line(),
+        "control_verbs.md": control_verbs(),
+    }
 
 
 def supported() -> str:
@@ -92,7 +101,8 @@ def states() -> str:
 def command_line() -> str:
     """Every command of the console scripts, with its options."""
     parts = ["# Command line", NOTICE]
-    for program, app in (("ur-emulator", emulator_cli.app), ("ur-client", client_cli.app)):
+    apps = (("ur-emulator", emulator_cli.app), ("ur-emulator ctl", ctl.app), ("ur-client", client_cli.app))
+    for program, app in apps:
         for words, command in _commands(program, typer.main.get_command(app)):
             parts += [f"## {words}", _first_line(command.help or "")]
             rows = (
@@ -100,6 +110,28 @@ def command_line() -> str:
             )
             parts.append(_table(("option or argument", "meaning"), rows))
     return "\n\n".join([*parts, *_urscript_commands()]) + "\n"
+
+
+def control_verbs() -> str:
+    """The verbs of the control API."""
+    rows = (
+        (f"`{verb['name']}`", ", ".join(map(_argument, verb["arguments"])), " ".join(verb["text"].split()))
+        for verb in listing(verbs_of(LiveControl))
+    )
+    parts = (
+        "# Verbs of the control API",
+        NOTICE,
+        "What each of the three forms has: `emulator.control`, HTTP, `ur-emulator ctl`. Arguments in brackets may "
+        "be left out.",
+        _table(("verb", "arguments", "meaning"), rows),
+    )
+    return "\n\n".join(parts) + "\n"
+
+
+def _argument(argument: Mapping[str, Any]) -> str:
+    kind = "numbers" if argument["type"].startswith("tuple[") else argument["type"].replace("|", "or")
+    text = f"{argument['name']}: {kind}"
+    return text if argument["required"] else f"[{text}]"
 
 
 def _urscript_commands() -> Iterable[str]:

@@ -18,7 +18,13 @@ settings.register_profile("project", deadline=None, derandomize="CI" in os.envir
 settings.load_profile("project")
 
 HERE = Path(__file__).parent
-REAL_TIME = ("conformance", "driver", "real_clients", "servers")  # folders of tests that the wall clock can disturb
+REAL_TIME = (
+    "conformance",
+    "control",
+    "driver",
+    "real_clients",
+    "servers",
+)  # folders of tests that the wall clock can disturb
 MORE_TRIES = 2
 
 

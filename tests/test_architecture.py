@@ -21,11 +21,12 @@ MAY_IMPORT = {
 }
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
-    "h11": ("emulator.programs.rpc.httpclient",),
+    "h11": ("emulator.programs.rpc.httpclient", "emulator.servers.control"),
+    "msgspec": ("emulator.control", "emulator.servers.control"),
     "numpy": ("urproto.robots.dynamics",),
     "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("emulator", "client"),
-    "typer": ("emulator.cli", "client.cli", "client.commands", "urscript.cli"),
+    "typer": ("emulator.cli", "emulator.ctl", "client.cli", "client.commands", "urscript.cli"),
     "rich": ("emulator", "client", "urscript.cli"),
 }
 URSCRIPT_SEES = ("urproto.robots.pose", "urproto.versions")

@@ -21,4 +21,7 @@ class ControlBase(ABC):
 
     @abstractmethod
     def _wait(self, steps: "Waiting[_T]") -> _T:
-        """Let control periods pass until the steps are done; their result."""
+        """Let control periods pass until the steps are done; their result.
+
+        The last thing that a verb does, since who serves many clients takes the steps and goes on later.
+        """

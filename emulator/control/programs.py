@@ -1,5 +1,6 @@
 """Verbs about programs and what they say."""
 
+from collections.abc import Generator
 from typing import Any
 
 from emulator import dashboard
@@ -16,8 +17,7 @@ class ProgramVerbs(ControlBase):
     @verb
     def dashboard(self, line: str) -> str:
         """Carry out a line of the dashboard server; its answer."""
-        answer = dashboard.execute(self.controller, line)
-        return (answer if isinstance(answer, str) else self._wait(answer) if answer is not None else "") or ""
+        return self._wait(_answered(dashboard.execute(self.controller, line)))
 
     @verb
     def send_script(self, text: str) -> bool:
@@ -34,6 +34,12 @@ class ProgramVerbs(ControlBase):
         """The last lines of the controller's log, oldest first."""
         history = self.controller.messages.history
         return list(history)[-lines:] if lines > 0 else []
+
+
+def _answered(answer: str | Waiting[str | None] | None) -> Waiting[str]:
+    if isinstance(answer, Generator):
+        answer = yield from answer
+    return answer or ""
 
 
 def _decided(submission: Submission) -> Waiting[bool]:

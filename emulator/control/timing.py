@@ -8,7 +8,7 @@ from emulator.control.conditions import Condition, parse_condition
 from emulator.control.verbs import BadArguments, NotPossible, verb
 from emulator.controller import Controller
 
-__all__ = ["Pace", "TimeVerbs"]
+__all__ = ["OwnPace", "Pace", "TimeVerbs"]
 
 
 class Pace(Protocol):
@@ -25,6 +25,22 @@ class Pace(Protocol):
     def pause(self) -> None: ...
 
     def resume(self) -> None: ...
+
+
+class OwnPace:
+    """Time that goes by only when it is told to."""
+
+    speed = math.inf
+    paused = True
+
+    def set_speed(self, speed: float) -> None:
+        raise NotPossible("the time of this robot is driven step by step, as fast as it goes")
+
+    def pause(self) -> None:
+        """It is paused already."""
+
+    def resume(self) -> None:
+        """Who drives it decides what goes by."""
 
 
 class TimeVerbs(ControlBase):
@@ -69,8 +85,7 @@ class TimeVerbs(ControlBase):
             raise BadArguments(f"{periods} periods: give 1 or more")
         if not self.pace.paused:
             raise NotPossible("time goes by itself: pause_time first")
-        self._wait(self._periods(periods))
-        return self.controller.time_s
+        return self._wait(self._periods(periods))
 
     @verb
     def run_until(self, condition: str, timeout_s: float = 60.0) -> float:
@@ -82,27 +97,28 @@ class TimeVerbs(ControlBase):
             holds = parse_condition(condition)
         except ValueError as error:
             raise BadArguments(str(error)) from error
-        if not self._wait(self._until(holds, timeout_s)):
-            raise NotPossible(f"{condition!r} did not become true within {timeout_s:g} s of robot time")
-        return self.controller.time_s
+        return self._wait(self._until(condition, holds, timeout_s))
 
-    def _periods(self, count: int) -> Waiting[None]:
+    def _periods(self, count: int) -> Waiting[float]:
         self.pace.resume()
         try:
             for _ in range(count):
                 yield
         finally:
             self.pace.pause()
+        return self.controller.time_s
 
-    def _until(self, holds: Condition, timeout_s: float) -> Waiting[bool]:
+    def _until(self, condition: str, holds: Condition, timeout_s: float) -> Waiting[float]:
         paused = self.pace.paused
         self.pace.resume()
         try:
             for _ in range(math.ceil(timeout_s / self.controller.period_s)):
                 if holds(self.controller.snapshot):
-                    return True
+                    break
                 yield
-            return holds(self.controller.snapshot)
         finally:
             if paused:
                 self.pace.pause()
+        if not holds(self.controller.snapshot):
+            raise NotPossible(f"{condition!r} did not become true within {timeout_s:g} s of robot time")
+        return self.controller.time_s

@@ -8,17 +8,13 @@ from typing import Any, Final, TypeVar, get_type_hints
 
 import msgspec
 
-__all__ = ["BadArguments", "NotPossible", "UnknownVerb", "Verb", "verb", "verbs_of"]
+__all__ = ["BadArguments", "NotPossible", "Verb", "verb", "verbs_of"]
 
 _MARK: Final = "__verb__"
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-class UnknownVerb(LookupError):
-    """There is no verb of that name."""
-
-
-class BadArguments(ValueError):
+class BadArguments(ValueError):  # noqa: N818 - named for what is the case
     """The arguments do not fit the verb, whatever state the robot is in."""
 
 
@@ -46,6 +42,11 @@ class Verb:
         """The first sentence of the documentation."""
         return self.text.partition("\n")[0]
 
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """Names of the arguments, in order."""
+        return self.parameters.__struct_fields__
+
     def call(self, control: object, arguments: Mapping[str, Any], *, typed: bool = True) -> Any:
         """Call the verb of an object. Raises BadArguments.
 
@@ -55,7 +56,7 @@ class Verb:
             values = msgspec.convert(arguments, self.parameters, strict=typed)
         except msgspec.ValidationError as error:
             raise BadArguments(f"{self.name}: {error}") from error
-        given = {name: getattr(values, name) for name in self.parameters.__struct_fields__}
+        given = {name: getattr(values, name) for name in self.arguments}
         for name, value in given.items():
             if not _finite(value):
                 raise BadArguments(f"{self.name}: {name} must be finite, not {value}")
