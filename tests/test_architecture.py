@@ -31,13 +31,14 @@ THIRD_PARTY = {
 }
 URSCRIPT_SEES = ("urproto.robots.pose", "urproto.versions")
 # the world outside the tick: only these parts of the emulator and of the client may touch it
-OUTSIDE_WORLD = {"asyncio", "socket", "threading", "select", "time", "selectors", "datetime"}
+OUTSIDE_WORLD = {"asyncio", "http", "socket", "threading", "select", "time", "selectors", "datetime"}
 MAY_TOUCH_OUTSIDE = (
     "emulator.clock",
     "emulator.app",
     "emulator.cli",
     "emulator.run_command",
     "emulator.readiness",
+    "emulator.control.remote",
     "emulator.servers",
     "client",
 )

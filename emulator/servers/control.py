@@ -69,8 +69,9 @@ class _HttpConnection(Connection):
         self._read()
 
     def at_end(self) -> bool:
+        """Who ends its side waits no longer for a verb that takes time."""
         self._feed(b"")
-        return self._steps is not None
+        return False
 
     def lost(self) -> None:
         if self._steps is not None:
