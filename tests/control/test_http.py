@@ -226,7 +226,7 @@ class TestCommand:
         assert await self.run(emulator, "set-joints", "0.1,-1.2,1,-1.4,-1.5,0.2") == (0, "")
         assert await self.run(emulator, "set_digital_input", "3", "on", "group=configurable") == (0, "")
         await self.run(emulator, "run_until", "actual_digital_input_bits == 2048")
-        status, output = await self.run(emulator, "state", "actual_q,actual_digital_input_bits")
+        _, output = await self.run(emulator, "state", "actual_q,actual_digital_input_bits")
         assert json.loads(output) == {"actual_q": [0.1, -1.2, 1, -1.4, -1.5, 0.2], "actual_digital_input_bits": 2048}
         _, output = await self.run(emulator, "dashboard", "popup it = there")
         assert json.loads(output) == "showing popup"
