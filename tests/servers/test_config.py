@@ -54,7 +54,7 @@ def test_texts_that_are_no_version(text: str) -> None:
 
 
 def test_polyscope_x_is_refused_with_the_reason() -> None:
-    with pytest.raises(ConfigError, match="PolyScope X .* is another product"):
+    with pytest.raises(ConfigError, match=r"PolyScope X .* is another product"):
         choose_version("10.12", load_model("ur5e"))
 
 
