@@ -212,7 +212,7 @@ class GlobalVariableNames:
 
     def encode(self, version: PolyscopeVersion) -> bytes:
         """The whole message."""
-        text = to_bytes("\n".join(self.names))
+        text = to_bytes("".join(f"{name}\n" for name in self.names))  # as the document's example, with the last LF
         return frame(PROGRAM_STATE, pack("QBH", self.timestamp_us, _NAMES, self.start_index) + text)
 
 
