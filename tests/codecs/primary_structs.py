@@ -147,8 +147,8 @@ def message(kind: int, requested_type: int, version: str):
 # codes of values as the document lists them: up to 3.2, then, from 3.14 and 5.9
 _CODES = [
     {"none": 0, "string": 3, "list": 4, "pose": 9, "bool": 11, "num": 12, "int": 13, "float": 14},
-    {"none": 0, "string": 4, "list": 5, "pose": 10, "bool": 12, "num": 13, "int": 14, "float": 15},
-    {"none": 0, "string": 4, "list": 17, "pose": 12, "bool": 13, "num": 14, "int": 15, "float": 16, "matrix": 18},
+    {"none": 0, "string": 3, "list": 5, "pose": 10, "bool": 12, "num": 13, "int": 14, "float": 15},
+    {"none": 0, "string": 3, "list": 17, "pose": 12, "bool": 13, "num": 14, "int": 15, "float": 16, "matrix": 18},
 ]
 
 

@@ -80,11 +80,11 @@ def primary(version: str, case: str) -> set[str]:
         else:
             kinds.add(type(message).__name__)
             again += message.encode(parsed)
-    read_only = version == "5.8"  # the document's example has a constant string, too
+    read_only = False
     if len(told) == 1 and isinstance(told[0], program_state.GlobalVariableValues) and version in CODES:
         name = CODES[version][data[16]]
         kinds.add(value_kind(version, name))
-        read_only = name in ("const string", "num")
+        read_only = name in ("var string", "num")
     if isinstance(told[0], messages.PopupMessage):
         kinds.add("PopupMessage as " + ("request" if data[14] == 9 else "popup" if version != "3.2" else "short popup"))
     assert again == data or (read_only and PrimaryDecoder(parsed).feed(again) == told)

@@ -45,7 +45,7 @@ _NONE, _CONST_STRING, _VAR_STRING = "none", "const string", "var string"
 _LIST, _POSE, _BOOL, _NUM, _INT, _FLOAT, _MATRIX = "list", "pose", "bool", "num", "int", "float", "matrix"
 _OLDEST_TYPES = {
     0: _NONE,
-    3: _VAR_STRING,
+    3: _CONST_STRING,
     4: _LIST,
     9: _POSE,
     11: _BOOL,
@@ -120,7 +120,8 @@ def _encoder(version: PolyscopeVersion) -> _Encode:
 
     def text(value: str) -> bytes:
         data = to_bytes(value)[:_MAX_TEXT]
-        return pack("BH", codes[_VAR_STRING], len(data)) + data
+        # the document's example, and what a forum tells of experiments; when it is the other one is not known
+        return pack("BH", codes[_CONST_STRING], len(data)) + data
 
     def pose(value: PoseValue) -> bytes:
         return pack("B6f", codes[_POSE], *value.values)
