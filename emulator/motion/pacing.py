@@ -5,13 +5,15 @@ speed fraction. It is less
 
 - while the fraction changes, or for a pause: the leading joint's speed then changes by a known acceleration;
 - where the joints could not follow: near a singularity a tool path needs more joint speed than there is, so the tool
-  slows down. Only when no speed is slow enough the movement fails.
+  slows down in time for it (`emulator.motion.lookahead`). Only when no speed is slow enough the movement fails.
 
 Shortening h changes when the arm is somewhere, never where it goes.
 """
 
 from emulator.motion.faults import near_singularity
 from emulator.motion.generator import Generator
+from emulator.motion.lookahead import Lookahead
+from emulator.motion.path_motion import PathMotion
 from emulator.motion.vectors import Joints, largest, sub
 from urproto.robots.model import RobotModel
 
@@ -22,6 +24,7 @@ _ROUNDS = 4  # proposals per period while looking for a step the joints can foll
 _HALVINGS = 12  # and as many more before giving up
 _TOLERANCE = 1e-6  # of limits: rounding of differences of positions
 _STUCK_SHARE = 1e-3  # a movement slower than this share of its speed ...
+_CREEP = 0.5 * _STUCK_SHARE  # time scale in front of a place that cannot be passed, until that is noticed
 _STUCK_S = 0.1  # ... for so long does not get through a singularity (guess)
 
 
@@ -29,6 +32,7 @@ class Pacer:
     """Keeps the time scale of the movement in progress."""
 
     def __init__(self, model: RobotModel, period_s: float) -> None:
+        self._model = model
         self._period = period_s
         self._qd_max = model.qd_max
         self._qdd_max = model.qdd_max
@@ -40,6 +44,7 @@ class Pacer:
         self._pace = 0.0  # speed of the leading joint in the movement's own time [rad/s]; 0 = not yet known
         self._gain = 0.0  # how fast that grows [rad/s2]
         self._stuck_s = 0.0
+        self._ahead: Lookahead | None = None
 
     def reset(self, pace_rad_s: float = 0.0) -> None:
         """A new movement starts, from rest or at this speed of the leading joint."""
@@ -54,11 +59,14 @@ class Pacer:
         None when the movement has come to a standstill. Raises MotionFault when the joints cannot follow.
         """
         goal = self._slewed(goal, ramp)
-        h = goal * self._period
         self.share = 1.0
         if goal < _TOLERANCE:
             self.scale = self._gain = 0.0
             return None
+        h = goal * self._period
+        if isinstance(movement, PathMotion):
+            h = self._foreseen(movement, q, h)
+            self.share = h / (goal * self._period)
         target = movement.propose(h, q)
         step = sub(target, q)
         if not self._easy(step, qd):
@@ -67,7 +75,18 @@ class Pacer:
             step = sub(target, q)
         self._judge(h, goal)
         self._remember(h, largest(step))
+        if self._ahead is not None:
+            self._ahead.went(h)
         return target
+
+    def _foreseen(self, movement: PathMotion, q: Joints, h: float) -> float:
+        """The longest step up to h after which the joints can follow the rest of the path."""
+        if not movement.uneven:
+            self._ahead = None
+            return h
+        if self._ahead is None or self._ahead.movement is not movement:
+            self._ahead = Lookahead(movement, q, self._model)
+        return min(h, max(_CREEP, self._ahead.fraction(h)) * self._period)
 
     def _easy(self, step: Joints, qd: Joints) -> bool:
         """Every joint can follow."""
@@ -132,7 +151,7 @@ class Pacer:
             return
         self._stuck_s += self._period
         if self._stuck_s > _STUCK_S:
-            raise near_singularity()
+            raise (self._ahead and self._ahead.fault) or near_singularity()
 
     def _remember(self, h: float, moved: float) -> None:
         pace = moved / h

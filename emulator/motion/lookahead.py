@@ -1,0 +1,141 @@
+"""How fast a path may be run, so that the joints can still follow what comes next.
+
+Near a singularity a tool path asks for more joint speed than there is. Who slows down only there is too late: joints
+that were fast have to brake harder than they can. So a scout runs ahead of the arm, a few places of the path in each
+control period, and keeps for each cell of the path (between two places) the highest time scale from which the rest of
+the path can be run within the joints' speed and acceleration limits.
+
+With x the square of the time scale, a joint's acceleration from one cell to the next is linear in their two x:
+
+    P x + Q y,   P = (u' - 3 u) / 4 dt,   Q = (3 u' - u) / 4 dt
+
+u, u' being the joint's speeds in the two cells as planned (x = y = 1), dt the time between their middles. So the highest
+x of a cell follows from that of the next one by a linear program in two variables, from the far end back (time-optimal
+path parametrisation, of which this is the backward pass). Going forward, the arm is as quick as its joints allow.
+"""
+
+from bisect import bisect_right
+from copy import copy
+from math import sqrt
+
+from emulator.motion.faults import MotionFault
+from emulator.motion.path_motion import PathMotion
+from emulator.motion.vectors import Joints, largest, scaled, sub
+from urproto.robots.model import RobotModel
+
+__all__ = ["Lookahead"]
+
+_CELL_S = 0.008  # of the movement's own time; shorter where the joints turn more than _TURN_RAD in one
+_SHORTEST_CELL_S = _CELL_S / 256
+_TURN_RAD = 0.05
+_AHEAD_S = 0.2  # more than any joint takes to brake
+_CELLS_PER_PERIOD = 4
+_MARGIN = 0.9  # of the acceleration limits is planned with; cells are not infinitely small
+_NO_TURN = 1e-9  # rad/s2
+
+
+class Lookahead:
+    """The scout of one movement that begins at joints q; times are the movement's own [s]."""
+
+    def __init__(self, movement: PathMotion, q: Joints, model: RobotModel) -> None:
+        self.movement = movement
+        self.fault: MotionFault | None = None  # why the path cannot be run beyond the last cell
+        self._scout = copy(movement)
+        self._q = q
+        self._qd_max = model.qd_max
+        self._qdd_max = scaled(model.qdd_max, _MARGIN)
+        self._now = 0.0  # where the arm is
+        self._end = 0.0  # of the last cell
+        self._over = False
+        self._middles: list[float] = []
+        self._speeds: list[Joints] = []  # as planned
+        self._most: list[float] = []  # square of the highest time scale
+        self._slow = 0  # cells with less than full speed
+
+    def fraction(self, h: float) -> float:
+        """The highest time scale, up to 1, for a step of up to h from where the arm is."""
+        for _ in range(_CELLS_PER_PERIOD):
+            if self._over or self._end > self._now + _AHEAD_S:
+                break
+            self._extend()
+        if not self._slow:
+            return 1.0
+        here = sqrt(self._at(self._now))
+        return sqrt(self._at(self._now + 0.5 * here * h))
+
+    def went(self, h: float) -> None:
+        """The arm has gone on by h."""
+        self._now += h
+        passed = bisect_right(self._middles, self._now) - 1
+        if passed > len(self._middles) // 2:
+            self._slow -= sum(most < 1.0 for most in self._most[:passed])
+            del self._middles[:passed], self._speeds[:passed], self._most[:passed]
+
+    def _at(self, t: float) -> float:
+        """The square of the highest time scale at t: linear between the middles of two cells."""
+        k = bisect_right(self._middles, t)
+        if k == 0:
+            return self._most[0]
+        if k == len(self._middles):
+            return self._most[-1] if t < self._end else 1.0
+        share = (t - self._middles[k - 1]) / (self._middles[k] - self._middles[k - 1])
+        return self._most[k - 1] + share * (self._most[k] - self._most[k - 1])
+
+    def _extend(self) -> None:
+        """One more cell."""
+        scout, h = self._scout, _CELL_S
+        try:
+            q = scout.propose(h, self._q)
+            while largest(sub(q, self._q)) > _TURN_RAD and h > _SHORTEST_CELL_S:
+                h *= 0.5
+                q = scout.propose(h, self._q)
+        except MotionFault as fault:
+            self._wall(fault)
+            return
+        scout.commit(h)
+        speed = scaled(sub(q, self._q), 1.0 / h)
+        fastest = max(abs(rate) / most for rate, most in zip(speed, self._qd_max, strict=True))
+        self._append(self._end + 0.5 * h, speed, 1.0 if fastest <= 1.0 else 1.0 / fastest**2)
+        self._end, self._q, self._over = self._end + h, q, scout.done
+
+    def _wall(self, fault: MotionFault) -> None:
+        """The path ends here: the arm has to stand."""
+        self.fault, self._over = fault, True
+        if self._speeds:
+            self._append(self._end, self._speeds[-1], 0.0)
+
+    def _append(self, middle: float, speed: Joints, most: float) -> None:
+        self._middles.append(middle)
+        self._speeds.append(speed)
+        self._most.append(most)
+        self._slow += most < 1.0
+        for k in range(len(self._most) - 2, -1, -1):
+            before = self._most[k]
+            after = self._controllable(k)
+            if after >= before:
+                return
+            self._slow += before == 1.0
+            self._most[k] = after
+
+    def _controllable(self, k: int) -> float:
+        """The highest x of cell k, up to the one it has, from which cell k + 1 can be run."""
+        highest, follows = self._most[k], self._most[k + 1]
+        here, there = self._speeds[k], self._speeds[k + 1]
+        dt = self._middles[k + 1] - self._middles[k]
+        if highest == follows == 1.0:
+            changes = zip(here, there, self._qdd_max, strict=True)
+            if all(-most * dt <= u2 - u1 <= most * dt for u1, u2, most in changes):
+                return 1.0
+        floors, ceilings = [(0.0, 0.0)], [(follows, 0.0)]  # of y: value at x = 0, slope
+        for u1, u2, most in zip(here, there, self._qdd_max, strict=True):
+            p, q = 0.25 * (u2 - 3.0 * u1) / dt, 0.25 * (3.0 * u2 - u1) / dt
+            if abs(q) > _NO_TURN:
+                floors.append((-most / abs(q), -p / q))
+                ceilings.append((most / abs(q), -p / q))
+            elif abs(p) > _NO_TURN:
+                highest = min(highest, most / abs(p))
+        for low, rise in floors:
+            for high, slope in ceilings:
+                if rise > slope:
+                    highest = min(highest, (high - low) / (rise - slope))
+        return highest
