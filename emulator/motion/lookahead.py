@@ -25,8 +25,8 @@ from urproto.robots.model import RobotModel
 
 __all__ = ["Lookahead"]
 
-_CELL_S = 0.008  # of the movement's own time; shorter where the joints turn more than _TURN_RAD in one
-_SHORTEST_CELL_S = _CELL_S / 256
+_CELL_S = 0.016  # of the movement's own time; shorter where the joints turn more than _TURN_RAD in one
+_SHORTEST_CELL_S = _CELL_S / 8192
 _TURN_RAD = 0.05
 _AHEAD_S = 0.2  # more than any joint takes to brake
 _CELLS_PER_PERIOD = 4
@@ -46,6 +46,7 @@ class Lookahead:
         self._qdd_max = scaled(model.qdd_max, _MARGIN)
         self._now = 0.0  # where the arm is
         self._end = 0.0  # of the last cell
+        self._cell = _CELL_S  # its length
         self._over = False
         self._middles: list[float] = []
         self._speeds: list[Joints] = []  # as planned
@@ -77,30 +78,38 @@ class Lookahead:
         if k == 0:
             return self._most[0]
         if k == len(self._middles):
-            return self._most[-1] if t < self._end else 1.0
+            return self._most[-1] if t < self._end or self._over else 1.0
         share = (t - self._middles[k - 1]) / (self._middles[k] - self._middles[k - 1])
         return self._most[k - 1] + share * (self._most[k] - self._most[k - 1])
 
     def _extend(self) -> None:
         """One more cell."""
-        scout, h = self._scout, _CELL_S
-        try:
-            q = scout.propose(h, self._q)
-            while largest(sub(q, self._q)) > _TURN_RAD and h > _SHORTEST_CELL_S:
-                h *= 0.5
-                q = scout.propose(h, self._q)
-        except MotionFault as fault:
-            self._wall(fault)
+        h = min(_CELL_S, 2.0 * self._cell)
+        q = self._place(h)
+        while h > _SHORTEST_CELL_S and (q is None or largest(sub(q, self._q)) > _TURN_RAD):
+            h *= 0.5
+            q = self._place(h)
+        if q is None:
+            self._wall()
             return
-        scout.commit(h)
+        self._scout.commit(h)
         speed = scaled(sub(q, self._q), 1.0 / h)
         fastest = max(abs(rate) / most for rate, most in zip(speed, self._qd_max, strict=True))
         self._append(self._end + 0.5 * h, speed, 1.0 if fastest <= 1.0 else 1.0 / fastest**2)
-        self._end, self._q, self._over = self._end + h, q, scout.done
+        self._end, self._cell, self._q, self._over = self._end + h, h, q, self._scout.done
 
-    def _wall(self, fault: MotionFault) -> None:
+    def _place(self, h: float) -> Joints | None:
+        """The joints h further on; None where there are none, which ``fault`` then tells."""
+        self.fault = None
+        try:
+            return self._scout.propose(h, self._q)
+        except MotionFault as fault:
+            self.fault = fault
+            return None
+
+    def _wall(self) -> None:
         """The path ends here: the arm has to stand."""
-        self.fault, self._over = fault, True
+        self._over = True
         if self._speeds:
             self._append(self._end, self._speeds[-1], 0.0)
 

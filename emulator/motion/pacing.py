@@ -21,7 +21,8 @@ __all__ = ["RAMP_RAD_S2", "Pacer", "within_speed"]
 
 RAMP_RAD_S2 = 10.0  # leading joint, when the speed fraction changes or a program pauses (guess)
 _ROUNDS = 4  # proposals per period while looking for a step the joints can follow
-_HALVINGS = 12  # and as many more before giving up
+_ATTEMPTS = 18  # and as many more before giving up
+_LITTLE = 0.002  # the first of them shortens a step by this share
 _TOLERANCE = 1e-6  # of limits: rounding of differences of positions
 _STUCK_SHARE = 1e-3  # a movement slower than this share of its speed ...
 _CREEP = 0.5 * _STUCK_SHARE  # time scale in front of a place that cannot be passed, until that is noticed
@@ -63,16 +64,14 @@ class Pacer:
         if goal < _TOLERANCE:
             self.scale = self._gain = 0.0
             return None
-        h = goal * self._period
-        if isinstance(movement, PathMotion):
-            h = self._foreseen(movement, q, h)
-            self.share = h / (goal * self._period)
+        most = goal * self._period
+        h = self._foreseen(movement, q, most) if isinstance(movement, PathMotion) else most
         target = movement.propose(h, q)
         step = sub(target, q)
         if not self._easy(step, qd):
-            h, target = self._shortened(movement, h, target, q, qd)
-            self.share = h / (goal * self._period)
+            h, target = self._fitted(movement, (h, most), target, q, qd)
             step = sub(target, q)
+        self.share = h / most
         self._judge(h, goal)
         self._remember(h, largest(step))
         if self._ahead is not None:
@@ -96,17 +95,22 @@ class Pacer:
                 return False
         return True
 
-    def _shortened(
-        self, movement: Generator, h_goal: float, target: Joints, q: Joints, qd: Joints
+    def _fitted(
+        self, movement: Generator, wanted: tuple[float, float], target: Joints, q: Joints, qd: Joints
     ) -> tuple[float, Joints]:
-        """The longest step up to h_goal, for which target was proposed, that the joints can follow."""
-        h = h_goal
+        """The step nearest to the first one wanted, and up to the second, that the joints can follow.
+
+        ``target`` was proposed for the first.
+        """
+        h = wanted[0]
         for _ in range(_ROUNDS):
-            better = self._bounded(h, h_goal, sub(target, q), qd)
+            better = self._bounded(h, wanted, sub(target, q), qd)
             if abs(better - h) <= _TOLERANCE * h:
                 return h, target  # every joint is slow enough for this h
             h = better
             target = movement.propose(h, q)
+            if self._easy(sub(target, q), qd):
+                return h, target
         return self._enforced(movement, h, target, q)
 
     def _slewed(self, goal: float, ramp: float) -> float:
@@ -118,13 +122,13 @@ class Pacer:
         slower = self.scale - (ramp + own) * self._period / self._pace
         return max(goal, slower if slower > _TOLERANCE else 0.0)
 
-    def _bounded(self, h: float, h_goal: float, step: Joints, qd: Joints) -> float:
-        """The own time, at most h_goal, with which joint speeds and their changes stay within limits.
+    def _bounded(self, h: float, wanted: tuple[float, float], step: Joints, qd: Joints) -> float:
+        """The own time, as wanted, with which joint speeds and their changes stay within limits.
 
         Where changes of speed cannot all be within limits the excess is shared; speeds are always kept.
         """
         dt = self._period
-        low, high, cap = 0.0, h_goal, h_goal
+        low, high, cap = 0.0, wanted[1], wanted[1]
         for move, speed, most, acceleration in zip(step, qd, self._qd_max, self._qdd_max, strict=True):
             if abs(move) < 1e-12:
                 continue
@@ -133,15 +137,15 @@ class Pacer:
             change = acceleration * (1.0 + _TOLERANCE) * dt * dt / rate
             low, high = max(low, keep - change), min(high, keep + change)
             cap = min(cap, most * dt / rate)
-        wanted = high if low <= high else max(0.5 * (low + high), 0.5 * h)
-        return min(wanted, cap)
+        best = max(low, min(high, wanted[0])) if low <= high else max(0.5 * (low + high), 0.5 * h)
+        return min(best, cap)
 
     def _enforced(self, movement: Generator, h: float, target: Joints, q: Joints) -> tuple[float, Joints]:
-        """Halve the step until no joint is too fast."""
-        for _ in range(_HALVINGS):
+        """Shorten the step, by ever more, until no joint is too fast."""
+        for attempt in range(_ATTEMPTS):
             if within_speed(sub(target, q), self._qd_max, self._period):
                 return h, target
-            h *= 0.5
+            h *= max(0.5, 1.0 - _LITTLE * 2.0**attempt)
             target = movement.propose(h, q)
         raise near_singularity()
 

@@ -23,29 +23,34 @@ from urproto.versions import Series
 ZERO = (0.0,) * 6
 ROBOT_TIME_S = {Series.CB3: 6.0, Series.E: 2.5}  # a program is stopped then: similar numbers of periods
 STAND_WITHIN_S = 1.0
+COMPILED_WITHIN = 100  # periods
 ROUNDING = 1e-5
 LEGAL_SAFETY = (SafetyMode.NORMAL, SafetyMode.REDUCED, SafetyMode.PROTECTIVE_STOP, SafetyMode.SAFEGUARD_STOP)
 
 
 @dataclass(frozen=True)
 class Case:
-    """A program, where the arm begins, and what happens from outside at which share of the time."""
+    """Programs, one after the other, where the arm begins, and what happens from outside at which share of the time.
+
+    ``patience_s``: how long an operator looks at a protective stop before he unlocks it and goes on.
+    """
 
     model: str
     start: tuple[float, ...]
-    lines: tuple[str, ...]
+    programs: tuple[tuple[str, ...], ...]
     hands: tuple[tuple[float, str, float], ...] = ()
+    patience_s: float = 0.3
 
     @property
-    def text(self) -> str:
-        return "def random():\n" + "".join(f"  {line}\n" for line in self.lines) + "end\n"
+    def texts(self) -> list[str]:
+        return ["def random():\n" + "".join(f"  {line}\n" for line in lines) + "end\n" for lines in self.programs]
 
 
 # what programs are made of
 
 
 def _number(low: float, high: float) -> st.SearchStrategy[str]:
-    return st.floats(low, high).map(lambda value: f"{value:.4f}")
+    return st.integers(0, 1000).map(lambda share: f"{low + (high - low) * share / 1000:.4f}")
 
 
 def _joined(*parts: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
@@ -188,12 +193,15 @@ _starts = st.sampled_from(
 
 def programs(model: str) -> st.SearchStrategy[Case]:
     """Programs for one arm."""
-    statements = st.lists(_statements(load_model(model).series), min_size=1, max_size=8)
+    statements = st.lists(_statements(load_model(model).series), min_size=1, max_size=5)
+    program = statements.map(lambda parts: tuple(line for part in parts for line in part))
     return st.builds(
-        lambda start, parts, hands: Case(model, start, tuple(line for part in parts for line in part), tuple(hands)),
+        Case,
+        st.just(model),
         _starts,
-        statements,
-        st.lists(_hands, max_size=5),
+        st.lists(program, min_size=1, max_size=4).map(tuple),
+        st.lists(_hands, max_size=5).map(tuple),
+        st.sampled_from((0.05, 0.3, 10.0)),
     )
 
 
@@ -204,6 +212,7 @@ def programs(model: str) -> st.SearchStrategy[Case]:
 class Outcome:
     """What became of a program."""
 
+    periods: int = 0
     ended: bool = False
     faults: list[str] = field(default_factory=list)
     hardest: list[tuple[float, int, str]] = field(default_factory=list)  # rad/s2, period, what was being done
@@ -219,6 +228,7 @@ class Run:
         self.controller.encoders[0].simulated_speed = 80.0
         self.kinematics = Kinematics(self.model.dh)
         self.period = 0
+        self.running = -1  # number of the program
         self.outcome = Outcome()
         self._q = self.controller.snapshot.target_q
         self._rates = ZERO
@@ -228,15 +238,23 @@ class Run:
         controller, series = self.controller, self.model.series
         count = round(ROBOT_TIME_S[series] / series.period_s)
         hands = {round(share * count): (what, value) for share, what, value in self.case.hands}
-        controller.post(ScriptUnit(self.case.text, "block"))
+        waiting = self.case.texts
+        since = 0
         for period in range(count):
             if period in hands:
                 self._touch(*hands[period])
+            if self._stopped_for_s > self.case.patience_s:
+                self._recover()
+            if period > since and controller.programs.state is RuntimeState.STOPPED:
+                if not waiting:
+                    self.outcome.ended = True
+                    break
+                controller.post(ScriptUnit(waiting.pop(0), "block"))
+                self.running += 1
+                since = period + COMPILED_WITHIN
             self.step()
-            if period > 100 and controller.programs.state is RuntimeState.STOPPED:
-                self.outcome.ended = True
-                break
         self._come_to_rest()
+        self.outcome.periods = self.period
         return self.outcome
 
     def _touch(self, what: str, value: float) -> None:
@@ -248,14 +266,18 @@ class Run:
             case "pause":
                 controller.post(DashboardLine("pause" if value < 0.5 else "play"))
             case "stop":
-                controller.safety_event(SafetyEvent.PROTECTIVE_STOP if value < 0.5 else SafetyEvent.UNLOCK)
-                controller.programs.resume()
+                controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
             case "gate":
                 controller.safety_event(SafetyEvent.SAFEGUARD_OPEN if value < 0.5 else SafetyEvent.SAFEGUARD_CLOSED)
             case "reduced":
                 controller.safety_event(SafetyEvent.REDUCED if value < 0.5 else SafetyEvent.NOT_REDUCED)
             case "push":
                 controller.external_wrench = (60.0 * value, -20.0, 30.0 * value - 15.0, 0.0, value, 0.0)
+
+    def _recover(self) -> None:
+        self.controller.safety_event(SafetyEvent.UNLOCK)
+        self.controller.safety_event(SafetyEvent.SAFEGUARD_CLOSED)
+        self.controller.programs.resume()
 
     def _come_to_rest(self) -> None:
         """Ended or stopped, the arm stands soon, and goes nowhere after that."""
@@ -330,13 +352,13 @@ class Run:
 
     def _doing(self) -> str:
         motion = self.controller.motion
-        line = self.controller.programs.line
+        line, lines = self.controller.programs.line, self.case.programs[max(self.running, 0)]
         added = "+compliance" * (motion.control_mode is not ControlMode.POSITION)
-        text = self.case.lines[line - 2] if 2 <= line <= len(self.case.lines) + 1 else ""
+        text = lines[line - 2] if 2 <= line <= len(lines) + 1 else ""
         return f"{type(motion._generator).__name__}{added} {motion.fault and motion.fault.code} line {line} {text}"
 
     def _at(self, what: str) -> str:
-        return f"{what}; {self.case.model}, period {self.period}, {self._doing()}\n{self.case.text}{self.case.hands}"
+        return f"{what}; {self.case.model}, period {self.period}, {self._doing()}\n{self.case}"
 
 
 class _Errors(logging.Handler):
@@ -356,7 +378,7 @@ def run(case: Case) -> Outcome:
         outcome = Run(case).go()
     finally:
         logging.getLogger("emulator").removeHandler(errors)
-    assert not errors.texts, f"{errors.texts}\n{case.text}"
+    assert not errors.texts, f"{errors.texts}\n{case}"
     return outcome
 
 
