@@ -5,13 +5,14 @@ that were fast have to brake harder than they can. So a scout runs ahead of the 
 control period, and keeps for each cell of the path (between two places) the highest time scale from which the rest of
 the path can be run within the joints' speed and acceleration limits.
 
-With x the square of the time scale, a joint's acceleration from one cell to the next is linear in their two x:
+With x and y the squares of the time scale in one cell and the next, u and u' the joint's speeds there as planned
+(x = y = 1), and dt the time planned between their middles, the joint turns by dt (u + u') / 2 in between, and
 
-    P x + Q y,   P = (u' - 3 u) / 4 dt,   Q = (3 u' - u) / 4 dt
+    acceleration = (u'^2 y - u^2 x) / (u + u') dt
 
-u, u' being the joint's speeds in the two cells as planned (x = y = 1), dt the time between their middles. So the highest
-x of a cell follows from that of the next one by a linear program in two variables, from the far end back (time-optimal
-path parametrisation, of which this is the backward pass). Going forward, the arm is as quick as its joints allow.
+So the highest x of a cell follows from that of the next one by a linear program in two variables, from the far end back
+(time-optimal path parametrisation, of which this is the backward pass). Going forward, the arm is as quick as its joints
+allow.
 """
 
 from bisect import bisect_right
@@ -20,7 +21,7 @@ from math import sqrt
 
 from emulator.motion.faults import MotionFault
 from emulator.motion.path_motion import PathMotion
-from emulator.motion.vectors import Joints, largest, scaled, sub
+from emulator.motion.vectors import ZERO, Joints, largest, scaled, sub
 from urproto.robots.model import RobotModel
 
 __all__ = ["Lookahead"]
@@ -59,10 +60,20 @@ class Lookahead:
             if self._over or self._end > self._now + _AHEAD_S:
                 break
             self._extend()
-        if not self._slow:
-            return 1.0
-        here = sqrt(self._at(self._now))
-        return sqrt(self._at(self._now + 0.5 * here * h))
+        return self._run(h) / h if self._slow else 1.0
+
+    def _run(self, left: float) -> float:
+        """How far the arm gets in this time of the clock."""
+        t, here = self._now, sqrt(self._at(self._now))
+        for k in range(bisect_right(self._middles, t), len(self._middles)):
+            there, way = sqrt(self._most[k]), self._middles[k] - t
+            if here + there <= 0.0:
+                return t - self._now
+            needed = 2.0 * way / (here + there)
+            if needed >= left:
+                return t - self._now + left * (here + 0.5 * (there - here) * left / needed)
+            t, here, left = self._middles[k], there, left - needed
+        return t - self._now + here * left
 
     def went(self, h: float) -> None:
         """The arm has gone on by h."""
@@ -84,7 +95,7 @@ class Lookahead:
 
     def _extend(self) -> None:
         """One more cell."""
-        h = min(_CELL_S, 2.0 * self._cell)
+        h = min(_CELL_S, 2.0 * self._cell, self._scout.remaining_s)
         q = self._place(h)
         while h > _SHORTEST_CELL_S and (q is None or largest(sub(q, self._q)) > _TURN_RAD):
             h *= 0.5
@@ -96,7 +107,10 @@ class Lookahead:
         speed = scaled(sub(q, self._q), 1.0 / h)
         fastest = max(abs(rate) / most for rate, most in zip(speed, self._qd_max, strict=True))
         self._append(self._end + 0.5 * h, speed, 1.0 if fastest <= 1.0 else 1.0 / fastest**2)
-        self._end, self._cell, self._q, self._over = self._end + h, h, q, self._scout.done
+        self._end, self._cell, self._q = self._end + h, h, q
+        if self._scout.done:
+            self._over = True
+            self._append(self._end, ZERO, 1.0)
 
     def _place(self, h: float) -> Joints | None:
         """The joints h further on; None where there are none, which ``fault`` then tells."""
@@ -137,7 +151,7 @@ class Lookahead:
                 return 1.0
         floors, ceilings = [(0.0, 0.0)], [(follows, 0.0)]  # of y: value at x = 0, slope
         for u1, u2, most in zip(here, there, self._qdd_max, strict=True):
-            p, q = 0.25 * (u2 - 3.0 * u1) / dt, 0.25 * (3.0 * u2 - u1) / dt
+            p, q = _change(u1, u2, dt)
             if abs(q) > _NO_TURN:
                 floors.append((-most / abs(q), -p / q))
                 ceilings.append((most / abs(q), -p / q))
@@ -148,3 +162,11 @@ class Lookahead:
                 if rise > slope:
                     highest = min(highest, (high - low) / (rise - slope))
         return highest
+
+
+def _change(u1: float, u2: float, dt: float) -> tuple[float, float]:
+    """The factors of the two squared time scales in the acceleration between two cells."""
+    if u1 * u2 >= 0.0 and u1 != -u2:
+        turn = (u1 + u2) * dt
+        return -u1 * u1 / turn, u2 * u2 / turn
+    return 0.25 * (u2 - 3.0 * u1) / dt, 0.25 * (3.0 * u2 - u1) / dt  # it turns back: first order

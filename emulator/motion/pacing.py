@@ -10,7 +10,7 @@ speed fraction. It is less
 Shortening h changes when the arm is somewhere, never where it goes.
 """
 
-from emulator.motion.faults import near_singularity
+from emulator.motion.faults import MotionFault, near_singularity
 from emulator.motion.generator import Generator
 from emulator.motion.lookahead import Lookahead
 from emulator.motion.path_motion import PathMotion
@@ -23,6 +23,7 @@ RAMP_RAD_S2 = 10.0  # leading joint, when the speed fraction changes or a progra
 _ROUNDS = 4  # proposals per period while looking for a step the joints can follow
 _ATTEMPTS = 18  # and as many more before giving up
 _LITTLE = 0.002  # the first of them shortens a step by this share
+_EXCESS = 2.0  # times its acceleration limit is what a joint gets when the path leaves no choice; beyond: fault (guess)
 _TOLERANCE = 1e-6  # of limits: rounding of differences of positions
 _STUCK_SHARE = 1e-3  # a movement slower than this share of its speed ...
 _CREEP = 0.5 * _STUCK_SHARE  # time scale in front of a place that cannot be passed, until that is noticed
@@ -71,6 +72,8 @@ class Pacer:
         if not self._easy(step, qd):
             h, target = self._fitted(movement, (h, most), target, q, qd)
             step = sub(target, q)
+            if not self._bearable(step, qd):
+                raise self._why()
         self.share = h / most
         self._judge(h, goal)
         self._remember(h, largest(step))
@@ -94,6 +97,15 @@ class Pacer:
             if not (-most <= move <= most and -change <= move - speed * dt <= change):
                 return False
         return True
+
+    def _bearable(self, step: Joints, qd: Joints) -> bool:
+        """No joint changes its speed by much more than it can."""
+        dt = self._period
+        changes = zip(step, qd, self._change, strict=True)
+        return all(abs(move - speed * dt) <= _EXCESS * change for move, speed, change in changes)
+
+    def _why(self) -> MotionFault:
+        return (self._ahead and self._ahead.fault) or near_singularity()
 
     def _fitted(
         self, movement: Generator, wanted: tuple[float, float], target: Joints, q: Joints, qd: Joints
@@ -147,7 +159,7 @@ class Pacer:
                 return h, target
             h *= max(0.5, 1.0 - _LITTLE * 2.0**attempt)
             target = movement.propose(h, q)
-        raise near_singularity()
+        raise self._why()
 
     def _judge(self, h: float, goal: float) -> None:
         if h >= _STUCK_SHARE * goal * self._period:
@@ -155,7 +167,7 @@ class Pacer:
             return
         self._stuck_s += self._period
         if self._stuck_s > _STUCK_S:
-            raise (self._ahead and self._ahead.fault) or near_singularity()
+            raise self._why()
 
     def _remember(self, h: float, moved: float) -> None:
         pace = moved / h

@@ -69,6 +69,12 @@ class PathMotion:
             self._exit_s = min(self._exit_s, self.profile.position(self._t))
         return True
 
+    @property
+    def remaining_s(self) -> float:
+        """Its own time until it has arrived."""
+        on_leg = self.profile.duration - self._t
+        return on_leg if self._blend is None else self.profile.duration + self._blend.duration - self._t
+
     def goal(self) -> Pose:
         return self.leg.goal()
 

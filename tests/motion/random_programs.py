@@ -25,6 +25,8 @@ ROBOT_TIME_S = {Series.CB3: 6.0, Series.E: 2.5}  # a program is stopped then: si
 STAND_WITHIN_S = 1.0
 COMPILED_WITHIN = 100  # periods
 ROUNDING = 1e-5
+MOST = 2.05  # times a joint's acceleration limit: `pacing` lets a path have twice that before it gives up
+MOST_BESIDE = 12.0  # with force mode, conveyor, or offset; they have bounds of their own, and stops add to them
 LEGAL_SAFETY = (SafetyMode.NORMAL, SafetyMode.REDUCED, SafetyMode.PROTECTIVE_STOP, SafetyMode.SAFEGUARD_STOP)
 
 
@@ -233,6 +235,7 @@ class Run:
         self._q = self.controller.snapshot.target_q
         self._rates = ZERO
         self._stopped_for_s = 0.0
+        self._was_beside = False
 
     def go(self) -> Outcome:
         controller, series = self.controller, self.model.series
@@ -315,8 +318,11 @@ class Run:
         if any(snapshot.target_qd):
             assert max(map(abs, map(float.__sub__, snapshot.target_qd, rates))) < 1e-6, self._at("speed is not dq/dt")
         hardest = max(abs(a - b) / (dt * m) for a, b, m in zip(rates, self._rates, model.qdd_max, strict=True))
-        if hardest > 1.0 + 1e-3:
+        if hardest > 1.0 + 1e-2:
             self.outcome.hardest.append((hardest, self.period, self._doing()))
+        beside = self.controller.motion._beside or self._was_beside
+        assert hardest <= (MOST_BESIDE if beside else MOST), self._at(f"a joint does {hardest:.2f} times qdd_max")
+        self._was_beside = self.controller.motion._beside
         self._q, self._rates = q, rates
 
     def _check_snapshot(self) -> None:
