@@ -1,12 +1,16 @@
 """An arm with its motion generator, stepped by hand and watched in every control period."""
 
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
 from emulator.motion import Motion, MotionFault, Move
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.model import RobotModel, load_model
+
+sys.path.insert(0, str(Path(__file__).parent))  # random_programs; importlib mode does not add the folder
 
 ZERO = (0.0,) * 6
 START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # rad: elbow up, far from singularities
