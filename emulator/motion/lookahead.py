@@ -10,9 +10,9 @@ With x and y the squares of the time scale in one cell and the next, u and u' th
 
     acceleration = (u'^2 y - u^2 x) / (u + u') dt
 
-So the highest x of a cell follows from that of the next one by a linear program in two variables, from the far end back
-(time-optimal path parametrisation, of which this is the backward pass). Going forward, the arm is as quick as its joints
-allow.
+So the highest x of a cell follows from that of the next one by a linear program in two variables, from the far end
+back (time-optimal path parametrisation, of which this is the backward pass). Going forward, the arm is as quick as its
+joints allow.
 """
 
 from bisect import bisect_right
@@ -26,7 +26,7 @@ from urproto.robots.model import RobotModel
 
 __all__ = ["Lookahead"]
 
-_CELL_S = 0.016  # of the movement's own time; shorter where the joints turn more than _TURN_RAD in one
+_CELL_S = 0.016  # of the movement's own time; shorter where a joint turns more than _TURN_RAD in one (guesses)
 _SHORTEST_CELL_S = _CELL_S / 8192
 _TURN_RAD = 0.05
 _AHEAD_S = 0.2  # more than any joint takes to brake

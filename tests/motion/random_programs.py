@@ -65,6 +65,8 @@ def _list(prefix: str, *numbers: st.SearchStrategy[str]) -> st.SearchStrategy[st
 
 
 _near = _number(-0.8, 0.8)
+
+
 def _mostly(often: st.SearchStrategy[str], *seldom: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
     """Programs should get somewhere before something is out of reach."""
     return st.integers(0, 4).flatmap(lambda dice: st.one_of(*seldom) if dice == 0 else often)
@@ -412,5 +414,3 @@ def flange_position(dh: DH, q: tuple[float, ...]) -> tuple[float, ...]:
         s, c = sin(q[i] + dh.theta[i]), cos(q[i] + dh.theta[i])
         point = (c * x - s * y, s * x + c * y, z)
     return point
-
-
