@@ -192,7 +192,8 @@ def test_stopl(start_rig, name, a):
     begin = rig.pose()
     taken = rig.finish(rig.motion.stopl(a))
     assert taken == pytest.approx(v / a, abs=rig.motion.period_s)
-    assert rig.pose()[:3] == pytest.approx(shifted(begin, y=0.5 * v * v / a)[:3], abs=1e-6)
+    # the speed it starts with is the last period's mean, so its direction is half a period old
+    assert rig.pose()[:3] == pytest.approx(shifted(begin, y=0.5 * v * v / a)[:3], abs=1e-4)
     assert rig.motion.qd == ZERO
 
 
