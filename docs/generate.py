@@ -1,4 +1,4 @@
-"""Writes docs/supported.md, docs/states.md and docs/command_line.md from the code.
+"""Writes docs/supported.md, states.md, command_line.md and control_verbs.md from the code.
 
 ``python docs/generate.py`` rewrites them; ``--check`` fails when they are stale instead.
 """
@@ -14,7 +14,12 @@ import typer.main
 
 from client import cli as client_cli
 from emulator import cli as emulator_cli
+from emulator import ctl
 from emulator.builtins import LIBRARIES
+from emulator.config import PORTS
+from emulator.control.live import LiveControl
+from emulator.control.openapi import listing
+from emulator.control.verbs import verbs_of
 from emulator.dashboard import COMMANDS
 from emulator.lifecycle.power import POWER_TABLE
 from emulator.lifecycle.runstate import RUN_TABLE
@@ -22,6 +27,7 @@ from emulator.lifecycle.safety import SAFETY_TABLE
 from emulator.programs.trees.program import NODES
 from emulator.run_command import COMMAND as RUN
 from emulator.safety.causes import CAUSES
+from emulator.services import NOT_EMULATED
 from emulator.textcommands import TEXT_COMMANDS
 from urproto.robots import MODELS, load_model
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field
@@ -47,7 +53,12 @@ def main() -> int:
 
 def pages() -> dict[str, str]:
     """File name and text of every generated page."""
-    return {"supported.md": supported(), "states.md": states(), "command_line.md": command_line()}
+    return {
+        "supported.md": supported(),
+        "states.md": states(),
+        "command_line.md": command_line(),
+        "control_verbs.md": control_verbs(),
+    }
 
 
 def supported() -> str:
@@ -58,6 +69,8 @@ def supported() -> str:
         "Versions are the first of CB3 and of e-Series that have a thing; a dash means the series never got it.",
         "## Arms",
         _arms(),
+        "## Ports",
+        _ports(),
         "## Dashboard commands (29999)",
         _dashboard(),
         "## Text commands on the script ports (30001, 30002, 30003)",
@@ -95,7 +108,8 @@ def states() -> str:
 def command_line() -> str:
     """Every command of the console scripts, with its options."""
     parts = ["# Command line", NOTICE]
-    for program, app in (("ur-emulator", emulator_cli.app), ("ur-client", client_cli.app)):
+    apps = (("ur-emulator", emulator_cli.app), ("ur-emulator ctl", ctl.app), ("ur-client", client_cli.app))
+    for program, app in apps:
         for words, command in _commands(program, typer.main.get_command(app)):
             parts += [f"## {words}", _first_line(command.help or "")]
             rows = (
@@ -103,6 +117,28 @@ def command_line() -> str:
             )
             parts.append(_table(("option or argument", "meaning"), rows))
     return "\n\n".join([*parts, *_urscript_commands()]) + "\n"
+
+
+def control_verbs() -> str:
+    """The verbs of the control API."""
+    rows = (
+        (f"`{verb['name']}`", ", ".join(map(_argument, verb["arguments"])), " ".join(verb["text"].split()))
+        for verb in listing(verbs_of(LiveControl))
+    )
+    parts = (
+        "# Verbs of the control API",
+        NOTICE,
+        "What each of the three forms has: `emulator.control`, HTTP, `ur-emulator ctl`. Arguments in brackets may "
+        "be left out.",
+        _table(("verb", "arguments", "meaning"), rows),
+    )
+    return "\n\n".join(parts) + "\n"
+
+
+def _argument(argument: Mapping[str, Any]) -> str:
+    kind = "numbers" if argument["type"].startswith("tuple[") else argument["type"].replace("|", "or")
+    text = f"{argument['name']}: {kind}"
+    return text if argument["required"] else f"[{text}]"
 
 
 def _urscript_commands() -> Iterable[str]:
@@ -137,6 +173,12 @@ def _arms() -> str:
         for m in models
     )
     return _table(("--model", "name", "series", "payload", "reach", "status"), rows)
+
+
+def _ports() -> str:
+    there = ((name, str(port), "supported", "") for name, port in PORTS.items())
+    missing = ((s.name, s.ports, "refused", f"{s.reason}; instead: {s.instead}") for s in NOT_EMULATED)
+    return _table(("service", "port", "status", "note"), (*there, *missing))
 
 
 def _dashboard() -> str:

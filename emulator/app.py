@@ -13,10 +13,13 @@ from typing import Final, Self
 
 from emulator.clock import Clock, RealClock
 from emulator.config import PORTS, EmulatorConfig
+from emulator.control.live import LiveControl
+from emulator.control.timing import OwnPace
 from emulator.controller import Controller
 from emulator.reporting.primary_state import robot_state
 from emulator.reporting.program_state import ProgramReporter
 from emulator.servers.base import PortServer
+from emulator.servers.control import ControlServer
 from emulator.servers.dashboard import DashboardServer
 from emulator.servers.gripper import GripperServer
 from emulator.servers.interpreter import InterpreterServer
@@ -35,7 +38,7 @@ from urproto.primary.state import encode_robot_state
 
 __all__ = ["Emulator", "make_servers"]
 
-_MAY_MOVE: Final = ("modbus",)
+_MAY_MOVE: Final = ("modbus", "control")
 
 
 class Emulator:
@@ -44,6 +47,7 @@ class Emulator:
     clock: what drives it, real time unless given. stopped: set when a client shut the
     controller down, or by ``stop``. moved: why a server listens on another port than wanted.
     tool_device: what is connected to the tool's serial line, "" for nothing; a pseudo terminal's path.
+    control: the verbs of the control API, for whoever runs in the same event loop.
     """
 
     def __init__(self, config: EmulatorConfig, clock: Clock | None = None) -> None:
@@ -52,6 +56,10 @@ class Emulator:
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
         servers = make_servers(self.controller, tool_line=config.tool_device is not None)
         self.servers: dict[str, PortServer] = {server.name: server for server in servers}
+        pace = self.clock if isinstance(self.clock, RealClock) else OwnPace()
+        self.control = LiveControl(self.controller, pace, self.servers)
+        if config.control:
+            self.servers["control"] = ControlServer(self.controller, self.control, config.control_token)
         self.stopped = asyncio.Event()
         self.tool_device = ""
         self._own_ports = OwnPorts()
@@ -75,7 +83,8 @@ class Emulator:
                 server = self.servers[name]
                 starting.push_async_callback(server.stop)
                 await self._open(server, port)
-            self._own_ports.opened(self.config.host, {PORTS[name]: port for name, port in self.ports.items()})
+            own = {PORTS[name]: port for name, port in self.ports.items() if name != "control"}
+            self._own_ports.opened(self.config.host, own)
             if self.config.tool_device is not None:
                 device, self.tool_device = starting.enter_context(open_tool_device(self.config.tool_device))
                 self.controller.tool_line.connect(device)
@@ -95,8 +104,8 @@ class Emulator:
         await self._running.aclose()
 
     async def _open(self, server: PortServer, port: int) -> None:
-        """Only administrators may listen on a port as low as Modbus has; it moves rather than keep the robot off."""
-        host = self.config.host
+        """Some servers rather move than keep the robot off: only administrators may listen where Modbus belongs."""
+        host = self.config.host_of(server.name)
         self.moved.pop(server.name, None)
         try:
             await server.start(host, port)

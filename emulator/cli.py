@@ -109,6 +109,13 @@ def _run(
     self_collision: Annotated[
         bool, typer.Option("--self-collision", help="Stop when links of the arm touch each other.")
     ] = False,
+    control_host: Annotated[
+        str, typer.Option(help="Where the control API listens, if not on this machine only; wants a token.")
+    ] = "",
+    control_token: Annotated[
+        str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="What clients of the control API have to present.")
+    ] = "",
+    no_control: Annotated[bool, typer.Option("--no-control", help="Serve no control API.")] = False,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
     version: Annotated[
@@ -144,6 +151,9 @@ def _run(
             script_network=script_network,
             modbus_unit_port=modbus_unit_port,
             tool_device=tool_device,
+            control=not no_control,
+            control_host=control_host,
+            control_token=control_token,
         )
         asyncio.run(_serve(config, ports_file, exit_when_ready=exit_when_ready))
 
@@ -170,7 +180,7 @@ async def _serve(config: EmulatorConfig, ports_file: Path | None, *, exit_when_r
     async with emulator:
         _stop_on_signals(emulator.stop)
         console.print(first_screen(emulator))
-        await check_ready(config.host, emulator.ports)
+        await check_ready(config.host, emulator.ports, elsewhere={"control": config.host_of("control")})
         if ports_file is not None:
             _write_ports(ports_file, emulator.ports)
         console.print(ready_line(emulator))

@@ -17,6 +17,7 @@ import contextlib
 import ctypes
 import gc
 import logging
+import math
 import os
 import sys
 import time
@@ -116,36 +117,72 @@ class StepClock:
 
 
 class RealClock:
-    """One tick per ``period_s / speed`` seconds of real time."""
+    """One tick per ``period_s / speed`` seconds of real time; at infinite speed one after the other.
+
+    ``paused``: no ticks until ``resume``.
+    """
 
     def __init__(self, period_s: float, speed: float = 1.0) -> None:
-        if not 0.0 < speed < float("inf"):
-            raise ValueError(f"the speed must be a positive number, not {speed}")
-        self._period_ns = max(1, round(period_s / speed * _NS))
-        self._least_gap_ns = int(self._period_ns * _LEAST_GAP)
         self.statistics = ClockStatistics()
         self.last_tick_s = 0.0
+        self.paused = False
+        self._period_s = period_s
         self._tick: Tick = lambda: None
         self._timer: _Timer | None = None
         self._deadline_ns = 0
         self._reviewed_ns = 0
         self._missed_when_reviewed = 0
+        self._given_up_ns = 0  # of the wall's time, since the last review
+        self.set_speed(speed)
+
+    @property
+    def speed(self) -> float:
+        """Simulated seconds per second."""
+        return self._speed
+
+    def set_speed(self, speed: float) -> None:
+        """Let time go faster or slower from now on. Raises ValueError unless it is positive."""
+        if not speed > 0.0:
+            raise ValueError(f"the speed must be a positive number, not {speed}")
+        self._speed = speed
+        self._period_ns = max(1, round(self._period_s / speed * _NS)) if speed < math.inf else 0
+        self._least_gap_ns = int(self._period_ns * _LEAST_GAP)
+        self._begin()
+
+    def pause(self) -> None:
+        """No tick from now on."""
+        self.paused = True
+
+    def resume(self) -> None:
+        """Go on; the time of the pause is not made up for."""
+        if self.paused:
+            self.paused = False
+            self._begin()
 
     def start(self, tick: Tick) -> None:
         self._tick = tick
         self._timer = _timer(asyncio.get_running_loop(), self._expired)
-        self._reviewed_ns = time.monotonic_ns()
-        self._deadline_ns = self._reviewed_ns + self._period_ns
-        self._timer.arm(self._deadline_ns)
+        self._begin()
 
     def close(self) -> None:
         timer, self._timer = self._timer, None
         if timer is not None:
             timer.close()
 
+    def _begin(self) -> None:
+        """Count from now."""
+        self._reviewed_ns = time.monotonic_ns()
+        self._missed_when_reviewed, self._given_up_ns = self.statistics.missed, 0
+        self._deadline_ns = self._reviewed_ns + self._period_ns
+        if self._timer is not None and not self.paused:
+            self._timer.arm(self._deadline_ns)
+
     def _expired(self) -> None:
+        if self.paused:
+            return
         began_ns = time.monotonic_ns()
-        self.statistics.record(began_ns - self._deadline_ns, self._period_ns)
+        if self._period_ns:
+            self.statistics.record(began_ns - self._deadline_ns, self._period_ns)
         try:
             self._tick()
         finally:
@@ -156,9 +193,11 @@ class RealClock:
     def _plan_next(self, began_ns: int, now_ns: int) -> None:
         self._deadline_ns += self._period_ns
         behind_ns = now_ns - self._deadline_ns
-        if behind_ns > 0:
+        if not self._period_ns:
+            self._deadline_ns = now_ns
+        elif behind_ns > 0:
             self._fell_behind(behind_ns, now_ns)
-        if self._timer is not None:
+        if self._timer is not None and not self.paused:
             self._timer.arm(max(self._deadline_ns, began_ns + self._least_gap_ns))
 
     def _fell_behind(self, behind_ns: int, now_ns: int) -> None:
@@ -166,15 +205,23 @@ class RealClock:
             given_up = behind_ns // self._period_ns
             self.statistics.missed += given_up
             self._deadline_ns += given_up * self._period_ns
+            self._given_up_ns += given_up * self._period_ns
         if now_ns - self._reviewed_ns > _REVIEW_EVERY_NS:
             self._review(now_ns)
 
     def _review(self, now_ns: int) -> None:
-        periods = (now_ns - self._reviewed_ns) / self._period_ns
+        wall_ns = now_ns - self._reviewed_ns
+        periods = wall_ns / self._period_ns
         missed = self.statistics.missed - self._missed_when_reviewed
         if missed > _TOO_MANY_MISSED * periods:
-            _logger.warning("this machine is too slow or too busy: %d of %d control periods came late", missed, periods)
-        self._reviewed_ns, self._missed_when_reviewed = now_ns, self.statistics.missed
+            _logger.warning(
+                "this machine is too slow or too busy: %d of %d control periods came late, "
+                "time went %.2f times as fast as the wall clock",
+                missed,
+                periods,
+                self._speed * (1.0 - self._given_up_ns / wall_ns),
+            )
+        self._reviewed_ns, self._missed_when_reviewed, self._given_up_ns = now_ns, self.statistics.missed, 0
 
 
 class FastClock:

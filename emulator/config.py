@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +16,7 @@ from emulator.programs.urcap import DriverAddress
 from emulator.safety.configuration import SafetyConfiguration
 from emulator.safety.files import load_safety_file
 from emulator.safety.installation import SafetySettingsError
+from emulator.services import POLYSCOPE_X
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.robotiq import PORT as GRIPPER_PORT
 from urproto.robots import RobotModel, UnknownModel, load_model
@@ -48,6 +50,7 @@ PORTS: Final[Mapping[str, int]] = {
     "secondary read-only": 30012,
     "realtime read-only": 30013,
     "interpreter": 30020,
+    "control": 30080,  # this emulator's own
     "tool line": 54321,  # as the vendor's RS485 URCap has it
     "gripper": GRIPPER_PORT,
 }
@@ -61,7 +64,9 @@ JOINT_NAMES: Final = (  # as in ur_description
     "wrist_3_joint",
 )
 _LAST_PORT: Final = 65535
+_LOOPBACK: Final = "127.0.0.1"
 _FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder can count (Script Manual)
+_POLYSCOPE_X_MAJOR: Final = 10
 _MAJOR: Final = {Series.CB3: 3, Series.E: 5}
 _NEWEST_CB3_MINOR: Final = 15  # the CB3 line ended with 3.15
 
@@ -80,6 +85,8 @@ class EmulatorConfig:
     modbus_unit_port: where the Modbus units listen that programs add signals of (URScript
     names no port). tool_device: what is connected to the tool's serial line of an e-Series
     arm: "echo", "pty", or the path of a serial port; None for nothing, and no port for it.
+    control: whether the control API is served. control_host: where; without one on host, or on 127.0.0.1 if
+    other machines reach that. control_token: what its clients present; needed where other machines reach it.
     """
 
     controller: ControllerConfig
@@ -90,6 +97,9 @@ class EmulatorConfig:
     script_network: ScriptNetwork = ScriptNetwork.ANY
     modbus_unit_port: int = 502
     tool_device: str | None = None
+    control: bool = True
+    control_host: str = ""
+    control_token: str = ""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed < math.inf:
@@ -99,6 +109,8 @@ class EmulatorConfig:
         most = _LAST_PORT - max(PORTS[name] for name in self._port_names)
         if not 0 <= self.port_offset <= most:
             raise ConfigError(f"the port offset must be from 0 to {most}, not {self.port_offset}")
+        if self.control and not self.control_token and not _is_loopback(self.host_of("control")):
+            raise ConfigError(f"the control API on {self.control_host} could be used by anybody: give it a token")
         if not 1 <= self.modbus_unit_port <= _LAST_PORT:
             raise ConfigError(f"the port of Modbus units must be from 1 to {_LAST_PORT}, not {self.modbus_unit_port}")
 
@@ -107,13 +119,23 @@ class EmulatorConfig:
         """The port to listen on, by server name; 0 where any free one will do. Only those that are there."""
         return {name: 0 if self.ephemeral_ports else PORTS[name] + self.port_offset for name in self._port_names}
 
+    def host_of(self, server: str) -> str:
+        """The address that a server listens on."""
+        if server != "control":
+            return self.host
+        return self.control_host or (self.host if _is_loopback(self.host) else _LOOPBACK)
+
     @property
     def _version(self) -> PolyscopeVersion:
         return self.controller.version or DEFAULT_VERSION[self.controller.model.series]
 
     @property
     def _port_names(self) -> list[str]:
-        switched = {"tool line": self.tool_device is not None, "gripper": self.controller.gripper is not None}
+        switched = {
+            "tool line": self.tool_device is not None,
+            "gripper": self.controller.gripper is not None,
+            "control": self.control,
+        }
         there = (name for name in PORTS if switched.get(name, True))
         return [name for name in there if name not in _FIRST_VERSION or _FIRST_VERSION[name].covers(self._version)]
 
@@ -141,7 +163,10 @@ def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
     newer_than_any = model.series is Series.CB3 and version.minor > _NEWEST_CB3_MINOR
     if version.major != major or newer_than_any:
         known = "3.0 to 3.15" if model.series is Series.CB3 else "5.x"
-        raise ConfigError(f"{model.title} is a {model.series.value} arm: its PolyScope version is {known}, not {text}")
+        why = f" ({POLYSCOPE_X.reason})" if version.major == _POLYSCOPE_X_MAJOR else ""
+        raise ConfigError(
+            f"{model.title} is a {model.series.value} arm: its PolyScope version is {known}, not {text}{why}"
+        )
     return version
 
 
@@ -206,6 +231,14 @@ def check_enforced_remote_control(wanted: bool, model: RobotModel) -> bool:
     if wanted and model.series is not Series.E:
         raise ConfigError(f"{model.title} is a {model.series.value} arm: it has no remote control to enforce")
     return wanted
+
+
+def _is_loopback(host: str) -> bool:
+    """Whether only this machine reaches what listens there."""
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def read_programs_dir(path: Path | None) -> Path | None:

@@ -150,6 +150,14 @@ async def _gripper(stream: _Stream) -> None:
         raise NotReady(f"the answer to GET {request.name} is {answer!r}")
 
 
+async def _control(stream: _Stream) -> None:
+    """Its start page needs no token."""
+    stream.send(b"GET /health HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+    answer = await stream.read()
+    if not answer.startswith(b"HTTP/1.1 200 "):
+        raise NotReady(f"the answer to GET /health is {answer[:40]!r}")
+
+
 _HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[None]]]] = {
     "dashboard": _dashboard,
     "primary": _primary,
@@ -160,16 +168,20 @@ _HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[None]]]] = {
     "interpreter": _interpreter,
     "tool line": _tool_line,
     "gripper": _gripper,
+    "control": _control,
 }
 
 
-async def check_ready(host: str, ports: Mapping[str, int], timeout_s: float = _TIMEOUT_S) -> None:
+async def check_ready(
+    host: str, ports: Mapping[str, int], timeout_s: float = _TIMEOUT_S, elsewhere: Mapping[str, str] | None = None
+) -> None:
     """Shake hands on every port at once; the read-only ones as those they mirror.
 
-    Raises NotReady naming the port and what is wrong with it.
+    elsewhere: addresses of servers that do not listen on host. Raises NotReady naming the port
+    and what is wrong with it.
     """
-    address = _UNSPECIFIED.get(host, host)
-    checks = (_check(name, address, port, timeout_s) for name, port in ports.items())
+    hosts = {name: (elsewhere or {}).get(name, host) for name in ports}
+    checks = (_check(name, _UNSPECIFIED.get(hosts[name], hosts[name]), port, timeout_s) for name, port in ports.items())
     for problem in await asyncio.gather(*checks, return_exceptions=True):
         if problem is not None:
             raise problem

@@ -23,6 +23,7 @@ _ABOUT = {
     "rtde": "variables of your choice, both ways",
     "modbus": "registers and coils (Modbus/TCP)",
     "interpreter": "statements for a program in interpreter_mode()",
+    "control": "this emulator's own API: inputs, faults, time (ur-emulator ctl)",
     "tool line": "the tool's serial line",
     "gripper": "lines of text",
 }

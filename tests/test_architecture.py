@@ -21,22 +21,24 @@ MAY_IMPORT = {
 }
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
-    "h11": ("emulator.programs.rpc.httpclient",),
+    "h11": ("emulator.programs.rpc.httpclient", "emulator.servers.control"),
+    "msgspec": ("emulator.control", "emulator.servers.control"),
     "numpy": ("urproto.robots.dynamics",),
     "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("emulator", "client"),
-    "typer": ("emulator.cli", "client.cli", "client.commands", "urscript.cli"),
+    "typer": ("emulator.cli", "emulator.ctl", "client.cli", "client.commands", "urscript.cli"),
     "rich": ("emulator", "client", "urscript.cli"),
 }
 URSCRIPT_SEES = ("urproto.robots.pose", "urproto.versions")
 # the world outside the tick: only these parts of the emulator and of the client may touch it
-OUTSIDE_WORLD = {"asyncio", "socket", "threading", "select", "time", "selectors", "datetime"}
+OUTSIDE_WORLD = {"asyncio", "http", "socket", "threading", "select", "time", "selectors", "datetime"}
 MAY_TOUCH_OUTSIDE = (
     "emulator.clock",
     "emulator.app",
     "emulator.cli",
     "emulator.run_command",
     "emulator.readiness",
+    "emulator.control.remote",
     "emulator.servers",
     "client",
 )

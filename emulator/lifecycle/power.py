@@ -126,6 +126,11 @@ class Power:
         if state is not self.state:
             self._enter(state)
 
+    def put(self, state: PowerState) -> None:
+        """Be in a state at once, without the steps that lead there."""
+        self._release_wanted = False
+        self._enter(state)
+
     def advance(self, period_s: float) -> None:
         """One control period of the timed step under way."""
         if self._remaining_s is None:

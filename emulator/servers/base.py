@@ -270,6 +270,11 @@ class PortServer:
         assert self._listening is not None
         return int(self._listening.sockets[0].getsockname()[1])
 
+    @property
+    def peers(self) -> list[str]:
+        """Addresses of the clients, in the order they came."""
+        return [connection.peer for connection in self.connections]
+
     async def start(self, host: str, port: int) -> None:
         """Listen. Port 0 takes a free one. Raises OSError saying which port and why."""
         listening = _listen(self.name, host, port)

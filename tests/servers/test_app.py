@@ -45,7 +45,7 @@ async def ask(port: int, *lines: str) -> list[str]:
 
 
 async def test_every_port_answers(emulator: Emulator) -> None:
-    assert len(set(emulator.ports.values())) == 10
+    assert len(set(emulator.ports.values())) == 11
     await check_ready(HOST, emulator.ports)
 
 

@@ -55,7 +55,7 @@ def test_ready_then_stopped(tmp_path: Path, number: signal.Signals) -> None:
     with running(command, tmp_path) as process:
         screen = read_until(process, "Ready: every port on 127.0.0.1 answers")
         ports = json.loads((tmp_path / "ports.json").read_text())
-        assert len(ports) == 10
+        assert len(ports) == 11
         assert all(str(port) in screen for port in ports.values())
         assert "UR3 with PolyScope 3.15.8" in screen
         with socket.create_connection(("127.0.0.1", ports["dashboard"])) as client:

@@ -121,7 +121,7 @@ def test_versions(model: str, version: str, there: bool) -> None:
     config = ControllerConfig(model=load_model(model), version=PolyscopeVersion.parse(version))
     names = [server.name for server in make_servers(Controller(config))]
     assert ("interpreter" in names) is bool(there)
-    assert set(EmulatorConfig(controller=config).wanted_ports) == set(names)
+    assert set(EmulatorConfig(controller=config, control=False).wanted_ports) == set(names)
 
 
 # a whole emulator

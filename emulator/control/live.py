@@ -1,0 +1,50 @@
+"""The verbs of a robot whose ports are open."""
+
+from collections.abc import Mapping
+from typing import Any, Protocol, TypeVar, cast
+
+from emulator.control.base import Waiting
+from emulator.control.control import Control
+from emulator.control.timing import Pace
+from emulator.control.verbs import verb
+from emulator.controller import Controller
+
+__all__ = ["LiveControl", "Port"]
+
+_T = TypeVar("_T")
+
+
+class Port(Protocol):
+    """What the verbs want to know of a server."""
+
+    @property
+    def port(self) -> int: ...
+
+    @property
+    def peers(self) -> list[str]: ...
+
+
+class LiveControl(Control):
+    """As Control. A verb that takes time returns its steps: a server continues them after each control period."""
+
+    def __init__(self, controller: Controller, pace: Pace, ports: Mapping[str, Port]) -> None:
+        super().__init__(controller, pace)
+        self._ports = ports
+
+    @verb
+    def ports(self) -> dict[str, int]:
+        """The port each server listens on, by its name."""
+        return {name: server.port for name, server in self._ports.items()}
+
+    @verb
+    def connections(self) -> dict[str, list[str]]:
+        """Who is connected to each port: addresses of the clients, in the order they came."""
+        return {name: server.peers for name, server in self._ports.items()}
+
+    def _wait(self, steps: Waiting[_T]) -> _T:
+        return cast(_T, steps)
+
+
+def is_waiting(result: Any) -> bool:
+    """Whether a verb returned steps instead of its result."""
+    return hasattr(result, "__next__")

@@ -1,0 +1,109 @@
+"""The verbs of an emulator elsewhere, over its control API.
+
+    robot = RemoteControl("127.0.0.1")
+    robot.press_emergency_stop()
+
+Each verb is a method with the arguments and results of `LiveControl`; nothing of the emulator itself is loaded.
+"""
+
+import http.client
+import json
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+from emulator.control.verbs import BadArguments, NotPossible
+
+__all__ = ["ControlClient", "NoControlError", "RemoteControl"]
+
+_PORT: Final = 30080
+_BAD_ARGUMENTS, _CONFLICT, _NOT_FOUND = 400, 409, 404
+
+
+class NoControlError(ConnectionError):
+    """The control API cannot be reached, or does not let this client in."""
+
+
+class ControlClient:
+    """Calls verbs by name. ``timeout_s``: how long an answer may take; None waits."""
+
+    def __init__(
+        self, host: str = "127.0.0.1", port: int = _PORT, token: str = "", timeout_s: float | None = 60.0
+    ) -> None:
+        self._place = f"{host} port {port}"
+        self._http = http.client.HTTPConnection(host, port, timeout=timeout_s)
+        self._headers = {"Content-Type": "application/json"}
+        if token:
+            self._headers["Authorization"] = f"Bearer {token}"
+
+    def close(self) -> None:
+        """End the connection; the next call opens another."""
+        self._http.close()
+
+    def verbs(self) -> list[dict[str, Any]]:
+        """What verbs there are: name, text and arguments of each. Raises NoControlError."""
+        listed: list[dict[str, Any]] = self._ask("GET", "/verbs", None)
+        return listed
+
+    def call(self, verb: str, arguments: Mapping[str, Any]) -> Any:
+        """The result of a verb. Raises BadArguments, NotPossible, AttributeError for an unknown one, NoControlError."""
+        return self._ask("POST", f"/verbs/{verb}", arguments)["result"]
+
+    def _ask(self, method: str, path: str, arguments: Mapping[str, Any] | None) -> Any:
+        body = None if arguments is None else json.dumps(arguments).encode()
+        try:
+            self._http.request(method, path, body, self._headers)
+            response = self._http.getresponse()
+            content = json.loads(response.read())
+        except (OSError, http.client.HTTPException, ValueError) as error:
+            self._http.close()
+            raise NoControlError(f"no control API on {self._place}: {error or type(error).__name__}") from error
+        if response.status != http.client.OK:
+            raise _error(response.status, content.get("error", ""))
+        return content
+
+
+def _error(status: int, text: str) -> Exception:
+    kinds: dict[int, type[Exception]] = {
+        _BAD_ARGUMENTS: BadArguments,
+        _CONFLICT: NotPossible,
+        _NOT_FOUND: AttributeError,
+    }
+    return kinds.get(status, NoControlError)(text)
+
+
+if TYPE_CHECKING:
+    from emulator.control.live import LiveControl
+
+    class RemoteControl(LiveControl):
+        """What a type checker sees: the verbs themselves."""
+
+        def __init__(
+            self, host: str = "127.0.0.1", port: int = _PORT, token: str = "", timeout_s: float | None = 60.0
+        ) -> None: ...
+
+        def close(self) -> None: ...
+
+else:
+
+    class RemoteControl:
+        """The verbs of an emulator as methods. Arguments as in ControlClient."""
+
+        def __init__(self, *place: Any, **options: Any) -> None:
+            self._client = ControlClient(*place, **options)
+            self._arguments = {verb["name"]: [a["name"] for a in verb["arguments"]] for verb in self._client.verbs()}
+
+        def close(self) -> None:
+            """End the connection."""
+            self._client.close()
+
+        def __getattr__(self, name: str) -> Callable[..., Any]:
+            if name.startswith("_") or name not in self._arguments:
+                raise AttributeError(f"the control API has no verb {name!r}")
+
+            def call(*values: Any, **named: Any) -> Any:
+                if len(values) > len(self._arguments[name]):
+                    raise BadArguments(f"{name} takes {len(self._arguments[name])} arguments, not {len(values)}")
+                given = dict(zip(self._arguments[name], values, strict=False))
+                return self._client.call(name, given | named)
+
+            return call

@@ -1,0 +1,137 @@
+"""The state of a robot at rest as a document of plain values, and back.
+
+A running program cannot be saved: it is a stack of Python frames. Everything that outlives a program is.
+"""
+
+from collections.abc import Callable, Mapping
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Final
+
+from emulator.control.verbs import BadArguments, NotPossible
+from emulator.lifecycle.power import PowerState
+from emulator.robot.installation import Payload
+from urproto.modes import RuntimeState
+
+if TYPE_CHECKING:
+    from emulator.controller import Controller
+
+__all__ = ["restore_state", "save_state"]
+
+_FORMAT: Final = 1
+_AT_REST: Final = (PowerState.OFF, PowerState.IDLE, PowerState.RUNNING)
+
+# section of the document -> what holds its values, and their attributes
+_SECTIONS: Final[dict[str, tuple[Callable[["Controller"], Any], tuple[str, ...]]]] = {
+    "controller": (lambda c: c, ("step_count", "user_role", "operational_mode", "remote_control")),
+    "installation": (lambda c: c.installation, ("name", "gravity", "base_acceleration")),
+    "speed": (lambda c: c.speed, ("slider",)),
+    "input_registers": (lambda c: c.registers.input, ("bits", "ints", "doubles")),
+    "output_registers": (lambda c: c.registers.output, ("bits", "ints", "doubles")),
+    "signals": (
+        lambda c: c.signals,
+        (
+            "digital_inputs",
+            "digital_outputs",
+            "analog_inputs",
+            "analog_input_domains",
+            "analog_output_ratios",
+            "analog_output_domains",
+            "tool_analog_inputs",
+            "tool_analog_input_domains",
+            "tool_voltage",
+            "tool_output_mode",
+            "tool_digital_output_modes",
+        ),
+    ),
+    "programs": (lambda c: c.programs, ("flags",)),
+    "electrics": (lambda c: c.electrics, ("energy_J", "braking_energy_J")),
+}
+
+
+def save_state(controller: "Controller") -> dict[str, Any]:
+    """The document. Raises NotPossible while a program runs or the arm moves."""
+    _check_rest(controller)
+    payload = controller.installation.payload
+    return {
+        "format": _FORMAT,
+        "model": controller.model.name,
+        "series": controller.version.series.value,
+        "q_rad": list(controller.motion.q),
+        "tcp": list(controller.installation.tcp),
+        "payload": {"mass_kg": payload.mass, "cog_m": list(payload.cog), "inertia_kg_m2": list(payload.inertia)},
+        "power": controller.power.state.name,
+        **{section: _values(holder(controller), names) for section, (holder, names) in _SECTIONS.items()},
+    }
+
+
+def restore_state(controller: "Controller", document: Mapping[str, Any]) -> None:
+    """Take the state over. Raises NotPossible, or BadArguments for another robot's document; then nothing changed."""
+    _check_rest(controller)
+    for name, own in (
+        ("format", _FORMAT),
+        ("model", controller.model.name),
+        ("series", controller.version.series.value),
+    ):
+        if document.get(name) != own:
+            raise BadArguments(f"the document's {name} is {document.get(name)!r}, this robot's {own!r}")
+    before = save_state(controller)
+    try:
+        _apply(controller, document)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        _apply(controller, before)
+        raise BadArguments(f"the document is damaged: {type(error).__name__} {error}") from error
+
+
+def _check_rest(controller: "Controller") -> None:
+    if controller.programs.state is not RuntimeState.STOPPED or controller.programs.busy:
+        raise NotPossible("a program runs: stop it first, its state cannot be kept")
+    if not controller.motion.idle:
+        raise NotPossible("the arm moves: wait until it stands")
+    if controller.power.state not in _AT_REST:
+        raise NotPossible(f"the arm is {controller.power.state.name}: wait until it is off, idle or running")
+    if controller.safety.stopped:
+        raise NotPossible(f"the safety mode is {controller.safety.mode.name}: release the stop first")
+
+
+def _apply(controller: "Controller", document: Mapping[str, Any]) -> None:
+    power = PowerState[document["power"]]
+    if power not in _AT_REST:
+        raise ValueError(f"an arm cannot be put into {power.name}")
+    payload = document["payload"]
+    mounted = Payload(float(payload["mass_kg"]), _numbers(payload["cog_m"], 3), _numbers(payload["inertia_kg_m2"], 6))
+    controller.motion.set_position(_numbers(document["q_rad"], 6))
+    controller.set_tcp(_numbers(document["tcp"], 6))
+    controller.installation.set_payload(mounted)
+    for section, (holder, names) in _SECTIONS.items():
+        target = holder(controller)
+        for name in names:
+            setattr(target, name, _like(getattr(target, name), document[section][name]))
+    controller.power.put(power)
+
+
+def _values(holder: Any, names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: _plain(getattr(holder, name)) for name in names}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Enum):
+        return value.value
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def _like(present: Any, value: Any) -> Any:
+    """The value in the types of the present one."""
+    if isinstance(present, list | tuple):
+        if len(value) != len(present):
+            raise ValueError(f"{len(value)} values where {len(present)} belong")
+        return type(present)(_like(own, new) for own, new in zip(present, value, strict=True))
+    kind = type(present)
+    if isinstance(present, bool) is not isinstance(value, bool):
+        raise TypeError(f"{value!r} is no {kind.__name__}")
+    return kind(value)
+
+
+def _numbers(values: Any, count: int) -> Any:
+    if len(values) != count:
+        raise ValueError(f"{len(values)} numbers where {count} belong")
+    return tuple(map(float, values))

@@ -1,0 +1,124 @@
+"""Verbs about time: how fast it goes, and going on step by step."""
+
+import math
+from typing import Protocol
+
+from emulator.control.base import ControlBase, Waiting
+from emulator.control.conditions import Condition, parse_condition
+from emulator.control.verbs import BadArguments, NotPossible, verb
+from emulator.controller import Controller
+
+__all__ = ["OwnPace", "Pace", "TimeVerbs"]
+
+
+class Pace(Protocol):
+    """How a robot's time goes by. ``speed``: simulated seconds per second, inf for as fast as it goes."""
+
+    @property
+    def speed(self) -> float: ...
+
+    @property
+    def paused(self) -> bool: ...
+
+    def set_speed(self, speed: float) -> None: ...
+
+    def pause(self) -> None: ...
+
+    def resume(self) -> None: ...
+
+
+class OwnPace:
+    """Time that goes by only when it is told to."""
+
+    speed = math.inf
+    paused = True
+
+    def set_speed(self, speed: float) -> None:
+        raise NotPossible("the time of this robot is driven step by step, as fast as it goes")
+
+    def pause(self) -> None:
+        """It is paused already."""
+
+    def resume(self) -> None:
+        """Who drives it decides what goes by."""
+
+
+class TimeVerbs(ControlBase):
+    """Verbs about time."""
+
+    def __init__(self, controller: Controller, pace: Pace) -> None:
+        super().__init__(controller)
+        self.pace = pace
+
+    @verb
+    def time(self) -> dict[str, float | bool]:
+        """Uptime [s], control period [s], speed (simulated seconds per second, 0 for as fast as it goes), paused."""
+        speed = self.pace.speed
+        return {
+            "time_s": self.controller.time_s,
+            "period_s": self.controller.period_s,
+            "speed": speed if math.isfinite(speed) else 0.0,
+            "paused": self.pace.paused,
+        }
+
+    @verb
+    def set_speed(self, speed: float) -> None:
+        """Let time go faster or slower: simulated seconds per second; 0 is as fast as it goes."""
+        if speed < 0.0:
+            raise BadArguments(f"time cannot run at {speed} seconds per second")
+        self.pace.set_speed(speed or math.inf)
+
+    @verb
+    def pause_time(self) -> None:
+        """Stop time; the ports stay open. ``step`` and ``run_until`` go on, ``resume_time`` ends it."""
+        self.pace.pause()
+
+    @verb
+    def resume_time(self) -> None:
+        """Let time go on."""
+        self.pace.resume()
+
+    @verb
+    def step(self, periods: int = 1) -> float:
+        """Let that many control periods go by, after ``pause_time``; the uptime [s] then."""
+        if periods < 1:
+            raise BadArguments(f"{periods} periods: give 1 or more")
+        if not self.pace.paused:
+            raise NotPossible("time goes by itself: pause_time first")
+        return self._wait(self._periods(periods))
+
+    @verb
+    def run_until(self, condition: str, timeout_s: float = 60.0) -> float:
+        """Wait until a condition on the state holds, for example ``robot_mode == RUNNING and actual_q[0] > 0.5``.
+
+        Returns the uptime [s]. Fails after ``timeout_s`` of robot time. Paused time runs meanwhile.
+        """
+        try:
+            holds = parse_condition(condition)
+        except ValueError as error:
+            raise BadArguments(str(error)) from error
+        return self._wait(self._until(condition, holds, timeout_s))
+
+    def _periods(self, count: int) -> Waiting[float]:
+        self.pace.resume()
+        try:
+            for _ in range(count):
+                yield
+        finally:
+            self.pace.pause()
+        return self.controller.time_s
+
+    def _until(self, condition: str, holds: Condition, timeout_s: float) -> Waiting[float]:
+        paused = self.pace.paused
+        self.pace.resume()
+        try:
+            for _ in range(math.ceil(timeout_s / self.controller.period_s)):
+                if holds(self.controller.snapshot):
+                    break
+                yield
+        finally:
+            if paused:
+                self.pace.pause()
+        if not holds(self.controller.snapshot):
+            raise NotPossible(f"{condition!r} did not become true within {timeout_s:g} s of robot time")
+        return self.controller.time_s

@@ -1,0 +1,97 @@
+"""Verbs: typed methods that can also be called by name, with arguments that came as JSON or on a command line."""
+
+import inspect
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, TypeVar, get_type_hints
+
+import msgspec
+
+__all__ = ["BadArguments", "NotPossible", "Verb", "verb", "verbs_of"]
+
+_MARK: Final = "__verb__"
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+class BadArguments(ValueError):  # noqa: N818 - named for what is the case
+    """The arguments do not fit the verb, whatever state the robot is in."""
+
+
+class NotPossible(Exception):  # noqa: N818 - named for what is the case
+    """The robot cannot do that in the state it is in."""
+
+
+def verb(function: _Function) -> _Function:
+    """Make a method a verb. Its annotations say what arguments it takes, its docstring is its documentation."""
+    setattr(function, _MARK, True)
+    return function
+
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """A verb as those see it who call it by name. ``parameters``: a msgspec structure of its arguments."""
+
+    name: str
+    parameters: type[msgspec.Struct]
+    result: Any
+    text: str
+
+    @property
+    def summary(self) -> str:
+        """The first sentence of the documentation."""
+        return self.text.partition("\n")[0]
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """Names of the arguments, in order."""
+        return self.parameters.__struct_fields__
+
+    def call(self, control: object, arguments: Mapping[str, Any], *, typed: bool = True) -> Any:
+        """Call the verb of an object. Raises BadArguments.
+
+        ``typed``: numbers are numbers, as in JSON; otherwise they may be text, as on a command line.
+        """
+        try:
+            values = msgspec.convert(arguments, self.parameters, strict=typed)
+        except msgspec.ValidationError as error:
+            raise BadArguments(f"{self.name}: {error}") from error
+        given = {name: getattr(values, name) for name in self.arguments}
+        for name, value in given.items():
+            if not _finite(value):
+                raise BadArguments(f"{self.name}: {name} must be finite, not {value}")
+        return getattr(control, self.name)(**given)
+
+
+def verbs_of(kind: type) -> dict[str, Verb]:
+    """The verbs of a class by name, in the order of their definition, those of its bases first."""
+    return {name: _described(name, function) for name, function in _marked(kind)}
+
+
+def _marked(kind: type) -> Iterator[tuple[str, Callable[..., Any]]]:
+    seen: set[str] = set()
+    for base in reversed(kind.__mro__):
+        for name, member in vars(base).items():
+            if getattr(member, _MARK, False) and name not in seen:
+                seen.add(name)
+                yield name, getattr(kind, name)
+
+
+def _described(name: str, function: Callable[..., Any]) -> Verb:
+    hints = get_type_hints(function)
+    fields: list[Any] = []
+    for parameter in list(inspect.signature(function).parameters.values())[1:]:
+        field = (parameter.name, hints[parameter.name])
+        optional = parameter.default is not inspect.Parameter.empty
+        fields.append((*field, parameter.default) if optional else field)
+    title = "".join(word.capitalize() for word in name.split("_"))
+    parameters = msgspec.defstruct(title, fields, forbid_unknown_fields=True, kw_only=True)
+    return Verb(name, parameters, hints.get("return", Any), inspect.getdoc(function) or "")
+
+
+def _finite(value: object) -> bool:
+    if isinstance(value, float):
+        return math.isfinite(value)
+    if isinstance(value, list | tuple):
+        return all(map(_finite, value))
+    return not isinstance(value, dict) or all(map(_finite, value.values()))

@@ -1,0 +1,119 @@
+"""``ur-emulator ctl VERB [VALUE ...] [NAME=VALUE ...]``: a verb of a running emulator from a shell.
+
+The verbs are those the emulator names, so this works with any version of it.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from emulator.control.remote import ControlClient
+from emulator.control.verbs import BadArguments, NotPossible
+
+__all__ = ["main"]
+
+_FAILED: Final = 1
+_USAGE_ERROR: Final = 2
+_LONG: Final = ("tuple[", "list[", "Sequence[")  # types of several values
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run the command with these arguments."""
+    app(args=list(arguments), prog_name="ur-emulator ctl")
+
+
+@app.command(context_settings={"ignore_unknown_options": True})
+def _ctl(
+    verb: Annotated[str | None, typer.Argument(help="What to do; without one, all verbs are listed.")] = None,
+    values: Annotated[
+        list[str] | None, typer.Argument(help="Arguments in order, or name=value; several numbers as 1,2,3.")
+    ] = None,
+    host: Annotated[str, typer.Option(help="Address of the control API.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Its port.")] = 30080,
+    token: Annotated[str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="Its token.")] = "",
+    file: Annotated[
+        Path | None, typer.Option("--file", "-f", help="Of save: where to write. Of restore: what to read.")
+    ] = None,
+) -> None:
+    """Use the control API of a running emulator. Results are JSON on standard output."""
+    client = ControlClient(host, port, token, timeout_s=None)
+    try:
+        verbs = {entry["name"]: entry for entry in client.verbs()}
+        if verb is None:
+            Console(highlight=False).print(_overview(verbs))
+            return
+        name = verb.replace("-", "_")
+        if name not in verbs:
+            raise BadArguments(f"there is no verb {verb!r}: ur-emulator ctl lists them")
+        _show(client.call(name, _arguments(verbs[name], values or [], file)), file if name == "save" else None)
+    except (BadArguments, OSError) as error:
+        _fail(str(error), _USAGE_ERROR)
+    except NotPossible as error:
+        _fail(str(error), _FAILED)
+    finally:
+        client.close()
+
+
+def _overview(verbs: dict[str, dict[str, Any]]) -> Table:
+    table = Table.grid(padding=(0, 2))
+    for name, entry in verbs.items():
+        words = [a["name"] if a["required"] else f"[{a['name']}]" for a in entry["arguments"]]
+        table.add_row(Text(" ".join((name, *words))), Text(entry["text"].partition("\n")[0]))
+    return table
+
+
+def _arguments(verb: dict[str, Any], words: Sequence[str], file: Path | None) -> dict[str, Any]:
+    """Values by name, of the kinds that the verb wants. Raises BadArguments."""
+    types = {argument["name"]: argument["type"] for argument in verb["arguments"]}
+    given: dict[str, Any] = {}
+    if verb["name"] == "restore" and file is not None:
+        given["document"] = _read(file)
+    free = [name for name in types if name not in given]
+    for word in words:
+        name, equals, value = word.partition("=")
+        if not equals or name not in types:
+            if not free:
+                raise BadArguments(f"{verb['name']} takes {len(types)} arguments: {', '.join(types) or 'none'}")
+            name, value = free[0], word
+        free = [other for other in free if other != name]
+        given[name] = _value(value, types[name])
+    return given
+
+
+def _value(word: str, kind: str) -> Any:
+    """A word of the command line as JSON would have it."""
+    if any(kind.startswith(prefix) for prefix in _LONG) and not word.startswith("["):
+        return [_value(part, "") for part in word.split(",") if part]
+    if kind == "str":
+        return word
+    try:
+        return json.loads(word)
+    except ValueError:
+        return {"on": True, "off": False}.get(word, word)
+
+
+def _read(file: Path) -> Any:
+    try:
+        return json.loads(file.read_text())
+    except ValueError as error:
+        raise BadArguments(f"{file} is no JSON: {error}") from error
+
+
+def _show(result: Any, file: Path | None) -> None:
+    if file is not None:
+        file.write_text(json.dumps(result, indent=2) + "\n")
+    elif result is not None:
+        typer.echo(json.dumps(result, indent=2))
+
+
+def _fail(message: str, code: int) -> None:
+    typer.echo(f"ur-emulator ctl: {message}", err=True)
+    raise typer.Exit(code)

@@ -1,0 +1,222 @@
+"""The verbs on a robot in virtual time."""
+
+import json
+import math
+
+import msgspec
+import pytest
+
+from emulator.control.control import Control, VirtualRobot
+from emulator.control.verbs import BadArguments, NotPossible, verbs_of
+from emulator.controller import ControllerConfig
+from urproto.robots import load_model
+from urproto.versions import PolyscopeVersion
+
+UP = (0.0, -1.57, 0.0, -1.57, 0.0, 0.0)
+BENT = (0.1, -1.2, 1.0, -1.4, -1.5, 0.2)
+VERBS = verbs_of(Control)
+
+
+@pytest.fixture(params=["ur3", "ur5e"])
+def robot(request: pytest.FixtureRequest) -> VirtualRobot:
+    return VirtualRobot(ControllerConfig(model=load_model(request.param), running=True))
+
+
+def field(robot: VirtualRobot, name: str) -> object:
+    robot.step()
+    return robot.state([name])[name]
+
+
+def test_a_robot_from_switching_on_to_the_end_of_a_move() -> None:
+    robot = VirtualRobot(ControllerConfig(model=load_model("ur3")))
+    robot.release_brakes()
+    robot.run_until("robot_mode == RUNNING")
+    assert robot.send_script("def go():\n  movej([0, -1, 1, 0, 0, 0], t=2)\nend\n")
+    began = robot.run_until("runtime_state == PLAYING")
+    assert robot.run_until("runtime_state == STOPPED") - began == pytest.approx(2.0, abs=0.1)
+    assert robot.state(["actual_q"]) == {"actual_q": pytest.approx([0, -1, 1, 0, 0, 0])}
+
+
+def test_steps_are_control_periods(robot: VirtualRobot) -> None:
+    before = robot.time()["time_s"]
+    assert robot.step(500) == pytest.approx(before + 500 * robot.time()["period_s"])
+
+
+@pytest.mark.parametrize(
+    ("condition", "complaint"),
+    [
+        ("robot_mode", "is no condition"),
+        ("robotmode == RUNNING", "no field robotmode"),
+        ("actual_q[6] > 0", r"no field actual_q\[6\]"),
+        ("timestamp[0] > 0", r"no field timestamp\[0\]"),
+        ("robot_mode == WALKING", "one of .*RUNNING"),
+        ("timestamp > soon", "give a number"),
+    ],
+)
+def test_a_condition_that_makes_no_sense_is_explained(robot: VirtualRobot, condition: str, complaint: str) -> None:
+    with pytest.raises(BadArguments, match=complaint):
+        robot.run_until(condition)
+
+
+def test_waiting_for_what_does_not_happen_ends(robot: VirtualRobot) -> None:
+    before = robot.time()["time_s"]
+    with pytest.raises(NotPossible, match="within 2 s"):
+        robot.run_until("robot_mode == POWER_OFF and timestamp > 0", timeout_s=2.0)
+    assert robot.time()["time_s"] == pytest.approx(before + 2.0)
+
+
+def test_the_time_of_a_virtual_robot_has_no_speed(robot: VirtualRobot) -> None:
+    with pytest.raises(NotPossible):
+        robot.set_speed(2.0)
+
+
+def test_emergency_stop_and_the_way_back(robot: VirtualRobot) -> None:
+    robot.press_emergency_stop("system")
+    assert field(robot, "safety_mode") == "SYSTEM_EMERGENCY_STOP"
+    with pytest.raises(NotPossible, match="SYSTEM_EMERGENCY_STOP"):
+        robot.release_brakes()
+    robot.release_emergency_stop()
+    robot.release_brakes()
+    robot.run_until("robot_mode == RUNNING and safety_mode == NORMAL")
+
+
+def test_a_gate_pauses_the_program_and_lets_it_go_on(robot: VirtualRobot) -> None:
+    robot.set_joints(UP)
+    robot.send_script("def go():\n  movej([0, -1, 1, 0, 0, 0], t=2)\nend\n")
+    robot.run_until("runtime_state == PLAYING")
+    robot.open_safeguard()
+    robot.run_until("safety_mode == SAFEGUARD_STOP and runtime_state == PAUSED")
+    robot.close_safeguard()
+    robot.run_until("runtime_state == STOPPED")
+    assert robot.state(["actual_q"])["actual_q"] == pytest.approx([0, -1, 1, 0, 0, 0])
+
+
+def test_inputs_outputs_and_registers(robot: VirtualRobot) -> None:
+    robot.set_digital_input(3, True)
+    robot.set_digital_input(1, True, "tool")
+    robot.set_digital_output(2, True, "configurable")
+    robot.set_analog_input(1, 0.012, "current")
+    robot.set_input_register("double", 7, 2.5)
+    robot.set_input_register("int", 8, -3)
+    robot.set_input_register("bit", 70, True)
+    assert field(robot, "actual_digital_input_bits") == 1 << 3 | 1 << 17
+    assert field(robot, "actual_digital_output_bits") == 1 << 10
+    assert field(robot, "standard_analog_input1") == 0.012
+    assert field(robot, "analog_io_types") == 0b01
+    assert robot.state(["input_double_registers"])["input_double_registers"][7] == 2.5
+    assert robot.state(["input_int_registers"])["input_int_registers"][8] == -3
+    assert robot.state(["input_bit_registers"])["input_bit_registers"] == 1 << 70
+
+
+@pytest.mark.parametrize(
+    ("verb", "arguments", "complaint"),
+    [
+        ("set_digital_input", {"index": 8, "level": True}, "standard digital signal 8"),
+        ("set_digital_input", {"index": 1, "level": True, "group": "tools"}, "group"),
+        ("set_digital_input", {"index": 1}, "level"),
+        ("set_digital_input", {"index": 1, "level": True, "colour": 1}, "colour"),
+        ("set_analog_input", {"index": 2, "value": 1.0}, "analog input 2"),
+        ("set_input_register", {"kind": "int", "index": 1, "value": 2**40}, "32 bits"),
+        ("set_input_register", {"kind": "int", "index": 1, "value": 1.5}, "1.5"),
+        ("set_input_register", {"kind": "double", "index": 48, "value": 1}, "register 48"),
+        ("set_input_register", {"kind": "double", "index": 1, "value": math.inf}, "finite"),
+        ("set_joints", {"q_rad": [0.0] * 5}, "q_rad"),
+        ("set_joints", {"q_rad": [0.0, 0.0, math.nan, 0.0, 0.0, 0.0]}, "finite"),
+        ("set_payload", {"mass_kg": -1.0}, "negative"),
+        ("set_speed_slider", {"fraction": 1.5}, "0 to 1"),
+        ("set_encoder_speed", {"index": 2, "ticks_per_s": 1.0}, "encoder 2"),
+        ("set_speed", {"speed": -1.0}, "-1"),
+        ("step", {"periods": 0}, "1 or more"),
+        ("state", {"names": ["actual_Q"]}, "actual_q"),
+    ],
+)
+def test_arguments_that_do_not_fit_change_nothing(
+    robot: VirtualRobot, verb: str, arguments: dict[str, object], complaint: str
+) -> None:
+    before = robot.state()
+    with pytest.raises(BadArguments, match=complaint):
+        VERBS[verb].call(robot, arguments)
+    assert robot.state() == before
+
+
+def test_an_arm_that_moves_is_not_put_elsewhere(robot: VirtualRobot) -> None:
+    robot.send_script("def go():\n  movej([0, -1, 1, 0, 0, 0], t=2)\nend\n")
+    robot.run_until("actual_qd[2] > 0.1")
+    with pytest.raises(NotPossible, match="moving"):
+        robot.set_joints(UP)
+
+
+def test_the_dashboard_and_the_log(robot: VirtualRobot) -> None:
+    assert robot.dashboard("robotmode") == "Robotmode: RUNNING"
+    assert robot.dashboard("stop") == "Stopped"
+    assert not robot.send_script("def broken(:\nend\n")
+    assert "syntax error" in robot.log(1)[0]
+    assert robot.log(0) == []
+
+
+def test_questions_are_answered(robot: VirtualRobot) -> None:
+    robot.send_script(
+        'def ask():\n  global n = request_integer_from_primary_client("how many?")\n'
+        "  while True:\n    sync()\n  end\nend\n"
+    )
+    robot.step(5)
+    (question,) = robot.popups()
+    assert (question["text"], question["type"]) == ("how many?", "INTEGER")
+    with pytest.raises(NotPossible):
+        robot.answer_popup(question["id"], "many")
+    robot.answer_popup(question["id"], 3)
+    robot.step(5)
+    assert robot.variables()["n"] == "3"
+    with pytest.raises(NotPossible, match="no popup"):
+        robot.answer_popup(question["id"], 3)
+
+
+class TestSnapshots:
+    def test_a_state_survives_as_a_file(self, robot: VirtualRobot) -> None:
+        robot.set_joints(BENT)
+        robot.set_tcp((0.0, 0.0, 0.1, 0.0, 0.0, 0.0))
+        robot.set_payload(1.5, (0.0, 0.0, 0.05))
+        robot.set_digital_input(4, True)
+        robot.set_input_register("double", 3, 1.25)
+        robot.set_speed_slider(0.3)
+        robot.step()
+        kept = json.loads(json.dumps(robot.save()))
+        other = VirtualRobot(robot.controller.config)
+        other.restore(kept)
+        other.step()
+        robot.step()
+        assert other.state() == robot.state()
+
+    @pytest.mark.parametrize("running", [True, False])
+    def test_the_arm_is_on_or_off_as_it_was(self, running: bool) -> None:
+        config = ControllerConfig(model=load_model("ur3"), running=running)
+        kept = VirtualRobot(config).save()
+        other = VirtualRobot(ControllerConfig(model=load_model("ur3"), running=not running))
+        other.restore(kept)
+        assert field(other, "robot_mode") == ("RUNNING" if running else "POWER_OFF")
+
+    def test_a_running_program_cannot_be_saved(self, robot: VirtualRobot) -> None:
+        robot.send_script("def loop():\n  while True:\n    sync()\n  end\nend\n")
+        robot.step(3)
+        with pytest.raises(NotPossible, match="program runs"):
+            robot.save()
+
+    def test_another_robot_does_not_take_it(self, robot: VirtualRobot) -> None:
+        other = VirtualRobot(ControllerConfig(model=load_model("ur10"), version=PolyscopeVersion(3, 15)))
+        with pytest.raises(BadArguments, match="model"):
+            other.restore(robot.save())
+
+    def test_damage_is_found_and_changes_nothing(self, robot: VirtualRobot) -> None:
+        for key in robot.save():
+            damaged = robot.save()
+            damaged[key] = {"unknown": 1}
+            before = robot.state()
+            with pytest.raises(BadArguments):
+                robot.restore(damaged)
+            assert robot.state() == before
+            robot.step()
+
+
+def test_results_are_plain(robot: VirtualRobot) -> None:
+    for name in ("state", "describe", "time", "save", "log", "popups", "variables"):
+        msgspec.json.encode(VERBS[name].call(robot, {}))
