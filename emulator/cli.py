@@ -34,6 +34,7 @@ from emulator.config import (
     read_driver_address,
     read_initial_positions,
     read_programs_dir,
+    read_surroundings,
 )
 from emulator.controller import ControllerConfig
 from emulator.programs.sockets import ScriptNetwork
@@ -102,6 +103,7 @@ def _run(
     ] = None,
     gripper: Annotated[str | None, typer.Option(help="Mounted on the arm: robotiq-2f-85 or robotiq-2f-140.")] = None,
     gripper_object: Annotated[float | None, typer.Option(help="Width of what the gripper meets, in mm.")] = None,
+    world: Annotated[Path | None, typer.Option(help="YAML file: what stands around the arm and pushes back.")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
     version: Annotated[
@@ -125,6 +127,7 @@ def _run(
             gripper_object_mm=gripper_object,
             wall_clock_s=time.time(),
             external_control=read_driver_address(external_control),
+            world=read_surroundings(world),
         )
         config = EmulatorConfig(
             controller=controller,

@@ -12,6 +12,7 @@ from emulator.controller import ControllerConfig
 from emulator.devices.robotiq import MODELS, GripperModel
 from emulator.programs.sockets import ScriptNetwork
 from emulator.programs.urcap import DriverAddress
+from emulator.world.file import WorldFileError, WorldPlan, read_world
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.robotiq import PORT as GRIPPER_PORT
 from urproto.robots import RobotModel, UnknownModel, load_model
@@ -31,6 +32,7 @@ __all__ = [
     "read_driver_address",
     "read_initial_positions",
     "read_programs_dir",
+    "read_surroundings",
 ]
 
 PORTS: Final[Mapping[str, int]] = {
@@ -218,4 +220,14 @@ def read_driver_address(text: str | None) -> DriverAddress:
     try:
         return DriverAddress() if text is None else DriverAddress.parse(text)
     except ValueError as error:
+        raise ConfigError(str(error)) from error
+
+
+def read_surroundings(path: Path | None) -> WorldPlan | None:
+    """What stands around the arm, from a world file. Raises ConfigError."""
+    try:
+        return None if path is None else read_world(path)
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+    except WorldFileError as error:
         raise ConfigError(str(error)) from error

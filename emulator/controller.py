@@ -41,6 +41,7 @@ from emulator.robot.electrics import Electrics
 from emulator.robot.installation import Installation
 from emulator.robot.worldmodel import WorldModel
 from emulator.snapshot import Snapshot, Vector6
+from emulator.world.file import WorldPlan
 from emulator.world.world import World
 from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatus
 from urproto.robots import RobotModel
@@ -74,7 +75,7 @@ class ControllerConfig:
     encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
     gripper: what is mounted on the arm; gripper_object_mm: width of what its fingers meet.
     wall_clock_s: date and time of its start [s since 1970, GMT]; always the same unless given.
-    make_world: makes what stands around the arm; None for nothing.
+    world: what stands around the arm; None for nothing.
     """
 
     model: RobotModel
@@ -92,7 +93,7 @@ class ControllerConfig:
     gripper_object_mm: float | None = None
     wall_clock_s: float = _NEW_YEAR_2024_S
     external_control: DriverAddress = field(default_factory=DriverAddress)
-    make_world: Callable[[], World] | None = None
+    world: WorldPlan | None = None
     timings: PowerTimings = field(default_factory=PowerTimings)
 
 
@@ -129,7 +130,7 @@ class Controller:
         self.power = Power(config.timings, running=config.running)
         self.safety = Safety()
         self.external_wrench: Vector6 = _ZERO6  # what the world does to the TCP, base frame [N, Nm]
-        self.world: World | None = config.make_world() if config.make_world else None
+        self.world: World | None = config.world.build(self.model) if config.world else None
         self.ft_input = ForceInput()
         self.arm = Arm(self.model)
         self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)

@@ -26,8 +26,8 @@ class Contact:
     """Where tool and world touch, or soon will. Vectors in the base frame.
 
     lever: from the TCP [m]. normal: the direction in which the tool is pushed. depth: how far the tool is inside,
-    negative where it is not there yet [m]. stiffness [N/m], damping [N s/m]. grip: friction over the sliding speed [N s/m].
-    force: the present one [N], friction included.
+    negative where it is not there yet [m]. stiffness [N/m], damping [N s/m]. grip: friction over the sliding speed
+    [N s/m]. force: the present one [N], friction included.
     """
 
     lever: Vec3
