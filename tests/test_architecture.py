@@ -22,7 +22,8 @@ MAY_IMPORT = {
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
     "h11": ("emulator.programs.rpc.httpclient",),
-    "numpy": ("urproto.robots.dynamics",),
+    "coal": ("emulator.world.links",),
+    "numpy": ("urproto.robots.dynamics", "emulator.world.links"),
     "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("emulator", "client"),
     "typer": ("emulator.cli", "client.cli", "client.commands", "urscript.cli"),

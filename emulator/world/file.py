@@ -17,13 +17,16 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import yaml
 
 from emulator.world.shapes import Box, Plane, Shape, Sphere, WorldObject
 from emulator.world.world import POINT, World
 from urproto.robots import RobotModel
+
+if TYPE_CHECKING:
+    from emulator.world.links import Links
 
 __all__ = ["WorldFileError", "WorldPlan", "read_world"]
 
@@ -44,10 +47,16 @@ class WorldPlan:
 
     def build(self, model: RobotModel) -> World:
         """A world of its own for one arm. Raises WorldError."""
-        world = World(self.tool)
+        world = World(self.tool, _links(model) if self.links else None)
         for name, thing in self.things.items():
             world.add(name, thing)
         return world
+
+
+def _links(model: RobotModel) -> "Links":
+    from emulator.world.links import Links  # brings a collision library along, which few need
+
+    return Links(model)
 
 
 def read_world(path: Path) -> WorldPlan:

@@ -21,6 +21,7 @@ from emulator.world.touching import contacts
 if TYPE_CHECKING:
     from emulator.controller import Controller
     from emulator.robot.arm import Arm
+    from emulator.world.links import Links
 
 __all__ = ["POINT", "World", "WorldError"]
 
@@ -36,10 +37,11 @@ class WorldError(ValueError):
 class World:
     """What an arm can meet. ``tool``: what touches, its pose in the frame of the TCP; its material does not count.
 
-    ``contacts``: of the tool, as of the latest period.
+    ``links``: the arm's own, when they touch too. ``contacts``: of the tool, as of the latest period.
     """
 
     tool: WorldObject = POINT
+    links: "Links | None" = None
     contacts: tuple[Contact, ...] = field(default=(), init=False)
     _things: dict[str, WorldObject] = field(default_factory=dict, init=False)
     _pushes: dict[str, Push] = field(default_factory=dict, init=False)
@@ -61,15 +63,18 @@ class World:
         if isinstance(thing.shape, Sphere) and not thing.shape.radius:
             raise WorldError(f"the object {name!r} is a sphere without a radius")
         self._things[name] = thing
+        self._changed()
 
     def move(self, name: str, pose_base: Vector6) -> None:
         """Put a thing elsewhere, at once. Raises WorldError for an unknown name, ValueError for a bad pose."""
         self._things[name] = self._known(name).at(pose_base)
+        self._changed()
 
     def remove(self, name: str) -> None:
         """Take a thing away. Raises WorldError for an unknown name."""
         self._known(name)
         del self._things[name]
+        self._changed()
 
     def mount(self, tool: WorldObject) -> None:
         """Touch with another tool from now on. Raises WorldError for one without end."""
@@ -93,7 +98,13 @@ class World:
         arm = controller.arm
         wrench = lerp(wrench, self._tool_wrench(arm, controller.period_s), 1.0)
         controller.motion.contacts = self.contacts
+        if self.links is not None:
+            arm.link_torque = self.links.torques(arm.q, arm.qd)
         return wrench
+
+    def _changed(self) -> None:
+        if self.links is not None:
+            self.links.surround(self._things.values())
 
     def _tool_wrench(self, arm: "Arm", period_s: float) -> Vector6:
         total = ZERO
