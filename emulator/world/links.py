@@ -1,7 +1,8 @@
 """The arm's own links among the things of a world: capsules, whose touch is felt in the joints alone.
 
 Upper arm, forearm, wrist 1 and wrist 2. The base stands where it stands, and wrist 3 belongs to the tool. Axes are
-those of the model's geometry; radii are guesses. A link's contact is no wrench at the TCP: the joints before it carry it.
+those of the model's geometry; radii are guesses. A link's contact is no wrench at the TCP: the joints before it carry
+it.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
