@@ -47,7 +47,13 @@ class WorldPlan:
 
     def build(self, model: RobotModel) -> World:
         """A world of its own for one arm. Raises WorldError."""
-        world = World(self.tool, _links(model) if self.links else None)
+        return self._fill(World(self.tool, _links(model) if self.links else None))
+
+    def check(self) -> None:
+        """Raise WorldError when it cannot be built."""
+        self._fill(World(self.tool))
+
+    def _fill(self, world: World) -> World:
         for name, thing in self.things.items():
             world.add(name, thing)
         return world
@@ -81,7 +87,7 @@ def _plan(content: Any) -> WorldPlan:
     if not isinstance(things, dict):
         raise ValueError(f"objects must be a mapping of names, not {things!r}")
     plan = WorldPlan({str(name): _thing(str(name), given, _MATERIAL) for name, given in things.items()}, tool, links)
-    World(plan.tool)
+    plan.check()
     return plan
 
 

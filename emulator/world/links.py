@@ -6,6 +6,7 @@ it.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from math import cos, hypot, sin
 from operator import mul
 from typing import Any, Final
@@ -21,13 +22,24 @@ from emulator.world.touching import force_of
 from urproto.robots import RobotModel
 from urproto.robots.kinematics import Kinematics
 
-__all__ = ["Links"]
+__all__ = ["Links", "Touching"]
 
 _TUBE: Final = (0.025, 0.035)  # m, and per m of reach: radius of upper arm and forearm (guess)
 _WRIST: Final = (0.025, 0.015)  # of the wrists (guess)
 _CARRYING: Final = (2, 3, 4, 5)  # how many joints carry each link
 _X: Final[Vector3] = (1.0, 0.0, 0.0)
 _Y: Final[Vector3] = (0.0, 1.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Touching:
+    """A link in a thing: ``carrying`` joints carry the link; point and normal (the way out) in the base frame [m]."""
+
+    carrying: int
+    thing: WorldObject
+    depth: float
+    point: Vector3
+    normal: Vector3
 
 
 class Links:
@@ -72,41 +84,33 @@ class Links:
             (hand, (hand[0] + c1 * x, hand[1] + s1 * x, hand[2] + z)),
         )
 
+    def touches(self, q: Vector6) -> Iterator[Touching]:
+        """Where links are in things."""
+        if not self._things:
+            return
+        for carrying, capsule, (start, end) in zip(_CARRYING, self._capsules, self.axes(q), strict=True):
+            placement = _along(start, end)
+            for thing, geometry, place in self._things:
+                self._result.clear()
+                distance = coal.distance(capsule, placement, geometry, place, self._request, self._result)
+                if distance < 0.0:
+                    px, py, pz = self._result.getNearestPoint1().tolist()
+                    nx, ny, nz = self._result.normal.tolist()
+                    yield Touching(carrying, thing, -distance, (px, py, pz), (-nx, -ny, -nz))
+
     def torques(self, q: Vector6, qd: Vector6) -> Vector6:
         """What the things do to the joints by touching links [Nm]."""
         total = ZERO
-        if not self._things:
-            return total
-        for carrying, capsule, (start, end) in zip(_CARRYING, self._capsules, self.axes(q), strict=True):
-            placement = _along(start, end)
-            for thing, depth, point, normal in self._touches(capsule, placement):
-                total = lerp(total, self._torque(carrying, (q, qd), thing, depth, point, normal), 1.0)
+        for touching in self.touches(q):
+            total = lerp(total, self._torque(touching, q, qd), 1.0)
         return total
 
-    def _touches(self, capsule: Any, placement: Any) -> Iterator[tuple[WorldObject, float, Vector3, Vector3]]:
-        """Things the capsule is in: how deep, where, and which way it is pushed."""
-        for thing, geometry, place in self._things:
-            self._result.clear()
-            distance = coal.distance(capsule, placement, geometry, place, self._request, self._result)
-            if distance < 0.0:
-                px, py, pz = self._result.getNearestPoint1().tolist()
-                nx, ny, nz = self._result.normal.tolist()
-                yield thing, -distance, (px, py, pz), (-nx, -ny, -nz)
-
-    def _torque(
-        self,
-        carrying: int,
-        state: tuple[Vector6, Vector6],
-        thing: WorldObject,
-        depth: float,
-        point: Vector3,
-        normal: Vector3,
-    ) -> Vector6:
-        q, qd = state
-        rows = self._kinematics.jacobian_at(q, (*point, 0.0, 0.0, 0.0))[:3]
-        vx, vy, vz = (float(sum(map(mul, row[:carrying], qd))) for row in rows)
-        force, _ = force_of(depth, normal, (thing.stiffness, thing.damping, thing.friction), (vx, vy, vz))
-        torques = [float(sum(row[i] * part for row, part in zip(rows, force, strict=True))) for i in range(carrying)]
+    def _torque(self, at: Touching, q: Vector6, qd: Vector6) -> Vector6:
+        rows = self._kinematics.jacobian_at(q, (*at.point, 0.0, 0.0, 0.0))[:3]
+        vx, vy, vz = (float(sum(map(mul, row[: at.carrying], qd))) for row in rows)
+        material = (at.thing.stiffness, at.thing.damping, at.thing.friction)
+        force, _ = force_of(at.depth, at.normal, material, (vx, vy, vz))
+        torques = [float(sum(row[i] * part for row, part in zip(rows, force, strict=True))) for i in range(at.carrying)]
         a, b, c, d, e, f = (*torques, *ZERO)[:6]
         return (a, b, c, d, e, f)
 

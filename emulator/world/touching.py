@@ -7,44 +7,48 @@ from typing import Final
 from emulator.motion.axes import cross, dot
 from emulator.motion.contact import Contact
 from emulator.snapshot import Vector3, Vector6
-from emulator.world.shapes import Box, Probe, WorldObject
-from urproto.robots.pose import Pose
+from emulator.world.shapes import Box, Probe, Touch, WorldObject
+from urproto.robots.pose import Pose, pose_trans
 
 __all__ = ["NEAR_M", "contacts", "force_of", "velocity_at"]
 
 NEAR_M: Final = 0.05  # contacts are known from this distance on: more than any tool moves in a period
+_AT_TCP: Final[Pose] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _CREEP_M_S: Final = 1e-3  # friction grows with the sliding speed up to here, and is Coulomb's beyond (guess)
 
 
 def contacts(tool: WorldObject, things: Iterable[WorldObject], tcp: Pose, speed: Vector6) -> Iterator[Contact]:
     """Where the tool touches, or soon will.
 
-    ``tool``: its pose in the base frame; its stiffness and the rest do not count, those of the things do. ``tcp``:
-    what levers are measured from. ``speed``: of the TCP, base frame [m/s, rad/s]. Two boxes touch with their corners;
-    crossing edges go unnoticed.
+    ``tool``: its pose in the frame of the TCP; its stiffness and the rest do not count, those of the things do.
+    ``tcp``: base frame, and so is ``speed``, of the TCP [m/s, rad/s]. Two boxes touch with their corners; crossing
+    edges go unnoticed.
     """
+    box = tool.mounted(tcp) if isinstance(tool.shape, Box) else None
+    balls = _balls(tool, tcp) if box is None else [(box.place(probe.centre), probe) for probe in box.shape.probes]
     for thing in things:
-        for probe in tool.shape.probes:
-            yield from _contact(thing, tool, probe, thing, 1.0, tcp, speed)
-        if isinstance(tool.shape, Box):
+        for centre, probe in balls:
+            yield from _contact(thing.touch(centre, probe.radius), centre, probe, (thing, 1.0), (tcp, speed))
+        if box is not None:
             for probe in thing.shape.probes:
-                yield from _contact(tool, thing, probe, thing, -1.0, tcp, speed)
+                centre = thing.place(probe.centre)
+                yield from _contact(box.touch(centre, probe.radius), centre, probe, (thing, -1.0), (tcp, speed))
+
+
+def _balls(tool: WorldObject, tcp: Pose) -> list[tuple[Vector3, Probe]]:
+    """The parts of a round tool, in the base frame."""
+    centre = (tcp[0], tcp[1], tcp[2]) if tool.pose == _AT_TCP else pose_trans(tcp, tool.pose)[:3]
+    return [(centre, probe) for probe in tool.shape.probes]
 
 
 def _contact(
-    solid: WorldObject,
-    owner: WorldObject,
-    probe: Probe,
-    material: WorldObject,
-    sign: float,
-    tcp: Pose,
-    speed: Vector6,
+    touch: Touch, centre: Vector3, probe: Probe, thing: tuple[WorldObject, float], tool: tuple[Pose, Vector6]
 ) -> Iterator[Contact]:
-    """A probe of ``owner`` against a solid; sign 1 when the probe is the tool's, -1 when the solid is."""
-    centre = owner.place(probe.centre)
-    touch = solid.touch(centre, probe.radius)
+    """The contact of a probe in a solid. ``thing``: its material counts; 1 when the probe is the tool's, else -1."""
     if touch.depth < -NEAR_M:
         return
+    material, sign = thing
+    tcp, speed = tool
     x, y, z = touch.out
     deepest = (centre[0] - x * probe.radius, centre[1] - y * probe.radius, centre[2] - z * probe.radius)
     lever = (deepest[0] - tcp[0], deepest[1] - tcp[1], deepest[2] - tcp[2])

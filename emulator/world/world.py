@@ -112,14 +112,10 @@ class World:
             total = lerp(total, push.wrench_base(arm.tcp_pose), 1.0)
             if push.over(period_s):
                 del self._pushes[name]
-        self.contacts = tuple(self._touching(arm)) if self._things else ()
+        self.contacts = tuple(contacts(self.tool, self._things.values(), arm.tcp_pose, arm.tcp_speed))
         for contact in self.contacts:
             total = lerp(total, contact.wrench, 1.0)
         return total
-
-    def _touching(self, arm: "Arm") -> list[Contact]:
-        tcp = arm.tcp_pose
-        return list(contacts(self.tool.mounted(tcp), self._things.values(), tcp, arm.tcp_speed))
 
     def _known(self, name: str) -> WorldObject:
         try:

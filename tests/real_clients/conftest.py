@@ -53,10 +53,14 @@ class Emulators:
     def get(self, model: str) -> Rig:
         if self._rig is None or self._rig.model != model:
             self.close()
-            arguments, polyscope, period_s = ARGUMENTS[model]
-            process = EmulatorProcess([*arguments, "--running", "--initial-positions", str(self._positions)])
+            _, polyscope, period_s = ARGUMENTS[model]
+            process = EmulatorProcess(self.arguments(model))
             self._rig = Rig(process, model, polyscope, period_s)
         return self._rig if self._rig.process.running else self._rig.start()
+
+    def arguments(self, model: str) -> list[str]:
+        """Of its command line."""
+        return [*ARGUMENTS[model][0], "--running", "--initial-positions", str(self._positions)]
 
     def close(self) -> None:
         rig, self._rig = self._rig, None

@@ -11,6 +11,7 @@ from emulator.controller import Controller, ControllerConfig
 from emulator.snapshot import Snapshot
 from emulator.world.shapes import Plane, WorldObject
 from emulator.world.world import World
+from urproto.primary.messages import KeyMessage
 from urproto.robots import load_model
 
 HOME = (0.0, -1.5, 1.5, -pi / 2, -pi / 2, 0.0)  # rad: tool straight down, far from singularities
@@ -48,6 +49,11 @@ class Rig:
     def force(self) -> tuple[float, ...]:
         """On the tool at its TCP, base frame."""
         return self.controller.arm.tcp_force
+
+    @property
+    def complaints(self) -> list[Any]:
+        """Messages but those that a program started or ended."""
+        return [message for message in self.messages if not isinstance(message, KeyMessage)]
 
     def tick(self, count: int = 1) -> None:
         for _ in range(count):

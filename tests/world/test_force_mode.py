@@ -23,17 +23,17 @@ def settles(rig, newton, within_s=10.0):
     for _ in range(round(1.0 / rig.controller.period_s)):
         rig.tick()
         assert rig.force[2] == pytest.approx(newton, abs=CLOSE_N)
-    assert not rig.messages
+    assert not rig.complaints
 
 
 @both_series
-@pytest.mark.parametrize(("damping", "gain"), [(0.0, 0.1), (0.0, 2.0), (0.005, 1.0), (1.0, 0.5), (1.0, 2.0)])
+@pytest.mark.parametrize(("damping", "gain"), [(0.0, 0.5), (0.0, 2.0), (0.005, 1.0), (1.0, 0.5), (1.0, 2.0)])
 @pytest.mark.parametrize("stiffness", [1e4, 1e5])
 def test_pressing_on_a_plane_with_10_N_settles_at_10_N(make, model, damping, gain, stiffness):
     rig = make(model)
     rig.table(0.002, stiffness=stiffness)
     rig.press(10.0, damping=damping, gain=gain)
-    settles(rig, 10.0, 5.0 / min(gain, 1.0) if damping == 0.0 else 8.0)
+    settles(rig, 10.0, 3.0 if damping < 1.0 else 6.0)
 
 
 @both_series
@@ -57,10 +57,10 @@ def test_every_type_of_force_mode_presses_as_hard_as_it_is_told(make, model):
         rig.until(lambda: rig.motion.idle)
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(
-    st.sampled_from(["ur3", "ur5e"]),
-    st.floats(3.0, 5.0).map(lambda e: 10**e),
+    st.sampled_from(["ur3", "ur3", "ur5e"]),
+    st.floats(3.5, 5.0).map(lambda e: 10**e),
     st.floats(0.0, 1000.0),
     st.floats(0.0, 0.2),
     st.floats(0.5, 2.0),
@@ -73,7 +73,7 @@ def test_it_settles_whatever_the_material_and_the_settings(
     rig = make(model)
     rig.table(0.002, stiffness=stiffness, damping=table_damping)
     rig.press(newton, limit=limit, damping=damping, gain=gain)
-    settles(rig, newton)
+    settles(rig, newton, 5.0)
 
 
 @both_series
@@ -144,8 +144,10 @@ def test_a_hand_moves_the_arm_in_freedrive_down_to_the_table(make, model):
     assert rig.force[2] == pytest.approx(0.0, abs=CLOSE_N)  # the hand and the table cancel
     assert rig.post(ReleaseTool()) == ""
     rig.seconds(4.0)
-    assert rig.pose[2] == pytest.approx(table.pose[2], abs=1e-4)
-    assert not rig.messages
+    assert rig.force[2] == 0.0  # the table has pushed it off
+    assert 0.0 < rig.pose[2] - table.pose[2] < 0.003
+    assert rig.motion.qd == (0.0,) * 6
+    assert not rig.complaints
 
 
 def test_a_ball_is_gone_around(rig):
@@ -189,4 +191,4 @@ def test_a_stretched_arm_presses_too(make):
     rig.post(PushTool(Push((15.0, 0.0, 0.0, 0.0, 0.0, 0.0))))
     rig.seconds(4.0)
     assert rig.force[0] == pytest.approx(0.0, abs=1.0)
-    assert not rig.messages
+    assert not rig.complaints
