@@ -1,9 +1,10 @@
 """ur_rtde against something solid: an emulator with a table 30 mm below the tool (--world)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from emulators import Emulators
 from raw_rtde import ForceSensor
 from rig import JOINTS, START_Q, Rig
 from rtde_control import RTDEControlInterface
@@ -45,7 +46,7 @@ class WithTable(Emulators):
         super().__init__(positions)
         self._folder = folder
 
-    def arguments(self, model: str) -> Sequence[str]:
+    def arguments(self, model: str) -> list[str]:
         table = self._folder / f"{model}.yaml"
         pose = [0.0, 0.0, height(model) - BELOW_M]
         table.write_text(f"objects: {{table: {{plane: {{}}, pose: {pose}, stiffness: {STIFFNESS}}}}}\n")
@@ -70,7 +71,7 @@ def test_force_mode_presses_on_the_table_with_10_N(
         state.wait_until_still(timeout_s=2)
 
 
-@both_series
+@e_series
 def test_move_until_contact_comes_back_to_where_the_table_begins(rig: Rig, control: RTDEControlInterface) -> None:
     table = height(rig.model) - BELOW_M
     with rig.watch("actual_TCP_force") as state:
@@ -82,20 +83,22 @@ def test_move_until_contact_comes_back_to_where_the_table_begins(rig: Rig, contr
     assert track.pose[:, 2].min() > table - 0.01
 
 
-@both_series
+@e_series
 def test_a_contact_from_another_direction_is_not_waited_for(rig: Rig, control: RTDEControlInterface) -> None:
-    """Down onto the table, while only a contact on the way up is looked for: no contact, so the arm goes on pressing."""
+    """Down onto the table, while only a contact on the way up is looked for: the arm goes on pressing."""
     with rig.watch("actual_TCP_force") as state:
         assert control.startContactDetection([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
         start = list(state.newest()["actual_TCP_pose"])
         goal = [*start[:2], height(rig.model) - BELOW_M - 0.004, *start[3:]]
         assert control.moveL(goal, 0.05, 0.5)
+        pressed = state.wait_until_still()["actual_TCP_force"][2]
         assert not control.stopContactDetection()
-        assert state.wait_for(0.1)["actual_TCP_force"][2] == pytest.approx(0.004 * STIFFNESS, abs=1.0)
+        assert pressed == pytest.approx(0.004 * STIFFNESS, abs=1.0)
 
 
-@both_series
+@e_series
 def test_contact_detection_ends_a_move(rig: Rig, control: RTDEControlInterface) -> None:
+    """At the force that counts as a contact, some periods on the way to ur_rtde and the stop later."""
     table = height(rig.model) - BELOW_M
     with rig.watch() as state:
         start = list(state.next()["actual_TCP_pose"])
@@ -106,10 +109,10 @@ def test_contact_detection_ends_a_move(rig: Rig, control: RTDEControlInterface) 
         still = state.wait_for(0.5)
         assert control.readContactDetection()
         assert control.stopContactDetection()
-    assert still["actual_TCP_pose"][2] == pytest.approx(table, abs=5e-4)
+    assert table - 0.008 < still["actual_TCP_pose"][2] < table - CONTACT_N / STIFFNESS
 
 
-@both_series
+@e_series
 def test_tool_contact_tells_the_direction(rig: Rig, control: RTDEControlInterface) -> None:
     with rig.watch() as state:
         start = list(state.next()["actual_TCP_pose"])
@@ -118,10 +121,9 @@ def test_tool_contact_tells_the_direction(rig: Rig, control: RTDEControlInterfac
         assert control.toolContact(DOWN) == 0
         deep = [*start[:2], height(rig.model) - BELOW_M - 0.004, *start[3:]]
         assert control.moveL(deep, 0.05, 0.5)
-        for direction, there in ((DOWN, True), ([0, 0, 1.0, 0, 0, 0], False), (BASE, True)):
-            control.toolContact(direction)  # its answer is the one of the period before
-            state.wait_for(0.1)
-            assert (control.toolContact(direction) > 0) is there
+        state.wait_until(lambda _: control.toolContact(DOWN) > 0)  # the first answers are older
+        state.wait_until(lambda _: control.toolContact([0, 0, 1.0, 0, 0, 0]) == 0)
+        state.wait_until(lambda _: control.toolContact(BASE) > 0)
 
 
 @e_series
