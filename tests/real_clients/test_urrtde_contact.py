@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 from emulators import Emulators
-from raw_rtde import ForceSensor
 from rig import JOINTS, START_Q, Rig
 from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
@@ -53,12 +52,18 @@ class WithTable(Emulators):
         return [*super().arguments(model), "--world", str(table)]
 
 
+@pytest.fixture
+def control(control: RTDEControlInterface) -> RTDEControlInterface:
+    """With the sensor zeroed in the air: the reset sets the payload, which zeroes it where the last test ended."""
+    assert control.zeroFtSensor()
+    return control
+
+
 @both_series
 def test_force_mode_presses_on_the_table_with_10_N(
     rig: Rig, control: RTDEControlInterface, receive: RTDEReceiveInterface
 ) -> None:
     table = height(rig.model) - BELOW_M
-    assert control.zeroFtSensor()
     assert control.forceModeSetDamping(0.05)
     with rig.watch("actual_TCP_force") as state:
         assert control.forceMode(BASE, ALONG_Z, [0, 0, -10, 0, 0, 0], 2, LIMITS)
@@ -79,8 +84,7 @@ def test_move_until_contact_comes_back_to_where_the_table_begins(rig: Rig, contr
         end = state.wait_until_still()
         track = state.track
     assert end["actual_TCP_pose"][2] == pytest.approx(table, abs=5e-4)
-    assert track.pose[:, 2].min() < table - CONTACT_N / STIFFNESS
-    assert track.pose[:, 2].min() > table - 0.01
+    assert table - 0.01 < track.pose[:, 2].min() < table - 0.5 * CONTACT_N / STIFFNESS  # damping counts as well
 
 
 @e_series
@@ -98,7 +102,7 @@ def test_a_contact_from_another_direction_is_not_waited_for(rig: Rig, control: R
 
 @e_series
 def test_contact_detection_ends_a_move(rig: Rig, control: RTDEControlInterface) -> None:
-    """At the force that counts as a contact, some periods on the way to ur_rtde and the stop later."""
+    """ur_rtde's script stops, and goes back to where the contact began."""
     table = height(rig.model) - BELOW_M
     with rig.watch() as state:
         start = list(state.next()["actual_TCP_pose"])
@@ -109,7 +113,7 @@ def test_contact_detection_ends_a_move(rig: Rig, control: RTDEControlInterface) 
         still = state.wait_for(0.5)
         assert control.readContactDetection()
         assert control.stopContactDetection()
-    assert table - 0.008 < still["actual_TCP_pose"][2] < table - CONTACT_N / STIFFNESS
+    assert still["actual_TCP_pose"][2] == pytest.approx(table, abs=5e-4)
 
 
 @e_series
@@ -124,18 +128,3 @@ def test_tool_contact_tells_the_direction(rig: Rig, control: RTDEControlInterfac
         state.wait_until(lambda _: control.toolContact(DOWN) > 0)  # the first answers are older
         state.wait_until(lambda _: control.toolContact([0, 0, 1.0, 0, 0, 0]) == 0)
         state.wait_until(lambda _: control.toolContact(BASE) > 0)
-
-
-@e_series
-def test_freedrive_ends_on_the_table(rig: Rig, control_beside_sensor: RTDEControlInterface) -> None:
-    """A sensor's reading pushes the tool down; what it stands on holds it."""
-    control = control_beside_sensor
-    table = height(rig.model) - BELOW_M
-    with rig.watch() as state, ForceSensor(rig.host, lambda _: (0.0, 0.0, -15.0)):
-        assert control.ftRtdeInputEnable(True)
-        assert control.freedriveMode(ALONG_Z, BASE)
-        state.wait_until(lambda sample: sample["actual_TCP_pose"][2] < table)
-        state.wait_for(1.5)
-        assert state.newest()["actual_TCP_pose"][2] == pytest.approx(table - 15 / STIFFNESS, abs=2e-4)
-        assert control.endFreedriveMode()
-        assert control.ftRtdeInputEnable(False)
