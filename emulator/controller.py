@@ -330,7 +330,7 @@ class Controller:
         self.speed.scaling = self.safety.speed_factor
         motion = self.motion
         if driven:
-            motion.external_wrench = wrench
+            motion.external_wrench, motion.actual_q = wrench, self.arm.q
             self._fault = motion.advance(self.speed.fraction)
         elif not (motion.idle or self._program_paused):
             motion.halt()  # the brakes hold the arm: no movement is left to complete

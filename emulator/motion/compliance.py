@@ -16,7 +16,7 @@ from math import exp
 
 from emulator.motion.axes import Axes, cross, dot, into6, of_rotation, out_of, out_of6, unit
 from emulator.motion.contact import Contact, Response, solve, without
-from emulator.motion.faults import MotionFault, near_singularity
+from emulator.motion.faults import MotionFault, near_singularity, off_the_path
 from emulator.motion.pacing import within_speed
 from emulator.motion.reach import Reach
 from emulator.motion.vectors import ZERO, Joints, Vec3, as_six, lerp, norm3, scaled, sub
@@ -131,6 +131,20 @@ class Compliance:
         self.released = True
         kind = _TOOL if self.task.kind == _TOOL else _FIXED
         self.task = Task(self.task.frame, (False,) * 6, ZERO, kind, self.task.limits)
+
+    def check(self, actual_q: Joints) -> None:
+        """Raise MotionFault when the arm is further off than force mode's limits of the stiff axes allow.
+
+        ``actual_q``: where the last step has really taken it.
+        """
+        task = self.task
+        if task.freedrive or task.kind == _TOOL or self.released:
+            return
+        axes, limits = self._axes(ZERO), zip(self._compliant, task.limits, strict=True)
+        off = into6(axes, pose_sub(self.reach.pose(actual_q), self._pose))
+        for i, (deviation, (gives_way, limit)) in enumerate(zip(off, limits, strict=True)):
+            if not gives_way and abs(deviation) > abs(limit) + _SLACK:
+                raise off_the_path(i, abs(deviation), abs(limit))
 
     def step(
         self, dt: float, q: Joints, nominal: tuple[Joints, Joints], external: Pushing, damping: float, gain: float

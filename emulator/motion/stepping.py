@@ -58,6 +58,7 @@ class Stepper:
         self.qdd: Joints = ZERO
         self.external_wrench: Joints = ZERO  # on the tool at the TCP, base frame [N, Nm]; set by the controller
         self.contacts: tuple[Contact, ...] = ()  # whose forces are part of that; set by the world
+        self.actual_q: Joints | None = None  # where the arm is, when it is not where it was told; set by the controller
         self.force_damping = 0.005  # force_mode_set_damping; default of the Script Manual
         self.force_gain_scaling = 1.0  # force_mode_set_gain_scaling
         self.offset_settings = OffsetSettings()  # of path offsets
@@ -302,6 +303,8 @@ class Stepper:
         if compliance.released and compliance.standing() and self._generator is None and self._added is None:
             self._compliance = None
             return self.q
+        if self.actual_q is not None and self.actual_q != self.q:
+            compliance.check(self.actual_q)
         active = self._mode is _Mode.RUN
         push = self.external_wrench if active else ZERO
         gain = self.force_gain_scaling if active else 0.0

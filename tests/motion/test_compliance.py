@@ -133,6 +133,41 @@ def test_type_3_complies_across_the_motion_once_there_is_one(rig):
     assert rig.pose()[1:3] == pytest.approx((start[1] + 0.05, start[2]), abs=1e-4)
 
 
+def bent(rig, shift):
+    """Joints that have the tool beside where it was told to be, along x."""
+    model = rig.model
+    return rig.kinematics.inverse_near(add(rig.pose(), shift), rig.motion.q, model.q_min, model.q_max)
+
+
+def pulled_aside(rig, limit, shift=0.004):
+    """A stiff axis, x, has been bent by 4 mm."""
+    rig.motion.start_force_mode(BASE, Z_ONLY, ZERO, 2, (limit, 0.01, 0.2, 0.1, 0.1, 0.1))
+    rig.step()
+    rig.motion.actual_q = bent(rig, shift)
+    rig.step()
+
+
+def test_a_stiff_axis_may_be_off_by_its_limit(rig):
+    """User manual, "Force": in non-compliant axes the limit is the largest deviation before a protective stop."""
+    pulled_aside(rig, 0.005)
+    assert rig.fault is None
+    rig.motion.end_force_mode()
+    rig.step()
+    rig = type(rig)(rig.model)
+    pulled_aside(rig, 0.003)
+    assert (rig.fault.code, rig.fault.argument) == (153, 0)
+    assert "0.0040 m off its path along the task frame's x axis" in rig.fault.text
+    rig.rest()
+
+
+def test_a_compliant_axis_may_be_anywhere(rig):
+    rig.motion.start_force_mode(BASE, (1, 0, 0, 0, 0, 0), ZERO, 2, (0.001, *[0.01] * 5))
+    rig.step()
+    rig.motion.actual_q = bent(rig, 0.004)
+    rig.step()
+    assert rig.fault is None
+
+
 def test_unknown_type_is_refused(rig):
     with pytest.raises(ValueError, match="type 4"):
         rig.motion.start_force_mode(BASE, Z_ONLY, ZERO, 4, LIMITS)
