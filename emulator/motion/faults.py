@@ -89,7 +89,7 @@ def off_the_path(axis: int, deviation: float, limit: float) -> MotionFault:
         _POSITION_DEVIATES,
         0,
         f"in force mode the tool is {deviation:.4f} {unit} off its path {way} the task frame's {'xyz'[axis % 3]} axis, "
-        f"and {limit:.4f} {unit} are allowed; raise force_mode's limit of that axis, or make it compliant, or push less",
+        f"and {limit:.4f} {unit} are allowed; raise force_mode's limit of that axis, make it compliant, or push less",
     )
 
 
