@@ -1,10 +1,10 @@
 """Contacts of the tool, as a compliant tool has to know them: what each will do in the next control period.
 
 A contact is a spring and a damper along one direction, which push and never pull, and friction across it. A stiff
-spring whose force is only taken over from one period to the next is entered at full speed before it pushes, and throws
-the tool out faster than it came in. So the compliant tool looks ahead: its next speed is the one whose force the contact
-will have then (backward Euler), which takes energy away at any stiffness and period. Contacts not reached yet (negative
-depth) are known too.
+spring whose force is only taken over from one period to the next is entered at full speed before it pushes, and
+throws the tool out faster than it came in. So the compliant tool looks ahead: its next speed is the one whose force the
+contact will have then (backward Euler), which takes energy away at any stiffness and period. Contacts not reached yet
+(negative depth) are known too.
 """
 
 from collections.abc import Mapping, Sequence
