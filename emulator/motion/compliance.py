@@ -30,6 +30,7 @@ _FRICTION = (200.0, 1800.0)  # N s/m at damping 0, and how much full damping add
 _TURN_FRICTION = (10.0, 90.0)  # Nm s/rad
 _TOOL, _FIXED = 0, 2  # kinds of task frame
 _REST = 1e-6  # m/s, rad/s: slower than this the tool stands (guess)
+_STILL = 1e-9  # m in a period: less is no motion to turn a frame along
 _SLACK = 1e-4  # m, rad: how far a singular arm may come off in directions that are not compliant (guess)
 _FREEDRIVE_LIMITS: Joints = (1.0, 1.0, 1.0, 3.0, 3.0, 3.0)  # m/s, rad/s (guess)
 _MOTION = 3  # kind of task frame
@@ -264,7 +265,7 @@ class Compliance:
             return x, y, cross(x, y)
         if self.task.kind == _MOTION:
             along = out_of((x, y, z), (dot(shift, x), dot(shift, y), 0.0))
-            if norm3(*along) > _REST * _REST:
+            if norm3(*along) > _STILL:
                 self._heading = unit(along, self._heading or x)
             x = self._heading or x
             return x, cross(z, x), z

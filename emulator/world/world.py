@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from emulator.robot.arm import Arm
     from emulator.world.links import Links
 
-__all__ = ["POINT", "World", "WorldError"]
+__all__ = ["MOST_OBJECTS", "POINT", "World", "WorldError"]
 
 MOST_OBJECTS: Final = 32  # a limit of this implementation: it bounds the work of one tick
 POINT: Final = WorldObject(Sphere(0.0))  # a tool that touches with its TCP alone
@@ -83,7 +83,12 @@ class World:
         self.tool = tool
 
     def push(self, name: str, push: Push) -> None:
-        """Push the tool until the push is over or released; one of the same name is replaced."""
+        """Push the tool until the push is over or released; one of the same name is replaced.
+
+        Raises WorldError when there are too many.
+        """
+        if name not in self._pushes and len(self._pushes) >= MOST_OBJECTS:
+            raise WorldError(f"at most {MOST_OBJECTS} hands push at a time: release one")
         self._pushes[name] = push
 
     def release(self, name: str) -> bool:

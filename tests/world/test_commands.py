@@ -6,7 +6,7 @@ from emulator.controller import Controller, ControllerConfig
 from emulator.world.commands import AddObject, MountTool, MoveObject, PushTool, ReleaseTool, RemoveObject
 from emulator.world.hands import Frame, Push
 from emulator.world.shapes import Plane, Sphere, WorldObject
-from emulator.world.world import POINT
+from emulator.world.world import MOST_OBJECTS, POINT
 from urproto.robots import load_model
 
 PUSH = (5.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -38,6 +38,14 @@ def test_pushes_of_different_names_add_up(rig):
     rig.post(PushTool(Push(PUSH), "left"))
     rig.post(PushTool(Push((-5.0, 2.0, 0.0, 0.0, 0.0, 0.0)), "right"))
     assert rig.force == (0.0, 2.0, 0.0, 0.0, 0.0, 1.0)
+
+
+def test_only_so_many_hands_find_room_at_the_tool(rig):
+    for number in range(MOST_OBJECTS):
+        assert rig.post(PushTool(Push(PUSH), f"hand {number}")) == ""
+    assert "release one" in rig.post(PushTool(Push(PUSH), "one more"))
+    assert rig.post(PushTool(Push((0.0,) * 6), "hand 0")) == ""
+    assert rig.force[0] == pytest.approx(5.0 * (MOST_OBJECTS - 1))
 
 
 def test_the_world_adds_to_what_a_sensor_reports_over_rtde(rig):
