@@ -35,6 +35,7 @@ from emulator.config import (
     read_initial_positions,
     read_programs_dir,
     read_safety,
+    read_surroundings,
 )
 from emulator.controller import ControllerConfig
 from emulator.programs.sockets import ScriptNetwork
@@ -116,6 +117,7 @@ def _run(
         str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="What clients of the control API have to present.")
     ] = "",
     no_control: Annotated[bool, typer.Option("--no-control", help="Serve no control API.")] = False,
+    world: Annotated[Path | None, typer.Option(help="YAML file: what stands around the arm and pushes back.")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
     version: Annotated[
@@ -141,6 +143,7 @@ def _run(
             self_collision=self_collision,
             wall_clock_s=time.time(),
             external_control=read_driver_address(external_control),
+            world=read_surroundings(world),
         )
         config = EmulatorConfig(
             controller=controller,

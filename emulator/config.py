@@ -17,6 +17,7 @@ from emulator.safety.configuration import SafetyConfiguration
 from emulator.safety.files import load_safety_file
 from emulator.safety.installation import SafetySettingsError
 from emulator.services import POLYSCOPE_X
+from emulator.world.file import WorldFileError, WorldPlan, read_world
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.robotiq import PORT as GRIPPER_PORT
 from urproto.robots import RobotModel, UnknownModel, load_model
@@ -37,6 +38,7 @@ __all__ = [
     "read_initial_positions",
     "read_programs_dir",
     "read_safety",
+    "read_surroundings",
 ]
 
 PORTS: Final[Mapping[str, int]] = {
@@ -267,4 +269,14 @@ def read_driver_address(text: str | None) -> DriverAddress:
     try:
         return DriverAddress() if text is None else DriverAddress.parse(text)
     except ValueError as error:
+        raise ConfigError(str(error)) from error
+
+
+def read_surroundings(path: Path | None) -> WorldPlan | None:
+    """What stands around the arm, from a world file. Raises ConfigError."""
+    try:
+        return None if path is None else read_world(path)
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+    except WorldFileError as error:
         raise ConfigError(str(error)) from error

@@ -43,6 +43,8 @@ from emulator.robot.worldmodel import WorldModel
 from emulator.safety.board import SafetyBoard
 from emulator.safety.configuration import SafetyConfiguration
 from emulator.snapshot import Snapshot, Vector6
+from emulator.world.file import WorldPlan
+from emulator.world.world import World
 from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState
 from urproto.robots import RobotModel
 from urproto.robots.pose import Pose
@@ -77,6 +79,7 @@ class ControllerConfig:
     safety: limits, planes and safety inputs; None takes what the arm is delivered with.
     self_collision: stop when links touch each other, which a controller itself does not look after.
     wall_clock_s: date and time of its start [s since 1970, GMT]; always the same unless given.
+    world: what stands around the arm; None for nothing.
     """
 
     model: RobotModel
@@ -96,6 +99,7 @@ class ControllerConfig:
     self_collision: bool = False
     wall_clock_s: float = _NEW_YEAR_2024_S
     external_control: DriverAddress = field(default_factory=DriverAddress)
+    world: WorldPlan | None = None
     timings: PowerTimings = field(default_factory=PowerTimings)
 
 
@@ -132,6 +136,7 @@ class Controller:
         self.power = Power(config.timings, running=config.running)
         self.safety = Safety()
         self.external_wrench: Vector6 = _ZERO6  # what the world does to the TCP, base frame [N, Nm]
+        self.world: World | None = config.world.build(self.model) if config.world else None
         self.ft_input = ForceInput()
         self.arm = Arm(self.model)
         self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
@@ -332,10 +337,12 @@ class Controller:
         wrench = self.external_wrench
         if self.ft_input.enabled:
             wrench = self.ft_input.wrench_base(self.arm)
+        if self.world is not None:
+            wrench = self.world.act(self, wrench)
         self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled
         motion = self.motion
         if driven or motion.braking:
-            motion.external_wrench = wrench
+            motion.external_wrench, motion.actual_q = wrench, self.arm.q
             self._fault = motion.advance(self.speed.fraction)
         elif not (motion.idle or self.program_paused):
             motion.halt()  # the brakes hold the arm: no movement is left to complete

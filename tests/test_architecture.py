@@ -21,9 +21,10 @@ MAY_IMPORT = {
 }
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
+    "coal": ("emulator.world.links",),
     "h11": ("emulator.programs.rpc.httpclient", "emulator.servers.control"),
     "msgspec": ("emulator.control", "emulator.servers.control"),
-    "numpy": ("urproto.robots.dynamics",),
+    "numpy": ("urproto.robots.dynamics", "emulator.world.links"),
     "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("emulator", "client"),
     "typer": ("emulator.cli", "emulator.ctl", "client.cli", "client.commands", "urscript.cli"),

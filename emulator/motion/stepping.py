@@ -9,7 +9,8 @@ MotionFault: the movement is dropped and each joint brakes at its acceleration l
 from dataclasses import dataclass
 from enum import Enum, auto
 
-from emulator.motion.compliance import Compliance
+from emulator.motion.compliance import Compliance, Pushing
+from emulator.motion.contact import Contact
 from emulator.motion.faults import MotionFault, joint_limit
 from emulator.motion.generator import Generator
 from emulator.motion.pacing import RAMP_RAD_S2, Excess, Pacer
@@ -60,6 +61,8 @@ class Stepper:
         self.qd: Joints = ZERO
         self.qdd: Joints = ZERO
         self.external_wrench: Joints = ZERO  # on the tool at the TCP, base frame [N, Nm]; set by the controller
+        self.contacts: tuple[Contact, ...] = ()  # whose forces are part of that; set by the world
+        self.actual_q: Joints | None = None  # where the arm is, when it is not where it was told; set by the controller
         self.force_damping = 0.005  # force_mode_set_damping; default of the Script Manual
         self.force_gain_scaling = 1.0  # force_mode_set_gain_scaling
         self.offset_settings = OffsetSettings()  # of path offsets
@@ -329,13 +332,16 @@ class Stepper:
         if compliance.released and compliance.standing() and self._generator is None and self._added is None:
             self._compliance = None
             return self.q
+        if self.actual_q is not None and self.actual_q != self.q:
+            compliance.check(self.actual_q)
         active = self._mode is _Mode.RUN
         push = self.external_wrench if active else ZERO
         gain = self.force_gain_scaling if active else 0.0
         yielding = active and not compliance.released
         damping = self.force_damping if yielding else max(self.force_damping, _BRAKE_DAMPING)
         try:
-            target = compliance.step(self.period_s, self.q, (before, nominal), push, damping, gain)
+            pushing = Pushing(push, self.contacts if active else ())
+            target = compliance.step(self.period_s, self.q, (before, nominal), pushing, damping, gain)
             self._check(target)
         except MotionFault:
             if nominal != before:

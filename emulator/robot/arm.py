@@ -56,12 +56,14 @@ class Arm:
         self.tool_acceleration: Vector3 = (0.0, 0.0, 0.0)
         self.momentum = 0.0
         self.collision_ratio = 0.0  # largest share of its window by which a joint current is not the target's, to 1
+        self.link_torque: Vector6 = ZERO6  # what the world does to the joints by touching links; set before ``update``
         self.base_wrench_wanted = False  # target_base_wrench costs; few versions have it
         self.base_wrench: Vector6 = ZERO6
         self.target_torque: Vector6 = ZERO6
         self.actual_torque: Vector6 = ZERO6
         self.target_current: Vector6 = ZERO6
         self.actual_current: Vector6 = ZERO6
+        self._link_torque: Vector6 = ZERO6
         self._force_bias: Vector6 = ZERO6
         self._payload: Payload | None = None
         self._gravity: Vector3 | None = None
@@ -101,7 +103,7 @@ class Arm:
         started = not self._known
         self._known, self._force_zeroed = True, False
         self.q, self.qd, self.qdd = motion
-        self.wrench, self._driven = wrench, driven
+        self.wrench, self._driven, self._link_torque = wrench, driven, self.link_torque
         jacobian = self._update_tcp(installation.tcp, period_s, started)
         self._update_elbow(period_s, started)
         self._update_sensors(installation)
@@ -153,6 +155,7 @@ class Arm:
             or qdd != self.qdd
             or tcp != self.tcp_offset
             or wrench != self.wrench
+            or self.link_torque != self._link_torque
             or driven is not self._driven
             or self._force_zeroed
             or not self._known
@@ -211,9 +214,9 @@ class Arm:
             return
         self.target_torque = self.actual_torque = self.dynamics.inverse_dynamics(self.q, self.qd, self.qdd)
         self.target_current = self.actual_current = self._currents(self.target_torque)
-        if self.wrench != ZERO6:
+        if self.wrench != ZERO6 or self.link_torque != ZERO6:
             held = _times6(tuple(zip(*jacobian, strict=True)), self.wrench)
-            self.actual_torque = _minus6(self.target_torque, held)
+            self.actual_torque = _minus6(_minus6(self.target_torque, held), self.link_torque)
             self.actual_current = self._currents(self.actual_torque)
             excess = map(sub, self.actual_current, self.target_current)
             self.collision_ratio = min(1.0, max(map(truediv, map(abs, excess), CURRENT_WINDOW_A)))
