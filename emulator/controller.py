@@ -73,6 +73,8 @@ class ControllerConfig:
     encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
     gripper: what is mounted on the arm; gripper_object_mm: width of what its fingers meet.
     wall_clock_s: date and time of its start [s since 1970, GMT]; always the same unless given.
+    dynamic: torques move the arm, which follows its targets as well as servo loops can, and measures with noise;
+    otherwise it is where its targets are. seed: of the noise.
     """
 
     model: RobotModel
@@ -89,6 +91,8 @@ class ControllerConfig:
     gripper: GripperModel | None = None
     gripper_object_mm: float | None = None
     wall_clock_s: float = _NEW_YEAR_2024_S
+    dynamic: bool = False
+    seed: int = 0
     external_control: DriverAddress = field(default_factory=DriverAddress)
     timings: PowerTimings = field(default_factory=PowerTimings)
 
@@ -127,7 +131,7 @@ class Controller:
         self.safety = Safety()
         self.external_wrench: Vector6 = _ZERO6  # what the world does to the TCP, base frame [N, Nm]
         self.ft_input = ForceInput()
-        self.arm = Arm(self.model)
+        self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
         self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
         self.electrics = Electrics()
         self.motion = Motion(self.model, self.period_s, config.initial_q or self.model.home_q)
@@ -198,6 +202,11 @@ class Controller:
         return self.snapshot
 
     # doors for programs, commands and faults
+
+    @property
+    def standing(self) -> bool:
+        """The arm stands and is to stand."""
+        return not any(self.motion.qd) and self.arm.standing
 
     @property
     def may_run(self) -> bool:
@@ -328,7 +337,11 @@ class Controller:
         elif not (motion.idle or self._program_paused):
             motion.halt()  # the brakes hold the arm: no movement is left to complete
         targets = (motion.q, motion.qd, motion.qdd)
-        self._arm_changed = self.arm.update(targets, self.installation, wrench, self.period_s, driven=driven)
+        self._arm_changed = self.arm.update(
+            targets, self.installation, wrench, self.period_s, driven=driven, torque=motion.torque
+        )
+        if not driven and self.arm.standing:
+            motion.stand_at(self.arm.q)
         power_changed = self.power.state is not self._power_seen
         self._power_seen = self.power.state
         if power_changed:
@@ -350,7 +363,7 @@ class Controller:
         if self._fault is not None:
             self.protective_stop(StopCause(self._fault.code, self._fault.argument, self._fault.text))
             self._fault = None
-        if not self.safety.power_allowed and self.power.state is not PowerState.OFF and not any(self.motion.qd):
+        if not self.safety.power_allowed and self.power.state is not PowerState.OFF and self.standing:
             self.power.handle(PowerEvent.POWER_OFF)
 
     def _safety_stop(self, before: SafetyMode) -> None:

@@ -1,0 +1,182 @@
+"""The drives of a dynamic arm: per joint a position loop around a speed loop, with feed-forward, around the body.
+
+    speed wanted = target speed + position gain * (target - angle)
+    torque       = feed-forward + speed gain * (speed wanted - speed), within the joint's torque limit
+
+The feed-forward is what the target motion needs by the controller's own knowledge: rigid-body torques with the payload
+the program told, the rotors, and most of the friction. What it does not know (a wrong payload, a push, the rest of the
+friction) shows as a deviation: the loops have no integral part, so a joint gives way like a spring. Loops run every
+millisecond; in between control periods the target goes on an even acceleration.
+
+Gains are guesses: 40 rad/s and critical damping for each joint with its largest inertia. So is what the controller
+knows of friction: the shares by which direct torque control makes up for it unless told otherwise.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+from emulator.motion.torque import TorqueCommand
+from emulator.robot.body import STEP_S, Body
+from emulator.robot.vectors import ZERO6, minus6, plus6, rate6
+from emulator.snapshot import Vector6
+from urproto.robots import RobotModel
+
+__all__ = ["COULOMB_SHARE", "VISCOUS_SHARE", "Drives"]
+
+# of the friction that is made up for: defaults of the official drivers' friction model parameters
+VISCOUS_SHARE: Final[Vector6] = (0.9, 0.9, 0.8, 0.9, 0.9, 0.9)
+COULOMB_SHARE: Final[Vector6] = (0.8, 0.8, 0.7, 0.8, 0.8, 0.8)
+_POSITION_GAIN: Final = 20.0  # 1/s (guess)
+_SPEED_GAIN: Final = 80.0  # 1/s, times the inertia (guess)
+_PLACED: Final = 2.0  # times the highest speed: no target moves like that, the arm was put elsewhere
+_FULL_PAYLOAD_COG: Final = (0.0, 0.0, 0.1)  # m, for the gains (guess)
+# arm postures in which a joint carries most: stretched out, and with the wrists bent either way
+_STRETCHED: Final = (
+    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    (0.0, 0.0, 0.0, 1.57, 0.0, 0.0),
+    (0.0, 0.0, 0.0, 0.0, 1.57, 0.0),
+    (0.0, 0.0, 0.0, 1.57, 1.57, 0.0),
+)
+
+
+class Drives:
+    """The joints of one arm. ``body``: what they move; it stands wherever it was placed until driven.
+
+    ``torque``: of the motors, mean of the last period [Nm, at the joint]. ``feedforward``: the part of it that the
+    controller expected. ``asleep``: nothing moved in the last period.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.body = Body(model)
+        self.torque: Vector6 = ZERO6
+        self.feedforward: Vector6 = ZERO6
+        self.asleep = False
+        self._limits = model.torque_max
+        self._gains = _speed_gains(model)
+        self._placed_rad_s = _PLACED * max(model.qd_max)
+        self._target: Vector6 = ZERO6
+        self._speed: Vector6 = ZERO6  # of the target
+        self._asked: tuple[object, ...] = ()
+
+    def place(self, q: Vector6) -> None:
+        """The arm stands at q, and so does its target."""
+        self.body.place(q)
+        self._target, self._speed = q, ZERO6
+
+    def follow(self, target: Vector6, known_torque: Vector6, external: Vector6, period_s: float) -> None:
+        """One control period towards ``target``. ``known_torque``: rigid-body torques of the target motion.
+
+        ``external``: what the outside does to the joints [Nm].
+        """
+        start, before = self._target, self._speed
+        speed = self._retarget(target, period_s)
+        if speed is None:
+            start, before, speed = target, ZERO6, ZERO6
+        change = minus6(speed, before)
+        self.feedforward = expected = self._expected(known_torque, speed, change, period_s)
+        if self._unchanged(target, expected, external) and self.body.standing and speed == before == ZERO6:
+            self.asleep = True
+            return
+        self.asleep = False
+        self._servo(start, before, change, expected, external, period_s)
+
+    def push(
+        self, target: Vector6, command: TorqueCommand, gravity: Vector6, external: Vector6, period_s: float
+    ) -> None:
+        """One control period of direct torque, on top of ``gravity``. ``target``: what is told of the motion."""
+        self._retarget(target, period_s)
+        body, steps = self.body, _steps(period_s)
+        self.asleep = False
+        self.feedforward = asked = plus6(command.torque, gravity)
+        sums = [0.0] * 6
+        for _ in range(steps):
+            viscous, coulomb = body.friction_parts(body.qd)
+            torque = [
+                max(-limit, min(limit, base + share * v + part * c))
+                for base, share, v, part, c, limit in zip(
+                    asked, command.viscous_scale, viscous, command.coulomb_scale, coulomb, self._limits, strict=True
+                )
+            ]
+            body.step(torque, external, STEP_S)
+            sums = [total + value for total, value in zip(sums, torque, strict=True)]
+        self.torque = _mean(sums, steps)
+
+    def hold(self, target: Vector6, external: Vector6, period_s: float) -> None:
+        """One control period without power: the brakes bring the arm to rest and hold it."""
+        self._retarget(target, period_s)
+        self.torque = self.feedforward = ZERO6
+        self.asleep = self.body.standing
+        for _ in range(0 if self.asleep else _steps(period_s)):
+            self.body.brake(external, STEP_S)
+
+    def _retarget(self, target: Vector6, period_s: float) -> Vector6 | None:
+        """Speed of the target in this period; None when it was put elsewhere, and the arm with it."""
+        if target == self._target:
+            self._speed = ZERO6
+            return ZERO6
+        speed = rate6(target, self._target, period_s)
+        if max(map(abs, speed)) > self._placed_rad_s:
+            self.place(target)
+            return None
+        self._target, self._speed = target, speed
+        return speed
+
+    def _expected(self, rigid: Vector6, speed: Vector6, change: Vector6, period_s: float) -> Vector6:
+        viscous, coulomb = self.body.friction_parts(speed)
+        a, b, c, d, e, f = (
+            torque + rotor * gain / period_s + share * v + part * friction
+            for torque, rotor, gain, share, v, part, friction in zip(
+                rigid, self.body.rotors, change, VISCOUS_SHARE, viscous, COULOMB_SHARE, coulomb, strict=True
+            )
+        )
+        return (a, b, c, d, e, f)
+
+    def _unchanged(self, *asked: object) -> bool:
+        before, self._asked = self._asked, asked
+        return asked == before
+
+    def _servo(
+        self, start: Vector6, before: Vector6, change: Vector6, expected: Vector6, external: Vector6, period_s: float
+    ) -> None:
+        """The loops: in this period the target goes from ``start`` at ``before + change * (1/2 + u)``, u: 0 to 1."""
+        body, steps, gains, limits = self.body, _steps(period_s), self._gains, self._limits
+        at_rest, sums = body.qd, [0.0] * 6
+        for k in range(steps):
+            t = k * STEP_S
+            u = k / steps
+            torque = [
+                max(
+                    -limit,
+                    min(
+                        limit,
+                        ff
+                        + gain * (w + (u + 0.5) * dw - qd + _POSITION_GAIN * (p + t * (w + 0.5 * (u + 1.0) * dw) - q)),
+                    ),
+                )
+                for ff, gain, limit, p, w, dw, q, qd in zip(
+                    expected, gains, limits, start, before, change, body.q, body.qd, strict=True
+                )
+            ]
+            body.step(torque, external, STEP_S)
+            sums = [total + value for total, value in zip(sums, torque, strict=True)]
+        self.torque = _mean(sums, steps)
+        if change == before == ZERO6:
+            body.settle(at_rest)
+
+
+def _steps(period_s: float) -> int:
+    return round(period_s / STEP_S)
+
+
+def _mean(sums: Sequence[float], steps: int) -> Vector6:
+    a, b, c, d, e, f = sums
+    return (a / steps, b / steps, c / steps, d / steps, e / steps, f / steps)
+
+
+def _speed_gains(model: RobotModel) -> Vector6:
+    """Nm s/rad: so that the heaviest arm is critically damped."""
+    body = Body(model)
+    body.dynamics.set_payload(model.payload_max_kg, _FULL_PAYLOAD_COG)
+    diagonals = [[row[i] for i, row in enumerate(body.dynamics.mass_matrix(q))] for q in _STRETCHED]
+    a, b, c, d, e, f = (_SPEED_GAIN * max(inertia) for inertia in zip(*diagonals, strict=True))
+    return (a, b, c, d, e, f)
