@@ -208,7 +208,7 @@ def stopl(host: ProgramHost, a: Num = 2.0, aRot: Num | None = None) -> Frames[No
     cb3=None,
     e="5.23",
     status="partial",
-    note="gravity is that of the payload in use; an ideal arm has no friction, so all friction options are the same there",
+    note="an ideal arm has no friction: there all friction options give the same motion",
 )
 def direct_torque(
     host: ProgramHost,

@@ -185,7 +185,8 @@ class Arm:
             self.q, self.qd, self.qdd = motion
         else:
             self._drive(self.drives, torque, period_s, started=started)
-            self._target_tool.update(self.target_q, self.target_qd, self.tcp_offset, period_s, started=started)
+            if news:
+                self._target_tool.update(self.target_q, self.target_qd, self.tcp_offset, period_s, started=started)
         self._jacobian = self._tool.update(self.q, self.qd, self.tcp_offset, period_s, started=started)
         self._update_sensors(installation)
         self._update_torques()
@@ -247,7 +248,7 @@ class Arm:
             or driven is not self._driven
             or self._force_zeroed
             or not self._known
-            or self._tool.acceleration is not ZERO6
+            or self._target_tool.acceleration is not ZERO6
         )
 
     @property
@@ -271,7 +272,7 @@ class Arm:
             drives.follow(self.target_q, self.target_torque, external, period_s)
         self.q, self.qd = self._senses.joints(body, period_s)
         self.qdd = ZERO6 if before == body.qd else rate6(body.qd, before, period_s)
-        self.friction_W = ZERO6 if body.standing else body.friction_power_W
+        self.friction_W = ZERO6 if body.standing else body.friction_power
 
     def _pressed(self, wrench: Vector6) -> Vector6:
         """Joint torques that a wrench at the TCP exerts."""

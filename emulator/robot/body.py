@@ -60,18 +60,23 @@ class Body:
         )
 
     @property
-    def friction_power_W(self) -> Vector6:
-        """What friction turns into heat in each joint."""
+    def friction_power(self) -> Vector6:
+        """What friction turns into heat in each joint [W]."""
         viscous, coulomb = self.friction_parts(self.qd)
         return _six([(a + b) * speed for a, b, speed in zip(viscous, coulomb, self.qd, strict=True)])
 
     def step(self, torque: Sequence[float], external: Sequence[float], h: float) -> None:
         """``h`` [s] under motor torques and those that forces from outside exert on the joints [Nm]."""
-        viscous, coulomb = self.friction_parts(self.qd)
-        total = [a + b - c - d for a, b, c, d in zip(torque, external, viscous, coulomb, strict=True)]
+        # as friction_parts, in one go
+        total = [
+            motor + outside - viscous * v - (dry if v > band else -dry if v < -band else dry * v / band)
+            for motor, outside, v, viscous, dry, band in zip(
+                torque, external, self.qd, self.viscous, self.coulomb, self._bands, strict=True
+            )
+        ]
         qdd = self.dynamics.forward_dynamics(self.q, self.qd, total)
-        self.qd = qd = _six([speed + h * rate for speed, rate in zip(self.qd, qdd, strict=True)])
-        self.q = _six([angle + h * speed for angle, speed in zip(self.q, qd, strict=True)])
+        self.qd = qd = _onwards(self.qd, qdd, h)
+        self.q = _onwards(self.q, qd, h)
 
     def brake(self, external: Sequence[float], h: float) -> None:
         """``h`` with the brakes engaged: does nothing to an arm that stands."""
@@ -90,6 +95,12 @@ class Body:
         """Come to rest for good when speeds are next to nothing and were so a period ago (``before``)."""
         if max(map(abs, self.qd)) < _QUIET_RAD_S and max(map(abs, before)) < _QUIET_RAD_S:
             self.qd = ZERO6
+
+
+def _onwards(now: Vector6, rate: Vector6, h: float) -> Vector6:
+    a, b, c, d, e, f = now
+    u, v, w, x, y, z = rate
+    return (a + h * u, b + h * v, c + h * w, d + h * x, e + h * y, f + h * z)
 
 
 def _six(values: Sequence[float]) -> Vector6:

@@ -12,7 +12,6 @@ Gains are guesses: 40 rad/s and critical damping for each joint with its largest
 knows of friction: the shares by which direct torque control makes up for it unless told otherwise.
 """
 
-from collections.abc import Sequence
 from typing import Final
 
 from emulator.motion.torque import TorqueCommand
@@ -85,11 +84,10 @@ class Drives:
     ) -> None:
         """One control period of direct torque, on top of ``gravity``. ``target``: what is told of the motion."""
         self._retarget(target, period_s)
-        body, steps = self.body, _steps(period_s)
+        body, torques = self.body, []
         self.asleep = False
         self.feedforward = asked = plus6(command.torque, gravity)
-        sums = [0.0] * 6
-        for _ in range(steps):
+        for _ in range(_steps(period_s)):
             viscous, coulomb = body.friction_parts(body.qd)
             torque = [
                 max(-limit, min(limit, base + share * v + part * c))
@@ -98,8 +96,8 @@ class Drives:
                 )
             ]
             body.step(torque, external, STEP_S)
-            sums = [total + value for total, value in zip(sums, torque, strict=True)]
-        self.torque = _mean(sums, steps)
+            torques.append(torque)
+        self.torque = _mean(torques)
 
     def hold(self, target: Vector6, external: Vector6, period_s: float) -> None:
         """One control period without power: the brakes bring the arm to rest and hold it."""
@@ -139,27 +137,22 @@ class Drives:
         self, start: Vector6, before: Vector6, change: Vector6, expected: Vector6, external: Vector6, period_s: float
     ) -> None:
         """The loops: in this period the target goes from ``start`` at ``before + change * (1/2 + u)``, u: 0 to 1."""
-        body, steps, gains, limits = self.body, _steps(period_s), self._gains, self._limits
-        at_rest, sums = body.qd, [0.0] * 6
+        body, steps, at_rest, torques = self.body, _steps(period_s), self.body.qd, []
         for k in range(steps):
-            t = k * STEP_S
-            u = k / steps
+            t, u = k * STEP_S, k / steps
+            aims = [
+                w + (u + 0.5) * dw + _POSITION_GAIN * (p + t * (w + 0.5 * (u + 1.0) * dw))
+                for p, w, dw in zip(start, before, change, strict=True)
+            ]
             torque = [
-                max(
-                    -limit,
-                    min(
-                        limit,
-                        ff
-                        + gain * (w + (u + 0.5) * dw - qd + _POSITION_GAIN * (p + t * (w + 0.5 * (u + 1.0) * dw) - q)),
-                    ),
-                )
-                for ff, gain, limit, p, w, dw, q, qd in zip(
-                    expected, gains, limits, start, before, change, body.q, body.qd, strict=True
+                limit if (asked := known + gain * (aim - qd - _POSITION_GAIN * q)) > limit else max(-limit, asked)
+                for known, gain, limit, aim, q, qd in zip(
+                    expected, self._gains, self._limits, aims, body.q, body.qd, strict=True
                 )
             ]
             body.step(torque, external, STEP_S)
-            sums = [total + value for total, value in zip(sums, torque, strict=True)]
-        self.torque = _mean(sums, steps)
+            torques.append(torque)
+        self.torque = _mean(torques)
         if change == before == ZERO6:
             body.settle(at_rest)
 
@@ -168,9 +161,9 @@ def _steps(period_s: float) -> int:
     return round(period_s / STEP_S)
 
 
-def _mean(sums: Sequence[float], steps: int) -> Vector6:
-    a, b, c, d, e, f = sums
-    return (a / steps, b / steps, c / steps, d / steps, e / steps, f / steps)
+def _mean(torques: list[list[float]]) -> Vector6:
+    a, b, c, d, e, f = (sum(torque) / len(torques) for torque in zip(*torques, strict=True))
+    return (a, b, c, d, e, f)
 
 
 def _speed_gains(model: RobotModel) -> Vector6:
