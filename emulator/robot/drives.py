@@ -8,10 +8,13 @@ the program told, the rotors, and most of the friction. What it does not know (a
 friction) shows as a deviation: the loops have no integral part, so a joint gives way like a spring. Loops run every
 millisecond; in between control periods the target goes on an even acceleration.
 
+Far from its target, a joint wants no more speed than it can lose on the way: an overload ends without swinging.
+
 Gains are guesses: 40 rad/s and critical damping for each joint with its largest inertia. So is what the controller
 knows of friction: the shares by which direct torque control makes up for it unless told otherwise.
 """
 
+from math import copysign, sqrt
 from typing import Final
 
 from emulator.motion.torque import TorqueCommand
@@ -27,6 +30,7 @@ VISCOUS_SHARE: Final[Vector6] = (0.9, 0.9, 0.8, 0.9, 0.9, 0.9)
 COULOMB_SHARE: Final[Vector6] = (0.8, 0.8, 0.7, 0.8, 0.8, 0.8)
 _POSITION_GAIN: Final = 20.0  # 1/s (guess)
 _SPEED_GAIN: Final = 80.0  # 1/s, times the inertia (guess)
+_SPARE: Final = 0.25  # of the torque limit that a joint with its largest inertia has left to brake (guess)
 _PLACED: Final = 2.0  # times the highest speed: no target moves like that, the arm was put elsewhere
 _FULL_PAYLOAD_COG: Final = (0.0, 0.0, 0.1)  # m, for the gains (guess)
 # arm postures in which a joint carries most: stretched out, and with the wrists bent either way
@@ -51,7 +55,11 @@ class Drives:
         self.feedforward: Vector6 = ZERO6
         self.asleep = False
         self._limits = model.torque_max
-        self._gains = _speed_gains(model)
+        heaviest = _heaviest(model)
+        self._gains = [_SPEED_GAIN * inertia for inertia in heaviest]
+        spare = [_SPARE * torque / inertia for torque, inertia in zip(model.torque_max, heaviest, strict=True)]
+        self._near = [deceleration / _POSITION_GAIN**2 for deceleration in spare]
+        self._speed_limits = model.qd_max
         self._placed_rad_s = _PLACED * max(model.qd_max)
         self._target: Vector6 = ZERO6
         self._speed: Vector6 = ZERO6  # of the target
@@ -140,14 +148,18 @@ class Drives:
         body, steps, at_rest, torques = self.body, _steps(period_s), self.body.qd, []
         for k in range(steps):
             t, u = k * STEP_S, k / steps
-            aims = [
-                w + (u + 0.5) * dw + _POSITION_GAIN * (p + t * (w + 0.5 * (u + 1.0) * dw))
-                for p, w, dw in zip(start, before, change, strict=True)
+            wanted = [
+                w + (u + 0.5) * dw + _POSITION_GAIN * error
+                if -near < (error := p + t * (w + 0.5 * (u + 1.0) * dw) - q) < near
+                else _from_afar(error, w + (u + 0.5) * dw, near, most)
+                for p, w, dw, q, near, most in zip(
+                    start, before, change, body.q, self._near, self._speed_limits, strict=True
+                )
             ]
             torque = [
-                limit if (asked := known + gain * (aim - qd - _POSITION_GAIN * q)) > limit else max(-limit, asked)
-                for known, gain, limit, aim, q, qd in zip(
-                    expected, self._gains, self._limits, aims, body.q, body.qd, strict=True
+                limit if (asked := known + gain * (speed - qd)) > limit else max(-limit, asked)
+                for known, gain, limit, speed, qd in zip(
+                    expected, self._gains, self._limits, wanted, body.qd, strict=True
                 )
             ]
             body.step(torque, external, STEP_S)
@@ -166,10 +178,16 @@ def _mean(torques: list[list[float]]) -> Vector6:
     return (a, b, c, d, e, f)
 
 
-def _speed_gains(model: RobotModel) -> Vector6:
-    """Nm s/rad: so that the heaviest arm is critically damped."""
+def _from_afar(error: float, speed: float, near: float, most: float) -> float:
+    """The speed to want when the target, moving at ``speed``, is beyond ``near``: within the joint's limit."""
+    gain = _POSITION_GAIN * sqrt(2.0 * near * (abs(error) - 0.5 * near))
+    return max(-most, min(most, speed + copysign(gain, error)))
+
+
+def _heaviest(model: RobotModel) -> Vector6:
+    """The largest inertia [kg m2] of each joint."""
     body = Body(model)
     body.dynamics.set_payload(model.payload_max_kg, _FULL_PAYLOAD_COG)
     diagonals = [[row[i] for i, row in enumerate(body.dynamics.mass_matrix(q))] for q in _STRETCHED]
-    a, b, c, d, e, f = (_SPEED_GAIN * max(inertia) for inertia in zip(*diagonals, strict=True))
+    a, b, c, d, e, f = (max(inertia) for inertia in zip(*diagonals, strict=True))
     return (a, b, c, d, e, f)
