@@ -14,6 +14,7 @@ from emulator import dashboard, textcommands
 from emulator.devices.gripper_requests import GripperSession
 from emulator.io import inputs, modbus_requests
 from emulator.lifecycle.errorcodes import READ_ONLY_SOCKET
+from emulator.robot.installation import Payload
 from urproto.dashboard import failed
 from urproto.modbus import ExceptionCode, exception_response
 from urproto.robotiq import Request as GripperRequest
@@ -27,6 +28,7 @@ __all__ = [
     "GripperCall",
     "InterpreterLine",
     "ModbusCall",
+    "MountPayload",
     "PopupAnswer",
     "RTDEInputs",
     "RefusedScript",
@@ -132,6 +134,16 @@ class PopupAnswer(Command):
         except ValueError as error:
             controller.messages.note(f"answer refused: {error}")
             return False
+
+
+@dataclass(frozen=True, slots=True)
+class MountPayload(Command):
+    """What really hangs on the flange from now on, whatever programs say; None: what they say."""
+
+    payload: Payload | None
+
+    def apply(self, controller: "Controller") -> None:
+        controller.arm.mounted = self.payload
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,6 +22,7 @@ from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 __all__ = [
     "JOINT_NAMES",
     "PORTS",
+    "ArmKind",
     "ConfigError",
     "EmulatorConfig",
     "check_encoder_speeds",
@@ -60,6 +62,13 @@ _LAST_PORT: Final = 65535
 _FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder can count (Script Manual)
 _MAJOR: Final = {Series.CB3: 3, Series.E: 5}
 _NEWEST_CB3_MINOR: Final = 15  # the CB3 line ended with 3.15
+
+
+class ArmKind(StrEnum):
+    """What moves the arm: its targets, exactly, or torques."""
+
+    IDEAL = "ideal"
+    DYNAMIC = "dynamic"
 
 
 class ConfigError(ValueError):

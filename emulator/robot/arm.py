@@ -231,6 +231,7 @@ class Arm:
         self._load(self.dynamics, self._payload)
         if self.drives is not None:
             self._load(self.drives.body.dynamics, self._mounted or self._payload)
+            self.drives.wake()
         return True
 
     def _load(self, dynamics: Dynamics, payload: Payload) -> None:

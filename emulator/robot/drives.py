@@ -70,6 +70,10 @@ class Drives:
         self.body.place(q)
         self._target, self._speed = q, ZERO6
 
+    def wake(self) -> None:
+        """Something about the body changed: look whether it still stands in balance."""
+        self._asked = ()
+
     def follow(self, target: Vector6, known_torque: Vector6, external: Vector6, period_s: float) -> None:
         """One control period towards ``target``. ``known_torque``: rigid-body torques of the target motion.
 
