@@ -266,8 +266,9 @@ class Arm:
         if not self._driven:
             drives.hold(self.target_q, external, period_s)
         elif torque is not None:
-            self.target_torque = plus6(torque.torque, self.dynamics.gravity_torques(body.q))
-            drives.push(self.target_q, torque, self.target_torque, external, period_s)
+            gravity = self.dynamics.gravity_torques(body.q)
+            self.target_torque = plus6(torque.torque, gravity)
+            drives.push(self.target_q, torque, gravity, external, period_s)
         else:
             self.target_torque = self.dynamics.inverse_dynamics(self.target_q, self.target_qd, self.target_qdd)
             drives.follow(self.target_q, self.target_torque, external, period_s)
