@@ -30,6 +30,7 @@ from urproto.versions import Series
 __all__ = ["CURRENT_WINDOW_A", "Arm"]
 
 CURRENT_WINDOW_A: Final[Vector6] = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5)  # of collision detection (guess)
+_STANDING_RAD_S: Final = 0.005  # slower than this is as good as standing (guess)
 _ZERO3: Final[Vector3] = (0.0, 0.0, 0.0)
 
 _Motion = tuple[Vector6, Vector6, Vector6]
@@ -126,8 +127,9 @@ class Arm:
 
     @property
     def standing(self) -> bool:
-        """The arm itself stands, whatever its targets do."""
-        return self.qd == ZERO6 if self.drives is None else self.drives.body.standing
+        """The arm itself stands, or all but, whatever its targets do."""
+        speed = self.qd if self.drives is None else self.drives.body.qd
+        return max(map(abs, speed)) < _STANDING_RAD_S
 
     @property
     def misjudged_torque(self) -> Vector6:

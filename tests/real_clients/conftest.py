@@ -21,10 +21,13 @@ if sys.platform != "linux":  # many robots at once need the loopback addresses o
 
 HANG_S = 60.0  # no test takes longer; a hanging client call ends when its program is stopped
 DEFAULT_MODEL = "ur3"
+_NEW = ["--model", "ur5e", "--polyscope", "5.26", "--remote-control"]
 ARGUMENTS = {
     "ur3": (["--model", "ur3"], (3, 15), 0.008),
     "ur3e": (["--model", "ur3e", "--polyscope", "5.22", "--remote-control"], (5, 22), 0.002),
-    "ur5e": (["--model", "ur5e", "--polyscope", "5.26", "--remote-control"], (5, 26), 0.002),
+    "ur5e": (_NEW, (5, 26), 0.002),
+    "ur5e dynamic": ([*_NEW, "--arm", "dynamic"], (5, 26), 0.002),
+    "ur3 dynamic": (["--model", "ur3", "--arm", "dynamic", "--seed", "5"], (3, 15), 0.008),
 }
 
 
