@@ -23,6 +23,7 @@ from emulator.motion.stops import ToolStop
 from emulator.motion.tool_moves import LineLeg
 from emulator.motion.torque import DirectTorque, TorqueCommand, TorqueResponse
 from emulator.motion.vectors import ZERO, Joints, all_finite, as_six, largest, norm3, scaled
+from urproto.modes import ControlMode
 from urproto.robots.pose import Pose
 
 __all__ = ["Motion"]
@@ -230,6 +231,11 @@ class Motion(DisplacingStepper):
     def torque(self) -> TorqueCommand | None:
         """The torques that a program commands in this period; None when the arm is to follow its target."""
         return self._generator.acting if isinstance(self._generator, DirectTorque) else None
+
+    @property
+    def control_mode(self) -> ControlMode:
+        """TORQUE while torques are commanded; else TEACH in freedrive, FORCE in force mode, POSITION otherwise."""
+        return ControlMode.TORQUE if self.torque is not None else super().control_mode
 
     # stops of a program
 

@@ -10,6 +10,7 @@ from emulator.commands import MountPayload
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.robot.body import Body
 from emulator.robot.installation import Payload
+from urproto.modes import ControlMode
 from urproto.robots import MODELS, load_model
 from urproto.robots.drivetrain import joint_sizes
 from urproto.robots.dynamics import Dynamics
@@ -417,13 +418,14 @@ def test_a_stop_ends_the_torques_and_holds_the_arm(make, stop):
     rig = torque_rig(make, dynamic=True)
     rig.script(torque_program((40, 5000)))
     rig.until(lambda snapshot: snapshot.actual_qd[0] > 0.5)
+    assert rig.now.control_mode is ControlMode.TORQUE
     if stop == "pause":
         rig.controller.programs.pause("")
     else:
         rig.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
     rig.seconds(1.0)
     assert not any(rig.now.target_qd)
-    assert rig.controller.motion.torque is None
+    assert rig.now.control_mode is ControlMode.POSITION
     assert error_rad(rig) < 5e-4
 
 
