@@ -8,6 +8,7 @@ applying it raised.
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from math import isfinite
 from typing import TYPE_CHECKING, Any, Literal
 
 from emulator import dashboard, textcommands
@@ -138,9 +139,22 @@ class PopupAnswer(Command):
 
 @dataclass(frozen=True, slots=True)
 class MountPayload(Command):
-    """What really hangs on the flange from now on, whatever programs say; None: what they say."""
+    """What really hangs on the flange from now on, whatever programs say; None: what they say.
+
+    Raises ValueError for a negative mass, or a number that is none.
+    """
 
     payload: Payload | None
+
+    def __post_init__(self) -> None:
+        payload = self.payload
+        if payload is None:
+            return
+        numbers = (payload.mass, *payload.cog, *payload.inertia)
+        if not all(map(isfinite, numbers)) or min(payload.mass, *payload.inertia[:3]) < 0.0:
+            raise ValueError(
+                f"{payload} cannot hang on a flange: mass and moments of inertia are 0 or more, and finite"
+            )
 
     def apply(self, controller: "Controller") -> None:
         controller.arm.mounted = self.payload

@@ -30,6 +30,8 @@ from urproto.versions import Series
 __all__ = ["CURRENT_WINDOW_A", "Arm"]
 
 CURRENT_WINDOW_A: Final[Vector6] = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5)  # of collision detection (guess)
+_MOST_PUSH: Final = 3.0  # times a joint's torque limit: more from outside would break it (guess)
+_LOST_RAD_S: Final = 1e4  # no body moves like that, unless its payload has an inertia that none can have
 _STANDING_RAD_S: Final = 0.005  # slower than this is as good as standing (guess)
 _ZERO3: Final[Vector3] = (0.0, 0.0, 0.0)
 
@@ -263,8 +265,9 @@ class Arm:
         """What the drives make of this period's target."""
         if started:
             drives.place(self.target_q)
-        body, before = drives.body, drives.body.qd
-        external = ZERO6 if started else self._pressed(self.wrench)
+        body = drives.body
+        place, before = body.q, body.qd
+        external = ZERO6 if started else self._bearable(self._pressed(self.wrench))
         if not self._driven:
             drives.hold(self.target_q, external, period_s)
         elif torque is not None:
@@ -274,6 +277,8 @@ class Arm:
         else:
             self.target_torque = self.dynamics.inverse_dynamics(self.target_q, self.target_qd, self.target_qdd)
             drives.follow(self.target_q, self.target_torque, external, period_s)
+        if not sum(map(abs, body.qd)) < _LOST_RAD_S:
+            body.place(place)
         self.q, self.qd = self._senses.joints(body, period_s)
         self.qdd = ZERO6 if before == body.qd else rate6(body.qd, before, period_s)
         self.friction_W = ZERO6 if body.standing else body.friction_power
@@ -281,6 +286,13 @@ class Arm:
     def _pressed(self, wrench: Vector6) -> Vector6:
         """Joint torques that a wrench at the TCP exerts."""
         return ZERO6 if wrench == ZERO6 else times6(tuple(zip(*self._jacobian, strict=True)), wrench)
+
+    def _bearable(self, torque: Vector6) -> Vector6:
+        """Within what a body of rigid links can be asked to take without leaving all bounds."""
+        if not math.isfinite(sum(torque)):
+            return ZERO6
+        excess = max(abs(value) / most for value, most in zip(torque, self.model.torque_max, strict=True))
+        return torque if excess <= _MOST_PUSH else _onwards(ZERO6, torque, _MOST_PUSH / excess)
 
     def _update_sensors(self, installation: Installation) -> None:
         """Force/torque sensor and accelerometer; both sit in the flange and share its axes."""

@@ -1,6 +1,7 @@
 """The dynamic arm: torques move it, and it follows its targets as well as its servo loops can."""
 
 import math
+import random
 from operator import sub
 
 import numpy as np
@@ -332,6 +333,41 @@ def test_power_lost_in_motion_stops_it_by_the_brakes_and_it_goes_on_from_there(m
     assert rig.now.actual_q == pytest.approx(stopped, abs=2 * STEP)
     assert rig.now.target_q == pytest.approx(stopped, abs=2 * STEP)
     assert error_rad(rig) < 2 * STEP
+
+
+# abuse
+
+
+@pytest.mark.parametrize("name", ["ur3", "ur20"])
+def test_whatever_pushes_it_the_arm_comes_back(make, name):
+    rig = make(name, running=True, dynamic=True, initial_q=BENT)
+    chance = random.Random(name)
+    for _ in range(60):
+        push = [chance.choice((1e9, -1e300, 1e4, math.nan, math.inf, chance.uniform(-1e3, 1e3))) for _ in range(6)]
+        rig.controller.external_wrench = tuple(push)
+        rig.seconds(0.05)
+        assert all(map(math.isfinite, rig.now.actual_q + rig.now.actual_qd))
+    rig.controller.external_wrench = ZERO6
+    rig.seconds(8.0)
+    assert rig.now.actual_q == pytest.approx(BENT, abs=1e-3)
+
+
+def test_a_payload_far_beyond_the_arm_pulls_it_down_and_it_recovers(make):
+    rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
+    rig.controller.post(MountPayload(Payload(1e4, (10.0, 0.0, 0.0), (-0.0, 0.0, 0.0, 1e6, 1e6, 1e6))))
+    rig.seconds(1.0)
+    assert all(map(math.isfinite, rig.now.actual_q))
+    rig.controller.post(MountPayload(None))
+    rig.seconds(10.0)
+    assert rig.now.actual_q == pytest.approx(BENT, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "payload", [Payload(-1.0), Payload(math.nan), Payload(1.0, (math.inf, 0, 0)), Payload(1.0, inertia=(-1.0,) * 6)]
+)
+def test_what_cannot_be_mounted_is_refused(payload):
+    with pytest.raises(ValueError, match="cannot hang on a flange"):
+        MountPayload(payload)
 
 
 # direct torque
