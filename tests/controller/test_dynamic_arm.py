@@ -15,6 +15,7 @@ from urproto.modes import ControlMode
 from urproto.robots import MODELS, load_model
 from urproto.robots.drivetrain import joint_sizes
 from urproto.robots.dynamics import Dynamics
+from urproto.robots.pose import pose_trans
 
 ZERO6 = (0.0,) * 6
 BENT = (0.3, -1.1, 1.2, -0.8, 0.7, 0.4)
@@ -480,3 +481,30 @@ def test_the_model_of_friction_is_the_body_s(make):
     size = joint_sizes(load_model("ur5e"))[0]
     expected = 0.9 * size.viscous_Nm_s * 0.5 + 0.8 * size.coulomb_Nm
     assert rig.now.target_current[0] * rig.controller.model.torque_constants[0] == pytest.approx(expected, abs=0.05)
+
+
+def test_the_drives_expect_the_inertia_of_their_rotors(make):
+    rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
+    rig.script("speedj([1, 0, 0, 0, 0, 0], 4, 3)")
+    model = rig.controller.model
+    rig.until(lambda snapshot: snapshot.target_qd[0] > 0.5)
+    size = joint_sizes(model)[0]
+    friction = 0.9 * size.viscous_Nm_s * rig.now.target_qd[0] + 0.8 * size.coulomb_Nm
+    rotor = rig.now.target_current[0] * model.torque_constants[0] - rig.now.target_moment[0] - friction
+    assert rotor == pytest.approx(4.0 * size.rotor_kg_m2, abs=0.05)
+
+
+def test_the_weight_of_an_untold_payload_acts_where_it_hangs(make):
+    """About the flange: the payload's lever in base axes times its weight, whatever the TCP."""
+    rig = make("ur5e", running=True, initial_q=BENT)
+    rig.controller.set_tcp((0.0, 0.05, 0.2, 0.0, 0.0, 0.0))
+    rig.controller.post(MountPayload(Payload.of(2.0, (0.03, 0.0, 0.08))))
+    rig.tick()
+    flange = rig.controller.arm.flange_pose
+    hangs = pose_trans(flange, (0.03, 0.0, 0.08, 0.0, 0.0, 0.0))
+    lever = [a - b for a, b in zip(hangs[:3], flange[:3], strict=True)]
+    weight = (0.0, 0.0, -2.0 * 9.82)
+    assert rig.now.actual_TCP_force[:3] == pytest.approx(weight, abs=1e-9)
+    assert rig.now.actual_TCP_force[3:] == pytest.approx(np.cross(lever, weight), abs=1e-9)
+    rig.controller.arm.zero_force()
+    assert rig.tick().actual_TCP_force == pytest.approx(ZERO6, abs=1e-12)
