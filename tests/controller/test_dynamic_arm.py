@@ -1,5 +1,6 @@
 """The dynamic arm: torques move it, and it follows its targets as well as its servo loops can."""
 
+import itertools
 import math
 import random
 from operator import sub
@@ -436,8 +437,13 @@ def test_torques_that_stay_away_stop_the_arm(make, dynamic):
     rig = torque_rig(make, dynamic=dynamic)
     rig.script(torque_program((30, 100), end="sleep(1)"))
     rig.until(lambda snapshot: abs(snapshot.actual_qd[0]) > 0.3)
-    rig.until(lambda snapshot: not any(snapshot.target_qd), within_s=0.9)
+    speeds = [abs(rig.now.target_qd[0])]
+    while speeds[-1] and len(speeds) < 400:
+        speeds.append(abs(rig.tick().target_qd[0]))
     assert rig.now.program_running
+    assert not any(rig.now.target_qd)
+    drops = [before - after for before, after in itertools.pairwise(speeds)]
+    assert max(drops) < 1.5 * 10.0 * rig.controller.period_s, "10 rad/s2, not all at once"
 
 
 @pytest.mark.parametrize("dynamic", [True, False])
