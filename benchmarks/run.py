@@ -33,6 +33,7 @@ def main() -> None:
         jitter.measure(seconds),
         latency.measure(),
         tick_rate.measure(),
+        tick_rate.measure_dynamics(),
         rtde_codec.measure(),
         urscript_speed.measure_compiling(),
         urscript_speed.measure(),

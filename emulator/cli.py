@@ -24,6 +24,7 @@ from rich.logging import RichHandler
 from emulator.app import Emulator
 from emulator.clock import claim_real_time
 from emulator.config import (
+    ArmKind,
     ConfigError,
     EmulatorConfig,
     check_encoder_speeds,
@@ -96,6 +97,10 @@ def _run(
     modbus_unit_port: Annotated[
         int, typer.Option(help="Where the Modbus units listen that programs add signals of.")
     ] = 502,
+    arm: Annotated[
+        ArmKind, typer.Option(help="ideal: exactly where its targets are; dynamic: moved by torques, with friction.")
+    ] = ArmKind.IDEAL,
+    seed: Annotated[int, typer.Option(help="Of a dynamic arm's measurement noise.")] = 0,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
     encoder0_speed: Annotated[float, typer.Option(help="Ticks per second of a conveyor at encoder 0.")] = 0.0,
     encoder1_speed: Annotated[float, typer.Option(help="Ticks per second of a conveyor at encoder 1.")] = 0.0,
@@ -127,21 +132,23 @@ def _run(
     """Stand in for a Universal Robots controller on this machine. Not for validating safety."""
     _log_to_stderr(log_level)
     with _mistakes_in_one_line():
-        arm = choose_model(model)
+        robot = choose_model(model)
         controller = ControllerConfig(
-            model=arm,
-            version=choose_version(polyscope, arm),
-            initial_q=read_initial_positions(initial_positions, arm) if initial_positions else None,
+            model=robot,
+            version=choose_version(polyscope, robot),
+            initial_q=read_initial_positions(initial_positions, robot) if initial_positions else None,
             running=running,
             programs_dir=read_programs_dir(programs),
             remote_control=remote_control,
-            enforce_remote_control=check_enforced_remote_control(enforce_remote_control, arm),
+            enforce_remote_control=check_enforced_remote_control(enforce_remote_control, robot),
             encoder_speeds=check_encoder_speeds(encoder0_speed, encoder1_speed),
             gripper=choose_gripper(gripper, gripper_object),
             gripper_object_mm=gripper_object,
-            safety=read_safety(safety, arm),
+            safety=read_safety(safety, robot),
             self_collision=self_collision,
             wall_clock_s=time.time(),
+            dynamic=arm is ArmKind.DYNAMIC,
+            seed=seed,
             external_control=read_driver_address(external_control),
             world=read_surroundings(world),
         )

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Final
@@ -27,6 +28,7 @@ from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 __all__ = [
     "JOINT_NAMES",
     "PORTS",
+    "ArmKind",
     "ConfigError",
     "EmulatorConfig",
     "check_encoder_speeds",
@@ -71,6 +73,13 @@ _FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder
 _POLYSCOPE_X_MAJOR: Final = 10
 _MAJOR: Final = {Series.CB3: 3, Series.E: 5}
 _NEWEST_CB3_MINOR: Final = 15  # the CB3 line ended with 3.15
+
+
+class ArmKind(StrEnum):
+    """What moves the arm: its targets, exactly, or torques."""
+
+    IDEAL = "ideal"
+    DYNAMIC = "dynamic"
 
 
 class ConfigError(ValueError):

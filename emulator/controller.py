@@ -80,6 +80,8 @@ class ControllerConfig:
     self_collision: stop when links touch each other, which a controller itself does not look after.
     wall_clock_s: date and time of its start [s since 1970, GMT]; always the same unless given.
     world: what stands around the arm; None for nothing.
+    dynamic: torques move the arm, which follows its targets as well as servo loops can, and measures with noise;
+    otherwise it is where its targets are. seed: of the noise.
     """
 
     model: RobotModel
@@ -98,6 +100,8 @@ class ControllerConfig:
     safety: SafetyConfiguration | None = None
     self_collision: bool = False
     wall_clock_s: float = _NEW_YEAR_2024_S
+    dynamic: bool = False
+    seed: int = 0
     external_control: DriverAddress = field(default_factory=DriverAddress)
     world: WorldPlan | None = None
     timings: PowerTimings = field(default_factory=PowerTimings)
@@ -138,7 +142,7 @@ class Controller:
         self.external_wrench: Vector6 = _ZERO6  # what the world does to the TCP, base frame [N, Nm]
         self.world: World | None = config.world.build(self.model) if config.world else None
         self.ft_input = ForceInput()
-        self.arm = Arm(self.model)
+        self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
         self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
         self.electrics = Electrics()
         self.motion = Motion(self.model, self.period_s, config.initial_q or self.model.home_q)
@@ -211,6 +215,11 @@ class Controller:
         return self.snapshot
 
     # doors for programs, commands and faults
+
+    @property
+    def standing(self) -> bool:
+        """The arm stands and is to stand."""
+        return not any(self.motion.qd) and self.arm.standing
 
     @property
     def may_run(self) -> bool:
@@ -347,7 +356,11 @@ class Controller:
         elif not (motion.idle or self.program_paused):
             motion.halt()  # the brakes hold the arm: no movement is left to complete
         targets = (motion.q, motion.qd, motion.qdd)
-        self._arm_changed = self.arm.update(targets, self.installation, wrench, self.period_s, driven=driven)
+        self._arm_changed = self.arm.update(
+            targets, self.installation, wrench, self.period_s, driven=driven, torque=motion.torque
+        )
+        if not driven and self.arm.standing:
+            motion.stand_at(self.arm.q)
         power_changed = self.power.state is not self._power_seen
         self._power_seen = self.power.state
         if power_changed:

@@ -243,6 +243,12 @@ class Stepper:
         self.q = self._nominal = position
         self._goal = None
 
+    def stand_at(self, q: Joints) -> None:
+        """The brakes hold the arm here. Targets of an interrupted movement stay where they are."""
+        if q != self.q and self.idle:
+            self.q = self._nominal = q
+            self._goal = None
+
     # one control period
 
     def advance(self, fraction: float) -> MotionFault | None:

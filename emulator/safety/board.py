@@ -136,7 +136,7 @@ class SafetyBoard:
         self._follow_stop()
         if (changed or self.supervision.pending) and controller.power.running:
             self._supervise()
-        if not controller.safety.power_allowed and not any(controller.motion.qd):
+        if not controller.safety.power_allowed and controller.standing:
             controller.power.handle(PowerEvent.POWER_OFF)
         if self.configuration.outputs:
             drive_outputs(controller.signals, self.configuration.outputs, self._output_levels())
@@ -358,7 +358,7 @@ class SafetyBoard:
             return
         stop.duration_s = controller.time_s - stop.began_s
         stop.distance_m += hypot(*controller.arm.tcp_speed[:3]) * controller.period_s
-        stop.done = not any(controller.arm.qd)
+        stop.done = controller.standing
         if stop.done:
             controller.messages.note(
                 f"{stop.mode.name}: stop category {stop.category.value} took {stop.duration_s:.3f} s, "

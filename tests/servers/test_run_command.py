@@ -80,6 +80,19 @@ def test_what_stands_around_the_arm_pushes_back(go: Go, tmp_path: Path) -> None:
     assert go(program, "--world", str(world))[0] == 2
 
 
+def test_a_dynamic_arm_is_where_its_motors_took_it(go: Go) -> None:
+    program = (
+        "def f():\n  movej([0.1,-1.2,0.3,-1.5,0.2,0.4], a=4, v=3)\n"
+        "  textmsg(get_actual_joint_positions() == get_target_joint_positions())\nend"
+    )
+    _, ideal = go(program)
+    status, out = go(program, "--arm", "dynamic", "--seed", "3")
+    assert status == 0
+    assert ideal.splitlines()[0].endswith("s] True")
+    assert out.splitlines()[0].endswith("s] False")
+    assert go(program, "--arm", "dynamic", "--seed", "3")[1] == out
+
+
 def test_a_blocking_popup_is_shown_and_continued(go: Go) -> None:
     status, out = go('def f():\n  popup("now", title="Look", blocking=True)\n  textmsg("after")\nend')
     assert status == 0
