@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from emulator.lifecycle.safety import SafetyEvent, StopCategory
 from emulator.robot.arm import Arm
+from emulator.robot.vectors import ZERO6
 from emulator.safety.configuration import (
     BoundaryMode,
     Plane,
@@ -319,8 +320,8 @@ OPEN = (*CLAMPED[:3], CLAMPED[3] - 1.0, *CLAMPED[4:])
 def test_a_reported_pose_counts_as_clamping():
     model = load_model("ur5e")
     arm = Arm(model)
-    arm.q, arm.flange_pose = CLAMPED, arm.kinematics.forward(CLAMPED)
-    arm.elbow_position = arm.kinematics.elbow_position(CLAMPED)
+    arm.q = CLAMPED
+    arm._tool.update(CLAMPED, ZERO6, ZERO6, model.series.period_s, started=True)
     assert 0.1 < clamping_distance(model, arm) < CLAMPING_M
 
 

@@ -21,11 +21,20 @@ PERIOD_S = {"ur5": 0.008, "ur5e": 0.002}
 ZERO = (0.0,) * 6
 
 
+OF_THE_TOOL = {
+    "tcp_pose": "pose",
+    "tcp_speed": "speed",
+    "flange_pose": "flange_pose",
+    "elbow_velocity": "elbow_velocity",
+}
+
+
 def placed(model, **state):
     """An arm at rest whose state is as told."""
     arm = Arm(load_model(model))
     for name, value in state.items():
-        setattr(arm, name, value)
+        holder, attribute = (arm._tool, OF_THE_TOOL[name]) if name in OF_THE_TOOL else (arm, name)
+        setattr(holder, attribute, value)
     return arm
 
 
