@@ -27,7 +27,7 @@ THIRD_PARTY = {
     "numpy": ("urproto.robots.dynamics",),
     "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("emulator", "client"),
-    "typer": ("emulator.cli", "emulator.ctl", "client.cli", "client.commands", "urscript.cli"),
+    "typer": ("emulator.check", "emulator.cli", "emulator.ctl", "client.cli", "client.commands", "urscript.cli"),
     "rich": ("emulator", "client", "urscript.cli"),
 }
 URSCRIPT_SEES = ("urproto.robots.pose", "urproto.versions")

@@ -23,9 +23,9 @@ _MARKERS: Final = (
     "ur_leaves_things: let a test with an emulated robot leave threads, tasks or listening ports behind",
 )
 
-_started = pytest.StashKey[list["EmulatorProcess"]]()
-_failed = pytest.StashKey[bool]()
-_allowed = pytest.StashKey["Belongings | None"]()  # of the test that runs, if it uses robots
+_started: "pytest.StashKey[list[EmulatorProcess]]" = pytest.StashKey()
+_failed: "pytest.StashKey[bool]" = pytest.StashKey()
+_allowed: "pytest.StashKey[Belongings | None]" = pytest.StashKey()  # of the test that runs, if it uses robots
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

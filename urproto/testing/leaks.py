@@ -53,7 +53,7 @@ def listening_sockets() -> set[str]:
 
     Linux; empty elsewhere.
     """
-    listening = {}
+    listening: dict[str, int] = {}
     for table in map(Path, _TABLES):
         rows = (line.split() for line in table.read_text().splitlines()[1:]) if table.exists() else ()
         listening |= {f"socket:[{row[9]}]": int(row[1].rpartition(":")[2], 16) for row in rows if row[3] == _LISTENS}

@@ -17,7 +17,7 @@ JOINT_NAMES: Final = (  # as in ur_description
 
 
 def command_line(options: Mapping[str, Any]) -> list[str]:
-    """``speed=10, running=True`` as ``--speed 10 --running``. Lists repeat their option; None and False leave it out."""
+    """``speed=10, running=True`` as ``--speed 10 --running``. Lists repeat their option, None and False omit it."""
     words: list[str] = []
     for name, value in options.items():
         option = "--" + name.replace("_", "-")

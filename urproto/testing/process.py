@@ -17,7 +17,7 @@ from urproto.testing.installed import load
 if TYPE_CHECKING:
     from emulator.control.remote import RemoteControl
 
-__all__ = ["EmulatorProcess", "NotStarted"]
+__all__ = ["EmulatorError", "EmulatorProcess"]
 
 _START_DEADLINE_S: Final = 60.0  # guess: it takes a second, a loaded machine a few
 _STOP_DEADLINE_S: Final = 10.0  # guess
@@ -27,7 +27,7 @@ _LOG_PATIENCE_S: Final = 3.0  # guess: a test has failed already, nobody should 
 _TAIL: Final = 4000  # characters of its output in an error
 
 
-class NotStarted(AssertionError):
+class EmulatorError(AssertionError):
     """The emulator did not get ready, or did not end; the text has the end of its output."""
 
 
@@ -64,9 +64,9 @@ class EmulatorProcess:
         self.dispose()
 
     def start(self, *, wait: bool = True) -> Self:
-        """Start it, again too, and wait until it is ready. Raises NotStarted."""
+        """Start it, again too, and wait until it is ready. Raises EmulatorError."""
         if self.running:
-            raise NotStarted(f"the emulator on {self.host} runs already")
+            raise EmulatorError(f"the emulator on {self.host} runs already")
         self._ports_file.unlink(missing_ok=True)
         place = ["--host", self.host, "--ports-file", str(self._ports_file)]
         command = [sys.executable, "-P", str(Path(launch.__file__)), *place, *self._arguments]
@@ -76,7 +76,7 @@ class EmulatorProcess:
         return self.wait_ready() if wait else self
 
     def wait_ready(self, timeout_s: float = _START_DEADLINE_S) -> Self:
-        """Wait until every port has answered a handshake. Raises NotStarted."""
+        """Wait until every port has answered a handshake. Raises EmulatorError."""
         process = self._started()
         deadline = time.monotonic() + timeout_s
         while not self._ports_file.exists():
@@ -85,10 +85,10 @@ class EmulatorProcess:
             except subprocess.TimeoutExpired:
                 pass
             else:
-                raise NotStarted(f"the emulator ended with status {status} before it was ready:\n{self._tail()}")
+                raise EmulatorError(f"the emulator ended with status {status} before it was ready:\n{self._tail()}")
             if time.monotonic() > deadline:
                 self.kill()
-                raise NotStarted(f"the emulator was not ready within {timeout_s:g} s:\n{self._tail()}")
+                raise EmulatorError(f"the emulator was not ready within {timeout_s:g} s:\n{self._tail()}")
         return self
 
     @property
@@ -139,7 +139,7 @@ class EmulatorProcess:
         return getattr(self.control, name)
 
     def stop(self) -> int:
-        """End it the way Ctrl-C does and return its exit status. Raises NotStarted when it does not end."""
+        """End it the way Ctrl-C does and return its exit status. Raises EmulatorError when it does not end."""
         process = self._started()
         self._ended_here = True
         process.send_signal(signal.SIGINT)
@@ -147,7 +147,7 @@ class EmulatorProcess:
             status = process.wait(_STOP_DEADLINE_S)
         except subprocess.TimeoutExpired:
             self.kill()
-            raise NotStarted(f"the emulator did not end within {_STOP_DEADLINE_S:g} s:\n{self._tail()}") from None
+            raise EmulatorError(f"the emulator did not end within {_STOP_DEADLINE_S:g} s:\n{self._tail()}") from None
         self._clean_up()
         return status
 
@@ -177,7 +177,7 @@ class EmulatorProcess:
 
     def _started(self) -> "subprocess.Popen[bytes]":
         if self._process is None:
-            raise NotStarted(f"the emulator on {self.host} was not started")
+            raise EmulatorError(f"the emulator on {self.host} was not started")
         return self._process
 
     def _clean_up(self) -> None:
