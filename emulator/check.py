@@ -116,10 +116,11 @@ class _Plan:
 
 def _plan(host: str, offset: int, ports_file: Path | None, require: Sequence[str]) -> _Plan:
     known = _read_ports(ports_file) if ports_file is not None else _told_ports(host, PORTS["control"] + offset)
-    if known is not None:
-        return _Plan(host, known, frozenset(known))
-    names = (*_ALWAYS, *_LOOKED_FOR, *(name for name in require if name not in (*_ALWAYS, *_LOOKED_FOR)))
-    return _Plan(host, {name: PORTS[name] + offset for name in names}, frozenset((*_ALWAYS, *require)))
+    named = [*require, *(known or _ALWAYS)]
+    looked_for = [] if known is not None else _LOOKED_FOR
+    names = dict.fromkeys((*_ALWAYS, *named, *looked_for))
+    ports = {name: PORTS[name] + offset for name in names} | (known or {})
+    return _Plan(host, {name: ports[name] for name in names}, frozenset(named))
 
 
 def _read_ports(path: Path) -> dict[str, int]:

@@ -1,7 +1,6 @@
 """What the user asked for, checked: every mistake is one clear line."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path

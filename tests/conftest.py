@@ -23,6 +23,7 @@ REAL_TIME = (
     "conformance",
     "control",
     "driver",
+    "plugin",
     "real_clients",
     "servers",
 )  # folders of tests that the wall clock can disturb

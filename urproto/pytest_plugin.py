@@ -60,6 +60,7 @@ def make_ur_emulator(
     emulators = request.node.stash[_started] = []
 
     def make(model: str | None = None, **options: Any) -> EmulatorProcess:
+        __tracebackhide__ = True
         options = _with_defaults(request.config, {"model": model, **options})
         token = options.pop("control_token", "")
         if (q_rad := options.pop("initial_q", None)) is not None:

@@ -65,6 +65,7 @@ class EmulatorProcess:
 
     def start(self, *, wait: bool = True) -> Self:
         """Start it, again too, and wait until it is ready. Raises EmulatorError."""
+        __tracebackhide__ = True
         if self.running:
             raise EmulatorError(f"the emulator on {self.host} runs already")
         self._ports_file.unlink(missing_ok=True)
@@ -77,6 +78,7 @@ class EmulatorProcess:
 
     def wait_ready(self, timeout_s: float = _START_DEADLINE_S) -> Self:
         """Wait until every port has answered a handshake. Raises EmulatorError."""
+        __tracebackhide__ = True  # a test's reader wants to know what the emulator said
         process = self._started()
         deadline = time.monotonic() + timeout_s
         while not self._ports_file.exists():
@@ -85,6 +87,7 @@ class EmulatorProcess:
             except subprocess.TimeoutExpired:
                 pass
             else:
+                self._ended_here = True  # and told, here
                 raise EmulatorError(f"the emulator ended with status {status} before it was ready:\n{self._tail()}")
             if time.monotonic() > deadline:
                 self.kill()
