@@ -82,6 +82,7 @@ def make_ur_emulator(
 @pytest.fixture
 def ur_emulator(request: pytest.FixtureRequest, make_ur_emulator: MakeEmulator) -> "EmulatorProcess":
     """An emulator in a process of its own: ``host``, ``ports``, and the verbs of its control API as methods."""
+    __tracebackhide__ = True
     return make_ur_emulator(**_marked_options(request.node))
 
 
@@ -90,6 +91,7 @@ def ur_robot(request: pytest.FixtureRequest, _ur_tasks: None) -> "VirtualRobot":
     """A robot in this process, in virtual time, without ports: the verbs of the control API as methods."""
     from urproto.testing.virtual import virtual_robot
 
+    __tracebackhide__ = True
     return virtual_robot(**_with_defaults(request.config, _marked_options(request.node)))
 
 
@@ -143,6 +145,7 @@ def _coroutine_name(task: "asyncio.Task[Any]") -> str:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
+    __tracebackhide__ = True
     item.stash[_failed] = False
     if _uses_robots(item):
         from urproto.testing.leaks import Belongings
@@ -156,6 +159,7 @@ def pytest_fixture_setup(
     fixturedef: "pytest.FixtureDef[Any]", request: pytest.FixtureRequest
 ) -> Generator[None, object, object]:
     """What a fixture of a wider scope starts may outlive the test that happens to come first."""
+    __tracebackhide__ = True
     allowed = request.config.stash.get(_allowed, None)
     if allowed is None or fixturedef.scope == "function":
         return (yield)
@@ -167,6 +171,7 @@ def pytest_fixture_setup(
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_teardown(item: pytest.Item) -> Generator[None, object, object]:
+    __tracebackhide__ = True
     try:
         result = yield
     finally:

@@ -1,0 +1,36 @@
+"""A cell on an emulated robot, and the cable between them."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from cell import HOME, Cell
+
+sys.path.insert(0, str(Path(__file__).parent))
+from cable import Cable  # noqa: E402
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        item.add_marker(pytest.mark.ur_model(running=True, initial_q=HOME), append=False)
+
+
+@pytest.fixture
+def cell(ur_emulator) -> Iterator[Cell]:
+    with Cell(ur_emulator.host) as cell:
+        yield cell
+
+
+@pytest.fixture
+def cable(ur_emulator) -> Iterator[Cable]:
+    with Cable(ur_emulator.host) as cable:
+        yield cable
+
+
+@pytest.fixture
+def far_cell(cable: Cable) -> Iterator[Cell]:
+    """A cell at the other end of the cable."""
+    with Cell(cable.host) as cell:
+        yield cell
+        cable.plug()
