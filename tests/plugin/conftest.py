@@ -2,13 +2,14 @@
 
 import sys
 from collections.abc import Callable
-from importlib.metadata import entry_points
+from pathlib import Path
 
 import pytest
 
-# An installation of this version names the plugin itself; one from before it has to be told.
-_INSTALLED = any(entry.value == "urproto.pytest_plugin" for entry in entry_points(group="pytest11"))
-_PLUGIN = () if _INSTALLED else ("-p", "urproto.pytest_plugin")
+sys.path.insert(0, str(Path(__file__).parent))  # the helper beside this file; importlib mode does not add its folder
+
+from tests_of_users import PLUGIN
+
 _QUIET = ("-p", "no:cacheprovider", "-W", "ignore::pytest.PytestDeprecationWarning")
 PATIENCE_S = 100.0
 
@@ -24,7 +25,7 @@ def run_tests(pytester: pytest.Pytester) -> RunTests:
 
     def run(source: str, *options: str) -> pytest.RunResult:
         pytester.makepyfile(source)
-        command = [sys.executable, "-m", "pytest", *_PLUGIN, *_QUIET, *options]
+        command = [sys.executable, "-m", "pytest", *PLUGIN, *_QUIET, *options]
         return pytester.run(*command, timeout=PATIENCE_S)
 
     return run

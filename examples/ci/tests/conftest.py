@@ -8,7 +8,7 @@ import pytest
 from cell import HOME, Cell
 
 sys.path.insert(0, str(Path(__file__).parent))
-from cable import Cable  # noqa: E402
+from cable import Cable
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -6,15 +6,7 @@ import time
 import pytest
 from cable import Cable
 from cell import FAR, HOME, Cell
-
-PATIENCE_S = 20.0
-
-
-def wait_until(condition) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+from waiting import wait_until
 
 
 def test_a_pulled_cable_is_noticed_and_forgiven(far_cell: Cell, cable: Cable) -> None:

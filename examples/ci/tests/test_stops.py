@@ -4,6 +4,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import pytest
 from cell import FAR, HOME, Cell, CellError
+from waiting import wait_until
 
 MOVING = "target_qd[0] > 0.5"
 
@@ -41,6 +42,6 @@ def test_emergency_stop_and_back(cell: Cell, ur_emulator) -> None:
     with pytest.raises(CellError, match="release it first"):
         cell.recover()
     ur_emulator.release_emergency_stop()
-    ur_emulator.run_until("safety_mode == NORMAL")
+    wait_until(lambda: not cell.trouble())
     cell.recover()
     cell.move(FAR, speed=3.0)
