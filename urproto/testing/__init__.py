@@ -9,7 +9,12 @@
 ``NotPossible`` and ``BadArguments`` are what verbs raise. Everything is loaded when it is asked for.
 """
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from emulator.control.verbs import BadArguments, NotPossible
+    from urproto.testing.process import EmulatorProcess
+    from urproto.testing.virtual import virtual_robot
 
 __all__ = ["BadArguments", "EmulatorProcess", "NotPossible", "virtual_robot"]
 

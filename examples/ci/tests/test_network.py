@@ -8,6 +8,8 @@ from cable import Cable
 from cell import FAR, HOME, Cell
 from waiting import wait_until
 
+from urproto.testing import EmulatorProcess
+
 
 def test_a_pulled_cable_is_noticed_and_forgiven(far_cell: Cell, cable: Cable) -> None:
     assert far_cell.is_online()
@@ -18,7 +20,9 @@ def test_a_pulled_cable_is_noticed_and_forgiven(far_cell: Cell, cable: Cable) ->
     far_cell.move(FAR, speed=3.0)
 
 
-def test_the_robot_stops_by_itself_when_the_cable_is_pulled(far_cell: Cell, cable: Cable, ur_emulator) -> None:
+def test_the_robot_stops_by_itself_without_the_cable(
+    far_cell: Cell, cable: Cable, ur_emulator: EmulatorProcess
+) -> None:
     far_cell.guard()
     assert far_cell.control.moveJ(list(FAR), 0.2, 1.0, True)  # 6 s
     for _ in range(20):
@@ -31,7 +35,7 @@ def test_the_robot_stops_by_itself_when_the_cable_is_pulled(far_cell: Cell, cabl
     assert HOME[0] < ur_emulator.state(["actual_q"])["actual_q"][0] < FAR[0] - 0.3
 
 
-def test_a_slow_client_of_the_robot_does_not_slow_the_cell(cell: Cell, ur_emulator) -> None:
+def test_a_slow_client_of_the_robot_does_not_slow_the_cell(cell: Cell, ur_emulator: EmulatorProcess) -> None:
     sleepers = [socket.create_connection((ur_emulator.host, port)) for port in (30001, 30003) for _ in range(3)]
     for sleeper in sleepers:
         sleeper.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
