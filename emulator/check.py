@@ -38,7 +38,7 @@ _LOOKED_FOR: Final = (
     "control",
 )
 _MEANING: Final[Mapping[str, str]] = {
-    "dashboard": "nobody can switch the arm on, load or start programs from afar",
+    "dashboard": "nobody can switch the arm on, load or start programs from afar (PolyScope X has no such server)",
     "primary": "clients get no state and no messages here, and can send no scripts",
     "secondary": "clients get no state here, and can send no scripts",
     "realtime": "clients of the 125 or 500 Hz stream get nothing, and can send no scripts",
