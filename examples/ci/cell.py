@@ -15,7 +15,8 @@ from rtde_receive import RTDEReceiveInterface
 HOME = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
 FAR = (1.4, -1.4, 1.5, -1.7, -1.5, 0.1)
 RUNNING = "Robotmode: RUNNING"
-WATCHDOG_HZ = 5.0
+WATCHDOG_HZ = 1.0
+EXPLANATION_S = 1.0  # the state comes over another connection than the end of a move
 PATIENCE_S = 30.0
 
 
@@ -55,7 +56,7 @@ class Cell:
     def move(self, q_rad: Sequence[float], speed: float = 1.0) -> None:
         """Go there. Raises CellError when the robot was stopped on the way."""
         if not self.control.moveJ(list(q_rad), speed, 4.0):
-            raise CellError(f"the move was ended: {self.trouble() or 'the program stopped'}")
+            raise CellError(f"the move was ended: {self._reason()}")
 
     def guard(self) -> None:
         """From now on the robot stops by itself unless ``kick`` is called in time."""
@@ -71,6 +72,12 @@ class Cell:
         if self.receive.isEmergencyStopped():
             return "emergency stop"
         return "protective stop" if self.receive.isProtectiveStopped() else ""
+
+    def _reason(self) -> str:
+        deadline = time.monotonic() + EXPLANATION_S
+        while not (trouble := self.trouble()) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        return trouble or "the program stopped"
 
     def recover(self) -> None:
         """Bring the robot back to where it moves. Raises CellError while the emergency stop is pressed."""

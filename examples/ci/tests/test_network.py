@@ -24,13 +24,13 @@ def test_the_robot_stops_by_itself_without_the_cable(
     far_cell: Cell, cable: Cable, ur_emulator: EmulatorProcess
 ) -> None:
     far_cell.guard()
-    assert far_cell.control.moveJ(list(FAR), 0.2, 1.0, True)  # 6 s
+    assert far_cell.control.moveJ(list(FAR), 0.1, 1.0, True)  # 12 s
     for _ in range(20):
         far_cell.kick()
         time.sleep(0.05)
     assert ur_emulator.state(["runtime_state"]) == {"runtime_state": "PLAYING"}
     cable.pull()
-    ur_emulator.run_until("runtime_state == STOPPED", timeout_s=2)
+    ur_emulator.run_until("runtime_state == STOPPED", timeout_s=5)
     ur_emulator.run_until("target_qd[0] == 0")
     assert HOME[0] < ur_emulator.state(["actual_q"])["actual_q"][0] < FAR[0] - 0.3
 
