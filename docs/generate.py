@@ -13,8 +13,8 @@ from typing import Any
 import typer.main
 
 from client import cli as client_cli
+from emulator import check, ctl
 from emulator import cli as emulator_cli
-from emulator import ctl
 from emulator.builtins import LIBRARIES
 from emulator.config import PORTS
 from emulator.control.live import LiveControl
@@ -108,7 +108,12 @@ def states() -> str:
 def command_line() -> str:
     """Every command of the console scripts, with its options."""
     parts = ["# Command line", NOTICE]
-    apps = (("ur-emulator", emulator_cli.app), ("ur-emulator ctl", ctl.app), ("ur-client", client_cli.app))
+    apps = (
+        ("ur-emulator", emulator_cli.app),
+        ("ur-emulator ctl", ctl.app),
+        ("ur-emulator-check", check.app),
+        ("ur-client", client_cli.app),
+    )
     for program, app in apps:
         for words, command in _commands(program, typer.main.get_command(app)):
             parts += [f"## {words}", _first_line(command.help or "")]

@@ -1,7 +1,6 @@
 """What the user asked for, checked: every mistake is one clear line."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from ipaddress import ip_address
@@ -12,6 +11,7 @@ import yaml
 
 from emulator.controller import ControllerConfig
 from emulator.devices.robotiq import MODELS, GripperModel
+from emulator.ports import PORTS
 from emulator.programs.sockets import ScriptNetwork
 from emulator.programs.urcap import DriverAddress
 from emulator.safety.configuration import SafetyConfiguration
@@ -20,7 +20,6 @@ from emulator.safety.installation import SafetySettingsError
 from emulator.services import POLYSCOPE_X
 from emulator.world.file import WorldFileError, WorldPlan, read_world
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
-from urproto.robotiq import PORT as GRIPPER_PORT
 from urproto.robots import RobotModel, UnknownModel, load_model
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -43,21 +42,6 @@ __all__ = [
     "read_surroundings",
 ]
 
-PORTS: Final[Mapping[str, int]] = {
-    "modbus": 502,
-    "dashboard": 29999,
-    "primary": 30001,
-    "secondary": 30002,
-    "realtime": 30003,
-    "rtde": 30004,
-    "primary read-only": 30011,
-    "secondary read-only": 30012,
-    "realtime read-only": 30013,
-    "interpreter": 30020,
-    "control": 30080,  # this emulator's own
-    "tool line": 54321,  # as the vendor's RS485 URCap has it
-    "gripper": GRIPPER_PORT,
-}
 _FIRST_VERSION: Final = {"interpreter": INTERPRETER_MODE}  # the other ports are as old as the series
 JOINT_NAMES: Final = (  # as in ur_description
     "shoulder_pan_joint",
