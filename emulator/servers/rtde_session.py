@@ -14,7 +14,7 @@ A variable has one writer at a time: another connection that asks for it is told
 until the first one has closed.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from enum import Enum
 from functools import lru_cache
 from typing import Any, Final
@@ -117,12 +117,13 @@ class Reservations:
 
 
 class RTDEHost:
-    """What all sessions of one controller share, and the way their inputs take to it."""
+    """What all sessions of one controller share: the variables there are, the protocols spoken, who writes what."""
 
     def __init__(self, version: PolyscopeVersion) -> None:
         self.version = version
         self.outputs = available_fields(OUTPUT_FIELDS, version)
         self.inputs = available_fields(INPUT_FIELDS, version)
+        self.protocols: Collection[int] = KNOWN_PROTOCOLS
         self.reservations = Reservations()
         self.packer = lru_cache(maxsize=256)(self._packer)  # equal recipes are encoded once a period
 
@@ -180,7 +181,7 @@ class RTDESession:
     # one method a request
 
     def _request_protocol(self, request: RequestProtocol) -> list[Reply]:
-        accepted = request.version in KNOWN_PROTOCOLS
+        accepted = request.version in self._host.protocols
         if accepted and request.version != self.protocol:
             self.protocol = request.version
             self._renew_packer()
