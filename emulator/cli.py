@@ -32,6 +32,7 @@ from emulator.config import (
     choose_model,
     choose_version,
     read_driver_address,
+    read_faults,
     read_initial_positions,
     read_programs_dir,
 )
@@ -108,6 +109,10 @@ def _run(
     control_token: Annotated[
         str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="What clients of the control API have to present.")
     ] = "",
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KIND,NAME=VALUE,...", help="What goes wrong (docs/faults.md); may be repeated."),
+    ] = None,
     no_control: Annotated[bool, typer.Option("--no-control", help="Serve no control API.")] = False,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
@@ -145,6 +150,7 @@ def _run(
             control=not no_control,
             control_host=control_host,
             control_token=control_token,
+            faults=read_faults(fault or ()),
         )
         asyncio.run(_serve(config, ports_file, exit_when_ready=exit_when_ready))
 

@@ -22,7 +22,7 @@ MAY_IMPORT = {
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
     "h11": ("emulator.programs.rpc.httpclient", "emulator.servers.control"),
-    "msgspec": ("emulator.control", "emulator.servers.control"),
+    "msgspec": ("emulator.control", "emulator.faults", "emulator.servers.control"),
     "numpy": ("urproto.robots.dynamics",),
     "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("emulator", "client"),

@@ -86,7 +86,9 @@ class Hooks:
         """True when no hook turns the client away."""
         return all(hook(connection) for hook in self.on_connect)
 
-    def bytes(self, connection: "Connection", direction: Direction, data: bytes, after: "BytesHook | None" = None) -> bytes:
+    def bytes(
+        self, connection: "Connection", direction: Direction, data: bytes, after: "BytesHook | None" = None
+    ) -> bytes:
         """The bytes that pass, of all hooks or of those after one."""
         hooks = self.on_bytes
         for hook in hooks if after is None else hooks[_place_after(hooks, after) :]:
@@ -174,6 +176,11 @@ class Connection(asyncio.BufferedProtocol):
         self._read()
 
     # for hooks and faults
+
+    @property
+    def is_open(self) -> bool:
+        """False once it ends."""
+        return self._transport is not None and not self._transport.is_closing()
 
     @property
     def unsent(self) -> int:
@@ -383,6 +390,13 @@ class PortServer:
         """Listen. Port 0 takes a free one. Raises OSError saying which port and why."""
         await self._listen(host, port)
         self._unsubscribe = self.controller.subscribe(self.publish)
+
+    def follow(self, controller: ControllerDoor) -> None:
+        """Serve another controller from now on."""
+        self.controller = controller
+        if self._unsubscribe is not None:
+            self._unsubscribe()
+            self._unsubscribe = controller.subscribe(self.publish)
 
     async def stop(self) -> None:
         """End every connection and listen no longer."""

@@ -126,9 +126,20 @@ class RTDEHost:
         self.protocols: Collection[int] = KNOWN_PROTOCOLS
         self.reservations = Reservations()
         self.packer = lru_cache(maxsize=256)(self._packer)  # equal recipes are encoded once a period
+        self._hidden: set[str] = set()
+
+    def hide(self, name: str, hidden: bool) -> None:
+        """Let recipes with a variable be refused, as if it were not there, or no longer."""
+        (self._hidden.add if hidden else self._hidden.discard)(name)
+        self.outputs = _without(available_fields(OUTPUT_FIELDS, self.version), self._hidden)
+        self.inputs = _without(available_fields(INPUT_FIELDS, self.version), self._hidden)
 
     def _packer(self, names: tuple[str, ...], protocol: int) -> Packer:
         return output_packer(Recipe.of(names, self.outputs), protocol, _OUTPUT_RECIPE)
+
+
+def _without(fields: Mapping[str, Field], hidden: Collection[str]) -> Mapping[str, Field]:
+    return {name: field for name, field in fields.items() if name not in hidden}
 
 
 class RTDESession:
