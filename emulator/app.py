@@ -100,6 +100,7 @@ class Emulator:
                 starting.push_async_callback(self.servers["control"].stop)
                 await self._open(self.servers["control"], self.config.wanted_ports["control"])
             starting.push_async_callback(self._power.close)
+            starting.callback(self.faults.clear_all)
             starting.callback(self.clock.close)
             for fault in self.config.faults:
                 self._inject(fault)
@@ -124,7 +125,7 @@ class Emulator:
         """Servers of the controller; the hooks of those before them go on."""
         for server in make_servers(self.controller, tool_line=self.config.tool_device is not None):
             if server.name in self.servers:
-                server.hooks = self.servers[server.name].hooks
+                server.succeed(self.servers[server.name])
             self.servers[server.name] = server
 
     async def _open_box(self, ports: Mapping[str, int]) -> None:

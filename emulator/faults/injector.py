@@ -174,12 +174,13 @@ class FaultInjector:
                 raise FaultError(f"{name}: {moment:g} s of uptime are over, it is {now_s:.3f} s")
         wait_s = fault.at - now_s if fault.at is not None else fault.after or 0.0
         begins = self._now + self.site.periods(wait_s)
+        first = max(begins, self._now + 1)  # period that it shows in
         if fault.until is not None:
             ends = self._now + self.site.periods(fault.until - now_s)
-            if ends <= begins:
+            if ends <= first:
                 raise FaultError(f"until: it would end at {fault.until:g} s, before it begins")
             return begins, ends
-        return begins, None if fault.lasting is None else begins + max(1, self.site.periods(fault.lasting))
+        return begins, None if fault.lasting is None else first + max(1, self.site.periods(fault.lasting))
 
     def _check_room(self, claims: set[str]) -> None:
         if len(self._present) >= _MOST:

@@ -398,9 +398,16 @@ class PortServer:
             self._unsubscribe()
             self._unsubscribe = controller.subscribe(self.publish)
 
+    def succeed(self, other: "PortServer") -> None:
+        """Take over the hooks of a server that is gone, and its port until there is another."""
+        self.hooks, self._address = other.hooks, other._address
+
     async def stop(self) -> None:
         """End every connection and listen no longer."""
+        returning = self._returning
         self.leave()
+        if returning is not None:
+            await asyncio.wait([returning])
         for connection in tuple(self.connections):
             connection.close_now()
         while self.connections:

@@ -6,7 +6,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))  # fault_rig; importlib mode does not add the folder
 
-from fault_rig import Robot  # noqa: E402 - found by the line above
+from fault_rig import Robot
 
 
 @pytest.fixture(params=["ur3", "ur5e"])

@@ -141,7 +141,7 @@ class Robot:
 
         def started() -> bool:
             replies.extend(client.packages())
-            return any(reply.type == PackageType.START for reply in replies)
+            return any((reply.type, reply.payload) == (PackageType.START, b"\x01") for reply in replies)
 
         await self.until(started)
         return client
