@@ -1,4 +1,4 @@
-"""Faults of the bytes on their way. Those of one connection never overtake each other."""
+"""Faults of bytes on their way. Those of one connection never overtake each other."""
 
 from abc import abstractmethod
 from collections import deque

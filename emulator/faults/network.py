@@ -1,4 +1,4 @@
-"""Faults of connections and ports; what happens to the bytes themselves is in `emulator.faults.line`."""
+"""Faults of connections and ports. What happens to the bytes themselves is in `emulator.faults.line`."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack

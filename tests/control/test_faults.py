@@ -54,7 +54,10 @@ async def test_over_http(emulator: Emulator) -> None:
             robot.close()
 
     faults = await beside(use)
-    assert [(fault["id"], fault["kind"], fault["state"]) for fault in faults] == [(1, "stall", "over"), (2, "delay", "over")]
+    assert [(fault["id"], fault["kind"], fault["state"]) for fault in faults] == [
+        (1, "stall", "over"),
+        (2, "delay", "over"),
+    ]
     assert faults[1]["arguments"] == {"port": "dashboard", "delay_s": 0.01, "after": 1000}
 
 
