@@ -70,6 +70,7 @@ class Line:
         self.periods: Callable[[float], int] = site.periods
         self.period_s = site.controller.period_s
         self._fault = fault
+        self._ending = False
         self._links: dict[tuple[Connection, Direction], Link] = {}
 
     @property
@@ -82,6 +83,8 @@ class Line:
         if self._fault.direction not in (direction.value, "both") or not self._fault.concerns(connection):
             return data
         link = self._links.get((connection, direction))
+        if self._ending:
+            return self._behind(link, data)
         if link is None:
             link = self._links[connection, direction] = Link(connection, direction)
         return self._fault.change(self, link, data)
@@ -96,12 +99,19 @@ class Line:
                 link.release(data, self)
 
     def flush(self) -> None:
-        """Let everything pass that waits."""
-        for link in self._links.values():
+        """Let everything pass that waits, and answers to it behind what waits before them."""
+        self._ending = True
+        while self._links:
+            _, link = self._links.popitem()
             if data := link.take_bytes(link.size):
                 link.release(data, self)
             link.connection.unstall(link)
-        self._links.clear()
+
+    def _behind(self, link: Link | None, data: bytes) -> bytes:
+        if link is None or not link.waiting:
+            return data
+        link.keep(0, data)
+        return b""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,9 +164,9 @@ class Stall(LineFault):
                     connection.stall(strikes)
                 yield
         finally:
-            line.close()
             for connection in unread:
                 connection.unstall(strikes)
+            line.close()
 
 
 @register

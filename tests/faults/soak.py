@@ -8,6 +8,7 @@ files, tasks, threads, hooks, every port listening, a client served. Errors in t
 
 import argparse
 import asyncio
+import ctypes
 import gc
 import logging
 import os
@@ -179,7 +180,6 @@ class Soak:
         await robot.step(30)
         await self._left()
         await self._served()
-        gc.collect()
         self.memory_kB.append(resident_kB())
         self.objects.append(len(gc.get_objects()))
 
@@ -189,8 +189,8 @@ class Soak:
         try:
             await self.robot.until(lambda: not any(server.connections for server in servers))
         except AssertionError:
-            left = [(server.name, vars(connection)) for server in servers for connection in server.connections]
-            raise AssertionError(f"connections remain: {left}") from None
+            left = [(server.name, one._stalls, one._kept) for server in servers for one in server.connections]
+            raise AssertionError(f"connections remain: {left}, errors: {self.errors}") from None
 
     async def _up(self) -> None:
         """Every port listens again; an outage has its end in a period, and opening ports a few turns of the loop."""
@@ -307,7 +307,10 @@ _OF_PORTS: Final = (*_OF_CLIENTS, "refuse_connections", "restart_port")
 
 
 def resident_kB() -> int:
-    """Memory of this process; 0 where that is not told."""
+    """Memory of this process, without what malloc keeps for later; 0 where that is not told."""
+    gc.collect()
+    if hasattr(ctypes.CDLL(None), "malloc_trim"):
+        ctypes.CDLL(None).malloc_trim(0)
     status = Path("/proc/self/status")
     lines = status.read_text().splitlines() if status.exists() else []
     return next((int(line.split()[1]) for line in lines if line.startswith("VmRSS")), 0)

@@ -284,3 +284,18 @@ async def test_a_port_that_is_not_there_is_refused(model: str, port: str) -> Non
         with pytest.raises(NotPossible, match=f"no port '{port}': it has modbus"):
             robot.control.inject_fault("stall", port=port)
         assert robot.control.faults() == []
+
+
+async def test_answers_to_delayed_requests_when_the_delay_ends(ur3: Robot) -> None:
+    """They are given while what waits is passed on, and wait in their turn."""
+    dashboard = await ur3.dashboard()
+    fault = ur3.control.inject_fault("delay", port="rtde", delay_s=1.0, direction="both")
+    client = await ur3.connect("rtde")
+    client.send(b"\x00\x05V\x00\x02\x00\x03v")
+    await asyncio.sleep(0)
+    await ur3.step(3)
+    ur3.control.clear_fault(fault)
+    await ur3.until(lambda: client.read())
+    assert client.received[:6] == b"\x00\x04V\x01\x00\x13"
+    assert ur3.control.faults()[0]["problem"] == ""
+    assert dashboard.ended == ""
