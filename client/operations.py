@@ -220,7 +220,7 @@ def set_operational_mode(mode: OperationalMode) -> Operation[None]:
 
 POLYSCOPE_VERSION: Operation[PolyscopeVersion] = Operation("PolyscopeVersion", wire.parse_polyscope_version)
 VERSION: Operation[PolyscopeVersion] = Operation(
-    "version", wire.parse_polyscope_version, Availability.since(None, "5.0")
+    "version", wire.parse_polyscope_version, Availability.since(None, "5.13")
 )
 SERIAL_NUMBER: Operation[str] = Operation("get serial number", _number, Availability.since("3.12", "5.6"))
 ROBOT_MODEL: Operation[str] = Operation("get robot model", _model, Availability.since("3.12", "5.6"))

@@ -17,6 +17,7 @@ from client import cli as client_cli
 from emulator import cli as emulator_cli
 from emulator import ctl
 from emulator.builtins import LIBRARIES
+from emulator.config import PORTS
 from emulator.control.live import LiveControl
 from emulator.control.openapi import listing
 from emulator.control.verbs import verbs_of
@@ -28,6 +29,7 @@ from emulator.lifecycle.runstate import RUN_TABLE
 from emulator.lifecycle.safety import SAFETY_TABLE
 from emulator.programs.trees.program import NODES
 from emulator.run_command import COMMAND as RUN
+from emulator.services import NOT_EMULATED
 from emulator.textcommands import TEXT_COMMANDS
 from urproto.robots import MODELS, load_model
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field
@@ -70,6 +72,8 @@ def supported() -> str:
         "Versions are the first of CB3 and of e-Series that have a thing; a dash means the series never got it.",
         "## Arms",
         _arms(),
+        "## Ports",
+        _ports(),
         "## Dashboard commands (29999)",
         _dashboard(),
         "## Text commands on the script ports (30001, 30002, 30003)",
@@ -211,6 +215,12 @@ def _arms() -> str:
         for m in models
     )
     return _table(("--model", "name", "series", "payload", "reach", "status"), rows)
+
+
+def _ports() -> str:
+    there = ((name, str(port), "supported", "") for name, port in PORTS.items())
+    missing = ((s.name, s.ports, "refused", f"{s.reason}; instead: {s.instead}") for s in NOT_EMULATED)
+    return _table(("service", "port", "status", "note"), (*there, *missing))
 
 
 def _dashboard() -> str:

@@ -15,6 +15,7 @@ from emulator.faults.catalogue import parse_fault
 from emulator.faults.fault import Fault, FaultError
 from emulator.programs.sockets import ScriptNetwork
 from emulator.programs.urcap import DriverAddress
+from emulator.services import POLYSCOPE_X
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.robotiq import PORT as GRIPPER_PORT
 from urproto.robots import RobotModel, UnknownModel, load_model
@@ -64,6 +65,7 @@ JOINT_NAMES: Final = (  # as in ur_description
 _LAST_PORT: Final = 65535
 _LOOPBACK: Final = "127.0.0.1"
 _FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder can count (Script Manual)
+_POLYSCOPE_X_MAJOR: Final = 10
 _MAJOR: Final = {Series.CB3: 3, Series.E: 5}
 _NEWEST_CB3_MINOR: Final = 15  # the CB3 line ended with 3.15
 
@@ -162,7 +164,10 @@ def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
     newer_than_any = model.series is Series.CB3 and version.minor > _NEWEST_CB3_MINOR
     if version.major != major or newer_than_any:
         known = "3.0 to 3.15" if model.series is Series.CB3 else "5.x"
-        raise ConfigError(f"{model.title} is a {model.series.value} arm: its PolyScope version is {known}, not {text}")
+        why = f" ({POLYSCOPE_X.reason})" if version.major == _POLYSCOPE_X_MAJOR else ""
+        raise ConfigError(
+            f"{model.title} is a {model.series.value} arm: its PolyScope version is {known}, not {text}{why}"
+        )
     return version
 
 

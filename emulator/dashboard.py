@@ -2,9 +2,10 @@
 
 The function's docstring is the command's help, its signature tells whether it takes an
 argument (the rest of the line, verbatim). It returns the reply, or yields once for every
-control period until the reply is known. First versions and reply texts: the vendor's
-dashboard manuals and the reply patterns of the official C++ client; where those differ
-the client's pattern is answered, since simulators satisfy it in the vendor's own tests.
+control period until the reply is known. First versions, reply texts and what needs remote
+control: the vendor's dashboard manuals (e-Series: that of 2022) and the reply patterns of
+the official C++ client; where those differ in a text, the client's pattern is answered,
+since simulators satisfy it in the vendor's own tests.
 
 A command answers as the manual says even when there is nothing to do: drivers send
 "close popup", "stop", "unlock protective stop" blindly.
@@ -266,7 +267,7 @@ def safetystatus(controller: "Controller") -> str:
     return f"Safetystatus: {controller.safety.mode.name}"
 
 
-@command("close safety popup", cb3="3.1", e="5.0")
+@command("close safety popup", cb3="3.1", e="5.0", remote_only=True)
 def close_safety_popup(controller: "Controller") -> str:
     """Close the dialogue of a safety stop; there is no screen, so nothing else happens."""
     return replies.CLOSING_SAFETY_POPUP
@@ -313,7 +314,7 @@ def get_user_role(controller: "Controller") -> str:
     return controller.user_role
 
 
-@command("set operational mode", cb3=None, e="5.0", remote_only=True)
+@command("set operational mode", cb3=None, e="5.0")
 def set_operational_mode(controller: "Controller", mode: str) -> str:
     """Let the dashboard control the operational mode: manual or automatic."""
     if mode.upper() not in _OPERATIONAL_MODES:
@@ -328,7 +329,7 @@ def get_operational_mode(controller: "Controller") -> str:
     return controller.operational_mode
 
 
-@command("clear operational mode", cb3=None, e="5.0", remote_only=True)
+@command("clear operational mode", cb3=None, e="5.0")
 def clear_operational_mode(controller: "Controller") -> str:
     """Give the control of the operational mode back to the pendant."""
     controller.operational_mode = "NONE"
@@ -350,7 +351,7 @@ def polyscope_version(controller: "Controller") -> str:
     return f"URSoftware {controller.version} ({_RELEASE_DATE})"
 
 
-@command("version", cb3=None, e="5.0")
+@command("version", cb3=None, e="5.13")
 def version(controller: "Controller") -> str:
     """Software version."""
     return str(controller.version)
@@ -379,7 +380,7 @@ def generate_flight_report(controller: "Controller", kind: str) -> str:
 
 @command("generate support file", cb3="3.13", e="5.8")
 def generate_support_file(controller: "Controller", directory: str) -> str:
-    """Write log and state as a zip file to a directory below the programs directory."""
+    """Write log, state and all flight reports, a new one among them, as a zip file below the programs directory."""
     try:
         return f"Completed successfully: {reports.write_support_file(controller, directory).name}"
     except (OSError, ValueError) as error:
@@ -396,7 +397,7 @@ def save_log(controller: "Controller") -> str:
     return "Log saved to disk"
 
 
-@command("shutdown", cb3="1.4", e="5.0", remote_only=True)
+@command("shutdown", cb3="1.4", e="5.0")
 def shutdown(controller: "Controller") -> str:
     """Switch the arm off and end the controller."""
     controller.power_event(PowerEvent.POWER_OFF)

@@ -35,21 +35,23 @@ class Leaving(Protocol):
 
 
 class LegEnd:
-    """The rest of a leg, from path length s at the speed it has there."""
+    """The rest of a leg, from path length s, where the joints are at q, at the speed it has there."""
 
-    def __init__(self, leg: Leg, s: float, speed: float) -> None:
+    def __init__(self, leg: Leg, s: float, speed: float, q: Joints) -> None:
         self.leg = leg
         self.rest = leg.length - s
         self.speed = speed
         self.duration = 2.0 * self.rest / speed
-        self.corner = leg.joints(leg.length)
+        self.corner = leg.joints(leg.length, q)
+        self._way = sub(q, self.corner)
 
     def path(self, u: float) -> float:
         """Path length on the leg."""
         return self.leg.length - self.rest * (1.0 - u) ** 2
 
     def joints(self, u: float) -> Joints:
-        return self.leg.joints(self.path(u))
+        near = lerp(self.corner, self._way, (1.0 - u) ** 2)
+        return self.leg.joints(self.path(u), near)
 
 
 class Coast:
@@ -74,11 +76,12 @@ class Blend:
         self._leaving = leaving
         self._entering = entering
 
-    def joints(self, t: float) -> Joints:
-        """Configuration t seconds into the blend."""
+    def joints(self, t: float, q: Joints) -> Joints:
+        """Configuration t seconds into the blend, coming from q."""
         u = t / self.duration
-        entered = self._entering.joints(self.exit_s * u * u)
-        return lerp(entered, sub(self._leaving.joints(u), self._leaving.corner), 1.0)
+        left = sub(self._leaving.joints(u), self._leaving.corner)
+        entered = self._entering.joints(self.exit_s * u * u, sub(q, left))
+        return lerp(entered, left, 1.0)
 
 
 class ToolBlend(Blend):
@@ -89,8 +92,8 @@ class ToolBlend(Blend):
         self.before, self.after, self.leg_end = before, after, leaving
         self._corner = after.pose(0.0)
 
-    def joints(self, t: float) -> Joints:
-        return self.after.solve(self.pose(t / self.duration))
+    def joints(self, t: float, q: Joints) -> Joints:
+        return self.after.reach.joints(self.pose(t / self.duration), q)
 
     def pose(self, u: float) -> Pose:
         """TCP pose at 0 <= u <= 1."""

@@ -65,7 +65,7 @@ class ArcLeg(ToolLeg):
         # an arc in fixed mode turns the tool by its own angle: that costs nothing extra
         angle = 0.0 if fixed else norm3(*turn)
         length = path_length(circle.radius * circle.angle, angle, reach.model.eq_radius)
-        super().__init__(reach, q_start, length, wanted)
+        super().__init__(reach, length, wanted)
 
     def pose(self, s: float) -> Pose:
         if s >= self.length:

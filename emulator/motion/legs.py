@@ -27,8 +27,8 @@ class Leg(Protocol):
     limits: Limits
     profile: Profile
 
-    def joints(self, s: float) -> Joints:
-        """Joint configuration at path length s. Raises MotionFault when there is none."""
+    def joints(self, s: float, near: Joints) -> Joints:
+        """Joint configuration at path length s, the one nearest to ``near``. Raises MotionFault when there is none."""
 
     def pose(self, s: float) -> Pose:
         """TCP pose at path length s, in the base frame."""
@@ -61,7 +61,7 @@ class JointLeg:
             min(most / share for most, share in zip(model.qdd_max, shares, strict=True)),
         )
 
-    def joints(self, s: float) -> Joints:
+    def joints(self, s: float, near: Joints | None = None) -> Joints:
         if s >= self.length:
             return self._end
         return lerp(self._start, self._change, s / self.length)
@@ -78,29 +78,20 @@ class JointLeg:
 
 
 class ToolLeg:
-    """A path of the TCP. A subclass says where the tool is; the joints follow by continuity.
+    """A path of the TCP. A subclass says where the tool is; the joints follow by continuity: ask along the path."""
 
-    The joint configuration is found near the last one asked for, so ask along the path.
-    """
-
-    def __init__(self, reach: Reach, q_start: Joints, length: float, wanted: Limits, duration_s: float = 0.0) -> None:
+    def __init__(self, reach: Reach, length: float, wanted: Limits, duration_s: float = 0.0) -> None:
         self.reach = reach
         self.length = length
         self.limits = choose_limits(length, wanted, TOOL_LIMITS, duration_s)
         self.profile = Profile.plan(0.0, length, self.limits)
-        self._q_near = q_start
 
     def pose(self, s: float) -> Pose:
         """TCP pose at path length s, in the base frame."""
         raise NotImplementedError
 
-    def solve(self, pose_base_tcp: Pose) -> Joints:
-        """Joints for a pose on or near this path."""
-        self._q_near = self.reach.joints(pose_base_tcp, self._q_near)
-        return self._q_near
-
-    def joints(self, s: float) -> Joints:
-        return self.solve(self.pose(s))
+    def joints(self, s: float, near: Joints) -> Joints:
+        return self.reach.joints(self.pose(s), near)
 
     def point(self, s: float) -> Vec3:
         pose = self.pose(s)

@@ -98,7 +98,11 @@ class Motion(DisplacingStepper):
         """Begin a leg: from rest, by blending with the leg before, or by taking over from an arm in motion."""
         before = self._generator
         try:
-            if isinstance(before, PathMotion) and self._blendable and (end := before.leg_end()) is not None:
+            if (
+                isinstance(before, PathMotion)
+                and self._blendable
+                and (end := before.leg_end(self._start()[0])) is not None
+            ):
                 return self._install(self._path(make_leg, radius_m, end, before.radius_m))
             movement = self._path(make_leg, radius_m, self._coast(), None)
         except MotionFault as fault:

@@ -5,13 +5,15 @@ speed fraction. It is less
 
 - while the fraction changes, or for a pause: the leading joint's speed then changes by a known acceleration;
 - where the joints could not follow: near a singularity a tool path needs more joint speed than there is, so the tool
-  slows down. Only when no speed is slow enough the movement fails.
+  slows down in time for it (`emulator.motion.lookahead`). Only when no speed is slow enough the movement fails.
 
 Shortening h changes when the arm is somewhere, never where it goes.
 """
 
-from emulator.motion.faults import near_singularity
+from emulator.motion.faults import MotionFault, near_singularity
 from emulator.motion.generator import Generator
+from emulator.motion.lookahead import Lookahead
+from emulator.motion.path_motion import PathMotion
 from emulator.motion.vectors import Joints, largest, sub
 from urproto.robots.model import RobotModel
 
@@ -19,9 +21,12 @@ __all__ = ["RAMP_RAD_S2", "Pacer", "within_speed"]
 
 RAMP_RAD_S2 = 10.0  # leading joint, when the speed fraction changes or a program pauses (guess)
 _ROUNDS = 4  # proposals per period while looking for a step the joints can follow
-_HALVINGS = 12  # and as many more before giving up
+_ATTEMPTS = 18  # and as many more before giving up
+_LITTLE = 0.002  # the first of them shortens a step by this share
+_EXCESS = 2.0  # times its acceleration limit is what a joint gets when the path leaves no choice; beyond: fault (guess)
 _TOLERANCE = 1e-6  # of limits: rounding of differences of positions
 _STUCK_SHARE = 1e-3  # a movement slower than this share of its speed ...
+_CREEP = 0.5 * _STUCK_SHARE  # time scale in front of a place that cannot be passed, until that is noticed
 _STUCK_S = 0.1  # ... for so long does not get through a singularity (guess)
 
 
@@ -29,6 +34,7 @@ class Pacer:
     """Keeps the time scale of the movement in progress."""
 
     def __init__(self, model: RobotModel, period_s: float) -> None:
+        self._model = model
         self._period = period_s
         self._qd_max = model.qd_max
         self._qdd_max = model.qdd_max
@@ -40,6 +46,7 @@ class Pacer:
         self._pace = 0.0  # speed of the leading joint in the movement's own time [rad/s]; 0 = not yet known
         self._gain = 0.0  # how fast that grows [rad/s2]
         self._stuck_s = 0.0
+        self._ahead: Lookahead | None = None
 
     def reset(self, pace_rad_s: float = 0.0) -> None:
         """A new movement starts, from rest or at this speed of the leading joint."""
@@ -54,20 +61,34 @@ class Pacer:
         None when the movement has come to a standstill. Raises MotionFault when the joints cannot follow.
         """
         goal = self._slewed(goal, ramp)
-        h = goal * self._period
         self.share = 1.0
         if goal < _TOLERANCE:
             self.scale = self._gain = 0.0
             return None
+        most = goal * self._period
+        h = self._foreseen(movement, q, most) if isinstance(movement, PathMotion) else most
         target = movement.propose(h, q)
         step = sub(target, q)
         if not self._easy(step, qd):
-            h, target = self._shortened(movement, h, target, q, qd)
-            self.share = h / (goal * self._period)
+            h, target = self._fitted(movement, (h, most), target, q, qd)
             step = sub(target, q)
+            if not self._bearable(step, qd):
+                raise self._why()
+        self.share = h / most
         self._judge(h, goal)
         self._remember(h, largest(step))
+        if self._ahead is not None:
+            self._ahead.went(h)
         return target
+
+    def _foreseen(self, movement: PathMotion, q: Joints, h: float) -> float:
+        """The longest step up to h after which the joints can follow the rest of the path."""
+        if not movement.uneven:
+            self._ahead = None
+            return h
+        if self._ahead is None or self._ahead.movement is not movement:
+            self._ahead = Lookahead(movement, q, self._model)
+        return min(h, max(_CREEP, self._ahead.fraction(h)) * self._period)
 
     def _easy(self, step: Joints, qd: Joints) -> bool:
         """Every joint can follow."""
@@ -77,17 +98,31 @@ class Pacer:
                 return False
         return True
 
-    def _shortened(
-        self, movement: Generator, h_goal: float, target: Joints, q: Joints, qd: Joints
+    def _bearable(self, step: Joints, qd: Joints) -> bool:
+        """No joint changes its speed by much more than it can."""
+        dt = self._period
+        changes = zip(step, qd, self._change, strict=True)
+        return all(abs(move - speed * dt) <= _EXCESS * change for move, speed, change in changes)
+
+    def _why(self) -> MotionFault:
+        return (self._ahead and self._ahead.fault) or near_singularity()
+
+    def _fitted(
+        self, movement: Generator, wanted: tuple[float, float], target: Joints, q: Joints, qd: Joints
     ) -> tuple[float, Joints]:
-        """The longest step up to h_goal, for which target was proposed, that the joints can follow."""
-        h = h_goal
+        """The step nearest to the first one wanted, and up to the second, that the joints can follow.
+
+        ``target`` was proposed for the first.
+        """
+        h = wanted[0]
         for _ in range(_ROUNDS):
-            better = self._bounded(h, h_goal, sub(target, q), qd)
+            better = self._bounded(h, wanted, sub(target, q), qd)
             if abs(better - h) <= _TOLERANCE * h:
                 return h, target  # every joint is slow enough for this h
             h = better
             target = movement.propose(h, q)
+            if self._easy(sub(target, q), qd):
+                return h, target
         return self._enforced(movement, h, target, q)
 
     def _slewed(self, goal: float, ramp: float) -> float:
@@ -99,13 +134,13 @@ class Pacer:
         slower = self.scale - (ramp + own) * self._period / self._pace
         return max(goal, slower if slower > _TOLERANCE else 0.0)
 
-    def _bounded(self, h: float, h_goal: float, step: Joints, qd: Joints) -> float:
-        """The own time, at most h_goal, with which joint speeds and their changes stay within limits.
+    def _bounded(self, h: float, wanted: tuple[float, float], step: Joints, qd: Joints) -> float:
+        """The own time, as wanted, with which joint speeds and their changes stay within limits.
 
         Where changes of speed cannot all be within limits the excess is shared; speeds are always kept.
         """
         dt = self._period
-        low, high, cap = 0.0, h_goal, h_goal
+        low, high, cap = 0.0, wanted[1], wanted[1]
         for move, speed, most, acceleration in zip(step, qd, self._qd_max, self._qdd_max, strict=True):
             if abs(move) < 1e-12:
                 continue
@@ -114,17 +149,17 @@ class Pacer:
             change = acceleration * (1.0 + _TOLERANCE) * dt * dt / rate
             low, high = max(low, keep - change), min(high, keep + change)
             cap = min(cap, most * dt / rate)
-        wanted = high if low <= high else max(0.5 * (low + high), 0.5 * h)
-        return min(wanted, cap)
+        best = max(low, min(high, wanted[0])) if low <= high else max(0.5 * (low + high), 0.5 * h)
+        return min(best, cap)
 
     def _enforced(self, movement: Generator, h: float, target: Joints, q: Joints) -> tuple[float, Joints]:
-        """Halve the step until no joint is too fast."""
-        for _ in range(_HALVINGS):
+        """Shorten the step, by ever more, until no joint is too fast."""
+        for attempt in range(_ATTEMPTS):
             if within_speed(sub(target, q), self._qd_max, self._period):
                 return h, target
-            h *= 0.5
+            h *= max(0.5, 1.0 - _LITTLE * 2.0**attempt)
             target = movement.propose(h, q)
-        raise near_singularity()
+        raise self._why()
 
     def _judge(self, h: float, goal: float) -> None:
         if h >= _STUCK_SHARE * goal * self._period:
@@ -132,7 +167,7 @@ class Pacer:
             return
         self._stuck_s += self._period
         if self._stuck_s > _STUCK_S:
-            raise near_singularity()
+            raise self._why()
 
     def _remember(self, h: float, moved: float) -> None:
         pace = moved / h

@@ -1,7 +1,7 @@
 """The generator of movej, movel, movep and movec: an optional blend, then the leg under its speed profile."""
 
 from emulator.motion.blends import Blend, LegEnd
-from emulator.motion.legs import Leg, mark_before_end
+from emulator.motion.legs import JointLeg, Leg, mark_before_end
 from emulator.motion.profile import Profile
 from emulator.motion.vectors import Joints
 from urproto.robots.pose import Pose
@@ -30,17 +30,22 @@ class PathMotion:
         if blend is not None:
             self.profile = Profile.plan(blend.exit_s, leg.length, leg.limits, blend.exit_speed)
 
+    @property
+    def uneven(self) -> bool:
+        """The joints' speeds and accelerations are not known from the profile alone, as on a line in joint space."""
+        return self._blend is not None or not isinstance(self.leg, JointLeg)
+
     def propose(self, h: float, q: Joints) -> Joints:
         t, blend = self._t + h, self._blend
         if blend is not None:
             if t < blend.duration:
                 self._proposed = (t, blend)
-                return blend.joints(t)
+                return blend.joints(t, q)
             t -= blend.duration
         if t >= self.profile.duration - _TIME_TOLERANCE:
             t = self.profile.duration
         self._proposed = (t, None)
-        return self.leg.joints(self.profile.position(t))
+        return self.leg.joints(self.profile.position(t), q)
 
     def commit(self, clock_s: float) -> None:
         self._t, self._blend = self._proposed
@@ -64,13 +69,19 @@ class PathMotion:
             self._exit_s = min(self._exit_s, self.profile.position(self._t))
         return True
 
+    @property
+    def remaining_s(self) -> float:
+        """Its own time until it has arrived."""
+        on_leg = self.profile.duration - self._t
+        return on_leg if self._blend is None else self.profile.duration + self._blend.duration - self._t
+
     def goal(self) -> Pose:
         return self.leg.goal()
 
-    def leg_end(self) -> LegEnd | None:
-        """What the next move can blend with; None before the blend radius, and without one."""
+    def leg_end(self, q: Joints) -> LegEnd | None:
+        """What the next move can blend with when the arm is at q; None before the blend radius, and without one."""
         if not self.ready or self.done or self.radius_m <= 0.0:
             return None
         speed = self.profile.speed(self._t)
         s = self.profile.position(self._t)
-        return LegEnd(self.leg, s, speed) if speed > 0.0 and s < self.leg.length else None
+        return LegEnd(self.leg, s, speed, q) if speed > 0.0 and s < self.leg.length else None

@@ -35,7 +35,7 @@ class LineLeg(ToolLeg):
         length = path_length(distance, norm3(*self.change[3:]), reach.model.eq_radius)
         # path length is the TCP's distance, unless turning takes longer
         self.is_translation = 0.0 < length == distance
-        super().__init__(reach, q_start, length, wanted, duration_s)
+        super().__init__(reach, length, wanted, duration_s)
 
     def pose(self, s: float) -> Pose:
         if s >= self.length:

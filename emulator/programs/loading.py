@@ -1,16 +1,24 @@
 """Program files the dashboard can load."""
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 from emulator.programs.trees.document import DocumentError
 from emulator.programs.trees.folder import ProgramsFolder
 from emulator.programs.trees.installation_file import InstallationFile, read_installation_steps
 from emulator.programs.trees.program import ExternalControlCode, ProgramTree, TreeError, read_tree_steps, script_steps
 from urproto.versions import PolyscopeVersion
+from urscript.splitter import ScriptSplitter
+from urscript.values import to_bytes
 from urscript.work import Steps
 
 __all__ = ["LoadedProgram", "ProgramLoadError", "load_steps"]
+
+_PIECE_CHARACTERS: Final = 4096
+_PIECE_COST: Final = 200  # measured: 50 microseconds for 1000 characters
+_NO_WORD: Final = re.compile(r"\W", re.ASCII)
 
 
 class ProgramLoadError(ValueError):
@@ -48,7 +56,7 @@ def load_steps(
     ProgramLoadError says which node is to blame. Also raises OSError.
     """
     if path.suffix == ".script":
-        return LoadedProgram(path, _read(path))
+        return LoadedProgram(path, (yield from _whole(path.stem, _read(path))))
     if path.suffix != ".urp":
         raise ProgramLoadError(f"{path.name} is no program: programs are .urp or .script files")
     twin = path.with_suffix(".script")
@@ -82,6 +90,23 @@ def _tree(path: Path, root: Path | None, present: InstallationFile, version: Pol
             raise ProgramLoadError(f"{path.name} cannot be run: {error}") from error
         raise
     return LoadedProgram(path, "", tree, installation, notes)
+
+
+def _whole(name: str, text: str) -> Steps[str]:
+    """The text as one program.
+
+    A file made for a Script node defines functions and then calls them: it is played as inside such
+    a node. Sent to a script port, each of its functions would be a program.
+    """
+    splitter = ScriptSplitter()
+    units = []
+    for start in range(0, len(text), _PIECE_CHARACTERS):
+        units += splitter.feed(to_bytes(text[start : start + _PIECE_CHARACTERS]))
+        yield _PIECE_COST
+    units += splitter.flush()
+    if len(units) < 2 or units[0].kind != "block":
+        return text
+    return f"def {_NO_WORD.sub('_', f'_{name}' if name[:1].isdigit() else name)}(): {text}\nend\n"
 
 
 def _read(path: Path) -> str:

@@ -1,10 +1,11 @@
 """Files the dashboard can ask for: the log, a flight report, a support file.
 
-Written to the programs directory; file names count control periods, since nothing here
-knows the date.
+Written to the programs directory. What is in them is the emulator's own; the name of a support
+file, and that it holds all flight reports, is the e-Series dashboard manual's.
 """
 
 import zipfile
+from calendar import isleap, monthrange
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["write_flight_report", "write_log", "write_support_file"]
 
 _FLIGHT_REPORTS: Final = ("controller", "software", "system")
+_FLIGHT_REPORT: Final = "flightreport_"  # and its id: the beginning of a file's name
 
 
 def write_log(controller: "Controller") -> Path:
@@ -28,20 +30,26 @@ def write_flight_report(controller: "Controller", kind: str) -> str:
     if kind.lower() not in _FLIGHT_REPORTS:
         raise ValueError(f"no report {kind!r}: choose one of {', '.join(_FLIGHT_REPORTS)}")
     report_id = f"{controller.serial_number}_{controller.step_count}_{kind.lower()}"
-    (_directory(controller) / f"flightreport_{report_id}.txt").write_text(_summary(controller), "utf-8")
+    (_directory(controller) / f"{_FLIGHT_REPORT}{report_id}.txt").write_text(_summary(controller), "utf-8")
     return report_id
 
 
 def write_support_file(controller: "Controller", directory: str) -> Path:
-    """Write log and state as one zip file. Raises ValueError for a directory outside the programs directory."""
+    """Write log, state and all flight reports as one zip file, after a new flight report of the system.
+
+    Raises ValueError for a directory outside the programs directory.
+    """
     root = _directory(controller)
     target = (root / directory.strip().lstrip("/")).resolve()
     if not target.is_relative_to(root.resolve()) or not target.is_dir():
         raise ValueError(f"{directory!r} is not a directory below the programs directory")
-    path = target / f"ur_{controller.serial_number}_{controller.step_count}.zip"
+    write_flight_report(controller, "system")
+    path = target / f"ur_{controller.serial_number}_{_date_and_time(controller.wall_clock_ns // 1_000_000_000)}.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("log_history.txt", "\n".join(controller.messages.history))
         archive.writestr("state.txt", _summary(controller))
+        for report in sorted(root.glob(f"{_FLIGHT_REPORT}*.txt")):
+            archive.write(report, report.name)
     return path
 
 
@@ -55,3 +63,17 @@ def _directory(controller: "Controller") -> Path:
 def _summary(controller: "Controller") -> str:
     head = f"{controller.model.title}, serial number {controller.serial_number}, PolyScope {controller.version}\n"
     return head + "".join(f"{name}: {value}\n" for name, value in vars(controller.snapshot).items())
+
+
+def _date_and_time(seconds: int) -> str:
+    """YYYY-MM-DD_HH-MM-SS of a time since 1970. By hand: modules that know the date know the clock, too."""
+    days, seconds = divmod(seconds, 86_400)
+    year, month = 1970, 1
+    while days >= 365 + isleap(year):
+        days -= 365 + isleap(year)
+        year += 1
+    while days >= monthrange(year, month)[1]:
+        days -= monthrange(year, month)[1]
+        month += 1
+    hours, minutes = seconds // 3600, seconds // 60 % 60
+    return f"{year:04}-{month:02}-{days + 1:02}_{hours:02}-{minutes:02}-{seconds % 60:02}"

@@ -1,9 +1,12 @@
 """Bytes recorded from controllers, by file name."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))  # primary_structs; importlib mode does not add the folder
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 

@@ -31,7 +31,7 @@ POSE_HEX = "3f000000 bf800000 40000000 00000000 3e800000 40400000"
 # value, its bytes with the codes before 3.14 / 5.9, and with the ones after
 VALUES = [
     pytest.param(None, "00 0a", "00 0a", id="none"),
-    pytest.param("ab", "04 0002 6162 0a", "04 0002 6162 0a", id="string"),
+    pytest.param("ab", "03 0002 6162 0a", "03 0002 6162 0a", id="string"),
     pytest.param(True, "0c 01 0a", "0d 01 0a", id="bool"),
     pytest.param(-2, "0e fffffffe 0a", "0f fffffffe 0a", id="int"),
     pytest.param(0.5, "0f 3f000000 0a", "10 3f000000 0a", id="float"),
@@ -62,18 +62,18 @@ def test_matrix():
         GlobalVariableValues(values=(MatrixValue(((1,), (1, 2))),)).encode(E_NEW)
 
 
-def test_constant_strings_and_numbers_are_read():
-    payload = struct.pack(">QBH", 0, 1, 0) + bytes.fromhex("03 0001 61 0a 0e 3f000000 0a")
+def test_other_strings_and_numbers_are_read():
+    payload = struct.pack(">QBH", 0, 1, 0) + bytes.fromhex("04 0001 61 0a 0e 3f000000 0a")
     assert decode_program_state(payload, NEW).values == ("a", 0.5)
 
 
-@pytest.mark.parametrize(("names", "text"), [((), b""), (("a",), b"a"), (("a", "b_1"), b"a\nb_1")])
+@pytest.mark.parametrize(("names", "text"), [((), b""), (("a",), b"a\n"), (("a", "b_1"), b"a\nb_1\n")])
 def test_names(names, text):
     message = GlobalVariableNames(timestamp_us=1, start_index=2, names=names)
     data = message.encode(NEW)
     assert data == struct.pack(">iBQBH", 16 + len(text), 25, 1, 0, 2) + text
     assert PrimaryDecoder(NEW).feed(data) == [message]
-    assert decode_program_state(data[5:] + b"\n", NEW).names == names or not names
+    assert decode_program_state(data[5:].removesuffix(b"\n"), NEW).names == names
 
 
 def test_variable_as_text():

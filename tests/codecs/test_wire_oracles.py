@@ -1,89 +1,34 @@
 """Every sub-package and the realtime packet against construct declarations written from the reference tables.
 
-The declarations know nothing of the code under test: names here are those of the client
-interface manual, layouts by version are spelt out where they differ.
+The declarations of the primary interface are in primary_structs.
 """
 
 from types import SimpleNamespace
 
 import construct as c
 import pytest
+from primary_structs import (
+    I32,
+    U8,
+    D,
+    additional,
+    calibration,
+    cartesian,
+    force_mode,
+    joints,
+    kinematics,
+    masterboard,
+    safety,
+    tool,
+    tool_communication,
+    tool_mode,
+)
 
 from urproto.primary import state as parts
 from urproto.realtime import COLUMNS, encode_realtime
 from urproto.versions import PolyscopeVersion
 
 VERSIONS = ["3.0", "3.2", "3.14", "3.15.8", "5.9", "5.11", "5.22", "5.26"]
-D, F, U8, I8, U32, I32 = c.Float64b, c.Float32b, c.Int8ub, c.Int8sb, c.Int32ub, c.Int32sb
-
-
-def since(version: str, cb3: str, *fields):
-    """The fields where the version has them; every 5.x does."""
-    return fields if PolyscopeVersion.parse(version) >= PolyscopeVersion.parse(cb3) else ()
-
-
-def six(prefix: str):
-    return [f"{prefix}{axis}" / D for axis in ("x", "y", "z", "rx", "ry", "rz")]
-
-
-def joints(_version):
-    joint = c.Struct(
-        "q_actual" / D, "q_target" / D, "qd_actual" / D, "current" / F, "voltage" / F, "t_motor" / F, "t_micro" / F,
-        "mode" / U8,
-    )  # fmt: skip
-    return c.Struct("joints" / joint[6])
-
-
-def tool(_version):
-    return c.Struct(
-        "range0" / U8, "range1" / U8, "in0" / D, "in1" / D, "v48" / F, "out_v" / U8, "amps" / F, "temp" / F,
-        "mode" / U8,
-    )  # fmt: skip
-
-
-def masterboard(version):
-    return c.Struct(
-        "di" / I32, "do" / I32, "range0" / U8, "range1" / U8, "in0" / D, "in1" / D, "dom0" / I8, "dom1" / I8,
-        "out0" / D, "out1" / D, "board_temp" / F, "v48" / F, "amps" / F, "io_amps" / F, "safety_mode" / U8,
-        "reduced" / U8, "euromap" / I8, "checksum" / U32,
-        *since(version, "3.2", "selector" / U8, "three_position" / U8), *since(version, "3.5", "internal" / U8),
-    )  # fmt: skip
-
-
-def cartesian(version):
-    return c.Struct(*six(""), *since(version, "3.2", *six("tcp_")))
-
-
-def kinematics(_version):
-    return c.Struct("checksum" / U32[6], "theta" / D[6], "a" / D[6], "d" / D[6], "alpha" / D[6], "status" / U32)
-
-
-def force_mode(_version):
-    return c.Struct(*six(""), "dexterity" / D)
-
-
-def additional(version):
-    return c.Struct(
-        "pressed" / U8, "enabled" / U8, *since(version, "3.3", "io" / U8), *since(version, "3.5", "reserved" / U8)
-    )
-
-
-def calibration(_version):
-    return c.Struct(*six("f"))
-
-
-def safety(_version):
-    return c.Struct("checksum" / U32, "flag0" / U8, "flag1" / U8, "elbow" / D[3], "radius" / D)
-
-
-def tool_communication(_version):
-    return c.Struct("enabled" / U8, "baud" / I32, "parity" / I32, "stop" / I32, "rx" / F, "tx" / F)
-
-
-def tool_mode(_version):
-    return c.Struct("mode" / U8, "do0" / U8, "do1" / U8)
-
-
 P6 = (1.5, 2.5, 3.5, 4.5, 5.5, 6.5)
 T6 = (7.5, 8.5, 9.5, 10.5, 11.5, 12.5)
 JOINTS = tuple(

@@ -131,6 +131,7 @@ GATES = [
     ("get serial number", "5.5.1", "5.6.0"),
     ("generate support file .", "5.7.0", "5.8.0"),
     ("restart safety", "5.0.2", "5.1.0"),
+    ("version", "5.12.0", "5.13.0"),
 ]
 
 
@@ -246,9 +247,21 @@ def test_log_and_reports_are_real_files(make, programs):
     assert rig.ask("generate flight report gossip").startswith("Failed to generate flight report: no report 'gossip'")
     answer = rig.ask("generate support file sub")
     name = answer.removeprefix("Completed successfully: ")
+    assert re.fullmatch(r"ur_\d+_2024-01-01_00-00-\d\d\.zip", name)
     with zipfile.ZipFile(programs / "sub" / name) as archive:
+        assert f"flightreport_{report_id}.txt" in archive.namelist()
         assert "remember this" in archive.read("log_history.txt").decode()
     assert rig.ask("generate support file ../..").startswith("Failed to generate support file:")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "date"),
+    [(0.0, "1970-01-01_00-00-00"), (951_782_399.0, "2000-02-28_23-59-59"), (951_782_400.0, "2000-02-29_00-00-00"),
+     (1_735_689_599.5, "2024-12-31_23-59-59"), (4_107_542_400.0, "2100-03-01_00-00-00")],
+)  # fmt: skip
+def test_the_date_of_a_support_file(make, programs, seconds, date):
+    rig = make("ur5e", programs_dir=programs, wall_clock_s=seconds)
+    assert rig.ask("generate support file .").endswith(f"_{date}.zip")
 
 
 def test_shutdown_switches_off_and_asks_to_end(ready):

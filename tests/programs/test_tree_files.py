@@ -13,6 +13,7 @@ from emulator.programs.trees.installation_file import read_variables
 from emulator.programs.trees.naming import identifier
 from emulator.programs.trees.registry import NODES
 from urproto.modes import RuntimeState
+from urproto.primary.messages import RuntimeExceptionMessage
 
 GRIPPER = tag(
     "Contributed", tag("dataModel"), strategyProgramNodeType="Grip", strategyURCapName="Hand", strategyClass="org.hand"
@@ -93,6 +94,34 @@ def test_a_tree_that_cannot_be_run_gives_way_to_the_script_beside(arm):
     assert arm.ask("load tree.urp").startswith("Loading program")
     assert arm.ask("play") == "Starting program"
     arm.until(lambda: arm.texts == ["saved"])
+
+
+def test_a_script_of_functions_and_calls_is_played_as_in_a_script_node(arm):
+    (arm.folder / "2 tools.script").write_text(
+        '# for a Script node\n\ndef first():\n  textmsg("first")\nend\ndef second():\n  textmsg("second")\nend\n'
+        "first()\nsecond()"
+    )
+    assert arm.ask("load 2 tools.script") == "Loading program: /programs/2 tools.script"
+    assert arm.ask("play") == "Starting program"
+    arm.until(lambda: arm.texts == ["first", "second"])
+
+
+def test_errors_in_a_script_of_functions_and_calls_are_on_the_lines_of_the_file(arm):
+    (arm.folder / "tools.script").write_text("def first():\n  sync()\nend\nfirst()\nlast()\n")
+    assert arm.ask("load tools.script").startswith("Loading program")
+    assert arm.ask("play") == "Failed to execute: play"
+    errors = [message for message in arm.messages if isinstance(message, RuntimeExceptionMessage)]
+    assert [error.line for error in errors] == [5]
+
+
+@pytest.mark.parametrize(
+    "text", ['def one():\n  textmsg("said")\nend\n', 'textmsg("said")\nsync()\n', '# no\ntextmsg("said")']
+)
+def test_a_script_of_one_program_or_of_lines_is_played_as_it_is(arm, text):
+    (arm.folder / "one.script").write_text(text)
+    assert arm.ask("load one.script").startswith("Loading program")
+    assert arm.ask("play") == "Starting program"
+    arm.until(lambda: arm.texts == ["said"])
 
 
 def test_the_installation_of_a_program_is_loaded_with_it(arm):

@@ -25,6 +25,8 @@ ARGUMENTS = {
     "ur3": (["--model", "ur3"], (3, 15), 0.008),
     "ur3e": (["--model", "ur3e", "--polyscope", "5.22", "--remote-control"], (5, 22), 0.002),
     "ur5e": (["--model", "ur5e", "--polyscope", "5.26", "--remote-control"], (5, 26), 0.002),
+    # The newest PolyScope that the release of python-urx reads.
+    "ur3 3.4": (["--model", "ur3", "--polyscope", "3.4", "--gripper", "robotiq-2f-85"], (3, 4), 0.008),
 }
 
 

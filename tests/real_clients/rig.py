@@ -1,6 +1,7 @@
 """One running emulator as the tests see it: reset between tests, watched through a raw RTDE connection."""
 
 import itertools
+import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -16,6 +17,7 @@ JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_j
 
 NORMAL, PROTECTIVE_STOP = 1, 3  # safety modes
 LAG_S = 0.1  # between two connections; guess for a loaded machine
+GRIPPER_PORT = 63352
 RUNNING = 7  # robot mode
 STOPPED, PLAYING, PAUSED = 1, 2, 4  # runtime states
 
@@ -109,6 +111,12 @@ class Rig:
         """Look once per control period until the condition holds."""
         with self.watch() as state:
             state.wait_until(lambda _: condition(), timeout_s)
+
+    def gripper_position(self) -> int:
+        """Of the Robotiq gripper, 0 (open) to 255."""
+        with socket.create_connection((self.host, GRIPPER_PORT), timeout=5) as connection:
+            connection.sendall(b"GET POS\n")
+            return int(connection.makefile().readline().removeprefix("POS "))
 
     def reset(self) -> None:
         """Powered on, nothing running, full speed, no tool, no payload, arm at START_Q."""

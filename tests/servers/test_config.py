@@ -53,6 +53,11 @@ def test_texts_that_are_no_version(text: str) -> None:
         choose_version(text, load_model("ur5e"))
 
 
+def test_polyscope_x_is_refused_with_the_reason() -> None:
+    with pytest.raises(ConfigError, match=r"PolyScope X .* is another product"):
+        choose_version("10.12", load_model("ur5e"))
+
+
 def test_initial_positions(tmp_path: Path) -> None:
     path = tmp_path / "initial_positions.yaml"
     path.write_text(UR_DESCRIPTION)

@@ -230,6 +230,41 @@ def test_another_connections_inputs_are_in_use_until_it_closes(host: RTDEHost) -
     assert second.ask(SetupInputs(("input_int_register_1", "input_int_register_2")))[0].recipe_id == 1
 
 
+@pytest.mark.parametrize(
+    "doing",
+    [
+        [Pause()],
+        [Start(), Pause(), Start()],
+        [SetupOutputs(("timestamp",), 125.0)],
+        [RequestProtocol(2)],
+        [InputData(1, bytes(4))],
+        [SetupInputs(("input_int_register_1",))],
+    ],
+)
+def test_nothing_but_its_end_gives_a_connections_inputs_back(host: RTDEHost, doing: list[Any]) -> None:
+    first, second = Conversation(host), Conversation(host)
+    first.ask(SetupOutputs(("timestamp",), 125.0))
+    first.ask(SetupInputs(("input_int_register_0",)))
+    for request in doing:
+        first.ask(request)
+    assert second.ask(SetupInputs(("input_int_register_0",)))[0] == SetupInputsReply(("IN_USE",), 0)
+    second.ask(InputData(1, struct.pack(">i", 7)))
+    assert second.written == [], "a refused recipe writes nothing"
+    first.session.close()
+    assert second.ask(SetupInputs(("input_int_register_0",)))[0] == SetupInputsReply(("INT32",), 1)
+
+
+def test_a_third_client_takes_what_nobody_holds(host: RTDEHost) -> None:
+    clients = [Conversation(host) for _ in range(3)]
+    names = [("speed_slider_mask", "speed_slider_fraction"), ("input_int_register_24",), ("input_double_register_24",)]
+    for client, own in zip(clients, names, strict=True):
+        assert client.ask(SetupInputs(own))[0].recipe_id == 1
+    for client in clients:
+        others = tuple(name for own in names for name in own)
+        types = client.ask(SetupInputs(others))[0].types
+        assert types.count("IN_USE") == len(others) - len(names[clients.index(client)])
+
+
 def test_255_input_recipes_at_most(talk: Conversation) -> None:
     for _ in range(255):
         assert talk.ask(SetupInputs(("input_int_register_0",)))[0].recipe_id != 0

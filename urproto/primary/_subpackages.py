@@ -490,3 +490,18 @@ class ToolModeInfo(SubPackage):
     output_mode: int = ToolOutputMode.DIGITAL
     digital_output0_mode: int = ToolDigitalOutputMode.SINKING_NPN
     digital_output1_mode: int = ToolDigitalOutputMode.SINKING_NPN
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SingularityInfo(SubPackage):
+    """Internal: how near which singularity is (client interface document of 5.9; its numbers are not published).
+
+    No capture of a simulator (5.4 to 5.24) or of an arm has it, so the emulator does not send it.
+    """
+
+    type: ClassVar[int] = 13
+    available: ClassVar[Availability] = Availability.since(None, "5.9")
+    _layout: ClassVar[Layout] = (("severity", "B"), ("kind", "B"))
+
+    severity: int
+    kind: int

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from urproto._wire import Reader, pack, short_text, to_bytes, to_text
+from urproto.errors import RemoteProtocolError
 from urproto.modes import MessageSource, ReportDataType, ReportLevel, RequestedType
 from urproto.primary._wire import ROBOT_MESSAGE, frame
 from urproto.versions import Availability, PolyscopeVersion
@@ -49,7 +50,9 @@ PROGRAM_RESUMED = "PROGRAM_XXX_RESUMED"  # guess, after the three above
 # program states carry it in captures of 3.10, 5.4, 5.11 and 5.12 controllers.
 NO_TIMESTAMP_US = 2**64 - 1
 
-# Popups carry a request id and type from some 3.x on; which one is a guess.
+# Popups carry a request id and type from some 3.x on, and come as request value messages of no type from then
+# on: a note in the vendor's document of 5.9 says so, two public clients that show an arm's popups read them there
+# (one of them looked for the documented kind 2 first). That both came with one version, and which, are guesses.
 _LONG_POPUP = Availability.since("3.3", "5.0")
 
 
@@ -73,10 +76,10 @@ class RobotMessage:
         Titles and names are cut at 255 bytes, the most their length byte can say.
         Raises LocalProtocolError for a number its field cannot hold.
         """
-        header = pack("QbB", self.timestamp_us, self.source, self._kind())
+        header = pack("QbB", self.timestamp_us, self.source, self._kind(version))
         return frame(ROBOT_MESSAGE, header + self._body(version))
 
-    def _kind(self) -> int:
+    def _kind(self, version: PolyscopeVersion) -> int:
         return self.kind
 
     @classmethod
@@ -132,7 +135,10 @@ class ProgramLabelMessage(RobotMessage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PopupMessage(RobotMessage):
-    """A dialogue on the teach pendant; requested_type is a RequestedType."""
+    """A dialogue on the teach pendant; requested_type is a RequestedType.
+
+    Newer software sends it with the kind of a request value message that requests nothing.
+    """
 
     kind: ClassVar[int] = 2
     _layout: ClassVar[tuple[tuple[str, str], ...]] = (
@@ -158,6 +164,10 @@ class PopupMessage(RobotMessage):
     blocking: bool = False
     title: str
     text: str
+
+    def _kind(self, version: PolyscopeVersion) -> int:
+        as_request = _LONG_POPUP.covers(version) and self.requested_type == RequestedType.NONE
+        return RequestValueMessage.kind if as_request else self.kind
 
     @classmethod
     def _layout_for(cls, version: PolyscopeVersion) -> tuple[tuple[str, str], ...]:
@@ -350,7 +360,7 @@ class UnknownMessage(RobotMessage):
     message_kind: int
     body: bytes
 
-    def _kind(self) -> int:
+    def _kind(self, version: PolyscopeVersion) -> int:
         return self.message_kind
 
     def _body(self, version: PolyscopeVersion) -> bytes:
@@ -386,4 +396,19 @@ def decode_robot_message(payload: bytes, version: PolyscopeVersion) -> RobotMess
     known = _KINDS.get(kind)
     if known is None:
         return UnknownMessage(timestamp_us=timestamp_us, source=source, message_kind=kind, body=reader.rest())
-    return known._read(reader, version, timestamp_us, source)
+    message = known._read(reader, version, timestamp_us, source)
+    if isinstance(message, RequestValueMessage) and message.requested_type == RequestedType.NONE:
+        return _as_popup(payload, version) or message
+    return message
+
+
+def _as_popup(payload: bytes, version: PolyscopeVersion) -> PopupMessage | None:
+    """A request value message that requests nothing, read as the popup it is; None when it cannot be one."""
+    if not _LONG_POPUP.covers(version):
+        return None
+    reader = Reader(payload, "popup")
+    timestamp_us, source, _ = reader.unpack("QbB")
+    try:
+        return PopupMessage._read(reader, version, timestamp_us, source)
+    except RemoteProtocolError:
+        return None

@@ -2,10 +2,11 @@
 
 The names come once, when a program starts; values follow in the same order. Both say at
 which variable they start, so a long list may be split. Each value carries its type; the
-type codes changed with 3.14 and 5.9.
+type codes changed with 3.3, and with 3.14 and 5.9.
 
-Sources: decoders of two public clients for the value encoding; a 5.4 simulator's capture
-for the header; the vendor's client interface document of 5.6 for the kinds.
+Sources: decoders of two public clients for the value encoding, and the vendor's client
+interface document of 5.9 for the codes by version; a 5.4 simulator's capture for the
+header; the vendor's client interface document of 5.6 for the kinds.
 """
 
 import struct
@@ -32,6 +33,7 @@ __all__ = [
     "has_matrices",
 ]
 
+_OLD_CODES = Availability.since("3.3", "5.0")
 _NEW_CODES = Availability.since("3.14", "5.9")
 _MAX_DEPTH = 32  # lists within lists (guess: nothing nests deeper)
 _MAX_TEXT = 65535  # bytes: a string's length travels in two bytes
@@ -41,6 +43,16 @@ _VARIABLE = 2
 
 _NONE, _CONST_STRING, _VAR_STRING = "none", "const string", "var string"
 _LIST, _POSE, _BOOL, _NUM, _INT, _FLOAT, _MATRIX = "list", "pose", "bool", "num", "int", "float", "matrix"
+_OLDEST_TYPES = {
+    0: _NONE,
+    3: _CONST_STRING,
+    4: _LIST,
+    9: _POSE,
+    11: _BOOL,
+    12: _NUM,
+    13: _INT,
+    14: _FLOAT,
+}
 _OLD_TYPES = {
     0: _NONE,
     3: _CONST_STRING,
@@ -84,7 +96,9 @@ Value = None | bool | int | float | str | PoseValue | MatrixValue | tuple["Value
 
 
 def _types(version: PolyscopeVersion) -> dict[int, str]:
-    return _NEW_TYPES if _NEW_CODES.covers(version) else _OLD_TYPES
+    if _NEW_CODES.covers(version):
+        return _NEW_TYPES
+    return _OLD_TYPES if _OLD_CODES.covers(version) else _OLDEST_TYPES
 
 
 def has_matrices(version: PolyscopeVersion) -> bool:
@@ -106,7 +120,8 @@ def _encoder(version: PolyscopeVersion) -> _Encode:
 
     def text(value: str) -> bytes:
         data = to_bytes(value)[:_MAX_TEXT]
-        return pack("BH", codes[_VAR_STRING], len(data)) + data
+        # the document's example, and what a forum tells of experiments; when it is the other one is not known
+        return pack("BH", codes[_CONST_STRING], len(data)) + data
 
     def pose(value: PoseValue) -> bytes:
         return pack("B6f", codes[_POSE], *value.values)
@@ -198,7 +213,7 @@ class GlobalVariableNames:
 
     def encode(self, version: PolyscopeVersion) -> bytes:
         """The whole message."""
-        text = to_bytes("\n".join(self.names))
+        text = to_bytes("".join(f"{name}\n" for name in self.names))  # as the document's example, with the last LF
         return frame(PROGRAM_STATE, pack("QBH", self.timestamp_us, _NAMES, self.start_index) + text)
 
 

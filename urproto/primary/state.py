@@ -23,6 +23,7 @@ from urproto.primary._subpackages import (
     MasterboardData,
     ModeData,
     SafetyData,
+    SingularityInfo,
     SubPackage,
     ToolCommunicationInfo,
     ToolData,
@@ -46,6 +47,7 @@ __all__ = [
     "RawSubPackage",
     "RobotStateData",
     "SafetyData",
+    "SingularityInfo",
     "ToolCommunicationInfo",
     "ToolData",
     "ToolModeInfo",
@@ -83,6 +85,7 @@ class RobotStateData:
     safety: SafetyData | None = None
     tool_communication: ToolCommunicationInfo | None = None
     tool_mode: ToolModeInfo | None = None
+    singularity: SingularityInfo | None = None
     unknown: tuple[RawSubPackage, ...] = ()
 
     @property
@@ -108,6 +111,7 @@ _PARTS: dict[int, tuple[str, type[SubPackage]]] = {
         ("safety", SafetyData),
         ("tool_communication", ToolCommunicationInfo),
         ("tool_mode", ToolModeInfo),
+        ("singularity", SingularityInfo),
     )
 }
 _ONLY_WHEN_FULL = (KinematicsInfo.type, ConfigurationData.type)

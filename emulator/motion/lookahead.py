@@ -1,0 +1,172 @@
+"""How fast a path may be run, so that the joints can still follow what comes next.
+
+Near a singularity a tool path asks for more joint speed than there is. Who slows down only there is too late: joints
+that were fast have to brake harder than they can. So a scout runs ahead of the arm, a few places of the path in each
+control period, and keeps for each cell of the path (between two places) the highest time scale from which the rest of
+the path can be run within the joints' speed and acceleration limits.
+
+With x and y the squares of the time scale in one cell and the next, u and u' the joint's speeds there as planned
+(x = y = 1), and dt the time planned between their middles, the joint turns by dt (u + u') / 2 in between, and
+
+    acceleration = (u'^2 y - u^2 x) / (u + u') dt
+
+So the highest x of a cell follows from that of the next one by a linear program in two variables, from the far end
+back (time-optimal path parametrisation, of which this is the backward pass). Going forward, the arm is as quick as its
+joints allow.
+"""
+
+from bisect import bisect_right
+from copy import copy
+from math import sqrt
+
+from emulator.motion.faults import MotionFault
+from emulator.motion.path_motion import PathMotion
+from emulator.motion.vectors import ZERO, Joints, largest, scaled, sub
+from urproto.robots.model import RobotModel
+
+__all__ = ["Lookahead"]
+
+_CELL_S = 0.016  # of the movement's own time; shorter where a joint turns more than _TURN_RAD in one (guesses)
+_SHORTEST_CELL_S = _CELL_S / 8192
+_TURN_RAD = 0.05
+_AHEAD_S = 0.2  # more than any joint takes to brake
+_CELLS_PER_PERIOD = 4
+_MARGIN = 0.9  # of the acceleration limits is planned with; cells are not infinitely small
+_NO_TURN = 1e-9  # rad/s2
+
+
+class Lookahead:
+    """The scout of one movement that begins at joints q; times are the movement's own [s]."""
+
+    def __init__(self, movement: PathMotion, q: Joints, model: RobotModel) -> None:
+        self.movement = movement
+        self.fault: MotionFault | None = None  # why the path cannot be run beyond the last cell
+        self._scout = copy(movement)
+        self._q = q
+        self._qd_max = model.qd_max
+        self._qdd_max = scaled(model.qdd_max, _MARGIN)
+        self._now = 0.0  # where the arm is
+        self._end = 0.0  # of the last cell
+        self._cell = _CELL_S  # its length
+        self._over = False
+        self._middles: list[float] = []
+        self._speeds: list[Joints] = []  # as planned
+        self._most: list[float] = []  # square of the highest time scale
+        self._slow = 0  # cells with less than full speed
+
+    def fraction(self, h: float) -> float:
+        """The highest time scale, up to 1, for a step of up to h from where the arm is."""
+        for _ in range(_CELLS_PER_PERIOD):
+            if self._over or self._end > self._now + _AHEAD_S:
+                break
+            self._extend()
+        return self._run(h) / h if self._slow else 1.0
+
+    def _run(self, left: float) -> float:
+        """How far the arm gets in this time of the clock."""
+        t, here = self._now, sqrt(self._at(self._now))
+        for k in range(bisect_right(self._middles, t), len(self._middles)):
+            there, way = sqrt(self._most[k]), self._middles[k] - t
+            if here + there <= 0.0:
+                return t - self._now
+            needed = 2.0 * way / (here + there)
+            if needed >= left:
+                return t - self._now + left * (here + 0.5 * (there - here) * left / needed)
+            t, here, left = self._middles[k], there, left - needed
+        return t - self._now + here * left
+
+    def went(self, h: float) -> None:
+        """The arm has gone on by h."""
+        self._now += h
+        passed = bisect_right(self._middles, self._now) - 1
+        if passed > len(self._middles) // 2:
+            self._slow -= sum(most < 1.0 for most in self._most[:passed])
+            del self._middles[:passed], self._speeds[:passed], self._most[:passed]
+
+    def _at(self, t: float) -> float:
+        """The square of the highest time scale at t: linear between the middles of two cells."""
+        k = bisect_right(self._middles, t)
+        if k == 0:
+            return self._most[0]
+        if k == len(self._middles):
+            return self._most[-1] if t < self._end or self._over else 1.0
+        share = (t - self._middles[k - 1]) / (self._middles[k] - self._middles[k - 1])
+        return self._most[k - 1] + share * (self._most[k] - self._most[k - 1])
+
+    def _extend(self) -> None:
+        """One more cell."""
+        h = min(_CELL_S, 2.0 * self._cell, self._scout.remaining_s)
+        q = self._place(h)
+        while h > _SHORTEST_CELL_S and (q is None or largest(sub(q, self._q)) > _TURN_RAD):
+            h *= 0.5
+            q = self._place(h)
+        if q is None:
+            self._wall()
+            return
+        self._scout.commit(h)
+        speed = scaled(sub(q, self._q), 1.0 / h)
+        fastest = max(abs(rate) / most for rate, most in zip(speed, self._qd_max, strict=True))
+        self._append(self._end + 0.5 * h, speed, 1.0 if fastest <= 1.0 else 1.0 / fastest**2)
+        self._end, self._cell, self._q = self._end + h, h, q
+        if self._scout.done:
+            self._over = True
+            self._append(self._end, ZERO, 1.0)
+
+    def _place(self, h: float) -> Joints | None:
+        """The joints h further on; None where there are none, which ``fault`` then tells."""
+        self.fault = None
+        try:
+            return self._scout.propose(h, self._q)
+        except MotionFault as fault:
+            self.fault = fault
+            return None
+
+    def _wall(self) -> None:
+        """The path ends here: the arm has to stand."""
+        self._over = True
+        if self._speeds:
+            self._append(self._end, self._speeds[-1], 0.0)
+
+    def _append(self, middle: float, speed: Joints, most: float) -> None:
+        self._middles.append(middle)
+        self._speeds.append(speed)
+        self._most.append(most)
+        self._slow += most < 1.0
+        for k in range(len(self._most) - 2, -1, -1):
+            before = self._most[k]
+            after = self._controllable(k)
+            if after >= before:
+                return
+            self._slow += before == 1.0
+            self._most[k] = after
+
+    def _controllable(self, k: int) -> float:
+        """The highest x of cell k, up to the one it has, from which cell k + 1 can be run."""
+        highest, follows = self._most[k], self._most[k + 1]
+        here, there = self._speeds[k], self._speeds[k + 1]
+        dt = self._middles[k + 1] - self._middles[k]
+        if highest == follows == 1.0:
+            changes = zip(here, there, self._qdd_max, strict=True)
+            if all(-most * dt <= u2 - u1 <= most * dt for u1, u2, most in changes):
+                return 1.0
+        floors, ceilings = [(0.0, 0.0)], [(follows, 0.0)]  # of y: value at x = 0, slope
+        for u1, u2, most in zip(here, there, self._qdd_max, strict=True):
+            p, q = _change(u1, u2, dt)
+            if abs(q) > _NO_TURN:
+                floors.append((-most / abs(q), -p / q))
+                ceilings.append((most / abs(q), -p / q))
+            elif abs(p) > _NO_TURN:
+                highest = min(highest, most / abs(p))
+        for low, rise in floors:
+            for high, slope in ceilings:
+                if rise > slope:
+                    highest = min(highest, (high - low) / (rise - slope))
+        return highest
+
+
+def _change(u1: float, u2: float, dt: float) -> tuple[float, float]:
+    """The factors of the two squared time scales in the acceleration between two cells."""
+    if u1 * u2 >= 0.0 and u1 != -u2:
+        turn = (u1 + u2) * dt
+        return -u1 * u1 / turn, u2 * u2 / turn
+    return 0.25 * (u2 - 3.0 * u1) / dt, 0.25 * (3.0 * u2 - u1) / dt  # it turns back: first order

@@ -1,0 +1,116 @@
+"""The dashboard's answers, row by row as manuals, captures and clients have them: tests/golden/dashboard.tsv."""
+
+import gzip
+import re
+from pathlib import Path
+
+import pytest
+
+from emulator import dashboard
+from emulator.commands import DashboardLine
+from emulator.lifecycle.errorcodes import StopCause
+from emulator.lifecycle.safety import SafetyEvent
+from urproto.dashboard import NOT_IN_REMOTE_CONTROL
+from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+
+TABLE = Path(__file__).parents[1] / "golden" / "dashboard.tsv"
+ROWS = [line.split("\t") for line in TABLE.read_text().splitlines() if not line.startswith("#")]
+ORIGINS = {"e", "cb", "urcl", "3.15.8", "5.11.9", "ur_rtde", "local"}  # as the file's head tells
+SERIES = {"cb3": [Series.CB3], "e": [Series.E], "both": [Series.CB3, Series.E]}
+MODELS = {Series.CB3: "ur3", Series.E: "ur3e"}
+FIRST = {Series.CB3: PolyscopeVersion(3, 0), Series.E: PolyscopeVersion(5, 0)}
+MOVE = "def far():\n  movej([1.0, -1.0, 0.5, -1.0, 0.3, 0.2], a=1.0, v=0.5)\nend\n"
+INSTALLATION = (
+    b'<Installation><TCPSettings activePose="TCP" toolPayload="0.5"><availablePoses>'
+    b'<tcp name="TCP" offset="0, 0, 0.2, 0, 0, 0"/></availablePoses></TCPSettings></Installation>'
+)
+CASES = [(series, *row[1:4]) for row in ROWS for series in SERIES[row[0]]]
+
+CONFIG = {
+    "off": {}, "idle": {}, "manual": {}, "remote": {"remote_control": True}, "local": {"enforce_remote_control": True},
+}  # fmt: skip
+STEPS = {
+    "idle": ["power on"],
+    "manual": ["set operational mode manual"],
+    "popup": ["popup look"],
+    "loaded": ["load far.script"],
+    "playing": ["load far.script", "play"],
+    "paused": ["load far.script", "play", "pause"],
+}
+EVENTS = {
+    "reduced": SafetyEvent.REDUCED,
+    "safeguard stop": SafetyEvent.SAFEGUARD_OPEN,
+    "robot emergency stop": SafetyEvent.ROBOT_EMERGENCY_STOP,
+    "system emergency stop": SafetyEvent.SYSTEM_EMERGENCY_STOP,
+    "violation": SafetyEvent.VIOLATION,
+    "fault": SafetyEvent.FAULT,
+}
+
+
+def arm_in(make, situation, model, version, programs):
+    """A robot in that situation; it is running unless the situation says otherwise."""
+    config = CONFIG.get(situation, {"running": True})
+    rig = make(model, str(version), programs_dir=programs, **config)
+    for line in STEPS.get(situation, []):
+        rig.ask(line)
+    if situation in EVENTS:
+        rig.controller.safety_event(EVENTS[situation])
+    if situation.endswith("protective stop"):
+        rig.controller.protective_stop(StopCause(209, 0, ""))
+    rig.seconds(5.1 if situation.startswith("old") else 0.4)
+    return rig
+
+
+def entry(line):
+    words = [words for words in dashboard.COMMANDS if f"{line} ".lower().startswith(f"{words} ")]
+    return dashboard.COMMANDS[max(words, key=len)] if words else None
+
+
+@pytest.fixture
+def programs(tmp_path):
+    (tmp_path / "far.script").write_text(MOVE)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "broken.txt").write_text("?")
+    (tmp_path / "cell.installation").write_bytes(gzip.compress(INSTALLATION))
+    (tmp_path / "bad.installation").write_bytes(b"?")
+    return tmp_path
+
+
+@pytest.mark.parametrize(("series", "situation", "line", "reply"), CASES)
+def test_every_row_in_the_first_and_in_the_newest_version(make, programs, series, situation, line, reply):
+    command = entry(line)
+    first = FIRST[series]
+    if command is not None:
+        first = max(first, command.available.cb3 if series is Series.CB3 else command.available.e)
+    setup = [entry(step) for step in STEPS.get(situation, [])]
+    first = max([first, *(step.available.e for step in setup if step and series is Series.E and step.available.e)])
+    for version in (first, DEFAULT_VERSION[series]):
+        rig = arm_in(make, situation, MODELS[series], version, programs)
+        answers = []
+        rig.controller.post(DashboardLine(line, restricted=rig.now.local_control), answers.append)
+        rig.until(lambda _, answers=answers: bool(answers))
+        assert re.fullmatch(reply, answers[0]), (str(version), answers[0])
+
+
+def test_every_command_of_each_series_has_a_row():
+    having = {(series, command.words) for series, _, line, _ in CASES if (command := entry(line))}
+    commands = {
+        (series, command.words)
+        for series in Series
+        for command in dashboard.available_commands(DEFAULT_VERSION[series])
+    }
+    assert having == commands
+
+
+def test_every_command_that_needs_remote_control_has_its_refusal():
+    refused = {
+        entry(line).words
+        for _, situation, line, reply in CASES
+        if situation == "local" and re.fullmatch(reply, NOT_IN_REMOTE_CONTROL)
+    }
+    assert refused == {command.words for command in dashboard.COMMANDS.values() if command.remote_only}
+
+
+def test_every_row_has_its_origin():
+    assert {origin for row in ROWS for origin in row[4].split()} == ORIGINS
+    assert all(row[4] for row in ROWS)

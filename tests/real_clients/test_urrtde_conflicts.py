@@ -1,0 +1,35 @@
+"""Two controllers of one robot: ur_rtde's interfaces want the same RTDE inputs."""
+
+import pytest
+from rig import Rig, disconnecting
+from rtde_control import RTDEControlInterface
+from rtde_io import RTDEIOInterface
+from rtde_receive import RTDEReceiveInterface
+
+IN_USE = "input registers are already in use"
+
+
+def test_a_second_control_interface_is_refused_and_harms_nothing(rig: Rig, control: RTDEControlInterface) -> None:
+    with pytest.raises(RuntimeError, match=IN_USE):
+        RTDEControlInterface(rig.host)
+    assert control.isConnected()
+    assert control.isProgramRunning()
+    assert control.moveJ([0.3, -1.4, 1.5, -1.7, -1.5, 0.1], 2.0, 8.0)
+
+
+def test_one_that_controls_one_that_switches_and_many_that_watch(rig: Rig, control: RTDEControlInterface) -> None:
+    io = RTDEIOInterface(rig.host)
+    watchers = [RTDEReceiveInterface(rig.host) for _ in range(3)]
+    with disconnecting(io, *watchers):
+        assert io.setStandardDigitalOut(3, True)
+        rig.eventually(lambda: all(watcher.getDigitalOutState(3) for watcher in watchers))
+        assert control.isProgramRunning()
+        assert io.setStandardDigitalOut(3, False)
+
+
+def test_the_next_one_may_control_when_the_first_has_left(rig: Rig) -> None:
+    for _ in range(3):
+        control = RTDEControlInterface(rig.host)
+        with disconnecting(control):
+            assert control.isProgramRunning()
+            control.stopScript()

@@ -1,0 +1,63 @@
+"""Minutes of an eventful life: every byte of the primary and secondary ports under construct's declarations.
+
+An hour of the same life goes through the official C++ library's strict parser outside this suite.
+"""
+
+from collections import Counter
+from itertools import pairwise
+
+import pytest
+from primary_structs import FIRST_STATE_ONLY, NO_REQUEST, Reader, parts_of
+from robot_life import EPISODES, Life
+
+from urproto.modes import JointMode, RobotMode, SafetyMode
+
+VERSIONS = [
+    ("ur3", "3.1"), ("ur3", "3.2"), ("ur10", "3.5"), ("ur3", "3.14"), ("ur5e", "5.4"), ("ur5e", "5.9"),
+    ("ur3e", "5.12"), ("ur16e", "5.15"), ("ur20", "5.25"),
+]  # fmt: skip
+
+
+def checked(version: str, stream: bytes) -> list[tuple[int, int | None, dict]]:
+    """The stream's messages, after the rules that hold in every version."""
+    told = list(Reader(version).read(stream))
+    assert told[0][:2] == (20, 3), "the version message is the first"
+    states = [parts for kind, _, parts in told if kind == 16]
+    fresh = parts_of(version)
+    assert set(states[0]) == fresh
+    assert all(set(parts) == fresh - FIRST_STATE_ONLY for parts in states[1:])
+    stamps = [parts[0].timestamp for parts in states]
+    assert all(0 < later - earlier <= 104_000 for earlier, later in pairwise(stamps))
+    for parts in states:
+        assert parts[0].robot_mode in set(RobotMode)
+        assert parts[3].safety_mode in set(SafetyMode)
+        assert {joint.mode for joint in parts[1].joints} <= set(JointMode)
+    return told
+
+
+@pytest.mark.parametrize(("model", "version"), VERSIONS)
+def test_a_minute_of_every_layout(model: str, version: str) -> None:
+    life = Life(model, version, seed=sum(map(ord, version)))
+    life.run(60.0)
+    told = checked(version, life.take())
+    assert len([kind for kind, _, _ in told if kind == 16]) >= 600
+
+
+@pytest.mark.parametrize(("model", "version"), [("ur5", "3.15.8"), ("ur5e", "5.22")])
+def test_everything_that_can_happen(model: str, version: str) -> None:
+    life = Life(model, version)
+    while len(life.happened) <= len(EPISODES):
+        life.run(10.0)
+    told = checked(version, life.take())
+    said = Counter((kind, sub) for kind, sub, _ in told)
+    assert said.keys() == {(16, None), *((20, sub) for sub in (0, 3, 5, 6, 7, 9, 10, 14)), (25, 0), (25, 1), (25, 2)}
+    requested = {message.body.requested_type for kind, sub, message in told if (kind, sub) == (20, 9)}
+    assert requested == {0, 1, 2, 3, NO_REQUEST}
+    modes = {parts[3].safety_mode for kind, _, parts in told if kind == 16}
+    assert modes == set(range(SafetyMode.NORMAL, SafetyMode.FAULT + 1)) - {SafetyMode.RECOVERY}
+
+
+def test_a_secondary_client_hears_states_and_the_version_only() -> None:
+    life = Life("ur5", "3.15.8", "secondary")
+    life.run(60.0)
+    assert {(kind, sub) for kind, sub, _ in checked("3.15.8", life.take())} == {(20, 3), (16, None)}
