@@ -8,7 +8,7 @@ async with Emulator(EmulatorConfig(controller=ControllerConfig(model=load_model(
 import asyncio
 import errno
 import logging
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Final, Self
@@ -102,8 +102,7 @@ class Emulator:
             starting.push_async_callback(self._power.close)
             starting.callback(self.faults.clear_all)
             starting.callback(self.clock.close)
-            for fault in self.config.faults:
-                self._inject(fault)
+            self.inject(self.config.faults)
             self.clock.start(self._tick)
             self._running = starting.pop_all()
         return self
@@ -113,11 +112,13 @@ class Emulator:
     ) -> None:
         await self._running.aclose()
 
-    def _inject(self, fault: Fault) -> None:
-        try:
-            self.faults.inject(fault)
-        except (FaultError, FaultImpossible) as error:
-            raise ConfigError(f"fault {fault.kind}: {error}") from error
+    def inject(self, faults: Iterable[Fault]) -> None:
+        """Let faults happen. Raises ConfigError for one that this robot cannot have."""
+        for fault in faults:
+            try:
+                self.faults.inject(fault)
+            except (FaultError, FaultImpossible) as error:
+                raise ConfigError(f"fault {fault.kind}: {error}") from error
 
     # the controller's box
 

@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from enum import StrEnum
 from importlib.metadata import version as distribution_version
 from pathlib import Path
@@ -171,7 +172,7 @@ def _mistakes_in_one_line() -> Iterator[None]:
 
 async def _serve(config: EmulatorConfig, ports_file: Path | None, *, exit_when_ready: bool) -> None:
     console = Console(highlight=False)
-    emulator = Emulator(config)
+    emulator = Emulator(replace(config, faults=()))  # they begin once it has proven to be ready
     if config.speed == 1.0:
         logging.getLogger(__name__).info("granted by the system: %s", ", ".join(claim_real_time()))
     async with emulator:
@@ -180,6 +181,7 @@ async def _serve(config: EmulatorConfig, ports_file: Path | None, *, exit_when_r
         await check_ready(config.host, emulator.ports, elsewhere={"control": config.host_of("control")})
         if ports_file is not None:
             _write_ports(ports_file, emulator.ports)
+        emulator.inject(config.faults)
         console.print(ready_line(emulator))
         if not exit_when_ready:
             await emulator.stopped.wait()
