@@ -8,6 +8,7 @@ async with Emulator(EmulatorConfig(controller=ControllerConfig(model=load_model(
 import asyncio
 import errno
 import logging
+from collections import ChainMap
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import AsyncExitStack
 from types import TracebackType
@@ -35,7 +36,7 @@ from emulator.servers.own_ports import OwnPorts
 from emulator.servers.primary import PrimaryServer
 from emulator.servers.realtime import RealtimeServer
 from emulator.servers.rtde import RTDEServer
-from emulator.servers.script_sockets import NetworkSockets
+from emulator.servers.script_sockets import NetworkSockets, ScriptPort
 from emulator.servers.tool_communication import ToolCommunicationServer
 from emulator.servers.tool_device import open_tool_device
 from emulator.snapshot import Snapshot
@@ -67,7 +68,9 @@ class Emulator:
         self.servers: dict[str, PortServer] = {}
         self._renew_servers()
         real = self.clock if isinstance(self.clock, RealClock) else None
-        self.faults = FaultInjector(self.controller, self.servers, real, self)
+        self._scripts = ScriptPort()
+        places = ChainMap[str, PortServer]({self._scripts.name: self._scripts}, self.servers)
+        self.faults = FaultInjector(self.controller, places, real, self)
         self.control = LiveControl(self.controller, real or OwnPace(), self.servers, self.faults)
         if config.control:
             self.servers["control"] = ControlServer(self.controller, self.control, config.control_token)
@@ -141,7 +144,9 @@ class Emulator:
             self._own_ports.opened(self.config.host, own)
             if self._line is not None:
                 controller.tool_line.connect(self._line)
-            sockets = NetworkSockets(self.config.script_network, controller.messages.note, self._own_ports)
+            sockets = NetworkSockets(
+                self.config.script_network, controller.messages.note, self._own_ports, self._scripts
+            )
             opening.push_async_callback(sockets.close)
             controller.programs.socket_backend = sockets
             modbus = ModbusClient(self.config.modbus_unit_port, self._own_ports)
@@ -178,7 +183,7 @@ class Emulator:
         controller = self.controller
         self.faults.controller_gone()
         show_gone(controller)
-        for server in self._own_servers():
+        for server in (*self._own_servers(), self._scripts):
             server.leave()
             for connection in tuple(server.connections):
                 if self._power.silent:
@@ -193,7 +198,7 @@ class Emulator:
 
     async def _come_back(self) -> None:
         before, ports = self.controller, self.ports
-        for server in self._own_servers():
+        for server in (*self._own_servers(), self._scripts):
             for connection in tuple(server.connections):
                 connection.reset()
         before.programs.stop("the controller was off")

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
-from emulator.faults.fault import Act, Fault, Strikes, register
+from emulator.faults.fault import Act, Fault, FaultImpossible, Strikes, register
 from emulator.faults.site import Site, added
 from emulator.servers.base import Connection, Direction, PortServer
 
@@ -19,7 +19,10 @@ _NEVER_BY_ITSELF = "control"  # the port that faults are cleared through has non
 
 @dataclass(frozen=True, kw_only=True)
 class PortFault(Fault):
-    """A fault of one port, by the name of its server, or of all ports but that of the control API."""
+    """A fault of one port, by the name of its server, or of all ports but that of the control API.
+
+    "scripts" are the connections that programs open.
+    """
 
     port: str = ""
 
@@ -37,6 +40,13 @@ class PortFault(Fault):
 @dataclass(frozen=True, kw_only=True)
 class ListenerFault(PortFault):
     """A fault that closes the port for a while."""
+
+    def servers(self, site: Site) -> list[PortServer]:
+        """Those that listen."""
+        found = [server for server in super().servers(site) if server.port]
+        if not found:
+            raise FaultImpossible(f"{self.port} are connections that the robot opens: nobody listens")
+        return found
 
     def claims(self, site: Site) -> set[str]:
         return {f"the listener of {server.name}" for server in self.servers(site)}

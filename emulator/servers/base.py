@@ -112,7 +112,12 @@ class Hooks:
 
 
 class Connection(asyncio.BufferedProtocol):
-    """One client of one port. This base takes no notice of what the client sends."""
+    """One client of one port. This base takes no notice of what the client sends.
+
+    most_undelivered: bytes that may wait for a client that does not read.
+    """
+
+    most_undelivered = _MOST_UNDELIVERED
 
     def __init__(self, server: "PortServer") -> None:
         self.server = server
@@ -187,6 +192,11 @@ class Connection(asyncio.BufferedProtocol):
         """Bytes that the system does not take, because the client does not read."""
         return self._transport.get_write_buffer_size() if self._transport is not None else 0
 
+    @property
+    def undelivered(self) -> int:
+        """Those, and what hooks keep back."""
+        return self.unsent + self._late
+
     def stall(self, reason: object) -> None:
         """Leave the client's bytes with the system until ``unstall`` for the same reason."""
         self._stalls.add(reason)
@@ -232,7 +242,7 @@ class Connection(asyncio.BufferedProtocol):
     # both sides
 
     def _write(self, transport: asyncio.Transport, data: bytes) -> None:
-        if transport.get_write_buffer_size() + self._late + len(data) > _MOST_UNDELIVERED:
+        if transport.get_write_buffer_size() + self._late + len(data) > self.most_undelivered:
             _logger.warning("%s: %s does not read what it is sent and is disconnected", self.server.name, self.peer)
             transport.abort()
         elif data:
@@ -266,7 +276,7 @@ class Connection(asyncio.BufferedProtocol):
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         self.peer = _peer_name(transport)
-        transport.set_write_buffer_limits(high=_MOST_UNDELIVERED)
+        transport.set_write_buffer_limits(high=self.most_undelivered)
         if not self.server.hooks.admits(self):
             transport.abort()
             return

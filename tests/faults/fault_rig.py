@@ -118,6 +118,15 @@ class Robot:
             await asyncio.sleep(0)
         raise AssertionError("it did not happen")
 
+    async def until_ticking(self, done: Callable[[], object]) -> None:
+        """Let control periods pass until something is so; connections to others take turns of the loop and threads."""
+        for _ in range(PATIENCE):
+            if done():
+                return
+            await self.step()
+            await asyncio.sleep(0.001)
+        raise AssertionError("it did not happen")
+
     async def connect(self, port: str, kind: Any = Client, **options: Any) -> Any:
         """A client that the server knows of."""
         server = self.emulator.servers[port]

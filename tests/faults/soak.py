@@ -38,7 +38,7 @@ SCRIPTS: Final = (
     "def busy():\n  i = 0\n  while True:\n    i = i + 1\n    sync()\n  end\nend\n",
     "def wrong():\n  sleep(0.1)\n  nothing_there()\nend\n",
     "set_digital_out(1, True)\n",
-    'def talk():\n  socket_open("127.0.0.1", 9)\n  textmsg("hello")\n  popup("hello")\nend\n',
+    'def talk():\n  socket_open("127.0.0.1", 30003)\n  socket_read_binary_integer(20)\n  popup("hello")\nend\n',
     "stopj(2)\n",
 )
 LINES: Final = (
@@ -51,7 +51,7 @@ LINES: Final = (
     "close popup",
     "quit",
 )
-PORTS: Final = ("dashboard", "primary", "secondary", "realtime", "rtde", "modbus", "primary read-only", "")
+PORTS: Final = ("dashboard", "primary", "secondary", "realtime", "rtde", "modbus", "primary read-only", "", "scripts")
 
 
 @dataclass
@@ -125,7 +125,7 @@ class Soak:
     def _connect(self) -> None:
         if len(self.clients) >= MOST_CLIENTS:
             return
-        port = self.chance.choice(PORTS[:-1])
+        port = self.chance.choice(PORTS[:-2])
         source = self.chance.choice(("127.0.0.1", "127.0.0.2"))
         try:
             client: Any = Client(self.robot.emulator.ports[port], source=source)

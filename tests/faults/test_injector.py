@@ -145,7 +145,7 @@ def robots_hooks(robot: Robot) -> Iterator[object]:
     controller = robot.emulator.controller
     yield from (controller.on_tick, controller.falsifiers, controller.programs.step_hook)
     yield from (controller.programs.start_held, controller.programs.frames_held)
-    for server in robot.emulator.servers.values():
+    for server in (*robot.emulator.servers.values(), robot.emulator._scripts):
         yield from (vars(server.hooks), server.listening)
     host = robot.emulator.servers["rtde"].host  # type: ignore[attr-defined]
     yield from (host.outputs, host.inputs, host.protocols, host.reservations._owners)

@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+from collections.abc import AsyncIterator
 
 import pytest
 from fault_rig import HOST, Client, Robot
@@ -299,3 +300,89 @@ async def test_answers_to_delayed_requests_when_the_delay_ends(ur3: Robot) -> No
     assert client.received[:6] == b"\x00\x04V\x01\x00\x13"
     assert ur3.control.faults()[0]["problem"] == ""
     assert dashboard.ended == ""
+
+
+SENDER = """def talk():
+  socket_open("127.0.0.1", {port}, "a")
+  while True:
+    socket_send_string("x", "a")
+    sync()
+  end
+end
+"""
+
+
+class Driver:
+    """Listens for programs, and notes what they send."""
+
+    def __init__(self) -> None:
+        self.received = b""
+        self.connections = 0
+        self.ended = ""
+
+    async def __call__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.connections += 1
+        try:
+            while data := await reader.read(100):
+                self.received += data
+            self.ended = "end"
+        except ConnectionResetError:
+            self.ended = "reset"
+        finally:
+            writer.close()
+
+
+@pytest.fixture
+async def driver(ur3: Robot) -> AsyncIterator[Driver]:
+    """A driver that a program of the robot sends to in every period."""
+    driver = Driver()
+    server = await asyncio.start_server(driver, HOST, 0)
+    ur3.control.send_script(SENDER.format(port=server.sockets[0].getsockname()[1]))
+    await ur3.until_ticking(lambda: driver.received)
+    yield driver
+    server.close()
+    ur3.control.clear_faults()
+    ur3.control.inject_fault("drop_connection", port="scripts", lasting=0.1)
+    await ur3.until_ticking(lambda: driver.ended)
+    await asyncio.sleep(0.01)
+
+
+async def test_connections_that_programs_open_stall(ur3: Robot, driver: Driver) -> None:
+    fault = ur3.control.inject_fault("stall")
+    await ur3.step(3)
+    before = len(driver.received)
+    await ur3.step(50)
+    assert (len(driver.received), driver.ended) == (before, "")
+    ur3.control.clear_fault(fault)
+    await ur3.until_ticking(lambda: len(driver.received) > before + 50)
+
+
+async def test_connections_that_programs_open_are_dropped(ur3: Robot, driver: Driver) -> None:
+    ur3.control.inject_fault("drop_connection", port="scripts")
+    await ur3.until_ticking(lambda: driver.ended)
+    assert driver.ended == "reset"
+
+
+async def test_connections_that_programs_open_fall_silent_without_power(ur3: Robot, driver: Driver) -> None:
+    fault = ur3.control.inject_fault("power_loss")
+    await ur3.step(100)
+    assert driver.ended == ""
+    ur3.control.clear_fault(fault)
+    await ur3.until_ticking(lambda: driver.ended)
+    assert driver.ended == "reset"
+
+
+async def test_connections_that_programs_open_are_turned_away(ur3: Robot) -> None:
+    driver = Driver()
+    server = await asyncio.start_server(driver, HOST, 0)
+    ur3.control.inject_fault("turn_away", port="scripts")
+    ur3.control.send_script(SENDER.format(port=server.sockets[0].getsockname()[1]))
+    await ur3.until_ticking(lambda: driver.ended)
+    assert (driver.connections, driver.received) == (1, b"")
+    server.close()
+    await asyncio.sleep(0.01)
+
+
+async def test_nobody_listens_for_programs(ur3: Robot) -> None:
+    with pytest.raises(NotPossible, match="nobody listens"):
+        ur3.control.inject_fault("refuse_connections", port="scripts")
