@@ -132,6 +132,7 @@ class Soak:
         except OSError:
             return  # nobody listens
         client.port = port
+        client.keeps = False
         client.reads_on = self.chance.random() < 0.85
         self.connected += 1
         self.clients.append(client)
