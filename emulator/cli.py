@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from enum import StrEnum
 from importlib.metadata import version as distribution_version
 from pathlib import Path
@@ -33,6 +34,7 @@ from emulator.config import (
     choose_model,
     choose_version,
     read_driver_address,
+    read_faults,
     read_initial_positions,
     read_programs_dir,
     read_safety,
@@ -121,6 +123,10 @@ def _run(
     control_token: Annotated[
         str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="What clients of the control API have to present.")
     ] = "",
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KIND,NAME=VALUE,...", help="What goes wrong (docs/faults.md); may be repeated."),
+    ] = None,
     no_control: Annotated[bool, typer.Option("--no-control", help="Serve no control API.")] = False,
     world: Annotated[Path | None, typer.Option(help="YAML file: what stands around the arm and pushes back.")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
@@ -164,6 +170,7 @@ def _run(
             control=not no_control,
             control_host=control_host,
             control_token=control_token,
+            faults=read_faults(fault or ()),
         )
         asyncio.run(_serve(config, ports_file, exit_when_ready=exit_when_ready))
 
@@ -184,7 +191,7 @@ def _mistakes_in_one_line() -> Iterator[None]:
 
 async def _serve(config: EmulatorConfig, ports_file: Path | None, *, exit_when_ready: bool) -> None:
     console = Console(highlight=False)
-    emulator = Emulator(config)
+    emulator = Emulator(replace(config, faults=()))  # they begin once it has proven to be ready
     if config.speed == 1.0:
         logging.getLogger(__name__).info("granted by the system: %s", ", ".join(claim_real_time()))
     async with emulator:
@@ -193,6 +200,7 @@ async def _serve(config: EmulatorConfig, ports_file: Path | None, *, exit_when_r
         await check_ready(config.host, emulator.ports, elsewhere={"control": config.host_of("control")})
         if ports_file is not None:
             _write_ports(ports_file, emulator.ports)
+        emulator.inject(config.faults)
         console.print(ready_line(emulator))
         if not exit_when_ready:
             await emulator.stopped.wait()

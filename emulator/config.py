@@ -1,6 +1,7 @@
 """What the user asked for, checked: every mistake is one clear line."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from ipaddress import ip_address
@@ -11,6 +12,8 @@ import yaml
 
 from emulator.controller import ControllerConfig
 from emulator.devices.robotiq import MODELS, GripperModel
+from emulator.faults.catalogue import parse_fault
+from emulator.faults.fault import Fault, FaultError
 from emulator.ports import PORTS
 from emulator.programs.sockets import ScriptNetwork
 from emulator.programs.urcap import DriverAddress
@@ -36,6 +39,7 @@ __all__ = [
     "choose_model",
     "choose_version",
     "read_driver_address",
+    "read_faults",
     "read_initial_positions",
     "read_programs_dir",
     "read_safety",
@@ -80,6 +84,7 @@ class EmulatorConfig:
     modbus_unit_port: where the Modbus units listen that programs add signals of (URScript
     names no port). tool_device: what is connected to the tool's serial line of an e-Series
     arm: "echo", "pty", or the path of a serial port; None for nothing, and no port for it.
+    faults: what goes wrong from the start on, or later.
     control: whether the control API is served. control_host: where; without one on host, or on 127.0.0.1 if
     other machines reach that. control_token: what its clients present; needed where other machines reach it.
     """
@@ -95,6 +100,7 @@ class EmulatorConfig:
     control: bool = True
     control_host: str = ""
     control_token: str = ""
+    faults: tuple[Fault, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed < math.inf:
@@ -273,3 +279,11 @@ def read_surroundings(path: Path | None) -> WorldPlan | None:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
     except WorldFileError as error:
         raise ConfigError(str(error)) from error
+
+
+def read_faults(texts: Sequence[str]) -> tuple[Fault, ...]:
+    """Faults as on the command line. Raises ConfigError."""
+    try:
+        return tuple(map(parse_fault, texts))
+    except FaultError as error:
+        raise ConfigError(f"fault: {error}") from error

@@ -151,6 +151,9 @@ class Controller:
         self.tool_line = ToolLine(self.period_s)
         self.gripper = Gripper(config.gripper, config.gripper_object_mm) if config.gripper else None
         self.programs = Programs(self)
+        # for faults: called at the beginning of each period, and with each snapshot before it is published
+        self.on_tick: list[Callable[[], None]] = []
+        self.falsifiers: list[Callable[[Snapshot], None]] = []
 
         self._queue: deque[tuple[Command, Reply | None]] = deque()
         self._waiting: list[tuple[_Waiting, Command, Reply | None]] = []
@@ -158,6 +161,7 @@ class Controller:
         self._own_sensor = self.model.series is Series.E
         self._power_seen = PowerState.OFF
         self._arm_changed = False
+        self._falsified = False
         self._fault: MotionFault | None = None
         self.snapshot = Snapshot(target_execution_time=1000.0 * self.period_s)
         self._move_arm()
@@ -199,6 +203,8 @@ class Controller:
     def tick(self) -> Snapshot:
         """One control period; returns its snapshot."""
         self.step_count += 1
+        for step in tuple(self.on_tick):
+            step()
         self._run_commands()
         self._advance_timers()
         self.safety_board.latch()
@@ -394,7 +400,7 @@ class Controller:
     def _publish(self) -> None:
         snapshot = self.snapshot.successor()
         snapshot.step, snapshot.timestamp = self.step_count, self.time_s
-        if self._arm_changed:
+        if self._arm_changed or self._falsified or self.falsifiers:
             self.arm.publish(snapshot)
         self.electrics.publish(snapshot, powered=self.power.report.powered)
         self._publish_modes(snapshot)
@@ -402,6 +408,9 @@ class Controller:
         self._publish_loads(snapshot)
         self._publish_signals(snapshot)
         self._publish_registers(snapshot)
+        self._falsified = bool(self.falsifiers)
+        for falsify in self.falsifiers:
+            falsify(snapshot)
         snapshot.messages = self.messages.take()
         self.snapshot = snapshot
 

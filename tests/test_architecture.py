@@ -23,7 +23,7 @@ MAY_IMPORT = {
 THIRD_PARTY = {
     "coal": ("emulator.world.links",),
     "h11": ("emulator.programs.rpc.httpclient", "emulator.servers.control"),
-    "msgspec": ("emulator.control", "emulator.servers.control"),
+    "msgspec": ("emulator.control", "emulator.faults", "emulator.servers.control"),
     "numpy": ("urproto.robots.dynamics", "emulator.world.links"),
     "pytest": ("urproto.pytest_plugin",),
     "pinocchio": ("urproto.robots.dynamics",),
