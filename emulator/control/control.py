@@ -9,6 +9,7 @@ from emulator.control.programs import ProgramVerbs
 from emulator.control.signals import SignalVerbs
 from emulator.control.state import StateVerbs
 from emulator.control.timing import OwnPace, Pace, TimeVerbs
+from emulator.control.world import WorldVerbs
 from emulator.controller import Controller, ControllerConfig
 from emulator.faults.injector import FaultInjector
 from emulator.faults.reboot import rebooted, show_gone
@@ -18,7 +19,7 @@ __all__ = ["Control", "VirtualRobot"]
 _T = TypeVar("_T")
 
 
-class Control(StateVerbs, SignalVerbs, ModeVerbs, ProgramVerbs, TimeVerbs, FaultVerbs):
+class Control(StateVerbs, SignalVerbs, ModeVerbs, WorldVerbs, ProgramVerbs, TimeVerbs, FaultVerbs):
     """The verbs of a robot."""
 
     def __init__(self, controller: Controller, pace: Pace, faults: FaultInjector) -> None:

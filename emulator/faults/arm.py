@@ -12,7 +12,7 @@ from emulator.faults.fault import Act, Fault, FaultImpossible, Strikes, register
 from emulator.faults.network import NotNegative
 from emulator.faults.site import Site, added
 from emulator.lifecycle.errorcodes import StopCause
-from emulator.lifecycle.safety import SafetyEvent
+from emulator.safety.causes import Cause
 from emulator.snapshot import Snapshot, Vector6
 from urproto.modes import JointMode
 from urproto.robots.pose import pose_trans
@@ -121,9 +121,9 @@ class JointFault(Fault):
 
     def act(self, site: Site, strikes: Strikes) -> Act:
         controller = site.controller
-        broken, event = {
-            "fault": (JointMode.FAULT, SafetyEvent.FAULT),
-            "violation": (JointMode.VIOLATION, SafetyEvent.VIOLATION),
+        broken, cause = {
+            "fault": (JointMode.FAULT, Cause.JOINT_FAULT),
+            "violation": (JointMode.VIOLATION, Cause.JOINT_SPEED_VIOLATION),
         }[self.severity]
 
         def show(snapshot: Snapshot) -> None:
@@ -132,21 +132,31 @@ class JointFault(Fault):
 
         with added(controller.falsifiers, show):
             while True:
-                if controller.power.report.powered:
-                    controller.safety_event(event)
+                if controller.power.report.powered and controller.safety.power_allowed:
+                    controller.safety_board.trip(cause, self.joint)
                 yield
 
 
 @register
 @dataclass(frozen=True, kw_only=True)
 class LostBrake(Fault):
-    """The brake of a joint does not hold: an arm without power sags."""
+    """The brake of a joint does not hold: an arm without power sags, as far as friction lets it (dynamic arm)."""
 
     joint: Joint
 
+    def claims(self, site: Site) -> set[str]:
+        return {f"the brake of joint {self.joint}"}
+
     def check(self, site: Site) -> None:
-        raise FaultImpossible("this arm is ideal, it has no weight that a lost brake could let down")
+        if site.controller.arm.drives is None:
+            raise FaultImpossible("this arm is ideal, it has no weight that a lost brake could let down: --arm dynamic")
 
     def act(self, site: Site, strikes: Strikes) -> Act:
-        self.check(site)
-        yield
+        drives = site.controller.arm.drives
+        assert drives is not None
+        drives.set_brake(self.joint, holds=False)
+        try:
+            while True:
+                yield
+        finally:
+            drives.set_brake(self.joint, holds=True)

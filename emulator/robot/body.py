@@ -39,6 +39,7 @@ class Body:
         self.viscous: Vector6 = ZERO6 if smooth else _six([size.viscous_Nm_s for size in sizes])
         self.q: Vector6 = ZERO6
         self.qd: Vector6 = ZERO6
+        self.brakeless: set[int] = set()  # joints whose brake does not hold
         self._bands = _six([_BAND * STEP_S * size.coulomb_Nm / size.rotor_kg_m2 for size in sizes])
         self._brakes = _six([_BRAKE_SHARE * torque for torque in model.torque_max])
         self._brake_gain = _six([size.rotor_kg_m2 / STEP_S for size in sizes])
@@ -79,15 +80,16 @@ class Body:
         self.q = _onwards(self.q, qd, h)
 
     def brake(self, external: Sequence[float], h: float) -> None:
-        """``h`` with the brakes engaged: does nothing to an arm that stands."""
-        if self.standing:
-            return
-        if max(map(abs, self.qd)) < _LOCKED_RAD_S:
-            self.qd = ZERO6
-            return
+        """``h`` with the brakes engaged: does nothing to an arm that stands, unless one of them does not hold."""
+        if not self.brakeless:
+            if self.standing:
+                return
+            if max(map(abs, self.qd)) < _LOCKED_RAD_S:
+                self.qd = ZERO6
+                return
         held = [
-            -min(most, max(-most, gain * speed))
-            for speed, most, gain in zip(self.qd, self._brakes, self._brake_gain, strict=True)
+            0.0 if joint in self.brakeless else -min(most, max(-most, gain * speed))
+            for joint, (speed, most, gain) in enumerate(zip(self.qd, self._brakes, self._brake_gain, strict=True))
         ]
         self.step(held, external, h)
 

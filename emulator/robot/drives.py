@@ -70,6 +70,14 @@ class Drives:
         self.body.place(q)
         self._target, self._speed = q, ZERO6
 
+    def set_brake(self, joint: int, *, holds: bool) -> None:
+        """Let the brake of a joint (0-5) hold, or not."""
+        if holds:
+            self.body.brakeless.discard(joint)
+        else:
+            self.body.brakeless.add(joint)
+        self.asleep = False
+
     def wake(self) -> None:
         """Something about the body changed: look whether it still stands in balance."""
         self._asked = ()
@@ -115,7 +123,7 @@ class Drives:
         """One control period without power: the brakes bring the arm to rest and hold it."""
         self._retarget(target, period_s)
         self.torque = self.feedforward = ZERO6
-        self.asleep = self.body.standing
+        self.asleep = self.body.standing and not self.body.brakeless
         for _ in range(0 if self.asleep else _steps(period_s)):
             self.body.brake(external, STEP_S)
 

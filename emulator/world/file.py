@@ -28,7 +28,7 @@ from urproto.robots import RobotModel
 if TYPE_CHECKING:
     from emulator.world.links import Links
 
-__all__ = ["WorldFileError", "WorldPlan", "read_world"]
+__all__ = ["WorldFileError", "WorldPlan", "read_thing", "read_world"]
 
 _MATERIAL: Final = ("stiffness", "damping", "friction")
 
@@ -75,6 +75,11 @@ def read_world(path: Path) -> WorldPlan:
         return _plan(content)
     except ValueError as error:
         raise WorldFileError(f"{path}: {error}") from error
+
+
+def read_thing(name: str, description: Any, *, tool: bool = False) -> WorldObject:
+    """One thing as a world file describes it; a tool has no material of its own. Raises ValueError."""
+    return _thing(name, description, () if tool else _MATERIAL)
 
 
 def _plan(content: Any) -> WorldPlan:
