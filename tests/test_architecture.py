@@ -23,7 +23,7 @@ MAY_IMPORT = {
 THIRD_PARTY = {
     "h11": ("emulator.programs.rpc.httpclient", "emulator.servers.control"),
     "msgspec": ("emulator.control", "emulator.servers.control"),
-    "numpy": ("urproto.robots.dynamics",),
+    "numpy": ("urproto.robots.dynamics", "client.traffic"),
     "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("emulator", "client"),
     "typer": ("emulator.cli", "emulator.ctl", "client.cli", "client.commands", "urscript.cli"),
