@@ -6,8 +6,6 @@ from typing import Annotated
 import typer
 
 from client.commands.options import PortOffset
-from client.traffic.compare import compare_sources, read_source
-from client.traffic.report import report
 
 __all__ = ["compare_command"]
 
@@ -27,6 +25,9 @@ def compare_command(
     port_offset: PortOffset = 0,
 ) -> None:
     """Tell whether two recordings show the same, and where they part; exit status 1 when they differ."""
+    from client.traffic.compare import compare_sources, read_source  # numpy: the other commands start without it
+    from client.traffic.report import report
+
     comparison = compare_sources(
         read_source(first, port_offset), read_source(second, port_offset), tolerance or (), offset
     )

@@ -8,18 +8,14 @@
 - players, rtde_player, replay: a recording as a robot
 - trajectories, align, messages, compare, report: two recordings held against each other
 
+    from client.traffic.proxy import record
+
     async with record("192.168.56.101", Path("robot.pcapng")) as proxy:
         ...  # clients connect to 127.0.0.1 instead of the robot
 
-    comparison = compare(Recording.read(Path("robot.pcapng")), Recording.read(Path("emulator.pcapng")))
-    print(report(comparison))
+    from client.traffic.compare import compare
+    from client.traffic.recording import Recording
+    from client.traffic.report import report
+
+    print(report(compare(Recording.read(Path("robot.pcapng")), Recording.read(Path("emulator.pcapng")))))
 """
-
-from client.traffic.compare import Comparison, compare
-from client.traffic.proxy import Proxy, record
-from client.traffic.recorder import Recorder
-from client.traffic.recording import Recording
-from client.traffic.replay import ReplayRobot
-from client.traffic.report import report
-
-__all__ = ["Comparison", "Proxy", "Recorder", "Recording", "ReplayRobot", "compare", "record", "report"]

@@ -45,7 +45,8 @@ _ELEMENT = re.compile(r"\[(\d+)\]$")
 # of the primary interface, by the last part of the name
 _PRIMARY: Final[Mapping[str, str]] = {
     "q_actual": "rad", "q_target": "rad", "qd_actual": "rad/s", "current": "A", "voltage": "V",
-    "motor_temperature": "degC", "micro_temperature": "degC", "x": "m", "y": "m", "z": "m", "rx": "rad", "ry": "rad", "rz": "rad",
+    "motor_temperature": "degC", "micro_temperature": "degC",
+    "x": "m", "y": "m", "z": "m", "rx": "rad", "ry": "rad", "rz": "rad",
 }  # fmt: skip
 
 

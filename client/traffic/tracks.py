@@ -38,8 +38,8 @@ class Track:
     source: str
     label: str
     robot_time: bool = True
-    times_s: array[float] = field(default_factory=lambda: array("d"))
-    columns: dict[str, array[float]] = field(default_factory=dict)
+    times_s: "array[float]" = field(default_factory=lambda: array("d"))
+    columns: "dict[str, array[float]]" = field(default_factory=dict)
 
     def add(self, time_s: float, values: Mapping[str, float]) -> None:
         """A state. One whose time is not after the last one's is left out: it was sent twice, or time began again."""
