@@ -1,6 +1,8 @@
 """When two recordings show the same: the difference of their clocks, found from what moved.
 
 Both clocks count from the start of their controllers, so nothing but the values tells how they belong together.
+Of three guesses that one is taken with which the recordings agree longest: their motions begin at one moment, their
+programs do, or the whole of them is as like as it gets.
 """
 
 from dataclasses import dataclass
@@ -20,6 +22,9 @@ _PREFERRED: Final = ("target_q", "actual_q", "actual_TCP_pose", "target_TCP_pose
 _MOST_COLUMNS: Final = 12
 _MOST_SAMPLES: Final = 1 << 17
 _MOVED: Final = 1e-3  # how much a column has to change to tell anything; rad, mostly (guess)
+_EXACT: Final = "target_"  # how fields begin that have no sensor's noise
+_STILL: Final = 1e-6  # of those: less than this is no motion
+_PROGRAM: Final = ("runtime_state",)
 _FINER: Final = 40  # steps a sample that the last search takes
 _LEAST_OVERLAP: Final = 0.5  # of the shorter recording
 _EQUALLY_GOOD: Final = 1e-9  # of mean squares of columns that have variance 1
@@ -47,9 +52,36 @@ def find_offset(first: Track, second: Track) -> Offset:
     if not columns:
         return Offset(second.times_s[0] - first.times_s[0], ())
     step_s = _step(first, second)
-    a, b = ([_sampled(track, name, step_s) for name in columns] for track in (first, second))
-    coarse = second.times_s[0] - first.times_s[0] + _best_lag(a, b) * step_s
-    return Offset(_refined(first, second, columns, coarse, step_s), tuple(dict.fromkeys(map(base_name, columns))))
+    guesses = [_most_alike(first, second, columns, step_s)]
+    for names in (columns, [name for name in _PROGRAM if name in first.columns and name in second.columns]):
+        begins = [_first_change(track, names) for track in (first, second)]
+        if begins[0] is not None and begins[1] is not None:
+            guesses.append(begins[1] - begins[0])
+    best = max(guesses, key=lambda seconds: _agreement_s(first, second, columns, seconds))
+    return Offset(best, tuple(dict.fromkeys(map(base_name, columns))))
+
+
+def _first_change(track: Track, names: list[str]) -> float | None:
+    """When the first of these columns leaves the value it began with; None when none does."""
+    times = numbers(track.times_s)
+    changes = [np.flatnonzero(np.abs(values - values[0]) > (_STILL if name.startswith(_EXACT) else _MOVED))
+               for name in names for values in [numbers(track.columns[name])]]  # fmt: skip
+    return min((float(times[change[0]]) for change in changes if len(change)), default=None)
+
+
+def _agreement_s(first: Track, second: Track, columns: list[str], offset_s: float) -> float:
+    """How long these columns are alike, from the first moment that both recordings have."""
+    times, other_times = numbers(first.times_s), numbers(second.times_s)
+    inside = (times + offset_s >= other_times[0]) & (times + offset_s <= other_times[-1])
+    common = times[inside]
+    if not len(common):
+        return -1.0
+    apart = np.zeros(len(common), dtype=bool)
+    for name in columns:
+        other = np.interp(common + offset_s, other_times, numbers(second.columns[name]))
+        apart |= np.abs(numbers(first.columns[name])[inside] - other) > _MOVED
+    ends = int(np.argmax(apart)) if apart.any() else len(common) - 1
+    return float(common[ends] - common[0])
 
 
 def _telling(first: Track, second: Track) -> list[str]:
@@ -70,6 +102,12 @@ def _step(first: Track, second: Track) -> float:
     periods = [float(np.median(np.diff(numbers(track.times_s)))) for track in (first, second)]
     longest = max(track.times_s[-1] - track.times_s[0] for track in (first, second))
     return max(*periods, longest / _MOST_SAMPLES)
+
+
+def _most_alike(first: Track, second: Track, columns: list[str], step_s: float) -> float:
+    a, b = ([_sampled(track, name, step_s) for name in columns] for track in (first, second))
+    coarse = second.times_s[0] - first.times_s[0] + _best_lag(a, b) * step_s
+    return _refined(first, second, columns, coarse, step_s)
 
 
 def _sampled(track: Track, name: str, step_s: float) -> Numbers:

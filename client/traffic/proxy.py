@@ -9,7 +9,6 @@ one's sending, and nobody else's. A port that the robot does not offer is closed
 """
 
 import asyncio
-import errno
 import logging
 from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import asynccontextmanager, suppress
@@ -22,7 +21,7 @@ from client.errors import RobotUnreachableError
 from client.traffic.identity import ask_identity
 from client.traffic.ports import DRIVER_PORTS, ROBOT_PORTS
 from client.traffic.recorder import FLUSH_S, Recorder
-from client.traffic.relay import DIAL_S, Relay
+from client.traffic.relay import DIAL_S, Relay, reason_of
 
 __all__ = ["Proxy", "Route", "driver_routes", "record", "robot_routes"]
 
@@ -162,7 +161,7 @@ class Proxy:
         try:
             server = await loop.create_server(lambda: self._accept(route), route.listen, port)
         except OSError as error:
-            self.not_open[route.name] = f"{route.name}: cannot listen on {route.listen}:{port} ({_reason(error)})"
+            self.not_open[route.name] = f"{route.name}: cannot listen on {route.listen}:{port} ({reason_of(error)})"
             self._say(self.not_open[route.name])
             return
         self._servers[route.name] = server
@@ -200,19 +199,11 @@ async def _refusal(route: Route) -> str | None:
         async with asyncio.timeout(DIAL_S):
             _, writer = await asyncio.open_connection(route.host, route.target)
     except OSError as error:  # TimeoutError is one
-        return _reason(error)
+        return reason_of(error)
     writer.close()
     with suppress(OSError):
         await writer.wait_closed()
     return None
-
-
-def _reason(error: OSError) -> str:
-    if isinstance(error, TimeoutError):
-        return f"nobody answered within {DIAL_S:g} s"
-    if error.errno == errno.EACCES:
-        return "only administrators may use a port below 1024"
-    return error.strerror or str(error)
 
 
 @asynccontextmanager

@@ -1,6 +1,7 @@
 """One connection through a proxy: what one end does, the other one sees."""
 
 import asyncio
+import os
 import socket
 import struct
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from typing import Final
 from client.decoding.packets import Endpoint
 from client.traffic.recorder import Recorded, Recorder
 
-__all__ = ["DIAL_S", "Relay"]
+__all__ = ["DIAL_S", "Relay", "reason_of"]
 
 DIAL_S: Final = 5.0  # how long a robot may take to accept a connection (guess)
 _LINGER: Final = struct.pack("ii", 1, 0)  # closing breaks off
@@ -184,3 +185,12 @@ def _break_off(transport: asyncio.Transport) -> None:
     if with_socket is not None:
         with_socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _LINGER)
     transport.abort()
+
+
+def reason_of(error: OSError) -> str:
+    """Why a connection did not come about, in a few words."""
+    if isinstance(error, TimeoutError):
+        return f"nobody answered within {DIAL_S:g} s"
+    if isinstance(error, socket.gaierror) or error.errno is None:
+        return error.strerror or str(error)
+    return os.strerror(error.errno)  # asyncio's own texts repeat the address

@@ -32,6 +32,7 @@ from client.traffic.dialogues import (
 from client.traffic.players import Broadcast, InOrder, Player, Script, Timing, UnansweredError
 from client.traffic.ports import port_name, server_is_robot
 from client.traffic.recording import Conversation, Recording
+from client.traffic.relay import reason_of
 from client.traffic.rtde_log import RTDELog
 from client.traffic.rtde_player import RTDELibrary, RTDEPlayer
 from urproto.errors import LocalProtocolError, ProtocolError
@@ -106,7 +107,7 @@ class ReplayRobot:
         try:
             server = await loop.create_server(lambda: self._accept(name, make), self._listen, wanted)
         except OSError as error:
-            self.not_open[name] = f"{name}: cannot listen on {self._listen}:{wanted} ({error.strerror or error})"
+            self.not_open[name] = f"{name}: cannot listen on {self._listen}:{wanted} ({reason_of(error)})"
             self._say(self.not_open[name])
             return
         self._servers.append(server)

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from client.decoding import show
 from client.traffic.compare import Comparison, Source
 from client.traffic.messages import Parting, Talk
+from client.traffic.tracks import base_name
 from client.traffic.trajectories import Difference, TrackPair
 
 __all__ = ["report"]
@@ -13,6 +14,7 @@ _ROWS = 15  # of a table
 _PARTINGS = 3  # told of a connection
 _MESSAGES = 3  # told of a place
 _NAMES = 20
+_EXACTLY = 1e-3  # stands for the tolerance of what has none, such as modes
 
 
 def report(comparison: Comparison) -> str:
@@ -61,6 +63,8 @@ def _states(comparison: Comparison) -> Iterator[str]:
         yield from _pair(pair)
     for which, label in comparison.unpaired:
         yield f"- only {which} has {label}"
+    if comparison.differences:
+        yield from _table(comparison)
 
 
 def _pair(pair: TrackPair) -> Iterator[str]:
@@ -73,8 +77,6 @@ def _pair(pair: TrackPair) -> Iterator[str]:
             yield f"  - only {which} has {', '.join(names[:_NAMES])}{_more(len(names) - _NAMES)}"
     if not pair.states:
         yield "  - ! the two have no moment in common; --offset sets how they belong together"
-    if pair.differences:
-        yield from _table(pair.differences)
 
 
 def _offset(pair: TrackPair) -> str:
@@ -82,21 +84,31 @@ def _offset(pair: TrackPair) -> str:
     return f"{clock}, by {', '.join(pair.offset.by)}" if pair.offset.by else f"{clock}, as nothing moved to tell it"
 
 
-def _table(differences: Iterable[Difference]) -> Iterator[str]:
-    rows = sorted(differences, key=lambda one: one.size / (one.tolerance or 1e-12), reverse=True)
+def _table(comparison: Comparison) -> Iterator[str]:
+    """The element of each field that is furthest beyond its tolerance, of the first pair that has the field."""
+    worst: dict[tuple[str, str], Difference] = {}
+    for pair in comparison.pairs:
+        found: dict[tuple[str, str], Difference] = {}
+        for one in sorted(pair.differences, key=_severity):
+            found[pair.first.source, base_name(one.column)] = one
+        worst = found | worst
+    rows = sorted(worst.items(), key=lambda item: _severity(item[1]), reverse=True)
     yield ""
-    yield "  | column | unit | tolerance | largest | at [s] | A | B | from [s] | states |"
-    yield "  | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
-    for one in rows[:_ROWS]:
+    yield "| interface | column | unit | tolerance | largest | at [s] | A | B | from [s] | states |"
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+    for (source, _), one in rows[:_ROWS]:
         at = one.largest
         yield (
-            f"  | {one.column} | {one.unit} | {one.tolerance:g} | {one.size:.4g} | {at.time_s:.3f} | {at.first:.6g} | "
-            f"{at.second:.6g} | {one.begins.time_s:.3f} | {one.share:.1%} |"
+            f"| {source} | {one.column} | {one.unit} | {one.tolerance:g} | {one.size:.4g} | {at.time_s:.3f} | "
+            f"{at.first:.6g} | {at.second:.6g} | {one.begins.time_s:.3f} | {one.share:.1%} |"
         )
     if len(rows) > _ROWS:
         yield ""
-        yield f"  {_more(len(rows) - _ROWS).lstrip(', ')}"
-    yield ""
+        yield f"And {len(rows) - _ROWS} more fields."
+
+
+def _severity(difference: Difference) -> float:
+    return difference.size / (difference.tolerance or _EXACTLY)
 
 
 def _more(count: int) -> str:
@@ -125,11 +137,16 @@ def _verdict(talk: Talk) -> str:
     cut = ", of which the first ones were compared" if talk.cut else ""
     if not talk.partings:
         return f"the same, {talk.counts[0]} messages{cut}"
-    return f"they differ in {len(talk.partings)} places ({talk.counts[0]} in A, {talk.counts[1]} in B{cut})"
+    places = len(talk.partings)
+    return f"they differ in {places} place{'s' * (places != 1)} ({talk.counts[0]} in A, {talk.counts[1]} in B{cut})"
 
 
 def _parting(parting: Parting) -> Iterator[str]:
-    yield f"  - after `{parting.after}`" if parting.after else "  - at the beginning"
+    yield f"  - after {_code(parting.after)}" if parting.after else "  - at the beginning"
     for which, texts in (("A", parting.first), ("B", parting.second)):
-        told = "; ".join(f"`{text}`" for text in texts[:_MESSAGES]) or "nothing"
+        told = "; ".join(_code(text) for text in texts[:_MESSAGES]) or "nothing"
         yield f"    - {which}: {told}{_more(len(texts) - _MESSAGES)}"
+
+
+def _code(text: str) -> str:
+    return f"`{text.replace('`', chr(39))}`"

@@ -45,8 +45,10 @@ _ELEMENT = re.compile(r"\[(\d+)\]$")
 # of the primary interface, by the last part of the name
 _PRIMARY: Final[Mapping[str, str]] = {
     "q_actual": "rad", "q_target": "rad", "qd_actual": "rad/s", "current": "A", "voltage": "V",
-    "motor_temperature": "degC", "micro_temperature": "degC",
-    "x": "m", "y": "m", "z": "m", "rx": "rad", "ry": "rad", "rz": "rad",
+    "motor_temperature": "degC", "micro_temperature": "degC", "board_temperature": "degC", "tool_temperature": "degC",
+    "pose_base_tcp": "m rad", "tcp_offset": "m rad", "frame": "m rad", "elbow_position": "m", "wrench": "N Nm",
+    "robot_current": "A", "io_current": "A", "tool_current": "A", "robot_voltage_48V": "V", "tool_voltage_48V": "V",
+    "analog_input0": "V", "analog_input1": "V", "analog_output0": "V", "analog_output1": "V",
 }  # fmt: skip
 
 
@@ -56,13 +58,13 @@ class Tolerances:
     def __init__(self, wanted: Iterable[str] = ()) -> None:
         self._wanted = dict(map(_parse, wanted))
 
-    def of(self, column: str) -> float:
-        """For a column of a track, in its unit."""
+    def of(self, column: str, *, integers: bool = False) -> float:
+        """For a column of a track, in its unit. integers: its values are, and without a unit each is another thing."""
         unit = unit_of(column)
         for key in (column, base_name(column), unit):
             if key in self._wanted:
                 return self._wanted[key]
-        return TOLERANCES.get(unit, TOLERANCES[""])
+        return 0.0 if integers and not unit else TOLERANCES.get(unit, TOLERANCES[""])
 
 
 def _parse(text: str) -> tuple[str, float]:
@@ -79,9 +81,7 @@ def _parse(text: str) -> tuple[str, float]:
 def unit_of(column: str) -> str:
     """Of a column of a track; empty when it has none."""
     base = base_name(column)
-    if base not in OUTPUT_FIELDS:
-        return _PRIMARY.get(base.rpartition(".")[2], "")
-    unit = OUTPUT_FIELDS[base].unit
+    unit = OUTPUT_FIELDS[base].unit if base in OUTPUT_FIELDS else _PRIMARY.get(base.rpartition(".")[2], "")
     if unit in _VECTORS and (element := _ELEMENT.search(column)):
         return _VECTORS[unit][int(element[1]) >= 3]
     return _EITHER.get(unit, unit)

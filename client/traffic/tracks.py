@@ -13,7 +13,7 @@ from client.traffic.recording import Conversation, Recording
 from client.traffic.rtde_log import RTDELog
 from urproto.errors import RemoteProtocolError
 from urproto.primary.framing import PrimaryDecoder
-from urproto.primary.state import RobotStateData
+from urproto.primary.state import JointData, RobotStateData
 from urproto.realtime import RealtimeDecoder
 from urproto.rtde.fields import OUTPUT_FIELDS
 
@@ -129,7 +129,8 @@ def _realtime_state(values: Mapping[str, Any]) -> State:
 def _primary_state(message: Any) -> State | None:
     if not isinstance(message, RobotStateData):
         return None
-    values = flat((part.name, getattr(message, part.name)) for part in fields(message) if part.name != "unknown")
+    parts = ((part.name, getattr(message, part.name)) for part in fields(message) if part.name != "unknown")
+    values = flat((name, part.joints if isinstance(part, JointData) else part) for name, part in parts)
     time_us = values.pop("mode.timestamp_us", None)
     return None if time_us is None else (time_us / 1e6, values)
 

@@ -79,15 +79,16 @@ def _differences(
         return
     for name in names:
         a, b = numbers(first.columns[name]), numbers(second.columns[name])
-        unit, tolerance = unit_of(name), tolerances.of(name)
-        if not unit and _are_integers(a) and _are_integers(b):
-            tolerance = min(tolerance, 0.5)
-        gaps = matcher.gaps(a, b)
+        integers = _are_integers(a) and _are_integers(b)
+        tolerance = tolerances.of(name, integers=integers)
+        gaps = matcher.gaps(a, b, smooth=not integers)
         beyond = np.flatnonzero(gaps > tolerance)
         if len(beyond):
             worst = int(np.argmax(gaps))
             begins, largest = (matcher.moment(index, a, b) for index in (int(beyond[0]), worst))
-            yield Difference(name, unit, tolerance, begins, largest, float(gaps[worst]), len(beyond) / matcher.states)
+            yield Difference(
+                name, unit_of(name), tolerance, begins, largest, float(gaps[worst]), len(beyond) / matcher.states
+            )
 
 
 def _are_integers(values: Numbers) -> bool:
@@ -116,18 +117,30 @@ class _Matcher:
     def states(self) -> int:
         return len(self._times)
 
-    def gaps(self, a: Numbers, b: Numbers) -> Numbers:
-        """How far each value of the first is outside of what the second has around that moment."""
+    def gaps(self, a: Numbers, b: Numbers, *, smooth: bool) -> Numbers:
+        """How far each value of the first is outside of what the second has around that moment.
+
+        smooth: what a straight line between two states may miss counts too; at 10 Hz that is much.
+        """
         mine = a[self._inside]
         low = high = np.interp(self._moved, self._other, b)
+        missed = np.zeros(len(mine))
+        bends = _bends(b) if smooth else np.zeros(len(b))
         for index, is_near in self._near:
             value = np.where(is_near, b[index], np.nan)
             low, high = np.fmin(low, value), np.fmax(high, value)
-        gaps = np.maximum(0.0, np.maximum(low - mine, mine - high))
-        different = np.isfinite(mine) != np.isfinite(low)  # one of them is infinite or no number
-        return np.where(np.isfinite(gaps), gaps, np.where(different & ~np.isnan(mine) & ~np.isnan(low), np.inf, 0.0))
+            missed = np.fmax(missed, np.where(is_near, bends[index], 0.0))
+        gaps = np.maximum(0.0, np.maximum(low - mine, mine - high) - missed)
+        return np.where(np.isnan(gaps), 0.0, gaps)  # a part that one of them did not send in this state
 
     def moment(self, index: int, a: Numbers, b: Numbers) -> Moment:
         nearest = int(np.argmin(np.abs(self._other - self._moved[index])))
         time_s = float(self._times[index]) - self._begin
         return Moment(time_s, float(a[self._inside][index]), float(b[nearest]))
+
+
+def _bends(values: Numbers) -> Numbers:
+    """How far each value is off the middle of its neighbours: a corner between two states may be as far off (guess)."""
+    bends = np.zeros(len(values))
+    bends[1:-1] = np.abs(np.diff(values, 2)) / 2
+    return bends
