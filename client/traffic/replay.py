@@ -221,7 +221,7 @@ def _makers(recording: Recording, timing: Timing, say: Callable[[str], None]) ->
             say(f"{port_name(port)}: left out, there the robot is the client; replay has no driver to connect to")
             continue
         try:
-            makers[port] = _maker(port, conversations, timing, recording)
+            makers[port] = _maker(port, conversations, timing, recording, say)
         except ProtocolError as error:
             say(f"{port_name(port)}: left out, its recording cannot be read: {error}")
     if not makers:
@@ -229,13 +229,15 @@ def _makers(recording: Recording, timing: Timing, say: Callable[[str], None]) ->
     return makers
 
 
-def _maker(port: int, conversations: list[Conversation], timing: Timing, recording: Recording) -> MakePlayer:
+def _maker(
+    port: int, conversations: list[Conversation], timing: Timing, recording: Recording, say: Callable[[str], None]
+) -> MakePlayer:
     name = port_name(port)
     if port in _FRAMINGS:
         scripts = [Script.of(one, _FRAMINGS[port]) for one in conversations]
         return _in_turn(scripts, lambda script: Broadcast(script, timing))
     if name == "rtde":
-        library = RTDELibrary(map(RTDELog, conversations), _version(recording.comments))
+        library = RTDELibrary(map(RTDELog, conversations), _version(recording.comments), say)
         return lambda: RTDEPlayer(library, timing)
     if name == "modbus":
         requests = modbus_requests(conversations, timing.loop)

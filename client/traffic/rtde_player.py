@@ -6,7 +6,7 @@ input packages waits for as many from this client, but not for ever: another cli
 """
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 from client.traffic.players import Timing, UnansweredError
@@ -26,10 +26,17 @@ _TYPES: Final = {kind.wire_name: kind for kind in FieldType}
 class RTDELibrary:
     """All RTDE connections of a recording; which recipes were played already is remembered for all clients.
 
-    version: the controller's, from elsewhere, in case that no client asked for it by RTDE.
+    version: the controller's, from elsewhere, in case that no client asked for it by RTDE. say: told in words which
+    variables were wanted that nobody recorded.
     """
 
-    def __init__(self, logs: Iterable[RTDELog], version: PolyscopeVersion | None = None) -> None:
+    def __init__(
+        self,
+        logs: Iterable[RTDELog],
+        version: PolyscopeVersion | None = None,
+        say: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.say = say
         logs = list(logs)
         self.version = next((log.version for log in logs if log.version is not None), version)
         self._exchanges = [exchange for log in logs for exchange in log.exchanges]
@@ -149,6 +156,7 @@ class RTDEPlayer:
             if isinstance(recorded, codec.SetupOutputsReply) and NOT_FOUND in recorded.types:
                 return recorded
             missing = self._library.missing(request.names)
+            self._library.say(f"rtde: not in the recording, so NOT_FOUND: {', '.join(missing)}")
             types = type_names(request.names, {k: v for k, v in OUTPUT_FIELDS.items() if k not in missing})
             return codec.SetupOutputsReply(types, 0)
         if self._protocol == 1:  # one recipe, the last
