@@ -24,6 +24,7 @@ REAL_TIME = (
     "driver",
     "real_clients",
     "servers",
+    "traffic",
 )  # folders of tests that the wall clock can disturb
 MORE_TRIES = 2
 

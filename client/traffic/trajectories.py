@@ -12,7 +12,8 @@ from client.traffic.tracks import Track, base_name
 
 __all__ = ["Difference", "Moment", "TrackPair", "compare_tracks"]
 
-_SLACK_PERIODS: Final = 2.0  # of the slower track: how far the moments of a change may lie apart (guess)
+# Of the slower track: how far the moments of a change may lie apart, in what is smooth and in what switches (guesses).
+_SLACK_PERIODS: Final = {True: 0.5, False: 2.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,11 +108,11 @@ class _Matcher:
         self._times = times[self._inside]
         self._moved = moved[self._inside]
         periods = [float(np.median(np.diff(each))) for each in (times, self._other)]
-        slack_s = _SLACK_PERIODS * max(periods)
+        self._slack_s = {smooth: slack * max(periods) for smooth, slack in _SLACK_PERIODS.items()}
         left = np.searchsorted(self._other, self._moved)
-        reach = int(np.ceil(slack_s / max(periods[1], 1e-6))) + 1
+        reach = int(np.ceil(max(self._slack_s.values()) / max(periods[1], 1e-6))) + 1
         indices = (np.clip(left + shift, 0, len(self._other) - 1) for shift in range(-reach, reach + 1))
-        self._near = [(index, np.abs(self._other[index] - self._moved) <= slack_s) for index in indices]
+        self._near = [(index, np.abs(self._other[index] - self._moved)) for index in indices]
 
     @property
     def states(self) -> int:
@@ -126,10 +127,11 @@ class _Matcher:
         low = high = np.interp(self._moved, self._other, b)
         missed = np.zeros(len(mine))
         bends = _bends(b) if smooth else np.zeros(len(b))
-        for index, is_near in self._near:
+        for index, distance_s in self._near:
+            is_near = distance_s <= self._slack_s[smooth]
             value = np.where(is_near, b[index], np.nan)
             low, high = np.fmin(low, value), np.fmax(high, value)
-            missed = np.fmax(missed, np.where(is_near, bends[index], 0.0))
+            missed = np.fmax(missed, np.where(distance_s <= self._slack_s[False], bends[index], 0.0))
         gaps = np.maximum(0.0, np.maximum(low - mine, mine - high) - missed)
         return np.where(np.isnan(gaps), 0.0, gaps)  # a part that one of them did not send in this state
 
