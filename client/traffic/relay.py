@@ -112,9 +112,7 @@ class Relay:
         try:
             await self._connect()
         except OSError as error:  # TimeoutError is one
-            self.refusal = (
-                "nobody answered in time" if isinstance(error, TimeoutError) else error.strerror or str(error)
-            )
+            self.refusal = reason_of(error)
             assert self.client.transport is not None
             _break_off(self.client.transport)
         finally:

@@ -56,7 +56,7 @@ def test_an_output_that_only_one_sets(folder, usual):
 
 
 def test_tolerances_are_by_unit_and_field(folder, usual):
-    slower = recorded_robot(folder / "a bit slower", acceleration=1.38)
+    slower = recorded_robot(folder / "a bit slower", acceleration=1.2)
     columns = {
         one.column.partition("[")[0] for _, one in compare(usual, slower, ["rad=1", "runtime_state=3"]).differences
     }

@@ -1,6 +1,7 @@
 """A recording as a robot: clients of every kind see again what was recorded."""
 
 import asyncio
+import json
 import os
 import sys
 from pathlib import Path
@@ -187,6 +188,23 @@ def test_modbus_answers_whatever_the_number_and_refuses_what_was_never_read():
 # a client we did not write
 
 
+# in a process of its own: the library holds Python's lock while it waits
+UR_RTDE = """
+import json, sys
+from rtde_receive import RTDEReceiveInterface
+client = RTDEReceiveInterface(sys.argv[1], 125.0, sys.argv[2:])
+seen = 0
+while seen < 30:
+    began = client.initPeriod()
+    before, q, after = client.getTimestamp(), client.getActualQ(), client.getTimestamp()
+    if before == after:
+        print(json.dumps([before, q]))
+        seen += 1
+    client.waitPeriod(began)
+client.disconnect()
+"""
+
+
 @pytest.mark.real_client
 @pytest.mark.skipif(sys.platform != "linux", reason="ur_rtde has one port number: it needs an address of its own")
 async def test_ur_rtde_sees_what_was_recorded(tmp_path: Path):
@@ -196,23 +214,13 @@ async def test_ur_rtde_sees_what_was_recorded(tmp_path: Path):
     (track,) = tracks_of(recording)
     async with ReplayRobot(recording, host) as robot:
         assert robot.ports["rtde"] == 30004
-        seen = await asyncio.to_thread(ur_rtde, host, names)
+        client = await asyncio.create_subprocess_exec(
+            sys.executable, "-c", UR_RTDE, host, *names, stdout=asyncio.subprocess.PIPE
+        )
+        async with asyncio.timeout(60):
+            out, _ = await client.communicate()
+    seen = [json.loads(line) for line in out.splitlines()]
     assert len(seen) > 20
     for time_s, q in seen:
         index = track.times_s.index(time_s)
         assert q == [track.columns[f"actual_q[{joint}]"][index] for joint in range(6)]
-
-
-def ur_rtde(host: str, names: tuple[str, ...]) -> list[tuple[float, list[float]]]:
-    from rtde_receive import RTDEReceiveInterface
-
-    client = RTDEReceiveInterface(host, 125.0, list(names))
-    seen: list[tuple[float, list[float]]] = []
-    while len(seen) < 30:
-        began = client.initPeriod()
-        before, q, after = client.getTimestamp(), client.getActualQ(), client.getTimestamp()
-        if before == after:
-            seen.append((before, q))
-        client.waitPeriod(began)
-    client.disconnect()
-    return seen
