@@ -22,9 +22,11 @@ from client.traffic.identity import ask_identity
 from client.traffic.ports import DRIVER_PORTS, ROBOT_PORTS
 from client.traffic.recorder import FLUSH_S, Recorder
 from client.traffic.relay import DIAL_S, Relay, reason_of
+from urproto.errors import LocalProtocolError
 
 __all__ = ["Proxy", "Route", "driver_routes", "record", "robot_routes"]
 
+_LAST_PORT: Final = 65535
 _LOOK_AGAIN_S: Final = 2.0  # how often a port that was closed is tried (guess)
 
 _logger = logging.getLogger(__name__)
@@ -56,8 +58,16 @@ def robot_routes(
     port_offset: int = 0,
     listen_offset: int = 0,
 ) -> list[Route]:
-    """The ports of a robot. The offsets are what is added to the usual numbers there and here."""
-    return [Route(name, port, listen, port + listen_offset, robot, port + port_offset) for name, port in ports]
+    """The ports of a robot. The offsets are what is added to the usual numbers there and here.
+
+    Raises LocalProtocolError when that is no port number.
+    """
+    routes = [Route(name, port, listen, port + listen_offset, robot, port + port_offset) for name, port in ports]
+    for route in routes:
+        for port in (route.listen_port, route.target):
+            if not 0 < port <= _LAST_PORT:
+                raise LocalProtocolError(f"{route.name} would be on port {port}: choose another offset")
+    return routes
 
 
 def driver_routes(driver: str, listen: str) -> list[Route]:

@@ -2,15 +2,20 @@
 
 import asyncio
 import contextlib
+import os
+import signal
 import socket
 import struct
+import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from client import BlockingDashboardClient, BlockingPrimaryClient, BlockingRTDEClient, dashboard
+from client.cli import app
 from client.errors import RobotUnreachableError
 from client.traffic.identity import ask_identity
 from client.traffic.proxy import Proxy, Route, robot_routes
@@ -186,3 +191,49 @@ def use(ports: dict[str, int]) -> list[dict]:
         panel.ask(dashboard.ROBOT_MODE)
         primary.run(primary.core.run_script("def prog():\n  movej([0.1, -1.5, 0, -1.5, 0, 0])\nend\n"))
         return [dict(states.receive()) for _ in range(100)]
+
+
+# the command
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a second loopback address")
+async def test_the_command_ends_by_ctrl_c_and_leaves_a_whole_recording(tmp_path):
+    server = await asyncio.start_server(echo_until_end, HOST, 0)
+    port = server.sockets[0].getsockname()[1]
+    listen = f"127.80.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
+    offset = str(port - 54321)
+    options = ["--ports", "tool line", "--port-offset", offset, "--listen-offset", offset, "--listen", listen]
+    command = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", "from client.cli import main; main()", "proxy", "--robot-ip", HOST, *options,
+        "--record", str(tmp_path / "file"), stdout=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    assert command.stdout is not None
+    async with asyncio.timeout(60):
+        assert await command.stdout.readline() == f"tool line: {listen}:{port} leads to {HOST}:{port}\n".encode()
+        assert await command.stdout.readline() == f"Recording to {tmp_path / 'file'}. Ctrl-C ends it.\n".encode()
+        reader, writer = await asyncio.open_connection(listen, port)
+        writer.write(b"abc")
+        writer.write_eof()
+        assert await reader.read() == b"cba"
+        writer.close()
+        command.send_signal(signal.SIGINT)
+        await command.communicate()
+    server.close()
+    assert command.returncode == 0
+    (one,) = Recording.read(tmp_path / "file").conversations
+    assert (one.port, one.sent(from_server=True)) == (54321, b"cba")
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--ports", "rtd"], "'rtd' is no port of a robot: did you mean rtde?"),
+        (["--port-offset", "40000"], "dashboard would be on port 69999"),
+        (["--robot-ip", HOST, "--listen", HOST], "the proxy cannot listen where dashboard is"),
+    ],
+)
+def test_mistakes_are_told(options, told):
+    result = CliRunner().invoke(app, ["proxy", *options])
+    text = " ".join(f"{result.stderr} {result.exception}".replace("│", " ").split())
+    assert result.exit_code != 0
+    assert told in text

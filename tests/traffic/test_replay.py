@@ -197,7 +197,7 @@ seen = 0
 while seen < 30:
     began = client.initPeriod()
     before, q, after = client.getTimestamp(), client.getActualQ(), client.getTimestamp()
-    if before == after:
+    if before == after > 0:  # 0: nothing came yet
         print(json.dumps([before, q]))
         seen += 1
     client.waitPeriod(began)
