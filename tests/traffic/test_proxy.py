@@ -6,6 +6,7 @@ import os
 import signal
 import socket
 import struct
+import subprocess
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
@@ -35,18 +36,31 @@ Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 async def proxied(serve: Serve, recorder: Recorder | None = None, *, mirrored: bool = False) -> AsyncIterator[int]:
     """A server, and the port of a proxy before it; recorded as the tool's line."""
 
+    async with serving(serve) as target:
+        route = Route("one", 54321, HOST, 0, HOST, target, mirrored)
+        async with Proxy([route], recorder, lambda text: None) as proxy:
+            yield proxy.ports["one"]
+
+
+@asynccontextmanager
+async def serving(serve: Serve, port: int = 0) -> AsyncIterator[int]:
+    """A server's port; its connections are closed at the end."""
+    handlers: set[asyncio.Task[None]] = set()
+
     async def served(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        handlers.add(asyncio.current_task())
         with contextlib.suppress(OSError):
             await serve(reader, writer)
         writer.close()
+        with contextlib.suppress(OSError):
+            await writer.wait_closed()
 
-    server = await asyncio.start_server(served, HOST, 0)
-    route = Route("one", 54321, HOST, 0, HOST, server.sockets[0].getsockname()[1], mirrored)
+    server = await asyncio.start_server(served, HOST, port)
     try:
-        async with Proxy([route], recorder, lambda text: None) as proxy:
-            yield proxy.ports["one"]
+        yield server.sockets[0].getsockname()[1]
     finally:
         server.close()
+        await asyncio.wait_for(asyncio.gather(*handlers), 30)
 
 
 async def echo_until_end(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -63,8 +77,7 @@ async def test_bytes_and_half_closed_ends_go_both_ways(tmp_path):
         writer.write(data)
         writer.write_eof()
         assert await asyncio.wait_for(reader.read(), 20) == data[::-1]
-        writer.close()
-        await writer.wait_closed()
+        await ended(writer)
     recorder.close()
     (one,) = Recording.read(tmp_path / "file").conversations
     assert (one.sent(from_server=False), one.sent(from_server=True)) == (data, data[::-1])
@@ -83,7 +96,7 @@ async def test_a_broken_connection_is_broken_for_the_other_end():
         writer.write(b"!")
         with pytest.raises(ConnectionResetError):
             await asyncio.wait_for(reader.read(), 20)
-        writer.close()
+        await ended(writer)
 
 
 async def test_a_client_that_does_not_read_holds_its_own_connection_up_and_no_other():
@@ -112,24 +125,19 @@ async def test_a_client_that_does_not_read_holds_its_own_connection_up_and_no_ot
         writer.write(b"a")
         assert await asyncio.wait_for(reader.readexactly(6), 20) == b"answer"
         assert len(await asyncio.wait_for(slow.readexactly(sent), 60)) == sent  # nothing was lost
-        for one in (writer, slow_writer):
-            one.close()
+        await ended(writer, slow_writer)
 
 
 async def test_a_port_without_a_robot_is_closed_and_told_once():
     with socket.create_server((HOST, 0)) as placeholder:
         gone = placeholder.getsockname()[1]
     told: list[str] = []
-    server = await asyncio.start_server(echo_until_end, HOST, 0)
-    there = server.sockets[0].getsockname()[1]
-    routes = [Route("there", 1, HOST, 0, HOST, there), Route("gone", 2, HOST, gone, HOST, gone)]
-    try:
+    async with serving(echo_until_end) as there:
+        routes = [Route("there", 1, HOST, 0, HOST, there), Route("gone", 2, HOST, gone, HOST, gone)]
         async with Proxy(routes, None, told.append) as proxy:
             assert list(proxy.ports) == ["there"]
             with pytest.raises(ConnectionRefusedError):
                 await asyncio.open_connection(HOST, gone)
-    finally:
-        server.close()
     assert told == [f"gone: {HOST}:{gone} is not there (Connection refused); closed here as well"]
     with pytest.raises(RobotUnreachableError):
         async with Proxy([Route("gone", 2, HOST, 0, HOST, gone)], None, told.append):
@@ -138,25 +146,30 @@ async def test_a_port_without_a_robot_is_closed_and_told_once():
 
 async def test_a_robot_that_goes_away_while_the_proxy_runs():
     told: list[str] = []
-    server = await asyncio.start_server(echo_until_end, HOST, 0)
-    target = server.sockets[0].getsockname()[1]
-    async with Proxy([Route("one", 29999, HOST, 0, HOST, target)], None, told.append) as proxy:
-        port = proxy.ports["one"]
-        server.close()
+    async with contextlib.AsyncExitStack() as running:
+        async with serving(echo_until_end) as target:
+            route = Route("one", 29999, HOST, 0, HOST, target)
+            proxy = await running.enter_async_context(Proxy([route], None, told.append))
+            port = proxy.ports["one"]
         reader, writer = await asyncio.open_connection(HOST, port)
         with contextlib.suppress(ConnectionResetError):
             assert await asyncio.wait_for(reader.read(), 20) == b""
-        writer.close()
+        await ended(writer)
         with pytest.raises(ConnectionRefusedError):
             await asyncio.open_connection(HOST, port)
         assert told == [f"one: {HOST}:{target} is not there (Connection refused); closed here as well"]
-        server = await asyncio.start_server(echo_until_end, HOST, target)
-        async with asyncio.timeout(30):
+        async with serving(echo_until_end, target), asyncio.timeout(30):
             while "one" not in proxy.ports:
                 await asyncio.sleep(0.05)
         assert proxy.ports["one"] == port
         assert told[1:] == [f"one: {HOST}:{target} is there now"]
-        server.close()
+
+
+async def ended(*writers: asyncio.StreamWriter) -> None:
+    for writer in writers:
+        writer.close()
+        with contextlib.suppress(OSError):
+            await writer.wait_closed()
 
 
 async def test_a_session_with_an_emulator(tmp_path: Path):
@@ -198,27 +211,29 @@ def use(ports: dict[str, int]) -> list[dict]:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a second loopback address")
 async def test_the_command_ends_by_ctrl_c_and_leaves_a_whole_recording(tmp_path):
-    server = await asyncio.start_server(echo_until_end, HOST, 0)
-    port = server.sockets[0].getsockname()[1]
     listen = f"127.80.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
-    offset = str(port - 54321)
-    options = ["--ports", "tool line", "--port-offset", offset, "--listen-offset", offset, "--listen", listen]
-    command = await asyncio.create_subprocess_exec(
-        sys.executable, "-c", "from client.cli import main; main()", "proxy", "--robot-ip", HOST, *options,
-        "--record", str(tmp_path / "file"), stdout=asyncio.subprocess.PIPE,
-    )  # fmt: skip
-    assert command.stdout is not None
-    async with asyncio.timeout(60):
-        assert await command.stdout.readline() == f"tool line: {listen}:{port} leads to {HOST}:{port}\n".encode()
-        assert await command.stdout.readline() == f"Recording to {tmp_path / 'file'}. Ctrl-C ends it.\n".encode()
-        reader, writer = await asyncio.open_connection(listen, port)
-        writer.write(b"abc")
-        writer.write_eof()
-        assert await reader.read() == b"cba"
-        writer.close()
-        command.send_signal(signal.SIGINT)
-        await command.communicate()
-    server.close()
+    async with serving(echo_until_end) as port:
+        offset = str(port - 54321)
+        options = ["--ports", "tool line", "--port-offset", offset, "--listen-offset", offset, "--listen", listen]
+        call = ["proxy", "--robot-ip", HOST, *options, "--record", str(tmp_path / "file")]
+        command = subprocess.Popen(
+            [sys.executable, "-c", "from client.cli import main; main()", *call], stdout=subprocess.PIPE, text=True
+        )
+        try:
+            lines = [await asyncio.to_thread(command.stdout.readline) for _ in range(2)]
+            reader, writer = await asyncio.open_connection(listen, port)
+            writer.write(b"abc")
+            writer.write_eof()
+            assert await asyncio.wait_for(reader.read(), 20) == b"cba"
+            await ended(writer)
+            command.send_signal(signal.SIGINT)
+            await asyncio.to_thread(command.communicate, timeout=30)
+        finally:
+            command.kill()
+            command.communicate()
+    assert lines == [
+        f"tool line: {listen}:{port} leads to {HOST}:{port}\n", f"Recording to {tmp_path / 'file'}. Ctrl-C ends it.\n",
+    ]  # fmt: skip
     assert command.returncode == 0
     (one,) = Recording.read(tmp_path / "file").conversations
     assert (one.port, one.sent(from_server=True)) == (54321, b"cba")

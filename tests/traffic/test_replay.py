@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -214,12 +215,9 @@ async def test_ur_rtde_sees_what_was_recorded(tmp_path: Path):
     (track,) = tracks_of(recording)
     async with ReplayRobot(recording, host) as robot:
         assert robot.ports["rtde"] == 30004
-        client = await asyncio.create_subprocess_exec(
-            sys.executable, "-c", UR_RTDE, host, *names, stdout=asyncio.subprocess.PIPE
-        )
-        async with asyncio.timeout(60):
-            out, _ = await client.communicate()
-    seen = [json.loads(line) for line in out.splitlines()]
+        call = [sys.executable, "-c", UR_RTDE, host, *names]
+        client = await asyncio.to_thread(subprocess.run, call, capture_output=True, check=True, timeout=60)
+    seen = [json.loads(line) for line in client.stdout.splitlines()]
     assert len(seen) > 20
     for time_s, q in seen:
         index = track.times_s.index(time_s)
