@@ -9,8 +9,11 @@ from rich.console import Console
 from rich.table import Table
 
 from client import dashboard, primary, rtde
+from client.commands.compare import compare_command
 from client.commands.decode import decode_command
 from client.commands.options import PortOffset, RobotIP
+from client.commands.proxy import proxy_command
+from client.commands.replay_traffic import replay_traffic_command
 from client.commands.tool_comm import tool_comm_command
 from client.commands.watch import watch_command
 from client.errors import ClientError
@@ -76,6 +79,9 @@ def send_command(
 app.command("decode")(decode_command)
 app.command("watch")(watch_command)
 app.command("tool-comm")(tool_comm_command)
+app.command("proxy")(proxy_command)
+app.command("replay-traffic")(replay_traffic_command)
+app.command("compare")(compare_command)
 
 
 def _readable(name: str, value: Any) -> str:

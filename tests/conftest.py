@@ -26,6 +26,7 @@ REAL_TIME = (
     "plugin",
     "real_clients",
     "servers",
+    "traffic",
 )  # folders of tests that the wall clock can disturb
 MORE_TRIES = 2
 

@@ -24,7 +24,7 @@ THIRD_PARTY = {
     "coal": ("emulator.world.links",),
     "h11": ("emulator.programs.rpc.httpclient", "emulator.servers.control"),
     "msgspec": ("emulator.control", "emulator.faults", "emulator.servers.control"),
-    "numpy": ("urproto.robots.dynamics", "emulator.world.links"),
+    "numpy": ("urproto.robots.dynamics", "emulator.world.links", "client.traffic"),
     "pytest": ("urproto.pytest_plugin",),
     "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("emulator", "client"),

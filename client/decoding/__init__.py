@@ -2,6 +2,7 @@
 
 - capture: packets out of pcap and pcapng files
 - packets: TCP segments out of packets
+- capture_writer, frames: the way back, a pcapng file out of byte streams
 - connections: byte streams out of segments, in order
 - streams: messages out of a byte stream, garbage skipped and told
 - rtde, states, modbus, external, texts: what the messages of each port say

@@ -1,6 +1,6 @@
 """Packets out of pcap and pcapng files, as tcpdump and Wireshark write them, in bytes as they come.
 
-Layouts: the IETF drafts draft-ietf-opsawg-pcap and draft-ietf-opsawg-pcapng.
+Layouts: the IETF drafts draft-ietf-opsawg-pcap and draft-ietf-opsawg-pcapng. ``capture_writer`` writes the latter.
 """
 
 import struct
@@ -23,6 +23,8 @@ _PCAPNG = b"\x0a\x0d\x0d\x0a"
 _SECTION, _INTERFACE, _OLD_PACKET, _SIMPLE_PACKET, _ENHANCED_PACKET = 0x0A0D0D0A, 1, 2, 3, 6
 _BYTE_ORDERS = {b"\x1a\x2b\x3c\x4d": ">", b"\x4d\x3c\x2b\x1a": "<"}
 _TSRESOL, _TSOFFSET = 9, 14  # options of an interface
+_COMMENT = 1  # option of any block
+_MAX_COMMENTS = 64  # kept of a file's
 _MICROSECONDS = 1_000_000
 
 
@@ -37,9 +39,10 @@ class Packet:
 
 
 class PacketReader:
-    """Cuts packets out of a file that arrives in any split."""
+    """Cuts packets out of a file that arrives in any split. comments: remarks about the file, as far as it is read."""
 
     def __init__(self) -> None:
+        self.comments: list[str] = []
         self._buffer = bytearray()
         self._skip = 0  # bytes to come that are not wanted
         self._offset = 0  # of the buffer in the file
@@ -157,6 +160,7 @@ class _PcapngReader(PacketReader):
         kind, body = self._unpack("I", piece)[0], piece[8:-4]
         if kind == _SECTION:
             self._interfaces.clear()
+            self._take_comments(body)
         elif kind == _INTERFACE:
             self._interfaces.append(self._interface(body))
         elif kind == _ENHANCED_PACKET:
@@ -180,15 +184,24 @@ class _PcapngReader(PacketReader):
         return Packet(time_ns, interface.link, data, size)
 
     def _interface(self, body: bytes) -> _Interface:
-        link, ticks, offset_s, place = self._unpack("H", body)[0], _MICROSECONDS, 0, 8
-        while place + 4 <= len(body):
-            code, size = self._unpack("2H", body, place)
-            option = body[place + 4 : place + 4 + size]
+        link, ticks, offset_s = self._unpack("H", body)[0], _MICROSECONDS, 0
+        for code, option in self._options(body, 8):
             if code == _TSRESOL and len(option) == 1:
                 ticks = 2 ** (option[0] & 0x7F) if option[0] & 0x80 else 10 ** option[0]
             elif code == _TSOFFSET and len(option) == 8:
                 (offset_s,) = self._unpack("q", option)
-            elif code == 0:
-                break
-            place += 4 + size + -size % 4
         return _Interface(link, ticks, offset_s)
+
+    def _take_comments(self, section: bytes) -> None:
+        for code, option in self._options(section, 16):
+            if code == _COMMENT and len(self.comments) < _MAX_COMMENTS:
+                self.comments.append(option.decode("utf-8", "replace"))
+
+    def _options(self, body: bytes, place: int) -> Iterator[tuple[int, bytes]]:
+        """Number and value of each, up to the end of them."""
+        while place + 4 <= len(body):
+            code, size = self._unpack("2H", body, place)
+            if code == 0:
+                return
+            yield code, body[place + 4 : place + 4 + size]
+            place += 4 + size + -size % 4

@@ -12,7 +12,18 @@ from dataclasses import dataclass, field
 
 from client.decoding.packets import Endpoint, Segment
 
-__all__ = ["MAX_CONNECTIONS", "Closed", "Connection", "Connections", "Data", "Ends", "Event", "Lost"]
+__all__ = [
+    "MAX_CONNECTIONS",
+    "Closed",
+    "Connection",
+    "Connections",
+    "Data",
+    "Ends",
+    "Event",
+    "Lost",
+    "opens",
+    "possible_servers",
+]
 
 MAX_CONNECTIONS = 256  # followed at once; the one that was silent longest is given up
 _MAX_HELD = 256  # segments
@@ -51,6 +62,18 @@ class Closed:
 
 Event = Data | Lost | Closed
 Ends = frozenset[Endpoint]
+
+
+def opens(segment: Segment) -> bool:
+    """Whether a segment is the first of a connection."""
+    return segment.syn and segment.ack is None
+
+
+def possible_servers(segment: Segment) -> list[Endpoint]:
+    """Who may be the server of a segment's connection, the likeliest first."""
+    if opens(segment):
+        return [segment.destination]
+    return sorted((segment.source, segment.destination), key=lambda end: end.port)
 
 
 @dataclass(slots=True)

@@ -9,7 +9,17 @@ from enum import Enum
 
 from client.decoding.capture import MAGIC_SIZE, Packet, PacketReader, open_capture
 from client.decoding.codecs import Channel, Codec, Side, codec_of_port, guess
-from client.decoding.connections import MAX_CONNECTIONS, Closed, Connections, Data, Ends, Event, Lost
+from client.decoding.connections import (
+    MAX_CONNECTIONS,
+    Closed,
+    Connections,
+    Data,
+    Ends,
+    Event,
+    Lost,
+    opens,
+    possible_servers,
+)
 from client.decoding.packets import Endpoint, Segment, UnreadablePacketError, tcp_segment
 from client.decoding.streams import Line, Stream, trouble
 from urproto.errors import RemoteProtocolError
@@ -296,11 +306,10 @@ class _Capture:
     def _is_told(self, segment: Segment) -> bool:
         """Whether a segment's connection is one to tell; finds out who its server is."""
         ends = frozenset((segment.source, segment.destination))
-        opens = segment.syn and segment.ack is None
-        if ends in self._told and not opens:
+        if ends in self._told and not opens(segment):
             self._told.move_to_end(ends)
             return True
-        candidates = [segment.destination] if opens else sorted(ends, key=lambda end: end.port)
+        candidates = possible_servers(segment)
         server = next((end for end in candidates if self._choice.wants(end.port)), None)
         if server is None:
             self._leave_out(candidates[0].port)

@@ -1,0 +1,157 @@
+"""When two recordings show the same: the difference of their clocks, found from what moved.
+
+Both clocks count from the start of their controllers, so nothing but the values tells how they belong together.
+Of three guesses that one is taken with which the recordings agree longest: their motions begin at one moment, their
+programs do, or the whole of them is as like as it gets.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from client.traffic.tracks import Track, base_name
+
+__all__ = ["Offset", "find_offset", "numbers"]
+
+Numbers = NDArray[np.float64]
+
+# What moves most smoothly and depends least on the arm comes first.
+_PREFERRED: Final = ("target_q", "actual_q", "actual_TCP_pose", "target_TCP_pose", "joints")
+_MOST_COLUMNS: Final = 12
+_MOST_SAMPLES: Final = 1 << 17
+_MOVED: Final = 1e-3  # how much a column has to change to tell anything; rad, mostly (guess)
+_EXACT: Final = "target_"  # how fields begin that have no sensor's noise
+_STILL: Final = 1e-6  # of those: less than this is no motion
+_PROGRAM: Final = ("runtime_state",)
+_FINER: Final = 40  # steps a sample that the last search takes
+_LEAST_OVERLAP: Final = 0.5  # of the shorter recording
+_EQUALLY_GOOD: Final = 1e-9  # of mean squares of columns that have variance 1
+
+
+@dataclass(frozen=True, slots=True)
+class Offset:
+    """seconds: what to add to the first recording's time to get the second's. by: the fields that told.
+
+    by is empty when nothing moved: then the first states are taken to be of one moment.
+    """
+
+    seconds: float
+    by: tuple[str, ...]
+
+
+def numbers(values: Any) -> Numbers:
+    """An array over the same memory."""
+    return np.asarray(values, dtype=np.float64)
+
+
+def find_offset(first: Track, second: Track) -> Offset:
+    """Where the second track is most like the first one."""
+    columns = _telling(first, second)
+    if not columns:
+        return Offset(second.times_s[0] - first.times_s[0], ())
+    step_s = _step(first, second)
+    guesses = [_most_alike(first, second, columns, step_s)]
+    for names in (columns, [name for name in _PROGRAM if name in first.columns and name in second.columns]):
+        begins = [_first_change(track, names) for track in (first, second)]
+        if begins[0] is not None and begins[1] is not None:
+            guesses.append(begins[1] - begins[0])
+    best = max(guesses, key=lambda seconds: _agreement_s(first, second, columns, seconds))
+    return Offset(best, tuple(dict.fromkeys(map(base_name, columns))))
+
+
+def _first_change(track: Track, names: list[str]) -> float | None:
+    """When the first of these columns leaves the value it began with; None when none does."""
+    times = numbers(track.times_s)
+    changes = [np.flatnonzero(np.abs(values - values[0]) > (_STILL if name.startswith(_EXACT) else _MOVED))
+               for name in names for values in [numbers(track.columns[name])]]  # fmt: skip
+    return min((float(times[change[0]]) for change in changes if len(change)), default=None)
+
+
+def _agreement_s(first: Track, second: Track, columns: list[str], offset_s: float) -> float:
+    """How long these columns are alike, from the first moment that both recordings have."""
+    times, other_times = numbers(first.times_s), numbers(second.times_s)
+    inside = (times + offset_s >= other_times[0]) & (times + offset_s <= other_times[-1])
+    common = times[inside]
+    if not len(common):
+        return -1.0
+    apart = np.zeros(len(common), dtype=bool)
+    for name in columns:
+        other = np.interp(common + offset_s, other_times, numbers(second.columns[name]))
+        apart |= np.abs(numbers(first.columns[name])[inside] - other) > _MOVED
+    ends = int(np.argmax(apart)) if apart.any() else len(common) - 1
+    return float(common[ends] - common[0])
+
+
+def _telling(first: Track, second: Track) -> list[str]:
+    moving = [name for name in first.columns if name in second.columns and _moves(first, name) and _moves(second, name)]
+    for base in _PREFERRED:
+        if preferred := [name for name in moving if base_name(name).split(".")[0] == base]:
+            return preferred[:_MOST_COLUMNS]
+    return moving[:_MOST_COLUMNS]
+
+
+def _moves(track: Track, name: str) -> bool:
+    column = numbers(track.columns[name])
+    return bool(np.isfinite(column).all() and np.ptp(column) > _MOVED)
+
+
+def _step(first: Track, second: Track) -> float:
+    """Of the grid both are looked at on [s]."""
+    periods = [float(np.median(np.diff(numbers(track.times_s)))) for track in (first, second)]
+    longest = max(track.times_s[-1] - track.times_s[0] for track in (first, second))
+    return max(*periods, longest / _MOST_SAMPLES)
+
+
+def _most_alike(first: Track, second: Track, columns: list[str], step_s: float) -> float:
+    a, b = ([_sampled(track, name, step_s) for name in columns] for track in (first, second))
+    coarse = second.times_s[0] - first.times_s[0] + _best_lag(a, b) * step_s
+    return _refined(first, second, columns, coarse, step_s)
+
+
+def _sampled(track: Track, name: str, step_s: float) -> Numbers:
+    times = numbers(track.times_s)
+    grid = np.arange(times[0], times[-1], step_s)
+    return np.interp(grid, times, numbers(track.columns[name]))
+
+
+def _best_lag(a: list[Numbers], b: list[Numbers]) -> int:
+    """Samples to go on in b for the mean square of the difference to be least."""
+    sizes = len(a[0]), len(b[0])
+    lags = np.arange(-sizes[0] + 1, sizes[1])
+    overlap = np.minimum(sizes[0], sizes[1] - lags) - np.maximum(0, -lags)
+    squares = np.zeros(len(lags))
+    for one, other in zip(a, b, strict=True):
+        middle, scale = float(other.mean()), float(other.std()) or 1.0
+        squares += _squares((one - middle) / scale, (other - middle) / scale, lags)
+    cost = np.where(overlap >= _LEAST_OVERLAP * min(sizes), squares / np.maximum(overlap, 1), np.inf)
+    good = np.flatnonzero(cost <= cost.min() + _EQUALLY_GOOD)
+    return int(lags[good[np.argmax(overlap[good])]])
+
+
+def _squares(a: Numbers, b: Numbers, lags: NDArray[np.int64]) -> Numbers:
+    """The sum of (a[i] - b[i + lag])^2 where both are, for each lag."""
+    size = 1 << (len(a) + len(b)).bit_length()
+    products = np.fft.irfft(np.conj(np.fft.rfft(a, size)) * np.fft.rfft(b, size), size)[lags]
+    sums_a, sums_b = (np.concatenate(([0.0], np.cumsum(values**2))) for values in (a, b))
+    start, end = np.maximum(0, -lags), np.minimum(len(a), len(b) - lags)
+    squares: Numbers = sums_a[end] - sums_a[start] + sums_b[end + lags] - sums_b[start + lags] - 2 * products
+    return squares
+
+
+def _refined(first: Track, second: Track, columns: list[str], coarse_s: float, step_s: float) -> float:
+    """The best offset within a sample of the coarse one."""
+    tries = coarse_s + np.linspace(-step_s, step_s, 2 * _FINER + 1)
+    times, other_times = numbers(first.times_s), numbers(second.times_s)
+    cost = np.zeros(len(tries))
+    for name in columns:
+        column, other = numbers(first.columns[name]), numbers(second.columns[name])
+        scale = float(other.std()) or 1.0
+        for index, offset_s in enumerate(tries):
+            inside = (times + offset_s >= other_times[0]) & (times + offset_s <= other_times[-1])
+            if inside.any():
+                gap = (column[inside] - np.interp(times[inside] + offset_s, other_times, other)) / scale
+                cost[index] += float(np.mean(gap**2))
+    best = np.flatnonzero(cost <= cost.min() + _EQUALLY_GOOD)
+    return float(tries[best[len(best) // 2]])

@@ -1,0 +1,122 @@
+"""Two recordings, of a robot and an emulator say: whether they show the same, and where they part."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from client.errors import RecordingError
+from client.traffic.align import Offset, find_offset
+from client.traffic.messages import Talk, compare_messages
+from client.traffic.recording import Recording
+from client.traffic.tolerances import Tolerances
+from client.traffic.tracks import Track, tracks_of, tracks_of_csv
+from client.traffic.trajectories import Difference, TrackPair, compare_tracks
+
+__all__ = ["Comparison", "Source", "compare", "compare_sources", "read_source"]
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """What is compared: states, and the recording they are of, None for a table of states."""
+
+    path: Path
+    tracks: tuple[Track, ...]
+    recording: Recording | None = None
+
+    @property
+    def remarks(self) -> list[str]:
+        """What the file says about itself."""
+        return self.recording.comments if self.recording else []
+
+    @property
+    def troubles(self) -> list[str]:
+        """What could not be read."""
+        return self.recording.troubles if self.recording else []
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """pairs: tracks of states that belong together; unpaired: labels of those without a partner; talks: messages."""
+
+    first: Source
+    second: Source
+    pairs: tuple[TrackPair, ...]
+    unpaired: tuple[tuple[str, str], ...]
+    talks: tuple[Talk, ...]
+
+    @property
+    def differences(self) -> list[tuple[TrackPair, Difference]]:
+        """Of all pairs, by the time they begin at in the first recording."""
+        found = [(pair, difference) for pair in self.pairs for difference in pair.differences]
+        return sorted(found, key=lambda one: one[0].first.times_s[0] + one[1].begins.time_s)
+
+    @property
+    def same(self) -> bool:
+        """Whether there is no difference at all; False too when there was nothing to compare."""
+        compared = any(pair.states for pair in self.pairs) or any(min(talk.counts) for talk in self.talks)
+        missed = any(not pair.states for pair in self.pairs)
+        parted = self.differences or self.unpaired or any(talk.partings for talk in self.talks)
+        return compared and not missed and not parted
+
+
+def read_source(path: Path, port_offset: int = 0) -> Source:
+    """A recording, or a table of states when its name ends with .csv. Raises RecordingError."""
+    if path.suffix.lower() == ".csv":
+        return Source(path, tuple(tracks_of_csv(path)))
+    recording = Recording.read(path, port_offset)
+    return Source(path, tuple(tracks_of(recording)), recording)
+
+
+def compare(
+    first: Recording, second: Recording, tolerances: Iterable[str] = (), offset_s: float | None = None
+) -> Comparison:
+    """Two recordings. tolerances: ``rad=0.01`` or ``actual_q=0.01`` each; offset_s: between the clocks, if known."""
+    sources = [Source(one.path, tuple(tracks_of(one)), one) for one in (first, second)]
+    return compare_sources(sources[0], sources[1], tolerances, offset_s)
+
+
+def compare_sources(
+    first: Source, second: Source, tolerances: Iterable[str] = (), offset_s: float | None = None
+) -> Comparison:
+    """As ``compare``, for tables too. Raises RecordingError when one is a table and the other has no states."""
+    allowed = Tolerances(tolerances)
+    partners, unpaired = _partners(first.tracks, second.tracks)
+    common = Offset(offset_s, ()) if offset_s is not None else _common_offset(partners)
+    pairs = tuple(compare_tracks(a, b, _offset(a, b, common), allowed) for a, b in partners)
+    talks: tuple[Talk, ...] = ()
+    if first.recording is not None and second.recording is not None:
+        talks = tuple(compare_messages(first.recording, second.recording))
+    elif not pairs:
+        raise RecordingError(second.path, f"has nothing in common with {first.path}: both need states")
+    return Comparison(first, second, pairs, unpaired, talks)
+
+
+def _partners(
+    first: tuple[Track, ...], second: tuple[Track, ...]
+) -> tuple[list[tuple[Track, Track]], tuple[tuple[str, str], ...]]:
+    """Tracks of the same interface with most columns in common; those that are left, as (which recording, label)."""
+    left = list(second)
+    partners: list[tuple[Track, Track]] = []
+    alone: list[tuple[str, str]] = []
+    for track in first:
+        fitting = [one for one in left if one.source == track.source and one.columns.keys() & track.columns.keys()]
+        if not fitting:
+            alone.append(("A", track.label))
+            continue
+        best = max(fitting, key=lambda one: len(one.columns.keys() & track.columns.keys()))
+        left = [one for one in left if one is not best]
+        partners.append((track, best))
+    return partners, (*alone, *(("B", track.label) for track in left))
+
+
+def _common_offset(partners: list[tuple[Track, Track]]) -> Offset | None:
+    """Between the controllers' clocks: from the pair that has most states, of those in which something moved."""
+    found = [(find_offset(a, b), min(len(a.times_s), len(b.times_s)))
+             for a, b in partners if a.robot_time and b.robot_time]  # fmt: skip
+    return max(found, key=lambda one: (bool(one[0].by), one[1]))[0] if found else None
+
+
+def _offset(first: Track, second: Track, common: Offset | None) -> Offset:
+    if common is not None and first.robot_time and second.robot_time:
+        return common
+    return find_offset(first, second)

@@ -1,0 +1,176 @@
+"""Ports that answer requests, played from a recording: the dashboard, interpreter mode, grippers, Modbus."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+from client.decoding.modbus import FRAMING as MODBUS
+from client.traffic.players import UnansweredError, cut
+from client.traffic.recording import Conversation, Piece
+from urproto import dashboard
+from urproto.errors import RemoteProtocolError
+
+__all__ = ["Dialogue", "Requests", "answer_dashboard", "answer_line", "answer_modbus", "cut_frames", "cut_lines",
+           "line_requests", "modbus_requests"]  # fmt: skip
+
+_LONGEST_LINE: Final = 1 << 20  # bytes of a request without an end
+
+CutRequests = Callable[[bytearray], Iterator[bytes]]
+
+
+@dataclass(slots=True)
+class Requests:
+    """The requests of a recording's connections to one port, in order, with their answers; shared by all clients.
+
+    An answer is that of the next time the request was made, in the recording. After the last such time it stays as it
+    was then, or with ``loop`` begins again with the first.
+    """
+
+    loop: bool = False
+    _pairs: list[tuple[bytes, bytes]] = field(default_factory=list)
+    _position: int = 0
+
+    def add(self, request: bytes, answer: bytes) -> None:
+        """A recorded pair."""
+        self._pairs.append((request, answer))
+
+    def answer(self, request: bytes) -> bytes | None:
+        """None when this was never asked."""
+        places = [place for place, (asked, _) in enumerate(self._pairs) if asked == request]
+        if not places:
+            return None
+        later = next((place for place in places if place >= self._position), None)
+        place = later if later is not None else places[0 if self.loop else -1]
+        if later is not None or self.loop:
+            self._position = place + 1
+        return self._pairs[place][1]
+
+
+class Dialogue:
+    """Greets, then answers. ``unknown``: the robot's own way to say no to a request; raises UnansweredError."""
+
+    def __init__(
+        self, greeting: bytes, requests: Requests, cut: CutRequests, answer: Callable[[Requests, bytes], bytes]
+    ) -> None:
+        self._greeting = greeting
+        self._requests = requests
+        self._cut = cut
+        self._answer = answer
+        self._buffer = bytearray()
+
+    def begin(self, now_s: float) -> None:
+        """Nothing depends on the time."""
+
+    def take(self, data: bytes, now_s: float) -> bytes:
+        """The answers to the requests these bytes complete."""
+        self._buffer += data
+        return b"".join(self._answer(self._requests, request) for request in self._cut(self._buffer))
+
+    def due(self, now_s: float) -> bytes:
+        """The greeting, once."""
+        greeting, self._greeting = self._greeting, b""
+        return greeting
+
+    @property
+    def next_s(self) -> float | None:
+        """Nothing comes without a request."""
+        return None
+
+    @property
+    def over(self) -> bool:
+        """The client ends it."""
+        return False
+
+
+def cut_lines(buffer: bytearray) -> Iterator[bytes]:
+    """Lines with their ends, off the front of a buffer. Raises RemoteProtocolError for an endless one."""
+    while (end := buffer.find(b"\n") + 1) > 0:
+        yield bytes(buffer[:end])
+        del buffer[:end]
+    if len(buffer) > _LONGEST_LINE:
+        raise RemoteProtocolError(f"a line of more than {_LONGEST_LINE} bytes")
+
+
+def line_requests(conversations: Iterable[Conversation], loop: bool) -> tuple[bytes, Requests]:
+    """The greeting of a port that speaks in lines, and what it answered."""
+    greeting, requests = b"", Requests(loop)
+    for one in conversations:
+        hello, pairs = _line_pairs(one.pieces)
+        greeting = greeting or hello
+        for line, answer in pairs:
+            requests.add(_bare(line), answer)
+    return greeting, requests
+
+
+def _line_pairs(pieces: Iterable[Piece]) -> tuple[bytes, list[tuple[bytes, bytes]]]:
+    """The n-th line is answered by the n-th answer; without as many, by what came until the next line."""
+    greeting, requests, near, buffer = b"", list[bytes](), list[bytes](), bytearray()
+    for piece in pieces:
+        if piece.from_server and not requests:
+            greeting += piece.data
+        elif piece.from_server:
+            near[-1] += piece.data
+        else:
+            buffer += piece.data
+            for line in cut_lines(buffer):
+                requests.append(line)
+                near.append(b"")
+    answers = b"".join(near).splitlines(keepends=True)
+    return greeting, list(zip(requests, answers if len(answers) == len(requests) else near, strict=True))
+
+
+def _bare(line: bytes) -> bytes:
+    return line.strip()
+
+
+def answer_line(requests: Requests, line: bytes) -> bytes:
+    """Of any port that speaks in lines."""
+    answer = requests.answer(_bare(line))
+    if answer is None:
+        raise UnansweredError(line.strip().decode("utf-8", "replace"))
+    return answer
+
+
+def answer_dashboard(requests: Requests, line: bytes) -> bytes:
+    """The dashboard has words for what it does not know."""
+    answer = requests.answer(_bare(line))
+    if answer is None:
+        return dashboard.encode_line(dashboard.not_understood(line.strip().decode("utf-8", "replace")))
+    return answer
+
+
+# Modbus: the same, whatever the number of a transaction
+
+_NUMBER: Final = 2  # bytes of it
+_UNIT_AND_FUNCTION: Final = slice(6, 8)
+_NO_SUCH_ADDRESS: Final = 2
+
+
+def cut_frames(buffer: bytearray) -> Iterator[bytes]:
+    """Modbus frames off the front of a buffer. Raises RemoteProtocolError."""
+    return cut(buffer, MODBUS)
+
+
+def modbus_requests(conversations: Iterable[Conversation], loop: bool) -> Requests:
+    """What was asked, without its number, and the answer."""
+    requests = Requests(loop)
+    for one in conversations:
+        asked: dict[bytes, bytes] = {}
+        buffers = {True: bytearray(), False: bytearray()}
+        for piece in one.pieces:
+            buffers[piece.from_server] += piece.data
+            for frame in cut_frames(buffers[piece.from_server]):
+                if not piece.from_server:
+                    asked[frame[:_NUMBER]] = frame
+                elif frame[:_NUMBER] in asked:
+                    requests.add(asked.pop(frame[:_NUMBER])[_NUMBER:], frame[_NUMBER:])
+    return requests
+
+
+def answer_modbus(requests: Requests, frame: bytes) -> bytes:
+    """What was never read is no address of this robot."""
+    answer = requests.answer(frame[_NUMBER:])
+    if answer is None:
+        unit, function = frame[_UNIT_AND_FUNCTION]
+        answer = bytes((0, 0, 0, 3, unit, function | 0x80, _NO_SUCH_ADDRESS))
+    return frame[:_NUMBER] + answer

@@ -1,0 +1,106 @@
+"""The messages of two recordings held against each other: what was said, in which order, without the states."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+from typing import Final
+
+from client.decoding.codecs import CODECS, Codec, Side, codec_of_port
+from client.traffic.ports import port_name
+from client.traffic.recording import Conversation, Recording
+
+__all__ = ["Parting", "Talk", "compare_messages", "messages_of"]
+
+_STATES = re.compile(r"(state:|state of |data \d+: |data: |input \d+: )")  # compared as tracks, or by nobody
+_TIMES = re.compile(r"\btimestamp_us=\S+ ?")
+_ANSWERING: Final = ("dashboard", "rtde", "interpreter", "modbus", "gripper")  # each answer belongs to its request
+_MOST_COMPARED: Final = 4000  # messages of a connection: the comparison's time grows with their square
+_LONGEST: Final = 400  # characters of a message
+
+
+@dataclass(frozen=True, slots=True)
+class Parting:
+    """Messages that one side has where the other has others. after: the last one that both have; index: its number."""
+
+    index: int
+    after: str
+    first: tuple[str, ...]
+    second: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Talk:
+    """A connection of each recording. name: which one; count: messages in each; partings: where they differ."""
+
+    name: str
+    counts: tuple[int, int]
+    partings: tuple[Parting, ...]
+    cut: bool = False
+
+
+def compare_messages(first: Recording, second: Recording) -> Iterator[Talk]:
+    """The n-th connection to a port is held against the other recording's n-th."""
+    for port in sorted({*first.ports, *second.ports}):
+        mine, other = first.on_port(port), second.on_port(port)
+        if len(mine) != len(other):
+            counts = (len(mine), len(other))
+            had = [f"{count} connection{'s' * (count != 1)}" for count in counts]
+            yield Talk(port_name(port), counts, (Parting(0, "", (had[0],), (had[1],)),))
+        for number, (one, another) in enumerate(zip(mine, other, strict=False), 1):
+            name = port_name(port) + (f", connection {number}" if max(len(mine), len(other)) > 1 else "")
+            yield from _compare(name, one, another)
+
+
+def _compare(name: str, first: Conversation, second: Conversation) -> Iterator[Talk]:
+    codec = codec_of_port(first.port) or CODECS["bytes"]
+    mine, other = messages_of(first), messages_of(second)
+    if codec.name in _ANSWERING:
+        yield _talk(name, _without_repetitions(mine, 2), _without_repetitions(other, 2))
+        return
+    for mark, who in (("<", "from the server"), (">", "from the client")):
+        parts = [[text for text in texts if text[0] == mark] for texts in (mine, other)]
+        if any(parts):
+            yield _talk(f"{name}, {who}", *(_without_repetitions(part, 1) for part in parts))
+
+
+def _talk(name: str, first: list[str], second: list[str]) -> Talk:
+    cut = max(len(first), len(second)) > _MOST_COMPARED
+    mine, other = first[:_MOST_COMPARED], second[:_MOST_COMPARED]
+    return Talk(name, (len(first), len(second)), tuple(_partings(mine, other)), cut)
+
+
+def _partings(first: list[str], second: list[str]) -> Iterator[Parting]:
+    for kind, begin, end, other_begin, other_end in SequenceMatcher(None, first, second, autojunk=False).get_opcodes():
+        if kind != "equal":
+            after = first[begin - 1] if begin else ""
+            yield Parting(begin, after, tuple(first[begin:end]), tuple(second[other_begin:other_end]))
+
+
+def messages_of(conversation: Conversation) -> list[str]:
+    """Texts of the messages, as ``ur-client decode`` has them: ``>`` is the client's, ``<`` the server's."""
+    codec = codec_of_port(conversation.port) or CODECS["bytes"]
+    channel = codec.open()
+    streams = {True: channel.stream(_side(codec, True), codec.usual)}
+    streams[False] = channel.stream(_side(codec, False), codec.usual)
+    found: list[str] = []
+    for piece in conversation.pieces:
+        stream = streams[piece.from_server]
+        lines = stream.feed(piece.data) if piece.data else stream.end()
+        mark = "< " if piece.from_server else "> "
+        found += [mark + _TIMES.sub("", line.text)[:_LONGEST] for line in lines if not _STATES.match(line.text)]
+    return found
+
+
+def _side(codec: Codec, from_server: bool) -> Side:
+    return codec.server if from_server else next(side for side in Side if side is not codec.server)
+
+
+def _without_repetitions(texts: list[str], length: int) -> list[str]:
+    """Each run of ``length`` messages once that is said again and again: how often somebody asks is chance."""
+    kept: list[str] = []
+    for text in texts:
+        kept.append(text)
+        if kept[-length:] == kept[-2 * length : -length]:
+            del kept[-length:]
+    return kept

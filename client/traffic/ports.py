@@ -1,0 +1,64 @@
+"""The ports of a controller, and those of a driver that its programs connect to."""
+
+from collections.abc import Iterable, Iterator
+from difflib import get_close_matches
+
+from client.decoding.codecs import Side, codec_of_port
+from client.tool_communication import PORT as TOOL_LINE
+from urproto.errors import LocalProtocolError
+
+__all__ = ["DRIVER_PORTS", "ROBOT_PORTS", "choose_ports", "is_traffic", "port_name", "server_is_robot"]
+
+ROBOT_PORTS = {
+    "dashboard": 29999,
+    "primary": 30001,
+    "secondary": 30002,
+    "realtime": 30003,
+    "rtde": 30004,
+    "primary read-only": 30011,
+    "secondary read-only": 30012,
+    "realtime read-only": 30013,
+    "interpreter": 30020,
+    "modbus": 502,
+    "gripper": 63352,
+    "tool line": TOOL_LINE,
+}
+DRIVER_PORTS = {"reverse": 50001, "script-sender": 50002, "trajectory": 50003, "script-command": 50004}
+_NAMES = {port: name for name, port in (ROBOT_PORTS | DRIVER_PORTS).items()}
+
+
+def is_traffic(port: int) -> bool:
+    """Whether a robot or its driver usually listens there."""
+    return port in _NAMES
+
+
+def port_name(port: int) -> str:
+    """A port's name, its number when it has none."""
+    return _NAMES.get(port, str(port))
+
+
+def server_is_robot(port: int) -> bool:
+    """Whether the robot is the one that listens there."""
+    codec = codec_of_port(port)
+    return codec is None or codec.server is Side.ROBOT
+
+
+def choose_ports(wanted: Iterable[str]) -> dict[str, int]:
+    """Ports by name or number, all of a robot's when none is named. Raises LocalProtocolError for others."""
+    chosen = {port_name(port): port for port in map(_port, _split(wanted))}
+    return chosen or dict(ROBOT_PORTS)
+
+
+def _split(wanted: Iterable[str]) -> Iterator[str]:
+    for text in wanted:
+        yield from (part.strip() for part in text.split(",") if part.strip())
+
+
+def _port(text: str) -> int:
+    if text in ROBOT_PORTS:
+        return ROBOT_PORTS[text]
+    if text.isdecimal() and 0 < int(text) < 1 << 16:
+        return int(text)
+    close = get_close_matches(text, ROBOT_PORTS, 1)
+    hint = f"did you mean {close[0]}?" if close else f"a robot has {', '.join(ROBOT_PORTS)}; or give a number"
+    raise LocalProtocolError(f"{text!r} is no port of a robot: {hint}")

@@ -1,0 +1,235 @@
+"""A proxy for every port of a robot, that lets whoever records see what it carries.
+
+    async with Proxy("192.168.56.101", robot_routes(listen="127.0.0.1"), recorder) as proxy:
+        await asyncio.Event().wait()
+
+A client of the proxy gets a connection of its own to the robot. What one end sends goes to the other unchanged;
+an end that sends nothing more, or breaks off, looks so to the other one; an end that does not read stops the other
+one's sending, and nobody else's. A port that the robot does not offer is closed here too, until it does.
+"""
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Callable, Iterable
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from client.errors import RobotUnreachableError
+from client.traffic.identity import ask_identity
+from client.traffic.ports import DRIVER_PORTS, ROBOT_PORTS
+from client.traffic.recorder import FLUSH_S, Recorder
+from client.traffic.relay import DIAL_S, Relay, reason_of
+from urproto.errors import LocalProtocolError
+
+__all__ = ["Proxy", "Route", "driver_routes", "record", "robot_routes"]
+
+_LAST_PORT: Final = 65535
+_LOOK_AGAIN_S: Final = 2.0  # how often a port that was closed is tried (guess)
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """Where one port of the proxy leads.
+
+    port: the usual one of what it carries, by which it is recorded. listen, listen_port: where the proxy is; 0 is
+    any port. host, target: where it leads. mirrored: the port is closed here while it is closed there; else it is
+    always open and never tried, since some servers take a connection that ends at once for a loss.
+    """
+
+    name: str
+    port: int
+    listen: str
+    listen_port: int
+    host: str
+    target: int
+    mirrored: bool = True
+
+
+def robot_routes(
+    robot: str,
+    listen: str = "127.0.0.1",
+    ports: Iterable[tuple[str, int]] = ROBOT_PORTS.items(),
+    *,
+    port_offset: int = 0,
+    listen_offset: int = 0,
+) -> list[Route]:
+    """The ports of a robot. The offsets are what is added to the usual numbers there and here.
+
+    Raises LocalProtocolError when that is no port number.
+    """
+    routes = [Route(name, port, listen, port + listen_offset, robot, port + port_offset) for name, port in ports]
+    for route in routes:
+        for port in (route.listen_port, route.target):
+            if not 0 < port <= _LAST_PORT:
+                raise LocalProtocolError(f"{route.name} would be on port {port}: choose another offset")
+    return routes
+
+
+def driver_routes(driver: str, listen: str) -> list[Route]:
+    """The ports of a driver, for the programs of a robot that are told to connect to ``listen``."""
+    return [Route(name, port, listen, port, driver, port, mirrored=False) for name, port in DRIVER_PORTS.items()]
+
+
+class Proxy:
+    """The routes, open while the context is entered. ``say`` is told in words what a user should know.
+
+    not_open: why a port cannot be listened on here, by its route's name.
+    """
+
+    def __init__(
+        self,
+        routes: Iterable[Route],
+        recorder: Recorder | None = None,
+        say: Callable[[str], None] = _logger.info,
+    ) -> None:
+        self.routes = {route.name: route for route in routes}
+        self.not_open: dict[str, str] = {}
+        self._recorder = recorder
+        self._say = say
+        self._servers: dict[str, asyncio.Server] = {}
+        self._ports: dict[str, int] = {}
+        self._told: set[str] = set()
+        self._relays: set[Relay] = set()
+        self._tasks: list[asyncio.Task[None]] = []
+
+    @property
+    def ports(self) -> dict[str, int]:
+        """The port of this machine for each route that is open now."""
+        return {name: self._ports[name] for name in self._servers}
+
+    async def __aenter__(self) -> Self:
+        """Raises RobotUnreachableError when none of the ports is offered, OSError when none can be listened on."""
+        try:
+            await self._look(self.routes.values())
+            self._check()
+            self._tasks = [asyncio.create_task(self._keep_looking())]
+            if self._recorder is not None:
+                self._tasks.append(asyncio.create_task(self._keep_flushing(self._recorder)))
+        except BaseException:
+            await self._close()
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self._close()
+
+    async def _close(self) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for name in list(self._servers):
+            self._shut(name)
+        relays = list(self._relays)
+        for relay in relays:
+            relay.close()
+        await asyncio.gather(*(relay.over.wait() for relay in relays))
+        if self._recorder is not None:
+            self._recorder.flush()
+
+    def _check(self) -> None:
+        if self._servers:
+            return
+        if self.not_open:
+            raise OSError("; ".join(dict.fromkeys(self.not_open.values())))
+        route = next(iter(self.routes.values()))
+        ports = ", ".join(str(route.target) for route in self.routes.values())
+        raise RobotUnreachableError(route.host, route.target, f"nor to any other of the ports {ports}")
+
+    # which ports are open
+
+    async def _keep_looking(self) -> None:
+        while True:
+            await asyncio.sleep(_LOOK_AGAIN_S)
+            closed = self.routes.keys() - self._servers.keys() - self.not_open.keys()
+            await self._look(self.routes[name] for name in sorted(closed))
+
+    async def _look(self, routes: Iterable[Route]) -> None:
+        await asyncio.gather(*(self._open_if_offered(route) for route in routes))
+
+    async def _open_if_offered(self, route: Route) -> None:
+        refusal = await _refusal(route) if route.mirrored else None
+        if refusal is None:
+            await self._open(route)
+        else:
+            self._tell_refused(route, refusal)
+
+    def _tell_refused(self, route: Route, reason: str) -> None:
+        if route.name not in self._told:
+            self._told.add(route.name)
+            self._say(f"{route.name}: {route.host}:{route.target} is not there ({reason}); closed here as well")
+
+    async def _open(self, route: Route) -> None:
+        loop = asyncio.get_running_loop()
+        port = self._ports.get(route.name, route.listen_port)
+        try:
+            server = await loop.create_server(lambda: self._accept(route), route.listen, port)
+        except OSError as error:
+            self.not_open[route.name] = f"{route.name}: cannot listen on {route.listen}:{port} ({reason_of(error)})"
+            self._say(self.not_open[route.name])
+            return
+        self._servers[route.name] = server
+        self._ports[route.name] = server.sockets[0].getsockname()[1]
+        if route.name in self._told:
+            self._told.discard(route.name)
+            self._say(f"{route.name}: {route.host}:{route.target} is there now")
+
+    def _shut(self, name: str) -> None:
+        self._servers.pop(name).close()
+
+    # connections
+
+    def _accept(self, route: Route) -> asyncio.BaseProtocol:
+        def over(relay: Relay) -> None:
+            self._relays.discard(relay)
+            if relay.refusal is not None:
+                self._tell_refused(route, relay.refusal)
+                if route.mirrored and route.name in self._servers:
+                    self._shut(route.name)
+
+        relay = Relay(route.host, route.target, route.port, self._recorder, over)
+        self._relays.add(relay)
+        return relay.client
+
+    async def _keep_flushing(self, recorder: Recorder) -> None:
+        while True:
+            await asyncio.sleep(FLUSH_S)
+            recorder.flush()
+
+
+async def _refusal(route: Route) -> str | None:
+    """Why a port cannot be connected to; None when it can."""
+    try:
+        async with asyncio.timeout(DIAL_S):
+            _, writer = await asyncio.open_connection(route.host, route.target)
+    except OSError as error:  # TimeoutError is one
+        return reason_of(error)
+    writer.close()
+    with suppress(OSError):
+        await writer.wait_closed()
+    return None
+
+
+@asynccontextmanager
+async def record(
+    robot: str,
+    path: Path,
+    listen: str = "127.0.0.1",
+    *,
+    port_offset: int = 0,
+    say: Callable[[str], None] = _logger.info,
+) -> AsyncIterator[Proxy]:
+    """A proxy of all ports of a robot that records to ``path``. Raises RecordingError, RobotUnreachableError."""
+    comments = await ask_identity(robot, port_offset)
+    recorder = Recorder(path, comments, trouble=say)
+    try:
+        async with Proxy(robot_routes(robot, listen, port_offset=port_offset), recorder, say) as proxy:
+            yield proxy
+    finally:
+        recorder.close()

@@ -1,0 +1,264 @@
+"""A recording as a robot: clients connect to it as to the one that was recorded.
+
+    async with ReplayRobot(Recording.read(Path("robot.pcapng")), "127.0.0.1") as robot:
+        await robot.played.wait()
+
+It listens on the ports that have connections in the recording. What it was never asked it cannot answer: the
+dashboard then says that it does not understand, Modbus that there is no such address, and others close; ``say`` tells.
+"""
+
+import asyncio
+import logging
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from itertools import cycle
+from types import TracebackType
+from typing import Final, Self, TypeVar
+
+from client.decoding.states import PRIMARY, REALTIME
+from client.decoding.streams import Framing
+from client.errors import RecordingError
+from client.traffic.dialogues import (
+    Dialogue,
+    answer_dashboard,
+    answer_line,
+    answer_modbus,
+    cut_frames,
+    cut_lines,
+    line_requests,
+    modbus_requests,
+)
+from client.traffic.players import Broadcast, InOrder, Player, Script, Timing, UnansweredError
+from client.traffic.ports import port_name, server_is_robot
+from client.traffic.recording import Conversation, Recording
+from client.traffic.relay import reason_of
+from client.traffic.rtde_log import RTDELog
+from client.traffic.rtde_player import RTDELibrary, RTDEPlayer
+from urproto.errors import LocalProtocolError, ProtocolError
+from urproto.versions import PolyscopeVersion
+
+__all__ = ["ReplayRobot"]
+
+_logger = logging.getLogger(__name__)
+
+MakePlayer = Callable[[], Player]
+Recorded = TypeVar("Recorded")
+_VERSION: Final = "PolyScope: "
+_FRAMINGS: Final[dict[int, Framing]] = {30001: PRIMARY, 30002: PRIMARY, 30011: PRIMARY, 30012: PRIMARY,
+                                        30003: REALTIME, 30013: REALTIME}  # fmt: skip
+_MOST_AT_ONCE_S: Final = 1.0  # of silence, then the clock is looked at again
+
+
+class ReplayRobot:
+    """The ports of a recording, open while the context is entered.
+
+    speed: recorded seconds a second; loop: states begin again at their end, instead of closing the connection.
+    port_offset is added to each usual port; free_ports takes any that are free instead. ports: those it listens on, by
+    name. not_open: why one cannot be listened on. played: set when a connection has got all its states.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        listen: str = "127.0.0.1",
+        *,
+        speed: float = 1.0,
+        loop: bool = False,
+        port_offset: int = 0,
+        free_ports: bool = False,
+        say: Callable[[str], None] = _logger.info,
+    ) -> None:
+        if not 0.0 < speed < math.inf:
+            raise LocalProtocolError(f"a recording cannot be played {speed} times as fast: give a positive number")
+        self.ports: dict[str, int] = {}
+        self.not_open: dict[str, str] = {}
+        self.played = asyncio.Event()
+        self._listen = listen
+        self._port_offset = port_offset
+        self._free_ports = free_ports
+        self._say = say
+        self._told: Counter[str] = Counter()
+        self._makers = _makers(recording, Timing(speed, loop), say)
+        self._servers: list[asyncio.Server] = []
+        self._connections: set[_Connection] = set()
+
+    async def __aenter__(self) -> Self:
+        """Open the ports. Raises OSError when none of them can be."""
+        try:
+            for port, make in self._makers.items():
+                await self._open(port, make)
+            if not self._servers:
+                raise OSError("; ".join(self.not_open.values()))
+        except BaseException:
+            await self._close()
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self._close()
+
+    async def _open(self, port: int, make: MakePlayer) -> None:
+        wanted = 0 if self._free_ports else port + self._port_offset
+        loop = asyncio.get_running_loop()
+        name = port_name(port)
+        try:
+            server = await loop.create_server(lambda: self._accept(name, make), self._listen, wanted)
+        except OSError as error:
+            self.not_open[name] = f"{name}: cannot listen on {self._listen}:{wanted} ({reason_of(error)})"
+            self._say(self.not_open[name])
+            return
+        self._servers.append(server)
+        self.ports[name] = server.sockets[0].getsockname()[1]
+
+    async def _close(self) -> None:
+        for server in self._servers:
+            server.close()
+        connections = list(self._connections)
+        for connection in connections:
+            connection.abort()
+        await asyncio.gather(*(connection.lost.wait() for connection in connections))
+
+    def _accept(self, name: str, make: MakePlayer) -> asyncio.BaseProtocol:
+        connection = _Connection(name, make(), self._ended)
+        self._connections.add(connection)
+        return connection
+
+    def _ended(self, connection: "_Connection") -> None:
+        self._connections.discard(connection)
+        if connection.played:
+            self.played.set()
+        if connection.trouble and not self._told[connection.trouble]:
+            self._told[connection.trouble] += 1
+            self._say(f"{connection.name}: {connection.trouble}; the connection was closed")
+
+
+class _Connection(asyncio.Protocol):
+    """A client's. trouble: why it was closed; played: all was sent; lost: set at the end."""
+
+    def __init__(self, name: str, player: Player, ended: Callable[["_Connection"], None]) -> None:
+        self.name = name
+        self.trouble = ""
+        self.played = False
+        self.lost = asyncio.Event()
+        self._player = player
+        self._ended = ended
+        self._transport: asyncio.Transport | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._held = False
+        self._loop = asyncio.get_running_loop()
+
+    def abort(self) -> None:
+        """End it at once."""
+        if self._transport is not None:
+            self._transport.abort()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self._player.begin(self._loop.time())
+        self._go_on()
+
+    def data_received(self, data: bytes) -> None:
+        if self._transport is None or self._transport.is_closing():
+            return
+        try:
+            self._transport.write(self._player.take(data, self._loop.time()))
+        except UnansweredError as error:
+            self._give_up(f"the recording has no answer to {error}")
+        except ProtocolError as error:
+            self._give_up(f"what the client sent is no request: {error}")
+        else:
+            self._go_on()
+
+    def pause_writing(self) -> None:
+        self._held = True
+
+    def resume_writing(self) -> None:
+        self._held = False
+        self._go_on()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._transport = None
+        self._cancel()
+        self.lost.set()
+        self._ended(self)
+
+    def _give_up(self, trouble: str) -> None:
+        self.trouble = trouble
+        if self._transport is not None:
+            self._transport.close()
+
+    def _go_on(self) -> None:
+        """Send what is due, and come back when there is more."""
+        self._cancel()
+        if self._transport is None or self._transport.is_closing() or self._held:
+            return
+        now_s = self._loop.time()
+        self._transport.write(self._player.due(now_s))
+        if self._player.over:
+            self.played = True
+            self._transport.close()
+        elif (next_s := self._player.next_s) is not None:
+            self._timer = self._loop.call_at(min(next_s, now_s + _MOST_AT_ONCE_S), self._go_on)
+
+    def _cancel(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+
+# which player for which port
+
+
+def _makers(recording: Recording, timing: Timing, say: Callable[[str], None]) -> dict[int, MakePlayer]:
+    makers: dict[int, MakePlayer] = {}
+    for port in recording.ports:
+        conversations = recording.on_port(port)
+        if not server_is_robot(port):
+            say(f"{port_name(port)}: left out, there the robot is the client; replay has no driver to connect to")
+            continue
+        try:
+            makers[port] = _maker(port, conversations, timing, recording, say)
+        except ProtocolError as error:
+            say(f"{port_name(port)}: left out, its recording cannot be read: {error}")
+    if not makers:
+        raise RecordingError(recording.path, "has no port of a robot to replay")
+    return makers
+
+
+def _maker(
+    port: int, conversations: list[Conversation], timing: Timing, recording: Recording, say: Callable[[str], None]
+) -> MakePlayer:
+    name = port_name(port)
+    if port in _FRAMINGS:
+        scripts = [Script.of(one, _FRAMINGS[port]) for one in conversations]
+        return _in_turn(scripts, lambda script: Broadcast(script, timing))
+    if name == "rtde":
+        library = RTDELibrary(map(RTDELog, conversations), _version(recording.comments), say)
+        return lambda: RTDEPlayer(library, timing)
+    if name == "modbus":
+        requests = modbus_requests(conversations, timing.loop)
+        return lambda: Dialogue(b"", requests, cut_frames, answer_modbus)
+    if name in ("dashboard", "interpreter", "gripper"):
+        greeting, lines = line_requests(conversations, timing.loop)
+        answer = answer_dashboard if name == "dashboard" else answer_line
+        return lambda: Dialogue(greeting, lines, cut_lines, answer)
+    return _in_turn(conversations, lambda one: InOrder(one, timing))
+
+
+def _in_turn(recorded: Sequence[Recorded], play: Callable[[Recorded], Player]) -> MakePlayer:
+    """The n-th client gets the n-th recorded connection; after the last one the first again."""
+    turns = cycle(recorded)
+    return lambda: play(next(turns))
+
+
+def _version(comments: Iterable[str]) -> PolyscopeVersion | None:
+    for comment in comments:
+        try:
+            return PolyscopeVersion.parse(comment.partition(_VERSION)[2])
+        except ValueError:
+            continue
+    return None

@@ -1,0 +1,152 @@
+"""A comparison in words, as Markdown: to be read in a terminal, and pasted into an issue."""
+
+from collections.abc import Iterable, Iterator
+
+from client.decoding import show
+from client.traffic.compare import Comparison, Source
+from client.traffic.messages import Parting, Talk
+from client.traffic.tracks import base_name
+from client.traffic.trajectories import Difference, TrackPair
+
+__all__ = ["report"]
+
+_ROWS = 15  # of a table
+_PARTINGS = 3  # told of a connection
+_MESSAGES = 3  # told of a place
+_NAMES = 20
+_EXACTLY = 1e-3  # stands for the tolerance of what has none, such as modes
+
+
+def report(comparison: Comparison) -> str:
+    """The whole text."""
+    return "\n".join(_report(comparison)) + "\n"
+
+
+def _report(comparison: Comparison) -> Iterator[str]:
+    yield f"## {'No differences' if comparison.same else 'The recordings differ'}"
+    yield ""
+    yield from _source("A", comparison.first)
+    yield from _source("B", comparison.second)
+    yield from _first_parting(comparison)
+    yield from _states(comparison)
+    yield from _talks(comparison.talks)
+
+
+def _source(name: str, source: Source) -> Iterator[str]:
+    remarks = f" ({show.escaped('; '.join(source.remarks))})" if source.remarks else ""
+    yield f"- {name}: {show.escaped(source.path.name)}{remarks}"
+    for trouble in source.troubles:
+        yield f"  - ! {show.escaped(trouble)}"
+
+
+def _first_parting(comparison: Comparison) -> Iterator[str]:
+    if comparison.differences:
+        pair, first = comparison.differences[0]
+        moment, unit = first.begins, f" {first.unit}" if first.unit else ""
+        yield ""
+        yield (
+            f"**They part {moment.time_s:.3f} s after A began, in `{first.column}`**: "
+            f"A {moment.first:.6g}{unit}, B {moment.second:.6g}{unit} ({pair.first.label})."
+        )
+
+
+# states
+
+
+def _states(comparison: Comparison) -> Iterator[str]:
+    yield ""
+    yield "### States"
+    yield ""
+    if not comparison.pairs:
+        yield "Nothing to compare."
+    for pair in comparison.pairs:
+        yield from _pair(pair)
+    for which, label in comparison.unpaired:
+        yield f"- only {which} has {label}"
+    if comparison.differences:
+        yield from _table(comparison)
+
+
+def _pair(pair: TrackPair) -> Iterator[str]:
+    yield (
+        f"- {pair.first.label}: {pair.states} states over {pair.seconds:.1f} s, {pair.columns} columns, "
+        f"{len(pair.differences)} beyond their tolerance; {_offset(pair)}"
+    )
+    for which, names in (("A", pair.only_first), ("B", pair.only_second)):
+        if names:
+            yield f"  - only {which} has {', '.join(names[:_NAMES])}{_more(len(names) - _NAMES)}"
+    if not pair.states:
+        yield "  - ! the two have no moment in common; --offset sets how they belong together"
+
+
+def _offset(pair: TrackPair) -> str:
+    clock = f"B's clock is {pair.offset.seconds:+.3f} s against A's"
+    return f"{clock}, by {', '.join(pair.offset.by)}" if pair.offset.by else f"{clock}, as nothing moved to tell it"
+
+
+def _table(comparison: Comparison) -> Iterator[str]:
+    """The element of each field that is furthest beyond its tolerance, of the first pair that has the field."""
+    worst: dict[tuple[str, str], Difference] = {}
+    for pair in comparison.pairs:
+        found: dict[tuple[str, str], Difference] = {}
+        for one in sorted(pair.differences, key=_severity):
+            found[pair.first.source, base_name(one.column)] = one
+        worst = found | worst
+    rows = sorted(worst.items(), key=lambda item: _severity(item[1]), reverse=True)
+    yield ""
+    yield "| interface | column | unit | tolerance | largest | at [s] | A | B | from [s] | states |"
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+    for (source, _), one in rows[:_ROWS]:
+        at = one.largest
+        yield (
+            f"| {source} | {one.column} | {one.unit} | {one.tolerance:g} | {one.size:.4g} | {at.time_s:.3f} | "
+            f"{at.first:.6g} | {at.second:.6g} | {one.begins.time_s:.3f} | {one.share:.1%} |"
+        )
+    if len(rows) > _ROWS:
+        yield ""
+        yield f"And {len(rows) - _ROWS} more fields."
+
+
+def _severity(difference: Difference) -> float:
+    return difference.size / (difference.tolerance or _EXACTLY)
+
+
+def _more(count: int) -> str:
+    return f", and {count} more" if count > 0 else ""
+
+
+# messages
+
+
+def _talks(talks: Iterable[Talk]) -> Iterator[str]:
+    found = list(talks)
+    if not found:
+        return
+    yield ""
+    yield "### Messages"
+    yield ""
+    for talk in found:
+        yield f"- {talk.name}: {_verdict(talk)}"
+        for parting in talk.partings[:_PARTINGS]:
+            yield from _parting(parting)
+        if len(talk.partings) > _PARTINGS:
+            yield f"  - and {len(talk.partings) - _PARTINGS} more places"
+
+
+def _verdict(talk: Talk) -> str:
+    cut = ", of which the first ones were compared" if talk.cut else ""
+    if not talk.partings:
+        return f"the same, {talk.counts[0]} messages{cut}"
+    places = len(talk.partings)
+    return f"they differ in {places} place{'s' * (places != 1)} ({talk.counts[0]} in A, {talk.counts[1]} in B{cut})"
+
+
+def _parting(parting: Parting) -> Iterator[str]:
+    yield f"  - after {_code(parting.after)}" if parting.after else "  - at the beginning"
+    for which, texts in (("A", parting.first), ("B", parting.second)):
+        told = "; ".join(_code(text) for text in texts[:_MESSAGES]) or "nothing"
+        yield f"    - {which}: {told}{_more(len(texts) - _MESSAGES)}"
+
+
+def _code(text: str) -> str:
+    return f"`{text.replace('`', chr(39))}`"

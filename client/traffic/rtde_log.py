@@ -1,0 +1,145 @@
+"""What an RTDE connection of a recording agreed on, and the states that came then."""
+
+import struct
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from client.traffic.recording import Conversation
+from urproto.errors import RemoteProtocolError
+from urproto.rtde import codec
+from urproto.rtde.codec import PackageType
+from urproto.rtde.types import IN_USE, NOT_FOUND, FieldType
+from urproto.versions import PolyscopeVersion
+
+__all__ = ["Exchange", "Outputs", "RTDELog", "Row"]
+
+_TYPES = {kind.wire_name: kind for kind in FieldType}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """The data of one state, as it was sent. inputs: input packages the client had sent before."""
+
+    time_ns: int
+    data: bytes
+    inputs: int
+
+
+@dataclass(slots=True)
+class Outputs:
+    """A recipe of outputs, and its states."""
+
+    names: tuple[str, ...]
+    types: tuple[str, ...]
+    frequency_hz: float | None
+    rows: list[Row] = field(default_factory=list)
+
+    @property
+    def refused(self) -> bool:
+        """Whether the robot did not have it all, or said something no document knows."""
+        return len(self.names) != len(self.types) or any(kind not in _TYPES for kind in self.types)
+
+    @property
+    def size(self) -> int:
+        """Bytes of a state."""
+        return sum(_TYPES[kind].size for kind in self.types)
+
+    def unpack(self, data: bytes) -> dict[str, Any]:
+        """Values by name, vectors as tuples."""
+        kinds = [_TYPES[kind] for kind in self.types]
+        flat = struct.unpack(">" + "".join(kind.layout for kind in kinds), data)
+        values: dict[str, Any] = {}
+        place = 0
+        for name, kind in zip(self.names, kinds, strict=True):
+            values[name] = flat[place] if kind.count == 1 else flat[place : place + kind.count]
+            place += kind.count
+        return values
+
+
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """A request and its reply; protocol: the one both were written in."""
+
+    request: codec.Request
+    reply: codec.Reply
+    protocol: int
+
+
+class RTDELog:
+    """One connection, read. trouble: why it was read only up to some place, None otherwise."""
+
+    def __init__(self, conversation: Conversation) -> None:
+        self.exchanges: list[Exchange] = []
+        self.outputs: list[Outputs] = []
+        self.version: PolyscopeVersion | None = None
+        self.trouble: str | None = None
+        self._recipes: dict[int, Outputs] = {}
+        self._asked: deque[tuple[codec.Request, int]] = deque()
+        self._protocol = 1
+        self._inputs = 0
+        self._unnamed = 0
+        self._decoders = {True: codec.RTDEDecoder(), False: codec.RTDEDecoder()}
+        self._read(conversation)
+
+    def _read(self, conversation: Conversation) -> None:
+        try:
+            for piece in conversation.pieces:
+                packages = self._decoders[piece.from_server].feed(piece.data)
+                if piece.from_server:
+                    self._from_robot(packages, piece.time_ns)
+                else:
+                    self._from_client(packages)
+        except RemoteProtocolError as error:
+            self.trouble = str(error)
+        if self._unnamed and self.trouble is None:
+            self.trouble = f"{self._unnamed} states have no names: their set-up is not in the recording"
+
+    def _from_client(self, packages: Iterable[codec.Package]) -> None:
+        for package in packages:
+            request = codec.decode_request(package, self._protocol)
+            if isinstance(request, codec.InputData):
+                self._inputs += 1
+            elif not isinstance(request, codec.ClientMessage):
+                self._asked.append((request, package.type))
+
+    def _from_robot(self, packages: Iterable[codec.Package], time_ns: int) -> None:
+        for package in packages:
+            reply = codec.decode_reply(package, self._protocol)
+            if isinstance(reply, codec.OutputData):
+                self._state(reply, time_ns)
+            elif package.type != PackageType.TEXT_MESSAGE:
+                self._answer(reply, package.type)
+
+    def _state(self, state: codec.OutputData, time_ns: int) -> None:
+        recipe = self._recipes.get(state.recipe_id)
+        if recipe is None:
+            self._unnamed += 1
+        elif len(state.data) != recipe.size:
+            raise RemoteProtocolError(f"a state has {len(state.data)} bytes, its recipe {recipe.size}")
+        else:
+            recipe.rows.append(Row(time_ns, state.data, self._inputs))
+
+    def _answer(self, reply: codec.Reply, kind: int) -> None:
+        while self._asked:
+            request, asked_kind = self._asked.popleft()
+            if asked_kind == kind:
+                self.exchanges.append(Exchange(request, reply, self._protocol))
+                self._learn(request, reply)
+                return
+
+    def _learn(self, request: codec.Request, reply: codec.Reply) -> None:
+        match request, reply:
+            case codec.RequestProtocol(), codec.ProtocolReply(accepted=True):
+                self._protocol = request.version
+            case codec.GetVersion(), codec.VersionReply():
+                self.version = reply.version
+            case codec.SetupOutputs(), codec.SetupOutputsReply():
+                self._learn_recipe(Outputs(request.names, reply.types, request.frequency_hz), reply)
+
+    def _learn_recipe(self, outputs: Outputs, reply: codec.SetupOutputsReply) -> None:
+        if set(reply.types) & {NOT_FOUND, IN_USE} or outputs.refused:
+            return
+        self.outputs.append(outputs)
+        self._recipes[reply.recipe_id] = outputs

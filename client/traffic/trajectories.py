@@ -1,0 +1,148 @@
+"""Two tracks of states held against each other: field by field, at the same moments."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from client.traffic.align import Numbers, Offset, numbers
+from client.traffic.tolerances import IGNORED, Tolerances, unit_of
+from client.traffic.tracks import Track, base_name
+
+__all__ = ["Difference", "Moment", "TrackPair", "compare_tracks"]
+
+# Of the slower track: how far the moments of a change may lie apart, in what is smooth and in what switches (guesses).
+_SLACK_PERIODS: Final = {True: 0.5, False: 2.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """Values of one column. time_s: since the first recording's state track began [s]."""
+
+    time_s: float
+    first: float
+    second: float
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """A column that differs by more than its tolerance. share: of the states, 0..1; size: the largest difference."""
+
+    column: str
+    unit: str
+    tolerance: float
+    begins: Moment
+    largest: Moment
+    size: float
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class TrackPair:
+    """What was compared: so many states of two tracks, so many columns; what each has alone."""
+
+    first: Track
+    second: Track
+    offset: Offset
+    states: int
+    columns: int
+    only_first: tuple[str, ...]
+    only_second: tuple[str, ...]
+    differences: tuple[Difference, ...]
+
+    @property
+    def seconds(self) -> float:
+        """How long both recordings go on together."""
+        begin = max(self.first.times_s[0] + self.offset.seconds, self.second.times_s[0])
+        return max(0.0, min(self.first.times_s[-1] + self.offset.seconds, self.second.times_s[-1]) - begin)
+
+
+def compare_tracks(first: Track, second: Track, offset: Offset, tolerances: Tolerances) -> TrackPair:
+    """Every column both have, where both have states."""
+    matcher = _Matcher(first, second, offset.seconds)
+    shared = [name for name in first.columns if name in second.columns and base_name(name) not in IGNORED]
+    differences = tuple(_differences(first, second, shared, matcher, tolerances))
+    return TrackPair(
+        first, second, offset, matcher.states, len(shared), _alone(first, second), _alone(second, first), differences
+    )
+
+
+def _alone(track: Track, other: Track) -> tuple[str, ...]:
+    """Fields that the other track has not."""
+    return tuple(sorted({base_name(name) for name in track.columns if name not in other.columns}))
+
+
+def _differences(
+    first: Track, second: Track, names: list[str], matcher: "_Matcher", tolerances: Tolerances
+) -> Iterator[Difference]:
+    if not matcher.states:
+        return
+    for name in names:
+        a, b = numbers(first.columns[name]), numbers(second.columns[name])
+        integers = _are_integers(a) and _are_integers(b)
+        tolerance = tolerances.of(name, integers=integers)
+        gaps = matcher.gaps(a, b, smooth=not integers)
+        beyond = np.flatnonzero(gaps > tolerance)
+        if len(beyond):
+            worst = int(np.argmax(gaps))
+            begins, largest = (matcher.moment(index, a, b) for index in (int(beyond[0]), worst))
+            yield Difference(
+                name, unit_of(name), tolerance, begins, largest, float(gaps[worst]), len(beyond) / matcher.states
+            )
+
+
+def _are_integers(values: Numbers) -> bool:
+    known = values[np.isfinite(values)]
+    return bool((known == np.round(known)).all())
+
+
+class _Matcher:
+    """Which states of the second track are of the moment of each state of the first."""
+
+    def __init__(self, first: Track, second: Track, offset_s: float) -> None:
+        times, self._other = numbers(first.times_s), numbers(second.times_s)
+        self._begin = float(times[0])
+        moved = times + offset_s
+        self._inside = (moved >= self._other[0]) & (moved <= self._other[-1])
+        self._times = times[self._inside]
+        self._moved = moved[self._inside]
+        periods = [float(np.median(np.diff(each))) for each in (times, self._other)]
+        self._slack_s = {smooth: slack * max(periods) for smooth, slack in _SLACK_PERIODS.items()}
+        left = np.searchsorted(self._other, self._moved)
+        reach = int(np.ceil(max(self._slack_s.values()) / max(periods[1], 1e-6))) + 1
+        indices = (np.clip(left + shift, 0, len(self._other) - 1) for shift in range(-reach, reach + 1))
+        self._near = [(index, np.abs(self._other[index] - self._moved)) for index in indices]
+
+    @property
+    def states(self) -> int:
+        return len(self._times)
+
+    def gaps(self, a: Numbers, b: Numbers, *, smooth: bool) -> Numbers:
+        """How far each value of the first is outside of what the second has around that moment.
+
+        smooth: what a straight line between two states may miss counts too; at 10 Hz that is much.
+        """
+        mine = a[self._inside]
+        low = high = np.interp(self._moved, self._other, b)
+        missed = np.zeros(len(mine))
+        bends = _bends(b) if smooth else np.zeros(len(b))
+        for index, distance_s in self._near:
+            is_near = distance_s <= self._slack_s[smooth]
+            value = np.where(is_near, b[index], np.nan)
+            low, high = np.fmin(low, value), np.fmax(high, value)
+            missed = np.fmax(missed, np.where(distance_s <= self._slack_s[False], bends[index], 0.0))
+        gaps = np.maximum(0.0, np.maximum(low - mine, mine - high) - missed)
+        return np.where(np.isnan(gaps), 0.0, gaps)  # a part that one of them did not send in this state
+
+    def moment(self, index: int, a: Numbers, b: Numbers) -> Moment:
+        nearest = int(np.argmin(np.abs(self._other - self._moved[index])))
+        time_s = float(self._times[index]) - self._begin
+        return Moment(time_s, float(a[self._inside][index]), float(b[nearest]))
+
+
+def _bends(values: Numbers) -> Numbers:
+    """How far each value is off the middle of its neighbours: a corner between two states may be as far off (guess)."""
+    bends = np.zeros(len(values))
+    bends[1:-1] = np.abs(np.diff(values, 2)) / 2
+    return bends

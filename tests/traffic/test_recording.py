@@ -1,0 +1,182 @@
+"""What is recorded is what is read, by us and by others; and whatever else a file may be."""
+
+import os
+import shutil
+import socket
+import subprocess
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import dpkt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from traffic_rig import BEGIN_NS, CLIENT, ROBOT, VirtualTime, ends
+from typer.testing import CliRunner
+
+from client.cli import app
+from client.decoding.packets import Endpoint
+from client.errors import RecordingError
+from client.traffic.recorder import Recorder
+from client.traffic.recording import Recording
+
+PIECES = st.lists(st.tuples(st.integers(0, 2), st.booleans(), st.binary(min_size=1, max_size=300)), max_size=30)
+PORTS = (30004, 29999, 50001)
+
+
+def write(path: Path, pieces: list[tuple[int, bool, bytes]], *, end: bool = True) -> None:
+    """Three connections at once, 1 ms between what is said."""
+    clock = VirtualTime()
+    recorder = Recorder(path, ["robot: UR3"], now_ns=clock)
+    recorded = [recorder.connection(*ends(port)) for port in PORTS]
+    for number, from_client, data in pieces:
+        clock.ns += 1_000_000
+        recorded[number].data(from_client, data)
+    if end:
+        for one in recorded:
+            one.end(True)
+            one.end(False)
+    recorder.close()
+
+
+@given(PIECES, st.booleans())
+def test_every_byte_comes_back_in_its_order_and_time(pieces, end):
+    with TemporaryDirectory() as folder:
+        write(Path(folder, "file"), pieces, end=end)
+        recording = Recording.read(Path(folder, "file"))
+    assert recording.comments == ["robot: UR3"]
+    assert recording.troubles == []
+    for number, port in enumerate(PORTS):
+        expected = [
+            (BEGIN_NS + (index + 1) * 1_000_000, not from_client, data)
+            for index, (one, from_client, data) in enumerate(pieces)
+            if one == number
+        ]
+        (conversation,) = recording.on_port(port)
+        found = [(piece.time_ns, piece.from_server, piece.data) for piece in conversation.pieces if piece.data]
+        assert found == expected
+
+
+def tcp_segments(path: Path) -> list[tuple[float, dpkt.ip.IP]]:
+    """As dpkt reads the file."""
+    with path.open("rb") as file:
+        return [(time, dpkt.ethernet.Ethernet(frame).data) for time, frame in dpkt.pcapng.Reader(file)]
+
+
+def test_another_reader_finds_the_same_streams_and_right_checksums(tmp_path):
+    write(
+        tmp_path / "file", [(0, True, b"hello"), (0, False, b"x" * 100_000), (1, True, b"power on\n"), (0, True, b"!")]
+    )
+    sent: dict[tuple[str, int], bytes] = {}
+    for time, ip in tcp_segments(tmp_path / "file"):
+        assert time == pytest.approx(BEGIN_NS / 1e9, abs=1)
+        tcp, summed = ip.data, ip.sum
+        ip.sum = 0
+        assert dpkt.in_cksum(ip.pack_hdr()) == summed
+        pseudo = dpkt.struct.pack(">4s4sxBH", ip.src, ip.dst, ip.p, len(tcp))
+        assert dpkt.in_cksum(pseudo + bytes(tcp)) == 0
+        key = (socket.inet_ntoa(ip.src), tcp.sport, tcp.dport)
+        sent[key] = sent.get(key, b"") + tcp.data
+    assert sent[CLIENT, 45678, 30004] == b"hello!"
+    assert sent[ROBOT, 30004, 45678] == b"x" * 100_000
+    assert sent[CLIENT, 45678, 29999] == b"power on\n"
+
+
+@pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed")
+def test_wireshark_has_nothing_to_complain_about(tmp_path):
+    write(tmp_path / "file", [(0, True, b"hello"), (0, False, b"x" * 100_000), (1, True, b"power on\n")])
+    checks = ("-o", "tcp.check_checksum:TRUE", "-o", "ip.check_checksum:TRUE", "-Y", "_ws.expert.severity >= 0x600000")
+    found = subprocess.run(["tshark", "-r", tmp_path / "file", *checks], capture_output=True, text=True, timeout=100)
+    assert (found.returncode, found.stdout) == (0, "")
+
+
+@pytest.mark.parametrize("client", ["fd00::2", "10.0.0.2", "fe80::1%eth0"])
+def test_addresses_of_both_kinds(tmp_path, client):
+    recorder = Recorder(tmp_path / "file")
+    recorder.connection(Endpoint(client, 5000), Endpoint("fd00::1", 29999)).data(True, b"power on\n")
+    recorder.close()
+    assert Recording.read(tmp_path / "file").conversations[0].sent(from_server=False) == b"power on\n"
+
+
+def test_the_same_client_port_again_is_another_connection(tmp_path):
+    recorder = Recorder(tmp_path / "file")
+    for text, broken_off in ((b"first\n", False), (b"second\n", True), (b"third\n", False)):
+        one = recorder.connection(*ends(29999))
+        one.data(True, text)
+        if broken_off:
+            one.reset(False)
+        else:
+            one.end(True)
+            one.end(False)
+    recorder.close()
+    sent = [one.sent(from_server=False) for one in Recording.read(tmp_path / "file").conversations]
+    assert sent == [b"first\n", b"second\n", b"third\n"]
+
+
+def test_what_was_flushed_survives_without_a_close(tmp_path):
+    recorder = Recorder(tmp_path / "file")
+    recorder.connection(*ends(29999)).data(True, b"power on\n")
+    recorder.flush()
+    recording = Recording.read(tmp_path / "file")
+    assert recording.conversations[0].sent(from_server=False) == b"power on\n"
+    assert recording.troubles == []
+    recorder.close()
+
+
+def test_a_full_disk_is_told_once_and_leaves_whole_packets(tmp_path, monkeypatch):
+    told: list[str] = []
+    recorder = Recorder(tmp_path / "file", trouble=told.append)
+    one = recorder.connection(*ends(29999))
+    one.data(True, b"power on\n")
+    recorder.flush()
+    monkeypatch.setattr(os, "write", half_then_full(os.write))
+    one.data(True, b"brake release\n")
+    recorder.flush()
+    one.data(True, b"play\n")
+    recorder.close()
+    assert len(told) == 1
+    assert told[0].endswith("No space left on device")
+    recording = Recording.read(tmp_path / "file")
+    assert recording.conversations[0].sent(from_server=False) == b"power on\n"
+    assert recording.troubles == []
+
+
+def half_then_full(write):
+    def some(file: int, data: bytes) -> int:
+        if len(data) < 40:
+            raise OSError(28, os.strerror(28))
+        return write(file, bytes(data[: len(data) // 2]))
+
+    return some
+
+
+@given(st.binary(max_size=300), st.integers(0, 600))
+def test_any_damage_is_told_or_read_over(damage, place):
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "file")
+        write(path, [(0, True, b"hello"), (1, False, b"welcome\n")])
+        data = path.read_bytes()
+        path.write_bytes(data[:place] + damage + data[place + len(damage) :])
+        with suppress(RecordingError):
+            Recording.read(path)
+
+
+@pytest.mark.parametrize("command", ["replay-traffic", "compare"])
+def test_garbage_is_one_clear_line(tmp_path, command):
+    path = tmp_path / "garbage"
+    path.write_bytes(b"\x00\xff garbage \n" * 20)
+    arguments = [command, str(path), *([str(path)] if command == "compare" else [])]
+    error = CliRunner().invoke(app, arguments).exception
+    assert isinstance(error, RecordingError)
+    assert str(error) == f"{path}: this is no pcap or pcapng file; `ur-client proxy --record` makes one"
+
+
+def test_a_recording_of_nothing(tmp_path):
+    Recorder(tmp_path / "file").close()
+    with pytest.raises(RecordingError, match="holds no connection to a port of a robot"):
+        Recording.read(tmp_path / "file")
+    with pytest.raises(RecordingError, match="cannot be read: No such file"):
+        Recording.read(tmp_path / "missing")
+    with pytest.raises(RecordingError, match="cannot be written: No such file"):
+        Recorder(tmp_path / "missing" / "file")

@@ -1,0 +1,76 @@
+"""Recordings made in virtual time, of a controller that is stepped by hand."""
+
+from pathlib import Path
+from typing import Any
+
+from client.decoding.packets import Endpoint
+from client.traffic.recorder import Recorded, Recorder
+from client.traffic.recording import Recording
+from emulator.commands import ScriptUnit
+from emulator.controller import Controller, ControllerConfig
+from urproto.robots import load_model
+from urproto.rtde import codec
+from urproto.rtde.fields import OUTPUT_FIELDS
+from urproto.rtde.recipes import Recipe
+
+BEGIN_NS = 1_700_000_000 * 10**9
+CLIENT, ROBOT = "10.0.0.2", "10.0.0.1"
+NAMES = ("timestamp", "target_q", "actual_q", "runtime_state", "actual_digital_output_bits")
+PROGRAM = "def prog():\n  movej([0, -1.2, 0.5, -1.57, 0, 0], a={acceleration}, v=1)\n{then}end\n"
+
+
+class VirtualTime:
+    """A clock that only goes on when it is told to."""
+
+    def __init__(self) -> None:
+        self.ns = BEGIN_NS
+
+    def __call__(self) -> int:
+        return self.ns
+
+
+def ends(port: int, client_port: int = 45678) -> tuple[Endpoint, Endpoint]:
+    return Endpoint(CLIENT, client_port), Endpoint(ROBOT, port)
+
+
+def recorded_robot(
+    path: Path,
+    *,
+    acceleration: float = 1.4,
+    then: str = "",
+    idle_s: float = 0.2,
+    names: Any = NAMES,
+    model: str = "ur3",
+) -> Recording:
+    """An RTDE client watches a robot carry out a program, and asks the dashboard something."""
+    clock = VirtualTime()
+    recorder = Recorder(path, ["robot: UR3", "PolyScope: 3.15.8.1"], now_ns=clock)
+    controller = Controller(ControllerConfig(model=load_model(model), running=True))
+    period_ns = round(controller.period_s * 1e9)
+    client = recorder.connection(*ends(30004))
+    _agree(client, names, controller.version)
+    dashboard = recorder.connection(*ends(29999, 45679))
+    dashboard.data(False, b"Connected: Universal Robots Dashboard Server\n")
+    pack = codec.output_packer(Recipe.of(names, OUTPUT_FIELDS), 2)
+    start = round(idle_s / controller.period_s)
+    for step in range(start + round(2.5 / controller.period_s)):
+        if step == start:
+            controller.post(ScriptUnit(PROGRAM.format(acceleration=acceleration, then=then), "block"))
+            dashboard.data(True, b"running\n")
+            dashboard.data(False, b"Program running: false\n")
+        clock.ns += period_ns
+        client.data(False, pack(controller.tick()))
+    recorder.close()
+    return Recording.read(path)
+
+
+def _agree(client: Recorded, names: tuple[str, ...], version: Any) -> None:
+    types = Recipe.of(names, OUTPUT_FIELDS).types
+    for request, reply, protocol in (
+        (codec.RequestProtocol(2), codec.ProtocolReply(True), 1),
+        (codec.GetVersion(), codec.VersionReply(version), 2),
+        (codec.SetupOutputs(names, 125.0), codec.SetupOutputsReply(types, 1), 2),
+        (codec.Start(), codec.StartReply(True), 2),
+    ):
+        client.data(True, request.encode(protocol))
+        client.data(False, reply.encode(protocol))
