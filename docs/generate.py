@@ -21,6 +21,7 @@ from emulator.control.live import LiveControl
 from emulator.control.openapi import listing
 from emulator.control.verbs import verbs_of
 from emulator.dashboard import COMMANDS
+from emulator.fleet import command as fleet
 from emulator.lifecycle.power import POWER_TABLE
 from emulator.lifecycle.runstate import RUN_TABLE
 from emulator.lifecycle.safety import SAFETY_TABLE
@@ -105,7 +106,12 @@ def states() -> str:
 def command_line() -> str:
     """Every command of the console scripts, with its options."""
     parts = ["# Command line", NOTICE]
-    apps = (("ur-emulator", emulator_cli.app), ("ur-emulator ctl", ctl.app), ("ur-client", client_cli.app))
+    apps = (
+        ("ur-emulator", emulator_cli.app),
+        ("ur-emulator fleet", fleet.app),
+        ("ur-emulator ctl", ctl.app),
+        ("ur-client", client_cli.app),
+    )
     for program, app in apps:
         for words, command in _commands(program, typer.main.get_command(app)):
             parts += [f"## {words}", _first_line(command.help or "")]

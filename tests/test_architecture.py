@@ -22,11 +22,18 @@ MAY_IMPORT = {
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
     "h11": ("emulator.programs.rpc.httpclient", "emulator.servers.control"),
-    "msgspec": ("emulator.control", "emulator.servers.control"),
+    "msgspec": ("emulator.control", "emulator.servers.control", "emulator.fleet.plan"),
     "numpy": ("urproto.robots.dynamics",),
     "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("emulator", "client"),
-    "typer": ("emulator.cli", "emulator.ctl", "client.cli", "client.commands", "urscript.cli"),
+    "typer": (
+        "emulator.cli",
+        "emulator.ctl",
+        "emulator.fleet.command",
+        "client.cli",
+        "client.commands",
+        "urscript.cli",
+    ),
     "rich": ("emulator", "client", "urscript.cli"),
 }
 URSCRIPT_SEES = ("urproto.robots.pose", "urproto.versions")
@@ -38,6 +45,7 @@ MAY_TOUCH_OUTSIDE = (
     "emulator.cli",
     "emulator.run_command",
     "emulator.readiness",
+    "emulator.fleet.worker",
     "emulator.control.remote",
     "emulator.servers",
     "client",
