@@ -7,7 +7,7 @@ __all__ = ["main"]
 
 
 def main() -> None:
-    """Run an emulator; with ``fleet`` as the first word many, with ``ctl`` a verb of one, which loads next to nothing."""
+    """Run an emulator; with ``fleet`` as the first word many; with ``ctl`` a verb of one, loading next to nothing."""
     if sys.argv[1:2] == ["ctl"]:
         from emulator import ctl
 

@@ -22,6 +22,7 @@ REAL_TIME = (
     "conformance",
     "control",
     "driver",
+    "fleet",
     "real_clients",
     "servers",
 )  # folders of tests that the wall clock can disturb
