@@ -8,8 +8,7 @@ import sys
 import sysconfig
 from pathlib import Path
 
-import emulator.app
-import urproto.robots.dynamics
+from emulator.controller import Controller, ControllerConfig
 from urproto.robots import load_model
 
 __all__: list[str] = []
@@ -17,7 +16,7 @@ __all__: list[str] = []
 
 def main() -> None:
     """Load, look, remove."""
-    urproto.robots.dynamics.Dynamics(load_model("ur5e"))
+    Controller(ControllerConfig(model=load_model("ur5e"), running=True)).tick()
     maps = Path("/proc/self/maps").read_text().splitlines()
     loaded = {Path(line.split(maxsplit=5)[5]) for line in maps if line.count("/") and ".so" in line}
     prefix = Path(sysconfig.get_path("purelib"), "cmeel.prefix")
