@@ -43,10 +43,21 @@ def measure(seconds: float = SECONDS) -> Table:
     note = (
         f"Robots of one core at {1 / _period_s():.0f} Hz over {seconds:g} s, an RTDE client with {len(jitter.NAMES)} "
         "variables at the full rate for each. Missed: began a whole period late. Lost: packages a client did not get. "
-        "Memory: proportional set size of the processes, shared pages counted by halves, thirds, ... "
+        "Memory: proportional set size of their processes, shared pages counted by halves, thirds, ... "
+        "Bare loop: periods that a loop missed which only sleeps, at the same time on the clients' core."
     )
-    columns = ["layout", "robots", "missed", "worst", "lost", "core used", "core a robot", "memory a robot"]
-    return Table("Fleet", note.strip(), columns, rows)
+    columns = [
+        "layout",
+        "robots",
+        "missed",
+        "worst",
+        "core used",
+        "core a robot",
+        "memory a robot",
+        "lost",
+        "bare loop",
+    ]
+    return Table("Fleet", note, columns, rows)
 
 
 def _run(layout: str, robots: int, seconds: float) -> list[str]:
@@ -64,39 +75,43 @@ def _run(layout: str, robots: int, seconds: float) -> list[str]:
         links.append(ours)
     for link in links:
         link.recv()
-    lost = _receive([_host(index) for index in range(robots)], links, seconds)
+    lost, bare = _receive([_host(index) for index in range(robots)], links, seconds)
     results = [json.loads(link.recv()) for link in links]
     for process in processes:
         process.join()
-    return [layout, str(robots), *_sum(results, robots, lost)]
+    return [layout, str(robots), *_sum(results, robots), str(lost), bare]
 
 
-def _sum(results: Sequence[dict[str, float]], robots: int, lost: int) -> list[str]:
+def _sum(results: Sequence[dict[str, float]], robots: int) -> list[str]:
     missed, ticks = (sum(result[name] for result in results) for name in ("missed", "ticks"))
     used, memory = (sum(result[name] for result in results) for name in ("cpu", "pss_mib"))
     worst = max(result["worst_ms"] for result in results)
     return [
         f"{missed:.0f} of {ticks:.0f}",
         f"{worst:.1f} ms",
-        str(lost),
         f"{used:.0%}",
         f"{used / robots:.1%}",
         f"{memory / robots:.1f} MiB",
     ]
 
 
-def _receive(hosts: Sequence[str], links: Sequence[Connection], seconds: float) -> int:
-    """Packages that did not come, over all clients. The links' other ends begin and end to count when told."""
+def _receive(hosts: Sequence[str], links: Sequence[Connection], seconds: float) -> tuple[int, str]:
+    """Packages that did not come, over all clients, and what a bare loop missed meanwhile.
+
+    The robots begin and end to count when told over the links.
+    """
     received = {_connect(host): bytearray() for host in hosts}
     _take(received, _SETTLE_S)
     for link in links:
         link.send("begin")
+    bare = jitter.child("sleep", str(_period_s()), str(seconds))
     _take(received, seconds)
     for link in links:
         link.send("end")
     for connection in received:
         connection.close()
-    return sum(jitter.gaps(bytes(data), _period_s()) for data in received.values())
+    lost = sum(jitter.gaps(bytes(data), _period_s()) for data in received.values())
+    return lost, jitter.result(bare)[-1]
 
 
 def _take(received: dict[socket.socket, bytearray], seconds: float) -> None:

@@ -49,12 +49,12 @@ def measure(seconds: float = SECONDS) -> Table:
 
 def _run(model: str, clients: int, seconds: float) -> list[list[str]]:
     period_s = load_model(model).series.period_s
-    serve = _child("serve", model)
+    serve = child("serve", model)
     assert serve.stdout is not None
     port = json.loads(serve.stdout.readline())["port"]
-    sleeping = _child("sleep", str(period_s), str(seconds))
+    sleeping = child("sleep", str(period_s), str(seconds))
     lost = _receive(port, clients, period_s, seconds)
-    served, slept = _result(serve), _result(sleeping)
+    served, slept = result(serve), result(sleeping)
     head = [model, f"{1 / period_s:.0f} Hz", str(clients)]
     return [
         [*head, "emulator", *served, str(lost)],
@@ -62,12 +62,13 @@ def _run(model: str, clients: int, seconds: float) -> list[list[str]]:
     ]
 
 
-def _child(*arguments: str) -> "subprocess.Popen[str]":
+def child(*arguments: str) -> "subprocess.Popen[str]":
+    """This file in a process of its own, see ``main``."""
     command = [sys.executable, __file__, *arguments]
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
 
-def _result(process: "subprocess.Popen[str]") -> list[str]:
+def result(process: "subprocess.Popen[str]") -> list[str]:
     """End a child and read the row it prints."""
     out, _ = process.communicate()
     row: list[str] = json.loads(out.splitlines()[-1])
