@@ -6,13 +6,17 @@ MODEL  ?= ur3
 ARGS   ?=
 JOBS   ?= auto
 
-.PHONY: emulator test check wheel-check benchmarks docs clean
+.PHONY: emulator test soak check wheel-check benchmarks docs clean
 
 emulator: $(VENV)/.base
 	$(BIN)/ur-emulator --model $(MODEL) $(ARGS)
 
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
+
+# Ten thousand random programs in virtual time, some minutes; the tests run a few of them.
+soak: $(VENV)/.dev
+	RANDOM_PROGRAMS=10000 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 tests/motion/test_random_programs.py
 
 check: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -35,6 +35,7 @@ def main() -> None:
         fleet.measure(),
         latency.measure(),
         tick_rate.measure(),
+        tick_rate.measure_dynamics(),
         rtde_codec.measure(),
         urscript_speed.measure_compiling(),
         urscript_speed.measure(),

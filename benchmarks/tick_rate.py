@@ -2,13 +2,18 @@
 
 import sys
 import time
+from collections.abc import Callable
 from statistics import median
 
+import numpy as np
+import pinocchio as pin
 from table import Table
 
 from emulator.commands import ScriptUnit
 from emulator.controller import Controller, ControllerConfig
+from emulator.robot.body import STEP_S
 from urproto.robots import load_model
+from urproto.robots.dynamics import Dynamics
 
 TICKS = 25_000
 WARM_UP = 1_000
@@ -61,9 +66,44 @@ def measure() -> Table:
     return Table("Virtual time", note, ["arm", "doing", "ticks/s", "a tick takes", "times real time", "RNEA"], rows)
 
 
-def _medians(model: str, script: str) -> tuple[float, float]:
+def measure_dynamics() -> Table:
+    """The dynamic arm beside what Pinocchio alone needs for its torques and accelerations."""
+    rows = []
+    for model in ("ur3", "ur5e"):
+        steps = round(load_model(model).series.period_s / STEP_S)
+        aba, rnea = _bare(model)
+        ticks = [_medians(model, SWING, dynamic=dynamic)[0] for dynamic in (False, True)]
+        bound = steps * aba + 2 * rnea
+        cells = [f"{1e6 * value:.1f} us" for value in (aba, rnea, bound, *ticks)]
+        rows.append([model, str(steps), *cells])
+    note = (
+        f"Medians of {TICKS} control periods of a movej to and fro. ABA and RNEA: bare calls; bound: an ABA for each "
+        "step and two RNEA (targets, momentum)."
+    )
+    columns = ["model", "steps", "ABA", "RNEA", "bound", "tick, ideal", "tick, dynamic"]
+    return Table("Dynamic arm", note, columns, rows)
+
+
+def _bare(model: str) -> tuple[float, float]:
+    """Seconds that one ABA and one RNEA take when nothing is converted."""
+    dynamics = Dynamics(load_model(model))
+    inner, data = dynamics._pin, dynamics._data
+    q, v, x = np.array([0.1, -1.0, 1.0, 0.3, 0.5, 0.6]), np.full(6, 0.5), np.full(6, 0.2)
+    return _typical(lambda: pin.aba(inner, data, q, v, x)), _typical(lambda: pin.rnea(inner, data, q, v, x))
+
+
+def _typical(call: Callable[[], object]) -> float:
+    times = []
+    for _ in range(TICKS):
+        began = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - began)
+    return median(times)
+
+
+def _medians(model: str, script: str, *, dynamic: bool = False) -> tuple[float, float]:
     """Seconds of a tick and of one RNEA."""
-    controller = Controller(ControllerConfig(model=load_model(model), running=True))
+    controller = Controller(ControllerConfig(model=load_model(model), running=True, dynamic=dynamic))
     arm = controller.arm
     if script:
         controller.post(ScriptUnit(script, "block"))
@@ -83,4 +123,4 @@ def _medians(model: str, script: str) -> tuple[float, float]:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(measure().markdown())
+    sys.stdout.write(measure().markdown() + "\n" + measure_dynamics().markdown())

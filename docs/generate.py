@@ -1,9 +1,10 @@
-"""Writes docs/supported.md, states.md, command_line.md and control_verbs.md from the code.
+"""Writes docs/supported.md, states.md, command_line.md, control_verbs.md and fault_kinds.md from the code.
 
 ``python docs/generate.py`` rewrites them; ``--check`` fails when they are stale instead.
 """
 
 import argparse
+import dataclasses
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from enum import Enum
@@ -13,20 +14,23 @@ from typing import Any
 import typer.main
 
 from client import cli as client_cli
+from emulator import check, ctl
 from emulator import cli as emulator_cli
-from emulator import ctl
 from emulator.builtins import LIBRARIES
 from emulator.config import PORTS
 from emulator.control.live import LiveControl
 from emulator.control.openapi import listing
 from emulator.control.verbs import verbs_of
 from emulator.dashboard import COMMANDS
+from emulator.faults.catalogue import SUBJECTS, kinds
+from emulator.faults.fault import Fault
 from emulator.fleet import command as fleet
 from emulator.lifecycle.power import POWER_TABLE
 from emulator.lifecycle.runstate import RUN_TABLE
 from emulator.lifecycle.safety import SAFETY_TABLE
 from emulator.programs.trees.program import NODES
 from emulator.run_command import COMMAND as RUN
+from emulator.safety.causes import CAUSES
 from emulator.services import NOT_EMULATED
 from emulator.textcommands import TEXT_COMMANDS
 from urproto.robots import MODELS, load_model
@@ -58,6 +62,7 @@ def pages() -> dict[str, str]:
         "states.md": states(),
         "command_line.md": command_line(),
         "control_verbs.md": control_verbs(),
+        "fault_kinds.md": fault_kinds(),
     }
 
 
@@ -97,6 +102,8 @@ def states() -> str:
         _transitions(POWER_TABLE),
         "## Safety",
         _transitions(SAFETY_TABLE),
+        "## Causes",
+        _causes(),
         "## Program",
         _transitions(RUN_TABLE),
     ]
@@ -110,6 +117,7 @@ def command_line() -> str:
         ("ur-emulator", emulator_cli.app),
         ("ur-emulator fleet", fleet.app),
         ("ur-emulator ctl", ctl.app),
+        ("ur-emulator-check", check.app),
         ("ur-client", client_cli.app),
     )
     for program, app in apps:
@@ -125,7 +133,7 @@ def command_line() -> str:
 def control_verbs() -> str:
     """The verbs of the control API."""
     rows = (
-        (f"`{verb['name']}`", ", ".join(map(_argument, verb["arguments"])), " ".join(verb["text"].split()))
+        (f"`{verb['name']}`", _arguments(verb), " ".join(verb["text"].split()))
         for verb in listing(verbs_of(LiveControl))
     )
     parts = (
@@ -136,6 +144,47 @@ def control_verbs() -> str:
         _table(("verb", "arguments", "meaning"), rows),
     )
     return "\n\n".join(parts) + "\n"
+
+
+def fault_kinds() -> str:
+    """Every kind of fault, by subject."""
+    parts = [
+        "# Kinds of faults",
+        NOTICE,
+        "How they are brought about: [faults.md](faults.md). Every kind has `at`, `after`, `until`, `lasting` too, "
+        "those that strike on an occasion also `once`, `probability` and `seed`.",
+    ]
+    for module in SUBJECTS:
+        subject = module.__name__.rpartition(".")[2]
+        rows = (
+            (f"`{kind['kind']}`", _own_arguments(kind), _prose(kind["text"]), kind["occasion"])
+            for kind in kinds()
+            if kind["subject"] == subject
+        )
+        head = ("kind", "arguments", "meaning", "strikes on")
+        parts += [f"## {_first_line(module.__doc__ or '').split('.')[0].split(';')[0]}", _table(head, rows)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _own_arguments(kind: Mapping[str, Any]) -> str:
+    """The arguments with their defaults; of those that every kind has, only those with another default."""
+    defaults: dict[str, Any] = {field.name: field.default for field in dataclasses.fields(Fault)}
+    own = (one for one in kind["arguments"] if one["name"] not in defaults or one["default"] != defaults[one["name"]])
+    return ", ".join(f"{one['name']}: {one['type']}" + _default(one) for one in own)
+
+
+def _default(argument: Mapping[str, Any]) -> str:
+    value = argument.get("default")
+    return "" if value in (None, "") else f" = {value}"
+
+
+def _prose(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _arguments(verb: Mapping[str, Any]) -> str:
+    others = ["others by name"] if verb["open"] else []
+    return ", ".join([*map(_argument, verb["arguments"]), *others])
 
 
 def _argument(argument: Mapping[str, Any]) -> str:
@@ -241,6 +290,27 @@ def _span(names: list[str]) -> str:
 def _transitions(table: Mapping[tuple[Any, Any], Enum]) -> str:
     rows = ((state.name, event.name, after.name) for (state, event), after in table.items())
     return _table(("state", "event", "then"), rows)
+
+
+def _causes() -> str:
+    """What makes the safety system act, and the way back."""
+    rows = (
+        (
+            row.what,
+            row.only.value if row.only else "both",
+            row.label,
+            "-" if row.category is None else str(row.category.value),
+            row.status.name,
+            row.robot_mode.name,
+            row.program.name,
+            "; ".join(step.value for step in row.recovery),
+        )
+        for row in CAUSES.values()
+    )
+    head = ("cause", "series", "report", "stop", "safety status", "robot mode", "a program is", "way back")
+    return "A stop is a stop category of IEC 60204-1; the robot mode is that of the arm at rest.\n\n" + _table(
+        head, rows
+    )
 
 
 def _since(availability: Availability, guess: bool = False) -> tuple[str, str]:

@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from enum import StrEnum
 from functools import wraps
 from importlib.metadata import version as distribution_version
@@ -26,6 +27,7 @@ from rich.logging import RichHandler
 from emulator.app import Emulator
 from emulator.clock import claim_real_time
 from emulator.config import (
+    ArmKind,
     ConfigError,
     EmulatorConfig,
     check_encoder_speeds,
@@ -34,8 +36,11 @@ from emulator.config import (
     choose_model,
     choose_version,
     read_driver_address,
+    read_faults,
     read_initial_positions,
     read_programs_dir,
+    read_safety,
+    read_surroundings,
 )
 from emulator.controller import ControllerConfig
 from emulator.programs.sockets import ScriptNetwork
@@ -106,6 +111,10 @@ def configure(
     modbus_unit_port: Annotated[
         int, typer.Option(help="Where the Modbus units listen that programs add signals of.")
     ] = 502,
+    arm: Annotated[
+        ArmKind, typer.Option(help="ideal: exactly where its targets are; dynamic: moved by torques, with friction.")
+    ] = ArmKind.IDEAL,
+    seed: Annotated[int, typer.Option(help="Of a dynamic arm's measurement noise.")] = 0,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
     encoder0_speed: Annotated[float, typer.Option(help="Ticks per second of a conveyor at encoder 0.")] = 0.0,
     encoder1_speed: Annotated[float, typer.Option(help="Ticks per second of a conveyor at encoder 1.")] = 0.0,
@@ -114,29 +123,45 @@ def configure(
     ] = None,
     gripper: Annotated[str | None, typer.Option(help="Mounted on the arm: robotiq-2f-85 or robotiq-2f-140.")] = None,
     gripper_object: Annotated[float | None, typer.Option(help="Width of what the gripper meets, in mm.")] = None,
+    safety: Annotated[
+        Path | None, typer.Option(help="Safety configuration: a YAML file, or PolyScope's .installation.")
+    ] = None,
+    self_collision: Annotated[
+        bool, typer.Option("--self-collision", help="Stop when links of the arm touch each other.")
+    ] = False,
     control_host: Annotated[
         str, typer.Option(help="Where the control API listens, if not on this machine only; wants a token.")
     ] = "",
     control_token: Annotated[
         str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="What clients of the control API have to present.")
     ] = "",
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KIND,NAME=VALUE,...", help="What goes wrong (docs/faults.md); may be repeated."),
+    ] = None,
     no_control: Annotated[bool, typer.Option("--no-control", help="Serve no control API.")] = False,
+    world: Annotated[Path | None, typer.Option(help="YAML file: what stands around the arm and pushes back.")] = None,
 ) -> EmulatorConfig:
     """A robot as the options of the command line say. Raises ConfigError."""
-    arm = choose_model(model)
+    robot = choose_model(model)
     controller = ControllerConfig(
-        model=arm,
-        version=choose_version(polyscope, arm),
-        initial_q=read_initial_positions(initial_positions, arm) if initial_positions else None,
+        model=robot,
+        version=choose_version(polyscope, robot),
+        initial_q=read_initial_positions(initial_positions, robot) if initial_positions else None,
         running=running,
         programs_dir=read_programs_dir(programs),
         remote_control=remote_control,
-        enforce_remote_control=check_enforced_remote_control(enforce_remote_control, arm),
+        enforce_remote_control=check_enforced_remote_control(enforce_remote_control, robot),
         encoder_speeds=check_encoder_speeds(encoder0_speed, encoder1_speed),
         gripper=choose_gripper(gripper, gripper_object),
         gripper_object_mm=gripper_object,
+        safety=read_safety(safety, robot),
+        self_collision=self_collision,
         wall_clock_s=time.time(),
+        dynamic=arm is ArmKind.DYNAMIC,
+        seed=seed,
         external_control=read_driver_address(external_control),
+        world=read_surroundings(world),
     )
     return EmulatorConfig(
         controller=controller,
@@ -150,6 +175,7 @@ def configure(
         control=not no_control,
         control_host=control_host,
         control_token=control_token,
+        faults=read_faults(fault or ()),
     )
 
 
@@ -208,7 +234,7 @@ def mistakes_in_one_line() -> Iterator[None]:
 
 async def _serve(config: EmulatorConfig, ports_file: Path | None, *, exit_when_ready: bool) -> None:
     console = Console(highlight=False)
-    emulator = Emulator(config)
+    emulator = Emulator(replace(config, faults=()))  # they begin once it has proven to be ready
     if config.speed == 1.0:
         logging.getLogger(__name__).info("granted by the system: %s", ", ".join(claim_real_time()))
     async with emulator:
@@ -217,6 +243,7 @@ async def _serve(config: EmulatorConfig, ports_file: Path | None, *, exit_when_r
         await check_ready(config.host, emulator.ports, elsewhere={"control": config.host_of("control")})
         if ports_file is not None:
             write_ports(ports_file, emulator.ports)
+        emulator.inject(config.faults)
         console.print(ready_line(emulator))
         if not exit_when_ready:
             await emulator.stopped.wait()

@@ -133,6 +133,9 @@ class RealClock:
         self._reviewed_ns = 0
         self._missed_when_reviewed = 0
         self._given_up_ns = 0  # of the wall's time, since the last review
+        self._drift = 0.0
+        self._late_s = 0.0  # for the next tick
+        self._late_for_good = False
         self.set_speed(speed)
 
     @property
@@ -145,9 +148,19 @@ class RealClock:
         if not speed > 0.0:
             raise ValueError(f"the speed must be a positive number, not {speed}")
         self._speed = speed
-        self._period_ns = max(1, round(self._period_s / speed * _NS)) if speed < math.inf else 0
+        period_s = self._period_s / (speed * (1.0 + self._drift))
+        self._period_ns = max(1, round(period_s * _NS)) if speed < math.inf else 0
         self._least_gap_ns = int(self._period_ns * _LEAST_GAP)
         self._begin()
+
+    def set_drift(self, share: float) -> None:
+        """Let the robot's clock go fast by this share of the time, or slow: a fault."""
+        self._drift = share
+        self.set_speed(self._speed)
+
+    def delay_next(self, seconds: float, *, made_up: bool) -> None:
+        """Let the next tick come late [s of robot time]; made_up: the ones after it catch up. A fault."""
+        self._late_s, self._late_for_good = seconds, not made_up
 
     def pause(self) -> None:
         """No tick from now on."""
@@ -197,8 +210,20 @@ class RealClock:
             self._deadline_ns = now_ns
         elif behind_ns > 0:
             self._fell_behind(behind_ns, now_ns)
+        late_ns = 0
+        if self._late_s:
+            late_ns = self._take_lateness()
         if self._timer is not None and not self.paused:
-            self._timer.arm(max(self._deadline_ns, began_ns + self._least_gap_ns))
+            self._timer.arm(max(self._deadline_ns, began_ns + self._least_gap_ns) + late_ns)
+
+    def _take_lateness(self) -> int:
+        """How late the next tick is to be."""
+        late_ns = round(self._late_s / self._speed * _NS)
+        self._late_s = 0.0
+        if self._late_for_good:
+            self._deadline_ns += late_ns
+            return 0
+        return late_ns
 
     def _fell_behind(self, behind_ns: int, now_ns: int) -> None:
         if behind_ns > _MOST_BEHIND_NS:

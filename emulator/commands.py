@@ -8,12 +8,14 @@ applying it raised.
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from math import isfinite
 from typing import TYPE_CHECKING, Any, Literal
 
 from emulator import dashboard, textcommands
 from emulator.devices.gripper_requests import GripperSession
 from emulator.io import inputs, modbus_requests
 from emulator.lifecycle.errorcodes import READ_ONLY_SOCKET
+from emulator.robot.installation import Payload
 from urproto.dashboard import failed
 from urproto.modbus import ExceptionCode, exception_response
 from urproto.robotiq import Request as GripperRequest
@@ -27,6 +29,7 @@ __all__ = [
     "GripperCall",
     "InterpreterLine",
     "ModbusCall",
+    "MountPayload",
     "PopupAnswer",
     "RTDEInputs",
     "RefusedScript",
@@ -132,6 +135,29 @@ class PopupAnswer(Command):
         except ValueError as error:
             controller.messages.note(f"answer refused: {error}")
             return False
+
+
+@dataclass(frozen=True, slots=True)
+class MountPayload(Command):
+    """What really hangs on the flange from now on, whatever programs say; None: what they say.
+
+    Raises ValueError for a negative mass, or a number that is none.
+    """
+
+    payload: Payload | None
+
+    def __post_init__(self) -> None:
+        payload = self.payload
+        if payload is None:
+            return
+        numbers = (payload.mass, *payload.cog, *payload.inertia)
+        if not all(map(isfinite, numbers)) or min(payload.mass, *payload.inertia[:3]) < 0.0:
+            raise ValueError(
+                f"{payload} cannot hang on a flange: mass and moments of inertia are 0 or more, and finite"
+            )
+
+    def apply(self, controller: "Controller") -> None:
+        controller.arm.mounted = self.payload
 
 
 @dataclass(frozen=True, slots=True)

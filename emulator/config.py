@@ -1,8 +1,9 @@
 """What the user asked for, checked: every mistake is one clear line."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Final
@@ -11,11 +12,17 @@ import yaml
 
 from emulator.controller import ControllerConfig
 from emulator.devices.robotiq import MODELS, GripperModel
+from emulator.faults.catalogue import parse_fault
+from emulator.faults.fault import Fault, FaultError
+from emulator.ports import PORTS
 from emulator.programs.sockets import ScriptNetwork
 from emulator.programs.urcap import DriverAddress
+from emulator.safety.configuration import SafetyConfiguration
+from emulator.safety.files import load_safety_file
+from emulator.safety.installation import SafetySettingsError
 from emulator.services import POLYSCOPE_X
+from emulator.world.file import WorldFileError, WorldPlan, read_world
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
-from urproto.robotiq import PORT as GRIPPER_PORT
 from urproto.robots import RobotModel, UnknownModel, load_model
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -23,6 +30,7 @@ from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 __all__ = [
     "JOINT_NAMES",
     "PORTS",
+    "ArmKind",
     "ConfigError",
     "EmulatorConfig",
     "check_encoder_speeds",
@@ -31,25 +39,13 @@ __all__ = [
     "choose_model",
     "choose_version",
     "read_driver_address",
+    "read_faults",
     "read_initial_positions",
     "read_programs_dir",
+    "read_safety",
+    "read_surroundings",
 ]
 
-PORTS: Final[Mapping[str, int]] = {
-    "modbus": 502,
-    "dashboard": 29999,
-    "primary": 30001,
-    "secondary": 30002,
-    "realtime": 30003,
-    "rtde": 30004,
-    "primary read-only": 30011,
-    "secondary read-only": 30012,
-    "realtime read-only": 30013,
-    "interpreter": 30020,
-    "control": 30080,  # this emulator's own
-    "tool line": 54321,  # as the vendor's RS485 URCap has it
-    "gripper": GRIPPER_PORT,
-}
 _FIRST_VERSION: Final = {"interpreter": INTERPRETER_MODE}  # the other ports are as old as the series
 JOINT_NAMES: Final = (  # as in ur_description
     "shoulder_pan_joint",
@@ -67,6 +63,13 @@ _MAJOR: Final = {Series.CB3: 3, Series.E: 5}
 _NEWEST_CB3_MINOR: Final = 15  # the CB3 line ended with 3.15
 
 
+class ArmKind(StrEnum):
+    """What moves the arm: its targets, exactly, or torques."""
+
+    IDEAL = "ideal"
+    DYNAMIC = "dynamic"
+
+
 class ConfigError(ValueError):
     """The user asked for something that cannot be."""
 
@@ -81,6 +84,7 @@ class EmulatorConfig:
     modbus_unit_port: where the Modbus units listen that programs add signals of (URScript
     names no port). tool_device: what is connected to the tool's serial line of an e-Series
     arm: "echo", "pty", or the path of a serial port; None for nothing, and no port for it.
+    faults: what goes wrong from the start on, or later.
     control: whether the control API is served. control_host: where; without one on host, or on 127.0.0.1 if
     other machines reach that. control_token: what its clients present; needed where other machines reach it.
     """
@@ -96,6 +100,7 @@ class EmulatorConfig:
     control: bool = True
     control_host: str = ""
     control_token: str = ""
+    faults: tuple[Fault, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed < math.inf:
@@ -246,9 +251,39 @@ def read_programs_dir(path: Path | None) -> Path | None:
     return path.resolve()
 
 
+def read_safety(path: Path | None, model: RobotModel) -> SafetyConfiguration | None:
+    """The safety configuration in a file; None for the factory's. Raises ConfigError."""
+    if path is None:
+        return None
+    try:
+        return load_safety_file(path, model)
+    except SafetySettingsError as error:
+        raise ConfigError(str(error)) from error
+    except (OSError, UnicodeError) as error:
+        raise ConfigError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
+
+
 def read_driver_address(text: str | None) -> DriverAddress:
     """What External Control nodes ask, or part of it. Raises ConfigError."""
     try:
         return DriverAddress() if text is None else DriverAddress.parse(text)
     except ValueError as error:
         raise ConfigError(str(error)) from error
+
+
+def read_surroundings(path: Path | None) -> WorldPlan | None:
+    """What stands around the arm, from a world file. Raises ConfigError."""
+    try:
+        return None if path is None else read_world(path)
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+    except WorldFileError as error:
+        raise ConfigError(str(error)) from error
+
+
+def read_faults(texts: Sequence[str]) -> tuple[Fault, ...]:
+    """Faults as on the command line. Raises ConfigError."""
+    try:
+        return tuple(map(parse_fault, texts))
+    except FaultError as error:
+        raise ConfigError(f"fault: {error}") from error

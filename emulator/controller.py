@@ -40,8 +40,12 @@ from emulator.robot.arm import Arm
 from emulator.robot.electrics import Electrics
 from emulator.robot.installation import Installation
 from emulator.robot.worldmodel import WorldModel
+from emulator.safety.board import SafetyBoard
+from emulator.safety.configuration import SafetyConfiguration
 from emulator.snapshot import Snapshot, Vector6
-from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatus
+from emulator.world.file import WorldPlan
+from emulator.world.world import World
+from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState
 from urproto.robots import RobotModel
 from urproto.robots.pose import Pose
 from urproto.rtde.fields import OUTPUT_FIELDS
@@ -72,7 +76,12 @@ class ControllerConfig:
     enforce_remote_control says that a local arm takes none, as a real e-Series arm.
     encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
     gripper: what is mounted on the arm; gripper_object_mm: width of what its fingers meet.
+    safety: limits, planes and safety inputs; None takes what the arm is delivered with.
+    self_collision: stop when links touch each other, which a controller itself does not look after.
     wall_clock_s: date and time of its start [s since 1970, GMT]; always the same unless given.
+    world: what stands around the arm; None for nothing.
+    dynamic: torques move the arm, which follows its targets as well as servo loops can, and measures with noise;
+    otherwise it is where its targets are. seed: of the noise.
     """
 
     model: RobotModel
@@ -88,8 +97,13 @@ class ControllerConfig:
     encoder_speeds: tuple[float, float] = (0.0, 0.0)
     gripper: GripperModel | None = None
     gripper_object_mm: float | None = None
+    safety: SafetyConfiguration | None = None
+    self_collision: bool = False
     wall_clock_s: float = _NEW_YEAR_2024_S
+    dynamic: bool = False
+    seed: int = 0
     external_control: DriverAddress = field(default_factory=DriverAddress)
+    world: WorldPlan | None = None
     timings: PowerTimings = field(default_factory=PowerTimings)
 
 
@@ -126,22 +140,28 @@ class Controller:
         self.power = Power(config.timings, running=config.running)
         self.safety = Safety()
         self.external_wrench: Vector6 = _ZERO6  # what the world does to the TCP, base frame [N, Nm]
+        self.world: World | None = config.world.build(self.model) if config.world else None
         self.ft_input = ForceInput()
-        self.arm = Arm(self.model)
+        self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
         self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
         self.electrics = Electrics()
         self.motion = Motion(self.model, self.period_s, config.initial_q or self.model.home_q)
+        self.safety_board = SafetyBoard(self)
+        self.motion.govern(self.safety_board.governor.excess)
         self.tool_line = ToolLine(self.period_s)
         self.gripper = Gripper(config.gripper, config.gripper_object_mm) if config.gripper else None
         self.programs = Programs(self)
+        # for faults: called at the beginning of each period, and with each snapshot before it is published
+        self.on_tick: list[Callable[[], None]] = []
+        self.falsifiers: list[Callable[[Snapshot], None]] = []
 
         self._queue: deque[tuple[Command, Reply | None]] = deque()
         self._waiting: list[tuple[_Waiting, Command, Reply | None]] = []
         self._subscribers: list[Callable[[Snapshot], None]] = []
         self._own_sensor = self.model.series is Series.E
-        self._resume_after_safeguard = False
         self._power_seen = PowerState.OFF
         self._arm_changed = False
+        self._falsified = False
         self._fault: MotionFault | None = None
         self.snapshot = Snapshot(target_execution_time=1000.0 * self.period_s)
         self._move_arm()
@@ -183,8 +203,11 @@ class Controller:
     def tick(self) -> Snapshot:
         """One control period; returns its snapshot."""
         self.step_count += 1
+        for step in tuple(self.on_tick):
+            step()
         self._run_commands()
         self._advance_timers()
+        self.safety_board.latch()
         if self.encoders.enabled:
             self.encoders.advance(self.signals.digital_inputs)
         self.input_actions.advance(self)
@@ -200,15 +223,25 @@ class Controller:
     # doors for programs, commands and faults
 
     @property
+    def standing(self) -> bool:
+        """The arm stands and is to stand."""
+        return not any(self.motion.qd) and self.arm.standing
+
+    @property
     def may_run(self) -> bool:
         """True when the arm may move: brakes released and no stop in force."""
         return self.power.running and not self.safety.stopped
+
+    @property
+    def may_play(self) -> bool:
+        """True when a program may run: the arm may move, and stands inside its limits."""
+        return self.power.running and self.safety.programs_allowed
 
     def power_event(self, event: PowerEvent) -> bool:
         """Apply an event to the power state; False when the safety system forbids it."""
         if event is PowerEvent.POWER_OFF:
             self.programs.stop("power off")
-            self.motion.halt()
+            self.motion.engage_brakes()
         elif not self.safety.power_allowed:
             return False
         self.power.handle(event)
@@ -220,12 +253,7 @@ class Controller:
         if not self.safety.handle(event):
             return False
         self.messages.safety_mode(self.safety.mode)
-        if SafetyMode.REDUCED in (before, self.safety.mode):
-            self.motion.mode_changed()
-        if self.safety.stopped:
-            self._safety_stop(before)
-        else:
-            self._safety_release(before)
+        self.safety_board.mode_changed(before)
         return True
 
     def protective_stop(self, cause: StopCause) -> None:
@@ -238,6 +266,7 @@ class Controller:
             self.programs.pause(f"pause_on_error_code: C{cause.code}A{cause.argument}")
         elif self.safety_event(SafetyEvent.PROTECTIVE_STOP):
             self.messages.error(cause.code, cause.argument, ReportLevel.WARNING, cause.text)
+            self.safety_board.count_stop(cause.joint)
 
     @property
     def local_control(self) -> bool:
@@ -257,12 +286,16 @@ class Controller:
     def load_installation(self, path: Path) -> None:
         """Apply an installation file. Raises OSError or InstallationError; then nothing changed."""
         self.installation.load(path)
-        self.set_tcp(self.installation.tcp)
+        self._installed()
 
     def apply_installation(self, path: Path, file: InstallationFile) -> None:
         """Apply what was read from an installation file."""
         self.installation.apply(path.name, file)
+        self._installed()
+
+    def _installed(self) -> None:
         self.set_tcp(self.installation.tcp)
+        self.safety_board.compare(self.installation.name, self.installation.file.safety)
 
     # the tick's steps
 
@@ -319,16 +352,21 @@ class Controller:
         wrench = self.external_wrench
         if self.ft_input.enabled:
             wrench = self.ft_input.wrench_base(self.arm)
+        if self.world is not None:
+            wrench = self.world.act(self, wrench)
         self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled
-        self.speed.scaling = self.safety.speed_factor
         motion = self.motion
-        if driven:
-            motion.external_wrench = wrench
+        if driven or motion.braking:
+            motion.external_wrench, motion.actual_q = wrench, self.arm.q
             self._fault = motion.advance(self.speed.fraction)
-        elif not (motion.idle or self._program_paused):
+        elif not (motion.idle or self.program_paused):
             motion.halt()  # the brakes hold the arm: no movement is left to complete
         targets = (motion.q, motion.qd, motion.qdd)
-        self._arm_changed = self.arm.update(targets, self.installation, wrench, self.period_s, driven=driven)
+        self._arm_changed = self.arm.update(
+            targets, self.installation, wrench, self.period_s, driven=driven, torque=motion.torque
+        )
+        if not driven and self.arm.standing:
+            motion.stand_at(self.arm.q)
         power_changed = self.power.state is not self._power_seen
         self._power_seen = self.power.state
         if power_changed:
@@ -346,37 +384,15 @@ class Controller:
             self.tool_line.advance(powered=powered and self.signals.tool_voltage > 0)
 
     def _judge(self) -> None:
-        """A movement that cannot go on stops the arm; an emergency stop switches it off once it stands."""
+        """A movement that cannot go on stops the arm, and so does what the safety system finds."""
         if self._fault is not None:
-            self.protective_stop(StopCause(self._fault.code, self._fault.argument, self._fault.text))
+            self.protective_stop(StopCause(self._fault.code, self._fault.argument, self._fault.text, self._fault.joint))
             self._fault = None
-        if not self.safety.power_allowed and self.power.state is not PowerState.OFF and not any(self.motion.qd):
-            self.power.handle(PowerEvent.POWER_OFF)
-
-    def _safety_stop(self, before: SafetyMode) -> None:
-        mode = self.safety.mode
-        if mode is SafetyMode.SAFEGUARD_STOP:
-            self._resume_after_safeguard = self.programs.state is RuntimeState.PLAYING
-        elif before is not SafetyMode.SAFEGUARD_STOP:
-            self._resume_after_safeguard = False
-        if mode in (SafetyMode.VIOLATION, SafetyMode.FAULT):
-            self.programs.stop(mode.name)
-        else:
-            self.programs.pause(mode.name)
-        if self._program_paused and mode is SafetyMode.SAFEGUARD_STOP:
-            self.motion.safeguard_stop()
-        elif self._program_paused:
-            self.motion.protective_stop()
-        else:
-            self.motion.stop(min(self.model.qdd_max))
-
-    def _safety_release(self, before: SafetyMode) -> None:
-        """A paused program waits until somebody resumes it; after a safeguard stop nobody has to."""
-        if before is SafetyMode.SAFEGUARD_STOP and self._resume_after_safeguard:
-            self.programs.resume()
+        self.safety_board.judge(changed=self._arm_changed)
 
     @property
-    def _program_paused(self) -> bool:
+    def program_paused(self) -> bool:
+        """A program is being paused, or is."""
         return self.programs.state in (RuntimeState.PAUSING, RuntimeState.PAUSED)
 
     # the snapshot
@@ -384,7 +400,7 @@ class Controller:
     def _publish(self) -> None:
         snapshot = self.snapshot.successor()
         snapshot.step, snapshot.timestamp = self.step_count, self.time_s
-        if self._arm_changed:
+        if self._arm_changed or self._falsified or self.falsifiers:
             self.arm.publish(snapshot)
         self.electrics.publish(snapshot, powered=self.power.report.powered)
         self._publish_modes(snapshot)
@@ -392,6 +408,9 @@ class Controller:
         self._publish_loads(snapshot)
         self._publish_signals(snapshot)
         self._publish_registers(snapshot)
+        self._falsified = bool(self.falsifiers)
+        for falsify in self.falsifiers:
+            falsify(snapshot)
         snapshot.messages = self.messages.take()
         self.snapshot = snapshot
 
@@ -400,9 +419,7 @@ class Controller:
         snapshot.robot_mode = report.robot_mode
         snapshot.joint_mode = (report.joint_mode,) * 6
         snapshot.tool_mode = report.tool_mode
-        snapshot.safety_mode = self.safety.mode
-        snapshot.safety_status = SafetyStatus(self.safety.mode)
-        snapshot.safety_status_bits = self.safety.status_bits
+        self.safety_board.publish(snapshot)
         snapshot.control_mode = self.motion.control_mode
         snapshot.force_mode_frame = self.motion.force_frame
         snapshot.io_freedrive = self.input_actions.free
@@ -416,11 +433,12 @@ class Controller:
         snapshot.program_name = self.programs.name
         snapshot.script_control_line = self.programs.line
         snapshot.program_running = state in (RuntimeState.PLAYING, RuntimeState.RESUMING)
-        snapshot.program_paused = self._program_paused
+        snapshot.program_paused = self.program_paused
         # captures of controllers show 0 while no program plays, and 1 while one plays undisturbed
         scaling = self.speed.scaling * self.motion.limiter_share
         snapshot.speed_scaling = scaling if snapshot.program_running else 0.0
         bits = int(RobotStatusBits.POWER_ON) if self.power.report.powered else 0
+        bits |= self.safety_board.robot_status_bits()
         snapshot.robot_status_bits = bits | (RobotStatusBits.PROGRAM_RUNNING if snapshot.program_running else 0)
 
     def _publish_loads(self, snapshot: Snapshot) -> None:

@@ -66,6 +66,7 @@ def _overview(verbs: dict[str, dict[str, Any]]) -> Table:
     table = Table.grid(padding=(0, 2))
     for name, entry in verbs.items():
         words = [a["name"] if a["required"] else f"[{a['name']}]" for a in entry["arguments"]]
+        words += ["[name=value ...]"] if entry.get("open") else []
         table.add_row(Text(" ".join((name, *words))), Text(entry["text"].partition("\n")[0]))
     return table
 
@@ -79,6 +80,9 @@ def _arguments(verb: dict[str, Any], words: Sequence[str], file: Path | None) ->
     free = [name for name in types if name not in given]
     for word in words:
         name, equals, value = word.partition("=")
+        if equals and name not in types and verb.get("open"):
+            given[name] = _value(value, "")
+            continue
         if not equals or name not in types:
             if not free:
                 raise BadArguments(f"{verb['name']} takes {len(types)} arguments: {', '.join(types) or 'none'}")

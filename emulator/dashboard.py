@@ -135,7 +135,7 @@ def load(controller: "Controller", name: str) -> _Waiting:
 def play(controller: "Controller") -> _Waiting:
     """Start the loaded program, or let a paused one go on. Needs a running arm."""
     programs = controller.programs
-    if not controller.may_run or is_running(programs.state):
+    if not controller.may_play or is_running(programs.state):
         return replies.failed("play")
     submission = programs.play()
     while submission.accepted is None:
@@ -264,12 +264,13 @@ def safetymode(controller: "Controller") -> str:
 @command("safetystatus", cb3="3.11", e="5.4")
 def safetystatus(controller: "Controller") -> str:
     """The safety status: finer than the safety mode on e-Series."""
-    return f"Safetystatus: {controller.safety.mode.name}"
+    return f"Safetystatus: {controller.safety.status.name}"
 
 
 @command("close safety popup", cb3="3.1", e="5.0", remote_only=True)
 def close_safety_popup(controller: "Controller") -> str:
-    """Close the dialogue of a safety stop; there is no screen, so nothing else happens."""
+    """Close the dialogue of a safety stop."""
+    controller.safety_board.safety_popup = ""
     return replies.CLOSING_SAFETY_POPUP
 
 

@@ -2,11 +2,15 @@
 
     await check_ready("127.0.0.1", emulator.ports)
 
-Works against any controller of known ports, emulated or not.
+Works against any controller of known ports, emulated or not, and changes nothing there; ``run_script`` alone lets
+the robot do something.
 """
 
 import asyncio
+import os
+from collections import deque
 from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
 from typing import Final
 
 from urproto.dashboard import GREETING, LineDecoder
@@ -23,30 +27,51 @@ from urproto.modbus import (
     encode_request,
 )
 from urproto.primary.framing import PrimaryDecoder
-from urproto.primary.messages import VersionMessage
+from urproto.primary.messages import TextMessage, VersionMessage
 from urproto.primary.state import RobotStateData
 from urproto.realtime import RealtimeDecoder
 from urproto.robotiq import Get, encode_value
 from urproto.rtde.codec import (
     GetVersion,
+    OutputData,
+    Package,
+    PackageType,
     ProtocolReply,
     Reply,
+    Request,
     RequestProtocol,
     RTDEDecoder,
+    SetupOutputs,
+    SetupOutputsReply,
+    Start,
+    StartReply,
     VersionReply,
     decode_reply,
 )
 
-__all__ = ["NotReady", "check_ready"]
+__all__ = ["Finding", "NotReady", "check_ready", "find_out", "run_script"]
 
-_TIMEOUT_S: Final = 5.0  # guess; an idle machine needs 0.2 s
+_TIMEOUT_S: Final = 15.0  # guess; an idle machine needs 0.2 s, one that starts eight robots at once some seconds
 _READ_BYTES: Final = 4096
 _PROTOCOL: Final = 2
+_RTDE_VARIABLE: Final = "timestamp"  # in every version
+_RTDE_RATE_HZ: Final = 10.0
 _UNSPECIFIED: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}  # listen anywhere, ask here
 
 
 class NotReady(Exception):  # noqa: N818 - named for what is the case
     """A port does not answer as a controller does."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one port answered. text: what was learned there, or what is wrong; error: the latter's kind."""
+
+    name: str
+    host: str
+    port: int
+    text: str
+    error: Exception | None = None
 
 
 class _Stream:
@@ -66,7 +91,7 @@ class _Stream:
         return data
 
 
-async def _dashboard(stream: _Stream) -> None:
+async def _dashboard(stream: _Stream) -> str:
     decoder = LineDecoder()
     while not (lines := decoder.feed(await stream.read())):
         pass
@@ -77,38 +102,72 @@ async def _dashboard(stream: _Stream) -> None:
         pass
     if not lines[0].startswith("Robotmode: "):
         raise NotReady(f"the answer to robotmode is {lines[0]!r}")
+    return lines[0]
 
 
-async def _primary(stream: _Stream) -> None:
+async def _primary(stream: _Stream) -> str:
     """The version message first, then a robot state with kinematics and configuration."""
     decoder = PrimaryDecoder()
     messages = decoder.feed(await stream.read())
     while len(messages) < 2:
         messages += decoder.feed(await stream.read())
-    if not isinstance(messages[0], VersionMessage):
-        raise NotReady(f"the first message is no version message but {type(messages[0]).__name__}")
+    version = messages[0]
+    if not isinstance(version, VersionMessage):
+        raise NotReady(f"the first message is no version message but {type(version).__name__}")
     state = next((message for message in messages if isinstance(message, RobotStateData)), None)
     if state is None or state.configuration is None:
         raise NotReady("there is no full robot state after the version message")
+    return f"{version.project} {version.major}.{version.minor}.{version.bugfix}"
 
 
-async def _realtime(stream: _Stream) -> None:
+async def _realtime(stream: _Stream) -> str:
     decoder = RealtimeDecoder()
     while not decoder.feed(await stream.read()):
         pass
+    return "state packages"
 
 
-async def _rtde(stream: _Stream) -> None:
-    decoder = RTDEDecoder()
-    stream.send(RequestProtocol(_PROTOCOL).encode(1))
-    if await _rtde_reply(stream, decoder) != ProtocolReply(accepted=True):
+class _RtdeTalk:
+    """Requests and replies on one RTDE connection."""
+
+    def __init__(self, stream: _Stream) -> None:
+        self._stream = stream
+        self._decoder = RTDEDecoder()
+        self._packages: deque[Package] = deque()
+
+    async def ask(self, request: Request, protocol: int = _PROTOCOL) -> Reply:
+        self._stream.send(request.encode(protocol))
+        return await self.next()
+
+    async def next(self) -> Reply:
+        """The next package; messages in between are nobody's answer."""
+        while not self._packages or self._packages[0].type == PackageType.TEXT_MESSAGE:
+            if self._packages:
+                self._packages.popleft()
+            else:
+                self._packages += self._decoder.feed(await self._stream.read())
+        return decode_reply(self._packages.popleft(), _PROTOCOL)
+
+
+async def _rtde(stream: _Stream) -> str:
+    """Protocol, version, and a recipe that delivers."""
+    talk = _RtdeTalk(stream)
+    if await talk.ask(RequestProtocol(_PROTOCOL), protocol=1) != ProtocolReply(accepted=True):
         raise NotReady(f"protocol {_PROTOCOL} is refused")
-    stream.send(GetVersion().encode(_PROTOCOL))
-    if not isinstance(await _rtde_reply(stream, decoder), VersionReply):
+    version = await talk.ask(GetVersion())
+    if not isinstance(version, VersionReply):
         raise NotReady("the version is not told")
+    recipe = await talk.ask(SetupOutputs((_RTDE_VARIABLE,), _RTDE_RATE_HZ))
+    if not isinstance(recipe, SetupOutputsReply) or not recipe.recipe_id:
+        raise NotReady(f"a recipe of {_RTDE_VARIABLE} is refused: {recipe}")
+    if await talk.ask(Start()) != StartReply(accepted=True):
+        raise NotReady("the recipe is not started")
+    if not isinstance(data := await talk.next(), OutputData):
+        raise NotReady(f"instead of data comes {type(data).__name__}")
+    return f"PolyScope {version.version}, data come"
 
 
-async def _interpreter(stream: _Stream) -> None:
+async def _interpreter(stream: _Stream) -> str:
     """A state without a program is no state: both answers are good."""
     decoder = StatementDecoder()
     stream.send(b"statelastexecuted\n")
@@ -116,15 +175,10 @@ async def _interpreter(stream: _Stream) -> None:
         pass
     if isinstance(lines[0], TooLong) or parse_answer(lines[0]).line != "statelastexecuted":
         raise NotReady(f"the answer to statelastexecuted is {lines[0]!r}")
+    return "answers"
 
 
-async def _rtde_reply(stream: _Stream, decoder: RTDEDecoder) -> Reply:
-    while not (packages := decoder.feed(await stream.read())):
-        pass
-    return decode_reply(packages[0], _PROTOCOL)
-
-
-async def _modbus(stream: _Stream) -> None:
+async def _modbus(stream: _Stream) -> str:
     """The major version of the software, register 256."""
     decoder = FrameDecoder()
     request = ModbusRequest(Function.READ_HOLDING_REGISTERS, 256)
@@ -135,30 +189,34 @@ async def _modbus(stream: _Stream) -> None:
         decode_response(request, frames[0].pdu)
     except ModbusException as error:
         raise NotReady(f"register 256 cannot be read: {error}") from error
+    return "registers can be read"
 
 
-async def _tool_line(stream: _Stream) -> None:
+async def _tool_line(stream: _Stream) -> str:
     """That it takes the connection is all one can ask of a line without a protocol."""
+    return "takes connections"
 
 
-async def _gripper(stream: _Stream) -> None:
+async def _gripper(stream: _Stream) -> str:
     """Driver state: there with and without power."""
     request = Get("DST")
     stream.send(f"GET {request.name}\n".encode())
     answer = await stream.read()
     if not answer.startswith(encode_value(request, "").rstrip(b"\n")):
         raise NotReady(f"the answer to GET {request.name} is {answer!r}")
+    return "answers"
 
 
-async def _control(stream: _Stream) -> None:
+async def _control(stream: _Stream) -> str:
     """Its start page needs no token."""
     stream.send(b"GET /health HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
     answer = await stream.read()
     if not answer.startswith(b"HTTP/1.1 200 "):
         raise NotReady(f"the answer to GET /health is {answer[:40]!r}")
+    return "this is an emulator"
 
 
-_HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[None]]]] = {
+_HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[str]]]] = {
     "dashboard": _dashboard,
     "primary": _primary,
     "secondary": _primary,
@@ -181,22 +239,44 @@ async def check_ready(
     and what is wrong with it.
     """
     hosts = {name: (elsewhere or {}).get(name, host) for name in ports}
-    checks = (_check(name, _UNSPECIFIED.get(hosts[name], hosts[name]), port, timeout_s) for name, port in ports.items())
-    for problem in await asyncio.gather(*checks, return_exceptions=True):
-        if problem is not None:
-            raise problem
+    checks = (find_out(name, _UNSPECIFIED.get(hosts[name], hosts[name]), ports[name], timeout_s) for name in ports)
+    for finding in await asyncio.gather(*checks):
+        if finding.error is not None:
+            raise NotReady(f"{finding.name} port {finding.port} on {finding.host}: {finding.text}") from finding.error
 
 
-async def _check(name: str, host: str, port: int, timeout_s: float) -> None:
-    handshake = _HANDSHAKES[name.removesuffix(" read-only")]
+async def find_out(name: str, host: str, port: int, timeout_s: float = _TIMEOUT_S) -> Finding:
+    """Shake hands on the port of one server."""
+    return await _find_out(name, host, port, timeout_s, _HANDSHAKES[name.removesuffix(" read-only")])
+
+
+async def run_script(host: str, primary_port: int, timeout_s: float = _TIMEOUT_S) -> Finding:
+    """Let the robot run a secondary program that only writes to the log, and wait for its line."""
+    return await _find_out("script", host, primary_port, timeout_s, _script)
+
+
+async def _script(stream: _Stream) -> str:
+    decoder = PrimaryDecoder()
+    decoder.feed(await stream.read())
+    word = f"ur-emulator-check {os.getpid()}"
+    stream.send(f'sec ur_emulator_check():\n  textmsg("{word}")\nend\n'.encode())
+    while True:
+        for message in decoder.feed(await stream.read()):
+            if isinstance(message, TextMessage) and word in message.text:
+                return "runs"
+
+
+async def _find_out(
+    name: str, host: str, port: int, timeout_s: float, handshake: Callable[[_Stream], Awaitable[str]]
+) -> Finding:
     try:
         async with asyncio.timeout(timeout_s):
             reader, writer = await asyncio.open_connection(host, port)
             try:
-                await handshake(_Stream(reader, writer))
+                return Finding(name, host, port, await handshake(_Stream(reader, writer)))
             finally:
                 writer.close()
     except TimeoutError as error:
-        raise NotReady(f"{name} port {port} on {host} does not answer within {timeout_s:g} s") from error
+        return Finding(name, host, port, f"no answer within {timeout_s:g} s", error)
     except (OSError, RemoteProtocolError, NotReady) as error:
-        raise NotReady(f"{name} port {port} on {host}: {error}") from error
+        return Finding(name, host, port, str(error), error)

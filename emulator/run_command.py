@@ -4,10 +4,11 @@ import asyncio
 import math
 import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from pathlib import Path
 
 from emulator.batch import Batch
 from emulator.clock import Clock, FastClock, RealClock
-from emulator.config import ConfigError, choose_model, choose_version
+from emulator.config import ArmKind, ConfigError, choose_model, choose_version, read_surroundings
 from emulator.controller import Controller, ControllerConfig
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.programs.sockets import ScriptNetwork
@@ -36,6 +37,14 @@ def _arguments(parser: ArgumentParser) -> None:
         default=ScriptNetwork.ANY,
         help="addresses that sockets and XML-RPC of the script may connect to (default any)",
     )
+    parser.add_argument("--world", type=Path, metavar="WORLD", help="YAML file: what stands around the arm")
+    parser.add_argument(
+        "--arm",
+        choices=list(ArmKind),
+        default=ArmKind.IDEAL,
+        help="ideal (the default): exactly where its targets are; dynamic: moved by torques, with friction",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of a dynamic arm's measurement noise")
     parser.add_argument("--trace", action="store_true", help="show every statement before it is executed")
 
 
@@ -57,6 +66,7 @@ def _run(options: Namespace) -> int:
     try:
         model = choose_model(options.model)
         version = choose_version(options.polyscope, model)
+        world = read_surroundings(options.world)
         file = ScriptFile.read(options.file)
     except ConfigError as error:
         return _usage_error(str(error))
@@ -67,7 +77,15 @@ def _run(options: Namespace) -> int:
         _say(problem.render(file.name))
     if any(isinstance(problem, CompileError) for problem in problems):
         return TROUBLE
-    config = ControllerConfig(model=model, version=version, running=True, popup_auto_close_s=0.0)
+    config = ControllerConfig(
+        model=model,
+        version=version,
+        running=True,
+        popup_auto_close_s=0.0,
+        dynamic=options.arm == ArmKind.DYNAMIC,
+        seed=options.seed,
+        world=world,
+    )
     controller = Controller(config)
     batch = Batch(controller, file, _say, trace=options.trace, timeout_s=options.timeout)
     try:

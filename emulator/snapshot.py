@@ -157,6 +157,7 @@ class Snapshot:
     force_mode_frame: Vector6 = _ZERO6  # task frame in the base frame, zero without force mode
     board_temperature: float = 0.0  # degC, of the control box
     io_freedrive: bool = False  # an input holds the arm in freedrive
+    safety_checksum: int = 0  # of the safety configuration in force
     local_control: bool = False  # an e-Series arm that takes no orders from the network
 
     def successor(self) -> Self:

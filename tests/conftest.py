@@ -6,12 +6,13 @@ time have one.
 """
 
 import os
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from urproto.testing.leaks import Belongings
 
 # Examples are not timed: a busy machine is no bug. In CI they are the same every time; elsewhere new ones are tried.
 settings.register_profile("project", deadline=None, derandomize="CI" in os.environ)
@@ -23,6 +24,7 @@ REAL_TIME = (
     "control",
     "driver",
     "fleet",
+    "plugin",
     "real_clients",
     "servers",
 )  # folders of tests that the wall clock can disturb
@@ -48,30 +50,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.fixture(autouse=True)
 def leaves_nothing_behind() -> Iterator[None]:
     """Fail a test that leaves a Python thread or a listening socket of this process behind."""
-    threads_before = set(threading.enumerate())
-    ports_before = listening_sockets()
+    allowed = Belongings.now()
     yield
-    threads = [thread.name for thread in threading.enumerate() if thread not in threads_before and thread.is_alive()]
-    assert not threads, f"threads left behind: {threads}"
-    ports = listening_sockets() - ports_before
-    assert not ports, f"listening sockets left behind: {sorted(ports)}"
-
-
-def listening_sockets() -> set[str]:
-    """Local addresses this process listens on (Linux; empty elsewhere)."""
-    table = Path("/proc/net/tcp")
-    if not table.exists():
-        return set()
-    rows = (line.split() for line in table.read_text().splitlines()[1:])
-    listening = {f"socket:[{row[9]}]": row[1] for row in rows if row[3] == "0A"}
-    return {listening[link] for link in _open_descriptors() if link in listening}
-
-
-def _open_descriptors() -> set[str]:
-    links = set()
-    for descriptor in os.listdir("/proc/self/fd"):
-        try:
-            links.add(os.readlink(f"/proc/self/fd/{descriptor}"))
-        except OSError:  # closed meanwhile, as the listing's own descriptor is
-            continue
-    return links
+    complaints = allowed.complaints()
+    assert not complaints, f"left behind: {complaints}"

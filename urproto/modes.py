@@ -117,6 +117,7 @@ class SafetyStatusBits(IntFlag):
     VIOLATION = 1 << 8
     FAULT = 1 << 9
     STOPPED_DUE_TO_SAFETY = 1 << 10
+    ENABLING_INPUT_ACTIVE = 1 << 11  # of a three-position device, from 5.25
 
 
 class RobotStatusBits(IntFlag):

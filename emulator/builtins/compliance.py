@@ -151,7 +151,7 @@ def end_teach_mode(host: ProgramHost) -> None:
     note="contact is a force beyond 20 N, or the threshold; the controller's own rule is not known",
 )
 def tool_contact(host: ProgramHost, direction: PoseOrJoints = _ORIGIN, force_threshold: Num = 0.0) -> int:
-    """Control periods since the tool met something while moving along `direction`; 0 without contact.
+    """Control periods back to just before the tool met something on its way along `direction`; 0 without contact.
 
     `direction`: six numbers in the base frame, of which the first three count; when these are zero, any
     direction. `force_threshold` [N]: the force that counts as contact (5.25 manual); 0 leaves the usual one.

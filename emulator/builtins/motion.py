@@ -1,8 +1,12 @@
 """Movements: the arm goes somewhere, and the call takes the time that needs."""
 
+from collections.abc import Sequence
+
 from emulator.builtins.geometry import arm_pose, joints_for, nearest_angle, pose_for
 from emulator.builtins.values import Vector6, numbers, six, within_range
+from emulator.motion.torque import TorqueCommand
 from emulator.programs.host import Frames, ProgramHost
+from emulator.robot.drives import COULOMB_SHARE, VISCOUS_SHARE
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, Bool, Int, Joints, Num, Pose, PoseOrJoints, Struct, Value
@@ -200,14 +204,11 @@ def stopl(host: ProgramHost, a: Num = 2.0, aRot: Num | None = None) -> Frames[No
         yield from host.until_ready(motion.stopl(a, a if aRot is None else aRot))
 
 
-_TORQUE_ACCELERATION = 1e6  # rad/s2: the integrated speed is to be reached within the control period
-
-
 @LIBRARY.builtin(
     cb3=None,
     e="5.23",
     status="partial",
-    note="rigid-body dynamics; the emulated joints have no friction, so all friction options give the same motion",
+    note="an ideal arm has no friction: there all friction options give the same motion",
 )
 def direct_torque(
     host: ProgramHost,
@@ -216,14 +217,25 @@ def direct_torque(
     viscous_scale: Joints | None = None,
     coulomb_scale: Joints | None = None,
 ) -> Frames[None]:
-    """Command joint torques [Nm] on top of what gravity needs, for one control period."""
-    dynamics, q, qd = host.arm.dynamics, host.motion.q, host.motion.qd
-    gravity = dynamics.gravity_torques(q)
-    torque = [given + weight for given, weight in zip(torques, gravity, strict=True)]
-    qdd = dynamics.forward_dynamics(q, qd, torque)
-    speed = six([rate + acceleration * host.period_s for rate, acceleration in zip(qd, qdd, strict=True)])
+    """Command joint torques [Nm] on top of what gravity needs, for one control period.
+
+    With `friction_comp` the joints make up for their friction, by these shares (0 to 1) of each kind.
+    """
+    viscous = _friction_scale("viscous_scale", viscous_scale, VISCOUS_SHARE)
+    coulomb = _friction_scale("coulomb_scale", coulomb_scale, COULOMB_SHARE)
+    shares = (viscous, coulomb) if friction_comp else ()
     with host.motion_control() as motion:
-        yield from host.until_ready(motion.speedj(speed, a=_TORQUE_ACCELERATION, t=host.period_s))
+        yield from host.until_ready(
+            motion.direct_torque(TorqueCommand(six(torques), *shares), host.arm.torque_response)
+        )
+
+
+def _friction_scale(name: str, given: Sequence[float] | None, usual: Vector6) -> Vector6:
+    if given is None:
+        return usual
+    if not all(0.0 <= share <= 1.0 for share in given):
+        raise RuntimeFault(f"direct_torque: each {name} must be from 0 to 1, not {list(given)}")
+    return six(given)
 
 
 @LIBRARY.builtin()

@@ -146,8 +146,7 @@ def force(host: ProgramHost) -> float:
 @LIBRARY.builtin()
 def get_joint_torques(host: ProgramHost) -> list[float]:
     """Joint torques [Nm] beyond what moves and holds the arm itself: those the outside causes."""
-    arm = host.arm
-    return [actual - own for actual, own in zip(arm.actual_torque, arm.target_torque, strict=True)]
+    return list(host.arm.misjudged_torque)
 
 
 @LIBRARY.builtin()

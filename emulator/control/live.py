@@ -8,6 +8,7 @@ from emulator.control.control import Control
 from emulator.control.timing import Pace
 from emulator.control.verbs import verb
 from emulator.controller import Controller
+from emulator.faults.injector import FaultInjector
 
 __all__ = ["LiveControl", "Port"]
 
@@ -27,8 +28,8 @@ class Port(Protocol):
 class LiveControl(Control):
     """As Control. A verb that takes time returns its steps: a server continues them after each control period."""
 
-    def __init__(self, controller: Controller, pace: Pace, ports: Mapping[str, Port]) -> None:
-        super().__init__(controller, pace)
+    def __init__(self, controller: Controller, pace: Pace, ports: Mapping[str, Port], faults: FaultInjector) -> None:
+        super().__init__(controller, pace, faults)
         self._ports = ports
 
     @verb

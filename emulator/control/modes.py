@@ -2,13 +2,21 @@
 
 from typing import Any, Literal
 
-from emulator.control.base import ControlBase
-from emulator.control.verbs import NotPossible, verb
+from emulator.control.base import ControlBase, Waiting
+from emulator.control.verbs import BadArguments, NotPossible, verb
 from emulator.lifecycle.errorcodes import SCRIPT_PROTECTIVE_STOP, StopCause
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.safety import SafetyEvent
+from emulator.safety.causes import CAUSES, Cause
+from emulator.safety.commands import Jog, SetSafetyInput
+from emulator.safety.configuration import SafetyInput
+from emulator.safety.signals import SafetyDevice
+from emulator.snapshot import Vector6
 
 __all__ = ["ModeVerbs"]
+
+Button = Literal["robot", "system"]
+Device = Literal["safeguard", "automatic_safeguard", "enabling_device", "reduced_mode"]
 
 
 class ModeVerbs(ControlBase):
@@ -40,40 +48,60 @@ class ModeVerbs(ControlBase):
         self.controller.safety_event(SafetyEvent.UNLOCK)
 
     @verb
-    def press_emergency_stop(self, button: Literal["robot", "system"] = "robot") -> None:
+    def press_emergency_stop(self, button: Button = "robot") -> None:
         """Press the emergency stop of the teach pendant, or the system's; it stays pressed."""
-        pressed = {"robot": SafetyEvent.ROBOT_EMERGENCY_STOP, "system": SafetyEvent.SYSTEM_EMERGENCY_STOP}
-        self.controller.safety_event(pressed[button])
+        self._set(_BUTTONS[button], True)
 
     @verb
-    def release_emergency_stop(self) -> None:
-        """Release the emergency stop; the arm stays off until it is switched on."""
-        self.controller.safety_event(SafetyEvent.EMERGENCY_STOP_RELEASED)
+    def release_emergency_stop(self, button: Button | None = None) -> None:
+        """Release an emergency stop, or both; the arm stays off until it is switched on."""
+        for name, device in _BUTTONS.items():
+            if button in (None, name):
+                self._set(device, False)
 
     @verb
     def open_safeguard(self) -> None:
         """Open the gate: safeguard stop until it is closed."""
-        self.controller.safety_event(SafetyEvent.SAFEGUARD_OPEN)
+        self._set(SafetyDevice.SAFEGUARD, True)
 
     @verb
     def close_safeguard(self) -> None:
-        """Close the gate; the program goes on."""
-        self.controller.safety_event(SafetyEvent.SAFEGUARD_CLOSED)
+        """Close the gate. The program goes on, or waits for ``reset_safeguard`` where an input is assigned to that.
+
+        One is, on the robot as it is delivered.
+        """
+        self._set(SafetyDevice.SAFEGUARD, False)
 
     @verb
-    def set_reduced_mode(self, on: bool) -> None:
-        """Switch reduced mode on or off, as its input does."""
-        self.controller.safety_event(SafetyEvent.REDUCED if on else SafetyEvent.NOT_REDUCED)
+    def reset_safeguard(self) -> None:
+        """Press the safeguard reset button; the program goes on if the gate is closed."""
+        if not SetSafetyInput(SafetyInput.SAFEGUARD_RESET, high=False).apply(self.controller):
+            raise NotPossible("no input is assigned to the safeguard reset: the program goes on by itself")
+        return self._wait(self._rise(SafetyInput.SAFEGUARD_RESET))
 
     @verb
-    def cause_violation(self) -> None:
-        """Let the safety system find a limit violated; ``restart_safety`` mends it."""
-        self.controller.safety_event(SafetyEvent.VIOLATION)
+    def set_safety_device(self, device: Device, active: bool) -> None:
+        """Let a device ask for its stop or mode, or no more. The enabling device asks while it is not held halfway."""
+        self._set(SafetyDevice[device.upper()], active)
 
     @verb
-    def cause_fault(self) -> None:
-        """Let the safety system find a fault; ``restart_safety`` mends it."""
-        self.controller.safety_event(SafetyEvent.FAULT)
+    def safety_causes(self) -> dict[str, str]:
+        """What ``trip_safety`` can cause on this robot, with the report code of each."""
+        series = self.controller.model.series
+        return {
+            cause.name.lower(): f"{row.label} {row.what}"
+            for cause, row in CAUSES.items()
+            if row.code is not None and row.only in (None, series)
+        }
+
+    @verb
+    def trip_safety(self, cause: str, joint: int | None = None) -> None:
+        """Let a protective stop, a violation or a fault happen; ``safety_causes`` lists them."""
+        if joint is not None and not 0 <= joint <= 5:
+            raise BadArguments(f"there is no joint {joint}: they are 0 (base) to 5")
+        if cause not in self.safety_causes():
+            raise BadArguments(f"unknown cause {cause!r}: known are {', '.join(self.safety_causes())}")
+        self.controller.safety_board.trip(Cause[cause.upper()], joint)
 
     @verb
     def restart_safety(self) -> None:
@@ -82,9 +110,39 @@ class ModeVerbs(ControlBase):
         self.controller.safety_event(SafetyEvent.RESTART)
 
     @verb
+    def last_stop(self) -> dict[str, Any] | None:
+        """The last stop of the safety system: mode, category 0 to 2, time [s] and way of the tool [m]."""
+        stop = self.controller.safety_board.last_stop
+        if stop is None:
+            return None
+        return {
+            "mode": stop.mode.name,
+            "category": stop.category.value,
+            "over": stop.done,
+            "duration_s": stop.duration_s,
+            "distance_m": stop.distance_m,
+        }
+
+    @verb
+    def set_arm_supply(self, present: bool) -> None:
+        """Take the arm's 48 V away, or give them back; then ``restart_safety``."""
+        self.controller.safety_board.set_supply(present)
+
+    @verb
     def set_remote_control(self, on: bool) -> None:
         """Turn the pendant's switch to remote control, or back."""
         self.controller.remote_control = on
+
+    @verb
+    def hold_freedrive_button(self, held: bool) -> None:
+        """Hold the pendant's freedrive button, or let it go; the arm gives way while no program runs."""
+        self.controller.safety_board.hold_freedrive(held)
+
+    @verb
+    def jog(self, qd_rad_s: Vector6) -> None:
+        """Move the joints at these speeds, as the pendant's Move tab does; zeros stop them. No program may run."""
+        if not Jog(qd_rad_s).apply(self.controller):
+            raise NotPossible("the arm may not move, or a program moves it: see robot_mode, safety_mode, runtime_state")
 
     @verb
     def popups(self) -> list[dict[str, Any]]:
@@ -106,3 +164,16 @@ class ModeVerbs(ControlBase):
     def _power(self, event: PowerEvent) -> None:
         if not self.controller.power_event(event):
             raise NotPossible(f"the safety mode {self.controller.safety.mode.name} keeps the arm switched off")
+
+    def _rise(self, function: SafetyInput) -> Waiting[None]:
+        yield
+        SetSafetyInput(function, high=True).apply(self.controller)
+
+    def _set(self, device: SafetyDevice, active: bool) -> None:
+        """What somebody does next shall find the safety system as it is then."""
+        board = self.controller.safety_board
+        board.set_device(device, active)
+        board.latch()
+
+
+_BUTTONS = {"robot": SafetyDevice.EMERGENCY_STOP, "system": SafetyDevice.SYSTEM_EMERGENCY_STOP}

@@ -36,8 +36,11 @@ def openapi(verbs: Mapping[str, Verb], version: str) -> dict[str, Any]:
 
 
 def listing(verbs: Mapping[str, Verb]) -> list[dict[str, Any]]:
-    """Name, documentation and arguments of each verb, for a command line."""
-    return [{"name": verb.name, "text": verb.text, "arguments": _arguments(verb)} for verb in verbs.values()]
+    """Name, documentation and arguments of each verb, and whether it takes others too, for a command line."""
+    return [
+        {"name": verb.name, "text": verb.text, "arguments": _arguments(verb), "open": verb.open}
+        for verb in verbs.values()
+    ]
 
 
 def _arguments(verb: Verb) -> list[dict[str, Any]]:

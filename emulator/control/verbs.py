@@ -30,12 +30,16 @@ def verb(function: _Function) -> _Function:
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """A verb as those see it who call it by name. ``parameters``: a msgspec structure of its arguments."""
+    """A verb as those see it who call it by name. ``parameters``: a msgspec structure of its arguments.
+
+    ``open``: it takes others, too (``**``), and checks them itself.
+    """
 
     name: str
     parameters: type[msgspec.Struct]
     result: Any
     text: str
+    open: bool = False
 
     @property
     def summary(self) -> str:
@@ -57,6 +61,8 @@ class Verb:
         except msgspec.ValidationError as error:
             raise BadArguments(f"{self.name}: {error}") from error
         given = {name: getattr(values, name) for name in self.arguments}
+        if self.open:
+            given |= {name: value for name, value in arguments.items() if name not in given}
         for name, value in given.items():
             if not _finite(value):
                 raise BadArguments(f"{self.name}: {name} must be finite, not {value}")
@@ -80,13 +86,15 @@ def _marked(kind: type) -> Iterator[tuple[str, Callable[..., Any]]]:
 def _described(name: str, function: Callable[..., Any]) -> Verb:
     hints = get_type_hints(function)
     fields: list[Any] = []
-    for parameter in list(inspect.signature(function).parameters.values())[1:]:
+    named = list(inspect.signature(function).parameters.values())[1:]
+    others = [parameter for parameter in named if parameter.kind is inspect.Parameter.VAR_KEYWORD]
+    for parameter in named[: len(named) - len(others)]:
         field = (parameter.name, hints[parameter.name])
         optional = parameter.default is not inspect.Parameter.empty
         fields.append((*field, parameter.default) if optional else field)
     title = "".join(word.capitalize() for word in name.split("_"))
-    parameters = msgspec.defstruct(title, fields, forbid_unknown_fields=True, kw_only=True)
-    return Verb(name, parameters, hints.get("return", Any), inspect.getdoc(function) or "")
+    parameters = msgspec.defstruct(title, fields, forbid_unknown_fields=not others, kw_only=True)
+    return Verb(name, parameters, hints.get("return", Any), inspect.getdoc(function) or "", bool(others))
 
 
 def _finite(value: object) -> bool:

@@ -10,7 +10,7 @@ import os
 import signal
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 
 from emulator.app import Emulator
@@ -64,7 +64,10 @@ def run(configs: Sequence[EmulatorConfig], link: Connection, inherited: Sequence
 class _Worker:
     def __init__(self, configs: Sequence[EmulatorConfig], link: Connection) -> None:
         self._link = link
-        self._emulators = [Emulator(config) for config in configs]
+        self._configs = configs
+        self._emulators = [
+            Emulator(replace(config, faults=())) for config in configs
+        ]  # until it has proven to be ready
         self._starting = len(configs)
         self._leaving = False
 
@@ -89,6 +92,7 @@ class _Worker:
         config = emulator.config
         async with emulator:
             await check_ready(config.host, emulator.ports, elsewhere={"control": config.host_of("control")})
+            emulator.inject(self._configs[index].faults)
             self._starting -= 1
             if not self._starting:
                 self._tell(Ready(tuple(other.ports for other in self._emulators)))

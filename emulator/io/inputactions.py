@@ -40,8 +40,12 @@ class InputActions:
         """Freedrive by a Modbus signal; one that was deleted, or whose unit does not answer, counts as low."""
         self._levels["modbus", name] = lambda controller: controller.programs.modbus.is_high(name)
 
+    def hold_button(self) -> None:
+        """Freedrive for as long as the pendant's button is held: until it is forgotten."""
+        self._levels["button", 0] = lambda _: True
+
     def forget(self, kind: str, index: int | str) -> None:
-        """The input triggers nothing. ``kind``: the group's name, "register" or "modbus"."""
+        """The input triggers nothing. ``kind``: the group's name, "register", "modbus" or "button"."""
         self._levels.pop((kind, index), None)
 
     def clear(self) -> None:

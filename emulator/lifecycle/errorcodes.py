@@ -12,14 +12,16 @@ __all__ = ["BUSY_PROTECTIVE_STOP", "READ_ONLY_SOCKET", "SCRIPT_PROTECTIVE_STOP",
 
 @dataclass(frozen=True, slots=True)
 class StopCause:
-    """Why a protective stop happened: ``C<code>A<argument>`` and, optionally, a text of its own."""
+    """Why a protective stop happened: ``C<code>A<argument>``, a text of its own, and the joint to blame if one is."""
 
     code: int
     argument: int = 0
     text: str = ""
+    joint: int | None = None
 
 
 TEXTS: Final[dict[int, str]] = {
+    50: "The arm has no 48 V supply",
     57: "The brakes could not be released",
     100: "The robot changed mode",
     102: "No real robot is connected: running in simulation",
@@ -39,6 +41,7 @@ TEXTS: Final[dict[int, str]] = {
     173: "The joint torques are too high",
     191: "A safety limit was violated",
     192: "The safety system found a fault",
+    193: "A joint reports a fault",
     197: "Blend radii overlap",
     204: "The path failed its check",
     205: "The target speed does not match the target position",
@@ -46,6 +49,8 @@ TEXTS: Final[dict[int, str]] = {
     209: "A protective stop was requested by the program",
     210: "The socket is read-only: scripts need a port that takes them and, on e-Series, remote control",
     218: "A thread used too much time",
+    400: "The elbow is close to a safety plane",
+    403: "The tool flange is so close to the lower arm that it could clamp",
     271: "The program computes without end: put sync() or sleep() into loops that do not move the robot",
 }
 

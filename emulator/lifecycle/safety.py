@@ -1,20 +1,27 @@
 """Safety modes as a table, the conditions that hold them, and the unlocking rules.
 
-A protective stop lasts until it is unlocked. Emergency stop, safeguard stop and reduced
-mode last as long as their condition (button, gate, input) does: when a mode is left, the
-conditions that still hold are applied again. Violations and faults last until the safety
-system is restarted.
+A protective stop lasts until it is unlocked. Emergency stop, safeguard stop, recovery and
+reduced mode last as long as their condition (button, gate, input, position) does: when a mode
+is left, the conditions that still hold are applied again. Violations and faults last until the
+safety system is restarted.
 """
 
-from enum import Enum, auto
+from enum import Enum, IntEnum, auto
 from typing import Final
 
-from urproto.modes import SafetyMode, SafetyStatusBits
+from urproto.modes import SafetyMode, SafetyStatus, SafetyStatusBits
 
-__all__ = ["PROTECTIVE_STOP_LOCK_S", "SAFETY_TABLE", "Safety", "SafetyEvent"]
+__all__ = ["PROTECTIVE_STOP_LOCK_S", "SAFETY_TABLE", "STOP_CATEGORY", "Safety", "SafetyEvent", "StopCategory"]
 
 PROTECTIVE_STOP_LOCK_S: Final = 5.0  # dashboard manual: no unlock earlier than this after the stop
-_REDUCED_SPEED_FACTOR: Final = 0.5  # guess: the real limits of reduced mode are in the installation
+
+
+class StopCategory(IntEnum):
+    """IEC 60204-1: how a stop is carried out."""
+
+    POWER_REMOVED = 0  # at once; the brakes bring the arm to rest
+    CONTROLLED_THEN_OFF = 1  # along the path, power is removed once the arm stands
+    CONTROLLED = 2  # along the path, power stays
 
 
 class SafetyEvent(Enum):
@@ -27,8 +34,14 @@ class SafetyEvent(Enum):
     EMERGENCY_STOP_RELEASED = auto()
     SAFEGUARD_OPEN = auto()
     SAFEGUARD_CLOSED = auto()
+    AUTOMATIC_SAFEGUARD_OPEN = auto()  # e-Series: the safeguard that counts in automatic mode only
+    AUTOMATIC_SAFEGUARD_CLOSED = auto()
+    ENABLING_RELEASED = auto()  # e-Series: three-position enabling device, in manual mode only
+    ENABLING_HELD = auto()
     REDUCED = auto()
     NOT_REDUCED = auto()
+    OUTSIDE_LIMITS = auto()  # the arm stands outside its limits when it could begin to move
+    INSIDE_LIMITS = auto()
     VIOLATION = auto()
     FAULT = auto()
     RESTART = auto()
@@ -40,14 +53,31 @@ _OPERATIONAL: Final = (_M.NORMAL, _M.REDUCED, _M.RECOVERY)
 _STOPPED: Final = (_M.PROTECTIVE_STOP, _M.SAFEGUARD_STOP)
 _EMERGENCY: Final = (_M.SYSTEM_EMERGENCY_STOP, _M.ROBOT_EMERGENCY_STOP)
 _HARD: Final = (_M.VIOLATION, _M.FAULT)
+# what opens -> what closes it, and the safety status meanwhile; the safety mode is the same for all
+_SAFEGUARDS: Final = {
+    _E.SAFEGUARD_OPEN: (_E.SAFEGUARD_CLOSED, SafetyStatus.SAFEGUARD_STOP),
+    _E.AUTOMATIC_SAFEGUARD_OPEN: (_E.AUTOMATIC_SAFEGUARD_CLOSED, SafetyStatus.AUTOMATIC_MODE_SAFEGUARD_STOP),
+    _E.ENABLING_RELEASED: (_E.ENABLING_HELD, SafetyStatus.SYSTEM_THREE_POSITION_ENABLING_STOP),
+}
+STOP_CATEGORY: Final[dict[SafetyMode, StopCategory]] = {
+    _M.PROTECTIVE_STOP: StopCategory.CONTROLLED,
+    _M.SAFEGUARD_STOP: StopCategory.CONTROLLED,
+    _M.SYSTEM_EMERGENCY_STOP: StopCategory.CONTROLLED_THEN_OFF,
+    _M.ROBOT_EMERGENCY_STOP: StopCategory.CONTROLLED_THEN_OFF,
+    _M.VIOLATION: StopCategory.POWER_REMOVED,
+    _M.FAULT: StopCategory.POWER_REMOVED,
+}
+"""User manual, safety functions: emergency stop 1, safeguard stop 2, limit violation and fault 0."""
 
 SAFETY_TABLE: Final[dict[tuple[SafetyMode, SafetyEvent], SafetyMode]] = {
     (_M.NORMAL, _E.REDUCED): _M.REDUCED,
     (_M.REDUCED, _E.NOT_REDUCED): _M.NORMAL,
     (_M.PROTECTIVE_STOP, _E.UNLOCK): _M.NORMAL,
-    (_M.SAFEGUARD_STOP, _E.SAFEGUARD_CLOSED): _M.NORMAL,
+    (_M.RECOVERY, _E.INSIDE_LIMITS): _M.NORMAL,
     **{(mode, _E.PROTECTIVE_STOP): _M.PROTECTIVE_STOP for mode in (*_OPERATIONAL, _M.SAFEGUARD_STOP)},
-    **{(mode, _E.SAFEGUARD_OPEN): _M.SAFEGUARD_STOP for mode in _OPERATIONAL},
+    **{(mode, _E.OUTSIDE_LIMITS): _M.RECOVERY for mode in (_M.NORMAL, _M.REDUCED)},
+    **{(mode, opened): _M.SAFEGUARD_STOP for opened in _SAFEGUARDS for mode in _OPERATIONAL},
+    **{(_M.SAFEGUARD_STOP, closed): _M.NORMAL for closed, _ in _SAFEGUARDS.values()},
     **{(mode, _E.ROBOT_EMERGENCY_STOP): _M.ROBOT_EMERGENCY_STOP for mode in (*_OPERATIONAL, *_STOPPED)},
     **{(mode, _E.SYSTEM_EMERGENCY_STOP): _M.SYSTEM_EMERGENCY_STOP for mode in (*_OPERATIONAL, *_STOPPED)},
     **{(mode, _E.EMERGENCY_STOP_RELEASED): _M.NORMAL for mode in _EMERGENCY},
@@ -60,7 +90,8 @@ SAFETY_TABLE: Final[dict[tuple[SafetyMode, SafetyEvent], SafetyMode]] = {
 _CONDITIONS: Final[dict[SafetyEvent, SafetyEvent]] = {
     _E.ROBOT_EMERGENCY_STOP: _E.EMERGENCY_STOP_RELEASED,
     _E.SYSTEM_EMERGENCY_STOP: _E.EMERGENCY_STOP_RELEASED,
-    _E.SAFEGUARD_OPEN: _E.SAFEGUARD_CLOSED,
+    **{opened: closed for opened, (closed, _) in _SAFEGUARDS.items()},
+    _E.OUTSIDE_LIMITS: _E.INSIDE_LIMITS,
     _E.REDUCED: _E.NOT_REDUCED,
 }
 
@@ -103,9 +134,22 @@ class Safety:
         return self.mode is not SafetyMode.PROTECTIVE_STOP or self.mode_age_s >= PROTECTIVE_STOP_LOCK_S
 
     @property
-    def speed_factor(self) -> float:
-        """What the safety system leaves of the speed: less than 1 in reduced mode."""
-        return _REDUCED_SPEED_FACTOR if self.mode is SafetyMode.REDUCED else 1.0
+    def programs_allowed(self) -> bool:
+        """False while no program may run: stopped, or outside the limits."""
+        return self.mode in (_M.NORMAL, _M.REDUCED)
+
+    @property
+    def status(self) -> SafetyStatus:
+        """As the mode, but which safeguard it is that stops the arm."""
+        if self.mode is _M.SAFEGUARD_STOP:
+            for opened, (_, status) in _SAFEGUARDS.items():
+                if opened in self._conditions:
+                    return status
+        return SafetyStatus(self.mode)
+
+    def holds(self, condition: SafetyEvent) -> bool:
+        """A lasting condition, by the event that began it, has not ended yet."""
+        return condition in self._conditions
 
     @property
     def status_bits(self) -> int:

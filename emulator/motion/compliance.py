@@ -5,6 +5,9 @@ one; in the others it follows the movement in progress. Where the arm is singula
 follow each push: it then gives way as far as its joints can, and stands where that would take it off in a direction
 that is not compliant. Mass and friction are guesses: a real controller's force loop is
 not documented.
+
+The loop's equilibrium is where wanted and external force cancel, whatever mass, friction and gain: pressing on
+something with 10 N ends at 10 N.
 """
 
 from collections.abc import Sequence
@@ -12,13 +15,14 @@ from dataclasses import dataclass
 from math import exp
 
 from emulator.motion.axes import Axes, cross, dot, into6, of_rotation, out_of, out_of6, unit
-from emulator.motion.faults import MotionFault, near_singularity
+from emulator.motion.contact import Contact, Response, solve, without
+from emulator.motion.faults import MotionFault, near_singularity, off_the_path
 from emulator.motion.pacing import within_speed
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import ZERO, Joints, as_six, lerp, sub
+from emulator.motion.vectors import ZERO, Joints, Vec3, as_six, lerp, norm3, scaled, sub
 from urproto.robots.pose import Pose, pose_add, pose_sub
 
-__all__ = ["Compliance", "Task"]
+__all__ = ["Compliance", "Pushing", "Task"]
 
 _MASS = 20.0  # kg, kg m2 for turning: gives time constants around 0.1 s (guess)
 _INERTIA = 1.0
@@ -26,8 +30,11 @@ _FRICTION = (200.0, 1800.0)  # N s/m at damping 0, and how much full damping add
 _TURN_FRICTION = (10.0, 90.0)  # Nm s/rad
 _TOOL, _FIXED = 0, 2  # kinds of task frame
 _REST = 1e-6  # m/s, rad/s: slower than this the tool stands (guess)
+_STILL = 1e-9  # m in a period: less is no motion to turn a frame along
 _SLACK = 1e-4  # m, rad: how far a singular arm may come off in directions that are not compliant (guess)
 _FREEDRIVE_LIMITS: Joints = (1.0, 1.0, 1.0, 3.0, 3.0, 3.0)  # m/s, rad/s (guess)
+_MOTION = 3  # kind of task frame
+_STIFF = (False,) * 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +42,8 @@ class Task:
     """What to comply with: ``frame`` in the base frame, six flags, wrench [N, Nm] and speed limits in that frame.
 
     ``kind`` as in force_mode: 1 turns y towards the frame's origin, 2 takes the frame as it is, 3 turns x along the
-    tool's velocity. 0: the tool's own axes, whatever the frame.
+    tool's velocity, and complies only once the tool has moved (user manual, "Motion"). 0: the tool's own axes, whatever
+    the frame.
     """
 
     frame: Pose
@@ -67,6 +75,30 @@ class Task:
         return cls(frame or ZERO, free, ZERO, kind, _FREEDRIVE_LIMITS, freedrive=True)
 
 
+@dataclass(frozen=True, slots=True)
+class Pushing:
+    """What acts on the tool at its TCP, base frame [N, Nm]; the present forces of ``contacts`` are part of it."""
+
+    wrench: Joints = ZERO
+    contacts: tuple[Contact, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Loop:
+    """The force loop in one period: friction and what it leaves of a speed, axis by axis; gain."""
+
+    dt: float
+    friction: Joints
+    decay: Joints
+    gain: float
+
+    @classmethod
+    def of(cls, dt: float, damping: float, gain: float) -> "_Loop":
+        linear, turning = _FRICTION[0] + _FRICTION[1] * damping, _TURN_FRICTION[0] + _TURN_FRICTION[1] * damping
+        moving, spinning = exp(-dt * linear / _MASS), exp(-dt * turning / _INERTIA)
+        return cls(dt, (linear,) * 3 + (turning,) * 3, (moving,) * 3 + (spinning,) * 3, gain)
+
+
 class Compliance:
     """Turns movements of the nominal arm into movements of the compliant one."""
 
@@ -78,6 +110,7 @@ class Compliance:
         self._speed = ZERO  # of the tool's own motion, in the task frame
         self._yielding: tuple[bool, ...] = (False,) * 6  # directions of the last step
         self._moved = ZERO  # joints, in the last period [rad]
+        self._heading: Vec3 | None = None  # x axis of a frame along the motion
         self._next = (self._pose, ZERO, ZERO)
 
     def standing(self) -> bool:
@@ -90,6 +123,8 @@ class Compliance:
 
     def comply(self, task: Task) -> None:
         """Another task, also after a release."""
+        if task.kind != self.task.kind:
+            self._heading = None
         self.task, self.released = task, False
 
     def release(self) -> None:
@@ -98,20 +133,34 @@ class Compliance:
         kind = _TOOL if self.task.kind == _TOOL else _FIXED
         self.task = Task(self.task.frame, (False,) * 6, ZERO, kind, self.task.limits)
 
+    def check(self, actual_q: Joints) -> None:
+        """Raise MotionFault when the arm is further off than force mode's limits of the stiff axes allow.
+
+        ``actual_q``: where the last step has really taken it.
+        """
+        task = self.task
+        if task.freedrive or task.kind == _TOOL or self.released:
+            return
+        axes, limits = self._axes(ZERO), zip(self._compliant, task.limits, strict=True)
+        off = into6(axes, pose_sub(self.reach.pose(actual_q), self._pose))
+        for i, (deviation, (gives_way, limit)) in enumerate(zip(off, limits, strict=True)):
+            if not gives_way and abs(deviation) > abs(limit) + _SLACK:
+                raise off_the_path(i, abs(deviation), abs(limit))
+
     def step(
-        self, dt: float, q: Joints, nominal: tuple[Joints, Joints], external: Joints, damping: float, gain: float
+        self, dt: float, q: Joints, nominal: tuple[Joints, Joints], external: Pushing, damping: float, gain: float
     ) -> Joints:
         """Propose the joints after dt, while the nominal arm goes from the first to the second of ``nominal``.
 
-        ``external`` is the wrench that acts on the tool at the TCP, in the base frame. Raises MotionFault where the arm
-        cannot go.
+        Raises MotionFault where the arm cannot go.
         """
         before, after = nominal
         shift = ZERO if before == after else pose_sub(self.reach.pose(after), self.reach.pose(before))
         axes = self._axes(shift)
         wanted = into6(axes, shift)
-        compliant = self.task.compliant
-        own = self._accelerated(dt, self._handed_over(wanted, dt), axes, external, damping, gain)
+        compliant = self._compliant
+        loop, given = _Loop.of(dt, damping, gain), scaled(wanted, 1.0 / dt)
+        own = self._accelerated(loop, self._handed_over(given), axes, external, given)
         moved = as_six((0.0 if compliant[i] else wanted[i]) + own[i] * dt for i in range(6))
         self._next = (self._pose, own, ZERO)
         if moved == ZERO:
@@ -147,7 +196,7 @@ class Compliance:
         excess = max(abs(move) / (most * dt) for move, most in zip(step, self.reach.model.qd_max, strict=True))
         target = lerp(q, step, 1.0 / max(1.0, excess))
         missed = into6(axes, pose_sub(self.reach.pose(target), pose))
-        free = [compliant or speed != 0.0 for compliant, speed in zip(self.task.compliant, own, strict=True)]
+        free = [compliant or speed != 0.0 for compliant, speed in zip(self._compliant, own, strict=True)]
         if any(abs(miss) > _SLACK for miss, may in zip(missed, free, strict=True) if not may):
             raise near_singularity()
         lost = as_six(miss if may else 0.0 for miss, may in zip(missed, free, strict=True))
@@ -156,37 +205,53 @@ class Compliance:
     def commit(self) -> None:
         """The last step came true."""
         self._pose, self._speed, self._moved = self._next
-        self._yielding = self.task.compliant
+        self._yielding = self._compliant
 
-    def _handed_over(self, wanted: Joints, dt: float) -> Joints:
-        """The own speed; a direction that begins or ends to comply does not change the tool's speed at once."""
-        if self.task.compliant == self._yielding:
+    @property
+    def _compliant(self) -> tuple[bool, ...]:
+        """The directions that give way in this period: none of a frame along the motion before there was one."""
+        waiting = self.task.kind == _MOTION and self._heading is None
+        return _STIFF if waiting else self.task.compliant
+
+    def _handed_over(self, wanted: Joints) -> Joints:
+        """The own speed; a direction that begins or ends to comply does not change the tool's speed at once.
+
+        ``wanted``: speed of the movement in progress, task frame.
+        """
+        if self._compliant == self._yielding:
             return self._speed
-        changes = (now - before for now, before in zip(self.task.compliant, self._yielding, strict=True))
-        return as_six(
-            speed + change * shift / dt for speed, change, shift in zip(self._speed, changes, wanted, strict=True)
-        )
+        changes = (now - before for now, before in zip(self._compliant, self._yielding, strict=True))
+        return as_six(own + change * speed for own, change, speed in zip(self._speed, changes, wanted, strict=True))
 
-    def _accelerated(
-        self,
-        dt: float,
-        before: Joints,
-        axes: Axes,
-        external: Joints,
-        damping: float,
-        gain: float,
-    ) -> Joints:
-        """Exact response of mass and friction over dt, bounded by the task's speed limits."""
-        push = into6(axes, external)
-        linear, turning = _FRICTION[0] + _FRICTION[1] * damping, _TURN_FRICTION[0] + _TURN_FRICTION[1] * damping
-        decays = (exp(-dt * linear / _MASS), exp(-dt * turning / _INERTIA))
+    def _accelerated(self, loop: _Loop, before: Joints, axes: Axes, external: Pushing, given: Joints) -> Joints:
+        """The own speed after the period: what mass and friction make of it, contacts, and the task's speed limits.
+
+        ``before``: the own speed now, ``given``: speed of the movement in progress, both in the task frame.
+        """
+        compliant = self._compliant
+        push = into6(axes, external.wrench)
+        net = as_six(wish + force for wish, force in zip(self.task.wrench, push, strict=True))
+        free = self._unhindered(loop, before, net)
+        if not external.contacts or compliant == _STIFF:
+            return free
+        inert = as_six(c / (1.0 - decay) for c, decay in zip(loop.friction, loop.decay, strict=True))
+        kept = as_six(r * decay * speed for r, decay, speed in zip(inert, loop.decay, before, strict=True))
+        others = as_six(0.0 if compliant[i] else given[i] + free[i] for i in range(6))
+        bounds = as_six(max(abs(self.task.limits[i]), abs(before[i]) * loop.decay[i]) for i in range(6))
+        response = Response(compliant, inert, kept, others, bounds, loop.gain)
+        rest = lerp(net, into6(axes, without(ZERO, external.contacts)), 1.0)
+        alone = self._unhindered(loop, before, rest)
+        start = as_six(alone[i] if compliant[i] else others[i] for i in range(6))
+        speed = solve(loop.dt, axes, response, rest, external.contacts, start)
+        return as_six(speed[i] if compliant[i] else free[i] for i in range(6))
+
+    def _unhindered(self, loop: _Loop, before: Joints, net: Joints) -> Joints:
+        """Exact response of mass and friction to a force that stays, bounded by the task's speed limits."""
         speeds = []
-        for i, speed in enumerate(before):
-            friction, decay = (linear, decays[0]) if i < 3 else (turning, decays[1])
-            final = gain * (self.task.wrench[i] + push[i]) / friction if self.task.compliant[i] else 0.0
-            bound = abs(self.task.limits[i])
+        for i, flag in enumerate(self._compliant):
+            final, bound = loop.gain * net[i] / loop.friction[i] if flag else 0.0, abs(self.task.limits[i])
             final = max(-bound, min(bound, final))
-            now = final + (speed - final) * decay
+            now = final + (before[i] - final) * loop.decay[i]
             speeds.append(0.0 if abs(now) < _REST and abs(final) < _REST else now)
         return as_six(speeds)
 
@@ -198,8 +263,10 @@ class Compliance:
             y = unit((origin[0] - tool[0], origin[1] - tool[1], origin[2] - tool[2]), y)
             x = unit(cross(y, z), x)
             return x, y, cross(x, y)
-        if self.task.kind == 3:
-            along = (dot(shift, x), dot(shift, y))
-            x = unit(out_of((x, y, z), (*along, 0.0)), x)
+        if self.task.kind == _MOTION:
+            along = out_of((x, y, z), (dot(shift, x), dot(shift, y), 0.0))
+            if norm3(*along) > _STILL:
+                self._heading = unit(along, self._heading or x)
+            x = self._heading or x
             return x, cross(z, x), z
         return x, y, z

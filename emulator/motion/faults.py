@@ -10,6 +10,7 @@ __all__ = [
     "frame_too_fast",
     "joint_limit",
     "near_singularity",
+    "off_the_path",
     "sudden_jump",
     "unreachable",
 ]
@@ -19,6 +20,7 @@ __all__ = [
 _CLOSE_TO_JOINT_LIMIT = 150
 _CONVEYOR_SPEED = 195
 _TOOL_SPEED = 2
+_POSITION_DEVIATES = 153
 _PATH_SANITY = 204
 _SUDDEN_JUMP = 1
 _INVALID_SETPOINT = 5
@@ -74,6 +76,20 @@ def near_singularity() -> MotionFault:
         _PATH_SANITY,
         _SINGULARITY,
         "the path runs through a singularity and cannot be followed; use movej or move the waypoint",
+    )
+
+
+def off_the_path(axis: int, deviation: float, limit: float) -> MotionFault:
+    """In force mode the arm is not where it should be along, or about, an axis that does not comply.
+
+    That it stops protectively: user manual, "Force". The code is that of other deviations (guess).
+    """
+    way, unit = ("along", "m") if axis < 3 else ("about", "rad")
+    return MotionFault(
+        _POSITION_DEVIATES,
+        0,
+        f"in force mode the tool is {deviation:.4f} {unit} off its path {way} the task frame's {'xyz'[axis % 3]} axis, "
+        f"and {limit:.4f} {unit} are allowed; raise force_mode's limit of that axis, make it compliant, or push less",
     )
 
 

@@ -21,7 +21,9 @@ from emulator.motion.speed import JointSpeed, ToolSpeed
 from emulator.motion.stepping import Move
 from emulator.motion.stops import ToolStop
 from emulator.motion.tool_moves import LineLeg
+from emulator.motion.torque import DirectTorque, TorqueCommand, TorqueResponse
 from emulator.motion.vectors import ZERO, Joints, all_finite, as_six, largest, norm3, scaled
+from urproto.modes import ControlMode
 from urproto.robots.pose import Pose
 
 __all__ = ["Motion"]
@@ -217,6 +219,27 @@ class Motion(DisplacingStepper):
     def _streaming(self) -> bool:
         """A stream may go on from its own state; after force mode the arm is elsewhere."""
         return self._compliance is None or not self._compliance.released
+
+    def direct_torque(self, command: TorqueCommand, respond: TorqueResponse) -> Move:
+        """Let torques move the arm for one control period; ``respond`` tells where they take it."""
+        if not all_finite((*command.torque, *command.viscous_scale, *command.coulomb_scale)):
+            return self._refuse(bad_setpoint("direct_torque's torque"))
+        generator = self._generator
+        if not (isinstance(generator, DirectTorque) and self._streaming):
+            generator = DirectTorque(self._start()[1], respond, lambda: self._ramp)
+            self._take_over()
+        generator.command(command)
+        return self._install(generator)
+
+    @property
+    def torque(self) -> TorqueCommand | None:
+        """The torques that a program commands in this period; None when the arm is to follow its target."""
+        return self._generator.acting if isinstance(self._generator, DirectTorque) else None
+
+    @property
+    def control_mode(self) -> ControlMode:
+        """TORQUE while torques are commanded; else TEACH in freedrive, FORCE in force mode, POSITION otherwise."""
+        return ControlMode.TORQUE if self.torque is not None else super().control_mode
 
     # stops of a program
 

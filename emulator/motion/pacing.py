@@ -4,11 +4,14 @@ A movement says where the arm would be after h seconds of its own time. Normally
 speed fraction. It is less
 
 - while the fraction changes, or for a pause: the leading joint's speed then changes by a known acceleration;
+- where a limit of the safety system would be exceeded;
 - where the joints could not follow: near a singularity a tool path needs more joint speed than there is, so the tool
   slows down in time for it (`emulator.motion.lookahead`). Only when no speed is slow enough the movement fails.
 
 Shortening h changes when the arm is somewhere, never where it goes.
 """
+
+from collections.abc import Callable
 
 from emulator.motion.faults import MotionFault, near_singularity
 from emulator.motion.generator import Generator
@@ -17,7 +20,10 @@ from emulator.motion.path_motion import PathMotion
 from emulator.motion.vectors import Joints, largest, sub
 from urproto.robots.model import RobotModel
 
-__all__ = ["RAMP_RAD_S2", "Pacer", "within_speed"]
+__all__ = ["RAMP_RAD_S2", "Excess", "Pacer", "within_speed"]
+
+Excess = Callable[[Joints, Joints], float]
+"""From a configuration and a step of one period: the largest share of a limit that it takes."""
 
 RAMP_RAD_S2 = 10.0  # leading joint, when the speed fraction changes or a program pauses (guess)
 _ROUNDS = 4  # proposals per period while looking for a step the joints can follow
@@ -54,13 +60,19 @@ class Pacer:
         self.share = 1.0
 
     def advance(
-        self, movement: Generator, q: Joints, qd: Joints, goal: float, ramp: float = RAMP_RAD_S2
+        self,
+        movement: Generator,
+        q: Joints,
+        qd: Joints,
+        goal: float,
+        ramp: float = RAMP_RAD_S2,
+        excess: Excess | None = None,
     ) -> Joints | None:
-        """Propose the next configuration, heading for time scale ``goal`` (0..1).
+        """Propose the next configuration, heading for time scale ``goal`` (0..1), within what ``excess`` allows.
 
         None when the movement has come to a standstill. Raises MotionFault when the joints cannot follow.
         """
-        goal = self._slewed(goal, ramp)
+        wanted, goal = goal, self._slewed(goal, ramp)
         self.share = 1.0
         if goal < _TOLERANCE:
             self.scale = self._gain = 0.0
@@ -69,12 +81,17 @@ class Pacer:
         h = self._foreseen(movement, q, most) if isinstance(movement, PathMotion) else most
         target = movement.propose(h, q)
         step = sub(target, q)
+        if excess is not None and (too_fast := excess(q, step)) > 1.0 + _TOLERANCE:
+            h = max(self._slewed(h / self._period / too_fast, ramp), 2.0 * _TOLERANCE) * self._period
+            target = movement.propose(h, q)
+            step = sub(target, q)
         if not self._easy(step, qd):
             h, target = self._fitted(movement, (h, most), target, q, qd)
             step = sub(target, q)
             if not self._bearable(step, qd):
                 raise self._why()
-        self.share = h / most
+        if h < most:
+            self.share = h / (max(wanted, goal) * self._period)
         self._judge(h, goal)
         self._remember(h, largest(step))
         if self._ahead is not None:

@@ -9,12 +9,15 @@ MotionFault: the movement is dropped and each joint brakes at its acceleration l
 from dataclasses import dataclass
 from enum import Enum, auto
 
-from emulator.motion.compliance import Compliance
+from emulator.motion.compliance import Compliance, Pushing
+from emulator.motion.contact import Contact
 from emulator.motion.faults import MotionFault, joint_limit
 from emulator.motion.generator import Generator
-from emulator.motion.pacing import RAMP_RAD_S2, Pacer
+from emulator.motion.pacing import RAMP_RAD_S2, Excess, Pacer
+from emulator.motion.path_motion import PathMotion
 from emulator.motion.path_offset import OffsetSettings
 from emulator.motion.reach import Reach
+from emulator.motion.speed import JointSpeed, ToolSpeed
 from emulator.motion.stops import JointStop, ToolStop, brake_together
 from emulator.motion.superposition import Superposition
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, scaled, sub
@@ -29,6 +32,8 @@ __all__ = ["Move", "Stepper"]
 _POSITION_TOLERANCE_RAD = 1e-9
 _SAME_SCALE = 1e-9
 _STEADY_S = 0.5  # Script Manual, is_steady
+_GOVERNED = (PathMotion, JointSpeed, ToolSpeed)  # streamed targets set their own pace
+_BRAKE_SHARE = 1.5  # of the highest acceleration is what the brakes slow a joint by (guess)
 _BRAKE_DAMPING = 0.25  # of force mode and freedrive once they end or pause: standing within 0.5 s (guess)
 
 
@@ -56,6 +61,8 @@ class Stepper:
         self.qd: Joints = ZERO
         self.qdd: Joints = ZERO
         self.external_wrench: Joints = ZERO  # on the tool at the TCP, base frame [N, Nm]; set by the controller
+        self.contacts: tuple[Contact, ...] = ()  # whose forces are part of that; set by the world
+        self.actual_q: Joints | None = None  # where the arm is, when it is not where it was told; set by the controller
         self.force_damping = 0.005  # force_mode_set_damping; default of the Script Manual
         self.force_gain_scaling = 1.0  # force_mode_set_gain_scaling
         self.offset_settings = OffsetSettings()  # of path offsets
@@ -69,6 +76,7 @@ class Stepper:
         self._braking = as_six(1.0 / (2.0 * a * period_s**2) for a in model.qdd_max)
         self._reach = Reach(model, self._kinematics, ZERO)
         self._pacer = Pacer(model, period_s)
+        self._excess: Excess | None = None
         self._generator: Generator | None = None
         self._move: Move | None = None
         self._nominal: Joints = self.q  # where the movement is, without what force mode and the like add
@@ -79,6 +87,7 @@ class Stepper:
         self._ramp = RAMP_RAD_S2
         self._refusal: MotionFault | None = None
         self._emergency: Generator | None = None  # braking after a fault: within the position limits by construction
+        self._brakes: Generator | None = None
         self._goal: Generator | None = None
         self._stood_s = _STEADY_S  # for so long, at least
 
@@ -165,6 +174,28 @@ class Stepper:
         else:
             self.pause()
 
+    def engage_brakes(self) -> None:
+        """Power is removed (stop category 0): brakes bring each joint to rest, and everything is forgotten."""
+        qd, qdd = self.qd, self.qdd
+        self.halt()
+        if qd != ZERO:
+            self.qd, self.qdd = qd, qdd
+            durations = (abs(speed) / (_BRAKE_SHARE * a) for speed, a in zip(self.qd, self.model.qdd_max, strict=True))
+            self._generator = self._emergency = self._brakes = JointStop(self.q, self.qd, as_six(durations))
+
+    @property
+    def braking(self) -> bool:
+        """The brakes are bringing the arm to rest."""
+        return self._brakes is not None and self._generator is self._brakes
+
+    def govern(self, excess: Excess) -> None:
+        """Let movements along a path be slowed down: ``excess`` tells how much too fast a step would be."""
+        self._excess = excess
+
+    def limit_positions(self, low: Joints, high: Joints) -> None:
+        """Where the joints may go from now on [rad]."""
+        self._q_min, self._q_max = low, high
+
     def mode_changed(self) -> None:
         """Reduced mode begins or ends: the speed follows as quickly as the joints can, unless transitions are soft."""
         if self.hard_transitions and self._mode is _Mode.RUN:
@@ -211,6 +242,12 @@ class Stepper:
             raise ValueError(fault.text)
         self.q = self._nominal = position
         self._goal = None
+
+    def stand_at(self, q: Joints) -> None:
+        """The brakes hold the arm here. Targets of an interrupted movement stay where they are."""
+        if q != self.q and self.idle:
+            self.q = self._nominal = q
+            self._goal = None
 
     # one control period
 
@@ -273,7 +310,8 @@ class Stepper:
         if not generator.scaled:
             return generator.propose(self.period_s, self._nominal)
         speed = self._nominal_qd if self._beside else self.qd
-        target = self._pacer.advance(generator, self._nominal, speed, running, self._ramp)
+        excess = self._excess if isinstance(generator, _GOVERNED) else None
+        target = self._pacer.advance(generator, self._nominal, speed, running, self._ramp, excess)
         if self._mode is _Mode.RUN and abs(self._pacer.scale - running) < _SAME_SCALE:
             self._ramp = RAMP_RAD_S2
         return target
@@ -300,13 +338,16 @@ class Stepper:
         if compliance.released and compliance.standing() and self._generator is None and self._added is None:
             self._compliance = None
             return self.q
+        if self.actual_q is not None and self.actual_q != self.q:
+            compliance.check(self.actual_q)
         active = self._mode is _Mode.RUN
         push = self.external_wrench if active else ZERO
         gain = self.force_gain_scaling if active else 0.0
         yielding = active and not compliance.released
         damping = self.force_damping if yielding else max(self.force_damping, _BRAKE_DAMPING)
         try:
-            target = compliance.step(self.period_s, self.q, (before, nominal), push, damping, gain)
+            pushing = Pushing(push, self.contacts if active else ())
+            target = compliance.step(self.period_s, self.q, (before, nominal), pushing, damping, gain)
             self._check(target)
         except MotionFault:
             if nominal != before:
@@ -326,6 +367,8 @@ class Stepper:
             end = now + move * abs(move) * braking
             if low <= now <= high and low <= end <= high:
                 continue
+            if (before > high and move <= 0.0) or (before < low and move >= 0.0):
+                continue  # outside already, as in recovery mode, and on its way back
             margin = abs(move) + _POSITION_TOLERANCE_RAD  # the speed is the period's mean, not its end's
             inside = low - _POSITION_TOLERANCE_RAD <= now <= high + _POSITION_TOLERANCE_RAD
             if not (inside and low - margin <= end <= high + margin):

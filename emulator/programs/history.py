@@ -12,6 +12,7 @@ Vector6 = tuple[float, float, float, float, float, float]
 _DEPTH_S: Final = 2.0  # guess: long enough to step back to any contact a program still reacts to
 _CONTACT_N: Final = 20.0  # guess: force against the direction that counts as contact
 _CONTACT_NM: Final = 2.0  # guess, likewise for a torque, where no direction is given
+_BEGIN: Final = 0.1  # share of these below which a contact has not begun (guess)
 
 
 class MotionHistory:
@@ -32,24 +33,25 @@ class MotionHistory:
         return self._q[min(max(steps, 0), len(self._q) - 1)] if self._q else None
 
     def contact_steps(self, direction: Sequence[float], threshold: float = 0.0) -> int:
-        """Control periods since something began to resist a motion along ``direction``; 0 when nothing does.
+        """Control periods back to just before something resisted a motion along ``direction``; 0 without contact.
 
         ``direction``: base frame, its first three numbers; all zero means any direction. ``threshold``: the force
-        that counts [N]; 0 takes the usual one.
+        that counts [N]; 0 takes the usual one. What resists less than that is no contact yet, but part of one that is
+        (Script Manual: back to just before the contact started).
         """
         least = threshold or _CONTACT_N
-        if not self._wrench or not any(self._wrench[0]):
+        if not self._wrench or not any(self._wrench[0]) or not _resists(self._wrench[0], direction[:3], least):
             return 0
         steps = 0
         for wrench in self._wrench:
-            if not _resists(wrench, direction[:3], least):
+            if not _resists(wrench, direction[:3], least, _BEGIN):
                 break
             steps += 1
         return steps
 
 
-def _resists(wrench: Vector6, direction: Sequence[float], least: float) -> bool:
+def _resists(wrench: Vector6, direction: Sequence[float], least: float, share: float = 1.0) -> bool:
     length = math.hypot(*direction)
     if length == 0.0:
-        return math.hypot(*wrench[:3]) > least or math.hypot(*wrench[3:]) > _CONTACT_NM
-    return -sum(f * d for f, d in zip(wrench[:3], direction, strict=True)) / length > least
+        return math.hypot(*wrench[:3]) > share * least or math.hypot(*wrench[3:]) > share * _CONTACT_NM
+    return -sum(f * d for f, d in zip(wrench[:3], direction, strict=True)) / length > share * least

@@ -57,7 +57,8 @@ class Programs:
     ``socket_backend``: where script sockets come from. ``step_hook``: asked before each
     statement of programs submitted while it is set; a thread for which it says True waits a
     period and asks again. ``interpreter``: lines for the main program. ``history``, ``flags``,
-    ``outputs``, ``modbus`` and ``loaded`` outlive a program.
+    ``outputs``, ``modbus`` and ``loaded`` outlive a program. ``start_held``, ``frames_held``:
+    faults keep programs from starting, or from going on.
     """
 
     def __init__(self, controller: "Controller") -> None:
@@ -66,6 +67,7 @@ class Programs:
         self.view: ProgramView | None = None
         self.socket_backend: ScriptSocketBackend = NoNetwork()
         self.step_hook: StepHook | None = None
+        self.start_held = self.frames_held = False
         self.watchdogs = Watchdogs()
         self.history = MotionHistory(controller.period_s)
         self.outputs = RunstateOutputs(
@@ -186,7 +188,7 @@ class Programs:
 
     def resume(self) -> bool:
         """Go on after a pause; False when the program is not paused or the arm may not move."""
-        if not self._controller.may_run or not self._event(RunEvent.RESUME):
+        if not self._controller.may_play or not self._event(RunEvent.RESUME):
             return False
         if self._host is None or self._host.waiting_for is None:
             self._controller.motion.resume()
@@ -248,13 +250,13 @@ class Programs:
 
     def _start_next(self) -> None:
         program = self._next
-        if program is None or self.state is not RuntimeState.STOPPED:
+        if program is None or self.start_held or self.state is not RuntimeState.STOPPED:
             return
         if self._controller.step_count < self._not_before:
             return
         self._next = None
         self._controller.input_actions.release(self._controller)
-        if not self._controller.may_run:  # a stop came in the gap
+        if not self._controller.may_play:  # a stop came in the gap
             self._refuse(program)
             return
         if self._controller.motion.paused:  # a protective stop without a program
@@ -276,7 +278,7 @@ class Programs:
         main, host = self._main, self._host
         assert main is not None
         assert host is not None
-        if self._suspended(host):
+        if self.frames_held or self._suspended(host):
             return
         main.step()
         if main.error is not None:
@@ -356,7 +358,7 @@ class Programs:
         if program.kind == "secondary":
             self._secondary.append(program)
             return True
-        if not self._controller.may_run:
+        if not self._controller.may_play:
             self._refuse(program)
             return False
         self._player.drop()

@@ -2,6 +2,7 @@
 
 from emulator.motion.singularity import dexterity
 from emulator.robot.thermals import ROOM_C
+from emulator.safety.configuration import elbow_radius
 from emulator.snapshot import Snapshot
 from urproto.modes import AnalogDomain, RobotMode, SafetyMode, SafetyStatusBits
 from urproto.primary.state import (
@@ -48,7 +49,13 @@ def robot_state(snapshot: Snapshot, model: RobotModel) -> RobotStateData:
         configuration=configuration_data(model),
         force_mode=ForceModeData(frame=snapshot.force_mode_frame, dexterity=dexterity(model.dh, snapshot.actual_q)),
         additional=AdditionalInfo(io_enabled_freedrive=snapshot.io_freedrive),
-        safety=SafetyData(flag0=on_e_series, flag1=on_e_series, elbow_position=snapshot.elbow_position),
+        safety=SafetyData(
+            checksum=snapshot.safety_checksum,
+            flag0=on_e_series,
+            flag1=on_e_series,
+            elbow_position=snapshot.elbow_position,
+            elbow_radius=elbow_radius(model),
+        ),
         tool_communication=ToolCommunicationInfo(**snapshot.tool_communication._asdict()),
         tool_mode=ToolModeInfo(
             output_mode=snapshot.tool_output_mode,
@@ -159,6 +166,7 @@ def _masterboard(snapshot: Snapshot, on_e_series: bool) -> MasterboardData:
         io_current=snapshot.io_current,
         safety_mode=snapshot.safety_mode,
         reduced_mode=snapshot.safety_mode is SafetyMode.REDUCED,
+        safety_checksum=snapshot.safety_checksum,
         operational_mode_selector=on_e_series,
         three_position_device=on_e_series,
     )

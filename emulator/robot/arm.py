@@ -1,127 +1,225 @@
-"""The ideal arm: it is where it is told to be, and feels what physics says it must.
+"""The arm: where it is, and what it feels.
 
-Actual equals target exactly. Joint torques come from the rigid-body model (gravity,
-inertia, payload, external wrench; no friction), currents from the torques by one constant
-a joint, the TCP force is the external wrench itself. Nothing is recomputed while neither
-motion nor payload nor wrench change, so everything is bit-stable at rest.
+The motion generator tells targets; what the drives make of them is the one difference between two kinds of arm. An
+ideal arm is where it is told to be, exactly, without friction or noise, as a simulated controller's: nothing is
+recomputed while neither motion nor loads change, so everything is bit-stable at rest. A dynamic arm (``drives``) is
+moved by torques and follows as well as its servo loops can.
+
+Everything else is the same for both: torques come from the rigid-body model with the payload the program told, currents
+from the torques by one constant a joint, and the TCP force is the external wrench, and the weight of what the program
+does not know of.
 """
 
 import math
-from collections.abc import Sequence
 from operator import sub, truediv
 from typing import Final
 
+from emulator.motion.torque import TorqueCommand
+from emulator.robot.drives import Drives
 from emulator.robot.installation import Installation, Payload
+from emulator.robot.senses import Senses
+from emulator.robot.toolstate import ToolState
+from emulator.robot.vectors import ZERO6, Rows, cross, into, minus3, minus6, out_of, plus3, plus6, rate6, times6
 from emulator.snapshot import Snapshot, Vector3, Vector6
 from urproto.robots import RobotModel
 from urproto.robots.dynamics import Dynamics
 from urproto.robots.kinematics import Kinematics
-from urproto.robots.pose import Pose, pose_trans, rotvec_to_matrix
+from urproto.robots.pose import Pose, rotvec_to_matrix
 from urproto.versions import Series
 
 __all__ = ["CURRENT_WINDOW_A", "Arm"]
 
-ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 CURRENT_WINDOW_A: Final[Vector6] = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5)  # of collision detection (guess)
+_MOST_PUSH: Final = 3.0  # times a joint's torque limit: more from outside would break it (guess)
+_LOST_RAD_S: Final = 1e4  # no body moves like that, unless its payload has an inertia that none can have
+_STANDING_RAD_S: Final = 0.005  # slower than this is as good as standing (guess)
+_ZERO3: Final[Vector3] = (0.0, 0.0, 0.0)
 
-_Matrix3 = tuple[float, ...]  # nine numbers, row by row
-_Jacobian = Sequence[Sequence[float]]
+_Motion = tuple[Vector6, Vector6, Vector6]
 
 
 class Arm:
     """State of the arm after the latest ``update``; ``publish`` writes it to a snapshot.
 
-    Torques [Nm], currents [A]; poses, speeds and wrenches in the base frame at the TCP.
+    Torques [Nm], currents [A]; poses, speeds and wrenches in the base frame at the TCP. ``seed``: of a dynamic arm's
+    noise; None for an ideal arm. q, qd, qdd, tcp_* are the actual ones.
     """
 
-    def __init__(self, model: RobotModel) -> None:
+    def __init__(self, model: RobotModel, *, seed: int | None = None) -> None:
         self.model = model
         self.kinematics = Kinematics(model.dh)
         self.dynamics = Dynamics(model)
+        self.drives = None if seed is None else Drives(model)
+        self._senses = Senses(seed or 0)
+        self.target_q: Vector6 = ZERO6
+        self.target_qd: Vector6 = ZERO6
+        self.target_qdd: Vector6 = ZERO6
         self.q: Vector6 = ZERO6
         self.qd: Vector6 = ZERO6
         self.qdd: Vector6 = ZERO6
         self.tcp_offset: Pose = ZERO6
-        self.flange_pose: Pose = ZERO6
-        self.tcp_pose: Pose = ZERO6
-        self.tcp_speed: Vector6 = ZERO6
-        self.tcp_acceleration: Vector6 = ZERO6
+        self._tool = ToolState(self.kinematics)
+        self._target_tool = self._tool if self.drives is None else ToolState(self.kinematics)
+        self._jacobian: Rows = ()
+        self.mounted: Payload | None = None  # what really hangs on the flange; None: what the program says
         self.wrench: Vector6 = ZERO6  # external, before zeroing
         self.tcp_force: Vector6 = ZERO6
         self.measured_force: Vector6 = ZERO6  # as the controller gives it out: about the flange on e-Series
         self.sensor_in_flange = model.series is Series.E  # else the wrench is known at the TCP
         self.ft_raw_wrench: Vector6 = ZERO6
-        self.elbow_position: Vector3 = (0.0, 0.0, 0.0)
-        self.elbow_velocity: Vector3 = (0.0, 0.0, 0.0)
-        self.tool_acceleration: Vector3 = (0.0, 0.0, 0.0)
+        self.tool_acceleration: Vector3 = _ZERO3
         self.momentum = 0.0
         self.collision_ratio = 0.0  # largest share of its window by which a joint current is not the target's, to 1
+        self.link_torque: Vector6 = ZERO6  # what the world does to the joints by touching links; set before ``update``
         self.base_wrench_wanted = False  # target_base_wrench costs; few versions have it
         self.base_wrench: Vector6 = ZERO6
         self.target_torque: Vector6 = ZERO6
         self.actual_torque: Vector6 = ZERO6
+        self.own_torque: Vector6 = ZERO6  # what moving and holding the arm itself takes, as far as the controller knows
         self.target_current: Vector6 = ZERO6
         self.actual_current: Vector6 = ZERO6
+        self.control_output: Vector6 = ZERO6  # currents that the drives ask for
+        self.friction_W: Vector6 = ZERO6  # heat of friction in the joints
+        self._link_torque: Vector6 = ZERO6
         self._force_bias: Vector6 = ZERO6
+        self._misjudged: Vector6 = ZERO6  # weight of the true payload beyond the known one's, as a wrench
         self._payload: Payload | None = None
+        self._mounted: Payload | None = None
         self._gravity: Vector3 | None = None
         self._base_acceleration: Vector3 | None = None
-        self._felt: Vector3 = (0.0, 0.0, 0.0)  # gravity and the base's acceleration together
+        self._felt: Vector3 = _ZERO3  # gravity and the base's acceleration together
         self._driven = False
         self._known = False  # False until the first update
         self._force_zeroed = False
 
+    # state
+
+    @property
+    def flange_pose(self) -> Pose:
+        """Actual pose of the tool flange."""
+        return self._tool.flange_pose
+
+    @property
+    def tcp_pose(self) -> Pose:
+        """Actual pose of the TCP."""
+        return self._tool.pose
+
+    @property
+    def tcp_speed(self) -> Vector6:
+        """Actual velocity of the TCP."""
+        return self._tool.speed
+
+    @property
+    def tcp_acceleration(self) -> Vector6:
+        """Actual acceleration of the TCP."""
+        return self._tool.acceleration
+
+    @property
+    def elbow_position(self) -> Vector3:
+        """Actual position of the elbow."""
+        return self._tool.elbow_position
+
+    @property
+    def elbow_velocity(self) -> Vector3:
+        """Actual velocity of the elbow."""
+        return self._tool.elbow_velocity
+
+    @property
+    def following_error(self) -> Vector6:
+        """How far each joint is behind its target [rad]; zero on an ideal arm."""
+        return ZERO6 if self.drives is None else minus6(self.target_q, self.q)
+
+    @property
+    def standing(self) -> bool:
+        """The arm itself stands, or all but, whatever its targets do."""
+        speed = self.qd if self.drives is None else self.drives.body.qd
+        return max(map(abs, speed)) < _STANDING_RAD_S
+
+    @property
+    def misjudged_torque(self) -> Vector6:
+        """Joint torques [Nm] beyond what the controller expected: what the outside, or a wrong payload, causes."""
+        return minus6(self.actual_torque, self.own_torque)
+
     def zero_force(self) -> None:
         """What zero_ftsensor() does: the present external wrench counts as none from now on."""
-        self._force_bias = self.wrench
+        self._force_bias = plus6(self.wrench, self._misjudged) if self._mounted is not None else self.wrench
         self._force_zeroed = True
+
+    def torque_response(
+        self, command: TorqueCommand, q: Vector6, qd: Vector6, period_s: float
+    ) -> tuple[Vector6, Vector6]:
+        """Where direct torque takes the joints in a period, and how fast they then are.
+
+        A dynamic arm answers by what it does: where it is now, one period on. An ideal one has no friction, and keeps
+        to the limits of speed and acceleration.
+        """
+        if self.drives is not None:
+            body = self.drives.body
+            return _onwards(body.q, body.qd, period_s), body.qd
+        push = plus6(self._pressed(plus6(self.wrench, self._misjudged)), self.dynamics.gravity_torques(q))
+        qdd = self.dynamics.forward_dynamics(q, qd, plus6(command.torque, push))
+        qdd = _within(qdd, self.model.qdd_max)
+        speed = _within(_onwards(qd, qdd, period_s), self.model.qd_max)
+        return _onwards(q, speed, period_s), speed
+
+    # one period
 
     def update(
         self,
-        motion: tuple[Vector6, Vector6, Vector6],
+        motion: _Motion,
         installation: Installation,
         wrench: Vector6,
         period_s: float,
         *,
         driven: bool,
+        torque: TorqueCommand | None = None,
     ) -> bool:
         """Take over one period's targets (q, qd, qdd) and loads; True when anything changed.
 
         ``wrench``: external, base frame, at the TCP. ``driven``: the motors hold the arm;
-        otherwise the brakes do and no current flows.
+        otherwise the brakes do and no current flows. ``torque``: of a program that commands torques.
         """
         loads_changed = self._take_loads(installation)
-        if not (loads_changed or self._moved(motion, installation.tcp, wrench, driven)):
+        news = self._moved(motion, installation.tcp, wrench, driven) or loads_changed
+        if not (news or self._restless):
             return False
         started = not self._known
         self._known, self._force_zeroed = True, False
-        self.q, self.qd, self.qdd = motion
-        self.wrench, self._driven = wrench, driven
-        jacobian = self._update_tcp(installation.tcp, period_s, started)
-        self._update_elbow(period_s, started)
+        self.target_q, self.target_qd, self.target_qdd = motion
+        self.wrench, self._driven, self.tcp_offset = wrench, driven, installation.tcp
+        self._link_torque = self.link_torque
+        if self.drives is None:
+            self.q, self.qd, self.qdd = motion
+        else:
+            self._drive(self.drives, torque, period_s, started=started)
+            if news:
+                self._target_tool.update(self.target_q, self.target_qd, self.tcp_offset, period_s, started=started)
+        self._jacobian = self._tool.update(self.q, self.qd, self.tcp_offset, period_s, started=started)
         self._update_sensors(installation)
-        self._update_torques(jacobian)
+        self._update_torques()
         return True
 
     def publish(self, snapshot: Snapshot) -> None:
         """Write what ``update`` found to a snapshot."""
-        snapshot.target_q = snapshot.actual_q = self.q
-        snapshot.target_qd = snapshot.actual_qd = self.qd
-        snapshot.target_qdd = self.qdd
-        snapshot.target_TCP_pose = snapshot.actual_TCP_pose = self.tcp_pose
-        snapshot.target_TCP_speed = snapshot.actual_TCP_speed = self.tcp_speed
-        snapshot.target_TCP_acceleration = snapshot.actual_TCP_acceleration = self.tcp_acceleration
+        actual, target = self._tool, self._target_tool
+        snapshot.target_q, snapshot.actual_q = self.target_q, self.q
+        snapshot.target_qd, snapshot.actual_qd = self.target_qd, self.qd
+        snapshot.target_qdd = self.target_qdd
+        snapshot.target_TCP_pose, snapshot.actual_TCP_pose = target.pose, actual.pose
+        snapshot.target_TCP_speed, snapshot.actual_TCP_speed = target.speed, actual.speed
+        snapshot.target_TCP_acceleration = target.acceleration
+        snapshot.actual_TCP_acceleration = actual.acceleration
         snapshot.tcp_offset = self.tcp_offset
         snapshot.actual_TCP_force, snapshot.wrench_calc_from_currents = self.measured_force, self.tcp_force
         snapshot.tcp_force_scalar = math.hypot(*self.tcp_force[:3])
         snapshot.ft_raw_wrench = self.ft_raw_wrench
-        snapshot.elbow_position = self.elbow_position
-        snapshot.elbow_velocity = self.elbow_velocity
+        snapshot.elbow_position = actual.elbow_position
+        snapshot.elbow_velocity = actual.elbow_velocity
         snapshot.actual_tool_accelerometer = self.tool_acceleration
         snapshot.actual_momentum = self.momentum
         snapshot.target_moment = self.target_torque
-        snapshot.target_current = self.target_current
-        snapshot.actual_current = snapshot.joint_control_output = self.actual_current
+        snapshot.target_current, snapshot.actual_current = self.target_current, self.actual_current
+        snapshot.joint_control_output = self.control_output
         snapshot.actual_current_as_torque = self.actual_torque
         snapshot.collision_detection_ratio = self.collision_ratio
         snapshot.target_base_wrench = self.base_wrench
@@ -131,87 +229,153 @@ class Arm:
             installation.payload is self._payload
             and installation.gravity is self._gravity
             and installation.base_acceleration is self._base_acceleration
+            and self.mounted is self._mounted
         ):
             return False
         self._payload, self._gravity = installation.payload, installation.gravity
-        self._base_acceleration = installation.base_acceleration
-        self._felt = _plus3(self._gravity, self._base_acceleration)
-        self.dynamics.set_payload(self._payload.mass, self._payload.cog, self._payload.inertia)
-        self.dynamics.set_gravity(self._felt)
+        self._base_acceleration, self._mounted = installation.base_acceleration, self.mounted
+        self._felt = plus3(self._gravity, self._base_acceleration)
+        self._load(self.dynamics, self._payload)
+        if self.drives is not None:
+            self._load(self.drives.body.dynamics, self._mounted or self._payload)
+            self.drives.wake()
         return True
 
-    def _moved(self, motion: tuple[Vector6, Vector6, Vector6], tcp: Pose, wrench: Vector6, driven: bool) -> bool:
+    def _load(self, dynamics: Dynamics, payload: Payload) -> None:
+        dynamics.set_payload(payload.mass, payload.cog, payload.inertia)
+        dynamics.set_gravity(self._felt)
+
+    def _moved(self, motion: _Motion, tcp: Pose, wrench: Vector6, driven: bool) -> bool:
         q, qd, qdd = motion
         return (
-            q != self.q
-            or qd != self.qd
-            or qdd != self.qdd
+            q != self.target_q
+            or qd != self.target_qd
+            or qdd != self.target_qdd
             or tcp != self.tcp_offset
             or wrench != self.wrench
+            or self.link_torque != self._link_torque
             or driven is not self._driven
             or self._force_zeroed
             or not self._known
-            or self.tcp_acceleration is not ZERO6
+            or self._target_tool.acceleration is not ZERO6
         )
 
-    def _update_tcp(self, tcp_offset: Pose, period_s: float, started: bool) -> _Jacobian:
-        self.tcp_offset = tcp_offset
-        self.flange_pose = self.kinematics.forward(self.q)
-        self.tcp_pose = self.flange_pose if tcp_offset == ZERO6 else pose_trans(self.flange_pose, tcp_offset)
-        jacobian = self.kinematics.jacobian_at(self.q, self.tcp_pose)
-        speed = _times6(jacobian, self.qd) if self.qd != ZERO6 else ZERO6
-        changing = speed != self.tcp_speed and not started
-        self.tcp_acceleration = _rate6(speed, self.tcp_speed, period_s) if changing else ZERO6
-        self.tcp_speed = speed
-        return jacobian
+    @property
+    def _restless(self) -> bool:
+        """Something may change by itself: a dynamic arm with power, or one that the brakes have not stopped yet."""
+        return self.drives is not None and (self._driven or not self.drives.body.standing)
 
-    def _update_elbow(self, period_s: float, started: bool) -> None:
-        position = self.kinematics.elbow_position(self.q)
-        x, y, z = _minus3(position, self.elbow_position)
-        moving = self.qd != ZERO6 and not started
-        self.elbow_velocity = (x / period_s, y / period_s, z / period_s) if moving else (0.0, 0.0, 0.0)
-        self.elbow_position = position
+    def _drive(self, drives: Drives, torque: TorqueCommand | None, period_s: float, *, started: bool) -> None:
+        """What the drives make of this period's target."""
+        if started:
+            drives.place(self.target_q)
+        body = drives.body
+        place, before = body.q, body.qd
+        external = ZERO6 if started else self._bearable(plus6(self._pressed(self.wrench), self.link_torque))
+        if not self._driven:
+            drives.hold(self.target_q, external, period_s)
+        elif torque is not None:
+            gravity = self.dynamics.gravity_torques(body.q)
+            self.target_torque = plus6(torque.torque, gravity)
+            drives.push(self.target_q, torque, gravity, external, period_s)
+        else:
+            self.target_torque = self.dynamics.inverse_dynamics(self.target_q, self.target_qd, self.target_qdd)
+            drives.follow(self.target_q, self.target_torque, external, period_s)
+        if not sum(map(abs, body.qd)) < _LOST_RAD_S:
+            body.place(place)
+        self.q, self.qd = self._senses.joints(body, period_s)
+        self.qdd = ZERO6 if before == body.qd else rate6(body.qd, before, period_s)
+        self.friction_W = ZERO6 if body.standing else body.friction_power
+
+    def _pressed(self, wrench: Vector6) -> Vector6:
+        """Joint torques that a wrench at the TCP exerts."""
+        return ZERO6 if wrench == ZERO6 else times6(tuple(zip(*self._jacobian, strict=True)), wrench)
+
+    def _bearable(self, torque: Vector6) -> Vector6:
+        """Within what a body of rigid links can be asked to take without leaving all bounds."""
+        if not math.isfinite(sum(torque)):
+            return ZERO6
+        excess = max(abs(value) / most for value, most in zip(torque, self.model.torque_max, strict=True))
+        return torque if excess <= _MOST_PUSH else _onwards(ZERO6, torque, _MOST_PUSH / excess)
 
     def _update_sensors(self, installation: Installation) -> None:
         """Force/torque sensor and accelerometer; both sit in the flange and share its axes."""
-        payload, gravity = installation.payload, self._felt
+        payload, gravity = self._mounted or installation.payload, self._felt
         axes = rotvec_to_matrix(*self.flange_pose[3:])
-        self.tool_acceleration = _into(axes, _plus3(self.tcp_acceleration, gravity))
-        if self.wrench == self._force_bias == ZERO6 and not payload.mass:
+        self.tool_acceleration = into(axes, plus3(self.tcp_acceleration, gravity))
+        felt = self.wrench
+        if self._mounted is not None:
+            self._misjudged = self._beyond(axes, self._mounted, installation.payload)
+            felt = plus6(felt, self._misjudged)
+        else:
+            self._misjudged = ZERO6
+        if self.drives is not None and self._driven:
+            felt = self._senses.wrench(felt)
+        if felt == self._force_bias == ZERO6 and not payload.mass:
             self.tcp_force = self.measured_force = self.ft_raw_wrench = ZERO6
             return
-        self.tcp_force = self.measured_force = _minus6(self.wrench, self._force_bias)
+        self.tcp_force = self.measured_force = minus6(felt, self._force_bias)
         if self.sensor_in_flange:
             self.measured_force = self._at_flange(self.tcp_force)
-        weight = _into(axes, (-payload.mass * gravity[0], -payload.mass * gravity[1], -payload.mass * gravity[2]))
-        force = _into(axes, self.wrench)
-        lever = _into(axes, _minus3(self.tcp_pose, self.flange_pose))
-        torque = _plus3(_into(axes, self.wrench[3:]), _plus3(_cross(lever, force), _cross(payload.cog, weight)))
-        self.ft_raw_wrench = (*_plus3(force, weight), *torque)
+        weight = _weight(axes, payload, gravity)
+        force = into(axes, self.wrench)
+        lever = into(axes, minus3(self.tcp_pose, self.flange_pose))
+        torque = plus3(into(axes, self.wrench[3:]), plus3(cross(lever, force), cross(payload.cog, weight)))
+        self.ft_raw_wrench = (*plus3(force, weight), *torque)
+
+    def _beyond(self, axes: tuple[float, ...], mounted: Payload, known: Payload) -> Vector6:
+        """The weight that one payload has more than another, as a wrench at the TCP in base axes."""
+        true, told = _weight(axes, mounted, self._felt), _weight(axes, known, self._felt)
+        lever = into(axes, minus3(self.flange_pose, self.tcp_pose))
+        force = minus3(true, told)
+        torque = minus3(cross(plus3(lever, mounted.cog), true), cross(plus3(lever, known.cog), told))
+        return (*out_of(axes, force), *out_of(axes, torque))
 
     def _at_flange(self, wrench: Vector6) -> Vector6:
         """A wrench at the TCP about the flange, base axes."""
         if self.tcp_offset == ZERO6:
             return wrench
-        torque = _plus3(wrench[3:], _cross(_minus3(self.tcp_pose, self.flange_pose), wrench))
+        torque = plus3(wrench[3:], cross(minus3(self.tcp_pose, self.flange_pose), wrench))
         return (wrench[0], wrench[1], wrench[2], *torque)
 
-    def _update_torques(self, jacobian: _Jacobian) -> None:
+    def _update_torques(self) -> None:
         self.momentum = self.dynamics.linear_momentum(self.q, self.qd) if self.qd != ZERO6 else 0.0
         self.collision_ratio = 0.0
         if self.base_wrench_wanted:
-            self.base_wrench = self.dynamics.base_wrench(self.q, self.qd, self.qdd)
+            self.base_wrench = self.dynamics.base_wrench(self.target_q, self.target_qd, self.target_qdd)
         if not self._driven:
-            self.target_torque = self.actual_torque = self.target_current = self.actual_current = ZERO6
-            return
-        self.target_torque = self.actual_torque = self.dynamics.inverse_dynamics(self.q, self.qd, self.qdd)
+            self.target_torque = self.actual_torque = self.own_torque = ZERO6
+            self.target_current = self.actual_current = self.control_output = ZERO6
+        elif self.drives is None:
+            self._ideal_currents()
+        else:
+            self._measured_currents(self.drives)
+
+    def _ideal_currents(self) -> None:
+        """The motors hold what the model says, and what the outside adds."""
+        self.own_torque = self.dynamics.inverse_dynamics(self.q, self.qd, self.qdd)
+        self.target_torque = self.actual_torque = self.own_torque
         self.target_current = self.actual_current = self._currents(self.target_torque)
-        if self.wrench != ZERO6:
-            held = _times6(tuple(zip(*jacobian, strict=True)), self.wrench)
-            self.actual_torque = _minus6(self.target_torque, held)
+        outside = self.wrench if self._mounted is None else plus6(self.wrench, self._misjudged)
+        if outside != ZERO6 or self.link_torque != ZERO6:
+            self.actual_torque = minus6(self.target_torque, plus6(self._pressed(outside), self.link_torque))
             self.actual_current = self._currents(self.actual_torque)
-            excess = map(sub, self.actual_current, self.target_current)
-            self.collision_ratio = min(1.0, max(map(truediv, map(abs, excess), CURRENT_WINDOW_A)))
+            self._judge_currents()
+        self.control_output = self.actual_current
+
+    def _measured_currents(self, drives: Drives) -> None:
+        """The motors' torques in the last period, as the current sensors tell them."""
+        self.own_torque = drives.feedforward
+        self.target_current = self._currents(self.own_torque)
+        self.control_output = self._currents(drives.torque)
+        self.actual_current = self._senses.currents(self.control_output)
+        a, b, c, d, e, f = map(float.__mul__, self.actual_current, self.model.torque_constants)
+        self.actual_torque = (a, b, c, d, e, f)
+        self._judge_currents()
+
+    def _judge_currents(self) -> None:
+        excess = map(sub, self.actual_current, self.target_current)
+        self.collision_ratio = min(1.0, max(map(truediv, map(abs, excess), CURRENT_WINDOW_A)))
 
     def _currents(self, torque: Vector6) -> Vector6:
         k = self.model.torque_constants
@@ -225,38 +389,17 @@ class Arm:
         )
 
 
-def _times6(rows: _Jacobian, vector: Sequence[float]) -> Vector6:
-    a, b, c, d, e, f = vector
-    x, y, z, rx, ry, rz = [r * a + s * b + t * c + u * d + v * e + w * f for r, s, t, u, v, w in rows]
-    return (x, y, z, rx, ry, rz)
+def _weight(axes: tuple[float, ...], payload: Payload, gravity: Vector3) -> Vector3:
+    """In flange axes [N]."""
+    return into(axes, (-payload.mass * gravity[0], -payload.mass * gravity[1], -payload.mass * gravity[2]))
 
 
-def _minus6(a: Sequence[float], b: Sequence[float]) -> Vector6:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5])
+def _onwards(start: Vector6, rate: Vector6, time_s: float) -> Vector6:
+    a, b, c, d, e, f = (at + time_s * change for at, change in zip(start, rate, strict=True))
+    return (a, b, c, d, e, f)
 
 
-def _rate6(now: Vector6, before: Vector6, period_s: float) -> Vector6:
-    x, y, z, u, v, w = _minus6(now, before)
-    return (x / period_s, y / period_s, z / period_s, u / period_s, v / period_s, w / period_s)
-
-
-def _plus3(a: Sequence[float], b: Sequence[float]) -> Vector3:
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-def _minus3(a: Sequence[float], b: Sequence[float]) -> Vector3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-def _cross(a: Sequence[float], b: Sequence[float]) -> Vector3:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-def _into(axes: _Matrix3, v: Sequence[float]) -> Vector3:
-    """A base-frame vector (the first three of v) in the frame whose axes are the columns of the matrix."""
-    x, y, z = v[0], v[1], v[2]
-    return (
-        axes[0] * x + axes[3] * y + axes[6] * z,
-        axes[1] * x + axes[4] * y + axes[7] * z,
-        axes[2] * x + axes[5] * y + axes[8] * z,
-    )
+def _within(values: Vector6, most: Vector6) -> Vector6:
+    """All scaled down alike until none is beyond its limit."""
+    excess = max(abs(value) / limit for value, limit in zip(values, most, strict=True))
+    return values if excess <= 1.0 else _onwards(ZERO6, values, 1.0 / excess)

@@ -39,7 +39,7 @@ class Electrics:
         if powered:
             self.energy_J += _RAIL_V * self.robot_current_A * period_s
             self.braking_energy_J += self._braking_W * period_s
-        if self.thermals.advance(arm.actual_current, period_s, powered=powered):
+        if self.thermals.advance(arm.actual_current, period_s, powered=powered, friction_W=arm.friction_W):
             self._news = True
 
     def publish(self, snapshot: Snapshot, *, powered: bool) -> None:

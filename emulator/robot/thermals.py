@@ -20,6 +20,7 @@ _TIME_CONSTANT_S: Final = 1800.0
 _SHARE: Final = 1.0 - exp(-_PERIOD_S / _TIME_CONSTANT_S)  # of the way to go, made in one period
 _DRIVE_RISE_K: Final[Vector6] = (8.0, 8.0, 10.0, 13.0, 15.0, 16.0)  # powered, without load
 _MOTOR_RISE_K_A2: Final[Vector6] = (0.04, 0.04, 0.04, 0.5, 0.5, 0.5)
+_FRICTION_RISE_K_W: Final = 0.2
 _TOOL_RISE_K: Final = 6.0
 _BOX_RISE_K: Final = 13.0  # always on
 _NO_RISE: Final[Vector6] = (0.0,) * 6
@@ -34,20 +35,24 @@ class Thermals:
         self.box = ROOM_C
         self._elapsed_s = 0.0
 
-    def advance(self, current: Vector6, period_s: float, *, powered: bool) -> bool:
-        """One control period with these joint currents [A]; True when the temperatures were renewed."""
+    def advance(self, current: Vector6, period_s: float, *, powered: bool, friction_W: Vector6 = _NO_RISE) -> bool:
+        """One control period with these joint currents [A] and this heat of friction [W].
+
+        True when the temperatures were renewed.
+        """
         self._elapsed_s += period_s
         if self._elapsed_s < _PERIOD_S:
             return False
         self._elapsed_s -= _PERIOD_S
-        self.joints = _towards6(self.joints, _joint_rises(current) if powered else _NO_RISE)
+        self.joints = _towards6(self.joints, _joint_rises(current, friction_W) if powered else _NO_RISE)
         self.tool = _towards(self.tool, _TOOL_RISE_K if powered else 0.0)
         self.box = _towards(self.box, _BOX_RISE_K)
         return True
 
 
-def _joint_rises(current: Vector6) -> Vector6:
-    a, b, c, d, e, f = map(add, _DRIVE_RISE_K, map(mul, _MOTOR_RISE_K_A2, map(mul, current, current)))
+def _joint_rises(current: Vector6, friction_W: Vector6) -> Vector6:
+    motors = map(add, _DRIVE_RISE_K, map(mul, _MOTOR_RISE_K_A2, map(mul, current, current)))
+    a, b, c, d, e, f = map(add, motors, [_FRICTION_RISE_K_W * heat for heat in friction_W])
     return (a, b, c, d, e, f)
 
 

@@ -6,31 +6,37 @@ too much of that waits, the connection ends.
 
 Requests of one connection are carried out in order, a few per control period; the
 connection is not read further while too many wait.
+
+Hooks see and may change what passes. One that keeps bytes back says how many (``Connection.keep``) and passes them
+on later (``Connection.pass_on``), to the hooks after it; meanwhile they count as bytes that wait for the client.
 """
 
 import asyncio
 import errno
 import logging
 import socket
+import struct
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, TypeAlias
 
 from emulator.commands import Command
 from emulator.snapshot import Snapshot
 from urproto.errors import RemoteProtocolError
 from urproto.versions import PolyscopeVersion
 
-__all__ = ["CommandQueue", "Connection", "ControllerDoor", "Direction", "Hooks", "PortServer"]
+__all__ = ["BytesHook", "CommandQueue", "Connection", "ControllerDoor", "Direction", "Hooks", "PortServer"]
 
 _READ_BYTES: Final = 8192  # at once, so that a flood leaves time to others (guess)
 _SEND_BUFFER: Final = 256 * 1024  # the system's, per connection: what a late reader finds is no older (guess)
 _MOST_UNDELIVERED: Final = 1024 * 1024  # bytes that must be delivered and are not read (guess)
 _MOST_WAITING: Final = 64  # requests of one connection before it is not read further (guess)
 _BACKLOG: Final = 128
+_LISTEN_AGAIN_S: Final = 0.5  # between attempts to have a port back that somebody else took (guess)
+_RESET: Final = struct.pack("ii", 1, 0)  # SO_LINGER: on, no time: closing sends RST
 
 _logger = logging.getLogger(__name__)
 
@@ -58,28 +64,44 @@ class Direction(Enum):
     SENT = "sent"
 
 
+BytesHook: TypeAlias = "Callable[[Connection, Direction, bytes], bytes]"
+
+
 @dataclass
 class Hooks:
     """Functions that see, and may change, what passes through a port. Called in order.
 
     on_connect: False turns the client away. on_bytes: returns the bytes that pass instead,
     possibly none. on_message: as on_bytes for one decoded request or encoded-to-be answer;
-    None drops it. State broadcasts pass on_bytes only.
+    None drops it. State broadcasts pass on_bytes only. on_state: what the state ports show
+    instead of a period's snapshot.
     """
 
     on_connect: list[Callable[["Connection"], bool]] = field(default_factory=list)
-    on_bytes: list[Callable[["Connection", Direction, bytes], bytes]] = field(default_factory=list)
+    on_bytes: list[BytesHook] = field(default_factory=list)
     on_message: list[Callable[["Connection", Direction, Any], Any]] = field(default_factory=list)
+    on_state: list[Callable[[Snapshot], Snapshot]] = field(default_factory=list)
 
     def admits(self, connection: "Connection") -> bool:
         """True when no hook turns the client away."""
         return all(hook(connection) for hook in self.on_connect)
 
-    def bytes(self, connection: "Connection", direction: Direction, data: bytes) -> bytes:
-        """The bytes that pass."""
-        for hook in self.on_bytes:
+    def bytes(
+        self, connection: "Connection", direction: Direction, data: bytes, after: "BytesHook | None" = None
+    ) -> bytes:
+        """The bytes that pass, of all hooks or of those after one."""
+        hooks = self.on_bytes
+        for hook in hooks if after is None else hooks[_place_after(hooks, after) :]:
+            if not data:
+                break
             data = hook(connection, direction, data)
         return data
+
+    def state(self, snapshot: Snapshot) -> Snapshot:
+        """The snapshot that is shown."""
+        for hook in self.on_state:
+            snapshot = hook(snapshot)
+        return snapshot
 
     def message(self, connection: "Connection", direction: Direction, message: Any) -> Any:
         """The message that passes, None when one of the hooks dropped it."""
@@ -90,13 +112,23 @@ class Hooks:
 
 
 class Connection(asyncio.BufferedProtocol):
-    """One client of one port. This base takes no notice of what the client sends."""
+    """One client of one port. This base takes no notice of what the client sends.
+
+    most_undelivered: bytes that may wait for a client that does not read.
+    """
+
+    most_undelivered = _MOST_UNDELIVERED
 
     def __init__(self, server: "PortServer") -> None:
         self.server = server
         self._transport: asyncio.Transport | None = None
         self._read_buffer = bytearray(_READ_BYTES)
         self.peer = "?"
+        self._kept = {Direction.SENT: 0, Direction.RECEIVED: 0}  # bytes that hooks keep back
+        self._late = 0  # of them, those that wait for the client
+        self._wants_reading = True
+        self._stalls: set[object] = set()  # who keeps it from being read
+        self._closing = self._ended = False  # once what is kept back has passed
 
     # for the kinds of connection
 
@@ -120,34 +152,112 @@ class Connection(asyncio.BufferedProtocol):
             return
         if self.server.hooks.on_bytes:
             data = self.server.hooks.bytes(self, Direction.SENT, data)
-        if transport.get_write_buffer_size() + len(data) > _MOST_UNDELIVERED:
-            _logger.warning("%s: %s does not read what it is sent and is disconnected", self.server.name, self.peer)
-            transport.abort()
-        elif data:
-            transport.write(data)
+        self._write(transport, data)
 
     def send_state(self, data: bytes) -> None:
         """Send bytes that the next ones supersede: skipped when earlier ones still wait."""
         transport = self._transport
-        if transport is not None and not transport.get_write_buffer_size():
+        if transport is not None and self._late < _SEND_BUFFER and not transport.get_write_buffer_size():
             self.send(data)
 
     def close(self) -> None:
         """Deliver what was sent, then end the connection."""
-        if self._transport is not None:
+        if self._late:
+            self._closing = True
+        elif self._transport is not None:
             self._transport.close()
 
     def close_now(self) -> None:
         """End the connection, without waiting for a client that does not read."""
         transport = self._transport
-        if transport is not None and transport.get_write_buffer_size():
+        if transport is not None and (self._late or transport.get_write_buffer_size()):
             transport.abort()
         else:
             self.close()
 
     def read_on(self, going: bool) -> None:
         """Read the client's bytes, or leave them with the system for now."""
+        self._wants_reading = going
+        self._read()
+
+    # for hooks and faults
+
+    @property
+    def is_open(self) -> bool:
+        """False once it ends."""
+        return self._transport is not None and not self._transport.is_closing()
+
+    @property
+    def unsent(self) -> int:
+        """Bytes that the system does not take, because the client does not read."""
+        return self._transport.get_write_buffer_size() if self._transport is not None else 0
+
+    @property
+    def undelivered(self) -> int:
+        """Those, and what hooks keep back."""
+        return self.unsent + self._late
+
+    def stall(self, reason: object) -> None:
+        """Leave the client's bytes with the system until ``unstall`` for the same reason."""
+        self._stalls.add(reason)
+        self._read()
+
+    def unstall(self, reason: object) -> None:
+        """Read again, unless there are other reasons."""
+        self._stalls.discard(reason)
+        self._read()
+
+    def reset(self) -> None:
+        """End the connection at once, so that the client gets a reset (RST) instead of an end (FIN)."""
         transport = self._transport
+        if transport is not None:
+            self._set_option(socket.SO_LINGER, _RESET)
+            transport.abort()
+
+    def set_send_buffer(self, size: int | None) -> None:
+        """Let the system keep so many unread bytes; None for as many as usual."""
+        self._set_option(socket.SO_SNDBUF, _SEND_BUFFER if size is None else size)
+
+    def keep(self, direction: Direction, count: int) -> None:
+        """A hook keeps this number of bytes back, and will pass them on."""
+        self._kept[direction] += count
+        self._late = self._kept[Direction.SENT]
+
+    def pass_on(self, direction: Direction, data: bytes, after: BytesHook, count: int | None = None) -> None:
+        """Pass on bytes that a hook kept back; ``count``: of those it kept, if not as many as it passes on."""
+        self.keep(direction, -(len(data) if count is None else count))
+        transport = self._transport
+        if transport is None or transport.is_closing():
+            return
+        passed = self.server.hooks.bytes(self, direction, data, after)
+        if direction is Direction.RECEIVED:
+            self._receive(passed)
+        else:
+            self._write(transport, passed)
+        if self._closing and not self._late:
+            transport.close()
+        elif self._ended and not self._kept[Direction.RECEIVED] and not self.at_end():
+            self.close()
+
+    # both sides
+
+    def _write(self, transport: asyncio.Transport, data: bytes) -> None:
+        if transport.get_write_buffer_size() + self._late + len(data) > self.most_undelivered:
+            _logger.warning("%s: %s does not read what it is sent and is disconnected", self.server.name, self.peer)
+            transport.abort()
+        elif data:
+            transport.write(data)
+
+    def _receive(self, data: bytes) -> None:
+        try:
+            if data:
+                self.received(data)
+        except RemoteProtocolError as error:
+            _logger.warning("%s: %s is disconnected: %s", self.server.name, self.peer, error)
+            self.close()
+
+    def _read(self) -> None:
+        transport, going = self._transport, self._wants_reading and not self._stalls
         if transport is None or transport.is_closing() or transport.is_reading() is going:
             return
         if going:
@@ -155,13 +265,18 @@ class Connection(asyncio.BufferedProtocol):
         else:
             transport.pause_reading()
 
+    def _set_option(self, option: int, value: int | bytes) -> None:
+        own = self._transport.get_extra_info("socket") if self._transport is not None else None
+        if own is not None:
+            own.setsockopt(socket.SOL_SOCKET, option, value)
+
     # asyncio's side
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         self.peer = _peer_name(transport)
-        transport.set_write_buffer_limits(high=_MOST_UNDELIVERED)
+        transport.set_write_buffer_limits(high=self.most_undelivered)
         if not self.server.hooks.admits(self):
             transport.abort()
             return
@@ -176,15 +291,11 @@ class Connection(asyncio.BufferedProtocol):
         data = bytes(self._read_buffer[:nbytes])
         if self.server.hooks.on_bytes:
             data = self.server.hooks.bytes(self, Direction.RECEIVED, data)
-        try:
-            if data:
-                self.received(data)
-        except RemoteProtocolError as error:
-            _logger.warning("%s: %s is disconnected: %s", self.server.name, self.peer, error)
-            self.close()
+        self._receive(data)
 
     def eof_received(self) -> bool:
-        return self.at_end()
+        self._ended = bool(self._kept[Direction.RECEIVED])
+        return self._ended or self.at_end()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._transport = None
@@ -192,6 +303,10 @@ class Connection(asyncio.BufferedProtocol):
             self.server.connections.remove(self)
             _logger.info("%s: %s disconnected%s", self.server.name, self.peer, f" ({exc})" if exc else "")
             self.lost()
+
+
+def _place_after(hooks: list[BytesHook], hook: BytesHook) -> int:
+    return hooks.index(hook) + 1 if hook in hooks else len(hooks)
 
 
 def _peer_name(transport: asyncio.BaseTransport) -> str:
@@ -256,6 +371,8 @@ class PortServer:
         self.connections: list[Connection] = []
         self._unsubscribe: Callable[[], None] | None = None
         self._listening: asyncio.Server | None = None
+        self._address = ("", 0)
+        self._returning: asyncio.Task[None] | None = None
 
     def connect(self) -> Connection:
         """The protocol object of a new connection."""
@@ -266,9 +383,13 @@ class PortServer:
 
     @property
     def port(self) -> int:
-        """The port it listens on."""
-        assert self._listening is not None
-        return int(self._listening.sockets[0].getsockname()[1])
+        """The port it listens on, or did last."""
+        return self._address[1]
+
+    @property
+    def listening(self) -> bool:
+        """Whether new clients are let in."""
+        return self._listening is not None
 
     @property
     def peers(self) -> list[str]:
@@ -277,24 +398,69 @@ class PortServer:
 
     async def start(self, host: str, port: int) -> None:
         """Listen. Port 0 takes a free one. Raises OSError saying which port and why."""
-        listening = _listen(self.name, host, port)
-        loop = asyncio.get_running_loop()
-        self._listening = await loop.create_server(self.connect, sock=listening, backlog=_BACKLOG)
+        await self._listen(host, port)
         self._unsubscribe = self.controller.subscribe(self.publish)
+
+    def follow(self, controller: ControllerDoor) -> None:
+        """Serve another controller from now on."""
+        self.controller = controller
+        if self._unsubscribe is not None:
+            self._unsubscribe()
+            self._unsubscribe = controller.subscribe(self.publish)
+
+    def succeed(self, other: "PortServer") -> None:
+        """Take over the hooks of a server that is gone, and its port until there is another."""
+        self.hooks, self._address = other.hooks, other._address
 
     async def stop(self) -> None:
         """End every connection and listen no longer."""
-        if self._unsubscribe is not None:
-            self._unsubscribe()
-            self._unsubscribe = None
-        if self._listening is not None:
-            self._listening.close()
+        returning = self._returning
+        self.leave()
+        if returning is not None:
+            await asyncio.wait([returning])
         for connection in tuple(self.connections):
             connection.close_now()
         while self.connections:
             await asyncio.sleep(0)
+
+    def leave(self) -> None:
+        """Be silent: no client is let in, nothing is published, connections stay open."""
+        if self._unsubscribe is not None:
+            self._unsubscribe()
+            self._unsubscribe = None
+        self.close_port()
+
+    def close_port(self) -> None:
+        """Let nobody in; who is connected stays. New clients are refused by the system."""
+        if self._returning is not None:
+            self._returning.cancel()
+            self._returning = None
         if self._listening is not None:
-            await self._listening.wait_closed()
+            self._listening.close()
+            self._listening = None
+
+    def open_port(self) -> None:
+        """Listen again where it did, as soon as the event loop gets to it; tries on while another program is there."""
+        if self._listening is None and self._returning is None:
+            self._returning = asyncio.get_running_loop().create_task(self._return())
+
+    async def _return(self) -> None:
+        while True:
+            try:
+                await self._listen(*self._address)
+                break
+            except OSError as error:
+                _logger.warning("%s", error)
+                await asyncio.sleep(_LISTEN_AGAIN_S)
+        self._returning = None
+
+    async def _listen(self, host: str, port: int) -> None:
+        listening = _listen(self.name, host, port)
+        loop = asyncio.get_running_loop()
+        self._address = (host, int(listening.getsockname()[1]))
+        # not serving yet, so that nothing can come between and leave a port without owner
+        self._listening = await loop.create_server(self.connect, sock=listening, backlog=_BACKLOG, start_serving=False)
+        await self._listening.start_serving()
 
 
 def _listen(name: str, host: str, port: int) -> socket.socket:

@@ -63,6 +63,8 @@ class PrimaryServer(PortServer):
     def publish(self, snapshot: Snapshot) -> None:
         if not self.connections:
             return
+        if self.hooks.on_state:
+            snapshot = self.hooks.state(snapshot)
         shown = False
         if self._messages:
             for message in snapshot.messages:

@@ -22,6 +22,8 @@ class RealtimeServer(PortServer):
     def publish(self, snapshot: Snapshot) -> None:
         if not self.connections:
             return
+        if self.hooks.on_state:
+            snapshot = self.hooks.state(snapshot)
         packet = self._encode(snapshot)
         for connection in tuple(self.connections):
             connection.send_state(packet)

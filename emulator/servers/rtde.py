@@ -29,6 +29,8 @@ class RTDEServer(PortServer):
 
     def publish(self, snapshot: Snapshot) -> None:
         encoded: dict[Packer, bytes] = {}
+        if self.hooks.on_state:
+            snapshot = self.hooks.state(snapshot)
         for connection in tuple(self.connections):
             assert isinstance(connection, _RTDEConnection)
             packer = connection.session.due()

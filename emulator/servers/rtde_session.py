@@ -14,7 +14,7 @@ A variable has one writer at a time: another connection that asks for it is told
 until the first one has closed.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from enum import Enum
 from functools import lru_cache
 from typing import Any, Final
@@ -117,17 +117,29 @@ class Reservations:
 
 
 class RTDEHost:
-    """What all sessions of one controller share, and the way their inputs take to it."""
+    """What all sessions of one controller share: the variables there are, the protocols spoken, who writes what."""
 
     def __init__(self, version: PolyscopeVersion) -> None:
         self.version = version
         self.outputs = available_fields(OUTPUT_FIELDS, version)
         self.inputs = available_fields(INPUT_FIELDS, version)
+        self.protocols: Collection[int] = KNOWN_PROTOCOLS
         self.reservations = Reservations()
         self.packer = lru_cache(maxsize=256)(self._packer)  # equal recipes are encoded once a period
+        self._hidden: set[str] = set()
+
+    def hide(self, name: str, hidden: bool) -> None:
+        """Let recipes with a variable be refused, as if it were not there, or no longer."""
+        (self._hidden.add if hidden else self._hidden.discard)(name)
+        self.outputs = _without(available_fields(OUTPUT_FIELDS, self.version), self._hidden)
+        self.inputs = _without(available_fields(INPUT_FIELDS, self.version), self._hidden)
 
     def _packer(self, names: tuple[str, ...], protocol: int) -> Packer:
         return output_packer(Recipe.of(names, self.outputs), protocol, _OUTPUT_RECIPE)
+
+
+def _without(fields: Mapping[str, Field], hidden: Collection[str]) -> Mapping[str, Field]:
+    return {name: field for name, field in fields.items() if name not in hidden}
 
 
 class RTDESession:
@@ -180,7 +192,7 @@ class RTDESession:
     # one method a request
 
     def _request_protocol(self, request: RequestProtocol) -> list[Reply]:
-        accepted = request.version in KNOWN_PROTOCOLS
+        accepted = request.version in self._host.protocols
         if accepted and request.version != self.protocol:
             self.protocol = request.version
             self._renew_packer()

@@ -2,6 +2,8 @@
 
 Where they may lead is decided by address, after a name was resolved, and the connection goes
 to the address that was judged: a name cannot mean something else a moment later.
+
+Their bytes pass hooks like those of a port, one that listens nowhere (``ScriptPort``).
 """
 
 import asyncio
@@ -10,12 +12,13 @@ import os
 import socket
 from collections.abc import Awaitable, Callable
 from ipaddress import IPv6Address, ip_address
-from typing import Final
+from typing import Final, cast
 
 from emulator.programs.sockets import ScriptNetwork, SocketState
+from emulator.servers.base import Connection, ControllerDoor, PortServer
 from emulator.servers.own_ports import OwnPorts
 
-__all__ = ["NetworkSockets"]
+__all__ = ["NetworkSockets", "ScriptPort"]
 
 _MOST_UNREAD: Final = 1024 * 1024  # bytes a peer may be ahead of the script (guess)
 _MOST_UNSENT: Final = 1024 * 1024  # bytes the script may be ahead of a peer (guess)
@@ -23,11 +26,18 @@ _MOST_UNSENT: Final = 1024 * 1024  # bytes the script may be ahead of a peer (gu
 _logger = logging.getLogger(__name__)
 
 
+class ScriptPort(PortServer):
+    """Keeps the connections of scripts, and their hooks."""
+
+    def __init__(self) -> None:
+        super().__init__("scripts", cast(ControllerDoor, None))  # it publishes nothing and commands nobody
+
+
 class NetworkSockets:
     """Opens connections in the running event loop; the script looks at them once per control period.
 
     network: where they may lead; what it forbids fails as a refused connection does, and `note`
-    is told why. own_ports: where the controller itself is reached.
+    is told why. own_ports: where the controller itself is reached. port: where the connections are kept.
     """
 
     def __init__(
@@ -35,7 +45,9 @@ class NetworkSockets:
         network: ScriptNetwork = ScriptNetwork.ANY,
         note: Callable[[str], None] = lambda text: None,
         own_ports: OwnPorts | None = None,
+        port: ScriptPort | None = None,
     ) -> None:
+        self._port = port or ScriptPort()
         self._open: set[_NetworkSocket] = set()
         self._network = network
         self._note = note
@@ -47,7 +59,7 @@ class NetworkSockets:
 
     def open(self, address: str, port: int) -> "_NetworkSocket":
         """Begin to connect. A refused connection, or an impossible address, turns ``closed``."""
-        opened = _NetworkSocket(self._permitted, self._open.discard)
+        opened = _NetworkSocket(self._port, self._permitted, self._open.discard)
         self._open.add(opened)
         opened.connect(address, port)
         return opened
@@ -93,9 +105,30 @@ def _reason(error: Exception) -> str:
     return str(getattr(error, "strerror", None) or error)
 
 
-class _NetworkSocket(asyncio.Protocol):
+class _Wire(Connection):
+    """The connection itself. ``opened``, ``received`` and ``lost`` of its owner are called."""
+
+    most_undelivered = 2 * _MOST_UNSENT  # the script is told before, and waits
+
+    def __init__(self, server: PortServer, owner: "_NetworkSocket") -> None:
+        super().__init__(server)
+        self._owner = owner
+
+    def opened(self) -> None:
+        self._owner.opened()
+
+    def received(self, data: bytes) -> None:
+        self._owner.received(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self._owner.lost(exc)
+
+
+class _NetworkSocket:
     def __init__(
         self,
+        port: PortServer,
         permitted: Callable[[str, int], Awaitable[list[tuple[str, int]]]],
         gone: Callable[["_NetworkSocket"], None],
     ) -> None:
@@ -103,38 +136,33 @@ class _NetworkSocket(asyncio.Protocol):
         self.failure = ""
         self._permitted = permitted
         self._gone = gone
-        self._transport: asyncio.Transport | None = None
+        self._wire = _Wire(port, self)
+        self._connected_once = False
+        self._ahead = False  # the peer, of the script
         self._connecting: asyncio.Task[None] | None = None
         self._state: SocketState = "connecting"
 
     @property
     def state(self) -> SocketState:
-        self._read_on()
+        if self._ahead and len(self.inbox) < _MOST_UNREAD:  # the script, which looks here every period, has caught up
+            self._ahead = False
+            self._wire.read_on(True)
         return self._state
-
-    def _read_on(self) -> None:
-        """Read again once the script, which looks here every control period, has caught up."""
-        transport = self._transport
-        if transport is None or transport.is_reading() or transport.is_closing():
-            return
-        if len(self.inbox) < _MOST_UNREAD:
-            transport.resume_reading()
 
     def connect(self, address: str, port: int) -> None:
         self._connecting = asyncio.get_running_loop().create_task(self._connect(address, port))
         self._connecting.add_done_callback(self._connected)
 
     def send(self, data: bytes) -> bool:
-        transport = self._transport
-        if transport is None or self._state != "open" or transport.get_write_buffer_size() > _MOST_UNSENT:
+        if self._state != "open" or self._wire.undelivered > _MOST_UNSENT:
             return False
-        transport.write(data)
+        self._wire.send(data)
         return True
 
     def close(self) -> None:
         self._state = "closed"
-        if self._transport is not None:
-            self._transport.close()
+        if self._connected_once:
+            self._wire.close()
         elif self._connecting is not None:
             self._connecting.cancel()
 
@@ -149,7 +177,7 @@ class _NetworkSocket(asyncio.Protocol):
 
     async def _reach(self, numeric: str, port: int) -> bool:
         try:
-            await asyncio.get_running_loop().create_connection(lambda: self, numeric, port)
+            await asyncio.get_running_loop().create_connection(lambda: self._wire, numeric, port)
         except OSError as error:
             self.failure = _reason(error)
             _logger.info("a script cannot connect to %s:%d: %s", numeric, port, error)
@@ -157,27 +185,26 @@ class _NetworkSocket(asyncio.Protocol):
         return True
 
     def _connected(self, _: "asyncio.Task[None]") -> None:
-        if self._transport is None:  # refused, or given up
+        if not self._connected_once:  # refused, or given up
             self._state = "closed"
             self._gone(self)
 
-    # asyncio's side
+    # of the wire
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
+    def opened(self) -> None:
+        self._connected_once = True
         if self._state == "closed":  # by the script, while it was connecting
-            transport.close()
+            self._wire.close()
         else:
             self._state, self.failure = "open", ""
 
-    def data_received(self, data: bytes) -> None:
+    def received(self, data: bytes) -> None:
         self.inbox += data
-        if len(self.inbox) >= _MOST_UNREAD and self._transport is not None:
-            self._transport.pause_reading()
+        if len(self.inbox) >= _MOST_UNREAD:
+            self._ahead = True
+            self._wire.read_on(False)
 
-    def connection_lost(self, exc: Exception | None) -> None:
+    def lost(self, exc: Exception | None) -> None:
         self.failure = _reason(exc) if exc is not None else ""
         self._state = "closed"
-        self._transport = None
         self._gone(self)

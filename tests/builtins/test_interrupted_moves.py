@@ -77,7 +77,7 @@ def test_switching_off_in_force_mode_leaves_the_arm_where_it_is(rig):
     rig.start(f"{PUSH_DOWN}\nsleep(10)")
     rig.seconds(1.0)
     rig.controller.power_event(PowerEvent.POWER_OFF)
-    rig.tick()
+    rig.seconds(0.1)  # the brakes bring it to rest
     stood = rig.q
     rig.controller.power_event(PowerEvent.POWER_ON)
     rig.controller.power_event(PowerEvent.BRAKE_RELEASE)

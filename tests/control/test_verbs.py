@@ -87,6 +87,9 @@ def test_a_gate_pauses_the_program_and_lets_it_go_on(robot: VirtualRobot) -> Non
     robot.open_safeguard()
     robot.run_until("safety_mode == SAFEGUARD_STOP and runtime_state == PAUSED")
     robot.close_safeguard()
+    robot.step(10)
+    assert robot.state(["safety_mode"])["safety_mode"] == "SAFEGUARD_STOP", "an input of a new robot is for its reset"
+    robot.reset_safeguard()
     robot.run_until("runtime_state == STOPPED")
     assert robot.state(["actual_q"])["actual_q"] == pytest.approx([0, -1, 1, 0, 0, 0])
 

@@ -10,7 +10,7 @@ from emulator.controller import Controller, ControllerConfig
 from emulator.lifecycle.power import PowerTimings
 from emulator.snapshot import Snapshot
 from urproto.primary.messages import RobotMessage
-from urproto.robots import load_model
+from urproto.robots import RobotModel, load_model
 from urproto.versions import PolyscopeVersion
 
 QUICK = PowerTimings(joint_boot_s=0.08, power_on_s=0.04, brake_release_s=0.08)
@@ -19,10 +19,11 @@ QUICK = PowerTimings(joint_boot_s=0.08, power_on_s=0.04, brake_release_s=0.08)
 class Rig:
     """A controller with shorthands; ``messages`` holds everything it said so far."""
 
-    def __init__(self, model: str = "ur3", version: str | None = None, **config: Any) -> None:
+    def __init__(self, model: str | RobotModel = "ur3", version: str | None = None, **config: Any) -> None:
         config.setdefault("timings", QUICK)
         parsed = PolyscopeVersion.parse(version) if version else None
-        self.controller = Controller(ControllerConfig(model=load_model(model), version=parsed, **config))
+        arm = load_model(model) if isinstance(model, str) else model
+        self.controller = Controller(ControllerConfig(model=arm, version=parsed, **config))
         self.messages: list[RobotMessage] = []
 
     @property

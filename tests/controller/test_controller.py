@@ -182,7 +182,8 @@ def test_power_off_stops_arm_and_program_at_once(ready):
     ready.seconds(0.5)
     assert ready.now.target_qd != ZERO6
     ready.ask("power off")
-    assert ready.now.target_qd == ZERO6
+    assert ready.now.robot_mode is RobotMode.POWER_OFF
+    ready.until(lambda s: s.target_qd == ZERO6, 0.1)  # the brakes take that long
     standing = ready.now.actual_q
     ready.until(is_state(RuntimeState.STOPPED), 1.0)
     ready.ask("brake release")
@@ -355,19 +356,6 @@ def test_safeguard_does_not_resume_what_was_paused_before(ready):
     ready.controller.safety_event(SafetyEvent.SAFEGUARD_CLOSED)
     ready.seconds(0.3)
     assert ready.now.runtime_state is RuntimeState.PAUSED
-
-
-def test_reduced_mode_is_slower(make):
-    def duration(reduced):
-        rig = make(running=True)
-        if reduced:
-            rig.controller.safety_event(SafetyEvent.REDUCED)
-        rig.script(LONG_MOVE)
-        rig.until(is_state(RuntimeState.PLAYING), 1.0)
-        start = rig.now.timestamp
-        return rig.until(is_state(RuntimeState.STOPPED), 20.0).timestamp - start
-
-    assert duration(True) == pytest.approx(2 * duration(False), rel=0.1)
 
 
 def test_violation_stops_the_program_and_needs_a_restart(ready):

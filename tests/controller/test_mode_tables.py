@@ -9,7 +9,7 @@ import pytest
 from emulator.lifecycle.power import POWER_TABLE, REPORTS, Power, PowerEvent, PowerState, PowerTimings
 from emulator.lifecycle.runstate import RUN_TABLE, RunEvent, is_running, next_run_state
 from emulator.lifecycle.safety import SAFETY_TABLE, Safety, SafetyEvent
-from urproto.modes import RobotMode, RuntimeState, SafetyMode, SafetyStatusBits
+from urproto.modes import RobotMode, RuntimeState, SafetyMode, SafetyStatus, SafetyStatusBits
 
 POWER = """
                     POWER_ON  BRAKE_RELEASE  POWER_OFF  TIMEOUT
@@ -60,6 +60,12 @@ SYSTEM_EMERGENCY_STOP    Y Y Y Y Y . . . .
 EMERGENCY_STOP_RELEASED  . . . . . N N . .
 SAFEGUARD_OPEN           S S . S . . . . .
 SAFEGUARD_CLOSED         . . . . N . . . .
+AUTOMATIC_SAFEGUARD_OPEN   S S . S . . . . .
+AUTOMATIC_SAFEGUARD_CLOSED . . . . N . . . .
+ENABLING_RELEASED        S S . S . . . . .
+ENABLING_HELD            . . . . N . . . .
+OUTSIDE_LIMITS           C C . . . . . . .
+INSIDE_LIMITS            . . . N . . . . .
 REDUCED                  R . . . . . . . .
 NOT_REDUCED              . N . . . . . . .
 VIOLATION                V V V V V V V . .
@@ -200,6 +206,44 @@ def test_lasting_conditions_come_back_when_a_stronger_mode_ends():
     assert safety.mode is SafetyMode.REDUCED
     safety.handle(SafetyEvent.NOT_REDUCED)
     assert safety.mode is SafetyMode.NORMAL
+
+
+@pytest.mark.parametrize(
+    ("opened", "closed", "status"),
+    [
+        ("SAFEGUARD_OPEN", "SAFEGUARD_CLOSED", SafetyStatus.SAFEGUARD_STOP),
+        ("AUTOMATIC_SAFEGUARD_OPEN", "AUTOMATIC_SAFEGUARD_CLOSED", SafetyStatus.AUTOMATIC_MODE_SAFEGUARD_STOP),
+        ("ENABLING_RELEASED", "ENABLING_HELD", SafetyStatus.SYSTEM_THREE_POSITION_ENABLING_STOP),
+    ],
+)
+def test_the_status_tells_which_safeguard_it_is(opened, closed, status):
+    safety = Safety()
+    safety.handle(SafetyEvent[opened])
+    assert (safety.mode, safety.status) == (SafetyMode.SAFEGUARD_STOP, status)
+    safety.handle(SafetyEvent[closed])
+    assert (safety.mode, safety.status) == (SafetyMode.NORMAL, SafetyStatus.NORMAL)
+
+
+def test_one_closed_safeguard_leaves_the_other_open():
+    safety = Safety()
+    safety.handle(SafetyEvent.SAFEGUARD_OPEN)
+    safety.handle(SafetyEvent.ENABLING_RELEASED)
+    assert not safety.handle(SafetyEvent.SAFEGUARD_CLOSED)
+    assert safety.status is SafetyStatus.SYSTEM_THREE_POSITION_ENABLING_STOP
+    assert safety.handle(SafetyEvent.ENABLING_HELD)
+
+
+def test_outside_the_limits_comes_before_reduced_and_after_every_stop():
+    safety = Safety()
+    safety.handle(SafetyEvent.REDUCED)
+    safety.handle(SafetyEvent.OUTSIDE_LIMITS)
+    assert safety.mode is SafetyMode.RECOVERY
+    assert not safety.programs_allowed
+    safety.handle(SafetyEvent.ROBOT_EMERGENCY_STOP)
+    safety.handle(SafetyEvent.EMERGENCY_STOP_RELEASED)
+    assert safety.mode is SafetyMode.RECOVERY
+    safety.handle(SafetyEvent.INSIDE_LIMITS)
+    assert safety.mode is SafetyMode.REDUCED
 
 
 def test_restart_does_not_release_a_pressed_emergency_stop():

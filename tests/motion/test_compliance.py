@@ -111,15 +111,61 @@ def test_force_mode_again_each_cycle_keeps_its_speed(rig):
     assert start - rig.pose()[2] > 0.02
 
 
-@pytest.mark.parametrize("kind", [1, 3])
-def test_other_types_turn_the_frame(rig, kind):
-    """Type 1 pulls along y towards the frame's origin; type 3 without motion leaves the frame as it is."""
+def test_type_1_pulls_along_y_towards_the_origin_of_the_frame(rig):
     start = rig.pose()
     origin = add(start, 0.0, 0.0, -0.3)
-    rig.motion.start_force_mode((*origin[:3], 0, 0, 0), (0, 1, 0, 0, 0, 0), (0, 10, 0, 0, 0, 0), kind, LIMITS)
+    rig.motion.start_force_mode((*origin[:3], 0, 0, 0), (0, 1, 0, 0, 0, 0), (0, 10, 0, 0, 0, 0), 1, LIMITS)
     rig.steps(500)
-    moved = [b - a for a, b in zip(start, rig.pose(), strict=True)]
-    assert (-moved[2] if kind == 1 else moved[1]) > 0.02
+    assert start[2] - rig.pose()[2] > 0.02
+
+
+def test_type_3_complies_across_the_motion_once_there_is_one(rig):
+    """User manual, "Motion": x along the TCP's motion; nothing complies before there was motion, and a frame stays."""
+    start = rig.pose()
+    rig.motion.start_force_mode(BASE, (0, 1, 0, 0, 0, 0), (0, 10, 0, 0, 0, 0), 3, LIMITS)
+    rig.steps(500)
+    assert rig.pose() == start
+    rig.finish(rig.motion.movel(add(start, 0.0, 0.05)))  # along y of the base: its left is -x
+    moved = start[0] - rig.pose()[0]
+    assert moved > 0.001
+    rig.steps(500)
+    assert start[0] - rig.pose()[0] > moved + 0.02
+    assert rig.pose()[1:3] == pytest.approx((start[1] + 0.05, start[2]), abs=1e-4)
+
+
+def bent(rig, shift):
+    """Joints that have the tool beside where it was told to be, along x."""
+    model = rig.model
+    return rig.kinematics.inverse_near(add(rig.pose(), shift), rig.motion.q, model.q_min, model.q_max)
+
+
+def pulled_aside(rig, limit, shift=0.004):
+    """A stiff axis, x, has been bent by 4 mm."""
+    rig.motion.start_force_mode(BASE, Z_ONLY, ZERO, 2, (limit, 0.01, 0.2, 0.1, 0.1, 0.1))
+    rig.step()
+    rig.motion.actual_q = bent(rig, shift)
+    rig.step()
+
+
+def test_a_stiff_axis_may_be_off_by_its_limit(rig):
+    """User manual, "Force": in non-compliant axes the limit is the largest deviation before a protective stop."""
+    pulled_aside(rig, 0.005)
+    assert rig.fault is None
+    rig.motion.end_force_mode()
+    rig.step()
+    rig = type(rig)(rig.model)
+    pulled_aside(rig, 0.003)
+    assert (rig.fault.code, rig.fault.argument) == (153, 0)
+    assert "0.0040 m off its path along the task frame's x axis" in rig.fault.text
+    rig.rest()
+
+
+def test_a_compliant_axis_may_be_anywhere(rig):
+    rig.motion.start_force_mode(BASE, (1, 0, 0, 0, 0, 0), ZERO, 2, (0.001, *[0.01] * 5))
+    rig.step()
+    rig.motion.actual_q = bent(rig, 0.004)
+    rig.step()
+    assert rig.fault is None
 
 
 def test_unknown_type_is_refused(rig):

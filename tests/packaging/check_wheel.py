@@ -1,7 +1,7 @@
 """Build the wheel, install it into a clean environment, run it beside namesakes.
 
 Users often have a file called ``client.py`` or a folder called ``emulator`` next to them;
-the console scripts must not pick those up.
+neither the console scripts nor the pytest plugin may pick those up.
 """
 
 import subprocess
@@ -13,6 +13,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = {"urproto", "urscript", "emulator", "client"}
+
+PLUGIN_TEST = """
+def test_process(ur_emulator):
+    assert ur_emulator.describe()["model"] == "ur3"
+
+def test_virtual_time(ur_robot):
+    ur_robot.release_brakes()
+    ur_robot.run_until("robot_mode == RUNNING")
+"""
 
 
 def main() -> None:
@@ -48,7 +57,7 @@ def check_contents(wheel: Path) -> None:
 def install(wheel: Path, folder: Path) -> Path:
     environment = folder / "environment"
     venv.create(environment, with_pip=True)
-    run([str(environment / "bin" / "python"), "-m", "pip", "install", "--quiet", str(wheel)])
+    run([str(environment / "bin" / "python"), "-m", "pip", "install", "--quiet", str(wheel), "pytest"])
     return environment / "bin"
 
 
@@ -61,12 +70,16 @@ def run_beside_namesakes(binaries: Path, folder: Path) -> None:
     run([str(binaries / "ur-emulator"), "--version"], cwd=workplace)
     run([str(binaries / "ur-emulator"), "--model", "ur3", "--ephemeral-ports", "--exit-when-ready"], cwd=workplace)
     run([str(binaries / "ur-client"), "--help"], cwd=workplace)
+    run([str(binaries / "ur-emulator-check"), "--install"], cwd=folder)
+    run([str(binaries / "ur-emulator-check"), "--install"], cwd=workplace, status=1)
+    (workplace / "test_robots.py").write_text(PLUGIN_TEST)
+    run([str(binaries / "python"), "-m", "pytest"], cwd=workplace)
     run([str(binaries / "urscript"), "check", "hello.script"], cwd=workplace)
 
 
-def run(command: list[str], cwd: Path = ROOT) -> None:
+def run(command: list[str], cwd: Path = ROOT, status: int = 0) -> None:
     done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=600, check=False)
-    if done.returncode != 0:
+    if done.returncode != status:
         raise SystemExit(f"{' '.join(command)} ended with {done.returncode}\n{done.stdout}\n{done.stderr}")
 
 

@@ -13,7 +13,7 @@ import rtde_receive
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))  # the helpers beside this file; importlib mode does not add their folder
 
-from emulator_process import EmulatorProcess  # noqa: E402 - found by the line above
+from emulators import Emulators  # noqa: E402 - found by the line above
 from rig import JOINTS, START_Q, Rig  # noqa: E402
 
 if sys.platform != "linux":  # many robots at once need the loopback addresses of Linux
@@ -21,13 +21,6 @@ if sys.platform != "linux":  # many robots at once need the loopback addresses o
 
 HANG_S = 60.0  # no test takes longer; a hanging client call ends when its program is stopped
 DEFAULT_MODEL = "ur3"
-ARGUMENTS = {
-    "ur3": (["--model", "ur3"], (3, 15), 0.008),
-    "ur3e": (["--model", "ur3e", "--polyscope", "5.22", "--remote-control"], (5, 22), 0.002),
-    "ur5e": (["--model", "ur5e", "--polyscope", "5.26", "--remote-control"], (5, 26), 0.002),
-    # The newest PolyScope that the release of python-urx reads.
-    "ur3 3.4": (["--model", "ur3", "--polyscope", "3.4", "--gripper", "robotiq-2f-85"], (3, 4), 0.008),
-}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -43,29 +36,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def model_of(item: pytest.Item) -> str:
     callspec = getattr(item, "callspec", None)
     return str(callspec.params.get("rig", DEFAULT_MODEL)) if callspec else DEFAULT_MODEL
-
-
-class Emulators:
-    """One emulator at a time: asking for another model ends the one before and checks that it ends cleanly."""
-
-    def __init__(self, positions: Path) -> None:
-        self._positions = positions
-        self._rig: Rig | None = None
-
-    def get(self, model: str) -> Rig:
-        if self._rig is None or self._rig.model != model:
-            self.close()
-            arguments, polyscope, period_s = ARGUMENTS[model]
-            process = EmulatorProcess([*arguments, "--running", "--initial-positions", str(self._positions)])
-            self._rig = Rig(process, model, polyscope, period_s)
-        return self._rig if self._rig.process.running else self._rig.start()
-
-    def close(self) -> None:
-        rig, self._rig = self._rig, None
-        if rig is not None:
-            status = rig.process.stop() if rig.process.running else 0
-            rig.process.dispose()
-            assert status == 0, f"the {rig.model} emulator ended with status {status}"
 
 
 @pytest.fixture(scope="session")

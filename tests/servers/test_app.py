@@ -204,5 +204,5 @@ async def test_readiness_names_the_port_that_fails() -> None:
 
 async def test_readiness_does_not_wait_for_ever() -> None:
     async with Emulator(config(), StepClock()) as emulator:
-        with pytest.raises(NotReady, match=r"realtime port \d+ on 127.0.0.1 does not answer within 0.1 s"):
+        with pytest.raises(NotReady, match=r"realtime port \d+ on 127.0.0.1: no answer within 0.1 s"):
             await check_ready(HOST, {"realtime": emulator.ports["realtime"]}, timeout_s=0.1)

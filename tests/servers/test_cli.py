@@ -8,13 +8,14 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from emulator.cli import app
+from emulator.control.remote import RemoteControl
 
 DEADLINE_S = 30  # a machine busy with other tests
 
@@ -70,6 +71,29 @@ def test_ready_then_stopped(tmp_path: Path, number: signal.Signals) -> None:
     assert process.returncode == 0
     assert out.splitlines()[-1] == "Stopped."
     assert error == ""
+
+
+def test_faults_begin_once_it_is_ready(tmp_path: Path) -> None:
+    faults = ("--fault", "refuse_connections,port=dashboard", "--fault", "stale_data,after=1000")
+    command = emulator_command("--ephemeral-ports", "--ports-file", "ports.json", *faults)
+    with running(command, tmp_path) as process:
+        read_until(process, "Ready: every port on 127.0.0.1 answers")
+        ports = json.loads((tmp_path / "ports.json").read_text())
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", ports["dashboard"]))
+        with closing(RemoteControl("127.0.0.1", ports["control"])) as robot:
+            assert [fault["state"] for fault in robot.faults()] == ["in force", "waiting"]
+            robot.clear_faults()
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=DEADLINE_S)
+    assert (process.returncode, error) == (0, "")
+
+
+def test_a_fault_that_this_robot_cannot_have(tmp_path: Path) -> None:
+    command = emulator_command("--ephemeral-ports", "--fault", "stall,port=gripper")
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert done.returncode == 2
+    assert "fault stall: this robot has no port 'gripper'" in done.stderr.replace("\n", " ")
 
 
 def test_scripts_may_be_kept_off_the_network(tmp_path: Path) -> None:
@@ -133,6 +157,7 @@ def test_a_port_in_use(tmp_path: Path) -> None:
         (["--polyscope", "new"], "'new' is not a PolyScope version"),
         (["--polyscope", "5.22"], "UR3 is a CB3 arm"),
         (["--initial-positions", "missing.yaml"], "cannot read missing.yaml: No such file"),
+        (["--safety", "missing.yaml"], "cannot read missing.yaml: No such file"),
         (["--programs", "missing"], "the programs folder missing is not a folder"),
         (["--speed", "0"], "the speed must be a positive number"),
         (["--gripper", "hand"], "unknown gripper 'hand': known are robotiq-2f-85, robotiq-2f-140"),
@@ -144,6 +169,8 @@ def test_a_port_in_use(tmp_path: Path) -> None:
         ),
         (["--speed", "nan"], "the speed must be a positive number"),
         (["--port-offset", "-1"], "the port offset must be from 0 to"),
+        (["--fault", "explosion"], "fault: unknown fault 'explosion': there are drop_connection"),
+        (["--fault", "delay"], "fault: delay: Object missing required field `delay_s`"),
     ],
 )
 def test_mistakes_are_one_clear_line(arguments: list[str], problem: str) -> None:

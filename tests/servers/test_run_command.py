@@ -63,6 +63,36 @@ def test_moves_end_where_they_should_on_the_arm_that_was_asked_for(go: Go) -> No
     assert "joints  [0.1000, -1.2000, 0.3000, -1.5000, 0.2000, 0.4000] rad" in out
 
 
+def test_what_stands_around_the_arm_pushes_back(go: Go, tmp_path: Path) -> None:
+    world = tmp_path / "world.yaml"
+    world.write_text("objects: {table: {plane: {}, pose: [0, 0, 0.2], stiffness: 10000}}")
+    program = """def press():
+      movej([0, -1.5, 1.5, -1.57, -1.57, 0], a=4, v=3)
+      place = get_actual_tcp_pose()
+      place[2] = 0.198
+      movel(place)
+      sync()
+      textmsg("pressed with ", floor(force() + 0.5))
+    end"""
+    assert "pressed with 20" in go(program, "--world", str(world))[1]
+    assert "pressed with 0" in go(program)[1]
+    world.write_text("objects: 1")
+    assert go(program, "--world", str(world))[0] == 2
+
+
+def test_a_dynamic_arm_is_where_its_motors_took_it(go: Go) -> None:
+    program = (
+        "def f():\n  movej([0.1,-1.2,0.3,-1.5,0.2,0.4], a=4, v=3)\n"
+        "  textmsg(get_actual_joint_positions() == get_target_joint_positions())\nend"
+    )
+    _, ideal = go(program)
+    status, out = go(program, "--arm", "dynamic", "--seed", "3")
+    assert status == 0
+    assert ideal.splitlines()[0].endswith("s] True")
+    assert out.splitlines()[0].endswith("s] False")
+    assert go(program, "--arm", "dynamic", "--seed", "3")[1] == out
+
+
 def test_a_blocking_popup_is_shown_and_continued(go: Go) -> None:
     status, out = go('def f():\n  popup("now", title="Look", blocking=True)\n  textmsg("after")\nend')
     assert status == 0

@@ -2,8 +2,8 @@
 
 The model is built in code from the arm's data. Pinocchio's joint i turns about z of
 Denavit-Hartenberg frame i-1, and the link's mass properties sit in frame i, one fixed
-transform further. The base frame is the robot's base; joint torques exclude friction and
-the inertia of the motors, for which no numbers are published.
+transform further. The base frame is the robot's base; joint torques exclude friction, and
+the inertia of the motors unless it is given (``urproto.robots.drivetrain`` has numbers).
 """
 
 from collections.abc import Sequence
@@ -56,6 +56,11 @@ class Dynamics:
         x, y, z = acceleration_m_s2
         self._pin.gravity.linear = np.array((-x, -y, -z))
 
+    def set_rotor_inertia(self, inertia_kg_m2: Sequence[float]) -> None:
+        """Inertia of the rotors (6,), at the joints' side of the gears; none at first."""
+        a, b, c, d, e, f = inertia_kg_m2
+        self._pin.armature = _vector((a, b, c, d, e, f))
+
     def inverse_dynamics(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
         """Torques that give the accelerations ``qdd``."""
         return _joints(pin.rnea(self._pin, self._data, _vector(q_rad), _vector(qd), _vector(qdd)))
@@ -86,6 +91,12 @@ class Dynamics:
         """Joint-space mass matrix [kg m2], six rows; symmetric."""
         upper = np.triu(pin.crba(self._pin, self._data, _vector(q_rad)))
         return _rows(upper + np.triu(upper, 1).T)
+
+    def energy(self, q_rad: Sequence[float], qd: Sequence[float]) -> tuple[float, float]:
+        """Kinetic and potential energy of arm, payload and rotors [J]."""
+        q, v = _vector(q_rad), _vector(qd)
+        kinetic = pin.computeKineticEnergy(self._pin, self._data, q, v)
+        return float(kinetic), float(pin.computePotentialEnergy(self._pin, self._data, q))
 
     def linear_momentum(self, q_rad: Sequence[float], qd: Sequence[float]) -> float:
         """Magnitude of the linear momentum of arm and payload [kg m/s]."""

@@ -88,6 +88,12 @@ class Kinematics:
         reach = self._a2 * cos(q2)
         return (cos(q1) * reach, sin(q1) * reach, self._d1 + self._a2 * sin(q2))
 
+    def wrist_position(self, q_rad: Sequence[float]) -> Vec3:
+        """Where the axis of joint 4 crosses the arm's plane, in the base frame [m]."""
+        q1, q2, q3, *_ = q_rad
+        reach = self._a2 * cos(q2) + self._a3 * cos(q2 + q3)
+        return (cos(q1) * reach, sin(q1) * reach, self._d1 + self._a2 * sin(q2) + self._a3 * sin(q2 + q3))
+
     def jacobian(self, q_rad: Sequence[float], tcp_offset: Sequence[float] | None = None) -> Jacobian:
         """Geometric Jacobian at the TCP (at the flange without an offset), in base axes: [v, w] = J qd."""
         return self.jacobian_at(q_rad, self.forward(q_rad, tcp_offset))

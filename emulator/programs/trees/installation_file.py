@@ -11,6 +11,8 @@ from emulator.programs.trees.document import DocumentError, Element, read_docume
 from emulator.programs.trees.features import read_features
 from emulator.programs.trees.modbus import ModbusSignal, read_modbus
 from emulator.programs.trees.numbers import number, numbers, six
+from emulator.safety.configuration import SafetyConfiguration
+from emulator.safety.installation import SafetySettingsError, read_safety_settings
 from urproto.robots.pose import Pose
 from urscript.work import Steps, run_to_end
 
@@ -67,6 +69,7 @@ class InstallationFile:
     as a kind of `emulator.programs.trees.pins` and a number. variables: name and URScript value.
     tool_*: as for set_tool_voltage, set_tool_communication, set_tool_output_mode, set_tool_digital_output_mode.
     gravity: as for set_gravity [m/s2]. home: joints [rad]. contributions: data of URCaps by URCap name.
+    safety: what it would have confirmed; None without a readable one.
     """
 
     name: str = "default"
@@ -89,6 +92,7 @@ class InstallationFile:
     tool_output_mode: int = 0
     tool_outputs: tuple[int, ...] = (1, 1)
     contributions: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    safety: SafetyConfiguration | None = None
 
 
 def read_installation_steps(path: Path) -> Steps[InstallationFile]:
@@ -141,7 +145,16 @@ def _installation(root: Element, name: str, variables: bytes) -> InstallationFil
         tool_output_mode=0 if _tool(root, "toolOutputMode") in ("", "OUTPUT") else 1,
         tool_outputs=tuple(_OUTPUT_KINDS.get(_tool(root, f"toolDigitalOutput{port}"), 1) for port in (0, 1)),
         contributions=_contributions(root),
+        safety=_safety(root),
     )
+
+
+def _safety(root: Element) -> SafetyConfiguration | None:
+    settings = root.child("SafetySettings")
+    try:
+        return None if settings is None else read_safety_settings(settings.text)
+    except SafetySettingsError:
+        return None
 
 
 def read_variables(data: bytes) -> dict[str, str]:

@@ -1,0 +1,94 @@
+"""Verbs about what surrounds the arm and hangs on it."""
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from emulator.commands import MountPayload
+from emulator.control.base import ControlBase
+from emulator.control.verbs import BadArguments, verb
+from emulator.robot.installation import Payload
+from emulator.snapshot import Vector3, Vector6
+from emulator.world.commands import (
+    AddObject,
+    MountTool,
+    MoveObject,
+    PushTool,
+    ReleaseTool,
+    RemoveObject,
+    WorldCommand,
+)
+from emulator.world.file import read_thing
+from emulator.world.hands import Frame, Push
+
+__all__ = ["WorldVerbs"]
+
+
+class WorldVerbs(ControlBase):
+    """Verbs about things that push back, hands that push, and the payload that is really there."""
+
+    @verb
+    def push_tool(
+        self, wrench: Vector6, frame: Literal["base", "tool"] = "base", duration_s: float | None = None
+    ) -> None:
+        """Push the tool at the TCP: force [N] and torque [Nm], for a while or until ``release_tool``."""
+        try:
+            push = Push(wrench, Frame(frame), duration_s)
+        except ValueError as error:
+            raise BadArguments(str(error)) from error
+        self._change(PushTool(push))
+
+    @verb
+    def release_tool(self) -> None:
+        """Push the tool no more."""
+        self._change(ReleaseTool())
+
+    @verb
+    def objects(self) -> list[str]:
+        """Names of the things around the arm."""
+        world = self.controller.world
+        return list(world.things) if world is not None else []
+
+    @verb
+    def add_object(self, name: str, description: Mapping[str, Any]) -> None:
+        """Put a thing there, described as in a world file.
+
+        For example {"box": [0.1, 0.1, 0.1], "pose": [0.3, 0, 0], "stiffness": 1e4}.
+        """
+        try:
+            thing = read_thing(name, dict(description))
+        except ValueError as error:
+            raise BadArguments(str(error)) from error
+        self._change(AddObject(name, thing))
+
+    @verb
+    def move_object(self, name: str, pose: Vector6) -> None:
+        """Put a thing elsewhere: its pose in the base frame, x, y, z [m], rx, ry, rz [rad]."""
+        self._change(MoveObject(name, pose))
+
+    @verb
+    def remove_object(self, name: str) -> None:
+        """Take a thing away."""
+        self._change(RemoveObject(name))
+
+    @verb
+    def mount_tool(self, description: Mapping[str, Any]) -> None:
+        """Touch things with another shape than the TCP alone: {"sphere": 0.01}, with a pose in the TCP's frame."""
+        try:
+            tool = read_thing("tool", dict(description), tool=True)
+        except ValueError as error:
+            raise BadArguments(str(error)) from error
+        self._change(MountTool(tool))
+
+    @verb
+    def mount_payload(self, mass_kg: float | None = None, cog_m: Vector3 = (0.0, 0.0, 0.0)) -> None:
+        """Hang something on the flange that programs do not know of; without a mass, what they say hangs there."""
+        payload = None if mass_kg is None else Payload.of(mass_kg, cog_m)
+        try:
+            MountPayload(payload).apply(self.controller)
+        except ValueError as error:
+            raise BadArguments(str(error)) from error
+
+    def _change(self, command: WorldCommand) -> None:
+        problem = command.apply(self.controller)
+        if problem:
+            raise BadArguments(problem)

@@ -1,0 +1,162 @@
+"""Faults of the arm. Those of feedback falsify what ports show; programs still know the truth (docs/faults.md)."""
+
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal
+
+from msgspec import Meta
+
+from emulator.faults.fault import Act, Fault, FaultImpossible, Strikes, register
+from emulator.faults.network import NotNegative
+from emulator.faults.site import Site, added
+from emulator.lifecycle.errorcodes import StopCause
+from emulator.safety.causes import Cause
+from emulator.snapshot import Snapshot, Vector6
+from urproto.modes import JointMode
+from urproto.robots.pose import pose_trans
+
+__all__: list[str] = []
+
+Sensor = Callable[[float, float], tuple[float, float]]  # rad, rad/s
+Joint = Annotated[int, Meta(ge=0, le=5)]
+_DEVIATION: Final = 153  # error code: the position deviates from the path
+
+
+def _with(values: Vector6, joint: int, value: float) -> Vector6:
+    a, b, c, d, e, f = (value if index == joint else other for index, other in enumerate(values))
+    return (a, b, c, d, e, f)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeedbackFault(Fault):
+    """A joint (0 is the base) is measured wrong; the TCP is where the measured angles put it.
+
+    stop_above_rad: the controller notices that it is so far from its target, and stops protectively with C153;
+    0 for never.
+    """
+
+    joint: Joint
+    stop_above_rad: NotNegative = 0.0
+
+    @abstractmethod
+    def sensor(self, site: Site) -> Sensor:
+        """What the joint measures instead of its angle and speed; asked once a control period."""
+
+    def claims(self, site: Site) -> set[str]:
+        return {f"the feedback of joint {self.joint}"}
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        measure, joint, controller = self.sensor(site), self.joint, site.controller
+
+        def falsify(snapshot: Snapshot) -> None:
+            q, qd = measure(snapshot.actual_q[joint], snapshot.actual_qd[joint])
+            snapshot.actual_q = _with(snapshot.actual_q, joint, q)
+            snapshot.actual_qd = _with(snapshot.actual_qd, joint, qd)
+            flange = controller.arm.kinematics.forward(snapshot.actual_q)
+            snapshot.actual_TCP_pose = pose_trans(flange, snapshot.tcp_offset)
+
+        with added(controller.falsifiers, falsify):
+            while True:
+                yield
+                shown = controller.snapshot
+                deviation = abs(shown.actual_q[joint] - shown.target_q[joint])
+                if self.stop_above_rad and deviation > self.stop_above_rad and controller.power.running:
+                    controller.protective_stop(StopCause(_DEVIATION, joint))
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class LaggingJoint(FeedbackFault):
+    """A joint is measured where it was ``delay_s`` ago, and ``offset_rad`` off."""
+
+    delay_s: NotNegative = 0.0
+    offset_rad: float = 0.0
+
+    def sensor(self, site: Site) -> Sensor:
+        path: deque[tuple[float, float]] = deque(maxlen=site.periods(self.delay_s) + 1)
+
+        def measure(q: float, qd: float) -> tuple[float, float]:
+            path.append((q, qd))
+            return path[0][0] + self.offset_rad, path[0][1]
+
+        return measure
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class FrozenFeedback(FeedbackFault):
+    """A joint is measured where it was when the fault began, standing."""
+
+    def sensor(self, site: Site) -> Sensor:
+        held = site.controller.snapshot.actual_q[self.joint]
+        return lambda q, qd: (held, 0.0)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class EncoderJump(FeedbackFault):
+    """The encoder of a joint jumps by ``by_rad`` and is so much off from then on."""
+
+    by_rad: float
+
+    def sensor(self, site: Site) -> Sensor:
+        return lambda q, qd: (q + self.by_rad, qd)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class JointFault(Fault):
+    """A joint reports a fault or a violation; so does the safety system, again and again while the arm has power.
+
+    What it takes to go on afterwards is what it takes on the robot: ``restart_safety``, power, brakes.
+    """
+
+    joint: Joint
+    severity: Literal["fault", "violation"] = "fault"
+
+    def claims(self, site: Site) -> set[str]:
+        return {f"the mode of joint {self.joint}"}
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        controller = site.controller
+        broken, cause = {
+            "fault": (JointMode.FAULT, Cause.JOINT_FAULT),
+            "violation": (JointMode.VIOLATION, Cause.JOINT_SPEED_VIOLATION),
+        }[self.severity]
+
+        def show(snapshot: Snapshot) -> None:
+            modes = enumerate(snapshot.joint_mode)
+            snapshot.joint_mode = tuple(broken if index == self.joint else mode for index, mode in modes)
+
+        with added(controller.falsifiers, show):
+            while True:
+                if controller.power.report.powered and controller.safety.power_allowed:
+                    controller.safety_board.trip(cause, self.joint)
+                yield
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class LostBrake(Fault):
+    """The brake of a joint does not hold: an arm without power sags, as far as friction lets it (dynamic arm)."""
+
+    joint: Joint
+
+    def claims(self, site: Site) -> set[str]:
+        return {f"the brake of joint {self.joint}"}
+
+    def check(self, site: Site) -> None:
+        if site.controller.arm.drives is None:
+            raise FaultImpossible("this arm is ideal, it has no weight that a lost brake could let down: --arm dynamic")
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        drives = site.controller.arm.drives
+        assert drives is not None
+        drives.set_brake(self.joint, holds=False)
+        try:
+            while True:
+                yield
+        finally:
+            drives.set_brake(self.joint, holds=True)

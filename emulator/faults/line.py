@@ -1,0 +1,277 @@
+"""Faults of bytes on their way. Those of one connection never overtake each other."""
+
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Final, Literal
+
+from msgspec import Meta
+
+from emulator.faults.fault import Act, Share, Strikes, register
+from emulator.faults.network import ClientFault, NotNegative
+from emulator.faults.site import Site, added
+from emulator.servers.base import Connection, Direction
+
+__all__ = ["LineFault"]
+
+Positive = Annotated[float, Meta(gt=0.0)]
+_MOST_KEPT: Final = 256 * 1024  # bytes of a client, before it is not read further
+_PACKAGE: Final = "each package: what is sent, or comes in, at once"
+
+
+class Link:
+    """What a fault keeps back of one connection in one direction, and when it is due [the line's periods]."""
+
+    def __init__(self, connection: Connection, direction: Direction) -> None:
+        self.connection = connection
+        self.direction = direction
+        self.waiting: deque[tuple[int, bytes]] = deque()
+        self.size = 0
+        self.credit = 0.0  # bytes that a slow line may carry now
+
+    def keep(self, due: int, data: bytes) -> None:
+        """Keep bytes back, behind those before them."""
+        self.waiting.append((max(due, self.waiting[-1][0]) if self.waiting else due, data))
+        self._count(len(data))
+        self.connection.keep(self.direction, len(data))
+
+    def take(self, now: int) -> bytes:
+        """The bytes that are due."""
+        data = b""
+        while self.waiting and self.waiting[0][0] <= now:
+            data += self.waiting.popleft()[1]
+        return data
+
+    def take_bytes(self, most: int) -> bytes:
+        """The oldest bytes, due or not."""
+        data = b"".join(data for _, data in self.waiting)
+        self.waiting = deque([(0, data[most:])] if data[most:] else [])
+        return data[:most]
+
+    def release(self, data: bytes, line: "Line") -> None:
+        """Pass on bytes that were taken."""
+        self._count(-len(data))
+        self.connection.pass_on(self.direction, data, line.hook)
+
+    def _count(self, change: int) -> None:
+        self.size += change
+        if self.direction is Direction.RECEIVED:
+            self.connection.stall(self) if self.size > _MOST_KEPT else self.connection.unstall(self)
+
+
+class Line:
+    """A fault at work: what passes, and the links that something waits in."""
+
+    def __init__(self, fault: "LineFault", site: Site, strikes: Strikes) -> None:
+        self.now = 0
+        self.strikes = strikes
+        self.periods: Callable[[float], int] = site.periods
+        self.period_s = site.controller.period_s
+        self._fault = fault
+        self._ending = False
+        self._links: dict[tuple[Connection, Direction], Link] = {}
+
+    @property
+    def empty(self) -> bool:
+        """Nothing waits."""
+        return not any(link.waiting for link in self._links.values())
+
+    def hook(self, connection: Connection, direction: Direction, data: bytes) -> bytes:
+        """What passes at once."""
+        if self._fault.direction not in (direction.value, "both") or not self._fault.concerns(connection):
+            return data
+        link = self._links.get((connection, direction))
+        if self._ending:
+            return self._behind(link, data)
+        if link is None:
+            link = self._links[connection, direction] = Link(connection, direction)
+        return self._fault.change(self, link, data)
+
+    def step(self) -> None:
+        """A control period is over."""
+        self.now += 1
+        for key, link in tuple(self._links.items()):
+            if not link.connection.is_open:
+                del self._links[key]
+            elif link.waiting and (data := self._fault.due(self, link)):
+                link.release(data, self)
+
+    def flush(self) -> None:
+        """Let everything pass that waits, and answers to it behind what waits before them."""
+        self._ending = True
+        while self._links:
+            _, link = self._links.popitem()
+            if data := link.take_bytes(link.size):
+                link.release(data, self)
+            link.connection.unstall(link)
+
+    def _behind(self, link: Link | None, data: bytes) -> bytes:
+        if link is None or not link.waiting:
+            return data
+        link.keep(0, data)
+        return b""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineFault(ClientFault):
+    """A fault of bytes. direction: of those the robot sent, those it received, or both."""
+
+    direction: Literal["sent", "received", "both"] = "sent"
+
+    @abstractmethod
+    def change(self, line: Line, link: Link, data: bytes) -> bytes:
+        """What of one package passes at once."""
+
+    def due(self, line: Line, link: Link) -> bytes:
+        """What of the bytes kept back passes now."""
+        return link.take(line.now)
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        line = Line(self, site, strikes)
+        with ExitStack() as hooks:
+            for server in self.servers(site):
+                hooks.enter_context(added(server.hooks.on_bytes, line.hook))
+            hooks.callback(line.flush)
+            while not (strikes.spent and line.empty):
+                yield
+                line.step()
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Stall(LineFault):
+    """The cable is pulled: nothing goes either way and no connection ends; afterwards, what waited arrives."""
+
+    direction: Literal["sent", "received", "both"] = "both"
+
+    def change(self, line: Line, link: Link, data: bytes) -> bytes:
+        link.keep(0, data)
+        return b""
+
+    def due(self, line: Line, link: Link) -> bytes:
+        return b""
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        unread: set[Connection] = set()
+        line = super().act(site, strikes)
+        try:
+            for _ in line:
+                if self.direction != "sent":
+                    unread = set(self.connections(site))
+                for connection in unread:
+                    connection.stall(strikes)
+                yield
+        finally:
+            for connection in unread:
+                connection.unstall(strikes)
+            line.close()
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Delay(LineFault):
+    """Bytes arrive ``delay_s`` late, and up to ``jitter_s`` more by chance; in whole control periods."""
+
+    occasion: ClassVar[str] = _PACKAGE
+    delay_s: NotNegative
+    jitter_s: NotNegative = 0.0
+
+    def change(self, line: Line, link: Link, data: bytes) -> bytes:
+        struck = line.strikes()
+        if not struck and not link.waiting:
+            return data
+        late_s = self.delay_s + line.strikes.random.random() * self.jitter_s if struck else 0.0
+        link.keep(line.now + line.periods(late_s), data)
+        return b""
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class LimitBandwidth(LineFault):
+    """The line carries ``bytes_per_s`` for each client."""
+
+    bytes_per_s: Positive
+
+    def change(self, line: Line, link: Link, data: bytes) -> bytes:
+        link.keep(0, data)
+        return b""
+
+    def due(self, line: Line, link: Link) -> bytes:
+        link.credit = min(link.credit, 1.0) + self.bytes_per_s * line.period_s
+        data = link.take_bytes(int(link.credit))
+        link.credit -= len(data)
+        return data
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Split(LineFault):
+    """A package arrives in two parts, cut anywhere, a control period apart."""
+
+    occasion: ClassVar[str] = _PACKAGE
+
+    def change(self, line: Line, link: Link, data: bytes) -> bytes:
+        if link.waiting:
+            link.keep(line.now + 1, data)
+            return b""
+        if len(data) < len("ab") or not line.strikes():
+            return data
+        place = line.strikes.random.randrange(1, len(data))
+        link.keep(line.now + 1, data[place:])
+        return data[:place]
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Coalesce(LineFault):
+    """Packages of ``wait_s`` arrive together."""
+
+    occasion: ClassVar[str] = "each package that nothing waits before"
+    wait_s: Positive = 0.1
+
+    def change(self, line: Line, link: Link, data: bytes) -> bytes:
+        if not link.waiting and not line.strikes():
+            return data
+        link.keep(line.now + line.periods(self.wait_s) if not link.waiting else 0, data)
+        return b""
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Duplicate(LineFault):
+    """A package arrives twice."""
+
+    occasion: ClassVar[str] = _PACKAGE
+
+    def change(self, line: Line, link: Link, data: bytes) -> bytes:
+        return data + data if line.strikes() else data
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Garble(LineFault):
+    """Bits flip: a byte of a package is wrong with the probability ``rate``, at least one of each that is struck."""
+
+    occasion: ClassVar[str] = _PACKAGE
+    rate: Share = 0.001
+
+    def change(self, line: Line, link: Link, data: bytes) -> bytes:
+        if not line.strikes():
+            return data
+        chance = line.strikes.random
+        wrong = {place for place in range(len(data)) if chance.random() < self.rate} or {chance.randrange(len(data))}
+        return bytes(byte ^ 1 << chance.randrange(8) if place in wrong else byte for place, byte in enumerate(data))
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Truncate(LineFault):
+    """The last bytes of a package are lost; what follows comes where they belong."""
+
+    occasion: ClassVar[str] = _PACKAGE
+    lost_bytes: Annotated[int, Meta(ge=1)] = 1
+
+    def change(self, line: Line, link: Link, data: bytes) -> bytes:
+        return data[: -self.lost_bytes] if line.strikes() else data

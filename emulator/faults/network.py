@@ -1,0 +1,208 @@
+"""Faults of connections and ports. What happens to the bytes themselves is in `emulator.faults.line`."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
+
+from msgspec import Meta
+
+from emulator.faults.fault import Act, Fault, FaultImpossible, Strikes, register
+from emulator.faults.site import Site, added
+from emulator.servers.base import Connection, Direction, PortServer
+
+__all__ = ["ClientFault", "PortFault"]
+
+NotNegative = Annotated[float, Meta(ge=0.0)]
+_NEVER_BY_ITSELF = "control"  # the port that faults are cleared through has none unless it is named
+
+
+@dataclass(frozen=True, kw_only=True)
+class PortFault(Fault):
+    """A fault of one port, by the name of its server, or of all ports but that of the control API.
+
+    "scripts" are the connections that programs open.
+    """
+
+    port: str = ""
+
+    def check(self, site: Site) -> None:
+        self.servers(site)
+
+    def servers(self, site: Site) -> list[PortServer]:
+        """The servers it concerns."""
+        if self.port:
+            return [site.server(self.port)]
+        site.server("dashboard")  # there are ports at all
+        return [server for name, server in site.servers.items() if name != _NEVER_BY_ITSELF]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListenerFault(PortFault):
+    """A fault that closes the port for a while."""
+
+    def servers(self, site: Site) -> list[PortServer]:
+        """Those that listen."""
+        found = [server for server in super().servers(site) if server.port]
+        if not found:
+            raise FaultImpossible(f"{self.port} are connections that the robot opens: nobody listens")
+        return found
+
+    def claims(self, site: Site) -> set[str]:
+        return {f"the listener of {server.name}" for server in self.servers(site)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClientFault(PortFault):
+    """A fault of the connections to a port. peer: of this client only: its address, or address:port."""
+
+    peer: str = ""
+
+    def concerns(self, connection: Connection) -> bool:
+        """Whether the fault is about this connection."""
+        return self.peer in ("", connection.peer, connection.peer.rpartition(":")[0])
+
+    def connections(self, site: Site) -> Iterator[Connection]:
+        """Those that are open."""
+        for server in self.servers(site):
+            yield from filter(self.concerns, tuple(server.connections))
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class DropConnection(ClientFault):
+    """End the connections: at once with a reset (RST), or in order with an end (FIN); once unless told otherwise."""
+
+    occasion: ClassVar[str] = "each period in which somebody is connected"
+    how: Literal["reset", "end"] = "reset"
+    once: bool = True
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        while not strikes.spent:
+            connected = list(self.connections(site))
+            if connected and strikes():
+                for connection in connected:
+                    connection.reset() if self.how == "reset" else connection.close_now()
+            yield
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class RefuseConnections(ListenerFault):
+    """Nobody listens: new clients are refused by the system. Who is connected stays."""
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        servers = self.servers(site)
+        for server in servers:
+            server.close_port()
+        try:
+            while True:
+                yield
+        finally:
+            for server in servers:
+                server.open_port()
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class TurnAway(ClientFault):
+    """New clients are connected and reset at once."""
+
+    occasion: ClassVar[str] = "each new connection"
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        def admits(connection: Connection) -> bool:
+            if not (self.concerns(connection) and strikes()):
+                return True
+            connection.reset()
+            return False
+
+        with ExitStack() as hooks:
+            for server in self.servers(site):
+                hooks.enter_context(added(server.hooks.on_connect, admits))
+            while not strikes.spent:
+                yield
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class HalfOpen(ClientFault):
+    """New clients are connected, and that is all they ever see; reset when the fault ends."""
+
+    occasion: ClassVar[str] = "each new connection"
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        victims: set[Connection] = set()
+
+        def admits(connection: Connection) -> bool:
+            if self.concerns(connection) and strikes():
+                victims.add(connection)
+                connection.stall(strikes)
+            return True
+
+        def swallow(connection: Connection, direction: Direction, data: bytes) -> bytes:
+            return b"" if connection in victims else data
+
+        with ExitStack() as hooks:
+            for server in self.servers(site):
+                hooks.enter_context(added(server.hooks.on_connect, admits))
+                hooks.enter_context(added(server.hooks.on_bytes, swallow))
+            hooks.callback(_reset, victims)
+            while not strikes.spent or any(victim.is_open for victim in victims):
+                yield
+                victims.difference_update([victim for victim in victims if not victim.is_open])
+
+
+def _reset(connections: set[Connection]) -> None:
+    for connection in connections:
+        connection.reset()
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class KickSlowReaders(ClientFault):
+    """Reset clients that leave bytes unread for ``patience_s``, ``buffer_bytes`` beyond what their own system takes."""
+
+    occasion: ClassVar[str] = "each client that is too slow"
+    patience_s: NotNegative = 1.0
+    buffer_bytes: Annotated[int, Meta(ge=1024)] = 16 * 1024
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        patience = site.periods(self.patience_s)
+        slow: dict[Connection, int] = {}
+        known: set[Connection] = set()
+        try:
+            while not strikes.spent:
+                connected = set(self.connections(site))
+                for connection in connected - known:
+                    connection.set_send_buffer(self.buffer_bytes)
+                known = connected
+                slow = {one: slow.get(one, 0) + 1 for one in connected if one.unsent}
+                for connection, periods in slow.items():
+                    if periods > patience and strikes():
+                        connection.reset()
+                yield
+        finally:
+            for connection in known:
+                connection.set_send_buffer(None)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class RestartPort(ListenerFault):
+    """The server of a port crashes: its connections are reset, and for ``outage_s`` nobody listens."""
+
+    outage_s: NotNegative = 1.0
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        servers = self.servers(site)
+        for server in servers:
+            server.close_port()
+            for connection in tuple(server.connections):
+                connection.reset()
+        try:
+            for _ in range(site.periods(self.outage_s)):
+                yield
+        finally:
+            for server in servers:
+                server.open_port()

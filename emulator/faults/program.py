@@ -1,0 +1,86 @@
+"""Faults of programs."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from msgspec import Meta
+
+from emulator.faults.fault import Act, Fault, Strikes, register
+from emulator.faults.site import Site
+from urscript.errors import RuntimeFault
+
+if TYPE_CHECKING:
+    from emulator.programs.host import ProgramHost
+    from urscript.runtime import ScriptThread
+
+__all__: list[str] = []
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class ProgramNeverStarts(Fault):
+    """Programs are accepted and do not start; the last one does when the fault ends."""
+
+    def claims(self, site: Site) -> set[str]:
+        return {"the start of programs"}
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        programs = site.controller.programs
+        programs.start_held = True
+        try:
+            while True:
+                yield
+        finally:
+            programs.start_held = False
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class ProgramStuck(Fault):
+    """The program plays and gets no further; a movement under way comes to its end."""
+
+    def claims(self, site: Site) -> set[str]:
+        return {"the frames of programs"}
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        programs = site.controller.programs
+        programs.frames_held = True
+        try:
+            while True:
+                yield
+        finally:
+            programs.frames_held = False
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class RuntimeException(Fault):
+    """The program ends with a runtime exception where it is about to execute ``line``, once unless told otherwise.
+
+    Only programs that come while the fault is in force: others do not ask before each line. Lines count from 1.
+    """
+
+    occasion: ClassVar[str] = "each time a program comes to the line"
+    line: Annotated[int, Meta(ge=1)]
+    message: str = "injected fault"
+    once: bool = True
+
+    def claims(self, site: Site) -> set[str]:
+        return {"the steps of programs"}
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        programs = site.controller.programs
+        asked_before = programs.step_hook
+
+        def ask(host: "ProgramHost", line: int, column: int, thread: "ScriptThread") -> bool:
+            if line == self.line and not host.secondary and strikes():
+                raise RuntimeFault(self.message)
+            return asked_before is not None and asked_before(host, line, column, thread)
+
+        programs.step_hook = ask
+        try:
+            while not strikes.spent:
+                yield
+        finally:
+            if programs.step_hook is ask:
+                programs.step_hook = asked_before

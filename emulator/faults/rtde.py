@@ -1,0 +1,161 @@
+"""Faults of RTDE and of the state that ports show."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Final, Literal
+
+from emulator.faults.fault import Act, Fault, FaultImpossible, Strikes, register
+from emulator.faults.network import ClientFault
+from emulator.faults.site import Site, added
+from emulator.servers.base import Connection, Direction
+from emulator.servers.rtde import RTDEServer
+from emulator.servers.rtde_session import RTDEHost
+from emulator.snapshot import Snapshot
+from urproto.rtde.codec import PackageType
+
+__all__: list[str] = []
+
+_KIND: Final = 2  # place of a package's kind, after its size
+StatePort = Literal[
+    "rtde",
+    "realtime",
+    "primary",
+    "secondary",
+    "realtime read-only",
+    "primary read-only",
+    "secondary read-only",
+]
+
+
+def _host(site: Site) -> RTDEHost:
+    server = site.server("rtde")
+    assert isinstance(server, RTDEServer)
+    return server.host
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataFault(ClientFault):
+    """A fault of RTDE's data packages."""
+
+    port: Literal["rtde"] = "rtde"
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        def pass_or_lose(connection: Connection, direction: Direction, data: bytes) -> bytes:
+            is_data = direction is Direction.SENT and data[_KIND] == PackageType.DATA_PACKAGE
+            return b"" if is_data and self.concerns(connection) and (not self.occasion or strikes()) else data
+
+        with added(site.server("rtde").hooks.on_bytes, pass_or_lose, first=True):  # where packages are whole
+            while not strikes.spent:
+                yield
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class PauseRtde(DataFault):
+    """RTDE sends no data packages, while everything else is answered."""
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class SkipRtde(DataFault):
+    """RTDE data packages are left out."""
+
+    occasion: ClassVar[str] = "each data package"
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class StaleData(Fault):
+    """A state port shows what was when the fault began; its time stamp ``runs`` on or ``stands``."""
+
+    port: StatePort = "rtde"
+    timestamp: Literal["runs", "stands"] = "runs"
+
+    def check(self, site: Site) -> None:
+        site.server(self.port)
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        old = site.controller.snapshot
+
+        def show(snapshot: Snapshot) -> Snapshot:
+            shown = old.successor()
+            shown.step, shown.messages = snapshot.step, snapshot.messages  # when what is due, and news
+            if self.timestamp == "runs":
+                shown.timestamp = snapshot.timestamp
+            return shown
+
+        with added(site.server(self.port).hooks.on_state, show):
+            while True:
+                yield
+
+
+@dataclass(frozen=True, kw_only=True)
+class VariableFault(Fault):
+    """A fault of one RTDE variable."""
+
+    field: str
+
+    def claims(self, site: Site) -> set[str]:
+        return {f"the RTDE variable {self.field}"}
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class RtdeFieldNotFound(VariableFault):
+    """RTDE recipes with this variable are answered NOT_FOUND, as by a controller that is too old for it."""
+
+    def check(self, site: Site) -> None:
+        host = _host(site)
+        if self.field not in host.outputs and self.field not in host.inputs:
+            raise FaultImpossible(f"PolyScope {host.version} has no RTDE variable {self.field!r} that it could lack")
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        host = _host(site)
+        host.hide(self.field, True)
+        try:
+            while True:
+                yield
+        finally:
+            host.hide(self.field, False)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class RtdeInputInUse(VariableFault):
+    """RTDE input recipes with this variable are answered IN_USE, as if another client had it."""
+
+    def check(self, site: Site) -> None:
+        host = _host(site)
+        if self.field not in host.inputs:
+            raise FaultImpossible(f"PolyScope {host.version} has no RTDE input {self.field!r}")
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        reservations = _host(site).reservations
+        while reservations.taken(self.field, strikes):  # a client had it first: it is still in use
+            yield
+        reservations.take((self.field,), strikes)
+        try:
+            while True:
+                yield
+        finally:
+            reservations.release(strikes)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class OldRtdeProtocol(Fault):
+    """RTDE speaks its first protocol only; clients that ask for the second one are refused it."""
+
+    def check(self, site: Site) -> None:
+        _host(site)
+
+    def claims(self, site: Site) -> set[str]:
+        return {"the RTDE protocol"}
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        host = _host(site)
+        known, host.protocols = host.protocols, (1,)
+        try:
+            while True:
+                yield
+        finally:
+            host.protocols = known

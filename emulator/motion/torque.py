@@ -1,0 +1,71 @@
+"""Direct torque: the joints go where torques take them, and the targets say where that is.
+
+Each command holds for one control period. In a period without one (the program is paused, over, or late) the joints
+brake together and stand, so nothing drives an arm whose program is not there.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from emulator.motion.stops import JointStop, brake_together
+from emulator.motion.vectors import ZERO, Joints
+from urproto.robots.pose import Pose
+
+__all__ = ["DirectTorque", "TorqueCommand", "TorqueResponse"]
+
+
+@dataclass(frozen=True, slots=True)
+class TorqueCommand:
+    """Torques [Nm] beyond what gravity needs, and the share of each kind of friction that the drives make up for."""
+
+    torque: Joints
+    viscous_scale: Joints = ZERO
+    coulomb_scale: Joints = ZERO
+
+
+TorqueResponse = Callable[[TorqueCommand, Joints, Joints, float], tuple[Joints, Joints]]
+"""From a command, joint angles, speeds and a time to the angles and speeds after it."""
+
+
+class DirectTorque:
+    """``ramp``: the deceleration [rad/s2] of the leading joint once commands stay away."""
+
+    scaled = False
+
+    def __init__(self, qd: Joints, respond: TorqueResponse, ramp: Callable[[], float]) -> None:
+        self._qd = qd
+        self._respond, self._ramp = respond, ramp
+        self._command: TorqueCommand | None = None
+        self._next = (ZERO, qd)
+        self._stop: JointStop | None = None
+        self.acting: TorqueCommand | None = None  # in the last period
+
+    def command(self, command: TorqueCommand) -> None:
+        """For the next control period."""
+        self._command, self._stop = command, None
+
+    def propose(self, h: float, q: Joints) -> Joints:
+        if self._command is not None:
+            self._next = self._respond(self._command, q, self._qd, h)
+            return self._next[0]
+        if self._stop is None:
+            self._stop = brake_together(q, self._qd, self._ramp())
+        return self._stop.propose(h, q)
+
+    def commit(self, clock_s: float) -> None:
+        self.acting, self._command = self._command, None
+        if self._stop is not None:
+            self._stop.commit(clock_s)
+        else:
+            self._qd = self._next[1]
+
+    @property
+    def done(self) -> bool:
+        return self._stop is not None and self._stop.done
+
+    @property
+    def ready(self) -> bool:
+        return self._command is None
+
+    def goal(self) -> Pose | None:
+        return None

@@ -1,0 +1,110 @@
+"""The arm as a body: torques in, motion out, in steps much shorter than a control period.
+
+Friction is Coulomb and viscous. Coulomb friction rises over a narrow band of speeds instead of jumping at zero, as
+wide as an explicit step needs: so a loaded joint without brake creeps, by less than a degree or so a second. The
+brakes slow each joint by its friction disc until all are slow; then the arm is locked.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+from emulator.snapshot import Vector6
+from urproto.robots import RobotModel
+from urproto.robots.drivetrain import joint_sizes
+from urproto.robots.dynamics import Dynamics
+
+__all__ = ["STEP_S", "Body"]
+
+STEP_S: Final = 0.001  # every arm's stays well inside the limit of explicit steps
+_BAND: Final = 2.0  # of Coulomb friction, in steps that it takes to stop a rotor
+_BRAKE_SHARE: Final = 1.0  # of the torque limit, which a brake must hold (guess)
+_LOCKED_RAD_S: Final = 0.1  # all joints slower than this: the brakes' pins hold (guess)
+_QUIET_RAD_S: Final = 1e-7  # slower than this, and no longer changing, is rest
+
+ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Body:
+    """True joint angles and speeds [rad, rad/s] of one arm with what is really mounted on it.
+
+    ``dynamics``: of the true payload and gravity. ``smooth``: without friction.
+    """
+
+    def __init__(self, model: RobotModel, *, smooth: bool = False) -> None:
+        sizes = joint_sizes(model)
+        self.dynamics = Dynamics(model)
+        self.dynamics.set_rotor_inertia([size.rotor_kg_m2 for size in sizes])
+        self.rotors: Vector6 = _six([size.rotor_kg_m2 for size in sizes])
+        self.coulomb: Vector6 = ZERO6 if smooth else _six([size.coulomb_Nm for size in sizes])
+        self.viscous: Vector6 = ZERO6 if smooth else _six([size.viscous_Nm_s for size in sizes])
+        self.q: Vector6 = ZERO6
+        self.qd: Vector6 = ZERO6
+        self.brakeless: set[int] = set()  # joints whose brake does not hold
+        self._bands = _six([_BAND * STEP_S * size.coulomb_Nm / size.rotor_kg_m2 for size in sizes])
+        self._brakes = _six([_BRAKE_SHARE * torque for torque in model.torque_max])
+        self._brake_gain = _six([size.rotor_kg_m2 / STEP_S for size in sizes])
+
+    @property
+    def standing(self) -> bool:
+        return self.qd == ZERO6
+
+    def place(self, q: Vector6) -> None:
+        """Put the arm somewhere, at rest."""
+        self.q, self.qd = q, ZERO6
+
+    def friction_parts(self, qd: Sequence[float]) -> tuple[list[float], list[float]]:
+        """Viscous and Coulomb friction torques [Nm] at these speeds; they act against them."""
+        slow = zip(qd, self.coulomb, self._bands, strict=True)
+        return (
+            [viscous * speed for speed, viscous in zip(qd, self.viscous, strict=True)],
+            [coulomb * (1.0 if v > band else -1.0 if v < -band else v / band) for v, coulomb, band in slow],
+        )
+
+    @property
+    def friction_power(self) -> Vector6:
+        """What friction turns into heat in each joint [W]."""
+        viscous, coulomb = self.friction_parts(self.qd)
+        return _six([(a + b) * speed for a, b, speed in zip(viscous, coulomb, self.qd, strict=True)])
+
+    def step(self, torque: Sequence[float], external: Sequence[float], h: float) -> None:
+        """``h`` [s] under motor torques and those that forces from outside exert on the joints [Nm]."""
+        # as friction_parts, in one go
+        total = [
+            motor + outside - viscous * v - (dry if v > band else -dry if v < -band else dry * v / band)
+            for motor, outside, v, viscous, dry, band in zip(
+                torque, external, self.qd, self.viscous, self.coulomb, self._bands, strict=True
+            )
+        ]
+        qdd = self.dynamics.forward_dynamics(self.q, self.qd, total)
+        self.qd = qd = _onwards(self.qd, qdd, h)
+        self.q = _onwards(self.q, qd, h)
+
+    def brake(self, external: Sequence[float], h: float) -> None:
+        """``h`` with the brakes engaged: does nothing to an arm that stands, unless one of them does not hold."""
+        if not self.brakeless:
+            if self.standing:
+                return
+            if max(map(abs, self.qd)) < _LOCKED_RAD_S:
+                self.qd = ZERO6
+                return
+        held = [
+            0.0 if joint in self.brakeless else -min(most, max(-most, gain * speed))
+            for joint, (speed, most, gain) in enumerate(zip(self.qd, self._brakes, self._brake_gain, strict=True))
+        ]
+        self.step(held, external, h)
+
+    def settle(self, before: Vector6) -> None:
+        """Come to rest for good when speeds are next to nothing and were so a period ago (``before``)."""
+        if max(map(abs, self.qd)) < _QUIET_RAD_S and max(map(abs, before)) < _QUIET_RAD_S:
+            self.qd = ZERO6
+
+
+def _onwards(now: Vector6, rate: Vector6, h: float) -> Vector6:
+    a, b, c, d, e, f = now
+    u, v, w, x, y, z = rate
+    return (a + h * u, b + h * v, c + h * w, d + h * x, e + h * y, f + h * z)
+
+
+def _six(values: Sequence[float]) -> Vector6:
+    a, b, c, d, e, f = values
+    return (a, b, c, d, e, f)

@@ -1,0 +1,205 @@
+"""The drives of a dynamic arm: per joint a position loop around a speed loop, with feed-forward, around the body.
+
+    speed wanted = target speed + position gain * (target - angle)
+    torque       = feed-forward + speed gain * (speed wanted - speed), within the joint's torque limit
+
+The feed-forward is what the target motion needs by the controller's own knowledge: rigid-body torques with the payload
+the program told, the rotors, and most of the friction. What it does not know (a wrong payload, a push, the rest of the
+friction) shows as a deviation: the loops have no integral part, so a joint gives way like a spring. Loops run every
+millisecond; in between control periods the target goes on an even acceleration.
+
+Far from its target, a joint wants no more speed than it can lose on the way: an overload ends without swinging.
+
+Gains are guesses: 40 rad/s and critical damping for each joint with its largest inertia. So is what the controller
+knows of friction: the shares by which direct torque control makes up for it unless told otherwise.
+"""
+
+from math import copysign, sqrt
+from typing import Final
+
+from emulator.motion.torque import TorqueCommand
+from emulator.robot.body import STEP_S, Body
+from emulator.robot.vectors import ZERO6, minus6, plus6, rate6
+from emulator.snapshot import Vector6
+from urproto.robots import RobotModel
+
+__all__ = ["COULOMB_SHARE", "VISCOUS_SHARE", "Drives"]
+
+# of the friction that is made up for: defaults of the official drivers' friction model parameters
+VISCOUS_SHARE: Final[Vector6] = (0.9, 0.9, 0.8, 0.9, 0.9, 0.9)
+COULOMB_SHARE: Final[Vector6] = (0.8, 0.8, 0.7, 0.8, 0.8, 0.8)
+_POSITION_GAIN: Final = 20.0  # 1/s (guess)
+_SPEED_GAIN: Final = 80.0  # 1/s, times the inertia (guess)
+_SPARE: Final = 0.25  # of the torque limit that a joint with its largest inertia has left to brake (guess)
+_PLACED: Final = 2.0  # times the highest speed: no target moves like that, the arm was put elsewhere
+_FULL_PAYLOAD_COG: Final = (0.0, 0.0, 0.1)  # m, for the gains (guess)
+# arm postures in which a joint carries most: stretched out, and with the wrists bent either way
+_STRETCHED: Final = (
+    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    (0.0, 0.0, 0.0, 1.57, 0.0, 0.0),
+    (0.0, 0.0, 0.0, 0.0, 1.57, 0.0),
+    (0.0, 0.0, 0.0, 1.57, 1.57, 0.0),
+)
+
+
+class Drives:
+    """The joints of one arm. ``body``: what they move; it stands wherever it was placed until driven.
+
+    ``torque``: of the motors, mean of the last period [Nm, at the joint]. ``feedforward``: the part of it that the
+    controller expected. ``asleep``: nothing moved in the last period.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.body = Body(model)
+        self.torque: Vector6 = ZERO6
+        self.feedforward: Vector6 = ZERO6
+        self.asleep = False
+        self._limits = model.torque_max
+        heaviest = _heaviest(model)
+        self._gains = [_SPEED_GAIN * inertia for inertia in heaviest]
+        spare = [_SPARE * torque / inertia for torque, inertia in zip(model.torque_max, heaviest, strict=True)]
+        self._near = [deceleration / _POSITION_GAIN**2 for deceleration in spare]
+        self._speed_limits = model.qd_max
+        self._placed_rad_s = _PLACED * max(model.qd_max)
+        self._target: Vector6 = ZERO6
+        self._speed: Vector6 = ZERO6  # of the target
+        self._asked: tuple[object, ...] = ()
+
+    def place(self, q: Vector6) -> None:
+        """The arm stands at q, and so does its target."""
+        self.body.place(q)
+        self._target, self._speed = q, ZERO6
+
+    def set_brake(self, joint: int, *, holds: bool) -> None:
+        """Let the brake of a joint (0-5) hold, or not."""
+        if holds:
+            self.body.brakeless.discard(joint)
+        else:
+            self.body.brakeless.add(joint)
+        self.asleep = False
+
+    def wake(self) -> None:
+        """Something about the body changed: look whether it still stands in balance."""
+        self._asked = ()
+
+    def follow(self, target: Vector6, known_torque: Vector6, external: Vector6, period_s: float) -> None:
+        """One control period towards ``target``. ``known_torque``: rigid-body torques of the target motion.
+
+        ``external``: what the outside does to the joints [Nm].
+        """
+        start, before = self._target, self._speed
+        speed = self._retarget(target, period_s)
+        if speed is None:
+            start, before, speed = target, ZERO6, ZERO6
+        change = minus6(speed, before)
+        self.feedforward = expected = self._expected(known_torque, speed, change, period_s)
+        if self._unchanged(target, expected, external) and self.body.standing and speed == before == ZERO6:
+            self.asleep = True
+            return
+        self.asleep = False
+        self._servo(start, before, change, expected, external, period_s)
+
+    def push(
+        self, target: Vector6, command: TorqueCommand, gravity: Vector6, external: Vector6, period_s: float
+    ) -> None:
+        """One control period of direct torque, on top of ``gravity``. ``target``: what is told of the motion."""
+        self._retarget(target, period_s)
+        body, torques = self.body, []
+        self.asleep = False
+        self.feedforward = asked = plus6(command.torque, gravity)
+        for _ in range(_steps(period_s)):
+            viscous, coulomb = body.friction_parts(body.qd)
+            torque = [
+                max(-limit, min(limit, base + share * v + part * c))
+                for base, share, v, part, c, limit in zip(
+                    asked, command.viscous_scale, viscous, command.coulomb_scale, coulomb, self._limits, strict=True
+                )
+            ]
+            body.step(torque, external, STEP_S)
+            torques.append(torque)
+        self.torque = _mean(torques)
+
+    def hold(self, target: Vector6, external: Vector6, period_s: float) -> None:
+        """One control period without power: the brakes bring the arm to rest and hold it."""
+        self._retarget(target, period_s)
+        self.torque = self.feedforward = ZERO6
+        self.asleep = self.body.standing and not self.body.brakeless
+        for _ in range(0 if self.asleep else _steps(period_s)):
+            self.body.brake(external, STEP_S)
+
+    def _retarget(self, target: Vector6, period_s: float) -> Vector6 | None:
+        """Speed of the target in this period; None when it was put elsewhere, and the arm with it."""
+        if target == self._target:
+            self._speed = ZERO6
+            return ZERO6
+        speed = rate6(target, self._target, period_s)
+        if max(map(abs, speed)) > self._placed_rad_s:
+            self.place(target)
+            return None
+        self._target, self._speed = target, speed
+        return speed
+
+    def _expected(self, rigid: Vector6, speed: Vector6, change: Vector6, period_s: float) -> Vector6:
+        viscous, coulomb = self.body.friction_parts(speed)
+        a, b, c, d, e, f = (
+            torque + rotor * gain / period_s + share * v + part * friction
+            for torque, rotor, gain, share, v, part, friction in zip(
+                rigid, self.body.rotors, change, VISCOUS_SHARE, viscous, COULOMB_SHARE, coulomb, strict=True
+            )
+        )
+        return (a, b, c, d, e, f)
+
+    def _unchanged(self, *asked: object) -> bool:
+        before, self._asked = self._asked, asked
+        return asked == before
+
+    def _servo(
+        self, start: Vector6, before: Vector6, change: Vector6, expected: Vector6, external: Vector6, period_s: float
+    ) -> None:
+        """The loops: in this period the target goes from ``start`` at ``before + change * (1/2 + u)``, u: 0 to 1."""
+        body, steps, at_rest, torques = self.body, _steps(period_s), self.body.qd, []
+        for k in range(steps):
+            t, u = k * STEP_S, k / steps
+            wanted = [
+                w + (u + 0.5) * dw + _POSITION_GAIN * error
+                if -near < (error := p + t * (w + 0.5 * (u + 1.0) * dw) - q) < near
+                else _from_afar(error, w + (u + 0.5) * dw, near, most)
+                for p, w, dw, q, near, most in zip(
+                    start, before, change, body.q, self._near, self._speed_limits, strict=True
+                )
+            ]
+            torque = [
+                limit if (asked := known + gain * (speed - qd)) > limit else max(-limit, asked)
+                for known, gain, limit, speed, qd in zip(
+                    expected, self._gains, self._limits, wanted, body.qd, strict=True
+                )
+            ]
+            body.step(torque, external, STEP_S)
+            torques.append(torque)
+        self.torque = _mean(torques)
+        if change == before == ZERO6:
+            body.settle(at_rest)
+
+
+def _steps(period_s: float) -> int:
+    return round(period_s / STEP_S)
+
+
+def _mean(torques: list[list[float]]) -> Vector6:
+    a, b, c, d, e, f = (sum(torque) / len(torques) for torque in zip(*torques, strict=True))
+    return (a, b, c, d, e, f)
+
+
+def _from_afar(error: float, speed: float, near: float, most: float) -> float:
+    """The speed to want when the target, moving at ``speed``, is beyond ``near``: within the joint's limit."""
+    gain = _POSITION_GAIN * sqrt(2.0 * near * (abs(error) - 0.5 * near))
+    return max(-most, min(most, speed + copysign(gain, error)))
+
+
+def _heaviest(model: RobotModel) -> Vector6:
+    """The largest inertia [kg m2] of each joint."""
+    body = Body(model)
+    body.dynamics.set_payload(model.payload_max_kg, _FULL_PAYLOAD_COG)
+    diagonals = [[row[i] for i, row in enumerate(body.dynamics.mass_matrix(q))] for q in _STRETCHED]
+    a, b, c, d, e, f = (max(inertia) for inertia in zip(*diagonals, strict=True))
+    return (a, b, c, d, e, f)

@@ -1,0 +1,178 @@
+"""Everything that makes the safety system act, once: what it is, its report code, what follows, how to recover.
+
+Stop category, safety mode, robot mode and what becomes of the program follow from the safety event by the tables of
+`emulator.lifecycle.safety`. Codes and their meaning: error table of the vendor's public C++ libraries; the ones
+marked as a guess there is no public example of.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import partial
+from typing import Final
+
+from emulator.lifecycle.safety import SAFETY_TABLE, STOP_CATEGORY, SafetyEvent, StopCategory
+from urproto.modes import ReportLevel, RobotMode, RuntimeState, SafetyMode, SafetyStatus
+from urproto.versions import Series
+
+__all__ = ["CAUSES", "Cause", "CauseRow", "Recovery"]
+
+
+class Recovery(Enum):
+    """A step on the way back to a moving arm; the words are those of the documentation."""
+
+    RELEASE = "release what asks for it"
+    RESET = "a rising edge of the reset input"
+    UNLOCK = "unlock protective stop, 5 s later at the earliest"
+    RESTART = "restart safety"
+    POWER_UP = "power on, brake release"
+    MOVE_BACK = "freedrive or jog back inside the limits"
+    PLAY = "play"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CauseRow:
+    """One cause. ``code`` and ``argument`` make C<code>A<argument>, None where nothing is logged but the mode.
+
+    per_joint: the joint (0-5) is added to the argument. status: where it is finer than the mode.
+    only: the series that has it, None for both.
+    """
+
+    what: str
+    event: SafetyEvent
+    recovery: tuple[Recovery, ...]
+    code: int | None = None
+    argument: int = 0
+    per_joint: bool = False
+    level: ReportLevel = ReportLevel.WARNING
+    only: Series | None = None
+    own_status: SafetyStatus | None = None
+
+    @property
+    def mode(self) -> SafetyMode:
+        """The safety mode it leads to from normal operation."""
+        return SAFETY_TABLE[SafetyMode.NORMAL, self.event]
+
+    @property
+    def status(self) -> SafetyStatus:
+        """The safety status then."""
+        return self.own_status or SafetyStatus(self.mode)
+
+    @property
+    def category(self) -> StopCategory | None:
+        """How the arm is stopped; None when it is not."""
+        return STOP_CATEGORY.get(self.mode)
+
+    @property
+    def robot_mode(self) -> RobotMode:
+        """The robot mode once the arm stands."""
+        keeps_power = self.category in (None, StopCategory.CONTROLLED)
+        return RobotMode.RUNNING if keeps_power else RobotMode.POWER_OFF
+
+    @property
+    def program(self) -> RuntimeState:
+        """What becomes of a program that plays."""
+        if self.category is StopCategory.POWER_REMOVED:
+            return RuntimeState.STOPPED
+        return RuntimeState.PLAYING if self.category is None else RuntimeState.PAUSED
+
+    @property
+    def label(self) -> str:
+        """The report code as people see it."""
+        if self.code is None:
+            return "-"
+        return f"C{self.code}A" + (f"{self.argument}-{self.argument + 5}" if self.per_joint else f"{self.argument}")
+
+
+_R = Recovery
+_EMERGENCY: Final = (_R.RELEASE, _R.POWER_UP, _R.PLAY)
+_UNLOCK: Final = (_R.UNLOCK, _R.PLAY)
+_HARD: Final = (_R.RESTART, _R.POWER_UP)
+
+
+_protective: Final = partial(CauseRow, event=SafetyEvent.PROTECTIVE_STOP, recovery=_UNLOCK)
+_violation: Final = partial(
+    CauseRow, event=SafetyEvent.VIOLATION, recovery=_HARD, code=191, level=ReportLevel.VIOLATION
+)
+_fault: Final = partial(CauseRow, event=SafetyEvent.FAULT, recovery=_HARD, level=ReportLevel.FAULT)
+
+
+class Cause(Enum):
+    """What happened; the value is its row of the table."""
+
+    ROBOT_EMERGENCY_STOP = CauseRow(
+        what="emergency stop button, or the robot emergency stop input",
+        event=SafetyEvent.ROBOT_EMERGENCY_STOP,
+        recovery=_EMERGENCY,
+    )
+    SYSTEM_EMERGENCY_STOP = CauseRow(
+        what="emergency stop of another machine, by a configurable input",
+        event=SafetyEvent.SYSTEM_EMERGENCY_STOP,
+        recovery=_EMERGENCY,
+    )
+    SAFEGUARD_STOP = CauseRow(
+        what="safeguard input open; resumes by itself, or with the reset input where one is assigned",
+        event=SafetyEvent.SAFEGUARD_OPEN,
+        recovery=(_R.RELEASE, _R.RESET),
+    )
+    AUTOMATIC_MODE_SAFEGUARD_STOP = CauseRow(
+        what="automatic mode safeguard open, in automatic mode",
+        event=SafetyEvent.AUTOMATIC_SAFEGUARD_OPEN,
+        recovery=(_R.RELEASE, _R.RESET),
+        only=Series.E,
+        own_status=SafetyStatus.AUTOMATIC_MODE_SAFEGUARD_STOP,
+    )
+    ENABLING_STOP = CauseRow(
+        what="three-position enabling device released or pressed through, in manual mode",
+        event=SafetyEvent.ENABLING_RELEASED,
+        recovery=(_R.RELEASE,),
+        only=Series.E,
+        own_status=SafetyStatus.SYSTEM_THREE_POSITION_ENABLING_STOP,
+    )
+    REDUCED_MODE = CauseRow(
+        what="reduced mode input low, or the tool beyond a trigger plane",
+        event=SafetyEvent.REDUCED,
+        recovery=(_R.RELEASE,),
+    )
+    OUTSIDE_LIMITS = CauseRow(
+        what="the arm is outside its position limits when it is powered up or unlocked",
+        event=SafetyEvent.OUTSIDE_LIMITS,
+        recovery=(_R.MOVE_BACK,),
+    )
+
+    JOINT_LIMIT = _protective(what="a joint cannot stop before its position limit", code=150)
+    TOOL_ORIENTATION = _protective(what="the tool is close to its orientation limit", code=151)
+    SAFETY_PLANE = _protective(what="the tool is close to a safety plane", code=152)
+    PATH_DEVIATION = _protective(what="a joint is too far from its target", code=153, per_joint=True)
+    COLLISION = _protective(
+        what="a joint's current is outside its window: a collision, with the arm itself too where that is asked for",
+        code=157,
+        per_joint=True,
+    )
+    ELBOW_PLANE = _protective(
+        what="the elbow is close to a safety plane", code=400, only=Series.E
+    )  # code: guess, beside C403
+    CLAMPING = _protective(what="the flange is so close to the lower arm that it could clamp", code=403, only=Series.E)
+    UNREACHABLE = _protective(what="a pose out of reach, or no number", code=204, argument=5)
+    SINGULARITY = _protective(what="a path through a singularity", code=204, argument=7)
+    PROGRAM = _protective(what="protective_stop() of a program", code=209)
+
+    JOINT_POSITION_VIOLATION = _violation(what="joint position limit", argument=1)
+    JOINT_SPEED_VIOLATION = _violation(what="joint speed limit", argument=32, per_joint=True)
+    TCP_SPEED_VIOLATION = _violation(what="tool speed limit", argument=3)
+    TCP_POSITION_VIOLATION = _violation(what="safety plane", argument=4)
+    TCP_ORIENTATION_VIOLATION = _violation(what="tool orientation limit", argument=5)
+    POWER_VIOLATION = _violation(what="power limit", argument=6)
+    FORCE_VIOLATION = _violation(what="force limit of the tool", argument=7)  # the torque windows stand for it: guess
+    MOMENTUM_VIOLATION = _violation(what="momentum limit", argument=12)
+    ELBOW_SPEED_VIOLATION = _violation(what="elbow speed limit", argument=3, only=Series.E)  # argument: guess
+    STOP_TIME_VIOLATION = _violation(what="a stop that takes too long", argument=16)
+
+    SAFETY_FAULT = _fault(what="the two safety processors disagree", code=192, argument=1)
+    JOINT_FAULT = _fault(what="a joint reports a fault", code=193, per_joint=True)
+    POWER_LOSS = _fault(what="the arm's 48 V supply is lost", code=50)  # code and mode: guess
+    STOP_COUNT = _fault(
+        what="more than 50 protective stops on one joint within 8 h", code=163, per_joint=True
+    )  # mode: guess
+
+
+CAUSES: Final[dict[Cause, CauseRow]] = {cause: cause.value for cause in Cause}

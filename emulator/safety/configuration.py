@@ -1,0 +1,261 @@
+"""What the safety system is told: limits, planes, tool orientation, and what its inputs and outputs are for.
+
+Numbers of the presets: CB3 user manual (sliders of the general limits); the factory's choice (Default, and Restricted
+in reduced mode) and the joint limits stand in the installation files of simulators and arms of both series.
+"""
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum, auto
+from math import inf, pi
+from types import MappingProxyType
+from typing import Final
+
+from urproto.robots.model import Joints, RobotModel
+from urproto.versions import Series
+
+__all__ = [
+    "CHANNELS",
+    "PRESETS",
+    "RECOVERY_LIMITS",
+    "BoundaryMode",
+    "LimitSet",
+    "Plane",
+    "SafetyConfiguration",
+    "SafetyInput",
+    "SafetyOutput",
+    "ToolOrientation",
+    "ToolSphere",
+    "elbow_radius",
+    "factory_configuration",
+    "preset_of",
+]
+
+CHANNELS: Final = 8  # configurable inputs, and as many outputs
+Vector3 = tuple[float, float, float]
+Pins = tuple[int, int]  # both channels of a safety signal: configurable pins 0-7
+
+_NO_JOINT_LIMIT: Final[Joints] = (inf,) * 6
+_SPEED_MARGIN_RAD_S: Final = (
+    0.2  # the factory's joint speed limit over the nominal speed: 3.3416 for pi, 2.2944 for 2.0944
+)
+_POSITION_LIMIT_RAD: Final = 363.0 * pi / 180.0
+
+
+class BoundaryMode(Enum):
+    """When a plane or the tool orientation is a limit; TRIGGER planes lead to reduced mode instead."""
+
+    DISABLED = auto()
+    NORMAL = auto()
+    REDUCED = auto()
+    BOTH = auto()
+    TRIGGER = auto()
+
+
+class SafetyInput(Enum):
+    """Functions of configurable inputs. All are safe, that is they ask for something, when low."""
+
+    EMERGENCY_STOP = "emergencyStopInput"
+    REDUCED_MODE = "reducedModeInput"
+    SAFEGUARD_RESET = "safeguardStopResetInput"
+    ENABLING_DEVICE = "threePositionEnablingInput"
+    OPERATIONAL_MODE = "operationalModeInput"
+    AUTOMATIC_SAFEGUARD = "automaticModeSafeguardStopInput"
+    AUTOMATIC_SAFEGUARD_RESET = "automaticModeSafeguardStopResetInput"
+    FREEDRIVE = "freedriveOnRobotInput"
+
+
+class SafetyOutput(Enum):
+    """Functions of configurable outputs."""
+
+    SYSTEM_EMERGENCY_STOP = "systemEmergencyStopOutput"
+    ROBOT_MOVING = "robotMovingOutput"
+    ROBOT_NOT_STOPPING = "robotNotStoppingOutput"
+    REDUCED_MODE = "reducedModeOutput"
+    NOT_REDUCED_MODE = "notReducedModeOutput"
+    SAFE_HOME = "safeHomeOutput"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LimitSet:
+    """Limits of one safety mode. m/s, N, W, kg m/s, s, m; joints rad/s and rad. What a series lacks is infinite."""
+
+    tcp_speed: float
+    force: float
+    power: float
+    momentum: float
+    elbow_speed: float = inf
+    elbow_force: float = inf
+    stopping_time: float = inf
+    stopping_distance: float = inf
+    joint_speed: Joints = _NO_JOINT_LIMIT
+    joint_min: Joints = (-inf,) * 6
+    joint_max: Joints = _NO_JOINT_LIMIT
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """A boundary in the base frame. A point p is inside where ``normal . p + distance`` is not negative.
+
+    That sign follows from public installation files: the distance is positive where the base lies inside.
+    ``elbow``: the elbow is restricted too.
+    """
+
+    name: str
+    normal: Vector3
+    distance: float  # m
+    mode: BoundaryMode
+    elbow: bool = False
+
+    def depth(self, point: Vector3) -> float:
+        """How far inside the point is [m]; negative beyond the plane."""
+        x, y, z = self.normal
+        return x * point[0] + y * point[1] + z * point[2] + self.distance
+
+
+@dataclass(frozen=True, slots=True)
+class ToolOrientation:
+    """Direction of the tool, in the flange frame, within ``deviation`` [rad] of ``direction``, in the base frame."""
+
+    direction: Vector3
+    deviation: float
+    mode: BoundaryMode
+    tool_direction: Vector3 = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ToolSphere:
+    """Room that the tool takes: centre in the flange frame and radius [m]."""
+
+    centre: Vector3
+    radius: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SafetyConfiguration:
+    """The whole. ``inputs`` and ``outputs``: the two configurable pins of a function, for those that are assigned.
+
+    crc: the controller's own checksum, where it is known; else one is made here.
+    """
+
+    normal: LimitSet
+    reduced: LimitSet
+    planes: tuple[Plane, ...] = ()
+    tool_orientation: ToolOrientation | None = None
+    tool_spheres: tuple[ToolSphere, ...] = ()
+    inputs: Mapping[SafetyInput, Pins] = field(default_factory=lambda: MappingProxyType({}))
+    outputs: Mapping[SafetyOutput, Pins] = field(default_factory=lambda: MappingProxyType({}))
+    safe_home: Joints | None = None
+    manual_high_speed: bool = True
+    crc: int | None = None
+
+    @property
+    def checksum(self) -> int:
+        """32 bits that change with the configuration; a controller shows them as coloured letters.
+
+        How a controller computes its own is not published: without one from a file this is the CRC-32 of our text.
+        """
+        if self.crc is not None:
+            return self.crc
+        return zlib.crc32(repr(replace(self, inputs=dict(self.inputs), outputs=dict(self.outputs))).encode()) or 1
+
+
+PRESETS: Final[Mapping[str, LimitSet]] = MappingProxyType(
+    {
+        "least restricted": LimitSet(
+            tcp_speed=5.0,
+            force=250.0,
+            power=1000.0,
+            momentum=100.0,
+            elbow_speed=5.0,
+            elbow_force=250.0,
+            stopping_time=1.0,
+            stopping_distance=4.0,
+        ),
+        "default": LimitSet(
+            tcp_speed=1.5,
+            force=150.0,
+            power=300.0,
+            momentum=25.0,
+            elbow_speed=1.5,
+            elbow_force=150.0,
+            stopping_time=0.4,
+            stopping_distance=0.5,
+        ),
+        "restricted": LimitSet(
+            tcp_speed=0.75,
+            force=120.0,
+            power=200.0,
+            momentum=10.0,
+            elbow_speed=0.75,
+            elbow_force=120.0,
+            stopping_time=0.3,
+            stopping_distance=0.3,
+        ),
+        "very restricted": LimitSet(
+            tcp_speed=0.25,
+            force=100.0,
+            power=80.0,
+            momentum=5.0,
+            elbow_speed=0.25,
+            elbow_force=100.0,
+            stopping_time=0.2,
+            stopping_distance=0.2,
+        ),
+    }
+)
+
+# User manuals of both series: fixed limits of recovery mode; position limits do not count there
+RECOVERY_LIMITS: Final = LimitSet(
+    tcp_speed=0.25, force=100.0, power=80.0, momentum=10.0, elbow_speed=0.25, joint_speed=(30.0 * pi / 180.0,) * 6
+)
+
+
+def elbow_radius(model: RobotModel) -> float:
+    """Of the sphere that stands for the elbow [m]; captures of UR3e and UR5e simulators, other sizes are guesses."""
+    if model.series is Series.CB3:
+        return 0.0
+    return 0.1 if model.name == "ur3e" else 0.13
+
+
+def factory_configuration(model: RobotModel) -> SafetyConfiguration:
+    """What an arm of this model is delivered with."""
+    sets = (preset_of("default", model), preset_of("restricted", model))
+    resets = {SafetyInput.SAFEGUARD_RESET: (0, 1)}
+    return SafetyConfiguration(
+        normal=sets[0], reduced=sets[1], inputs=MappingProxyType(resets), crc=_factory_checksum(model)
+    )
+
+
+def preset_of(name: str, model: RobotModel) -> LimitSet:
+    """A preset with the joint limits of a model, and without what its series does not have."""
+    limits = PRESETS[name]
+    if model.series is Series.CB3:
+        limits = replace(limits, elbow_speed=inf, elbow_force=inf, stopping_time=inf, stopping_distance=inf)
+    low = tuple(-_POSITION_LIMIT_RAD for _ in range(6))
+    high = tuple(_POSITION_LIMIT_RAD for _ in range(6))
+    if model.wrist3_unlimited:
+        low, high = (*low[:5], -inf), (*high[:5], inf)
+    speeds = tuple(speed + _SPEED_MARGIN_RAD_S for speed in model.qd_max)
+    return replace(limits, joint_speed=_six(speeds), joint_min=_six(low), joint_max=_six(high))
+
+
+def _six(values: tuple[float, ...]) -> Joints:
+    a, b, c, d, e, f = values
+    return (a, b, c, d, e, f)
+
+
+# As installation files and captures of simulators have it, by the highest joint speeds. The number in the file is the
+# one on the wire: UR5e 5.24 and CB3. Which arms and versions share one is a guess
+_FACTORY_CHECKSUMS: Final = {
+    (Series.CB3, pi, pi): 2588156642,  # shown as CCCC
+    (Series.CB3, pi, 2.0 * pi): 121691621,
+    (Series.E, pi, pi): 1475618907,
+    (Series.E, pi, 2.0 * pi): 3683737400,
+    (Series.E, 2.0943951023931953, pi): 1041004964,
+}
+
+
+def _factory_checksum(model: RobotModel) -> int | None:
+    return _FACTORY_CHECKSUMS.get((model.series, model.qd_max[1], model.qd_max[5]))

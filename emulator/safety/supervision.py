@@ -1,0 +1,285 @@
+"""What the safety system sees: the arm's actual state against its limits.
+
+Two layers, as in a controller. Beyond a limit and its tolerance for as long as detection takes, a limit is violated.
+Before that, an arm that could not stop inside a boundary is stopped protectively, as is one that does not follow its
+path or meets something.
+
+Tolerances and detection times: hardware manuals, tables of the safety functions. CB3 gives 100 ms for positions and
+250 ms for the rest as the worst case; that e-Series takes as long is a guess.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import hypot, radians
+from typing import Final, NamedTuple
+
+from emulator.robot.arm import CURRENT_WINDOW_A, Arm
+from emulator.safety.causes import Cause
+from emulator.safety.configuration import LimitSet
+from emulator.safety.geometry import CLAMPING_M, Boundaries, clamping_distance, tool_deviation
+from emulator.safety.selfcollision import SelfCollision
+from urproto.modes import SafetyMode
+from urproto.robots.model import RobotModel
+from urproto.versions import Series
+
+__all__ = ["Finding", "Supervision"]
+
+_POSITION_S: Final = 0.1
+_MOTION_S: Final = 0.25
+_COLLISION_S: Final = 0.024  # guess: three periods of a CB3
+_PATH_DEVIATION_RAD: Final = 0.1  # guess
+_APPROACHING: Final = 1e-4  # m/s or rad/s; slower than this nothing approaches
+_REACTION_PERIODS: Final = 2.0  # from what is seen until the arm slows
+_HALT_M: Final = 0.001  # kept to a boundary by an arm that is stopped before it (guess)
+_HALT_RAD: Final = 0.001
+
+
+class Finding(NamedTuple):
+    """What is wrong, the joint to blame if there is one, and a sentence with the numbers."""
+
+    cause: Cause
+    joint: int | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Tolerances:
+    joint_position: float
+    plane: float
+    orientation: float
+    joint_speed: float = radians(1.15)
+    speed: float = 0.05
+    force: float = 25.0
+    momentum: float = 3.0
+    power: float = 10.0
+
+
+_TOLERANCES: Final = {
+    Series.CB3: _Tolerances(joint_position=radians(1.15), plane=0.02, orientation=radians(1.15)),
+    Series.E: _Tolerances(joint_position=radians(5.0), plane=0.04, orientation=radians(3.0)),
+}
+
+
+class Supervision:
+    """Judges the arm once per control period in which it moves or feels something."""
+
+    def __init__(self, model: RobotModel, period_s: float, *, self_collision: bool = False) -> None:
+        self._model = model
+        self._period = period_s
+        self._deceleration = min(model.qdd_max)
+        self._tolerances = _TOLERANCES[model.series]
+        self._clamps = model.series is Series.E
+        self._lasting: dict[Cause, float] = {}  # how long each limit has been exceeded [s]
+        self._collision_s = 0.0
+        self._deviation_before: float | None = None
+        self._clamping_before: float | None = None
+        self._clamping_room = 0.0
+        self._wrist_before = (0.0, 0.0)
+        self._wrist_m = hypot(*model.dh.d[3:])
+        self._links = SelfCollision(model) if self_collision else None
+        self._clearance_before: float | None = None
+
+    @property
+    def pending(self) -> bool:
+        """Something is exceeded, and time decides: look again although nothing changes."""
+        return bool(self._lasting) or self._collision_s > 0.0
+
+    def forget(self) -> None:
+        """The arm is stopped or off: what was exceeded counts from the beginning."""
+        self._lasting.clear()
+        self._collision_s = 0.0
+        self._deviation_before = self._clamping_before = self._clearance_before = None
+
+    # violations
+
+    def violation(self, arm: Arm, limits: LimitSet, boundaries: Boundaries, mode: SafetyMode) -> Finding | None:
+        """The limit that has been exceeded for too long, if any."""
+        if not self._lasting and not boundaries.any and self._well_within(arm, limits):
+            return None
+        exceeded = {finding.cause: finding for finding in self._exceeded(arm, limits, boundaries, mode)}
+        self._lasting = {cause: self._lasting.get(cause, 0.0) + self._period for cause in exceeded}
+        for cause, lasted in self._lasting.items():
+            if lasted >= (_POSITION_S if cause in _POSITIONS else _MOTION_S):
+                return exceeded[cause]
+        return None
+
+    def _well_within(self, arm: Arm, limits: LimitSet) -> bool:
+        """The quick look of nearly every period: nothing exceeds a limit, even without the tolerance."""
+        bounds = zip(arm.q, arm.qd, limits.joint_min, limits.joint_max, limits.joint_speed, strict=True)
+        for q, qd, low, high, most in bounds:
+            if not (low <= q <= high and -most <= qd <= most):
+                return False
+        u, v, w, *_ = arm.tcp_speed
+        x, y, z = arm.elbow_velocity
+        return (
+            u * u + v * v + w * w <= limits.tcp_speed * limits.tcp_speed
+            and x * x + y * y + z * z <= limits.elbow_speed * limits.elbow_speed
+            and arm.momentum <= limits.momentum
+            and not any(arm.wrench)
+        )
+
+    def _exceeded(self, arm: Arm, limits: LimitSet, boundaries: Boundaries, mode: SafetyMode) -> Iterator[Finding]:
+        yield from self._joints(arm, limits)
+        yield from self._motion(arm, limits)
+        if boundaries.any:
+            yield from self._boundaries(arm, boundaries, mode, self._tolerances)
+
+    def _joints(self, arm: Arm, limits: LimitSet) -> Iterator[Finding]:
+        slack, speed_slack = self._tolerances.joint_position, self._tolerances.joint_speed
+        for joint, (q, low, high) in enumerate(zip(arm.q, limits.joint_min, limits.joint_max, strict=True)):
+            if not low - slack <= q <= high + slack:
+                yield Finding(
+                    Cause.JOINT_POSITION_VIOLATION,
+                    joint,
+                    f"joint {joint} is at {q:.3f} rad, its limits are {low:.3f} and {high:.3f} rad",
+                )
+        for joint, (qd, most) in enumerate(zip(arm.qd, limits.joint_speed, strict=True)):
+            if abs(qd) > most + speed_slack:
+                text = f"joint {joint} moves at {abs(qd):.3f} rad/s, its limit is {most:.3f} rad/s"
+                yield Finding(Cause.JOINT_SPEED_VIOLATION, joint, text)
+
+    def _motion(self, arm: Arm, limits: LimitSet) -> Iterator[Finding]:
+        slack = self._tolerances
+        u, v, w, *_ = arm.tcp_speed
+        x, y, z, *_ = arm.wrench
+        speed, force, power = hypot(u, v, w), hypot(x, y, z), abs(u * x + v * y + w * z)
+        if speed > limits.tcp_speed + slack.speed:
+            yield _over(Cause.TCP_SPEED_VIOLATION, "tool speed", speed, limits.tcp_speed, "m/s")
+        if (elbow := hypot(*arm.elbow_velocity)) > limits.elbow_speed + slack.speed:
+            yield _over(Cause.ELBOW_SPEED_VIOLATION, "elbow speed", elbow, limits.elbow_speed, "m/s")
+        if force > limits.force + slack.force:
+            yield _over(Cause.FORCE_VIOLATION, "force on the tool", force, limits.force, "N")
+        if power > limits.power + slack.power:
+            yield _over(Cause.POWER_VIOLATION, "power", power, limits.power, "W")
+        if arm.momentum > limits.momentum + slack.momentum:
+            yield _over(Cause.MOMENTUM_VIOLATION, "momentum", arm.momentum, limits.momentum, "kg m/s")
+
+    def _boundaries(self, arm: Arm, boundaries: Boundaries, mode: SafetyMode, slack: _Tolerances) -> Iterator[Finding]:
+        planes = boundaries.planes(mode)
+        for point in boundaries.points(arm) if planes else ():
+            for plane in planes:
+                depth = plane.depth(point.at) - point.radius
+                if depth < -slack.plane and (plane.elbow or not point.is_elbow):
+                    what = "elbow" if point.is_elbow else "tool"
+                    text = f'the {what} is {-1000.0 * depth:.0f} mm beyond the safety plane "{plane.name}"'
+                    yield Finding(Cause.TCP_POSITION_VIOLATION, None, text)
+        orientation = boundaries.orientation(mode)
+        if orientation and (angle := tool_deviation(orientation, arm)) > orientation.deviation + slack.orientation:
+            yield _over(Cause.TCP_ORIENTATION_VIOLATION, "tool tilt", angle, orientation.deviation, "rad")
+
+    def outside(self, arm: Arm, limits: LimitSet, boundaries: Boundaries, mode: SafetyMode) -> bool:
+        """The arm stands outside its position limits, without any tolerance."""
+        exact = _Tolerances(joint_position=0.0, plane=0.0, orientation=0.0)
+        joints = zip(arm.q, limits.joint_min, limits.joint_max, strict=True)
+        return not all(low <= q <= high for q, low, high in joints) or any(
+            self._boundaries(arm, boundaries, mode, exact)
+        )
+
+    # protective stops
+
+    def protective_stop(self, arm: Arm, boundaries: Boundaries, mode: SafetyMode, *, stiff: bool) -> Finding | None:
+        """Why the arm has to be stopped now, if it has. stiff: it holds its path, and yields to nothing."""
+        found = self._deviation(arm) or self._collision(arm, stiff)
+        if found is None and boundaries.any:
+            found = self._near_plane(arm, boundaries, mode) or self._near_orientation(arm, boundaries, mode)
+        if found is None and self._clamps:
+            found = self._clamping(arm)
+        if found is None and self._links is not None:
+            found = self._touching(self._links, arm)
+        return found
+
+    def _deviation(self, arm: Arm) -> Finding | None:
+        if not any(arm.following_error):
+            return None
+        for joint, error in enumerate(arm.following_error):
+            if abs(error) > _PATH_DEVIATION_RAD:
+                text = f"joint {joint} is {abs(error):.3f} rad from its target; check payload and acceleration"
+                return Finding(Cause.PATH_DEVIATION, joint, text)
+        return None
+
+    def _collision(self, arm: Arm, stiff: bool) -> Finding | None:
+        if arm.collision_ratio < 1.0 or not stiff:
+            self._collision_s = 0.0
+            return None
+        self._collision_s += self._period
+        if self._collision_s < _COLLISION_S:
+            return None
+        self._collision_s = 0.0
+        pairs = zip(arm.actual_current, arm.target_current, CURRENT_WINDOW_A, strict=True)
+        shares = [abs(actual - target) / window for actual, target, window in pairs]
+        joint = shares.index(max(shares))
+        text = f"something holds joint {joint}: its current is off the model by {shares[joint]:.1f} times the window"
+        return Finding(Cause.COLLISION, joint, text)
+
+    def _stop_share_s(self, arm: Arm) -> float:
+        """Distance per speed that a stop takes from now on: reaction, and half the braking time."""
+        fastest = max(map(abs, arm.qd))
+        return _REACTION_PERIODS * self._period + 0.5 * fastest / self._deceleration
+
+    def _near_plane(self, arm: Arm, boundaries: Boundaries, mode: SafetyMode) -> Finding | None:
+        planes = boundaries.planes(mode)
+        if not planes or not any(arm.qd):
+            return None
+        share = self._stop_share_s(arm)
+        for point in boundaries.points(arm):
+            for plane in planes:
+                u, v, w = plane.normal
+                speed = -(u * point.speed[0] + v * point.speed[1] + w * point.speed[2])
+                room = plane.depth(point.at) - point.radius - speed * share
+                if speed > _APPROACHING and room < _HALT_M and (plane.elbow or not point.is_elbow):
+                    what, cause = ("elbow", self._elbow_cause) if point.is_elbow else ("tool", Cause.SAFETY_PLANE)
+                    return Finding(cause, None, f'the {what} is close to the safety plane "{plane.name}"; move it away')
+        return None
+
+    @property
+    def _elbow_cause(self) -> Cause:
+        return Cause.ELBOW_PLANE if self._model.series is Series.E else Cause.SAFETY_PLANE
+
+    def _near_orientation(self, arm: Arm, boundaries: Boundaries, mode: SafetyMode) -> Finding | None:
+        orientation = boundaries.orientation(mode)
+        if orientation is None:
+            self._deviation_before = None
+            return None
+        angle = tool_deviation(orientation, arm)
+        before, self._deviation_before = self._deviation_before, angle
+        rate = (angle - before) / self._period if before is not None else 0.0
+        if rate <= _APPROACHING or angle + rate * self._stop_share_s(arm) < orientation.deviation - _HALT_RAD:
+            return None
+        text = f"the tool is tilted by {angle:.3f} rad, {orientation.deviation:.3f} rad are allowed; turn it back"
+        return Finding(Cause.TOOL_ORIENTATION, None, text)
+
+    def _clamping(self, arm: Arm) -> Finding | None:
+        # only joints 4 and 5 move the flange against the lower arm: far away is far for a while
+        wrist, (fourth, fifth) = arm.q[3:5], self._wrist_before
+        self._wrist_before = wrist
+        self._clamping_room -= (abs(wrist[0] - fourth) + abs(wrist[1] - fifth)) * self._wrist_m
+        if self._clamping_room > 0.0:
+            return None
+        distance = clamping_distance(self._model, arm)
+        self._clamping_room = distance - CLAMPING_M
+        before, self._clamping_before = self._clamping_before, distance
+        if distance >= CLAMPING_M or before is None or distance >= before:
+            return None
+        text = f"the flange is {1000.0 * distance:.0f} mm from the lower arm's axis; move it away"
+        return Finding(Cause.CLAMPING, None, text)
+
+    def _touching(self, links: SelfCollision, arm: Arm) -> Finding | None:
+        """Contact of the arm with itself; the fastest joint is the one that notices (guess)."""
+        if not any(arm.qd):
+            return None
+        clearance = links.clearance(arm.q)
+        before, self._clearance_before = self._clearance_before, clearance
+        if clearance > 0.0 or before is None or clearance >= before:
+            return None
+        speeds = [abs(speed) for speed in arm.qd]
+        joint = speeds.index(max(speeds))
+        return Finding(Cause.COLLISION, joint, f"joint {joint} moved the arm against itself; move it back")
+
+
+_POSITIONS: Final = frozenset(
+    {Cause.JOINT_POSITION_VIOLATION, Cause.TCP_POSITION_VIOLATION, Cause.TCP_ORIENTATION_VIOLATION}
+)
+
+
+def _over(cause: Cause, what: str, value: float, limit: float, unit: str) -> Finding:
+    return Finding(cause, None, f"{what} is {value:.3f} {unit}, the limit is {limit:.3f} {unit}")

@@ -1,0 +1,156 @@
+"""Planes, boxes and spheres: how deep a small ball is inside one, and which way is out.
+
+Lengths in m; poses as everywhere: x, y, z and a rotation vector, in the base frame. Every formula is closed: no
+iteration, nothing to load.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from math import isfinite, sqrt
+from typing import Final
+
+from emulator.motion.axes import Axes, dot, of_rotation, out_of
+from urproto.robots.pose import Pose, pose_trans
+
+__all__ = ["Box", "Plane", "Probe", "Shape", "Sphere", "Touch", "WorldObject"]
+
+Vec3 = tuple[float, float, float]
+
+_ORIGIN: Final[Pose] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_CORNERS_TO_A_FACE: Final = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """A small ball that stands for a part of a shape: centre in the shape's frame, radius, share of the stiffness."""
+
+    centre: Vec3
+    radius: float = 0.0
+    share: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """How deep a ball is inside a solid (negative: how far outside), and the unit vector that leads out."""
+
+    depth: float
+    out: Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """A half space: everything below the x-y plane of its pose is solid."""
+
+    @property
+    def probes(self) -> tuple[Probe, ...]:
+        return ()
+
+    def touch(self, point: Vec3, radius: float) -> Touch:
+        """``point``: the ball's centre in the shape's frame; so in all shapes."""
+        return Touch(radius - point[2], (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Sphere:
+    """A ball around the origin of its pose. A radius of 0 is a point."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.radius) and self.radius >= 0.0):
+            raise ValueError(f"a sphere's radius must be a length [m], not {self.radius}")
+
+    @property
+    def probes(self) -> tuple[Probe, ...]:
+        return (Probe((0.0, 0.0, 0.0), self.radius),)
+
+    def touch(self, point: Vec3, radius: float) -> Touch:
+        distance = sqrt(dot(point, point))
+        return Touch(self.radius + radius - distance, _over(point, distance))
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A cuboid around the origin of its pose; ``size`` along x, y, z."""
+
+    size: Vec3
+
+    def __post_init__(self) -> None:
+        if len(self.size) != 3 or not all(isfinite(edge) and edge > 0.0 for edge in self.size):
+            raise ValueError(f"a box's size must be three lengths greater than 0 [m], not {list(self.size)}")
+
+    @property
+    def probes(self) -> tuple[Probe, ...]:
+        """Its corners. Lying on a face it is as stiff as one point: each of four corners has its quarter."""
+        x, y, z = (0.5 * edge for edge in self.size)
+        corners = product((-x, x), (-y, y), (-z, z))
+        return tuple(Probe(corner, 0.0, 1.0 / _CORNERS_TO_A_FACE) for corner in corners)
+
+    def touch(self, point: Vec3, radius: float) -> Touch:
+        half = [0.5 * edge for edge in self.size]
+        over = [abs(at) - most for at, most in zip(point, half, strict=True)]
+        nearest = max(range(3), key=over.__getitem__)
+        if over[nearest] <= 0.0:  # inside: out by the nearest face
+            out = [0.0, 0.0, 0.0]
+            out[nearest] = -1.0 if point[nearest] < 0.0 else 1.0
+            return Touch(radius - over[nearest], (out[0], out[1], out[2]))
+        x, y, z = (at - min(max(at, -most), most) for at, most in zip(point, half, strict=True))
+        distance = sqrt(x * x + y * y + z * z)
+        return Touch(radius - distance, _over((x, y, z), distance))
+
+
+Shape = Plane | Box | Sphere
+
+
+@dataclass(frozen=True)
+class WorldObject:
+    """A solid thing that stays where it is.
+
+    pose: in the base frame. stiffness [N/m] and damping [N s/m] along the normal of a contact. friction: Coulomb's
+    coefficient. Raises ValueError for what cannot be.
+    """
+
+    shape: Shape
+    pose: Pose = _ORIGIN
+    stiffness: float = 20_000.0  # a bench with a clamped plate (guess)
+    damping: float = 200.0  # guess
+    friction: float = 0.0
+    axes: Axes = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if len(self.pose) != 6 or not all(map(isfinite, self.pose)):
+            raise ValueError(f"a pose must be six finite numbers, not {list(self.pose)}")
+        for name, value, least in (("stiffness", self.stiffness, 1.0), ("damping", self.damping, 0.0)):
+            if not least <= value <= 1e7:
+                raise ValueError(f"the {name} must be from {least:g} to 1e7, not {value}")
+        if not 0.0 <= self.friction <= 10.0:
+            raise ValueError(f"the friction must be from 0 to 10, not {self.friction}")
+        object.__setattr__(self, "axes", of_rotation(self.pose))
+
+    def at(self, pose: Sequence[float]) -> "WorldObject":
+        """The same thing elsewhere."""
+        x, y, z, rx, ry, rz = pose
+        return replace(self, pose=(x, y, z, rx, ry, rz))
+
+    def mounted(self, pose_base_tcp: Pose) -> "WorldObject":
+        """The same thing, its pose given in the frame of the TCP, where that is now."""
+        return self.at(pose_trans(pose_base_tcp, self.pose))
+
+    def touch(self, point: Vec3, radius: float) -> Touch:
+        """A ball at a point of the base frame; so is the way out."""
+        px, py, pz = self.pose[:3]
+        arm = (point[0] - px, point[1] - py, point[2] - pz)
+        x, y, z = self.axes
+        touch = self.shape.touch((dot(arm, x), dot(arm, y), dot(arm, z)), radius)
+        return Touch(touch.depth, out_of(self.axes, touch.out))
+
+    def place(self, point: Vec3) -> Vec3:
+        """A point of the shape's own frame, in the base frame."""
+        x, y, z = out_of(self.axes, point)
+        return (self.pose[0] + x, self.pose[1] + y, self.pose[2] + z)
+
+
+def _over(v: Vec3, length: float) -> Vec3:
+    """A unit vector; upwards where it has no direction."""
+    return (v[0] / length, v[1] / length, v[2] / length) if length > 1e-12 else (0.0, 0.0, 1.0)

@@ -1,0 +1,525 @@
+"""The dynamic arm: torques move it, and it follows its targets as well as its servo loops can."""
+
+import itertools
+import math
+import random
+from operator import sub
+
+import numpy as np
+import pytest
+
+from emulator.commands import MountPayload
+from emulator.lifecycle.safety import SafetyEvent
+from emulator.robot.body import Body
+from emulator.robot.installation import Payload
+from urproto.modes import ControlMode
+from urproto.robots import MODELS, load_model
+from urproto.robots.drivetrain import joint_sizes
+from urproto.robots.dynamics import Dynamics
+from urproto.robots.pose import pose_trans
+
+ZERO6 = (0.0,) * 6
+BENT = (0.3, -1.1, 1.2, -0.8, 0.7, 0.4)
+STEP = 2 * math.pi / 2**19  # of the encoders
+
+
+@pytest.fixture
+def still(make):
+    return make("ur5e", running=True, dynamic=True, initial_q=BENT)
+
+
+def error_rad(rig):
+    return max(map(abs, rig.controller.arm.following_error))
+
+
+def peak_error_rad(rig, seconds):
+    worst = 0.0
+    for _ in range(round(seconds / rig.controller.period_s)):
+        rig.tick()
+        worst = max(worst, error_rad(rig))
+    return worst
+
+
+# at rest
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_at_rest_the_motors_hold_gravity_and_nothing_else(make, name):
+    rig = make(name, running=True, dynamic=True, initial_q=BENT)
+    model = rig.controller.model
+    payload = Payload.of(model.payload_max_kg, (0.0, 0.0, 0.05))
+    rig.controller.installation.set_payload(payload)
+    rig.seconds(1.0)
+    oracle = Dynamics(model)
+    oracle.set_payload(payload.mass, payload.cog, payload.inertia)
+    gravity = oracle.gravity_torques(BENT)
+    assert max(map(abs, gravity)) > 5.0
+    output = [a * k for a, k in zip(rig.now.joint_control_output, model.torque_constants, strict=True)]
+    assert output == pytest.approx(gravity, abs=1e-6)
+    assert rig.now.target_moment == pytest.approx(gravity, abs=1e-6)
+    assert rig.now.actual_current == pytest.approx(rig.now.target_current, abs=0.15)  # noise
+    assert rig.now.actual_q == pytest.approx(BENT, abs=STEP)
+    assert not any(rig.now.actual_qd)
+
+
+def test_a_standing_arm_stays_where_it_is(still):
+    still.seconds(0.1)
+    place = still.controller.arm.drives.body.q
+    still.seconds(2.0)
+    assert still.controller.arm.drives.body.q == place
+    assert still.now.target_q == BENT
+
+
+def test_a_push_bends_the_arm_like_a_spring_and_is_forgotten(still):
+    still.seconds(0.1)
+    sags = []
+    for newton in (20.0, 40.0):
+        still.controller.external_wrench = (0.0, 0.0, -newton, 0.0, 0.0, 0.0)
+        still.seconds(3.0)
+        sags.append(still.now.target_TCP_pose[2] - still.now.actual_TCP_pose[2])
+        jacobian = still.controller.arm.kinematics.jacobian(still.now.actual_q)
+        pressed = [-newton * z for z in jacobian[2]]
+        told = [a - b for a, b in zip(still.now.actual_current, still.now.target_current, strict=True)]
+        held = [a * k for a, k in zip(told, still.controller.model.torque_constants, strict=True)]
+        assert held == pytest.approx([-torque for torque in pressed], abs=1.5)  # 0.02 A of noise
+    assert 1e-4 < sags[0] < 0.02
+    assert sags[1] == pytest.approx(2.0 * sags[0], rel=0.05)
+    still.controller.external_wrench = ZERO6
+    still.seconds(3.0)
+    assert still.now.actual_q == pytest.approx(BENT, abs=2 * STEP)
+
+
+def test_a_payload_that_nobody_told_sags_and_shows_in_force_and_current(still):
+    still.seconds(0.5)
+    before = still.now
+    still.controller.post(MountPayload(Payload.of(3.0, (0.0, 0.0, 0.05))))
+    still.seconds(3.0)
+    assert 5e-4 < before.actual_TCP_pose[2] - still.now.actual_TCP_pose[2] < 0.02
+    assert still.now.actual_TCP_force[2] == pytest.approx(-3.0 * 9.82, abs=1.0)
+    assert abs(still.now.actual_current[1] - before.actual_current[1]) > 0.3
+    assert still.now.target_current[1] == pytest.approx(before.target_current[1], abs=1e-3)
+    still.controller.installation.set_payload(Payload.of(3.0, (0.0, 0.0, 0.05)))  # now it is told
+    still.seconds(3.0)
+    assert still.now.actual_q == pytest.approx(BENT, abs=2 * STEP)
+    assert still.now.actual_TCP_force == pytest.approx(ZERO6, abs=1.0)
+    still.controller.post(MountPayload(None))
+    still.seconds(1.0)
+    assert still.now.actual_q == pytest.approx(BENT, abs=2 * STEP)
+
+
+def test_an_ideal_arm_feels_a_payload_that_nobody_told_without_moving(make):
+    rig = make("ur5e", running=True, initial_q=BENT)
+    free = rig.tick().actual_current
+    rig.controller.post(MountPayload(Payload.of(3.0, (0.0, 0.0, 0.05))))
+    rig.tick()
+    assert rig.now.actual_q == BENT
+    assert rig.now.actual_TCP_force[:3] == pytest.approx((0.0, 0.0, -3.0 * 9.82), abs=1e-9)
+    oracle = Dynamics(rig.controller.model)
+    oracle.set_payload(3.0, (0.0, 0.0, 0.05))
+    wanted = [t / k for t, k in zip(oracle.gravity_torques(BENT), rig.controller.model.torque_constants, strict=True)]
+    assert rig.now.actual_current == pytest.approx(wanted, abs=1e-9)
+    assert rig.now.target_current == free
+    rig.controller.post(MountPayload(None))
+    assert rig.tick().actual_current == free
+
+
+# in motion
+
+
+def leave_unjudged(rig):
+    """No safety system looks at the arm: it would end what these tests want to see."""
+    rig.controller.safety_board.judge = lambda *, changed: None
+    rig.controller.motion.govern(lambda *step: 0.0)
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("load", [0.0, 1.0], ids=["empty", "loaded"])
+def test_a_program_is_followed_and_its_end_reached(make, name, load):
+    rig = make(name, running=True, dynamic=True, initial_q=(0.0, -1.5, 1.0, -1.2, -1.2, 0.0))
+    model = rig.controller.model
+    if load:
+        rig.controller.installation.set_payload(Payload.of(load * model.payload_max_kg, (0.0, 0.0, 0.1)))
+    goal = (0.5, -1.2, 1.3, -0.9, -1.0, 0.6)
+    rig.script(f"movej({list(goal)}, a=3, v={max(model.qd_max)})")
+    peak = peak_error_rad(rig, 2.0)
+    assert 1e-5 < peak < 0.02
+    rig.seconds(1.0)
+    assert rig.now.actual_q == pytest.approx(goal, abs=5e-4)
+    assert not rig.now.program_running
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("load", [0.0, 1.0], ids=["empty", "loaded"])
+@pytest.mark.parametrize("joint", [0, 1, 2, 5])
+def test_stable_at_the_highest_speed_and_in_the_hardest_stop(make, name, load, joint):
+    """Stretched out, at 40 rad/s2: more than the joints can do. They come to rest at their targets all the same."""
+    rig = make(name, running=True, dynamic=True, initial_q=(0.0, -2.2 if joint == 1 else -0.3, 0.0, 0.0, 0.0, 0.0))
+    leave_unjudged(rig)
+    model = rig.controller.model
+    rig.controller.installation.set_payload(Payload.of(load * model.payload_max_kg, (0.0, 0.0, 0.1)))
+    speed = [0.0] * 6
+    speed[joint] = model.qd_max[joint]
+    rig.script(f"speedj({speed}, 40, 5)")
+    body = rig.controller.arm.drives.body
+    rig.seconds(0.6)
+    assert 0.95 * speed[joint] < body.qd[joint] < 1.01 * speed[joint]
+    rig.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
+    rig.seconds(1.5)
+    assert body.qd == pytest.approx(ZERO6, abs=1e-3)
+    assert error_rad(rig) < 5e-4
+
+
+def test_measured_torque_is_that_of_the_measured_motion(make):
+    """RNEA of what the arm did, rotors and friction added, gives the motors' torques."""
+    rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
+    rig.script("movej([1.0, -1.5, 1.6, -1.2, 0.2, 1.0], a=5, v=2)")
+    model, body = rig.controller.model, rig.controller.arm.drives.body
+    oracle = Dynamics(model)
+    oracle.set_rotor_inertia([size.rotor_kg_m2 for size in joint_sizes(model)])
+    rig.seconds(0.1)
+    checked = 0
+    for _ in range(300):
+        q, qd = body.q, body.qd
+        snapshot = rig.tick()
+        qdd = [(now - before) / 0.002 for now, before in zip(body.qd, qd, strict=True)]
+        middle = [(a + b) / 2 for a, b in zip(q, body.q, strict=True)]
+        speed = [(a + b) / 2 for a, b in zip(qd, body.qd, strict=True)]
+        needed = np.array(oracle.inverse_dynamics(middle, speed, qdd))
+        for size, v, i in zip(joint_sizes(model), speed, range(6), strict=True):
+            if abs(v) > 0.1:
+                friction = size.viscous_Nm_s * v + math.copysign(size.coulomb_Nm, v)
+                assert snapshot.actual_current_as_torque[i] == pytest.approx(needed[i] + friction, abs=2.0)
+                assert body.qd[i] == pytest.approx(snapshot.actual_qd[i], abs=3e-4)
+                checked += 1
+    assert checked > 800
+
+
+def test_currents_carry_friction_while_moving(make):
+    """At constant speed joint 1 turns about the vertical: nothing but friction loads it."""
+    rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
+    rig.script("speedj([0.5, 0, 0, 0, 0, 0], 2, 3)")
+    rig.seconds(1.0)
+    size = joint_sizes(rig.controller.model)[0]
+    currents = []
+    for _ in range(200):
+        currents.append(rig.tick().actual_current[0])
+    torque = sum(currents) / len(currents) * rig.controller.model.torque_constants[0]
+    assert torque == pytest.approx(size.viscous_Nm_s * 0.5 + size.coulomb_Nm, abs=0.1)
+    assert rig.now.target_moment[0] == pytest.approx(0.0, abs=0.1)
+
+
+def test_friction_heats_the_joint_that_moves(make):
+    turning, resting = (make("ur5e", running=True, dynamic=True, initial_q=BENT) for _ in range(2))
+    to_and_fro = "".join(f"  movej([{q}, -1.1, 1.2, -0.8, 0.7, 0.4], a=10, v=3)\n" for q in (6, 0))
+    turning.script(f"def turn():\n while True:\n{to_and_fro} end\nend\n")
+    warm, cool = turning.seconds(20.0).joint_temperatures, resting.seconds(20.0).joint_temperatures
+    assert warm[0] > cool[0] + 0.01
+    assert warm[5] == pytest.approx(cool[5], abs=0.01)
+
+
+@pytest.mark.parametrize("name", ["ur3", "ur10e", "ur20"])
+def test_a_sine_is_followed_with_a_bounded_lag(make, name):
+    rig = make(name, running=True, dynamic=True, initial_q=(0.0, -1.5, 1.0, -1.2, -1.2, 0.0))
+    rig.script(
+        """def sine():
+          q = get_target_joint_positions()
+          start = q[1]
+          t = 0.0
+          while True:
+            t = t + get_steptime()
+            q[1] = start + 0.1 * (1 - cos(6 * t))
+            servoj(q, t=get_steptime(), lookahead_time=0.03, gain=1000)
+          end
+        end
+        """
+    )
+    rig.seconds(0.5)
+    assert 1e-4 < peak_error_rad(rig, 3.0) < 0.01
+
+
+def test_a_step_settles_without_swinging(make):
+    """A target that jumps by 5 mrad: critically damped loops do not overshoot by more than a tenth."""
+    rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
+    rig.seconds(0.1)
+    rig.controller.motion.set_position((BENT[0] + 0.005, *BENT[1:]))
+    angles = [rig.tick().actual_q[0] for _ in range(1500)]
+    assert angles[1] < BENT[0] + 0.004
+    assert max(angles) < BENT[0] + 0.0055
+    assert angles[-1] == pytest.approx(BENT[0] + 0.005, abs=2e-4)
+
+
+def test_put_elsewhere_it_is_there_at_once(make):
+    rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
+    rig.seconds(0.1)
+    rig.script("set_pos([0, -1.2, 1.0, -1, 0.5, 1])")
+    rig.tick(5)
+    assert rig.now.actual_q == pytest.approx((0.0, -1.2, 1.0, -1.0, 0.5, 1.0), abs=STEP)
+
+
+# reports
+
+
+def test_programs_read_actual_and_target_apart(still):
+    still.controller.external_wrench = (0.0, 0.0, -50.0, 0.0, 0.0, 0.0)
+    still.seconds(3.0)
+    still.script(
+        """def read():
+          actual = get_actual_joint_positions()
+          target = get_target_joint_positions()
+          torques = get_joint_torques()
+          deep = get_target_tcp_pose()[2] - get_actual_tcp_pose()[2]
+          write_output_float_register(0, actual[1])
+          write_output_float_register(1, target[1])
+          write_output_float_register(2, torques[1])
+          write_output_float_register(3, deep)
+        end
+        """
+    )
+    still.seconds(0.3)
+    actual, target, torque, deep = still.now.output_double_registers[:4]
+    assert target == BENT[1]
+    assert abs(target - actual) > 1e-4
+    lever = still.controller.arm.kinematics.jacobian(BENT)[2][1]
+    assert torque == pytest.approx(50.0 * lever, abs=1.5)
+    assert 1e-3 < deep < 0.02
+    assert still.now.actual_TCP_pose[2] == pytest.approx(still.now.target_TCP_pose[2] - deep, abs=1e-5)
+
+
+def test_encoders_have_steps_and_the_seed_decides_the_noise(make):
+    def run(**config):
+        rig = make("ur5e", running=True, dynamic=True, initial_q=BENT, **config)
+        rig.script("movej([1.0, -1.5, 1.6, -1.2, 0.2, 1.0], a=2, v=1)")
+        return [
+            (s.actual_q, s.actual_qd, s.actual_current, s.actual_TCP_force) for s in (rig.tick() for _ in range(400))
+        ]
+
+    first, again, other = run(seed=7), run(seed=7), run(seed=8)
+    assert first == again
+    assert [state[2:] for state in first] != [state[2:] for state in other]
+    assert [state[:2] for state in first] == [state[:2] for state in other], "noise is of the sensors, not of the arm"
+    for state in first:
+        assert all(abs(q / STEP - round(q / STEP)) < 1e-6 for q in state[0])
+
+
+def test_deviation_is_told_and_an_ideal_arm_has_none(make):
+    dynamic, ideal = make("ur5e", running=True, dynamic=True), make("ur5e", running=True)
+    for rig in (dynamic, ideal):
+        rig.script("movej([1.0, -1.5, 1.6, -1.2, 0.2, 1.0], a=5, v=2)")
+        rig.seconds(0.5)
+    assert ideal.controller.arm.following_error == ZERO6
+    told = tuple(map(sub, dynamic.now.target_q, dynamic.now.actual_q))
+    assert dynamic.controller.arm.following_error == pytest.approx(told, abs=1e-12)
+    assert max(map(abs, told)) > 1e-4
+
+
+# brakes
+
+
+def test_braked_it_neither_sags_nor_draws_current(make):
+    rig = make("ur5e", dynamic=True, initial_q=BENT)
+    rig.controller.external_wrench = (0.0, 0.0, -200.0, 0.0, 0.0, 0.0)
+    rig.seconds(0.5)
+    assert rig.now.actual_q == pytest.approx(BENT, abs=STEP)
+    assert rig.now.actual_current == rig.now.target_moment == ZERO6
+
+
+def test_power_lost_in_motion_stops_it_by_the_brakes_and_it_goes_on_from_there(make):
+    rig = make("ur5e", running=True, dynamic=True, initial_q=(0.0, -1.1, 1.2, -0.8, 0.7, 0.4))
+    rig.script("speedj([2, 0, 0, 0, 0, 0], 10, 5)")
+    rig.seconds(0.5)
+    lost = rig.now.actual_q[0]
+    rig.ask("power off")
+    rig.seconds(0.5)
+    stopped = rig.now.actual_q
+    assert stopped[0] > lost + 0.005
+    assert not any(rig.now.actual_qd)
+    rig.seconds(0.5)
+    assert rig.now.actual_q == stopped
+    rig.ask("power on")
+    rig.ask("brake release")
+    rig.seconds(1.0)
+    assert rig.now.robot_mode == 7
+    assert rig.now.actual_q == pytest.approx(stopped, abs=2 * STEP)
+    assert rig.now.target_q == pytest.approx(stopped, abs=2 * STEP)
+    assert error_rad(rig) < 2 * STEP
+
+
+# abuse
+
+
+@pytest.mark.parametrize("name", ["ur3", "ur20"])
+def test_whatever_pushes_it_the_arm_comes_back(make, name):
+    rig = make(name, running=True, dynamic=True, initial_q=BENT)
+    leave_unjudged(rig)
+    chance = random.Random(name)
+    for _ in range(60):
+        push = [chance.choice((1e9, -1e300, 1e4, math.nan, math.inf, chance.uniform(-1e3, 1e3))) for _ in range(6)]
+        rig.controller.external_wrench = tuple(push)
+        rig.seconds(0.05)
+        assert all(map(math.isfinite, rig.now.actual_q + rig.now.actual_qd))
+    rig.controller.external_wrench = ZERO6
+    rig.seconds(8.0)
+    assert rig.now.actual_q == pytest.approx(BENT, abs=1e-3)
+
+
+def test_a_payload_far_beyond_the_arm_pulls_it_down_and_it_recovers(make):
+    rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
+    leave_unjudged(rig)
+    rig.controller.post(MountPayload(Payload(1e4, (10.0, 0.0, 0.0), (-0.0, 0.0, 0.0, 1e6, 1e6, 1e6))))
+    rig.seconds(1.0)
+    assert all(map(math.isfinite, rig.now.actual_q))
+    rig.controller.post(MountPayload(None))
+    rig.seconds(10.0)
+    assert rig.now.actual_q == pytest.approx(BENT, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "payload", [Payload(-1.0), Payload(math.nan), Payload(1.0, (math.inf, 0, 0)), Payload(1.0, inertia=(-1.0,) * 6)]
+)
+def test_what_cannot_be_mounted_is_refused(payload):
+    with pytest.raises(ValueError, match="cannot hang on a flange"):
+        MountPayload(payload)
+
+
+# direct torque
+
+
+def torque_rig(make, **config):
+    return make("ur5e", "5.25.1", running=True, initial_q=BENT, **config)
+
+
+def torque_program(*phases, more="", end="stopj(10)"):
+    """Torques of joint 1 [Nm], each for a number of control periods, and what follows."""
+    loops = "".join(
+        f"""
+      i = 0
+      while i < {count}:
+        direct_torque([{torque}, 0, 0, 0, 0, 0]{more})
+        i = i + 1
+      end"""
+        for torque, count in phases
+    )
+    return f"def push():{loops}\n  {end}\nend\n"
+
+
+def test_torque_accelerates_the_true_body(make):
+    """Joint 1 about the vertical: torque less friction, over the inertia with the rotor, as pinocchio's ABA has it."""
+    rig = torque_rig(make, dynamic=True)
+    rig.script(torque_program((20, 1000), more=", friction_comp=False"))
+    rig.until(lambda _: rig.controller.motion.torque is not None)
+    twin = Body(rig.controller.model)
+    body = rig.controller.arm.drives.body
+    twin.q, twin.qd = body.q, body.qd
+    for _ in range(100):
+        gravity = rig.controller.arm.dynamics.gravity_torques(body.q)
+        rig.tick()
+        for _ in range(2):
+            twin.step([20.0 + gravity[0], *gravity[1:]], ZERO6, 0.001)
+        assert body.q == pytest.approx(twin.q, abs=1e-9)
+    assert body.qd[0] > 0.3
+    assert rig.now.target_q == pytest.approx(rig.now.actual_q, abs=2e-3)
+    assert error_rad(rig) < 2e-3
+
+
+def test_no_torque_holds_the_arm_against_gravity_and_friction_brings_it_to_rest(make):
+    rig = torque_rig(make, dynamic=True)
+    rig.script(torque_program((0, 500)))
+    rig.seconds(0.9)
+    assert rig.now.actual_q == pytest.approx(BENT, abs=2 * STEP)
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_friction_compensation_lets_it_run_on(make, share):
+    rig = torque_rig(make, dynamic=True)
+    scale = f", viscous_scale={[share] * 6}, coulomb_scale={[share] * 6}"
+    rig.script(torque_program((12, 100), (0, 200), more=scale))
+    rig.until(lambda snapshot: snapshot.actual_qd[0] > 0.05)
+    rig.seconds(0.25)
+    fast = rig.now.actual_qd[0]
+    rig.seconds(0.2)
+    left = rig.now.actual_qd[0] / fast
+    assert left > 0.95 if share else left < 0.5
+
+
+@pytest.mark.parametrize("dynamic", [True, False])
+def test_torques_that_stay_away_stop_the_arm(make, dynamic):
+    rig = torque_rig(make, dynamic=dynamic)
+    rig.script(torque_program((30, 100), end="sleep(1)"))
+    rig.until(lambda snapshot: abs(snapshot.actual_qd[0]) > 0.3)
+    speeds = [abs(rig.now.target_qd[0])]
+    while speeds[-1] and len(speeds) < 400:
+        speeds.append(abs(rig.tick().target_qd[0]))
+    assert rig.now.program_running
+    assert not any(rig.now.target_qd)
+    drops = [before - after for before, after in itertools.pairwise(speeds)]
+    assert max(drops) < 1.5 * 10.0 * rig.controller.period_s, "10 rad/s2, not all at once"
+
+
+@pytest.mark.parametrize("dynamic", [True, False])
+def test_an_outside_push_moves_an_arm_under_torque_control(make, dynamic):
+    rig = torque_rig(make, dynamic=dynamic)
+    rig.script(torque_program((0, 400)))
+    rig.seconds(0.1)
+    rig.controller.external_wrench = (0.0, 60.0, 0.0, 0.0, 0.0, 0.0)
+    rig.seconds(0.3)
+    assert abs(rig.now.actual_q[0] - BENT[0]) > 0.01
+
+
+@pytest.mark.parametrize("stop", ["pause", "protective stop"])
+def test_a_stop_ends_the_torques_and_holds_the_arm(make, stop):
+    rig = torque_rig(make, dynamic=True)
+    rig.script(torque_program((40, 5000)))
+    rig.until(lambda snapshot: snapshot.actual_qd[0] > 0.5)
+    assert rig.now.control_mode is ControlMode.TORQUE
+    if stop == "pause":
+        rig.controller.programs.pause("")
+    else:
+        rig.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
+    rig.seconds(1.0)
+    assert not any(rig.now.target_qd)
+    assert rig.now.control_mode is ControlMode.POSITION
+    assert error_rad(rig) < 5e-4
+
+
+def test_friction_shares_outside_0_to_1_end_the_program(make):
+    rig = torque_rig(make)
+    rig.script("direct_torque([0, 0, 0, 0, 0, 0], True, [0.9, 0.9, 1.1, 0.9, 0.9, 0.9])")
+    rig.seconds(0.2)
+    assert any("viscous_scale must be from 0 to 1" in str(message) for message in rig.messages)
+
+
+def test_the_model_of_friction_is_the_body_s(make):
+    """What the drives add before any deviation is RNEA, rotors and most of the friction of the target motion."""
+    rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
+    rig.script("speedj([0.5, 0, 0, 0, 0, 0], 2, 3)")
+    rig.seconds(1.0)
+    size = joint_sizes(load_model("ur5e"))[0]
+    expected = 0.9 * size.viscous_Nm_s * 0.5 + 0.8 * size.coulomb_Nm
+    assert rig.now.target_current[0] * rig.controller.model.torque_constants[0] == pytest.approx(expected, abs=0.05)
+
+
+def test_the_drives_expect_the_inertia_of_their_rotors(make):
+    rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
+    rig.script("speedj([1, 0, 0, 0, 0, 0], 4, 3)")
+    model = rig.controller.model
+    rig.until(lambda snapshot: snapshot.target_qd[0] > 0.5)
+    size = joint_sizes(model)[0]
+    friction = 0.9 * size.viscous_Nm_s * rig.now.target_qd[0] + 0.8 * size.coulomb_Nm
+    rotor = rig.now.target_current[0] * model.torque_constants[0] - rig.now.target_moment[0] - friction
+    assert rotor == pytest.approx(4.0 * size.rotor_kg_m2, abs=0.05)
+
+
+def test_the_weight_of_an_untold_payload_acts_where_it_hangs(make):
+    """About the flange: the payload's lever in base axes times its weight, whatever the TCP."""
+    rig = make("ur5e", running=True, initial_q=BENT)
+    rig.controller.set_tcp((0.0, 0.05, 0.2, 0.0, 0.0, 0.0))
+    rig.controller.post(MountPayload(Payload.of(2.0, (0.03, 0.0, 0.08))))
+    rig.tick()
+    flange = rig.controller.arm.flange_pose
+    hangs = pose_trans(flange, (0.03, 0.0, 0.08, 0.0, 0.0, 0.0))
+    lever = [a - b for a, b in zip(hangs[:3], flange[:3], strict=True)]
+    weight = (0.0, 0.0, -2.0 * 9.82)
+    assert rig.now.actual_TCP_force[:3] == pytest.approx(weight, abs=1e-9)
+    assert rig.now.actual_TCP_force[3:] == pytest.approx(np.cross(lever, weight), abs=1e-9)
+    rig.controller.arm.zero_force()
+    assert rig.tick().actual_TCP_force == pytest.approx(ZERO6, abs=1e-12)

@@ -1,0 +1,427 @@
+"""Limits: motion stays below them, what exceeds them is found out in time, and boundaries stop the arm before them."""
+
+import math
+from dataclasses import replace
+
+import coal
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emulator.lifecycle.safety import SafetyEvent, StopCategory
+from emulator.robot.arm import Arm
+from emulator.robot.vectors import ZERO6
+from emulator.safety.configuration import (
+    BoundaryMode,
+    Plane,
+    ToolOrientation,
+    ToolSphere,
+    factory_configuration,
+)
+from emulator.safety.geometry import CLAMPING_M, clamping_distance
+from emulator.safety.selfcollision import Capsule, SelfCollision, clearance
+from urproto.modes import RobotMode, RuntimeState, SafetyMode
+from urproto.primary.messages import ErrorCodeMessage
+from urproto.robots import load_model
+from urproto.robots.pose import rotvec_to_matrix
+
+STRETCHED = (0.0, -0.3, 0.2, 0.0, 0.0, 0.0)
+BENT = (0.0, -1.5, 1.5, -1.6, -1.57, 0.0)
+SWING = "def swing():\n  movej([3.0, -0.3, 0.2, 0.0, 0.0, 0.0], a=6, v=3)\nend\n"
+
+
+def safe(model, **changes):
+    return replace(factory_configuration(load_model(model)), **changes)
+
+
+def started(make, model, body=SWING, q=STRETCHED, **config):
+    rig = make(model, running=True, initial_q=q, **config)
+    rig.tick()
+    rig.script(body)
+    rig.until(lambda s: s.runtime_state is RuntimeState.PLAYING, 1.0)
+    return rig
+
+
+def tool_speed(snapshot):
+    return math.hypot(*snapshot.actual_TCP_speed[:3])
+
+
+def codes(rig):
+    return [(message.code, message.argument) for message in rig.said(ErrorCodeMessage)]
+
+
+def to_the_end(rig, watch=tool_speed):
+    """What ``watch`` sees, until the program is over or the safety system stops it."""
+    seen = []
+    while rig.now.runtime_state is RuntimeState.PLAYING and len(seen) < 20_000:
+        seen.append(watch(rig.tick()))
+    return seen
+
+
+# motion below the limits
+
+
+@pytest.mark.parametrize(
+    ("model", "reduced", "most"), [("ur5", False, 1.35), ("ur5e", False, 1.35), ("ur5e", True, 0.6)]
+)
+def test_paths_keep_below_the_tool_speed_limit(make, model, reduced, most):
+    rig = make(model, running=True, initial_q=STRETCHED)
+    rig.tick()
+    if reduced:
+        rig.controller.safety_event(SafetyEvent.REDUCED)
+    rig.script(SWING)
+    rig.until(lambda s: s.runtime_state is RuntimeState.PLAYING, 1.0)
+    scalings = []
+    speeds = to_the_end(rig, lambda s: (scalings.append(s.speed_scaling), tool_speed(s))[1])
+    assert max(speeds) == pytest.approx(most, rel=0.02)
+    assert min(scaling for scaling in scalings[1:-1]) < 0.9
+    assert rig.now.actual_q == pytest.approx((3.0, -0.3, 0.2, 0.0, 0.0, 0.0), abs=1e-9)
+    assert codes(rig) == []
+
+
+def test_stricter_limits_slow_a_path_in_time_and_keep_it(make):
+    rig = started(make, "ur5e")
+    rig.until(lambda s: tool_speed(s) > 1.3)
+    rig.controller.safety_event(SafetyEvent.REDUCED)
+    begin = rig.now.timestamp
+    before = rig.now.actual_qd[0]
+    while tool_speed(rig.tick()) > 0.61:
+        assert before - rig.now.actual_qd[0] <= 1.05 * 40.0 * 0.002
+        before = rig.now.actual_qd[0]
+        assert rig.now.actual_q[1:] == pytest.approx(STRETCHED[1:], abs=1e-9)
+    assert rig.now.timestamp - begin < 0.5  # hardware manual: for so long both sets of limits are accepted
+    assert max(to_the_end(rig)) <= 0.615
+    assert codes(rig) == []
+
+
+def test_the_elbow_is_limited_on_e_series_only(make):
+    slow = replace(safe("ur5e").normal, elbow_speed=0.4)
+    body = "def swing():\n  movej([0.0, -1.2, 0.2, 0.0, 0.0, 0.0], a=6, v=3)\nend\n"
+    rig = started(make, "ur5e", body, safety=safe("ur5e", normal=slow))
+    assert max(to_the_end(rig, lambda s: math.hypot(*s.elbow_velocity))) == pytest.approx(0.25, rel=0.02)
+
+
+def test_momentum_of_arm_and_payload_is_limited(make):
+    light = replace(safe("ur10e").normal, momentum=13.0)
+    rig = make("ur10e", running=True, initial_q=STRETCHED, safety=safe("ur10e", normal=light))
+    rig.script(SWING.replace("  movej", "  set_payload(10)\n  movej"))
+    rig.until(lambda s: s.runtime_state is RuntimeState.PLAYING, 1.0)
+    assert max(to_the_end(rig, lambda s: s.actual_momentum)) == pytest.approx(10.0, rel=0.02)
+
+
+def test_stopping_time_is_limited_by_speed(make):
+    quick = replace(safe("ur3e").normal, stopping_time=0.02)
+    rig = started(make, "ur3e", SWING, safety=safe("ur3e", normal=quick))
+    assert max(to_the_end(rig, lambda s: abs(s.actual_qd[0]))) == pytest.approx(0.02 * 40.0, rel=0.02)
+
+
+def test_joints_keep_a_margin_to_narrower_limits(make):
+    limits = safe("ur5").normal
+    narrow = replace(limits, joint_max=(1.0, *limits.joint_max[1:]))
+    rig = started(
+        make, "ur5", "def far():\n  speedj([0.5,0,0,0,0,0], a=1, t=9)\nend\n", safety=safe("ur5", normal=narrow)
+    )
+    rig.until(lambda s: s.safety_mode is SafetyMode.PROTECTIVE_STOP)
+    rig.seconds(0.5)
+    assert rig.now.actual_q[0] <= 1.0 - math.radians(3.0) + 1e-9
+    assert rig.now.actual_q[0] > 0.9
+    assert codes(rig) == [(150, 0)]
+
+
+# violations
+
+SERVO = """def servo():
+  i = 0
+  while i < 4000:
+    i = i + 1
+    servoj([0.004 * i, -0.3, 0.2, 0.0, 0.0, 0.0], t=0.002, lookahead_time=0.03, gain=2000)
+  end
+end
+"""
+
+
+def test_streamed_targets_that_are_too_fast_violate_the_speed_limit(make):
+    rig = started(make, "ur5e", SERVO)
+    rig.until(lambda s: tool_speed(s) > 1.55)
+    begin = rig.now.timestamp
+    rig.until(lambda s: s.safety_mode is SafetyMode.VIOLATION)
+    assert rig.now.timestamp - begin == pytest.approx(0.25, abs=0.01)  # hardware manual: detection
+    assert codes(rig) == [(191, 3)]
+    assert rig.now.robot_mode is RobotMode.POWER_OFF  # power goes at once, the brakes stop the arm
+    q, qd = rig.now.actual_q[0], rig.now.actual_qd[0]
+    assert qd > 1.0
+    rig.until(lambda s: not any(s.actual_qd), 0.5)
+    brake = 1.5 * 40.0
+    assert rig.now.actual_q[0] - q <= qd * qd / (2.0 * brake) + qd * 0.002 + 1e-9
+    stop = rig.controller.safety_board.last_stop
+    assert (stop.category, stop.done) == (StopCategory.POWER_REMOVED, True)
+    assert 0.0 < stop.distance_m < 0.1
+    rig.until(lambda s: s.runtime_state is RuntimeState.STOPPED, 0.5)
+
+
+FREE = "def free():\n  freedrive_mode()\n  sleep(5)\nend\n"
+
+
+def test_a_force_over_the_limit_is_a_violation_after_a_quarter_of_a_second(make):
+    rig = started(
+        make,
+        "ur5e",
+        "def hold():\n  force_mode(p[0,0,0,0,0,0],[0,0,0,0,0,0],[0,0,0,0,0,0],2,[1,1,1,1,1,1])\n  sleep(5)\nend\n",
+        BENT,
+    )
+    rig.controller.external_wrench = (0.0, 0.0, -170.0, 0.0, 0.0, 0.0)
+    rig.seconds(1.0)
+    assert codes(rig) == []  # over 150 N, but within the tolerance of 25 N
+    rig.controller.external_wrench = (0.0, 0.0, -180.0, 0.0, 0.0, 0.0)
+    begin = rig.now.timestamp
+    rig.until(lambda s: s.safety_mode is SafetyMode.VIOLATION, 1.0)
+    assert rig.now.timestamp - begin == pytest.approx(0.25, abs=0.005)
+    assert codes(rig) == [(191, 7)]
+
+
+def test_a_short_peak_of_force_is_no_violation(make):
+    rig = started(make, "ur5e", FREE, BENT)
+    for _ in range(5):
+        rig.controller.external_wrench = (0.0, 0.0, 200.0, 0.0, 0.0, 0.0)
+        rig.seconds(0.2)
+        rig.controller.external_wrench = (0.0,) * 6
+        rig.seconds(0.2)
+    assert rig.now.safety_mode is not SafetyMode.VIOLATION
+
+
+# protective stops
+
+
+def test_a_push_that_the_currents_feel_is_a_collision(make):
+    rig = started(make, "ur5e", "def stand():\n  sleep(5)\nend\n", BENT)
+    rig.controller.external_wrench = (0.0, 0.0, -40.0, 0.0, 0.0, 0.0)
+    rig.seconds(0.5)
+    assert rig.now.collision_detection_ratio < 1.0
+    assert codes(rig) == []
+    rig.controller.external_wrench = (0.0, 0.0, -140.0, 0.0, 0.0, 0.0)
+    rig.until(lambda s: s.safety_mode is SafetyMode.PROTECTIVE_STOP, 0.1)
+    [(code, joint)] = codes(rig)
+    window, now = rig.now.actual_current_window, rig.now
+    shares = [abs(a - t) / w for a, t, w in zip(now.actual_current, now.target_current, window, strict=True)]
+    assert (code, joint) == (157, shares.index(max(shares)))
+
+
+def test_the_same_push_moves_an_arm_that_yields(make):
+    rig = started(make, "ur5e", FREE, BENT)
+    rig.controller.external_wrench = (0.0, 0.0, 140.0, 0.0, 0.0, 0.0)
+    before = rig.now.actual_TCP_pose[2]
+    rig.seconds(0.2)
+    assert codes(rig) == []
+    assert rig.now.actual_TCP_pose[2] > before
+
+
+def test_a_joint_far_from_its_target_deviates_from_the_path(make, monkeypatch):
+    rig = started(make, "ur5e")
+    monkeypatch.setattr(Arm, "following_error", property(lambda _: (0.0, 0.0, 0.0, -0.2, 0.0, 0.0)))
+    rig.until(lambda s: s.safety_mode is SafetyMode.PROTECTIVE_STOP, 0.1)
+    assert codes(rig) == [(153, 3)]
+
+
+DOWN = "def down():\n  movel(pose_add(get_actual_tcp_pose(), p[0, 0, -0.4, 0, 0, 0]), a=1.2, v=0.8)\nend\n"
+
+
+@pytest.mark.parametrize("model", ["ur5", "ur5e"])
+def test_the_arm_stops_before_a_safety_plane(make, model):
+    height = make(model, initial_q=BENT).now.actual_TCP_pose[2]
+    table = Plane("table", (0.0, 0.0, 1.0), -(height - 0.2), BoundaryMode.BOTH)
+    rig = started(make, model, DOWN, BENT, safety=safe(model, planes=(table,)))
+    rig.until(lambda s: s.safety_mode is SafetyMode.PROTECTIVE_STOP, 5.0)
+    rig.seconds(0.5)
+    assert 0.0 <= table.depth(rig.now.actual_TCP_pose[:3]) < 0.05
+    assert codes(rig) == [(152, 0)]
+    assert rig.now.runtime_state is RuntimeState.PAUSED
+    rig.seconds(5.0)
+    rig.ask("unlock protective stop")
+    assert rig.now.safety_mode is SafetyMode.NORMAL
+    rig.ask("stop")
+    rig.script(DOWN.replace("-0.4", "0.1"))  # away from it
+    rig.until(lambda s: s.runtime_state is RuntimeState.PLAYING, 1.0)
+    to_the_end(rig)
+    assert rig.now.safety_mode is SafetyMode.NORMAL
+    assert table.depth(rig.now.actual_TCP_pose[:3]) > 0.1
+
+
+def test_a_plane_of_reduced_mode_does_not_count_in_normal_mode(make):
+    height = make("ur5e", initial_q=BENT).now.actual_TCP_pose[2]
+    table = Plane("table", (0.0, 0.0, 1.0), -(height - 0.1), BoundaryMode.REDUCED)
+    rig = started(make, "ur5e", DOWN.replace("-0.4", "-0.2"), BENT, safety=safe("ur5e", planes=(table,)))
+    to_the_end(rig)
+    assert codes(rig) == []
+    assert table.depth(rig.now.actual_TCP_pose[:3]) < -0.05
+
+
+def test_a_tool_sphere_touches_before_the_tool_centre(make):
+    height = make("ur5e", initial_q=BENT).now.actual_TCP_pose[2]
+    table = Plane("table", (0.0, 0.0, 1.0), -(height - 0.2), BoundaryMode.NORMAL)
+    sphere = ToolSphere((0.0, 0.0, 0.0), 0.08)
+    rig = started(make, "ur5e", DOWN, BENT, safety=safe("ur5e", planes=(table,), tool_spheres=(sphere,)))
+    rig.until(lambda s: s.safety_mode is SafetyMode.PROTECTIVE_STOP, 5.0)
+    rig.seconds(0.3)
+    assert 0.08 <= table.depth(rig.now.actual_TCP_pose[:3]) < 0.12
+
+
+def test_the_elbow_stops_before_a_plane_that_restricts_it(make):
+    """The tool stays far inside; the elbow's sphere of 0.13 m does not pass."""
+    q, there = (math.pi, -1.57, 2.6, -1.6, -1.57, 0.0), [math.pi, -2.7, 2.6, -1.6, -1.57, 0.0]
+    body = f"def lean():\n  movej({there}, a=1, v=0.5)\nend\n"
+    for elbow, expected in ((True, [(400, 0)]), (False, [])):
+        wall = Plane("wall", (1.0, 0.0, 0.0), 0.3, BoundaryMode.NORMAL, elbow=elbow)
+        rig = started(make, "ur5e", body, q, safety=safe("ur5e", planes=(wall,)))
+        to_the_end(rig)
+        rig.seconds(0.3)
+        assert codes(rig) == expected
+        assert (rig.now.elbow_position[0] >= 0.13 - 0.3) is elbow
+
+
+def test_the_tool_stops_before_its_orientation_limit(make):
+    rig = make("ur5e", running=True, initial_q=BENT)
+    rig.tick()
+    limit = ToolOrientation((0.0, 0.0, -1.0), 0.5, BoundaryMode.BOTH)
+    rig = started(
+        make,
+        "ur5e",
+        "def tilt():\n  movel(pose_trans(get_actual_tcp_pose(), p[0, 0, 0, 1.0, 0, 0]), a=1, v=0.2)\nend\n",
+        BENT,
+        safety=safe("ur5e", tool_orientation=limit),
+    )
+    rig.until(lambda s: s.safety_mode is SafetyMode.PROTECTIVE_STOP, 10.0)
+    rig.seconds(0.5)
+    down = rig.controller.arm.flange_pose[3:]
+    angle = math.acos(-rotvec_to_matrix(*down)[8])
+    assert 0.45 < angle <= 0.5 + 1e-9
+    assert codes(rig) == [(151, 0)]
+
+
+def test_a_trigger_plane_reduces_beyond_it_and_a_bit_before_it(make):
+    height = make("ur5e", initial_q=BENT).now.actual_TCP_pose[2]
+    plane = Plane("zone", (0.0, 0.0, 1.0), -(height - 0.1), BoundaryMode.TRIGGER)
+    rig = started(make, "ur5e", DOWN.replace("-0.4", "-0.2"), BENT, safety=safe("ur5e", planes=(plane,)))
+    rig.until(lambda s: s.safety_mode is SafetyMode.REDUCED, 3.0)
+    assert -0.01 < plane.depth(rig.now.actual_TCP_pose[:3]) <= 0.0
+    to_the_end(rig)
+    rig.script(DOWN.replace("-0.4", "0.2"))
+    rig.until(lambda s: s.safety_mode is SafetyMode.NORMAL, 3.0)
+    assert 0.02 <= plane.depth(rig.now.actual_TCP_pose[:3]) < 0.03
+    to_the_end(rig)
+    assert codes(rig) == []
+
+
+# the pose of a UR5e at which the forum's reporter was stopped, and one on the way there
+CLAMPED = tuple(map(math.radians, (136.46, 4.19, 63.94, 98.65, -133.19, -10.6)))
+OPEN = (*CLAMPED[:3], CLAMPED[3] - 1.0, *CLAMPED[4:])
+
+
+def test_a_reported_pose_counts_as_clamping():
+    model = load_model("ur5e")
+    arm = Arm(model)
+    arm.q = CLAMPED
+    arm._tool.update(CLAMPED, ZERO6, ZERO6, model.series.period_s, started=True)
+    assert 0.1 < clamping_distance(model, arm) < CLAMPING_M
+
+
+@pytest.mark.parametrize(("model", "expected"), [("ur5e", [(403, 0)]), ("ur5", [])])
+def test_the_flange_does_not_clamp_the_lower_arm_on_e_series(make, model, expected):
+    body = f"def fold():\n  movej({list(CLAMPED)}, a=1, v=0.5)\nend\n"
+    rig = started(make, model, body, OPEN)
+    to_the_end(rig)
+    rig.seconds(0.3)
+    assert codes(rig) == expected
+
+
+# the arm against itself
+
+points = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
+
+
+@given(points, points, points, points)
+def test_distances_of_capsules_are_those_of_a_collision_library(a, b, c, d):
+    one, other = Capsule(a, b, 0.05), Capsule(c, d, 0.1)
+    result = coal.DistanceResult()
+    coal.distance(*_solid(one), *_solid(other), coal.DistanceRequest(), result)
+    ours = clearance(one, other)
+    if result.min_distance > 0.0 or ours > 0.0:
+        assert ours == pytest.approx(result.min_distance, abs=1e-4)
+
+
+def _solid(capsule):
+    a, b = np.array(capsule.a), np.array(capsule.b)
+    axis = b - a
+    length = np.linalg.norm(axis)
+    z = axis / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
+    helper = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    x = np.cross(helper, z)
+    x /= np.linalg.norm(x)
+    turn = np.column_stack([x, np.cross(z, x), z])
+    return coal.Capsule(capsule.radius, length), coal.Transform3s(turn, (a + b) / 2)
+
+
+@pytest.mark.parametrize("model", ["ur3e", "ur5", "ur5e", "ur10e"])
+def test_ordinary_poses_are_free(model):
+    links = SelfCollision(load_model(model))
+    for q in (BENT, STRETCHED, load_model(model).home_q):
+        assert links.clearance(q) > 0.0
+
+
+@pytest.mark.parametrize(("asked", "expected"), [(True, True), (False, False)])
+def test_the_arm_against_itself_is_a_collision_where_asked_for(make, asked, expected):
+    body = "def fold():\n  movej([0, -1.57, 3.0, -1.57, -1.57, 0], a=1, v=0.5)\nend\n"
+    rig = started(make, "ur5", body, BENT, self_collision=asked)
+    to_the_end(rig)
+    assert bool(codes(rig)) is expected
+    assert {code for code, _ in codes(rig)} <= {157}
+
+
+# stops
+
+
+@pytest.mark.parametrize(
+    ("event", "category"),
+    [
+        (SafetyEvent.PROTECTIVE_STOP, StopCategory.CONTROLLED),
+        (SafetyEvent.SAFEGUARD_OPEN, StopCategory.CONTROLLED),
+        (SafetyEvent.ROBOT_EMERGENCY_STOP, StopCategory.CONTROLLED_THEN_OFF),
+        (SafetyEvent.FAULT, StopCategory.POWER_REMOVED),
+    ],
+)
+@pytest.mark.parametrize("model", ["ur5", "ur5e"])
+def test_how_far_and_how_hard_a_stop_is(make, model, event, category):
+    rig = started(make, model)
+    rig.until(lambda s: tool_speed(s) > 1.3)
+    rig.seconds(0.1)
+    rig.controller.safety_event(event)
+    speed, q, period = rig.now.actual_qd[0], rig.now.actual_q[0], rig.controller.period_s
+    decelerations, powered = [], []
+    while any(rig.tick().actual_qd) or not decelerations:
+        decelerations.append(-rig.now.target_qdd[0])
+        powered.append(rig.now.robot_mode is RobotMode.RUNNING)
+        if category is not StopCategory.POWER_REMOVED:
+            assert rig.now.actual_q[1:] == pytest.approx(STRETCHED[1:], abs=1e-6)  # on its path
+    most = 40.0 * (1.5 if category is StopCategory.POWER_REMOVED else 1.0)
+    assert max(decelerations[:-1]) <= 1.05 * most
+    assert all(powered) is (category is not StopCategory.POWER_REMOVED)
+    moved, ideal = rig.now.actual_q[0] - q, speed * speed / (2.0 * most)
+    assert ideal - speed * period <= moved <= ideal + 3.0 * speed * period
+    rig.tick()
+    stop = rig.controller.safety_board.last_stop
+    assert (stop.category, stop.done) == (category, True)
+    assert stop.duration_s == pytest.approx(speed / most, abs=3.0 * period)
+    assert stop.distance_m == pytest.approx(moved * 0.95, rel=0.4)
+    assert rig.now.robot_mode is (RobotMode.RUNNING if category is StopCategory.CONTROLLED else RobotMode.POWER_OFF)
+
+
+def test_a_stop_that_takes_too_long_is_a_violation(make):
+    """CB3 manual: braking begins within 24 ms and is over after 500 ms."""
+    weak = replace(load_model("ur5"), qdd_max=(2.0,) * 6)
+    rig = started(make, weak, SWING.replace("a=6, v=3", "a=2, v=1.4"))
+    rig.until(lambda s: s.actual_qd[0] > 1.3)
+    rig.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
+    begin = rig.now.timestamp
+    rig.until(lambda s: s.safety_mode is SafetyMode.VIOLATION, 1.0)
+    assert rig.now.timestamp - begin == pytest.approx(0.524, abs=0.02)
+    assert codes(rig)[-1] == (191, 16)

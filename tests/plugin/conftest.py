@@ -1,0 +1,31 @@
+"""pytest in a process of its own, with the plugin as a user has it."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))  # the helper beside this file; importlib mode does not add its folder
+
+from tests_of_users import PLUGIN
+
+_QUIET = ("-p", "no:cacheprovider", "-W", "ignore::pytest.PytestDeprecationWarning")
+PATIENCE_S = 100.0
+
+if sys.platform != "linux":  # leaks of ports are seen, and own addresses there are, on Linux
+    collect_ignore_glob = ["test_*"]
+
+RunTests = Callable[..., pytest.RunResult]
+
+
+@pytest.fixture
+def run_tests(pytester: pytest.Pytester) -> RunTests:
+    """Run a file of tests with these options of pytest; the outcome."""
+
+    def run(source: str, *options: str) -> pytest.RunResult:
+        pytester.makepyfile(source)
+        command = [sys.executable, "-m", "pytest", *PLUGIN, *_QUIET, *options]
+        return pytester.run(*command, timeout=PATIENCE_S)
+
+    return run

@@ -1,0 +1,212 @@
+"""Robots for tests: the fixtures ``ur_emulator`` and ``ur_robot``, and what belongs to them. See docs/testing.md.
+
+Loading this costs every pytest run next to nothing: what the fixtures need is imported when a test asks for one.
+"""
+
+from collections.abc import Generator, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+import pytest
+
+if TYPE_CHECKING:
+    import asyncio
+
+    from emulator.control.control import VirtualRobot
+    from urproto.testing.leaks import Belongings
+    from urproto.testing.process import EmulatorProcess
+
+_DEFAULT_MODEL: Final = "ur3"
+_FIXTURES: Final = {"ur_emulator", "ur_robot", "make_ur_emulator"}
+_MARKERS: Final = (
+    "ur_model(model=None, **options): which arm ur_emulator or ur_robot is, and options of ur-emulator, for example "
+    'ur_model("ur5e", polyscope="5.12", running=True, speed=10)',
+    "ur_leaves_things: let a test with an emulated robot leave threads, tasks or listening ports behind",
+)
+
+_started: "pytest.StashKey[list[EmulatorProcess]]" = pytest.StashKey()
+_failed: "pytest.StashKey[bool]" = pytest.StashKey()
+_allowed: "pytest.StashKey[Belongings | None]" = pytest.StashKey()  # of the test that runs, if it uses robots
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Defaults of the markers."""
+    group = parser.getgroup("ur_emulator", "emulated Universal Robots")
+    group.addoption("--ur-model", metavar="NAME", help=f"arm of tests that name none (default {_DEFAULT_MODEL})")
+    group.addoption("--ur-polyscope", metavar="VERSION", help="its PolyScope version")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    for marker in _MARKERS:
+        config.addinivalue_line("markers", marker)
+
+
+# fixtures
+
+
+class MakeEmulator(Protocol):
+    """Starts an emulator that ends with the test."""
+
+    def __call__(self, model: str | None = None, **options: Any) -> "EmulatorProcess": ...
+
+
+@pytest.fixture
+def make_ur_emulator(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, _ur_tasks: None
+) -> Iterator[MakeEmulator]:
+    """Start emulators with options as the marker ``ur_model`` has them, each on an address of its own."""
+    from urproto.testing.options import command_line, write_positions
+    from urproto.testing.process import EmulatorProcess
+
+    emulators = request.node.stash[_started] = []
+
+    def make(model: str | None = None, **options: Any) -> EmulatorProcess:
+        __tracebackhide__ = True
+        options = _with_defaults(request.config, {"model": model, **options})
+        token = options.pop("control_token", "")
+        if (q_rad := options.pop("initial_q", None)) is not None:
+            options["initial_positions"] = write_positions(tmp_path_factory.mktemp("ur") / "positions.yaml", q_rad)
+        emulators.append(EmulatorProcess(command_line(options), token=token))
+        return emulators[-1].start()
+
+    try:
+        yield make
+    finally:
+        crashed = [emulator for emulator in emulators if emulator.crashed]
+        complaints = [f"the emulator ended with status {one.status}:\n{one.output}" for one in crashed]
+        for emulator in emulators:
+            emulator.dispose()
+    if complaints:
+        pytest.fail("\n".join(complaints), pytrace=False)
+
+
+@pytest.fixture
+def ur_emulator(request: pytest.FixtureRequest, make_ur_emulator: MakeEmulator) -> "EmulatorProcess":
+    """An emulator in a process of its own: ``host``, ``ports``, and the verbs of its control API as methods."""
+    __tracebackhide__ = True
+    return make_ur_emulator(**_marked_options(request.node))
+
+
+@pytest.fixture
+def ur_robot(request: pytest.FixtureRequest, _ur_tasks: None) -> "VirtualRobot":
+    """A robot in this process, in virtual time, without ports: the verbs of the control API as methods."""
+    from urproto.testing.virtual import virtual_robot
+
+    __tracebackhide__ = True
+    return virtual_robot(**_with_defaults(request.config, _marked_options(request.node)))
+
+
+def _marked_options(node: pytest.Item) -> dict[str, Any]:
+    """Of all markers of a test, the closest one deciding."""
+    options: dict[str, Any] = {}
+    for marker in reversed(list(node.iter_markers("ur_model"))):
+        if len(marker.args) > 1:
+            raise pytest.UsageError(f"ur_model takes a model and named options, not {marker.args}")
+        options |= {"model": marker.args[0]} if marker.args else {}
+        options |= marker.kwargs
+    return options
+
+
+def _with_defaults(config: pytest.Config, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The command line's model, and with it the version, for a test that names no model."""
+    if options.get("model") is not None:
+        return dict(options)
+    model = config.getoption("--ur-model") or _DEFAULT_MODEL
+    polyscope = options.get("polyscope", config.getoption("--ur-polyscope"))
+    return {**options, "model": model, "polyscope": polyscope}
+
+
+# what a test leaves behind
+
+
+@pytest.fixture
+def _ur_tasks(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Fail a test that leaves asyncio tasks in the event loop that pytest-asyncio runs it in."""
+    runners = [name for name in request.fixturenames if name.endswith("_scoped_runner")]
+    loops = [request.getfixturevalue(name).get_loop() for name in runners]  # so they end after this fixture
+    before = _tasks(loops)
+    yield
+    left = _tasks(loops) - before
+    if left and _is_judged(request.node):
+        names = ", ".join(sorted(f"{task.get_name()} ({_coroutine_name(task)})" for task in left))
+        _complain([f"asyncio tasks: {names}"])
+
+
+def _tasks(loops: "list[asyncio.AbstractEventLoop]") -> "set[asyncio.Task[Any]]":
+    if not loops:
+        return set()
+    import asyncio
+
+    return {task for loop in loops for task in asyncio.all_tasks(loop)}
+
+
+def _coroutine_name(task: "asyncio.Task[Any]") -> str:
+    return getattr(task.get_coro(), "__qualname__", "?")
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
+    __tracebackhide__ = True
+    item.stash[_failed] = False
+    if _uses_robots(item):
+        from urproto.testing.leaks import Belongings
+
+        item.config.stash[_allowed] = Belongings.now()
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup(
+    fixturedef: "pytest.FixtureDef[Any]", request: pytest.FixtureRequest
+) -> Generator[None, object, object]:
+    """What a fixture of a wider scope starts may outlive the test that happens to come first."""
+    __tracebackhide__ = True
+    allowed = request.config.stash.get(_allowed, None)
+    if allowed is None or fixturedef.scope == "function":
+        return (yield)
+    before = allowed.now()
+    result = yield
+    allowed.add(before.new())
+    return result
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_teardown(item: pytest.Item) -> Generator[None, object, object]:
+    __tracebackhide__ = True
+    try:
+        result = yield
+    finally:
+        allowed = item.config.stash.get(_allowed, None)
+        item.config.stash[_allowed] = None
+    if allowed is not None and _is_judged(item) and (complaints := allowed.complaints()):
+        _complain(complaints)
+    return result
+
+
+def _uses_robots(item: pytest.Item) -> bool:
+    return not _FIXTURES.isdisjoint(getattr(item, "fixturenames", ()))
+
+
+def _is_judged(item: pytest.Item) -> bool:
+    """A test that has failed seldom comes to tidying up: one report is enough."""
+    return not item.stash.get(_failed, False) and item.get_closest_marker("ur_leaves_things") is None
+
+
+def _complain(left: list[str]) -> None:
+    pytest.fail("left behind by the test: " + "; ".join(left), pytrace=False)
+
+
+# what explains a failure
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: "pytest.CallInfo[None]"
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    if report.failed:
+        item.stash[_failed] = True
+        for emulator in item.stash.get(_started, []):
+            report.sections += [
+                (f"ur_emulator {emulator.host}: {name}", text) for name, text in emulator.explanation().items()
+            ]
+    return report

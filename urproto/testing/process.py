@@ -1,0 +1,208 @@
+"""An emulator in a process of its own, on a loopback address of its own."""
+
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Self
+
+from urproto.testing import launch
+from urproto.testing.addresses import claim_address
+from urproto.testing.installed import load
+
+if TYPE_CHECKING:
+    from emulator.control.remote import RemoteControl
+
+__all__ = ["EmulatorError", "EmulatorProcess"]
+
+_START_DEADLINE_S: Final = 60.0  # guess: it takes a second, a loaded machine a few
+_STOP_DEADLINE_S: Final = 10.0  # guess
+_LOOK_S: Final = 0.02  # between two looks at whether it is ready
+_LOG_LINES: Final = 30
+_LOG_PATIENCE_S: Final = 3.0  # guess: a test has failed already, nobody should wait long for its explanation
+_TAIL: Final = 4000  # characters of its output in an error
+
+
+class EmulatorError(AssertionError):
+    """The emulator did not get ready, or did not end; the text has the end of its output."""
+
+
+class EmulatorProcess:
+    """An emulator with these options of ``ur-emulator``, from ``start`` (or entering) to ``dispose`` (or leaving).
+
+    host: its address, one of its own unless given; only the machine's single loopback address, where there are no
+    more, makes it take free ports. token: what its control API demands. Verbs of the control API are methods:
+    ``robot.press_emergency_stop()``; ``control`` has all of them, also those whose names mean something else here.
+    """
+
+    def __init__(self, arguments: Sequence[str] = (), host: str | None = None, token: str = "") -> None:
+        self._address = None if host else claim_address()
+        self.host: str = host or (self._address.host if self._address else "")
+        self._arguments = [*arguments]
+        if self._address is not None and self._address.shared and "--ephemeral-ports" not in arguments:
+            self._arguments.append("--ephemeral-ports")
+        if token:
+            self._arguments += ["--control-token", token]
+        self._token = token
+        self._folder = tempfile.TemporaryDirectory(prefix="ur-emulator-")
+        self._process: subprocess.Popen[bytes] | None = None
+        self._control: RemoteControl | None = None
+        self._ended_here = False
+
+    def __enter__(self) -> Self:
+        try:
+            return self.start()
+        except BaseException:
+            self.dispose()
+            raise
+
+    def __exit__(self, *_: object) -> None:
+        self.dispose()
+
+    def start(self, *, wait: bool = True) -> Self:
+        """Start it, again too, and wait until it is ready. Raises EmulatorError."""
+        __tracebackhide__ = True
+        if self.running:
+            raise EmulatorError(f"the emulator on {self.host} runs already")
+        self._ports_file.unlink(missing_ok=True)
+        place = ["--host", self.host, "--ports-file", str(self._ports_file)]
+        command = [sys.executable, "-P", str(Path(launch.__file__)), *place, *self._arguments]
+        self._ended_here = False
+        with self._output_file.open("wb") as output:
+            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=output, stderr=subprocess.STDOUT)
+        return self.wait_ready() if wait else self
+
+    def wait_ready(self, timeout_s: float = _START_DEADLINE_S) -> Self:
+        """Wait until every port has answered a handshake. Raises EmulatorError."""
+        __tracebackhide__ = True  # a test's reader wants to know what the emulator said
+        process = self._started()
+        deadline = time.monotonic() + timeout_s
+        while not self._ports_file.exists():
+            try:
+                status = process.wait(timeout=_LOOK_S)
+            except subprocess.TimeoutExpired:
+                pass
+            else:
+                self._ended_here = True  # and told, here
+                raise EmulatorError(f"the emulator ended with status {status} before it was ready:\n{self._tail()}")
+            if time.monotonic() > deadline:
+                self.kill()
+                raise EmulatorError(f"the emulator was not ready within {timeout_s:g} s:\n{self._tail()}")
+        return self
+
+    @property
+    def running(self) -> bool:
+        """Whether the process is there."""
+        return self._process is not None and self._process.poll() is None
+
+    @property
+    def crashed(self) -> bool:
+        """Whether it ended by itself, other than well."""
+        return self._process is not None and not self._ended_here and self._process.poll() not in (None, 0)
+
+    @property
+    def status(self) -> int | None:
+        """Its exit status, None while it runs."""
+        return self._started().poll()
+
+    @property
+    def ports(self) -> Mapping[str, int]:
+        """The port each server listens on, by its name: ``ports["rtde"]``."""
+        self.wait_ready()
+        ports: dict[str, int] = json.loads(self._ports_file.read_text())
+        return ports
+
+    @property
+    def output(self) -> str:
+        """What it printed since its last start."""
+        return self._output_file.read_text(errors="replace") if self._output_file.exists() else ""
+
+    def explanation(self) -> dict[str, str]:
+        """What may explain a failure: what it printed, and the robot's own log. Only what there is."""
+        texts = {"output": self.output.strip(), "log": "\n".join(self._log_lines())}
+        return {name: text for name, text in texts.items() if text}
+
+    @property
+    def control(self) -> "RemoteControl":
+        """The verbs of its control API."""
+        if self._control is None:
+            if "control" not in self.ports:
+                raise RuntimeError("this emulator was started without its control API")
+            remote = load("emulator.control.remote")
+            self._control = remote.RemoteControl(self.host, self.ports["control"], self._token, timeout_s=None)
+        return self._control
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.control, name)
+
+    def stop(self) -> int:
+        """End it the way Ctrl-C does and return its exit status. Raises EmulatorError when it does not end."""
+        process = self._started()
+        self._ended_here = True
+        process.send_signal(signal.SIGINT)
+        try:
+            status = process.wait(_STOP_DEADLINE_S)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            raise EmulatorError(f"the emulator did not end within {_STOP_DEADLINE_S:g} s:\n{self._tail()}") from None
+        self._clean_up()
+        return status
+
+    def kill(self) -> None:
+        """End it without any goodbye, as a power cut does; ``start`` switches it on again."""
+        process = self._started()
+        self._ended_here = self._ended_here or process.poll() is None
+        process.kill()
+        process.wait()
+        self._clean_up()
+
+    def dispose(self) -> None:
+        """Kill what still runs, remove what it left on disk, give its address back."""
+        if self._process is not None:
+            self.kill()
+        self._folder.cleanup()
+        if self._address is not None:
+            self._address.release()
+
+    @property
+    def _ports_file(self) -> Path:
+        return Path(self._folder.name, "ports.json")
+
+    @property
+    def _output_file(self) -> Path:
+        return Path(self._folder.name, "output")
+
+    def _started(self) -> "subprocess.Popen[bytes]":
+        if self._process is None:
+            raise EmulatorError(f"the emulator on {self.host} was not started")
+        return self._process
+
+    def _clean_up(self) -> None:
+        if self._process is not None and self._process.stdin is not None:
+            self._process.stdin.close()
+        if self._control is not None:
+            self._control.close()
+            self._control = None
+
+    def _log_lines(self) -> list[str]:
+        if not self.running or not self._ports_file.exists() or "control" not in self.ports:
+            return []
+        client = load("emulator.control.remote").ControlClient(
+            self.host, self.ports["control"], self._token, _LOG_PATIENCE_S
+        )
+        try:
+            lines: list[str] = client.call("log", {"lines": _LOG_LINES})
+        except OSError as error:
+            return [str(error)]
+        finally:
+            client.close()
+        return lines
+
+    def _tail(self) -> str:
+        return self.output[-_TAIL:]
