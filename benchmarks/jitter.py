@@ -28,6 +28,7 @@ SECONDS = 60.0
 CLIENTS = 5
 NAMES = ("timestamp", "actual_q", "actual_qd", "target_q", "actual_TCP_pose", "robot_mode", "runtime_state")
 SHARES = (0.5, 0.99, 0.999, 1.0)
+_START_REPLY = 4  # bytes; data follow at once
 _ABSOLUTE = 1  # TIMER_ABSTIME of clock_nanosleep(2)
 
 
@@ -48,12 +49,12 @@ def measure(seconds: float = SECONDS) -> Table:
 
 def _run(model: str, clients: int, seconds: float) -> list[list[str]]:
     period_s = load_model(model).series.period_s
-    serve = _child("serve", model)
+    serve = child("serve", model)
     assert serve.stdout is not None
     port = json.loads(serve.stdout.readline())["port"]
-    sleeping = _child("sleep", str(period_s), str(seconds))
+    sleeping = child("sleep", str(period_s), str(seconds))
     lost = _receive(port, clients, period_s, seconds)
-    served, slept = _result(serve), _result(sleeping)
+    served, slept = result(serve), result(sleeping)
     head = [model, f"{1 / period_s:.0f} Hz", str(clients)]
     return [
         [*head, "emulator", *served, str(lost)],
@@ -61,12 +62,13 @@ def _run(model: str, clients: int, seconds: float) -> list[list[str]]:
     ]
 
 
-def _child(*arguments: str) -> "subprocess.Popen[str]":
+def child(*arguments: str) -> "subprocess.Popen[str]":
+    """This file in a process of its own, see ``main``."""
     command = [sys.executable, __file__, *arguments]
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
 
-def _result(process: "subprocess.Popen[str]") -> list[str]:
+def result(process: "subprocess.Popen[str]") -> list[str]:
     """End a child and read the row it prints."""
     out, _ = process.communicate()
     row: list[str] = json.loads(out.splitlines()[-1])
@@ -75,27 +77,32 @@ def _result(process: "subprocess.Popen[str]") -> list[str]:
 
 def _receive(port: int, clients: int, period_s: float, seconds: float) -> int:
     """Packages that did not come, over all clients."""
-    received = {_connect(port, 1 / period_s): bytearray() for _ in range(clients)}
+    received = {connect(port, 1 / period_s): bytearray() for _ in range(clients)}
     until = time.monotonic() + seconds
     while (left := until - time.monotonic()) > 0:
         for connection in select.select(list(received), [], [], left)[0]:
             received[connection] += connection.recv(65536)
     for connection in received:
         connection.close()
-    return sum(_gaps(bytes(data), period_s) for data in received.values())
+    return sum(gaps(bytes(data), period_s) for data in received.values())
 
 
-def _gaps(data: bytes, period_s: float) -> int:
+def gaps(data: bytes, period_s: float) -> int:
     """Control periods between the first and the last package that sent none."""
     stamps: list[float] = [struct.unpack(">d", package.payload[1:9])[0] for package in RTDEDecoder().feed(data)]
     return round((stamps[-1] - stamps[0]) / period_s) + 1 - len(stamps)
 
 
-def _connect(port: int, frequency_hz: float) -> socket.socket:
-    connection = socket.create_connection(("127.0.0.1", port))
-    for request in (RequestProtocol(2), SetupOutputs(NAMES, frequency_hz), Start()):
+def connect(port: int, frequency_hz: float, host: str = "127.0.0.1") -> socket.socket:
+    """An RTDE client that streams."""
+    connection = socket.create_connection((host, port))
+    for request, most in (
+        (RequestProtocol(2), 4096),
+        (SetupOutputs(NAMES, frequency_hz), 4096),
+        (Start(), _START_REPLY),
+    ):
         connection.sendall(request.encode(2))
-        connection.recv(4096)
+        connection.recv(most)
     return connection
 
 

@@ -8,6 +8,7 @@ import platform
 import sys
 from pathlib import Path
 
+import fleet
 import jitter
 import latency
 import rtde_codec
@@ -31,6 +32,7 @@ def main() -> None:
     tables = (
         startup.measure(),
         jitter.measure(seconds),
+        fleet.measure(),
         latency.measure(),
         tick_rate.measure(),
         tick_rate.measure_dynamics(),

@@ -24,6 +24,7 @@ from emulator.control.verbs import verbs_of
 from emulator.dashboard import COMMANDS
 from emulator.faults.catalogue import SUBJECTS, kinds
 from emulator.faults.fault import Fault
+from emulator.fleet import command as fleet
 from emulator.lifecycle.power import POWER_TABLE
 from emulator.lifecycle.runstate import RUN_TABLE
 from emulator.lifecycle.safety import SAFETY_TABLE
@@ -114,6 +115,7 @@ def command_line() -> str:
     parts = ["# Command line", NOTICE]
     apps = (
         ("ur-emulator", emulator_cli.app),
+        ("ur-emulator fleet", fleet.app),
         ("ur-emulator ctl", ctl.app),
         ("ur-emulator-check", check.app),
         ("ur-client", client_cli.app),

@@ -10,13 +10,15 @@ import logging
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from enum import StrEnum
+from functools import wraps
 from importlib.metadata import version as distribution_version
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, Final, NoReturn
 
 import typer
 from rich.console import Console
@@ -45,7 +47,16 @@ from emulator.programs.sockets import ScriptNetwork
 from emulator.readiness import NotReady, check_ready
 from emulator.welcome import first_screen, ready_line
 
-__all__ = ["main"]
+__all__ = [
+    "ROBOT_OPTIONS",
+    "LogLevel",
+    "configure",
+    "log_to_stderr",
+    "main",
+    "mistakes_in_one_line",
+    "with_robot_options",
+    "write_ports",
+]
 
 _USAGE_ERROR = 2
 
@@ -72,14 +83,15 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.command()
-def _run(
+def configure(
+    *,
     model: Annotated[str, typer.Option(help="The arm, for example ur3 or ur5e.")] = "ur3",
     polyscope: Annotated[str | None, typer.Option(help="PolyScope version to report, for example 3.15.8.")] = None,
-    host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 lets other machines in.")] = "127.0.0.1",
+    host: Annotated[
+        str, typer.Option(envvar="UR_EMULATOR_HOST", help="Address to listen on; 0.0.0.0 lets other machines in.")
+    ] = "127.0.0.1",
     port_offset: Annotated[int, typer.Option(help="Added to each of the usual ports.")] = 0,
     ephemeral_ports: Annotated[bool, typer.Option("--ephemeral-ports", help="Take free ports instead.")] = False,
-    ports_file: Annotated[Path | None, typer.Option(help="Write the ports here as JSON once ready.")] = None,
     programs: Annotated[Path | None, typer.Option(help="Folder that the dashboard's load looks in.")] = None,
     initial_positions: Annotated[Path | None, typer.Option(help="YAML file: joint names to radians.")] = None,
     running: Annotated[bool, typer.Option("--running", help="Start with the brakes released.")] = False,
@@ -129,6 +141,70 @@ def _run(
     ] = None,
     no_control: Annotated[bool, typer.Option("--no-control", help="Serve no control API.")] = False,
     world: Annotated[Path | None, typer.Option(help="YAML file: what stands around the arm and pushes back.")] = None,
+) -> EmulatorConfig:
+    """A robot as the options of the command line say. Raises ConfigError."""
+    robot = choose_model(model)
+    controller = ControllerConfig(
+        model=robot,
+        version=choose_version(polyscope, robot),
+        initial_q=read_initial_positions(initial_positions, robot) if initial_positions else None,
+        running=running,
+        programs_dir=read_programs_dir(programs),
+        remote_control=remote_control,
+        enforce_remote_control=check_enforced_remote_control(enforce_remote_control, robot),
+        encoder_speeds=check_encoder_speeds(encoder0_speed, encoder1_speed),
+        gripper=choose_gripper(gripper, gripper_object),
+        gripper_object_mm=gripper_object,
+        safety=read_safety(safety, robot),
+        self_collision=self_collision,
+        wall_clock_s=time.time(),
+        dynamic=arm is ArmKind.DYNAMIC,
+        seed=seed,
+        external_control=read_driver_address(external_control),
+        world=read_surroundings(world),
+    )
+    return EmulatorConfig(
+        controller=controller,
+        host=host,
+        port_offset=port_offset,
+        ephemeral_ports=ephemeral_ports,
+        speed=speed,
+        script_network=script_network,
+        modbus_unit_port=modbus_unit_port,
+        tool_device=tool_device,
+        control=not no_control,
+        control_host=control_host,
+        control_token=control_token,
+        faults=read_faults(fault or ()),
+    )
+
+
+ROBOT_OPTIONS: Final[Mapping[str, Parameter]] = signature(configure).parameters
+
+
+def with_robot_options(*, without: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Let a command have the options of ``configure`` before its own; it gets them as a mapping, first of all."""
+    options = {name: option for name, option in ROBOT_OPTIONS.items() if name not in without}
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        _, *own = signature(command).parameters.values()
+
+        @wraps(command)
+        def run(**given: Any) -> None:
+            command({name: given.pop(name) for name in options}, **given)
+
+        run.__signature__ = Signature([*options.values(), *own])  # type: ignore[attr-defined]
+        return run
+
+    return decorate
+
+
+@app.command()
+@with_robot_options()
+def _run(
+    robot: Mapping[str, Any],
+    *,
+    ports_file: Annotated[Path | None, typer.Option(help="Write the ports here as JSON once ready.")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
     version: Annotated[
@@ -136,47 +212,14 @@ def _run(
     ] = False,
 ) -> None:
     """Stand in for a Universal Robots controller on this machine. Not for validating safety."""
-    _log_to_stderr(log_level)
-    with _mistakes_in_one_line():
-        robot = choose_model(model)
-        controller = ControllerConfig(
-            model=robot,
-            version=choose_version(polyscope, robot),
-            initial_q=read_initial_positions(initial_positions, robot) if initial_positions else None,
-            running=running,
-            programs_dir=read_programs_dir(programs),
-            remote_control=remote_control,
-            enforce_remote_control=check_enforced_remote_control(enforce_remote_control, robot),
-            encoder_speeds=check_encoder_speeds(encoder0_speed, encoder1_speed),
-            gripper=choose_gripper(gripper, gripper_object),
-            gripper_object_mm=gripper_object,
-            safety=read_safety(safety, robot),
-            self_collision=self_collision,
-            wall_clock_s=time.time(),
-            dynamic=arm is ArmKind.DYNAMIC,
-            seed=seed,
-            external_control=read_driver_address(external_control),
-            world=read_surroundings(world),
-        )
-        config = EmulatorConfig(
-            controller=controller,
-            host=host,
-            port_offset=port_offset,
-            ephemeral_ports=ephemeral_ports,
-            speed=speed,
-            script_network=script_network,
-            modbus_unit_port=modbus_unit_port,
-            tool_device=tool_device,
-            control=not no_control,
-            control_host=control_host,
-            control_token=control_token,
-            faults=read_faults(fault or ()),
-        )
-        asyncio.run(_serve(config, ports_file, exit_when_ready=exit_when_ready))
+    log_to_stderr(log_level)
+    with mistakes_in_one_line():
+        asyncio.run(_serve(configure(**robot), ports_file, exit_when_ready=exit_when_ready))
 
 
 @contextmanager
-def _mistakes_in_one_line() -> Iterator[None]:
+def mistakes_in_one_line() -> Iterator[None]:
+    """Turn what the user can mend into one line on standard error and exit status 2."""
     try:
         yield
     except ConfigError as error:
@@ -199,7 +242,7 @@ async def _serve(config: EmulatorConfig, ports_file: Path | None, *, exit_when_r
         console.print(first_screen(emulator))
         await check_ready(config.host, emulator.ports, elsewhere={"control": config.host_of("control")})
         if ports_file is not None:
-            _write_ports(ports_file, emulator.ports)
+            write_ports(ports_file, emulator.ports)
         emulator.inject(config.faults)
         console.print(ready_line(emulator))
         if not exit_when_ready:
@@ -220,7 +263,7 @@ def _stop_on_signals(stop: Callable[[], None]) -> None:
             loop.add_signal_handler(number, stop_once, number)
 
 
-def _write_ports(path: Path, ports: dict[str, int]) -> None:
+def write_ports(path: Path, ports: object) -> None:
     """Complete or not at all: others wait for the file."""
     draft = path.with_name(f"{path.name}.part")
     try:
@@ -230,7 +273,8 @@ def _write_ports(path: Path, ports: dict[str, int]) -> None:
         raise ConfigError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _log_to_stderr(level: LogLevel) -> None:
+def log_to_stderr(level: LogLevel) -> None:
+    """Log of this process, from this level on."""
     handler = RichHandler(console=Console(stderr=True), show_path=False, rich_tracebacks=False)
     logging.basicConfig(level=level.value.upper(), format="%(message)s", datefmt="%X", handlers=[handler])
 

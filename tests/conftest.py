@@ -23,6 +23,7 @@ REAL_TIME = (
     "conformance",
     "control",
     "driver",
+    "fleet",
     "plugin",
     "real_clients",
     "servers",

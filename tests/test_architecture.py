@@ -23,12 +23,20 @@ MAY_IMPORT = {
 THIRD_PARTY = {
     "coal": ("emulator.world.links",),
     "h11": ("emulator.programs.rpc.httpclient", "emulator.servers.control"),
-    "msgspec": ("emulator.control", "emulator.faults", "emulator.servers.control"),
+    "msgspec": ("emulator.control", "emulator.faults", "emulator.servers.control", "emulator.fleet.plan"),
     "numpy": ("urproto.robots.dynamics", "emulator.world.links", "client.traffic"),
     "pytest": ("urproto.pytest_plugin",),
     "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("emulator", "client"),
-    "typer": ("emulator.check", "emulator.cli", "emulator.ctl", "client.cli", "client.commands", "urscript.cli"),
+    "typer": (
+        "emulator.check",
+        "emulator.cli",
+        "emulator.ctl",
+        "emulator.fleet.command",
+        "client.cli",
+        "client.commands",
+        "urscript.cli",
+    ),
     "rich": ("emulator", "client", "urscript.cli"),
 }
 URSCRIPT_SEES = ("urproto.robots.pose", "urproto.versions")
@@ -42,6 +50,7 @@ MAY_TOUCH_OUTSIDE = (
     "emulator.cli",
     "emulator.run_command",
     "emulator.readiness",
+    "emulator.fleet.worker",
     "emulator.control.remote",
     "emulator.servers",
     "emulator.check",

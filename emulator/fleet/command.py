@@ -1,0 +1,160 @@
+"""``ur-emulator fleet``: many robots on this machine, each on an address of its own."""
+
+import os
+import signal
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from emulator.cli import (
+    ROBOT_OPTIONS,
+    LogLevel,
+    configure,
+    log_to_stderr,
+    mistakes_in_one_line,
+    with_robot_options,
+    write_ports,
+)
+from emulator.config import PORTS, ConfigError, EmulatorConfig
+from emulator.fleet.plan import FIRST_HOST, MOST_ROBOTS, FleetFile, place
+from emulator.fleet.supervisor import AllReady, Died, Event, GivenUp, Restarted, ShutDown, Supervisor
+
+__all__ = ["app", "main"]
+
+_LOST: Final = 1
+_DEFAULT_COUNT: Final = 4
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run the command with these arguments."""
+    app(args=list(arguments), prog_name="ur-emulator fleet")
+
+
+@app.command()
+@with_robot_options(without=["host"])
+def _fleet(
+    robot: Mapping[str, Any],
+    *,
+    count: Annotated[int | None, typer.Option(min=1, max=MOST_ROBOTS, help="How many robots.")] = None,
+    fleet: Annotated[
+        Path | None, typer.Option(help="YAML file of different robots; the other options hold where it is silent.")
+    ] = None,
+    first_host: Annotated[
+        str, typer.Option(help="Address of the first robot; the others get those that follow.")
+    ] = FIRST_HOST,
+    processes: Annotated[
+        int | None, typer.Option(min=1, help="How many processes share the robots; one a core unless given.")
+    ] = None,
+    restart: Annotated[bool, typer.Option("--restart", help="Start robots anew whose process died.")] = False,
+    ports_file: Annotated[
+        Path | None, typer.Option(help="Write hosts and ports here as JSON once all are ready.")
+    ] = None,
+    log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
+    exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
+) -> None:
+    """Run many robots on this machine, each on an address of its own."""
+    log_to_stderr(log_level)
+    with mistakes_in_one_line():
+        configs = place(_robots(robot, fleet, count), configure, first_host)
+        shown = _Screen(configs, ports_file)
+        with Supervisor(configs, processes or _cores(), restart=restart) as supervisor:
+            _stop_on_signals(supervisor)
+            for event in supervisor.watch():
+                shown.tell(event, supervisor)
+                if exit_when_ready and isinstance(event, AllReady):
+                    break
+        shown.finish()
+
+
+def _robots(robot: Mapping[str, Any], fleet: Path | None, count: int | None) -> list[Mapping[str, Any]]:
+    if fleet is None:
+        return [robot] * (count or _DEFAULT_COUNT)
+    if count is not None:
+        raise ConfigError(f"how many robots there are stands in {fleet}: leave --count out")
+    return [{**robot, **entry} for entry in FleetFile(ROBOT_OPTIONS).read(fleet)]
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _stop_on_signals(supervisor: Supervisor) -> None:
+    """End cleanly on the first Ctrl-C; a second one interrupts."""
+
+    def stop(number: int, _: object) -> None:
+        signal.signal(number, signal.SIG_DFL)
+        supervisor.stop()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+
+
+class _Screen:
+    """What is said about a fleet, and written to its ports file."""
+
+    def __init__(self, configs: Sequence[EmulatorConfig], ports_file: Path | None) -> None:
+        self._configs = configs
+        self._ports_file = ports_file
+        self._console = Console(highlight=False)
+        self._lost: set[int] = set()
+
+    def tell(self, event: Event, supervisor: Supervisor) -> None:
+        """Show an event. Raises ConfigError when the fleet cannot be started."""
+        match event:
+            case AllReady():
+                self._ready(supervisor)
+            case ShutDown(robot):
+                self._console.print(f"{self._hosts((robot,))} was shut down by a client.")
+            case Died(pid, robots, how):
+                self._lost |= set(robots)
+                self._console.print(f"Process {pid} {how}: {self._hosts(robots)} gone.", style="bold red")
+            case Restarted(robots):
+                self._lost -= set(robots)
+                self._write(supervisor)
+                self._console.print(f"Ready again, with new state: {self._hosts(robots)}.", style="bold green")
+            case GivenUp(robots, reason):
+                if not self._lost:
+                    raise ConfigError(f"not ready: {self._hosts(robots)}: {reason}")
+                self._console.print(f"Cannot be started again: {self._hosts(robots)}: {reason}.", style="bold red")
+
+    def finish(self) -> None:
+        """The last word. Raises typer.Exit when robots were lost."""
+        self._console.print("Stopped.")
+        if self._lost:
+            raise typer.Exit(_LOST)
+
+    def _ready(self, supervisor: Supervisor) -> None:
+        self._write(supervisor)
+        self._console.print(self._table(supervisor))
+        count = len(self._configs)
+        self._console.print(f"Ready: every port of {count} robots answers. Ctrl-C ends all.", style="bold green")
+
+    def _write(self, supervisor: Supervisor) -> None:
+        if self._ports_file is None:
+            return
+        rows = zip(self._configs, supervisor.ports, strict=True)
+        write_ports(
+            self._ports_file,
+            [{"host": config.host, "model": config.controller.model.name, "ports": ports} for config, ports in rows],
+        )
+
+    def _table(self, supervisor: Supervisor) -> Table:
+        table = Table("host", "arm", "PolyScope", "process", "other ports than usual", box=None, padding=(0, 2))
+        for config, ports, pid in zip(self._configs, supervisor.ports, supervisor.pids, strict=True):
+            controller = config.controller
+            table.add_row(config.host, controller.model.title, str(controller.version), str(pid), _unusual(ports))
+        return table
+
+    def _hosts(self, robots: Sequence[int]) -> str:
+        return ", ".join(self._configs[index].host for index in robots)
+
+
+def _unusual(ports: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} {port}" for name, port in ports.items() if port != PORTS[name])

@@ -1,0 +1,118 @@
+"""Which robots a fleet has, and where each of them listens.
+
+A fleet file is YAML; a robot's keys are the options of ``ur-emulator``, with ``count`` besides:
+
+    robots:
+      - {model: ur3, count: 3, running: true}
+      - {model: ur5e, polyscope: 5.12.2, host: 127.0.0.20}
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from inspect import Parameter
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import msgspec
+import yaml
+
+from emulator.config import ConfigError, EmulatorConfig
+
+__all__ = ["FIRST_HOST", "MOST_ROBOTS", "FleetFile", "place"]
+
+FIRST_HOST: Final = "127.0.0.1"
+MOST_ROBOTS: Final = 250  # of one fleet: the last byte of an address (guess; a machine gets tired sooner)
+_MAY_MOVE: Final = ("modbus", "control")  # take a free port where they cannot have their own
+
+Options = Mapping[str, Any]
+
+
+class FleetFile:
+    """Reads fleet files. parameters: the options of one robot; paths are relative to the file."""
+
+    def __init__(self, parameters: Mapping[str, Parameter]) -> None:
+        count = ("count", Annotated[int, msgspec.Meta(ge=1, le=MOST_ROBOTS)], 1)
+        fields = [(name, parameter.annotation, parameter.default) for name, parameter in parameters.items()]
+        self._robot = msgspec.defstruct("Robot", [count, *fields], kw_only=True, forbid_unknown_fields=True)
+        self._file = msgspec.defstruct("Fleet", [("robots", list[dict[str, Any]])], forbid_unknown_fields=True)
+
+    def read(self, path: Path) -> list[Options]:
+        """What the file says of each robot, and nothing else. Raises ConfigError."""
+        content = _convert(_yaml(path), self._file, path.parent, str(path))
+        robots: list[Options] = []
+        for number, entry in enumerate(content.robots, 1):
+            robots += self._expand(entry, path.parent, f"{path}: entry {number}")
+        if not 1 <= len(robots) <= MOST_ROBOTS:
+            raise ConfigError(f"{path} has {len(robots)} robots: a fleet has 1 to {MOST_ROBOTS}")
+        return robots
+
+    def _expand(self, entry: dict[str, Any], folder: Path, where: str) -> list[Options]:
+        """An entry once for each of its robots."""
+        entry = {str(name).replace("-", "_"): value for name, value in entry.items()}
+        robot = _convert(entry, self._robot, folder, where)
+        if "host" in entry and robot.count > 1:
+            raise ConfigError(f"{where}: {robot.count} robots cannot share the host {robot.host}: leave it out")
+        return [{name: getattr(robot, name) for name in entry if name != "count"}] * robot.count
+
+
+def _yaml(path: Path) -> Any:
+    try:
+        return yaml.safe_load(path.read_text("utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeError) as error:
+        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+
+
+def _convert(content: Any, kind: Any, folder: Path, where: str) -> Any:
+    def path(wanted: type, text: Any) -> Any:
+        if wanted is Path and isinstance(text, str):
+            return folder / text
+        raise TypeError(f"Expected `{wanted.__name__}`, got `{text!r}`")
+
+    try:
+        return msgspec.convert(content, kind, dec_hook=path)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{where}: {error}") from error
+
+
+def place(
+    robots: Sequence[Options], configure: Callable[..., EmulatorConfig], first_host: str = FIRST_HOST
+) -> list[EmulatorConfig]:
+    """A configuration for each robot; those without a host get the addresses from first_host on that nobody named.
+
+    Raises ConfigError that says which robot, also when two want the same port.
+    """
+    named = {robot["host"] for robot in robots if "host" in robot}
+    addresses = (address for address in _successive(first_host) if address not in named)
+    configs = []
+    for number, robot in enumerate(robots, 1):
+        host = robot["host"] if "host" in robot else next(addresses)
+        try:
+            configs.append(configure(**{**robot, "host": host}))
+        except ConfigError as error:
+            raise ConfigError(f"robot {number}, {host}: {error}") from error
+    _check_ports(configs)
+    return configs
+
+
+def _successive(first: str) -> Iterator[str]:
+    try:
+        address = ip_address(first)
+        for step in range(2 * MOST_ROBOTS):
+            yield str(address + step)
+    except ValueError as error:
+        raise ConfigError(
+            f"the first host must be an address that others follow, such as {FIRST_HOST}: {error}"
+        ) from None
+
+
+def _check_ports(configs: Sequence[EmulatorConfig]) -> None:
+    taken: dict[tuple[str, int], int] = {}
+    for number, config in enumerate(configs, 1):
+        for name, port in config.wanted_ports.items():
+            if not port or name in _MAY_MOVE:
+                continue
+            other = taken.setdefault((config.host, port), number)
+            if other != number:
+                raise ConfigError(f"robots {other} and {number} both want {name} port {port} on {config.host}")

@@ -1,0 +1,138 @@
+"""The image, compose files and manifests agree with the code; that they are valid at all is said by their own tools."""
+
+import fnmatch
+import json
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import pytest
+import typer.main
+import yaml
+
+from emulator.cli import ROBOT_OPTIONS, app, configure
+from emulator.config import PORTS
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCKER = ROOT / "docker"
+INSTRUCTIONS = [
+    shlex.split(line, comments=True)
+    for line in (DOCKER / "Dockerfile").read_text().replace("\\\n", " ").splitlines()
+    if line.strip() and not line.startswith("#")
+]
+COMPOSE = {path.name: yaml.safe_load(path.read_text()) for path in sorted(DOCKER.glob("compose*.yaml"))}
+SERVICE, STATEFUL_SET = yaml.safe_load_all((DOCKER / "kubernetes.yaml").read_text())
+POD = STATEFUL_SET["spec"]["template"]["spec"]
+(CONTAINER,) = POD["containers"]
+COMMANDS = {
+    "image": lambda: json_form("CMD"),
+    "kubernetes": lambda: CONTAINER["args"],
+    **{name: lambda file=file: only(file["services"])["command"] for name, file in COMPOSE.items()},
+}
+
+
+def only(entries: dict):
+    (entry,) = entries.values()
+    return entry
+
+
+def said(instruction: str) -> list[list[str]]:
+    return [words[1:] for words in INSTRUCTIONS if words[0] == instruction]
+
+
+def json_form(instruction: str) -> list[str]:
+    text = (DOCKER / "Dockerfile").read_text()
+    return json.loads(re.findall(rf"^ *{instruction} (\[.*\])$", text, re.MULTILINE)[-1])
+
+
+def environment() -> dict[str, str]:
+    return dict(word.split("=", 1) for words in said("ENV") for word in words)
+
+
+def exposed() -> set[int]:
+    ranges = (word.split("-") for words in said("EXPOSE") for word in words)
+    return {port for ends in ranges for port in range(int(ends[0]), int(ends[-1]) + 1)}
+
+
+def test_the_image_exposes_the_ports_a_robot_has_without_accessories() -> None:
+    assert exposed() == {port for name, port in PORTS.items() if name not in ("tool line", "gripper")}
+
+
+def test_the_image_listens_to_other_machines() -> None:
+    assert ROBOT_OPTIONS["host"].annotation.__metadata__[0].envvar == "UR_EMULATOR_HOST"
+    assert environment()["UR_EMULATOR_HOST"] == "0.0.0.0"
+    assert configure(host=environment()["UR_EMULATOR_HOST"]).host_of("control") == "127.0.0.1"
+
+
+def test_the_image_does_not_run_as_root() -> None:
+    assert said("USER")[-1] == ["1000:1000"]
+
+
+def test_its_command_is_a_console_script_of_the_project() -> None:
+    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
+    assert json_form("ENTRYPOINT") == ["ur-emulator"]
+    assert "ur-emulator" in scripts
+
+
+def test_what_is_copied_is_there_and_reaches_the_build() -> None:
+    let_in = [
+        line[1:] for line in (DOCKER / "Dockerfile.dockerignore").read_text().splitlines() if line.startswith("!")
+    ]
+    sources = [word for words in said("COPY") if not words[0].startswith("--") for word in words[:-1]]
+    assert sources
+    for source in sources:
+        assert (ROOT / source).exists()
+        assert any(fnmatch.fnmatch(source, pattern) for pattern in let_in), f"{source} is kept from the build"
+
+
+@pytest.mark.parametrize("where", COMMANDS)
+def test_commands_are_understood(where) -> None:
+    words = [re.sub(r"\$\{\w+:-(\w+)\}", r"\1", word) for word in COMMANDS[where]()]
+    context = typer.main.get_command(app).make_context("ur-emulator", list(words))
+    assert configure(**{name: context.params[name] for name in ("model", "external_control", "remote_control")})
+
+
+@pytest.mark.parametrize("file", COMPOSE)
+def test_services_build_the_image_and_publish_ports_it_has(file) -> None:
+    service = only(COMPOSE[file]["services"])
+    assert (DOCKER / service["build"]["context"] / service["build"]["dockerfile"]).samefile(DOCKER / "Dockerfile")
+    for mapping in service.get("ports", []):
+        address, ours, theirs = mapping.rsplit(":", 2)
+        assert address == "127.0.0.1"
+        assert ours == theirs
+        assert {int(port) for port in theirs.split("-")} <= exposed()
+
+
+def test_the_network_of_the_ros_example_holds_the_robot_and_its_driver() -> None:
+    file = COMPOSE["compose.ros2.yaml"]
+    service, network = only(file["services"]), only(file["networks"])
+    (subnet,) = network["ipam"]["config"]
+    assert only(service["networks"])["ipv4_address"] == "192.168.56.101"
+    driver = service["command"][service["command"].index("--external-control") + 1]
+    assert driver == f"{subnet['gateway']}:50002"
+
+
+def test_ports_of_the_manifests_are_the_robots() -> None:
+    in_service = {entry["name"]: entry["port"] for entry in SERVICE["spec"]["ports"]}
+    in_pod = {entry["name"]: entry["containerPort"] for entry in CONTAINER["ports"]}
+    assert in_service == in_pod
+    assert in_service.items() <= PORTS.items()
+    assert CONTAINER["livenessProbe"]["tcpSocket"]["port"] in in_pod
+
+
+def test_the_manifests_hang_together() -> None:
+    labels = STATEFUL_SET["spec"]["template"]["metadata"]["labels"]
+    assert STATEFUL_SET["spec"]["serviceName"] == SERVICE["metadata"]["name"]
+    assert STATEFUL_SET["spec"]["selector"]["matchLabels"].items() <= labels.items()
+    assert SERVICE["spec"]["selector"].items() <= labels.items()
+    assert POD["securityContext"]["runAsNonRoot"]
+    assert f"{POD['securityContext']['runAsUser']}:{POD['securityContext']['runAsGroup']}" == said("USER")[-1][0]
+    assert CONTAINER["securityContext"]["readOnlyRootFilesystem"]
+
+
+def test_health_is_asked_in_the_same_way_everywhere() -> None:
+    (health,) = said("HEALTHCHECK")
+    probes = [CONTAINER[name]["exec"]["command"] for name in ("startupProbe", "readinessProbe")]
+    assert probes[0] == probes[1]
+    assert [word.strip("[],") for word in health[health.index("CMD") + 1 :]] == probes[0]
