@@ -124,7 +124,11 @@ def configure(
     gripper: Annotated[str | None, typer.Option(help="Mounted on the arm: robotiq-2f-85 or robotiq-2f-140.")] = None,
     gripper_object: Annotated[float | None, typer.Option(help="Width of what the gripper meets, in mm.")] = None,
     safety: Annotated[
-        Path | None, typer.Option(help="Safety configuration: a YAML file, or PolyScope's .installation.")
+        Path | None,
+        typer.Option(
+            metavar="factory|FILE",
+            help="Safety limits: as delivered, or in a YAML file or PolyScope's .installation; else the joints' only.",
+        ),
     ] = None,
     self_collision: Annotated[
         bool, typer.Option("--self-collision", help="Stop when links of the arm touch each other.")

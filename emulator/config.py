@@ -17,7 +17,7 @@ from emulator.faults.fault import Fault, FaultError
 from emulator.ports import PORTS
 from emulator.programs.sockets import ScriptNetwork
 from emulator.programs.urcap import DriverAddress
-from emulator.safety.configuration import SafetyConfiguration
+from emulator.safety.configuration import SafetyConfiguration, factory_configuration
 from emulator.safety.files import load_safety_file
 from emulator.safety.installation import SafetySettingsError
 from emulator.services import POLYSCOPE_X
@@ -252,9 +252,11 @@ def read_programs_dir(path: Path | None) -> Path | None:
 
 
 def read_safety(path: Path | None, model: RobotModel) -> SafetyConfiguration | None:
-    """The safety configuration in a file; None for the factory's. Raises ConfigError."""
+    """The safety configuration in a file, or of the name "factory"; None for a simulator's. Raises ConfigError."""
     if path is None:
         return None
+    if path == Path("factory"):
+        return factory_configuration(model)
     try:
         return load_safety_file(path, model)
     except SafetySettingsError as error:

@@ -76,7 +76,7 @@ class ControllerConfig:
     enforce_remote_control says that a local arm takes none, as a real e-Series arm.
     encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
     gripper: what is mounted on the arm; gripper_object_mm: width of what its fingers meet.
-    safety: limits, planes and safety inputs; None takes what the arm is delivered with.
+    safety: limits, planes and safety inputs; None takes a simulator's, which limits the joints only.
     self_collision: stop when links touch each other, which a controller itself does not look after.
     wall_clock_s: date and time of its start [s since 1970, GMT]; always the same unless given.
     world: what stands around the arm; None for nothing.

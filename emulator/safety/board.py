@@ -20,7 +20,7 @@ from emulator.safety.configuration import (
     SafetyInput,
     SafetyOutput,
     elbow_radius,
-    factory_configuration,
+    simulator_configuration,
 )
 from emulator.safety.geometry import Boundaries
 from emulator.safety.governor import TRANSITION_S, Governor, manual_limits, operational_positions
@@ -69,7 +69,7 @@ class SafetyBoard:
     def __init__(self, controller: "Controller") -> None:
         model = controller.model
         self._controller = controller
-        self.configuration = controller.config.safety or factory_configuration(model)
+        self.configuration = controller.config.safety or simulator_configuration(model)
         self.inputs = SafetyInputs(self.configuration, controller.signals)
         self.boundaries = Boundaries(self.configuration, elbow_radius(model))
         self.governor = Governor(model, controller.arm, controller.period_s, self.limits)

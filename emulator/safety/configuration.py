@@ -30,6 +30,7 @@ __all__ = [
     "elbow_radius",
     "factory_configuration",
     "preset_of",
+    "simulator_configuration",
 ]
 
 CHANNELS: Final = 8  # configurable inputs, and as many outputs
@@ -226,6 +227,25 @@ def factory_configuration(model: RobotModel) -> SafetyConfiguration:
     return SafetyConfiguration(
         normal=sets[0], reduced=sets[1], inputs=MappingProxyType(resets), crc=_factory_checksum(model)
     )
+
+
+def simulator_configuration(model: RobotModel) -> SafetyConfiguration:
+    """As delivered, but normal mode limits the joints only, as in the vendor's simulator.
+
+    The official C++ client library is tested against that one with its default settings: trajectories of 2 m/s at the
+    tool of a UR5e, where 1.5 m/s is the limit, are neither slowed down nor stopped.
+    """
+    factory = factory_configuration(model)
+    joints = LimitSet(
+        tcp_speed=inf,
+        force=inf,
+        power=inf,
+        momentum=inf,
+        joint_speed=factory.normal.joint_speed,
+        joint_min=factory.normal.joint_min,
+        joint_max=factory.normal.joint_max,
+    )
+    return replace(factory, normal=joints, crc=factory.checksum)
 
 
 def preset_of(name: str, model: RobotModel) -> LimitSet:

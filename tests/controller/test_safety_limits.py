@@ -59,6 +59,19 @@ def to_the_end(rig, watch=tool_speed):
     return seen
 
 
+# without a configuration
+
+
+def test_a_simulator_limits_the_joints_only(make):
+    """A trajectory that the official library's tests send at the vendor's simulator: 2 m/s at the tool, 1 s."""
+    far = (-1.6, -1.72, -2.175, -0.78, 1.623, -0.5)
+    body = f"def far():\n  movej({list(far)}, t=1.1)\nend\n"
+    rig = started(make, "ur5e", body, (0.0, -1.57, 0.0, -1.57, 0.0, 0.1))
+    assert max(to_the_end(rig)) > 1.55
+    assert rig.now.actual_q == pytest.approx(far, abs=1e-9)
+    assert codes(rig) == []
+
+
 # motion below the limits
 
 
@@ -66,7 +79,7 @@ def to_the_end(rig, watch=tool_speed):
     ("model", "reduced", "most"), [("ur5", False, 1.35), ("ur5e", False, 1.35), ("ur5e", True, 0.6)]
 )
 def test_paths_keep_below_the_tool_speed_limit(make, model, reduced, most):
-    rig = make(model, running=True, initial_q=STRETCHED)
+    rig = make(model, running=True, initial_q=STRETCHED, safety=safe(model))
     rig.tick()
     if reduced:
         rig.controller.safety_event(SafetyEvent.REDUCED)
@@ -142,7 +155,7 @@ end
 
 
 def test_streamed_targets_that_are_too_fast_violate_the_speed_limit(make):
-    rig = started(make, "ur5e", SERVO)
+    rig = started(make, "ur5e", SERVO, safety=safe("ur5e"))
     rig.until(lambda s: tool_speed(s) > 1.55)
     begin = rig.now.timestamp
     rig.until(lambda s: s.safety_mode is SafetyMode.VIOLATION)
@@ -169,6 +182,7 @@ def test_a_force_over_the_limit_is_a_violation_after_a_quarter_of_a_second(make)
         "ur5e",
         "def hold():\n  force_mode(p[0,0,0,0,0,0],[0,0,0,0,0,0],[0,0,0,0,0,0],2,[1,1,1,1,1,1])\n  sleep(5)\nend\n",
         BENT,
+        safety=safe("ur5e"),
     )
     rig.controller.external_wrench = (0.0, 0.0, -170.0, 0.0, 0.0, 0.0)
     rig.seconds(1.0)
