@@ -68,7 +68,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         self.joints = parameters.joints
         self.goal: GoalHandle | None = None
         self._points: list[JointTrajectoryPoint] = []
-        self._next = 0
+        self._next = self._passed = 0  # points handed over, points the arm has passed
         self._elapsed_s = 0.0
         self._limits = Tolerances((), ())
         self._now_s = 0.0
@@ -101,7 +101,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
 
     def on_deactivate(self) -> None:
         self._set("abort", 1.0)
-        self._end(ErrorCode.SUCCESSFUL, "Aborting current goal, since the controller is being deactivated.")
+        self._end(ErrorCode.INVALID_GOAL, "Aborting current goal, since the controller is being deactivated.")
 
     def on_halt(self, reason: str) -> None:
         self._end(ErrorCode.INVALID_GOAL, reason)
@@ -121,7 +121,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         except ToleranceError as error:
             raise self._rejected(str(error)) from None
         self._points = filled(goal.trajectory, self.joints, ())
-        self._next, self._elapsed_s = 0, 0.0
+        self._next, self._passed, self._elapsed_s = 0, 0, 0.0
         self.goal = GoalHandle(goal)
         return self.goal
 
@@ -157,7 +157,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         elif self.commands[self._name("abort")] == 1.0:
             self._set("transfer_state", Transfer.IDLE)
             self._set("abort", 0.0)
-            self._end(ErrorCode.SUCCESSFUL, "Trajectory aborted by hardware.")
+            self._end(ErrorCode.INVALID_GOAL, "Trajectory aborted by hardware.")
         elif state == Transfer.IDLE:
             self._set("trajectory_size", len(self._points))
             self._set("transfer_state", Transfer.NEW_TRAJECTORY)
@@ -193,10 +193,11 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
 
     def _tell(self, time_s: float) -> None:
         assert self.goal is not None
-        passed = [point for point in self._points if point.time_from_start_s <= self._elapsed_s]
-        desired = self._points[min(len(passed), len(self._points) - 1)]
+        while self._passed < len(self._points) and self._points[self._passed].time_from_start_s <= self._elapsed_s:
+            self._passed += 1
+        desired = self._points[min(self._passed, len(self._points) - 1)]
         actual = JointTrajectoryPoint(self._positions())
-        self.goal.tell(Feedback(time_s, desired, actual, self._error(desired), len(passed)))
+        self.goal.tell(Feedback(time_s, desired, actual, self._error(desired), self._passed))
 
     def _positions(self) -> tuple[float, ...]:
         return tuple(self.states[f"{joint}/position"] for joint in self.joints)
