@@ -233,7 +233,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
     def update(self, time_s: float, period_s: float) -> None:
         self._now_s = time_s
         self._read()
-        self._take_up(time_s)
+        self._take_up(time_s, period_s)
         path = self._path
         assert path is not None  # since the activation
         first = not path.begun
@@ -265,15 +265,16 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
             factor = self.states[self._scaling_interface]
             self.scaling = factor if factor == factor else self.scaling
 
-    def _take_up(self, time_s: float) -> None:
+    def _take_up(self, time_s: float, period_s: float) -> None:
         if (new := self._pending) is None:
             return
         self._pending, old = None, self._path
         joined = None
         if self.parameters.allow_trajectory_replacement and not self._holding and old and old.begun and old.size > 1:
             wait_s = new.stamp_s - time_s if new.stamp_s else 0.0
-            begin_s = self._path_s + wait_s * (self.scaling if wait_s > 0.0 else 1.0)
-            joined = blended(new, self.joints, old, self._path_s, begin_s)
+            cursor_s = self._path_s + period_s * self._pace
+            begin_s = cursor_s + wait_s * (self.scaling if wait_s > 0.0 else 1.0)
+            joined = blended(new, self.joints, old, cursor_s, begin_s)
         if joined is None:
             hold = self._last_command() or self._actual.positions
             self._path, self._old_points = self._new_path(filled(new, self.joints, hold), new.stamp_s), 0

@@ -74,11 +74,13 @@ class ControlLoop:
         """Deactivate all controllers, which stops the arm."""
         self.driver.robot.on_state.remove(self._take)
         manager = self.manager
-        manager.switch(deactivate=[controller.name for controller in manager.active()])
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-        self._manager = None
+        try:
+            manager.switch(deactivate=[controller.name for controller in manager.active()])
+        finally:
+            self._manager = None
+            for task in self._tasks:
+                task.cancel()
+            await asyncio.gather(*self._tasks, return_exceptions=True)
 
     async def follow(self, name: str, goal: FollowJointTrajectory | JointTrajectory) -> Result:
         """Send a trajectory controller a goal and wait for its end; it is canceled when the caller is."""
