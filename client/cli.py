@@ -9,7 +9,9 @@ from rich.console import Console
 from rich.table import Table
 
 from client import dashboard, primary, rtde
+from client.commands.controllers import controllers_app
 from client.commands.decode import decode_command
+from client.commands.goal import goal_command, publish_goals_command
 from client.commands.options import PortOffset, RobotIP
 from client.commands.tool_comm import tool_comm_command
 from client.commands.watch import watch_command
@@ -75,6 +77,9 @@ def send_command(
 
 app.command("decode")(decode_command)
 app.command("watch")(watch_command)
+app.command("goal")(goal_command)
+app.command("publish-goals")(publish_goals_command)
+app.add_typer(controllers_app, name="controllers")
 app.command("tool-comm")(tool_comm_command)
 
 

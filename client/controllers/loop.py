@@ -25,6 +25,8 @@ from client.errors import ControllerError
 __all__ = ["RTDE_OUTPUTS", "ControlLoop"]
 
 _FIRST_STATE_S: Final = 5.0  # guess: a robot that sends states at all does so within this
+_REST_S: Final = 3.0  # guess: a ramp to rest takes less than one second
+_AT_REST_RAD_S: Final = 0.005  # guess: above the noise of an arm that stands
 
 _logger = logging.getLogger(__name__)
 
@@ -115,6 +117,14 @@ class ControlLoop:
         """Let cycles pass."""
         for _ in range(count):
             await self._cycled.wait()
+
+    async def rest(self, within_s: float = _REST_S) -> None:
+        """Wait until the arm rests, or for so long in the robot's time."""
+        begin_s = self.manager.time_s
+        while self.manager.time_s < begin_s + within_s:
+            await self.cycles()
+            if max(map(abs, self.driver.state["actual_qd"])) < _AT_REST_RAD_S:
+                return
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> "asyncio.Task[None]":
         task = asyncio.create_task(work)
