@@ -96,6 +96,7 @@ async def follow(loop: ControlLoop, name: str, trajectory: JointTrajectory, titl
         loop.manager.deactivate(name)
         await loop.rest()
         raise
+    await loop.rest()  # within tolerance it may still be on the way
     return await loop.result(handle)
 
 

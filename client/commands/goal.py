@@ -13,7 +13,7 @@ from client.commands.options import PortOffset, RobotIP
 from client.controllers import JOINTS, ControlLoop, JointTrajectory, JointTrajectoryPoint
 from client.controllers.goal_files import GOAL_TIME_S, GoalFile, NamedGoal, read_goals
 
-__all__ = ["goal_command", "publish_goals_command"]
+__all__ = ["go", "goal_command", "publish", "publish_goals_command"]
 
 _CONTROLLER = "scaled_joint_trajectory_controller"
 
@@ -34,7 +34,7 @@ def goal_command(
         raise typer.BadParameter(f"--time has to be above 0 s, not {time}")
     target = Target(robot_ip, port_offset, controllers, make_ready)
     point = JointTrajectoryPoint(q, (0.0,) * len(q), time_from_start_s=time)
-    run(_go(target, controller, JointTrajectory(JOINTS, (point,))))
+    run(go(target, controller, JointTrajectory(JOINTS, (point,))))
 
 
 def publish_goals_command(
@@ -59,7 +59,7 @@ def publish_goals_command(
         typer.echo(f"note: {note}", err=True)
     if controller is not None:
         goals = replace(goals, controller=controller)
-    run(_publish(Target(robot_ip, port_offset, controllers, make_ready), goals, time, rounds))
+    run(publish(Target(robot_ip, port_offset, controllers, make_ready), goals, time, rounds))
 
 
 def _angles(text: str) -> tuple[float, ...]:
@@ -72,14 +72,16 @@ def _angles(text: str) -> tuple[float, ...]:
     return angles
 
 
-async def _go(target: Target, name: str, trajectory: JointTrajectory) -> None:
+async def go(target: Target, name: str, trajectory: JointTrajectory) -> None:
+    """Let one controller of the target follow one trajectory."""
     async with target.loop() as loop:
         loop.manager.activate(name)
         result = await follow(loop, name, trajectory, "goal")
     say_result("goal", result)
 
 
-async def _publish(target: Target, goals: GoalFile, time_s: float, rounds: int) -> None:
+async def publish(target: Target, goals: GoalFile, time_s: float, rounds: int) -> None:
+    """Send all goals of a file, as often as ``rounds`` says; 0 is without end. Raises ControllerError."""
     async with target.loop() as loop:
         goals.check_start(_standing(loop))
         loop.manager.activate(goals.controller)
