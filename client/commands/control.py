@@ -2,8 +2,8 @@
 
 import asyncio
 import sys
-from collections.abc import AsyncIterator, Coroutine
-from contextlib import asynccontextmanager, suppress
+from collections.abc import Coroutine
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeAlias
@@ -12,7 +12,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from client.controllers import (
-    RTDE_OUTPUTS,
+    ControlledRobot,
     ControllersFile,
     ControlLoop,
     ErrorCode,
@@ -22,7 +22,6 @@ from client.controllers import (
     usual_controllers,
 )
 from client.driver.config import ROBOT_PORTS
-from client.robot import AsyncRobot
 
 __all__ = ["ControllersOption", "MakeReady", "Target", "controllers_file", "follow", "run", "say_result"]
 
@@ -48,15 +47,11 @@ class Target:
     controllers: Path | None = None
     make_ready: bool = False
 
-    @asynccontextmanager
-    async def loop(self) -> AsyncIterator[ControlLoop]:
-        """A running control loop; the arm is at rest and its program ended afterwards."""
-        file = controllers_file(self.controllers)
+    def open(self) -> ControlledRobot:
+        """Its control loop, to be entered; the arm is at rest and its program ended afterwards."""
         ports = {name: port + self.port_offset for name, port in ROBOT_PORTS.items()}
-        async with AsyncRobot(self.robot_ip, outputs=RTDE_OUTPUTS, robot_ports=ports) as robot:
-            await (robot.make_ready() if self.make_ready else robot.driver.start_program())
-            async with ControlLoop(robot.driver, file) as loop:
-                yield loop
+        file = controllers_file(self.controllers)
+        return ControlledRobot(self.robot_ip, file, make_ready=self.make_ready, robot_ports=ports)
 
 
 def controllers_file(path: Path | None) -> ControllersFile:

@@ -53,7 +53,7 @@ def interfaces_command(
     """List the interfaces of a robot with their present values."""
 
     async def work() -> None:
-        async with Target(robot_ip, port_offset, make_ready=make_ready).loop() as loop:
+        async with Target(robot_ip, port_offset, make_ready=make_ready).open() as loop:
             hardware = loop.manager.hardware
             table = Table("interface", "kind", "value")
             for info in loop.manager.list_interfaces():
@@ -75,7 +75,7 @@ def load_command(
     """Load, configure and activate controllers, and run them until Ctrl-C or until none is left."""
 
     async def work() -> None:
-        async with Target(robot_ip, port_offset, controllers, make_ready).loop() as loop:
+        async with Target(robot_ip, port_offset, controllers, make_ready).open() as loop:
             loop.manager.activate(*names)
             for note in loop.manager.notes:
                 typer.echo(f"note: {note}", err=True)

@@ -74,7 +74,7 @@ def _angles(text: str) -> tuple[float, ...]:
 
 async def go(target: Target, name: str, trajectory: JointTrajectory) -> None:
     """Let one controller of the target follow one trajectory."""
-    async with target.loop() as loop:
+    async with target.open() as loop:
         loop.manager.activate(name)
         result = await follow(loop, name, trajectory, "goal")
     say_result("goal", result)
@@ -82,7 +82,7 @@ async def go(target: Target, name: str, trajectory: JointTrajectory) -> None:
 
 async def publish(target: Target, goals: GoalFile, time_s: float, rounds: int) -> None:
     """Send all goals of a file, as often as ``rounds`` says; 0 is without end. Raises ControllerError."""
-    async with target.loop() as loop:
+    async with target.open() as loop:
         goals.check_start(_standing(loop))
         loop.manager.activate(goals.controller)
         done = 0

@@ -13,12 +13,15 @@ from client.controllers.goals import (
 )
 from client.controllers.loop import RTDE_OUTPUTS, ControlLoop
 from client.controllers.manager import ControllerManager
+from client.controllers.robot import BlockingControlledRobot, ControlledRobot
 from client.controllers.ur_states import JOINTS
 
 __all__ = [
     "JOINTS",
     "RTDE_OUTPUTS",
+    "BlockingControlledRobot",
     "ControlLoop",
+    "ControlledRobot",
     "ControllerManager",
     "ControllersFile",
     "ErrorCode",
