@@ -22,6 +22,7 @@ from client.controllers import (
     usual_controllers,
 )
 from client.driver.config import ROBOT_PORTS
+from urproto.modes import SafetyMode
 
 __all__ = ["ControllersOption", "MakeReady", "Target", "controllers_file", "follow", "run", "say_result"]
 
@@ -76,13 +77,16 @@ def run(work: Coroutine[Any, Any, None]) -> None:
         raise typer.Exit(_INTERRUPTED) from None
 
 
-async def follow(loop: ControlLoop, name: str, trajectory: JointTrajectory, title: str) -> Result:
+async def follow(loop: ControlledRobot, name: str, trajectory: JointTrajectory, title: str) -> Result:
     """Send a goal and show how it goes. When the task is cancelled, the arm is brought to rest first."""
+    loop.check_reach(trajectory)
     controller = loop.manager.controller(name)
     handle = controller.send_goal(trajectory)
     try:
         with _bar(title, trajectory) as bar:
+            waiting = False
             while not handle.done:
+                waiting = _say_waiting(loop, waiting)
                 bar.update(bar.task_ids[0], completed=controller.progress)
                 with suppress(TimeoutError):
                     await asyncio.wait_for(loop.result(handle), _DRAWN_S)
@@ -93,6 +97,19 @@ async def follow(loop: ControlLoop, name: str, trajectory: JointTrajectory, titl
         raise
     await loop.rest()  # within tolerance it may still be on the way
     return await loop.result(handle)
+
+
+def _say_waiting(loop: ControlLoop, before: bool) -> bool:
+    """Whether a stop holds the arm; it is told when it begins."""
+    mode = loop.driver.robot.safety_mode
+    waiting = mode not in (SafetyMode.NORMAL, SafetyMode.REDUCED)
+    if waiting and not before:
+        typer.echo(
+            f"the arm waits: its safety mode is {mode.name}. Find the cause; when it is unlocked and its program "
+            "goes on, so does the goal. Ctrl-C gives up.",
+            err=True,
+        )
+    return waiting
 
 
 def say_result(title: str, result: Result) -> None:

@@ -10,7 +10,7 @@ import typer
 
 from client.commands.control import ControllersOption, MakeReady, Target, follow, run, say_result
 from client.commands.options import PortOffset, RobotIP
-from client.controllers import JOINTS, ControlLoop, JointTrajectory, JointTrajectoryPoint
+from client.controllers import JOINTS, ControlledRobot, ControlLoop, JointTrajectory, JointTrajectoryPoint
 from client.controllers.goal_files import GOAL_TIME_S, GoalFile, NamedGoal, read_goals
 
 __all__ = ["go", "goal_command", "publish", "publish_goals_command"]
@@ -93,7 +93,7 @@ async def publish(target: Target, goals: GoalFile, time_s: float, rounds: int) -
             done += 1
 
 
-async def _one(loop: ControlLoop, goals: GoalFile, goal: NamedGoal, time_s: float, last: bool) -> None:
+async def _one(loop: ControlledRobot, goals: GoalFile, goal: NamedGoal, time_s: float, last: bool) -> None:
     began_s = loop.manager.time_s
     if goals.commands:
         typer.echo(f"{goal.name}: {_listed(goal.point.positions)}")

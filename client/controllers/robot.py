@@ -16,11 +16,14 @@ from typing import Any, Self, TypeVar
 
 from client.controllers.configuration import ControllersFile
 from client.controllers.controller import LifecycleState
-from client.controllers.goals import JointTrajectory
+from client.controllers.goals import FollowJointTrajectory, JointTrajectory, Result
 from client.controllers.loop import RTDE_OUTPUTS, ControlLoop
 from client.controllers.manager import ControllerManager
+from client.controllers.ur_states import JOINTS
+from client.driver import points
 from client.driver.blocking import Blocking, blocking
 from client.robot import AsyncRobot
+from client.robot.reach import Reach
 
 __all__ = ["BlockingControlledRobot", "ControlledRobot"]
 
@@ -64,6 +67,22 @@ class ControlledRobot(ControlLoop):
             await super().__aexit__(kind, error, trace)
         finally:
             await self._opened.aclose()
+
+    async def follow(self, name: str, goal: FollowJointTrajectory | JointTrajectory) -> Result:
+        """As `ControlLoop.follow`; points beyond the joints' limits are an OutOfReachError before anything moves."""
+        self.check_reach(goal.trajectory if isinstance(goal, FollowJointTrajectory) else goal)
+        return await super().follow(name, goal)
+
+    def check_reach(self, trajectory: JointTrajectory) -> None:
+        """Raise OutOfReachError for the first point beyond the limits that the robot reports."""
+        link = self.driver.robot
+        if link.configuration is None:
+            return
+        stands = dict(zip((self._prefix + joint for joint in JOINTS), self.driver.state["actual_q"], strict=True))
+        names = trajectory.joint_names
+        targets = [stands | dict(zip(names, point.positions, strict=False)) for point in trajectory.points]
+        moves = [points.movej([target[joint] for joint in stands]) for target in targets]
+        Reach(link.configuration, (0.0,) * 6, tuple(stands.values())).check("the trajectory", moves)
 
     def activate(self, *names: str) -> None:
         """Load, configure and activate controllers. Raises ControllerError."""

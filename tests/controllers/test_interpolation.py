@@ -46,11 +46,15 @@ def test_a_polynomial_of_the_degree_is_met_everywhere(degree, data):
 
 
 def test_published_case_cubic():
-    """x^3 - 2x between -sqrt 2 and sqrt 2: the zero crossing of ros_controllers' cubic segment test."""
+    """x^3 - 2x from 0 to 2, as in ros2_controllers' test_trajectory: v 4 and a 6 sqrt 2 at the zero at sqrt 2.
+
+    The end's acceleration does not count, since the beginning has none.
+    """
+    segment = Segment(point(q=0.0, qd=-2.0), point(q=4.0, qd=10.0, qdd=0.0), 2.0)
     root = math.sqrt(2.0)
-    first, second = ends([0.0, -2.0, 0.0, 1.0], -root, root, 1)
-    middle = Segment(first, second, 2.0 * root).at(root)
-    assert (middle.positions[0], middle.velocities[0], middle.accelerations[0]) == pytest.approx((0.0, -2.0, 0.0))
+    for x, wanted in ((0.0, (0.0, -2.0, 0.0)), (root, (0.0, 4.0, 6.0 * root)), (2.0, (4.0, 10.0, 12.0))):
+        got = segment.at(x)
+        assert (got.positions[0], got.velocities[0], got.accelerations[0]) == pytest.approx(wanted, abs=1e-9)
 
 
 def test_published_case_quintic():

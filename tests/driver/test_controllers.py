@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 from itertools import pairwise
 
 import pytest
-from driver_rig import HOME, HOST, Pair, emulator
+from driver_rig import HOME, HOST, Pair, emulator, emulator_thread
 
 from client import dashboard
 from client.commands.control import Target
@@ -15,6 +15,7 @@ from client.commands.goal import go, publish
 from client.controllers import (
     JOINTS,
     RTDE_OUTPUTS,
+    BlockingControlledRobot,
     ControlLoop,
     ErrorCode,
     FollowJointTrajectory,
@@ -24,7 +25,7 @@ from client.controllers import (
     Tolerance,
 )
 from client.controllers.goal_files import read_goals
-from client.errors import ControllerError
+from client.errors import ControllerError, OutOfReachError
 
 SCALED = "scaled_joint_trajectory_controller"
 PASSTHROUGH = "passthrough_trajectory_controller"
@@ -282,6 +283,21 @@ async def test_cb3_robots_have_no_tool_contact():
     async with emulator("ur3") as robot, controlled(robot) as bench:
         with pytest.raises(ControllerError, match="CB3 robots have no tool contact"):
             bench.manager.activate("tool_contact_controller")
+
+
+def test_a_script_without_asyncio():
+    with emulator_thread("ur3") as robot, BlockingControlledRobot(HOST, robot_ports=robot.ports) as arm:
+        arm.activate(SCALED, "joint_state_broadcaster")
+        assert arm.follow(SCALED, way((0.5, moved(0.1, 0, 0, 0, 0, 0)))).error_code is ErrorCode.SUCCESSFUL
+        arm.rest()
+        with pytest.raises(OutOfReachError, match=r"base for 9\.1000 rad"):
+            arm.follow(SCALED, way((9.0, moved(8.9, 0, 0, 0, 0, 0))))
+        arm.switch(activate=["forward_velocity_controller"], deactivate=[SCALED])
+        arm.command("forward_velocity_controller", [0.2, 0, 0, 0, 0, 0])
+        arm.cycles(50)
+        state = arm.do(lambda manager: manager.controller("joint_state_broadcaster").topic.latest)
+        assert state.velocity[0] == pytest.approx(0.2, abs=0.02)
+        assert state.position[0] > HOME[0] + 0.12
 
 
 # from the shell
