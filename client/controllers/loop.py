@@ -62,19 +62,31 @@ class ControlLoop:
         hardware = URHardware(self.driver, self.driver.version, self._spawn, prefix=self._prefix)
         rate_hz = self.driver.config.frequency_hz or float(self.driver.version.series.frequency_hz)
         self._manager = ControllerManager(hardware, self._file, rate_hz, self._prefix)
-        self.driver.robot.on_state.append(self._take)
+        self._listen()
         try:
             await asyncio.wait_for(self._cycled.wait(), _FIRST_STATE_S)
         except BaseException:
-            self.driver.robot.on_state.remove(self._take)
+            self._listen_no_more()
             raise
         return self
+
+    def _listen(self) -> None:
+        self.driver.robot.on_state.append(self._take)
+        self.driver.robot.on_silence.append(self._fell_silent)
+
+    def _listen_no_more(self) -> None:
+        self.driver.robot.on_state.remove(self._take)
+        self.driver.robot.on_silence.remove(self._fell_silent)
+
+    def _fell_silent(self) -> None:
+        """No more cycles come: nobody else would end what is under way."""
+        self.manager.stop_motion("the robot is silent: look at the network, then activate again")
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Deactivate all controllers, which stops the arm."""
-        self.driver.robot.on_state.remove(self._take)
+        self._listen_no_more()
         manager = self.manager
         try:
             manager.switch(deactivate=[controller.name for controller in manager.active()])

@@ -229,7 +229,7 @@ class ControllerManager:
         self.time_s = time_s
         self.hardware.read(state, period_s)
         if self.hardware.failure is not None:
-            self._stop_motion(self.hardware.failure)
+            self.stop_motion(self.hardware.failure)
         if (halt := self.hardware.take_halt()) is not None:
             for controller in self._moving():
                 controller.on_halt(halt)
@@ -249,7 +249,8 @@ class ControllerManager:
             if any(mode_of(name, self._prefix) in MOTION for name in controller.command_interfaces)
         ]
 
-    def _stop_motion(self, reason: str) -> None:
+    def stop_motion(self, reason: str) -> None:
+        """Deactivate what moves the arm, and let its goals end, because the arm cannot be moved."""
         if moving := self._moving():
             _logger.error("controllers are deactivated: %s", reason)
             for controller in moving:

@@ -42,7 +42,10 @@ def read_parameters(kind: type[Parameters], given: Mapping[str, Any], owner: str
     Keys may be written with dots ("constraints.goal_time"). Raises ControllerError, named after
     ``owner``, for a value of the wrong type.
     """
-    return cast(Parameters, _build(kind, _nested(given, owner), owner, "", reading))
+    try:
+        return cast(Parameters, _build(kind, _nested(given, owner), owner, "", reading))
+    except RecursionError:
+        raise ControllerError(owner, "its parameters contain themselves") from None
 
 
 def _nested(given: Mapping[str, Any], owner: str) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """Controllers files and goal files: what they say, and what is told about the rest."""
 
+from pathlib import Path
+
 import pytest
 from typer.testing import CliRunner
 
@@ -8,6 +10,7 @@ from client.controllers import types
 from client.controllers.configuration import read_controllers, usual_controllers
 from client.controllers.goal_files import read_goals
 from client.controllers.parameters import Reading, read_parameters
+from client.controllers.ur_states import JOINTS
 from client.errors import ControllerError
 
 # the form that ur_robot_driver ships: substitutions, dots, keys only ROS has a use for
@@ -100,6 +103,14 @@ def test_general_parameters_are_everybodys(tmp_path):
     assert read_controllers(write(tmp_path, text)).parameters_of("x") == {"tf_prefix": "a_"}
 
 
+def test_parameters_that_contain_themselves():
+    endless = {"joints": ["a"], "interface_name": "position"}
+    endless["more"] = {"again": endless}
+    kind = types.find("x", "forward_command_controller/ForwardCommandController")
+    with pytest.raises(ControllerError, match="contain themselves"):
+        read_parameters(kind.parameters_type, endless, "x", Reading())
+
+
 @pytest.mark.parametrize("prefix", ["", "left_"])
 def test_the_usual_controllers_are_all_understood(prefix):
     file = usual_controllers(prefix)
@@ -153,6 +164,14 @@ def test_a_goal_file(tmp_path):
     with pytest.raises(ControllerError, match="name one of its sections"):
         read_goals(path)
     read_goals(write(tmp_path, GOALS.format(check="false")), goals.node).check_start({"shoulder_pan_joint": 3.0})
+
+
+def test_the_example_is_read():
+    goals = read_goals(Path(__file__).parents[2] / "examples" / "goals.yaml")
+    assert not goals.notes
+    assert [goal.name for goal in goals.goals] == ["turn", "bend", "back"]
+    assert goals.joints == JOINTS
+    goals.check_start(dict(zip(JOINTS, (0, -1.57, 0, -1.57, 0, 0), strict=True)))
 
 
 @pytest.mark.parametrize(

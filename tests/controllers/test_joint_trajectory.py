@@ -238,6 +238,27 @@ def test_speeds_alone_are_integrated_where_that_is_allowed():
     assert bench.q == pytest.approx((1.0, 2.0), abs=0.02)
 
 
+def test_a_trajectory_that_nobody_renews_is_given_up_after_its_timeout():
+    bench, jtc = started(cmd_timeout=0.5, constraints={"elbow_joint": {"goal": 0.01}})
+    bench.joints.stuck.add("elbow_joint")
+    jtc.command(trajectory(point(1.0, 1.0, 1.0)))
+    bench.run(1.4)
+    assert bench.joints.commands["elbow_joint/position"] == 1.0
+    bench.run(0.2)
+    assert bench.joints.commands["elbow_joint/position"] == 0.0  # where it is
+
+
+def test_from_the_desired_state_on_request():
+    for wanted, there in ((False, 0.5), (True, 1.0)):
+        bench, jtc = started(interpolate_from_desired_state=wanted)
+        bench.until(jtc.send_goal(trajectory(point(1.0, 1.0, 1.0))))
+        bench.joints.stuck.add("elbow_joint")
+        bench.joints.states["elbow_joint/position"] = 0.5
+        jtc.command(trajectory(point(1.0, 1.0, 1.0)))
+        bench.cycle()
+        assert bench.joints.commands["elbow_joint/position"] == pytest.approx(there, abs=0.01)
+
+
 def test_feedback_says_how_it_goes():
     bench, jtc = started()
     handle = jtc.send_goal(trajectory(point(1.0, 1.0, 1.0), point(2.0, 3.0, 1.0)))

@@ -176,6 +176,22 @@ def test_speeds_and_torques_go_out_every_cycle():
     assert ("idle",) not in arm.driver.calls  # from one mode into the other
 
 
+def test_a_trajectory_by_torques():
+    arm = Arm("5.25.1")
+    parameters = {
+        "joints": list(JOINTS),
+        "command_interfaces": ["effort"],
+        "state_interfaces": ["position", "velocity"],
+        "gains": {joint: {"p": 100.0, "d": 10.0, "u_clamp_max": 60.0} for joint in JOINTS},
+    }
+    arm.manager.load("torques", "joint_trajectory_controller/JointTrajectoryController", parameters)
+    arm.manager.activate("torques")
+    q = (0.1, 0.2, 0.3, 0.4, 0.5, 1.0)
+    arm.manager.controller("torques").send_goal(JointTrajectory(JOINTS, (JointTrajectoryPoint(q, REST),)))
+    arm.cycle(2, actual_qd=(0.1,) * 6)
+    assert arm.driver.named("torque")[-1][0] == pytest.approx([min(100.0 * a - 1.0, 60.0) for a in q])
+
+
 def test_all_joints_or_none():
     arm = Arm()
     arm.manager.load(

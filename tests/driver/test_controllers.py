@@ -57,8 +57,8 @@ class Bench(Pair):
 
 
 @asynccontextmanager
-async def controlled(robot, *names) -> AsyncIterator[Bench]:
-    bench = Bench(robot, outputs=RTDE_OUTPUTS)
+async def controlled(robot, *names, **options) -> AsyncIterator[Bench]:
+    bench = Bench(robot, outputs=RTDE_OUTPUTS, **options)
     async with bench.driver:
         await bench.driver.start_program()
         async with ControlLoop(bench.driver) as bench.loop:
@@ -152,6 +152,19 @@ async def test_a_program_that_ends_ends_the_controllers_that_move(robot):
         await bench.loop.cycles(2)
         bench.manager.activate(SCALED)
         assert (await bench.loop.follow(SCALED, way((0.5, bench.q)))).error_code is ErrorCode.SUCCESSFUL
+
+
+@ON_CB3
+async def test_a_robot_that_falls_silent_ends_the_goal(robot):
+    async with controlled(robot, SCALED, silence_s=0.5) as bench:
+        handle = bench.controller(SCALED).send_goal(way((3.0, moved(0.5, 0, 0, 0, 0, 0))))
+        await bench.after(0.2)
+        robot.clock.close()
+        async with asyncio.timeout(5):
+            result = await bench.loop.result(handle)
+        assert "the robot is silent" in result.error_string
+        robot.clock.start(robot._tick)
+        await bench.until(lambda: bench.program_ended)
 
 
 @ON_E_SERIES
