@@ -270,7 +270,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
             return
         self._pending, old = None, self._path
         joined = None
-        if self.parameters.allow_trajectory_replacement and not self._holding and old and old.begun and old.size > 1:
+        if self.parameters.allow_trajectory_replacement and not self._holding and old and old.begun:
             wait_s = new.stamp_s - time_s if new.stamp_s else 0.0
             cursor_s = self._path_s + period_s * self._pace
             begin_s = cursor_s + wait_s * (self.scaling if wait_s > 0.0 else 1.0)

@@ -190,6 +190,21 @@ def test_a_new_goal_ends_the_old_one_and_begins_with_its_speed():
     assert bench.q == pytest.approx((1.0, 0.0), abs=1e-3)
 
 
+def test_goals_of_a_single_point_follow_each_other_without_a_jerk():
+    bench, jtc = started()
+    jtc.send_goal(trajectory(point(2.0, 2.0, 0.0)))
+    places = []
+    for cycle in range(300):
+        if cycle == 100:
+            jtc.send_goal(trajectory(point(1.0, 0.0, 0.0, v=REST)))
+        bench.cycle()
+        places.append(bench.q[0])
+    speeds = [(b - a) * RATE_HZ for a, b in pairwise(places[50:])]
+    assert speeds[0] == pytest.approx(1.0)
+    assert max(abs(b - a) for a, b in pairwise(speeds)) < 0.12  # 10 rad/s2, the cubic's own
+    assert places[-1] == pytest.approx(0.0, abs=1e-6)
+
+
 def test_a_trajectory_for_later_replaces_the_old_one_then():
     bench, jtc = started()
     jtc.command(trajectory(point(2.0, 2.0, 0.0), point(4.0, 4.0, 0.0)))
