@@ -10,7 +10,9 @@ from rich.table import Table
 
 from client import dashboard, primary, rtde
 from client.commands.compare import compare_command
+from client.commands.controllers import controllers_app
 from client.commands.decode import decode_command
+from client.commands.goal import goal_command, publish_goals_command
 from client.commands.options import PortOffset, RobotIP
 from client.commands.proxy import proxy_command
 from client.commands.replay_traffic import replay_traffic_command
@@ -78,6 +80,9 @@ def send_command(
 
 app.command("decode")(decode_command)
 app.command("watch")(watch_command)
+app.command("goal")(goal_command)
+app.command("publish-goals")(publish_goals_command)
+app.add_typer(controllers_app, name="controllers")
 app.command("tool-comm")(tool_comm_command)
 app.command("proxy")(proxy_command)
 app.command("replay-traffic")(replay_traffic_command)

@@ -9,6 +9,8 @@ ClientError
 ├── ScriptFailedError        a script did not compile or failed while running
 ├── ProgramNotRunningError   the robot's control program is not connected to the driver
 ├── ProgramEndedError        it ended while something was under way
+├── ControllerError          a controller, or a change of controllers, that cannot be had
+│   └── GoalRejectedError    a controller does not take a goal
 └── MotionError              the arm did not do what it was asked to
     ├── OutOfReachError      a target beyond the joints' limits, or without joint angles
     ├── MotionStoppedError   somebody stopped the arm
@@ -28,7 +30,9 @@ from urproto.primary.messages import ErrorCodeMessage
 __all__ = [
     "ClientError",
     "ConnectionLostError",
+    "ControllerError",
     "DeviceError",
+    "GoalRejectedError",
     "MotionError",
     "MotionStoppedError",
     "NoAnswerError",
@@ -139,6 +143,23 @@ class ProgramEndedError(ClientError):
         self.port = port
         self.doing = doing
         self.why = why
+
+
+class ControllerError(ClientError):
+    """What ``controller`` (a name, or the file that describes it) is asked for cannot be had: ``reason``."""
+
+    def __init__(self, controller: str, reason: str) -> None:
+        super().__init__(f"{controller}: {reason}")
+        self.controller = controller
+        self.reason = reason
+
+
+class GoalRejectedError(ControllerError):
+    """``controller`` does not take a goal; ``code`` is one of client.controllers.goals.ErrorCode."""
+
+    def __init__(self, controller: str, code: int, reason: str) -> None:
+        super().__init__(controller, reason)
+        self.code = code
 
 
 class MotionError(ClientError):

@@ -1,0 +1,37 @@
+"""Controllers as in ros2_control, without ROS: loaded by name from a controllers file, run at the robot's rate."""
+
+from client.controllers.configuration import ControllersFile, read_controllers, usual_controllers
+from client.controllers.goals import (
+    ErrorCode,
+    FollowJointTrajectory,
+    GoalHandle,
+    GoalStatus,
+    JointTrajectory,
+    JointTrajectoryPoint,
+    Result,
+    Tolerance,
+)
+from client.controllers.loop import RTDE_OUTPUTS, ControlLoop
+from client.controllers.manager import ControllerManager
+from client.controllers.robot import BlockingControlledRobot, ControlledRobot
+from client.controllers.ur_states import JOINTS
+
+__all__ = [
+    "JOINTS",
+    "RTDE_OUTPUTS",
+    "BlockingControlledRobot",
+    "ControlLoop",
+    "ControlledRobot",
+    "ControllerManager",
+    "ControllersFile",
+    "ErrorCode",
+    "FollowJointTrajectory",
+    "GoalHandle",
+    "GoalStatus",
+    "JointTrajectory",
+    "JointTrajectoryPoint",
+    "Result",
+    "Tolerance",
+    "read_controllers",
+    "usual_controllers",
+]

@@ -1,0 +1,255 @@
+"""Controllers that command nothing: they tell what the hardware reports, once a cycle."""
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Final
+
+from client.controllers.controller import Controller, controller_type
+from client.controllers.interfaces import Interfaces
+from client.controllers.parameters import without_effect
+from client.controllers.topics import Topic
+
+__all__ = [
+    "ForceTorqueSensorBroadcaster",
+    "JointState",
+    "JointStateBroadcaster",
+    "PoseBroadcaster",
+    "PoseStamped",
+    "SpeedScalingStateBroadcaster",
+    "WrenchStamped",
+]
+
+_KINDS: Final = ("position", "velocity", "effort")
+_NO_ROS: Final = "names of topics are a matter of ROS"
+_EVERY_CYCLE: Final = "messages come every cycle"
+_WRENCH: Final = ("force.x", "force.y", "force.z", "torque.x", "torque.y", "torque.z")
+_POSE: Final = (
+    "position.x", "position.y", "position.z", "orientation.x", "orientation.y", "orientation.z", "orientation.w",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class JointState:
+    """Of joints (n,): [rad, rad/s] and effort as the hardware has it (for UR: motor currents [A])."""
+
+    time_s: float
+    name: tuple[str, ...]
+    position: tuple[float, ...]
+    velocity: tuple[float, ...]
+    effort: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class JointStateParameters:
+    """joints, interfaces: what to tell, all when empty."""
+
+    joints: tuple[str, ...] = ()
+    interfaces: tuple[str, ...] = ()
+    extra_joints: tuple[str, ...] = ()
+    use_local_topics: bool = without_effect(False, _NO_ROS)
+    use_urdf_to_filter: bool = without_effect(True, "there is no URDF")
+    frame_id: str = without_effect("base_link", "joint states have no frame")
+
+
+@controller_type("joint_state_broadcaster/JointStateBroadcaster")
+class JointStateBroadcaster(Controller[JointStateParameters]):
+    """Tells positions, speeds and efforts of the joints; extra_joints are added with zeros."""
+
+    parameters_type: ClassVar[type[Any]] = JointStateParameters
+
+    def __init__(self, name: str, parameters: JointStateParameters, update_rate_hz: float) -> None:
+        super().__init__(name, parameters, update_rate_hz)
+        self.topic: Topic[JointState] = Topic("/joint_states")
+        self._joints: tuple[str, ...] = ()
+        self._parts: tuple[Interfaces | None, ...] = ()
+
+    @property
+    def state_interfaces(self) -> tuple[str, ...]:
+        kinds = self.parameters.interfaces or _KINDS
+        return tuple(f"{joint}/{kind}" for kind in kinds for joint in self.parameters.joints or ("*_joint",))
+
+    def on_configure(self) -> None:
+        if strange := set(self.parameters.interfaces) - set(_KINDS):
+            raise self.error(f"interfaces are {', '.join(_KINDS)}, not {min(strange)}")
+
+    def on_activate(self, time_s: float) -> None:
+        self._joints = tuple(dict.fromkeys(name.rpartition("/")[0] for name in self.states.names))
+        self._parts = tuple(self._part(kind) for kind in _KINDS)
+
+    def _part(self, kind: str) -> Interfaces | None:
+        names = [f"{joint}/{kind}" for joint in self._joints]
+        return self.states.lend(names) if all(name in self.states for name in names) else None
+
+    def update(self, time_s: float, period_s: float) -> None:
+        extra = (0.0,) * len(self.parameters.extra_joints)
+        position, velocity, effort = (tuple(part.get()) + extra if part else () for part in self._parts)
+        names = self._joints + self.parameters.extra_joints
+        self.topic.publish(JointState(time_s, names, position, velocity, effort))
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedScalingParameters:
+    """tf_prefix: in front of the interface's name."""
+
+    tf_prefix: str = ""
+    state_publish_rate: float = without_effect(100.0, _EVERY_CYCLE)
+
+
+@controller_type("ur_controllers/SpeedScalingStateBroadcaster")
+class SpeedScalingStateBroadcaster(Controller[SpeedScalingParameters]):
+    """Tells the speed scaling in percent: 100 is full speed, 0 is a robot that waits."""
+
+    parameters_type: ClassVar[type[Any]] = SpeedScalingParameters
+
+    def __init__(self, name: str, parameters: SpeedScalingParameters, update_rate_hz: float) -> None:
+        super().__init__(name, parameters, update_rate_hz)
+        self.topic: Topic[float] = Topic("~/speed_scaling")
+
+    @property
+    def state_interfaces(self) -> tuple[str, ...]:
+        return (f"{self.parameters.tf_prefix}speed_scaling/speed_scaling_factor",)
+
+    def update(self, time_s: float, period_s: float) -> None:
+        self.topic.publish(100.0 * self.states.get()[0])
+
+
+@dataclass(frozen=True, slots=True)
+class WrenchStamped:
+    """Force [N] (3,) and torque [Nm] (3,) in the frame ``frame_id``."""
+
+    time_s: float
+    frame_id: str
+    force: tuple[float, ...]
+    torque: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Axes:
+    """A text for each axis."""
+
+    x: str = ""
+    y: str = ""
+    z: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class AxisNumbers:
+    """A number for each axis."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class WrenchNames:
+    """State interfaces that are no sensor's."""
+
+    force: Axes = field(default_factory=Axes)
+    torque: Axes = field(default_factory=Axes)
+
+
+@dataclass(frozen=True, slots=True)
+class WrenchNumbers:
+    """Added to or multiplied with what is measured."""
+
+    force: AxisNumbers = field(default_factory=AxisNumbers)
+    torque: AxisNumbers = field(default_factory=AxisNumbers)
+
+
+_ONES: Final = WrenchNumbers(AxisNumbers(1.0, 1.0, 1.0), AxisNumbers(1.0, 1.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class ForceTorqueParameters:
+    """Either sensor_name or all six interface_names; offsets are added before the multipliers."""
+
+    sensor_name: str = ""
+    frame_id: str = ""
+    interface_names: WrenchNames = field(default_factory=WrenchNames)
+    offset: WrenchNumbers = field(default_factory=WrenchNumbers)
+    multiplier: WrenchNumbers = field(default_factory=lambda: _ONES)
+    state_interface_names: tuple[str, ...] = without_effect((), "the six are known by the sensor's name")
+    topic_name: str = without_effect("", _NO_ROS)
+
+
+@controller_type("force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster")
+class ForceTorqueSensorBroadcaster(Controller[ForceTorqueParameters]):
+    """Tells what the sensor at the tool feels."""
+
+    parameters_type: ClassVar[type[Any]] = ForceTorqueParameters
+
+    def __init__(self, name: str, parameters: ForceTorqueParameters, update_rate_hz: float) -> None:
+        super().__init__(name, parameters, update_rate_hz)
+        self.topic: Topic[WrenchStamped] = Topic("~/wrench")
+        self._offsets = _six(parameters.offset)
+        self._multipliers = _six(parameters.multiplier)
+
+    @property
+    def state_interfaces(self) -> tuple[str, ...]:
+        if sensor := self.parameters.sensor_name:
+            return tuple(f"{sensor}/{part}" for part in _WRENCH)
+        names = self.parameters.interface_names
+        return (names.force.x, names.force.y, names.force.z, names.torque.x, names.torque.y, names.torque.z)
+
+    def on_configure(self) -> None:
+        if not all(self.state_interfaces):
+            raise self.error("give a sensor_name, or all six interface_names")
+
+    def update(self, time_s: float, period_s: float) -> None:
+        values = [
+            (value + offset) * multiplier
+            for value, offset, multiplier in zip(self.states.get(), self._offsets, self._multipliers, strict=True)
+        ]
+        self.topic.publish(WrenchStamped(time_s, self.parameters.frame_id, tuple(values[:3]), tuple(values[3:])))
+
+
+def _six(numbers: WrenchNumbers) -> tuple[float, ...]:
+    force, torque = numbers.force, numbers.torque
+    return (force.x, force.y, force.z, torque.x, torque.y, torque.z)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseStamped:
+    """Position [m] (3,) and orientation as a quaternion x, y, z, w (4,) in the frame ``frame_id``."""
+
+    time_s: float
+    frame_id: str
+    position: tuple[float, ...]
+    orientation: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Transform:
+    """How ROS would publish it."""
+
+    enable: bool = without_effect(True, "transforms are a matter of ROS")
+    child_frame_id: str = without_effect("", "transforms are a matter of ROS")
+    publish_rate: float = without_effect(0.0, "transforms are a matter of ROS")
+
+
+@dataclass(frozen=True, slots=True)
+class PoseParameters:
+    """pose_name: the state interfaces' component."""
+
+    frame_id: str
+    pose_name: str
+    tf: Transform = field(default_factory=Transform)
+
+
+@controller_type("pose_broadcaster/PoseBroadcaster")
+class PoseBroadcaster(Controller[PoseParameters]):
+    """Tells where the tool is."""
+
+    parameters_type: ClassVar[type[Any]] = PoseParameters
+
+    def __init__(self, name: str, parameters: PoseParameters, update_rate_hz: float) -> None:
+        super().__init__(name, parameters, update_rate_hz)
+        self.topic: Topic[PoseStamped] = Topic("~/pose")
+
+    @property
+    def state_interfaces(self) -> tuple[str, ...]:
+        return tuple(f"{self.parameters.pose_name}/{part}" for part in _POSE)
+
+    def update(self, time_s: float, period_s: float) -> None:
+        values = tuple(self.states.get())
+        self.topic.publish(PoseStamped(time_s, self.parameters.frame_id, values[:3], values[3:]))

@@ -1,0 +1,246 @@
+"""The robot gives way: to a hand in freedrive, to forces in force mode, to what the tool touches."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, ClassVar, Final
+
+from client.controllers.calls import Call, Calls
+from client.controllers.controller import Controller, controller_type
+from client.controllers.parameters import without_effect
+
+__all__ = [
+    "FORCE_MODE_COMMANDS",
+    "ForceModeController",
+    "FreedriveModeController",
+    "ToolContactController",
+    "ToolContactState",
+]
+
+_IN_ROBOT_TIME: Final = "the answer is waited for in robot time"
+_AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
+FORCE_MODE_COMMANDS: Final = (
+    *(f"force_mode/{group}_{axis}" for group in ("task_frame", "selection_vector", "wrench") for axis in _AXES),
+    "force_mode/type",
+    *(f"force_mode/limits_{axis}" for axis in _AXES),
+    "force_mode/damping",
+    "force_mode/gain_scaling",
+)
+"""What one start of force mode consists of."""
+
+
+@dataclass(frozen=True, slots=True)
+class FreedriveParameters:
+    """inactive_timeout: how long freedrive lasts after the last call [s]."""
+
+    tf_prefix: str = ""
+    inactive_timeout: int = 1
+    check_io_successful_retries: int = without_effect(10, _IN_ROBOT_TIME)
+
+
+@controller_type("ur_controllers/FreedriveModeController")
+class FreedriveModeController(Controller[FreedriveParameters]):
+    """Lets the arm be moved by hand, as long as somebody keeps asking for it."""
+
+    parameters_type: ClassVar[type[Any]] = FreedriveParameters
+
+    def __init__(self, name: str, parameters: FreedriveParameters, update_rate_hz: float) -> None:
+        super().__init__(name, parameters, update_rate_hz)
+        self.enabled = False
+        self._asked_s: float | None = None
+        self._wanted: bool | None = None
+
+    @property
+    def command_interfaces(self) -> tuple[str, ...]:
+        return tuple(f"{self._component}/{name}" for name in ("async_success", "enable", "abort"))
+
+    @property
+    def _component(self) -> str:
+        return f"{self.parameters.tf_prefix}freedrive_mode"
+
+    def on_activate(self, time_s: float) -> None:
+        self.enabled, self._asked_s, self._wanted = False, None, None
+
+    def on_halt(self, reason: str) -> None:
+        self.enabled, self._wanted = False, None
+
+    def enable_freedrive_mode(self, on: bool) -> None:
+        """True starts it or keeps it going, at least every inactive_timeout; False ends it. Raises ControllerError."""
+        self.check_active()
+        self._wanted = on
+
+    def update(self, time_s: float, period_s: float) -> None:
+        if self._wanted is not None:
+            wanted, self._wanted, self._asked_s = self._wanted, None, time_s
+            self._change(wanted)
+        elif self.enabled and self._asked_s is not None:
+            self._change(time_s - self._asked_s <= self.parameters.inactive_timeout)
+
+    def _change(self, wanted: bool) -> None:
+        if wanted != self.enabled:
+            self.enabled = wanted
+            self.commands[f"{self._component}/{'enable' if wanted else 'abort'}"] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class ForceModeParameters:
+    """tf_prefix: in front of all names."""
+
+    tf_prefix: str = ""
+    check_io_successful_retries: int = without_effect(10, _IN_ROBOT_TIME)
+
+
+@controller_type("ur_controllers/ForceModeController")
+class ForceModeController(Controller[ForceModeParameters]):
+    """Lets axes of a frame give way to forces; alone, or beside the passthrough trajectory controller."""
+
+    parameters_type: ClassVar[type[Any]] = ForceModeParameters
+
+    def __init__(self, name: str, parameters: ForceModeParameters, update_rate_hz: float) -> None:
+        super().__init__(name, parameters, update_rate_hz)
+        self._calls = Calls(self.commands)
+
+    @property
+    def command_interfaces(self) -> tuple[str, ...]:
+        names = (*FORCE_MODE_COMMANDS, "force_mode/force_mode_async_success", "force_mode/disable_cmd")
+        return tuple(self.parameters.tf_prefix + name for name in names)
+
+    def on_activate(self, time_s: float) -> None:
+        self._calls = Calls(self.commands, self.parameters.tf_prefix)
+
+    def on_deactivate(self) -> None:
+        self._calls.end_all("the controller was deactivated")
+
+    def update(self, time_s: float, period_s: float) -> None:
+        self._calls.update(time_s)
+
+    def start_force_mode(
+        self,
+        task_frame_base: Sequence[float],
+        selection: Sequence[int],
+        wrench: Sequence[float],
+        *,
+        type: int = 2,  # noqa: A002 # the field's name in ROS and in URScript
+        speed_limits: Sequence[float] = (0.05, 0.05, 0.05, 0.5, 0.5, 0.5),
+        deviation_limits: Sequence[float] = (0.01,) * 6,
+        damping_factor: float = 0.025,
+        gain_scaling: float = 0.5,
+    ) -> Call:
+        """As the service of the same name; each sequence is (6,).
+
+        task_frame_base: pose in the base frame [m, rotation vector]. selection: 1 for axes that
+        comply. wrench: to press with [N, Nm]. type: 1 to 3, see URScript's force_mode.
+        speed_limits: of complying axes [m/s, rad/s]; deviation_limits: of the others [m, rad].
+        Raises ControllerError.
+        """
+        self.check_active()
+        groups = (task_frame_base, selection, wrench, speed_limits, deviation_limits)
+        if any(len(group) != 6 for group in groups):
+            raise self.error("frame, selection, wrench and limits have six numbers each")
+        if type not in (1, 2, 3):
+            raise self.error(f"the type of force mode is 1, 2 or 3, not {type}")
+        if not (0.0 <= damping_factor <= 1.0 and 0.0 <= gain_scaling <= 2.0):
+            raise self.error(f"damping is 0 to 1 and gain scaling 0 to 2, not {damping_factor} and {gain_scaling}")
+        pairs = zip(selection, speed_limits, deviation_limits, strict=True)
+        limits = [speed if chosen else deviation for chosen, speed, deviation in pairs]
+        if any(not limit >= 0.0 for limit in limits) or any(chosen not in (0, 1) for chosen in selection):
+            raise self.error("limits cannot be negative, and a selection is 0 or 1")
+        values = (*task_frame_base, *selection, *wrench, type, *limits, damping_factor, gain_scaling)
+        commands = {name: float(value) for name, value in zip(FORCE_MODE_COMMANDS, values, strict=True)}
+        return self._calls.send("start_force_mode", commands, "force_mode/force_mode_async_success")
+
+    def stop_force_mode(self) -> Call:
+        """Hold the pose again. Raises ControllerError."""
+        self.check_active()
+        return self._calls.send(
+            "stop_force_mode", {"force_mode/disable_cmd": 1.0}, "force_mode/force_mode_async_success"
+        )
+
+
+class ToolContactState(IntEnum):
+    """Of the search for contact, on the interfaces tool_contact_set_state and tool_contact_state."""
+
+    STANDBY = 1
+    WAITING_BEGIN = 2
+    EXECUTING = 3
+    FAILURE_BEGIN = 4
+    WAITING_END = 5
+    SUCCESS_END = 6
+    FAILURE_END = 7
+
+
+@dataclass(frozen=True, slots=True)
+class ToolContactParameters:
+    """tf_prefix: in front of all names."""
+
+    tf_prefix: str = ""
+    action_monitor_rate: float = without_effect(20.0, "results are told in the cycle they come about")
+
+
+@controller_type("ur_controllers/ToolContactController")
+class ToolContactController(Controller[ToolContactParameters]):
+    """Stops the arm where the tool touches something; beside a controller that moves it. e-Series."""
+
+    parameters_type: ClassVar[type[Any]] = ToolContactParameters
+
+    def __init__(self, name: str, parameters: ToolContactParameters, update_rate_hz: float) -> None:
+        super().__init__(name, parameters, update_rate_hz)
+        self._call: Call | None = None
+
+    @property
+    def command_interfaces(self) -> tuple[str, ...]:
+        return (self._name("tool_contact_set_state"),)
+
+    @property
+    def state_interfaces(self) -> tuple[str, ...]:
+        names = (self._name("tool_contact_result"), self._name("tool_contact_state"))
+        return (*names, f"{self.parameters.tf_prefix}get_robot_software_version/get_version_major")
+
+    def _name(self, interface: str) -> str:
+        return f"{self.parameters.tf_prefix}tool_contact/{interface}"
+
+    def on_activate(self, time_s: float) -> None:
+        if self.states[self.state_interfaces[2]] < 5.0:
+            raise self.error("CB3 robots have no tool contact")
+        self._set(ToolContactState.STANDBY)
+
+    def on_deactivate(self) -> None:
+        self._end(False, "the controller was deactivated")
+
+    def detect_tool_contact(self) -> Call:
+        """Watch from now on; the call ends well when the arm is back where contact began. Raises ControllerError."""
+        self.check_active()
+        if self._call is not None:
+            raise self.error("it watches for contact already")
+        self._call = Call("detect_tool_contact")
+        self._set(ToolContactState.WAITING_BEGIN)
+        return self._call
+
+    def cancel(self) -> None:
+        """Watch no longer. Raises ControllerError."""
+        self.check_active()
+        if self._call is not None:
+            self._set(ToolContactState.WAITING_END)
+            self._end(False, "canceled")
+
+    def update(self, time_s: float, period_s: float) -> None:
+        state = self.states[self._name("tool_contact_state")]
+        if state == ToolContactState.EXECUTING and self._call is not None:
+            result = self.states[self._name("tool_contact_result")]
+            if result == 0.0:
+                self._set(ToolContactState.WAITING_END)
+                self._end(True, "")
+            elif result == 1.0:
+                self._set(ToolContactState.STANDBY)
+                self._end(False, "watching ended without a contact")
+        elif state in (ToolContactState.FAILURE_BEGIN, ToolContactState.FAILURE_END):
+            self._set(ToolContactState.STANDBY)
+            self._end(False, "the robot did not take it, its log says why")
+
+    def _end(self, success: bool, message: str) -> None:
+        call, self._call = self._call, None
+        if call is not None:
+            call.end(success, message)
+
+    def _set(self, state: ToolContactState) -> None:
+        self.commands[self._name("tool_contact_set_state")] = float(state)

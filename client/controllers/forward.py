@@ -1,0 +1,99 @@
+"""Hands commands to the joints as they are."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from client.controllers.controller import Controller, controller_type
+
+__all__ = [
+    "ForwardCommandController",
+    "ForwardCommandParameters",
+    "JointGroupParameters",
+    "JointGroupPositionController",
+    "JointGroupVelocityController",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class ForwardCommandParameters:
+    """interface_name: position [rad], velocity [rad/s] or effort [Nm]."""
+
+    joints: tuple[str, ...]
+    interface_name: str
+
+
+@dataclass(frozen=True, slots=True)
+class JointGroupParameters:
+    """Of the older types, whose name says the interface."""
+
+    joints: tuple[str, ...]
+
+
+@controller_type("forward_command_controller/ForwardCommandController")
+class ForwardCommandController(Controller[Any]):
+    """Commands positions, speeds or torques exactly as they were given last; nothing until then."""
+
+    parameters_type: ClassVar[type[Any]] = ForwardCommandParameters
+
+    def __init__(self, name: str, parameters: Any, update_rate_hz: float) -> None:
+        super().__init__(name, parameters, update_rate_hz)
+        self._values: tuple[float, ...] | None = None
+
+    @property
+    def interface_name(self) -> str:
+        """What it commands."""
+        return str(self.parameters.interface_name)
+
+    @property
+    def command_interfaces(self) -> tuple[str, ...]:
+        return tuple(f"{joint}/{self.interface_name}" for joint in self.parameters.joints)
+
+    def on_configure(self) -> None:
+        if not self.parameters.joints:
+            raise self.error("joints is empty: name the joints to command")
+
+    def on_activate(self, time_s: float) -> None:
+        self._values = None
+
+    def on_deactivate(self) -> None:
+        self._values = None
+
+    def on_halt(self, reason: str) -> None:
+        self._values = None
+
+    def command(self, values: Sequence[float]) -> None:
+        """What to command from now on, joint by joint. Raises ControllerError, also while it is not active."""
+        self.check_active()
+        if len(values) != len(self.parameters.joints):
+            raise self.error(f"{len(values)} commands came for {len(self.parameters.joints)} joints")
+        if not all(map(math.isfinite, values)):
+            raise self.error(f"these commands are no numbers: {list(values)}")
+        self._values = tuple(values)
+
+    def update(self, time_s: float, period_s: float) -> None:
+        if self._values is not None:
+            self.commands.put(self._values)
+
+
+@controller_type("position_controllers/JointGroupPositionController")
+class JointGroupPositionController(ForwardCommandController):
+    """As the forward command controller, for positions."""
+
+    parameters_type: ClassVar[type[Any]] = JointGroupParameters
+
+    @property
+    def interface_name(self) -> str:
+        return "position"
+
+
+@controller_type("velocity_controllers/JointGroupVelocityController")
+class JointGroupVelocityController(ForwardCommandController):
+    """As the forward command controller, for speeds; they end with its activity."""
+
+    parameters_type: ClassVar[type[Any]] = JointGroupParameters
+
+    @property
+    def interface_name(self) -> str:
+        return "velocity"

@@ -1,0 +1,150 @@
+"""Trajectories, goals and results, as trajectory_msgs and control_msgs/FollowJointTrajectory have them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Final
+
+from client.driver.endpoint import tell
+
+__all__ = [
+    "ErrorCode",
+    "Feedback",
+    "FollowJointTrajectory",
+    "GoalHandle",
+    "GoalStatus",
+    "JointTrajectory",
+    "JointTrajectoryPoint",
+    "Result",
+    "Tolerance",
+]
+
+
+class ErrorCode(IntEnum):
+    """How a goal ended. Source: control_msgs/FollowJointTrajectory."""
+
+    SUCCESSFUL = 0
+    INVALID_GOAL = -1
+    INVALID_JOINTS = -2
+    OLD_HEADER_TIMESTAMP = -3
+    PATH_TOLERANCE_VIOLATED = -4
+    GOAL_TOLERANCE_VIOLATED = -5
+
+
+class GoalStatus(IntEnum):
+    """Of a goal that was accepted. Source: action_msgs/GoalStatus."""
+
+    EXECUTING = 2
+    SUCCEEDED = 4
+    CANCELED = 5
+    ABORTED = 6
+
+
+@dataclass(frozen=True, slots=True)
+class JointTrajectoryPoint:
+    """Where the joints are at a time: [rad], [rad/s], [rad/s2], [Nm], each in the order of the joint names or empty."""
+
+    positions: tuple[float, ...] = ()
+    velocities: tuple[float, ...] = ()
+    accelerations: tuple[float, ...] = ()
+    effort: tuple[float, ...] = ()
+    time_from_start_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class JointTrajectory:
+    """Points to pass; stamp_s: the robot's time at which it begins, 0 for now."""
+
+    joint_names: tuple[str, ...]
+    points: tuple[JointTrajectoryPoint, ...]
+    stamp_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How far a joint may be off [rad, rad/s, rad/s2]: 0 is the controller's default, -1 is any distance."""
+
+    position: float = 0.0
+    velocity: float = 0.0
+    acceleration: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class FollowJointTrajectory:
+    """A trajectory and how well it has to be followed: tolerances by joint name.
+
+    goal_time_tolerance_s: how much later than planned the arm may be there; 0 is the controller's default, -1 any time.
+    """
+
+    trajectory: JointTrajectory
+    path_tolerance: Mapping[str, Tolerance] = field(default_factory=dict)
+    goal_tolerance: Mapping[str, Tolerance] = field(default_factory=dict)
+    goal_time_tolerance_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Feedback:
+    """Of a goal under way, once a cycle: joints (n,) in the controller's order.
+
+    index: the point that comes next, as many as there are points after the last one.
+    """
+
+    time_s: float
+    desired: JointTrajectoryPoint
+    actual: JointTrajectoryPoint
+    error: JointTrajectoryPoint
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """How a goal ended, in the words of ROS 2."""
+
+    error_code: ErrorCode
+    error_string: str
+
+
+_NONE: Final = Result(ErrorCode.SUCCESSFUL, "")
+
+
+class GoalHandle:
+    """A goal that a controller took.
+
+    result: None until it ended. feedback: of the last cycle. on_end, on_feedback: called with it.
+    """
+
+    def __init__(self, goal: FollowJointTrajectory) -> None:
+        self.goal = goal
+        self.status = GoalStatus.EXECUTING
+        self.result: Result | None = None
+        self.feedback: Feedback | None = None
+        self.on_end: list[Callable[[Result], object]] = []
+        self.on_feedback: list[Callable[[Feedback], object]] = []
+
+    @property
+    def done(self) -> bool:
+        """True when it has ended, however."""
+        return self.result is not None
+
+    def tell(self, feedback: Feedback) -> None:
+        """How it goes."""
+        self.feedback = feedback
+        tell(self.on_feedback, feedback)
+
+    def succeed(self, text: str) -> None:
+        """The arm is there."""
+        self._end(GoalStatus.SUCCEEDED, Result(ErrorCode.SUCCESSFUL, text))
+
+    def abort(self, code: ErrorCode, text: str) -> None:
+        """The controller gave up."""
+        self._end(GoalStatus.ABORTED, Result(code, text))
+
+    def cancel(self) -> None:
+        """Somebody asked for it."""
+        self._end(GoalStatus.CANCELED, _NONE)
+
+    def _end(self, status: GoalStatus, result: Result) -> None:
+        if self.done:
+            return
+        self.status, self.result = status, result
+        tell(self.on_end, result)

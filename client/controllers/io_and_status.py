@@ -1,0 +1,223 @@
+"""Inputs, outputs and modes of the robot, and what is set about it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final
+
+from client.controllers.calls import Call, Calls
+from client.controllers.controller import Controller, controller_type
+from client.controllers.parameters import without_effect
+from client.controllers.topics import Topic
+
+__all__ = ["GPIOController", "IOStates", "ToolData"]
+
+_EVERY_CYCLE: Final = "the effect is waited for in robot time"
+_ANSWER: Final = "gpio/io_async_success"
+_PAYLOAD: Final = ("mass", "cog.x", "cog.y", "cog.z")
+_INERTIA: Final = ("inertia.ixx", "inertia.iyy", "inertia.izz", "inertia.ixy", "inertia.ixz", "inertia.iyz")
+_COMMANDS: Final = (
+    *(f"gpio/standard_digital_output_cmd_{pin}" for pin in range(18)),
+    *(f"gpio/standard_analog_output_cmd_{pin}" for pin in range(2)),
+    "gpio/analog_output_domain_cmd",
+    "gpio/tool_voltage_cmd",
+    _ANSWER,
+    "speed_scaling/target_speed_fraction_cmd",
+    "speed_scaling/target_speed_fraction_async_success",
+    "resend_robot_program/resend_robot_program_cmd",
+    "resend_robot_program/resend_robot_program_async_success",
+    "hand_back_control/hand_back_control_cmd",
+    "hand_back_control/hand_back_control_async_success",
+    *(f"payload/{part}" for part in (*_PAYLOAD, *_INERTIA, "transition_time", "payload_async_success")),
+    "zero_ftsensor/zero_ftsensor_cmd",
+    "zero_ftsensor/zero_ftsensor_async_success",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class IOStates:
+    """Levels of the 18 digital signals (0-7 standard, 8-15 configurable, 16-17 tool) and of the analog ones.
+
+    An analog signal is in V where its type is 1, in A where it is 0.
+    """
+
+    digital_in: tuple[bool, ...]
+    digital_out: tuple[bool, ...]
+    analog_in: tuple[float, ...]
+    analog_out: tuple[float, ...]
+    analog_types: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ToolData:
+    """Of the tool connector: [V], [A], [degC]; mode is urproto.modes.ToolMode."""
+
+    analog_in: tuple[float, ...]
+    output_voltage: float
+    output_current: float
+    temperature: float
+    mode: int
+
+
+@dataclass(frozen=True, slots=True)
+class GPIOParameters:
+    """tf_prefix: in front of all names."""
+
+    tf_prefix: str = ""
+    check_io_successfull_retries: int = without_effect(10, _EVERY_CYCLE)
+    verify_payload_on_set: bool = without_effect(True, "the payload is not looked at again")
+
+
+@controller_type("ur_controllers/GPIOController")
+class GPIOController(Controller[GPIOParameters]):
+    """Tells inputs, outputs, modes and tool data when they change, and sets what can be set.
+
+    Every setting gives a `Call`, which is answered when the robot has it, for outputs and the
+    speed slider when it is seen to be in effect.
+    """
+
+    parameters_type: ClassVar[type[Any]] = GPIOParameters
+
+    def __init__(self, name: str, parameters: GPIOParameters, update_rate_hz: float) -> None:
+        super().__init__(name, parameters, update_rate_hz)
+        self.io_states: Topic[IOStates] = Topic("~/io_states")
+        self.tool_data: Topic[ToolData] = Topic("~/tool_data")
+        self.robot_mode: Topic[int] = Topic("~/robot_mode")
+        self.safety_mode: Topic[int] = Topic("~/safety_mode")
+        self.program_running: Topic[bool] = Topic("~/robot_program_running")
+        self._calls = Calls(self.commands)
+
+    @property
+    def command_interfaces(self) -> tuple[str, ...]:
+        return tuple(self.parameters.tf_prefix + name for name in _COMMANDS)
+
+    @property
+    def state_interfaces(self) -> tuple[str, ...]:
+        prefix = self.parameters.tf_prefix
+        return (f"{prefix}gpio/*", f"{prefix}speed_scaling/*")
+
+    def on_activate(self, time_s: float) -> None:
+        self._calls = Calls(self.commands, self.parameters.tf_prefix)
+
+    def on_deactivate(self) -> None:
+        self._calls.end_all("the controller was deactivated")
+
+    def update(self, time_s: float, period_s: float) -> None:
+        self._calls.update(time_s)
+        _tell(self.io_states, self._io_states())
+        _tell(self.tool_data, self._tool_data())
+        _tell(self.robot_mode, self._whole("gpio/robot_mode"))
+        _tell(self.safety_mode, self._whole("gpio/safety_mode"))
+        _tell(self.program_running, self._state("gpio/program_running") == 1.0)
+
+    def set_digital_out(self, pin: int, on: bool) -> Call:
+        """Pins as in `IOStates`. Raises ControllerError."""
+        self._check_pin(pin, 18, "digital output")
+        output = f"gpio/digital_output_{pin}"
+        return self._send(
+            f"digital output {pin}",
+            {f"gpio/standard_digital_output_cmd_{pin}": float(on)},
+            _ANSWER,
+            lambda: self._state(output) == float(on),
+        )
+
+    def set_analog_out(self, pin: int, share: float, *, voltage: bool | None = None) -> Call:
+        """0 to 1 of the range of the domain: voltage (True, 0 to 10 V), current (False, 4 to 20 mA), or as it is."""
+        self._check_pin(pin, 2, "analog output")
+        if not 0.0 <= share <= 1.0:
+            raise self.error(f"an analog output takes 0 to 1 of its range, not {share}")
+        values = {f"gpio/standard_analog_output_cmd_{pin}": share}
+        if voltage is not None:
+            values["gpio/analog_output_domain_cmd"] = float(voltage)
+        return self._send(f"analog output {pin}", values, _ANSWER)
+
+    def set_tool_voltage(self, volts: int) -> Call:
+        """0, 12 or 24 V."""
+        if volts not in (0, 12, 24):
+            raise self.error(f"the tool voltage is 0, 12 or 24 V, not {volts}")
+        return self._send("tool voltage", {"gpio/tool_voltage_cmd": float(volts)}, _ANSWER)
+
+    def set_speed_slider(self, fraction: float) -> Call:
+        """0.01 to 1."""
+        if not 0.01 <= fraction <= 1.0:
+            raise self.error(f"the speed slider goes from 0.01 to 1, not to {fraction}")
+        return self._send(
+            "speed slider",
+            {"speed_scaling/target_speed_fraction_cmd": fraction},
+            "speed_scaling/target_speed_fraction_async_success",
+            lambda: abs(self._state("speed_scaling/target_speed_fraction") - fraction) < 1e-3,
+        )
+
+    def resend_robot_program(self) -> Call:
+        """Start the control program on the robot again."""
+        name = "resend_robot_program/resend_robot_program"
+        return self._send("resend_robot_program", {f"{name}_cmd": 1.0}, f"{name}_async_success")
+
+    def hand_back_control(self) -> Call:
+        """End the control program: what follows it in the robot's own program goes on."""
+        name = "hand_back_control/hand_back_control"
+        return self._send("hand_back_control", {f"{name}_cmd": 1.0}, f"{name}_async_success")
+
+    def set_payload(
+        self,
+        mass_kg: float,
+        cog_m: Sequence[float],
+        inertia_kg_m2: Sequence[float] | None = None,
+        transition_time_s: float = 0.0,
+    ) -> Call:
+        """Mass, centre of gravity (3,) in the flange frame and, from 5.10 on, inertia (6,) and a transition."""
+        if len(cog_m) != 3 or (inertia_kg_m2 is not None and len(inertia_kg_m2) != 6):
+            raise self.error("a centre of gravity has 3 numbers, an inertia 6: xx, yy, zz, xy, xz, yz")
+        values = dict(zip((f"payload/{part}" for part in _PAYLOAD), (mass_kg, *cog_m), strict=True))
+        if inertia_kg_m2 is not None:
+            values |= dict(zip((f"payload/{part}" for part in _INERTIA), inertia_kg_m2, strict=True))
+            values["payload/transition_time"] = transition_time_s
+        return self._send("payload", values, "payload/payload_async_success")
+
+    def zero_ftsensor(self) -> Call:
+        """Let what the force sensor feels now be zero; e-Series."""
+        name = "zero_ftsensor/zero_ftsensor"
+        return self._send("zero_ftsensor", {f"{name}_cmd": 1.0}, f"{name}_async_success")
+
+    def _send(self, what: str, values: dict[str, float], answer: str, seen: Callable[[], bool] | None = None) -> Call:
+        self.check_active()
+        return self._calls.send(what, values, answer, seen)
+
+    def _check_pin(self, pin: int, count: int, what: str) -> None:
+        if not 0 <= pin < count:
+            raise self.error(f"there is no {what} {pin}: they are numbered from 0 to {count - 1}")
+
+    def _state(self, name: str) -> float:
+        return self.states[self.parameters.tf_prefix + name]
+
+    def _whole(self, name: str) -> int:
+        value = self._state(name)
+        return int(value) if value == value else -1
+
+    def _levels(self, name: str, count: int) -> tuple[bool, ...]:
+        return tuple(self._state(f"{name}_{pin}") == 1.0 for pin in range(count))
+
+    def _values(self, name: str, count: int) -> tuple[float, ...]:
+        return tuple(self._state(f"{name}_{pin}") for pin in range(count))
+
+    def _io_states(self) -> IOStates:
+        return IOStates(
+            self._levels("gpio/digital_input", 18),
+            self._levels("gpio/digital_output", 18),
+            self._values("gpio/standard_analog_input", 2),
+            self._values("gpio/standard_analog_output", 2),
+            tuple(self._whole(f"gpio/analog_io_type_{pin}") for pin in range(4)),
+        )
+
+    def _tool_data(self) -> ToolData:
+        return ToolData(
+            self._values("gpio/tool_analog_input", 2),
+            self._state("gpio/tool_output_voltage"),
+            self._state("gpio/tool_output_current"),
+            self._state("gpio/tool_temperature"),
+            self._whole("gpio/tool_mode"),
+        )
+
+
+def _tell(topic: Topic[Any], message: object) -> None:
+    if topic.latest != message:
+        topic.publish(message)

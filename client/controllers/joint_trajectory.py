@@ -1,0 +1,394 @@
+"""Follows trajectories of joint angles, setpoint by setpoint."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final
+
+from client.controllers.controller import Controller, controller_type
+from client.controllers.goals import (
+    ErrorCode,
+    Feedback,
+    FollowJointTrajectory,
+    GoalHandle,
+    JointTrajectory,
+    JointTrajectoryPoint,
+    Tolerance,
+)
+from client.controllers.interfaces import Interfaces
+from client.controllers.joint_trajectory_parameters import (
+    JointConstraints,
+    JointTrajectoryParameters,
+    ScaledJointTrajectoryParameters,
+)
+from client.controllers.pid import Gains, Pid
+from client.controllers.replacement import blended, filled
+from client.controllers.stopping import deceleration
+from client.controllers.tolerances import ToleranceError, Tolerances, violation, with_goal
+from client.controllers.topics import Topic
+from client.controllers.trajectory import Path, Sample
+from client.controllers.validation import TrajectoryRules
+from client.errors import GoalRejectedError
+
+__all__ = [
+    "ControllerState",
+    "JointTrajectoryController",
+    "ScaledJointTrajectoryController",
+]
+
+_COMMANDS: Final = ("position", "velocity", "effort")
+_STATES: Final = ("position", "velocity", "acceleration")
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerState:
+    """Of one cycle: reference, feedback, error and output (n,) in the order of joint_names."""
+
+    time_s: float
+    joint_names: tuple[str, ...]
+    reference: JointTrajectoryPoint
+    feedback: JointTrajectoryPoint
+    error: JointTrajectoryPoint
+    output: JointTrajectoryPoint
+    speed_scaling_factor: float
+
+
+@controller_type("joint_trajectory_controller/JointTrajectoryController")
+class JointTrajectoryController(Controller[JointTrajectoryParameters]):
+    """Follows trajectories: linear, cubic or quintic, with tolerances; holds the arm in between.
+
+    `send_goal` takes a goal that ends with a result, `command` a trajectory that does not.
+    Commands positions, or speeds or torques by the PID law. state_topic: one message a cycle.
+    """
+
+    parameters_type: ClassVar[type[Any]] = JointTrajectoryParameters
+
+    def __init__(self, name: str, parameters: JointTrajectoryParameters, update_rate_hz: float) -> None:
+        super().__init__(name, parameters, update_rate_hz)
+        self.joints = parameters.joints
+        self.state_topic: Topic[ControllerState] = Topic("~/controller_state")
+        self.scaling = parameters.speed_scaling.initial_scaling_factor
+        self.goal: GoalHandle | None = None
+        self._now_s = 0.0
+        self._pending: JointTrajectory | None = None
+        self._path: Path | None = None
+        self._path_s = 0.0
+        self._holding = True
+        self._old_points = 0  # of the path's points, before those of the goal
+        self._pids: list[Pid] = []
+        self._parts: list[Interfaces | None] = []  # of the states, by kind
+        self._defaults = self._tolerances = Tolerances((), ())
+        self._actual = self._commanded = JointTrajectoryPoint()
+        self._commanded_s: float | None = None
+
+    # the life cycle
+
+    @property
+    def command_interfaces(self) -> tuple[str, ...]:
+        return self._names(self.parameters.command_interfaces)
+
+    @property
+    def state_interfaces(self) -> tuple[str, ...]:
+        scaling = self._scaling_interface
+        return self._names(self.parameters.state_interfaces) + ((scaling,) if scaling else ())
+
+    @property
+    def _scaling_interface(self) -> str:
+        return self.parameters.speed_scaling.state_interface
+
+    @property
+    def _command(self) -> str:
+        return self.parameters.command_interfaces[0]
+
+    def _names(self, kinds: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(f"{joint}/{kind}" for kind in kinds for joint in self.joints)
+
+    def on_configure(self) -> None:
+        given = self.parameters
+        self._check_parameters()
+        limits = [given.constraints.joints.get(joint, JointConstraints()) for joint in self.joints]
+        stopped = given.constraints.stopped_velocity_tolerance
+        self._defaults = self._tolerances = Tolerances(
+            tuple(Tolerance(limit.trajectory) for limit in limits),
+            tuple(Tolerance(limit.goal, stopped) for limit in limits),
+            given.constraints.goal_time,
+        )
+        self._pids = [Pid(given.gains.joints.get(joint, Gains())) for joint in self.joints]
+
+    def _check_parameters(self) -> None:
+        given = self.parameters
+        if not self.joints or len(set(self.joints)) < len(self.joints):
+            raise self.error("joints has to name each joint once")
+        if given.command_joints not in ((), self.joints):
+            raise self.error("command_joints other than joints are not had here: leave them out")
+        if len(given.command_interfaces) != 1 or self._command not in _COMMANDS:
+            raise self.error(f"command_interfaces is one of {', '.join(_COMMANDS)}, not {given.command_interfaces}")
+        if "position" not in given.state_interfaces or not set(given.state_interfaces) <= set(_STATES):
+            raise self.error(f"state_interfaces are position and any other of {', '.join(_STATES)}")
+        if self._command != "position" and "velocity" not in given.state_interfaces:
+            raise self.error(f"a controller that commands {self._command} needs the state interface velocity")
+        if given.interpolation_method not in ("splines", "none"):
+            raise self.error(f"interpolation_method is splines or none, not {given.interpolation_method!r}")
+        named = {*given.constraints.joints, *given.gains.joints}
+        if strange := sorted(named - set(self.joints)):
+            raise self.error(f"constraints or gains are given for {strange[0]}, which is none of its joints")
+        braking = given.constraints.joints
+        if given.constraints.decelerate_on_cancel and not all(
+            joint in braking and braking[joint].max_deceleration_on_cancel > 0.0 for joint in self.joints
+        ):
+            raise self.error("decelerate_on_cancel needs a max_deceleration_on_cancel above 0 for every joint")
+
+    def on_activate(self, time_s: float) -> None:
+        self._now_s = time_s
+        self._pending, self._path, self._commanded_s = None, None, None
+        for pid in self._pids:
+            pid.reset()
+        self._parts = [self._part(kind) for kind in _STATES]
+        self._read()
+        standing = self._last_command() or self._actual.positions
+        self._commanded = JointTrajectoryPoint(tuple(standing))
+        self._hold(self._commanded)
+
+    def _part(self, kind: str) -> Interfaces | None:
+        return self.states.lend(self._names((kind,))) if kind in self.parameters.state_interfaces else None
+
+    def _last_command(self) -> list[float] | None:
+        if self._command != "position" or not self.parameters.set_last_command_interface_value_as_state_on_activation:
+            return None
+        values = self.commands.get()
+        return None if any(value != value for value in values) else values
+
+    def on_deactivate(self) -> None:
+        if self.goal is not None:
+            self.goal.abort(ErrorCode.INVALID_GOAL, "Current goal cancelled during deactivate transition.")
+            self.goal = None
+        if self._command != "position":
+            self.commands.fill(0.0)
+        self._path = self._pending = None
+
+    # goals
+
+    def send_goal(self, goal: FollowJointTrajectory | JointTrajectory) -> GoalHandle:
+        """Begin a goal; one that is under way is aborted.
+
+        Raises GoalRejectedError, or ControllerError while the controller is not active.
+        """
+        if isinstance(goal, JointTrajectory):
+            goal = FollowJointTrajectory(goal)
+        self._check(goal.trajectory)
+        try:
+            tolerances = with_goal(self._defaults, goal, self.joints)
+        except ToleranceError as error:
+            raise GoalRejectedError(self.name, ErrorCode.INVALID_GOAL, str(error)) from None
+        self._preempt()
+        self.goal, self._tolerances, self._pending = GoalHandle(goal), tolerances, goal.trajectory
+        return self.goal
+
+    def command(self, trajectory: JointTrajectory) -> None:
+        """Follow a trajectory without a result, as from the topic ~/joint_trajectory; raises as `send_goal`."""
+        self._check(trajectory)
+        self._preempt()
+        self._tolerances, self._pending = self._defaults, trajectory
+
+    def _preempt(self) -> None:
+        goal, self.goal = self.goal, None
+        if goal is not None:
+            goal.abort(ErrorCode.INVALID_GOAL, "Current goal preempted by new incoming action.")
+
+    def on_halt(self, reason: str) -> None:
+        self._read()
+        self._abort(ErrorCode.INVALID_GOAL, reason)
+        self._hold(JointTrajectoryPoint(self._actual.positions))
+
+    def cancel(self) -> None:
+        """Stop; the goal under way is canceled."""
+        self.check_active()
+        goal, self.goal = self.goal, None
+        self._stop()
+        if goal is not None:
+            goal.cancel()
+
+    @property
+    def progress(self) -> float:
+        """How much of the time of the present trajectory has passed, 0 to 1; 1 while holding."""
+        if self._pending is not None:
+            return 0.0
+        if self._holding or self._path is None or not self._path.begun:
+            return 1.0 if self._holding else 0.0
+        length_s = self._path.points[-1].time_from_start_s
+        return min(max((self._path_s - self._path.start_s) / length_s, 0.0), 1.0) if length_s > 0.0 else 1.0
+
+    def _check(self, trajectory: JointTrajectory) -> None:
+        self.check_active()
+        given = self.parameters
+        TrajectoryRules(
+            self.name,
+            self.joints,
+            given.allow_partial_joints_goal,
+            given.allow_integration_in_goal_trajectories,
+            given.allow_nonzero_velocity_at_trajectory_end,
+            self._command == "effort",
+        ).check(trajectory, self._now_s)
+
+    # a cycle
+
+    def update(self, time_s: float, period_s: float) -> None:
+        self._now_s = time_s
+        self._read()
+        self._take_up(time_s, period_s)
+        path = self._path
+        assert path is not None  # since the activation
+        first = not path.begun
+        if first:
+            self._begin(path, time_s)
+        else:
+            self._path_s += period_s * self._pace
+        desired = path.sample(self._path_s)
+        ahead = path.sample(self._path_s + 1.0 / self.update_rate_hz)
+        if desired is None or ahead is None:
+            return
+        error = self._error(desired.point)
+        broken, missed, late = self._judge(error, ahead, first)
+        if not broken and not late:
+            self._set(ahead.point, error, period_s)
+            self._commanded_s = time_s
+        self._tell(time_s, desired, error)
+        self._conclude(broken, missed, late, ahead)
+
+    @property
+    def _pace(self) -> float:
+        """How fast the path's time passes; the way to rest is planned in the robot's own time."""
+        return 1.0 if self._holding and self.scaling > 0.0 else self.scaling
+
+    def _read(self) -> None:
+        q, qd, qdd = (tuple(part.get()) if part else () for part in self._parts)
+        self._actual = JointTrajectoryPoint(q, qd, qdd)
+        if self._scaling_interface:
+            factor = self.states[self._scaling_interface]
+            self.scaling = factor if factor == factor else self.scaling
+
+    def _take_up(self, time_s: float, period_s: float) -> None:
+        if (new := self._pending) is None:
+            return
+        self._pending, old = None, self._path
+        joined = None
+        if self.parameters.allow_trajectory_replacement and not self._holding and old and old.begun:
+            wait_s = new.stamp_s - time_s if new.stamp_s else 0.0
+            cursor_s = self._path_s + period_s * self._pace
+            begin_s = cursor_s + wait_s * (self.scaling if wait_s > 0.0 else 1.0)
+            joined = blended(new, self.joints, old, cursor_s, begin_s)
+        if joined is None:
+            hold = self._last_command() or self._actual.positions
+            self._path, self._old_points = self._new_path(filled(new, self.joints, hold), new.stamp_s), 0
+        else:
+            self._path, self._old_points = self._new_path(joined[0]), joined[1]
+        self._holding = False
+
+    def _new_path(self, points: list[JointTrajectoryPoint], stamp_s: float = 0.0) -> Path:
+        return Path(points, stamp_s, splines=self.parameters.interpolation_method == "splines")
+
+    def _begin(self, path: Path, time_s: float) -> None:
+        self._path_s = time_s
+        if self.parameters.interpolate_from_desired_state and self._commanded_s is not None:
+            path.begin(time_s, self._commanded, self._commanded_s)
+        else:
+            path.begin(time_s, self._actual)
+
+    def _error(self, desired: JointTrajectoryPoint) -> JointTrajectoryPoint:
+        """Desired minus actual; of speeds only where speeds or torques are commanded."""
+        actual = self._actual
+        positions = tuple(a - b for a, b in zip(desired.positions, actual.positions, strict=True))
+        if self._command == "position":
+            return JointTrajectoryPoint(positions)
+        speeds = tuple(a - b for a, b in zip(desired.velocities, actual.velocities, strict=True))
+        return JointTrajectoryPoint(positions, speeds)
+
+    def _judge(self, error: JointTrajectoryPoint, ahead: Sample, first: bool) -> tuple[str | None, str | None, bool]:
+        """What is too far off on the way, what at the end, and whether it is too late for the latter to change."""
+        if self._holding:
+            return None, None, False
+        assert self._path is not None
+        at_end = ahead.index == self._path.size
+        limits = self._tolerances
+        broken = violation(error, limits.path, self.joints) if first or not at_end else None
+        missed = violation(error, limits.goal, self.joints) if at_end else None
+        since_s = ahead.since_s - 1.0 / self.update_rate_hz
+        timeout_s = self.parameters.cmd_timeout
+        if at_end and timeout_s > limits.goal_time_s and since_s > timeout_s and self.goal is None:
+            self._stop()
+        return broken, missed, bool(missed) and 0.0 < limits.goal_time_s < since_s
+
+    def _set(self, point: JointTrajectoryPoint, error: JointTrajectoryPoint, period_s: float) -> None:
+        self._commanded = point
+        if self._command == "position":
+            self.commands.put(point.positions)
+            return
+        effort = point.effort if self._command == "effort" and point.effort else (0.0,) * len(self.joints)
+        self.commands.put(
+            [
+                pid.gains.ff_velocity_scale * speed + added + pid.command(off, off_rate, period_s)
+                for pid, speed, added, off, off_rate in zip(
+                    self._pids, point.velocities, effort, error.positions, error.velocities, strict=True
+                )
+            ]
+        )
+
+    def _tell(self, time_s: float, desired: Sample, error: JointTrajectoryPoint) -> None:
+        self.state_topic.publish(
+            ControllerState(time_s, self.joints, desired.point, self._actual, error, self._commanded, self.scaling)
+        )
+        if self.goal is not None:
+            index = max(0, desired.index - self._old_points)
+            self.goal.tell(Feedback(time_s, desired.point, self._actual, error, index))
+
+    def _conclude(self, broken: str | None, missed: str | None, late: bool, ahead: Sample) -> None:
+        if self._holding:
+            return
+        assert self._path is not None
+        if broken:
+            self._abort(ErrorCode.PATH_TOLERANCE_VIOLATED, f"Aborted due to path tolerance violation ({broken})")
+        elif late:
+            exceeded_s = ahead.since_s - 1.0 / self.update_rate_hz
+            self._abort(
+                ErrorCode.GOAL_TOLERANCE_VIOLATED,
+                f"Aborted due to goal_time_tolerance exceeding by {exceeded_s:f} seconds ({missed})",
+            )
+        elif self.goal is not None and ahead.index == self._path.size and not missed:
+            goal, self.goal = self.goal, None
+            self._hold(self._path.last())
+            goal.succeed("Goal successfully reached!")
+
+    def _abort(self, code: ErrorCode, text: str) -> None:
+        goal, self.goal = self.goal, None
+        self._stop()
+        if goal is not None:
+            goal.abort(code, text)
+
+    # rest
+
+    def _stop(self) -> None:
+        """Hold where the arm is, or where it comes to rest."""
+        self._pending = None
+        constraints = self.parameters.constraints
+        if not constraints.decelerate_on_cancel or not self._commanded.velocities or self._holding:
+            self._hold(JointTrajectoryPoint(self._actual.positions))
+            return
+        limits = [constraints.joints[joint].max_deceleration_on_cancel for joint in self.joints]
+        # from where it was sent: where it is, is behind that while it moves
+        speeds = [speed * self.scaling for speed in self._commanded.velocities]
+        self._path = Path(deceleration(self._commanded.positions, speeds, limits))
+        self._holding = True
+
+    def _hold(self, point: JointTrajectoryPoint) -> None:
+        self._path = Path([JointTrajectoryPoint(point.positions, point.velocities, point.accelerations)])
+        self._holding = True
+
+
+@controller_type("ur_controllers/ScaledJointTrajectoryController")
+class ScaledJointTrajectoryController(JointTrajectoryController):
+    """As the joint trajectory controller, in time with the robot's speed scaling: what slows it down stretches time."""
+
+    parameters_type: ClassVar[type[Any]] = ScaledJointTrajectoryParameters
+    parameters: ScaledJointTrajectoryParameters
+
+    @property
+    def _scaling_interface(self) -> str:
+        return self.parameters.speed_scaling_interface_name

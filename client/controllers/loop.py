@@ -1,0 +1,161 @@
+"""The control loop: a controller manager that runs with each state of a robot.
+
+async with URDriver(host, outputs=RTDE_OUTPUTS) as driver:
+    await driver.start_program()
+    async with ControlLoop(driver) as loop:
+        loop.manager.activate("scaled_joint_trajectory_controller")
+        result = await loop.follow("scaled_joint_trajectory_controller", trajectory)
+"""
+
+import asyncio
+import logging
+from collections.abc import Coroutine, Mapping
+from types import TracebackType
+from typing import Any, Final, Self
+
+from client.controllers.calls import Call
+from client.controllers.configuration import ControllersFile, usual_controllers
+from client.controllers.goals import FollowJointTrajectory, GoalHandle, JointTrajectory, Result
+from client.controllers.manager import ControllerManager
+from client.controllers.ur_hardware import URHardware
+from client.controllers.ur_states import RTDE_OUTPUTS
+from client.driver import URDriver
+from client.errors import ControllerError
+
+__all__ = ["RTDE_OUTPUTS", "ControlLoop"]
+
+_FIRST_STATE_S: Final = 5.0  # guess: a robot that sends states at all does so within this
+_REST_S: Final = 3.0  # guess: a ramp to rest takes less than one second
+_AT_REST_RAD_S: Final = 0.005  # guess: above the noise of an arm that stands
+
+_logger = logging.getLogger(__name__)
+
+
+class ControlLoop:
+    """Runs the controllers of a robot by its driver; use it with ``async with``.
+
+    driver: connected, with `RTDE_OUTPUTS` among its outputs. manager: load, activate, switch.
+    The loop runs at the rate of the robot's states, and in their time; states that come
+    together, as after a hold-up of this machine, are one cycle.
+    """
+
+    def __init__(self, driver: URDriver, file: ControllersFile | None = None, *, prefix: str = "") -> None:
+        self.driver = driver
+        self._file = usual_controllers(prefix) if file is None else file
+        self._prefix = prefix
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._newest: Mapping[str, Any] | None = None
+        self._last_s: float | None = None
+        self._cycled = asyncio.Event()
+        self._manager: ControllerManager | None = None
+
+    @property
+    def manager(self) -> ControllerManager:
+        """Raises RuntimeError outside the context."""
+        if self._manager is None:
+            raise RuntimeError("the control loop is not running: use it in an async with statement")
+        return self._manager
+
+    async def __aenter__(self) -> Self:
+        if missing := [name for name in RTDE_OUTPUTS if name not in self.driver.state]:
+            raise ControllerError("control loop", f"the driver does not receive {missing[0]}: give it RTDE_OUTPUTS")
+        hardware = URHardware(self.driver, self.driver.version, self._spawn, prefix=self._prefix)
+        rate_hz = self.driver.config.frequency_hz or float(self.driver.version.series.frequency_hz)
+        self._manager = ControllerManager(hardware, self._file, rate_hz, self._prefix)
+        self._listen()
+        try:
+            await asyncio.wait_for(self._cycled.wait(), _FIRST_STATE_S)
+        except BaseException:
+            self._listen_no_more()
+            raise
+        return self
+
+    def _listen(self) -> None:
+        self.driver.robot.on_state.append(self._take)
+        self.driver.robot.on_silence.append(self._fell_silent)
+
+    def _listen_no_more(self) -> None:
+        self.driver.robot.on_state.remove(self._take)
+        self.driver.robot.on_silence.remove(self._fell_silent)
+
+    def _fell_silent(self) -> None:
+        """No more cycles come: nobody else would end what is under way."""
+        self.manager.stop_motion("the robot is silent: look at the network, then activate again")
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Deactivate all controllers, which stops the arm."""
+        self._listen_no_more()
+        manager = self.manager
+        try:
+            manager.switch(deactivate=[controller.name for controller in manager.active()])
+        finally:
+            self._manager = None
+            for task in self._tasks:
+                task.cancel()
+            await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def follow(self, name: str, goal: FollowJointTrajectory | JointTrajectory) -> Result:
+        """Send a trajectory controller a goal and wait for its end; it is canceled when the caller is."""
+        controller = self.manager.controller(name)
+        handle: GoalHandle = controller.send_goal(goal)
+        try:
+            return await self.result(handle)
+        except BaseException:
+            if controller.goal is handle:
+                controller.cancel()
+            raise
+
+    async def result(self, handle: GoalHandle) -> Result:
+        """Wait for the end of a goal."""
+        if handle.result is None:
+            ended = asyncio.Event()
+            handle.on_end.append(lambda _: ended.set())
+            await ended.wait()
+        assert handle.result is not None
+        return handle.result
+
+    async def answer(self, call: Call) -> None:
+        """Wait for the answer to what a controller was asked. Raises ControllerError when it is no."""
+        if call.success is None:
+            ended = asyncio.Event()
+            call.on_end.append(lambda _: ended.set())
+            await ended.wait()
+        if not call.success:
+            raise ControllerError("controller", call.message)
+
+    async def cycles(self, count: int = 1) -> None:
+        """Let cycles pass."""
+        for _ in range(count):
+            await self._cycled.wait()
+
+    async def rest(self, within_s: float = _REST_S) -> None:
+        """Wait until the arm rests, or for so long in the robot's time."""
+        begin_s = self.manager.time_s
+        while self.manager.time_s < begin_s + within_s:
+            await self.cycles()
+            if max(map(abs, self.driver.state["actual_qd"])) < _AT_REST_RAD_S:
+                return
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> "asyncio.Task[None]":
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task
+
+    def _take(self, state: Mapping[str, Any]) -> None:
+        first, self._newest = self._newest is None, state
+        if first:
+            asyncio.get_running_loop().call_soon(self._cycle)
+
+    def _cycle(self) -> None:
+        state, self._newest = self._newest, None
+        if state is None or self._manager is None:
+            return
+        time_s = state["timestamp"]
+        period_s = 0.0 if self._last_s is None else max(time_s - self._last_s, 0.0)  # a robot may start again
+        self._last_s = time_s
+        self._manager.cycle(state, time_s, period_s)
+        cycled, self._cycled = self._cycled, asyncio.Event()
+        cycled.set()

@@ -1,0 +1,275 @@
+"""Loads controllers, lends them interfaces, and calls them once a cycle: read, update, write."""
+
+import logging
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Any, Final
+
+from client.controllers import types
+from client.controllers.configuration import ControllersFile
+from client.controllers.controller import LIFE_CYCLE, Controller, LifecycleState
+from client.controllers.hardware import Hardware
+from client.controllers.interfaces import Interfaces
+from client.controllers.modes import MOTION, mode_of
+from client.controllers.parameters import Reading, read_parameters
+from client.errors import ControllerError
+
+__all__ = ["ControllerInfo", "ControllerManager", "InterfaceInfo"]
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerInfo:
+    """A loaded controller; claimed: the command interfaces it has."""
+
+    name: str
+    type: str
+    state: LifecycleState
+    claimed: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class InterfaceInfo:
+    """A command interface and who has it, "" for nobody; or a state interface, which all may read."""
+
+    name: str
+    kind: str
+    claimed_by: str
+
+
+_COMMAND: Final = "command"
+_STATE: Final = "state"
+
+
+class ControllerManager:
+    """The controllers of one robot; `cycle` is called with each state of it, everything else between cycles.
+
+    file: types and parameters of controllers by name. notes: what the parameters of loaded
+    controllers said that is not known, or has no effect here.
+    """
+
+    def __init__(self, hardware: Hardware, file: ControllersFile, update_rate_hz: float, prefix: str = "") -> None:
+        self.hardware = hardware
+        self.file = file
+        self.update_rate_hz = update_rate_hz
+        self.notes: list[str] = []
+        self.time_s = 0.0
+        self._prefix = prefix
+        self._controllers: dict[str, Controller[Any]] = {}
+
+    # the life cycle
+
+    def load(self, name: str, type_name: str | None = None, parameters: Mapping[str, Any] | None = None) -> Any:
+        """Make a controller, as the file describes it or as given here. Raises ControllerError."""
+        if name in self._controllers:
+            raise ControllerError(name, "it is loaded already")
+        kind = types.find(name, type_name or self.file.type_of(name))
+        given = self.file.parameters_of(name) if parameters is None else parameters
+        reading = Reading()
+        read = read_parameters(kind.parameters_type, given, name, reading)
+        self._note(name, reading)
+        controller = kind(name, read, self.update_rate_hz)
+        self._controllers[name] = controller
+        return controller
+
+    def _note(self, name: str, reading: Reading) -> None:
+        notes = [f"{name}: the parameter {key} is not known: it is ignored" for key in reading.unknown]
+        for note in notes:
+            _logger.warning("%s", note)
+        self.notes += notes
+        self.notes += [f"{name}: the parameter {key} has no effect" for key in reading.without_effect]
+
+    def configure(self, name: str) -> None:
+        """Let a controller check its parameters. Raises ControllerError."""
+        controller = self.controller(name)
+        state = _next(controller, "configure")
+        controller.on_configure()
+        controller.state = state
+
+    def cleanup(self, name: str) -> None:
+        """Take a controller back to before its configuration. Raises ControllerError."""
+        controller = self.controller(name)
+        controller.state = _next(controller, "cleanup")
+
+    def unload(self, name: str) -> None:
+        """Forget a controller. Raises ControllerError while it is active."""
+        controller = self.controller(name)
+        controller.state = _next(controller, "shutdown")
+        del self._controllers[name]
+
+    def activate(self, *names: str) -> None:
+        """Load and configure what is not yet, and activate all of them together. Raises ControllerError."""
+        for name in names:
+            if name not in self._controllers:
+                self.load(name)
+            if self.controller(name).state is LifecycleState.UNCONFIGURED:
+                self.configure(name)
+        self.switch(activate=names)
+
+    def deactivate(self, *names: str) -> None:
+        """Let controllers end. Raises ControllerError."""
+        self.switch(deactivate=names)
+
+    def switch(
+        self, *, activate: Sequence[str] = (), deactivate: Sequence[str] = (), best_effort: bool = False
+    ) -> None:
+        """End some controllers and begin others, in one cycle: all of it, or, with an error, nothing.
+
+        best_effort: leave out those that are not in a state for it, instead. Raises
+        ControllerError, naming the interface that two controllers would have at once.
+        """
+        ending, beginning = list(dict.fromkeys(deactivate)), list(dict.fromkeys(activate))
+        if best_effort:
+            ending = [name for name in ending if self._is(name, LifecycleState.ACTIVE)]
+            beginning = [name for name in beginning if self._is(name, LifecycleState.INACTIVE) or name in ending]
+        for name in ending:
+            _next(self.controller(name), "deactivate")
+        for name in beginning:
+            if name not in ending:
+                _next(self.controller(name), "activate")
+        self._check_claims(beginning, ending)
+        start, stop = self._claims(beginning), self._claims(ending)
+        self.hardware.prepare_command_mode_switch(start, stop)
+        for name in ending:
+            self._end(self.controller(name))
+        self.hardware.perform_command_mode_switch(start, stop)
+        self._begin(beginning)
+
+    def _is(self, name: str, state: LifecycleState) -> bool:
+        return name in self._controllers and self._controllers[name].state is state
+
+    def _check_claims(self, beginning: Iterable[str], ending: Sequence[str]) -> None:
+        holders = {
+            interface: controller.name
+            for controller in self.active()
+            if controller.name not in ending
+            for interface in controller.command_interfaces
+        }
+        for name in beginning:
+            controller = self.controller(name)
+            for interface in controller.command_interfaces:
+                if interface not in self.hardware.commands:
+                    raise ControllerError(name, f"the hardware has no command interface {interface}")
+                if holder := holders.get(interface):
+                    raise ControllerError(name, f"{holder} has {interface}: deactivate it in the same switch")
+                holders[interface] = name
+            self._states_of(controller)
+
+    def _claims(self, names: Iterable[str]) -> list[str]:
+        return [interface for name in names for interface in self.controller(name).command_interfaces]
+
+    def _states_of(self, controller: Controller[Any]) -> Interfaces:
+        known = self.hardware.states.names
+        names: list[str] = []
+        for wanted in controller.state_interfaces:
+            found = [name for name in known if fnmatchcase(name, wanted)] if "*" in wanted else [wanted]
+            names += found
+        if missing := [name for name in names if name not in self.hardware.states]:
+            raise ControllerError(controller.name, f"the hardware has no state interface {missing[0]}")
+        return self.hardware.states.lend(names)
+
+    def _begin(self, names: Sequence[str]) -> None:
+        begun: list[Controller[Any]] = []
+        for name in names:
+            controller = self.controller(name)
+            controller.states = self._states_of(controller)
+            controller.commands = self.hardware.commands.lend(controller.command_interfaces)
+            try:
+                controller.on_activate(self.time_s)
+            except ControllerError:
+                for other in begun:
+                    self._end(other)
+                self.hardware.perform_command_mode_switch([], self._claims(names))
+                raise
+            controller.state = LifecycleState.ACTIVE
+            begun.append(controller)
+
+    def _end(self, controller: Controller[Any]) -> None:
+        controller.on_deactivate()
+        controller.state = LifecycleState.INACTIVE
+
+    # what there is
+
+    def controller(self, name: str) -> Any:
+        """A loaded controller. Raises ControllerError."""
+        try:
+            return self._controllers[name]
+        except KeyError:
+            loaded = ", ".join(self._controllers) or "none"
+            raise ControllerError(name, f"it is not loaded (loaded: {loaded}): load it first") from None
+
+    def active(self) -> list[Controller[Any]]:
+        """Those that are updated, in the order they were loaded."""
+        return [controller for controller in self._controllers.values() if controller.active]
+
+    def list_controllers(self) -> list[ControllerInfo]:
+        """All that are loaded."""
+        return [
+            ControllerInfo(one.name, one.type_name, one.state, one.command_interfaces if one.active else ())
+            for one in self._controllers.values()
+        ]
+
+    def list_interfaces(self) -> list[InterfaceInfo]:
+        """All that the hardware has."""
+        holders = {name: one.name for one in self.active() for name in one.command_interfaces}
+        return [
+            *(InterfaceInfo(name, _COMMAND, holders.get(name, "")) for name in self.hardware.commands.names),
+            *(InterfaceInfo(name, _STATE, "") for name in self.hardware.states.names),
+        ]
+
+    # a cycle
+
+    def cycle(self, state: Mapping[str, Any], time_s: float, period_s: float) -> None:
+        """Read a state of the robot, update the active controllers, write what they command.
+
+        time_s: the robot's time. period_s: since the cycle before.
+        """
+        self.time_s = time_s
+        self.hardware.read(state, period_s)
+        if self.hardware.failure is not None:
+            self.stop_motion(self.hardware.failure)
+        if (halt := self.hardware.take_halt()) is not None:
+            for controller in self._moving():
+                controller.on_halt(halt)
+        for controller in self.active():
+            try:
+                controller.update(time_s, period_s)
+            except Exception:  # one that fails must not stop the others
+                _logger.exception("%s failed and is deactivated", controller.name)
+                self._drop([controller])
+        self.hardware.write(time_s, period_s)
+
+    def _moving(self) -> list[Controller[Any]]:
+        """Active controllers that move the arm."""
+        return [
+            controller
+            for controller in self.active()
+            if any(mode_of(name, self._prefix) in MOTION for name in controller.command_interfaces)
+        ]
+
+    def stop_motion(self, reason: str) -> None:
+        """Deactivate what moves the arm, and let its goals end, because the arm cannot be moved."""
+        if moving := self._moving():
+            _logger.error("controllers are deactivated: %s", reason)
+            for controller in moving:
+                controller.on_halt(reason)
+            self._drop(moving)
+
+    def _drop(self, controllers: Iterable[Controller[Any]]) -> None:
+        for controller in controllers:
+            try:
+                controller.on_deactivate()
+            except Exception:
+                _logger.exception("%s did not end in order", controller.name)
+            controller.state = LifecycleState.INACTIVE
+            self.hardware.perform_command_mode_switch([], controller.command_interfaces)
+
+
+def _next(controller: Controller[Any], transition: str) -> LifecycleState:
+    """The state that a transition leads to. Raises ControllerError."""
+    try:
+        return LIFE_CYCLE[controller.state, transition]
+    except KeyError:
+        raise controller.error(f"it is {controller.state}, which cannot be followed by {transition}") from None

@@ -1,0 +1,68 @@
+"""What the hardware can do at the same time.
+
+Source: the mode compatibilities of the hardware interface in Universal_Robots_ROS2_Driver.
+"""
+
+from collections.abc import Iterable
+from enum import StrEnum
+from typing import Final
+
+__all__ = ["MOTION", "CommandMode", "conflict", "mode_of"]
+
+
+class CommandMode(StrEnum):
+    """Ways to command the arm; all joints are in the same one."""
+
+    POSITION = "position"
+    VELOCITY = "velocity"
+    EFFORT = "effort"
+    FORCE_MODE = "force_mode"
+    PASSTHROUGH = "trajectory_passthrough"
+    FREEDRIVE = "freedrive_mode"
+    TOOL_CONTACT = "tool_contact"
+
+
+MOTION: Final = frozenset(
+    [
+        CommandMode.POSITION,
+        CommandMode.VELOCITY,
+        CommandMode.EFFORT,
+        CommandMode.PASSTHROUGH,
+        CommandMode.FREEDRIVE,
+    ]
+)
+"""Modes that move the arm; the others add something to it."""
+
+_TOGETHER: Final = frozenset(
+    [
+        frozenset([CommandMode.FORCE_MODE, CommandMode.PASSTHROUGH]),
+        *(
+            frozenset([CommandMode.TOOL_CONTACT, mode])
+            for mode in (CommandMode.POSITION, CommandMode.VELOCITY, CommandMode.EFFORT, CommandMode.PASSTHROUGH)
+        ),
+    ]
+)
+
+
+def mode_of(interface: str, prefix: str) -> CommandMode | None:
+    """The mode a command interface belongs to; None for inputs and outputs, payload and such."""
+    component, _, kind = interface.rpartition("/")
+    if component.endswith("_joint"):
+        return CommandMode(kind)
+    name = component.removeprefix(prefix)
+    return CommandMode(name) if name in _COMPONENTS else None
+
+
+_COMPONENTS: Final = frozenset(
+    [CommandMode.FORCE_MODE, CommandMode.PASSTHROUGH, CommandMode.FREEDRIVE, CommandMode.TOOL_CONTACT]
+)
+
+
+def conflict(modes: Iterable[CommandMode]) -> tuple[CommandMode, CommandMode] | None:
+    """Two of the modes that exclude each other; None when all go together."""
+    chosen = sorted(set(modes))
+    for place, one in enumerate(chosen):
+        for other in chosen[place + 1 :]:
+            if frozenset([one, other]) not in _TOGETHER:
+                return one, other
+    return None

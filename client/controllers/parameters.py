@@ -1,0 +1,110 @@
+"""Parameters of controllers: dataclasses, filled from what a YAML file says.
+
+A field that has no meaning here, though ROS 2 knows it, is declared by `without_effect`, which
+says why; a field with the metadata `BY_NAME` takes every other key whose value is a mapping,
+as `constraints` takes one mapping a joint. What else a file says is reported as unknown.
+"""
+
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from types import GenericAlias
+from typing import Any, Final, TypeVar, cast, get_args, get_origin, get_type_hints
+
+from client.errors import ControllerError
+
+__all__ = ["BY_NAME", "Reading", "read_parameters", "without_effect"]
+
+BY_NAME: Final[Mapping[str, Any]] = {"by name": True}
+"""Metadata of a dictionary of all the mappings that no other field takes."""
+
+_WHY: Final = "without effect"
+_WORDS: Final = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
+
+Parameters = TypeVar("Parameters")
+
+
+@dataclass(slots=True)
+class Reading:
+    """What a file said beyond the parameters: keys that mean nothing, and keys that mean nothing here."""
+
+    unknown: list[str] = field(default_factory=list)
+    without_effect: list[str] = field(default_factory=list)
+
+
+def without_effect(default: Any, why: str) -> Any:
+    """A parameter that is read and ignored; ``why`` is what the user is told."""
+    return field(default=default, metadata={_WHY: why})
+
+
+def read_parameters(kind: type[Parameters], given: Mapping[str, Any], owner: str, reading: Reading) -> Parameters:
+    """The dataclass ``kind`` with what is given; ``reading`` gets what is left over.
+
+    Keys may be written with dots ("constraints.goal_time"). Raises ControllerError, named after
+    ``owner``, for a value of the wrong type.
+    """
+    try:
+        return cast(Parameters, _build(kind, _nested(given, owner), owner, "", reading))
+    except RecursionError:
+        raise ControllerError(owner, "its parameters contain themselves") from None
+
+
+def _nested(given: Mapping[str, Any], owner: str) -> dict[str, Any]:
+    """The same with dots in keys resolved."""
+    result: dict[str, Any] = {}
+    for key, value in given.items():
+        *parents, last = str(key).split(".")
+        place = result
+        for parent in parents:
+            place = place.setdefault(parent, {})
+            if not isinstance(place, dict):
+                raise ControllerError(owner, f"{key} is given, and {parent} as a value too")
+        inner = _nested(value, owner) if isinstance(value, Mapping) else value
+        if isinstance(inner, dict) and isinstance(place.get(last), dict):
+            place[last].update(inner)
+        else:
+            place[last] = inner
+    return result
+
+
+def _build(kind: type[Any], given: Mapping[str, Any], owner: str, path: str, reading: Reading) -> Any:
+    hints = get_type_hints(kind)
+    known = {entry.name: entry for entry in fields(kind)}
+    rest = next((name for name, entry in known.items() if "by name" in entry.metadata), None)
+    values: dict[str, Any] = {rest: {}} if rest else {}
+    for key, value in given.items():
+        place = f"{path}{key}"
+        if key in known and key != rest:
+            if why := known[key].metadata.get(_WHY):
+                reading.without_effect.append(f"{place} ({why})")
+            values[key] = _value(hints[key], value, owner, place, reading)
+        elif rest and isinstance(value, Mapping):
+            values[rest][key] = _build(get_args(hints[rest])[1], value, owner, f"{place}.", reading)
+        else:
+            reading.unknown.append(place)
+    if missing := [name for name, entry in known.items() if name not in values and _is_required(entry)]:
+        raise ControllerError(owner, f"the parameter {path}{missing[0]} is missing")
+    return kind(**values)
+
+
+def _is_required(entry: Any) -> bool:
+    return entry.default is MISSING and entry.default_factory is MISSING
+
+
+def _value(hint: Any, value: Any, owner: str, place: str, reading: Reading) -> Any:
+    if isinstance(hint, GenericAlias) and get_origin(hint) is tuple:
+        if not isinstance(value, list | tuple):
+            raise ControllerError(owner, f"{place} is a list, not {value!r}")
+        return tuple(_value(get_args(hint)[0], item, owner, place, reading) for item in value)
+    if hint in _WORDS:
+        return _scalar(hint, value, owner, place)
+    if not isinstance(value, Mapping):
+        raise ControllerError(owner, f"{place} is a group of parameters, not {value!r}")
+    return _build(hint, value, owner, f"{place}.", reading)
+
+
+def _scalar(hint: Any, value: Any, owner: str, place: str) -> Any:
+    if hint is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if isinstance(value, hint) and (hint is bool or not isinstance(value, bool)):
+        return value
+    raise ControllerError(owner, f"{place} is {_WORDS[hint]}, not {value!r}")

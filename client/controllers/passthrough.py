@@ -1,0 +1,228 @@
+"""Hands whole trajectories to the robot, which interpolates them itself.
+
+How points get there: the controller sets a point on the command interfaces, the hardware takes
+it, and so on, until all are there and the hardware executes them; `Transfer` says whose turn it
+is. Source of interfaces and states: ur_controllers.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, ClassVar, Final
+
+from client.controllers.controller import Controller, controller_type
+from client.controllers.goals import (
+    ErrorCode,
+    Feedback,
+    FollowJointTrajectory,
+    GoalHandle,
+    JointTrajectory,
+    JointTrajectoryPoint,
+    Tolerance,
+)
+from client.controllers.interfaces import NO_COMMAND
+from client.controllers.replacement import filled
+from client.controllers.tolerances import ToleranceError, Tolerances, violation, with_goal
+from client.controllers.validation import TrajectoryRules
+from client.errors import GoalRejectedError
+
+__all__ = ["PASSTHROUGH", "PassthroughParameters", "PassthroughTrajectoryController", "Transfer"]
+
+PASSTHROUGH: Final = "trajectory_passthrough"
+_POINT: Final = ("setpoint_positions", "setpoint_velocities", "setpoint_accelerations")
+_REST: Final = ("abort", "transfer_state", "time_from_start", "trajectory_size")
+
+
+class Transfer(IntEnum):
+    """Whose turn it is."""
+
+    IDLE = 0
+    WAITING_FOR_POINT = 1  # the hardware: give me the next one
+    TRANSFERRING = 2  # the controller: here it is
+    TRANSFER_DONE = 3  # the controller: that was all
+    IN_MOTION = 4
+    DONE = 5  # the hardware: the arm is at rest again
+    NEW_TRAJECTORY = 6
+
+
+@dataclass(frozen=True, slots=True)
+class PassthroughParameters:
+    """speed_scaling_interface_name: tells how much slower than planned the robot is."""
+
+    joints: tuple[str, ...]
+    state_interfaces: tuple[str, ...] = ("position", "velocity")
+    tf_prefix: str = ""
+    speed_scaling_interface_name: str = "speed_scaling/speed_scaling_factor"
+
+
+@controller_type("ur_controllers/PassthroughTrajectoryController")
+class PassthroughTrajectoryController(Controller[PassthroughParameters]):
+    """Lets the robot itself execute trajectories, as splines: smooth whatever the network does.
+
+    One goal at a time. It ends well when the robot is through and within the goal's tolerances.
+    """
+
+    parameters_type: ClassVar[type[Any]] = PassthroughParameters
+
+    def __init__(self, name: str, parameters: PassthroughParameters, update_rate_hz: float) -> None:
+        super().__init__(name, parameters, update_rate_hz)
+        self.joints = parameters.joints
+        self.goal: GoalHandle | None = None
+        self._points: list[JointTrajectoryPoint] = []
+        self._next = self._passed = 0  # points handed over, points the arm has passed
+        self._elapsed_s = 0.0
+        self._limits = Tolerances((), ())
+        self._now_s = 0.0
+
+    @property
+    def command_interfaces(self) -> tuple[str, ...]:
+        count = range(len(self.joints))
+        points = tuple(self._name(f"{part}_{joint}") for part in _POINT for joint in count)
+        return points + tuple(map(self._name, _REST))
+
+    @property
+    def state_interfaces(self) -> tuple[str, ...]:
+        given = self.parameters
+        names = tuple(f"{joint}/{kind}" for kind in given.state_interfaces for joint in self.joints)
+        return (*names, given.speed_scaling_interface_name)
+
+    def _name(self, interface: str) -> str:
+        return f"{self.parameters.tf_prefix}{PASSTHROUGH}/{interface}"
+
+    def on_configure(self) -> None:
+        if len(self.joints) != 6 or len(set(self.joints)) != 6:
+            raise self.error("joints has to name the robot's six joints")
+        if "position" not in self.parameters.state_interfaces:
+            raise self.error("state_interfaces has to have position")
+
+    def on_activate(self, time_s: float) -> None:
+        self._now_s = time_s
+        self._set("transfer_state", Transfer.IDLE)
+        self._set("abort", 0.0)
+
+    def on_deactivate(self) -> None:
+        self._set("abort", 1.0)
+        self._end(ErrorCode.INVALID_GOAL, "Aborting current goal, since the controller is being deactivated.")
+
+    def on_halt(self, reason: str) -> None:
+        self._end(ErrorCode.INVALID_GOAL, reason)
+
+    def send_goal(self, goal: FollowJointTrajectory | JointTrajectory) -> GoalHandle:
+        """Begin a goal. Raises GoalRejectedError, also while another one is under way, and ControllerError."""
+        if isinstance(goal, JointTrajectory):
+            goal = FollowJointTrajectory(goal)
+        self.check_active()
+        if self.goal is not None:
+            raise self._rejected("a trajectory is under way: wait for its end, or cancel it")
+        TrajectoryRules(self.name, self.joints).check(goal.trajectory, self._now_s)
+        self._check_like(goal.trajectory)
+        unlimited = (Tolerance(),) * len(self.joints)
+        try:
+            self._limits = with_goal(Tolerances(unlimited, unlimited), goal, self.joints)
+        except ToleranceError as error:
+            raise self._rejected(str(error)) from None
+        self._points = filled(goal.trajectory, self.joints, ())
+        self._next, self._passed, self._elapsed_s = 0, 0, 0.0
+        self.goal = GoalHandle(goal)
+        return self.goal
+
+    def _check_like(self, trajectory: JointTrajectory) -> None:
+        if trajectory.stamp_s != 0.0:
+            raise self._rejected("the robot begins at once: leave the trajectory's start time out")
+        kinds = {(bool(point.velocities), bool(point.accelerations)) for point in trajectory.points}
+        if len(kinds) > 1:
+            raise self._rejected("either all points have velocities (accelerations), or none")
+
+    def _rejected(self, reason: str) -> GoalRejectedError:
+        return GoalRejectedError(self.name, ErrorCode.INVALID_GOAL, reason)
+
+    def cancel(self) -> None:
+        """Stop; the goal under way is canceled."""
+        self.check_active()
+        goal, self.goal = self.goal, None
+        if goal is not None:
+            goal.cancel()
+
+    @property
+    def progress(self) -> float:
+        """How much of the present goal's time has passed, 0 to 1; 1 without a goal."""
+        if self.goal is None:
+            return 1.0
+        return min(self._elapsed_s / max(self._points[-1].time_from_start_s, 1e-9), 1.0)
+
+    def update(self, time_s: float, period_s: float) -> None:
+        self._now_s = time_s
+        state = self.commands[self._name("transfer_state")]
+        if self.goal is None:
+            self._settle(state)
+        elif self.commands[self._name("abort")] == 1.0:
+            self._set("transfer_state", Transfer.IDLE)
+            self._set("abort", 0.0)
+            self._end(ErrorCode.INVALID_GOAL, "Trajectory aborted by hardware.")
+        elif state == Transfer.IDLE:
+            self._set("trajectory_size", len(self._points))
+            self._set("transfer_state", Transfer.NEW_TRAJECTORY)
+        elif state == Transfer.WAITING_FOR_POINT:
+            self._give_point()
+        elif state == Transfer.IN_MOTION:
+            factor = self.states[self.parameters.speed_scaling_interface_name]
+            self._elapsed_s += period_s * (factor if factor == factor else 1.0)
+            self._tell(time_s)
+        elif state == Transfer.DONE:
+            self._set("transfer_state", Transfer.IDLE)
+            self._conclude()
+
+    def _settle(self, state: float) -> None:
+        """Nobody wants what the hardware does any more."""
+        if state == Transfer.DONE:
+            self._set("transfer_state", Transfer.IDLE)
+            self._set("abort", 0.0)
+        elif state != Transfer.IDLE:
+            self._set("abort", 1.0)
+
+    def _give_point(self) -> None:
+        if self._next == len(self._points):
+            self._set("transfer_state", Transfer.TRANSFER_DONE)
+            return
+        point = self._points[self._next]
+        self._next += 1
+        self._set("time_from_start", point.time_from_start_s)
+        for part, values in zip(_POINT, (point.positions, point.velocities, point.accelerations), strict=True):
+            for joint in range(len(self.joints)):
+                self._set(f"{part}_{joint}", values[joint] if values else NO_COMMAND)
+        self._set("transfer_state", Transfer.TRANSFERRING)
+
+    def _tell(self, time_s: float) -> None:
+        assert self.goal is not None
+        while self._passed < len(self._points) and self._points[self._passed].time_from_start_s <= self._elapsed_s:
+            self._passed += 1
+        desired = self._points[min(self._passed, len(self._points) - 1)]
+        actual = JointTrajectoryPoint(self._positions())
+        self.goal.tell(Feedback(time_s, desired, actual, self._error(desired), self._passed))
+
+    def _positions(self) -> tuple[float, ...]:
+        return tuple(self.states[f"{joint}/position"] for joint in self.joints)
+
+    def _error(self, desired: JointTrajectoryPoint) -> JointTrajectoryPoint:
+        return JointTrajectoryPoint(tuple(a - b for a, b in zip(desired.positions, self._positions(), strict=True)))
+
+    def _conclude(self) -> None:
+        late_s = self._elapsed_s - self._points[-1].time_from_start_s - self._limits.goal_time_s
+        missed = violation(self._error(self._points[-1]), self._limits.goal, self.joints)
+        if missed:
+            text = f"Robot not within tolerances at end of trajectory. ({missed})"
+            self._end(ErrorCode.GOAL_TOLERANCE_VIOLATED, text)
+        elif self._limits.goal_time_s > 0.0 and late_s > 0.0:
+            text = f"Goal not reached within time tolerance. Missed goal time by {late_s:f} seconds."
+            self._end(ErrorCode.GOAL_TOLERANCE_VIOLATED, text)
+        else:
+            assert self.goal is not None
+            goal, self.goal = self.goal, None
+            goal.succeed(f"Trajectory executed successfully in {self._elapsed_s:f} (scaled) seconds!")
+
+    def _end(self, code: ErrorCode, text: str) -> None:
+        goal, self.goal = self.goal, None
+        if goal is not None:
+            goal.abort(code, text)
+
+    def _set(self, name: str, value: float) -> None:
+        self.commands[self._name(name)] = float(value)

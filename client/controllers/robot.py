@@ -1,0 +1,136 @@
+"""A robot with controllers, from nothing: connected, made ready, its control loop running.
+
+async with ControlledRobot("192.168.1.10", make_ready=True) as robot:
+    robot.activate("scaled_joint_trajectory_controller")
+    result = await robot.follow("scaled_joint_trajectory_controller", trajectory)
+
+with BlockingControlledRobot("192.168.1.10", make_ready=True) as robot:
+    robot.activate("forward_velocity_controller")
+    robot.command("forward_velocity_controller", [0, 0, 0, 0, 0, 0.1])
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from client.controllers.configuration import ControllersFile
+from client.controllers.controller import LifecycleState
+from client.controllers.goals import FollowJointTrajectory, JointTrajectory, Result
+from client.controllers.loop import RTDE_OUTPUTS, ControlLoop
+from client.controllers.manager import ControllerManager
+from client.controllers.ur_states import JOINTS
+from client.driver import points
+from client.driver.blocking import Blocking, blocking
+from client.robot import AsyncRobot
+from client.robot.reach import Reach
+
+__all__ = ["BlockingControlledRobot", "ControlledRobot"]
+
+Answer = TypeVar("Answer")
+
+
+class ControlledRobot(ControlLoop):
+    """A control loop that brings its robot along; options are those of `client.driver.DriverConfig`.
+
+    make_ready: power the arm on and release its brakes if need be; else a robot that is not
+    ready is a RobotRefused. file: the usual controllers when None.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        file: ControllersFile | None = None,
+        *,
+        prefix: str = "",
+        make_ready: bool = False,
+        **options: Any,
+    ) -> None:
+        outputs = tuple(dict.fromkeys((*RTDE_OUTPUTS, *options.pop("outputs", ()))))
+        self.robot = AsyncRobot(host, outputs=outputs, **options)
+        super().__init__(self.robot.driver, file, prefix=prefix)
+        self._make_ready = make_ready
+        self._opened = AsyncExitStack()
+
+    async def __aenter__(self) -> Self:
+        async with AsyncExitStack() as opening:
+            await opening.enter_async_context(self.robot)
+            await (self.robot.make_ready() if self._make_ready else self.driver.start_program())
+            await super().__aenter__()
+            self._opened = opening.pop_all()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            await super().__aexit__(kind, error, trace)
+        finally:
+            await self._opened.aclose()
+
+    async def follow(self, name: str, goal: FollowJointTrajectory | JointTrajectory) -> Result:
+        """As `ControlLoop.follow`; points beyond the joints' limits are an OutOfReachError before anything moves."""
+        self.check_reach(goal.trajectory if isinstance(goal, FollowJointTrajectory) else goal)
+        return await super().follow(name, goal)
+
+    def check_reach(self, trajectory: JointTrajectory) -> None:
+        """Raise OutOfReachError for the first point beyond the limits that the robot reports."""
+        link = self.driver.robot
+        if link.configuration is None:
+            return
+        stands = dict(zip((self._prefix + joint for joint in JOINTS), self.driver.state["actual_q"], strict=True))
+        names = trajectory.joint_names
+        targets = [stands | dict(zip(names, point.positions, strict=False)) for point in trajectory.points]
+        moves = [points.movej([target[joint] for joint in stands]) for target in targets]
+        Reach(link.configuration, (0.0,) * 6, tuple(stands.values())).check("the trajectory", moves)
+
+    def activate(self, *names: str) -> None:
+        """Load, configure and activate controllers. Raises ControllerError."""
+        self.manager.activate(*names)
+
+    def deactivate(self, *names: str) -> None:
+        """Let controllers end. Raises ControllerError."""
+        self.manager.deactivate(*names)
+
+    def switch(self, activate: Sequence[str] = (), deactivate: Sequence[str] = ()) -> None:
+        """End some controllers and begin others at once; what is not loaded yet is. Raises ControllerError."""
+        loaded = {info.name: info.state for info in self.manager.list_controllers()}
+        for name in activate:
+            if name not in loaded:
+                self.manager.load(name)
+            if loaded.get(name, LifecycleState.UNCONFIGURED) is LifecycleState.UNCONFIGURED:
+                self.manager.configure(name)
+        self.manager.switch(activate=activate, deactivate=deactivate)
+
+    def command(self, name: str, what: Sequence[float] | JointTrajectory) -> None:
+        """Give a forward controller commands, or a trajectory controller a trajectory without a result."""
+        self.manager.controller(name).command(what)
+
+    def do(self, work: Callable[[ControllerManager], Answer]) -> Answer:
+        """Do anything else with the manager and its controllers, between two cycles."""
+        return work(self.manager)
+
+
+class BlockingControlledRobot(Blocking[ControlledRobot]):
+    """The same for scripts and notebooks: controllers run in a thread of their own."""
+
+    def __init__(self, host: str, file: ControllersFile | None = None, **options: Any) -> None:
+        super().__init__(lambda: ControlledRobot(host, file, **options))
+
+    activate = blocking(ControlledRobot.activate)
+    deactivate = blocking(ControlledRobot.deactivate)
+    switch = blocking(ControlledRobot.switch)
+    command = blocking(ControlledRobot.command)
+    follow = blocking(ControlledRobot.follow)
+    result = blocking(ControlledRobot.result)
+    answer = blocking(ControlledRobot.answer)
+    rest = blocking(ControlledRobot.rest)
+    cycles = blocking(ControlledRobot.cycles)
+
+    def do(self, work: Callable[[ControllerManager], Answer]) -> Answer:
+        """Do anything else with the manager and its controllers, between two cycles."""
+
+        async def inside() -> Answer:
+            return self.inner.do(work)
+
+        return self.call(inside())

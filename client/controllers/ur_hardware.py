@@ -1,0 +1,261 @@
+"""A Universal Robots arm as the hardware of a controller manager, by way of the driver.
+
+While the robot waits (a stop, a pause, its program on the way back), nothing is commanded and
+the speed scaling is 0, so that trajectories wait too. When it goes on the scaling rises
+gradually, and setpoints begin where the arm stands and come back to where they should be.
+"""
+
+import asyncio
+import logging
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from client.controllers.interfaces import NO_COMMAND
+from client.controllers.modes import MOTION, CommandMode, conflict, mode_of
+from client.controllers.passthrough import PASSTHROUGH, Transfer
+from client.controllers.ur_commands import ArmDriver, Spawn, URCommands
+from client.controllers.ur_states import JOINTS, URStates
+from client.driver import points
+from client.driver.gates import GATES
+from client.driver.timeouts import LONGEST_REAL_TIME_S
+from client.errors import ClientError, ControllerError
+from urproto.errors import ProtocolError, RobotRefused
+from urproto.external_control import TrajectoryPoint, TrajectoryResult
+from urproto.modes import RobotMode, RuntimeState, SafetyMode
+from urproto.versions import PolyscopeVersion
+
+__all__ = ["URHardware"]
+
+_MOVABLE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
+_WAITING: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.SAFEGUARD_STOP)  # a program is paused in these, not ended
+_BACK_S: Final = 10.0  # guess: how long after such a stop somebody may take to start the program again
+_RISE_PER_PERIOD: Final = 0.01  # Universal_Robots_ROS2_Driver: of the speed scaling after a pause
+_RETURN_S: Final = 0.5  # guess: to bring the arm back to its path after a stop
+
+_logger = logging.getLogger(__name__)
+
+
+class URHardware:
+    """Of a driver; see `client.controllers.hardware.Hardware`.
+
+    spawn: runs what takes longer than a cycle. version: the robot's. prefix: in front of all
+    names. setpoint_timeout_s: how long the robot goes on without the next setpoint.
+    """
+
+    def __init__(
+        self,
+        driver: ArmDriver,
+        version: PolyscopeVersion,
+        spawn: Spawn,
+        *,
+        prefix: str = "",
+        setpoint_timeout_s: float = LONGEST_REAL_TIME_S,
+    ) -> None:
+        self._driver = driver
+        self._version = version
+        self._spawn = spawn
+        self._prefix = prefix
+        self._timeout_s = setpoint_timeout_s
+        self._states = URStates(prefix, version)
+        self._orders = URCommands(prefix, driver, self._states, spawn)
+        self.states, self.commands = self._states.all, self._orders.all
+        self.failure: str | None = None
+        self._modes: set[CommandMode] = set()
+        self._positions = self._orders.joints("position")
+        self._velocities = self._orders.joints("velocity")
+        self._efforts = self._orders.joints("effort")
+        self._actual = self._states.joints("position")
+        self._ready = False
+        self._scaling = 1.0
+        self._waits = False
+        self._forgiven_s = 0.0  # until when the program may be missing
+        self._offset = [0.0] * len(JOINTS)
+        self._return_s = 0.0
+        self._trajectory: list[TrajectoryPoint] = []
+        self._last_s = 0.0
+        self._execution: asyncio.Task[None] | None = None
+
+    # read
+
+    def read(self, state: Mapping[str, Any], period_s: float) -> None:
+        self._states.take(state)
+        running = self._driver.program_running
+        self._states["gpio/program_running"] = float(running)
+        mode = state["safety_mode"]
+        was_ready, self._ready = (
+            self._ready,
+            (running and mode in _MOVABLE and state["runtime_state"] == RuntimeState.PLAYING),
+        )
+        self._scale(state, period_s)
+        if self._ready and not was_ready:
+            self._come_back()
+        self.failure = self._judge(state["timestamp"], mode, state["robot_mode"], running)
+
+    def _scale(self, state: Mapping[str, Any], period_s: float) -> None:
+        full = state["speed_scaling"] * state["target_speed_fraction"]
+        if not self._ready:
+            self._scaling, self._waits = 0.0, True
+        elif self._waits:
+            self._scaling += _RISE_PER_PERIOD * period_s / self._version.series.period_s
+            self._waits = self._scaling < full
+            self._scaling = min(self._scaling, full)
+        else:
+            self._scaling = full
+        self._states["speed_scaling/speed_scaling_factor"] = self._scaling
+
+    def _come_back(self) -> None:
+        commands = self._positions.get()
+        if CommandMode.POSITION in self._modes and not any(value != value for value in commands):
+            self._offset = [actual - command for actual, command in zip(self._actual.get(), commands, strict=True)]
+            self._return_s = _RETURN_S
+
+    def _judge(self, time_s: float, safety: int, robot: int, running: bool) -> str | None:
+        if safety in _WAITING:
+            self._forgiven_s = time_s + _BACK_S
+            return None
+        if safety not in _MOVABLE:
+            return f"its safety mode is {_name(SafetyMode, safety)}: clear the cause, then activate again"
+        if robot != RobotMode.RUNNING:
+            return f"its mode is {_name(RobotMode, robot)}: power it on, start the program, then activate again"
+        if running:
+            self._forgiven_s = 0.0 if self._ready else self._forgiven_s
+            return None
+        if time_s < self._forgiven_s:
+            return None
+        return "the control program on the robot has ended: start it, then activate again"
+
+    def take_halt(self) -> str | None:
+        halt, self._orders.contact = self._orders.contact, None
+        return halt
+
+    # switching
+
+    def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
+        starting, stopping = self._modes_of(start), self._modes_of(stop)
+        for kind in (CommandMode.POSITION, CommandMode.VELOCITY, CommandMode.EFFORT):
+            if kind in starting and not set(self._orders.joints(kind).names) <= set(start):
+                raise ControllerError("hardware", f"all {len(JOINTS)} joints have to be commanded in {kind}")
+        if pair := conflict((self._modes - stopping) | starting):
+            raise ControllerError("hardware", f"{pair[0]} and {pair[1]} cannot be commanded at the same time")
+        if CommandMode.EFFORT in starting and (refusal := GATES["torque"].refusal(self._version)):
+            raise ControllerError("hardware", f"effort cannot be commanded: {refusal}")
+        if starting & MOTION and self.failure:
+            raise ControllerError("hardware", self.failure)
+
+    def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
+        starting, stopping = self._modes_of(start), self._modes_of(stop)
+        self._modes = (self._modes - stopping) | starting
+        self._orders.all.lend(list(stop)).fill(NO_COMMAND)
+        self._tell(lambda: self._end_modes(stopping))
+        if CommandMode.POSITION in starting:
+            self._positions.put(self._actual.get())
+            self._return_s = 0.0
+        for kind, part in ((CommandMode.VELOCITY, self._velocities), (CommandMode.EFFORT, self._efforts)):
+            if kind in starting:
+                part.fill(0.0)
+
+    def _modes_of(self, interfaces: Sequence[str]) -> set[CommandMode]:
+        return {mode for name in interfaces if (mode := mode_of(name, self._prefix)) is not None}
+
+    def _end_modes(self, ended: set[CommandMode]) -> None:
+        if not self._driver.program_running:
+            return
+        if CommandMode.FORCE_MODE in ended:
+            self._driver.end_force_mode()
+        if CommandMode.TOOL_CONTACT in ended:
+            self._driver.end_tool_contact()
+        if CommandMode.FREEDRIVE in ended:
+            self._driver.stop_freedrive()
+        if CommandMode.PASSTHROUGH in ended:
+            self._cancel()
+        elif ended & MOTION and not self._modes & MOTION:
+            self._driver.idle()
+
+    # write
+
+    def write(self, time_s: float, period_s: float) -> None:
+        if CommandMode.PASSTHROUGH in self._modes:
+            self._transfer()
+        if self._ready:
+            self._tell(lambda: self._move(period_s))
+        self._orders.obey()
+
+    def _move(self, period_s: float) -> None:
+        if CommandMode.POSITION in self._modes:
+            commands = self._positions.get()
+            if not any(value != value for value in commands):
+                self._driver.servoj(self._returning(commands, period_s), self._timeout_s)
+        elif CommandMode.VELOCITY in self._modes:
+            self._driver.speedj(self._velocities.get(), self._timeout_s)
+        elif CommandMode.EFFORT in self._modes:
+            self._driver.torque(self._efforts.get(), self._timeout_s)
+
+    def _returning(self, commands: list[float], period_s: float) -> list[float]:
+        """The commands, after a stop beginning where the arm stands."""
+        if self._return_s <= 0.0:
+            return commands
+        share = self._return_s / _RETURN_S
+        self._return_s -= period_s
+        smooth = share * share * (3.0 - 2.0 * share)
+        return [command + smooth * offset for command, offset in zip(commands, self._offset, strict=True)]
+
+    def _tell(self, do: Any) -> None:
+        try:
+            do()
+        except (ClientError, ProtocolError, RobotRefused) as error:  # the program has just left: read() will know
+            _logger.warning("%s", error)
+
+    # trajectories that the robot executes
+
+    def _transfer(self) -> None:
+        orders = self._orders
+        state = orders[f"{PASSTHROUGH}/transfer_state"]
+        if orders[f"{PASSTHROUGH}/abort"] == 1.0 and state not in (Transfer.IDLE, Transfer.DONE):
+            self._cancel()
+            if self._execution is None:
+                orders[f"{PASSTHROUGH}/transfer_state"] = Transfer.DONE
+        elif state == Transfer.NEW_TRAJECTORY:
+            self._trajectory, self._last_s = [], 0.0
+            orders[f"{PASSTHROUGH}/abort"] = 0.0
+            orders[f"{PASSTHROUGH}/transfer_state"] = Transfer.WAITING_FOR_POINT
+        elif state == Transfer.TRANSFERRING:
+            self._take_point()
+            orders[f"{PASSTHROUGH}/transfer_state"] = Transfer.WAITING_FOR_POINT
+        elif state == Transfer.TRANSFER_DONE and self._ready:
+            orders[f"{PASSTHROUGH}/transfer_state"] = Transfer.IN_MOTION
+            self._execution = self._spawn(self._execute())
+
+    def _take_point(self) -> None:
+        parts = [
+            self._orders.part([f"{PASSTHROUGH}/{part}_{joint}" for joint in range(len(JOINTS))]).get()
+            for part in ("setpoint_positions", "setpoint_velocities", "setpoint_accelerations")
+        ]
+        q, qd, qdd = (None if any(value != value for value in part) else part for part in parts)
+        time_s = self._orders[f"{PASSTHROUGH}/time_from_start"]
+        assert q is not None  # the controller has checked it
+        at_rest = [0.0] * len(JOINTS)
+        self._trajectory.append(points.spline(q, qd or at_rest, time_s - self._last_s, qdd))
+        self._last_s = time_s
+
+    async def _execute(self) -> None:
+        orders, failed = self._orders, True
+        try:
+            failed = await self._driver.execute(self._trajectory) is not TrajectoryResult.SUCCESS
+        except (ClientError, ProtocolError, RobotRefused) as error:
+            _logger.error("%s", error)
+        finally:
+            self._execution = None
+            if CommandMode.PASSTHROUGH in self._modes:
+                orders[f"{PASSTHROUGH}/abort"] = float(failed)
+                orders[f"{PASSTHROUGH}/transfer_state"] = Transfer.DONE
+
+    def _cancel(self) -> None:
+        if self._execution is not None:
+            self._execution.cancel()  # which the driver passes on to the robot
+
+
+def _name(kind: Any, number: int) -> str:
+    try:
+        return str(kind(number).name)
+    except ValueError:
+        return str(number)

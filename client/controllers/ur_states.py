@@ -1,0 +1,162 @@
+"""The state interfaces of a Universal Robots arm, and how RTDE fills them.
+
+Names and meaning: the hardware interface of Universal_Robots_ROS2_Driver. What a robot does not
+report stays NaN.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Final
+
+from client.controllers.interfaces import Interfaces
+from urproto.robots.pose import pose_inv, pose_trans, wrench_trans
+from urproto.versions import PolyscopeVersion, Series
+
+__all__ = ["JOINTS", "RTDE_OUTPUTS", "URStates"]
+
+JOINTS: Final = (
+    "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
+)  # fmt: skip
+"""Base to wrist 3, as ur_description names them."""
+
+RTDE_OUTPUTS: Final = (
+    "actual_q", "actual_qd", "actual_current", "speed_scaling", "actual_TCP_force", "actual_TCP_pose",
+    "target_TCP_pose", "standard_analog_input0", "standard_analog_input1", "standard_analog_output0",
+    "standard_analog_output1", "tool_mode", "tool_analog_input0", "tool_analog_input1", "tool_output_voltage",
+    "tool_output_current", "tool_temperature", "robot_status_bits", "safety_status_bits",
+    "actual_digital_input_bits", "actual_digital_output_bits", "analog_io_types", "tool_analog_input_types",
+)  # fmt: skip
+"""What to receive: every version has these. payload, payload_cog, payload_inertia and tcp_offset are used too."""
+
+_SINGLE: Final = {
+    "standard_analog_input0": "gpio/standard_analog_input_0",
+    "standard_analog_input1": "gpio/standard_analog_input_1",
+    "standard_analog_output0": "gpio/standard_analog_output_0",
+    "standard_analog_output1": "gpio/standard_analog_output_1",
+    "tool_analog_input0": "gpio/tool_analog_input_0",
+    "tool_analog_input1": "gpio/tool_analog_input_1",
+    "tool_output_voltage": "gpio/tool_output_voltage",
+    "tool_output_current": "gpio/tool_output_current",
+    "tool_temperature": "gpio/tool_temperature",
+    "tool_mode": "gpio/tool_mode",
+    "robot_mode": "gpio/robot_mode",
+    "safety_mode": "gpio/safety_mode",
+    "target_speed_fraction": "speed_scaling/target_speed_fraction",
+    "payload": "payload/mass",
+}
+_BITS: Final = {
+    "actual_digital_input_bits": ("gpio/digital_input", 18),
+    "actual_digital_output_bits": ("gpio/digital_output", 18),
+    "safety_status_bits": ("gpio/safety_status_bit", 11),
+    "robot_status_bits": ("gpio/robot_status_bit", 4),
+    "analog_io_types": ("gpio/analog_io_type", 4),
+    "tool_analog_input_types": ("gpio/tool_analog_input_type", 2),
+}
+_VECTORS: Final = {
+    "payload_cog": tuple(f"payload/cog.{axis}" for axis in "xyz"),
+    "payload_inertia": tuple(f"payload/inertia.i{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")),
+}
+_WRENCH: Final = tuple(f"tcp_fts_sensor/{kind}.{axis}" for kind in ("force", "torque") for axis in "xyz")
+_POSE: Final = (
+    *(f"tcp_pose/position.{axis}" for axis in "xyz"),
+    *(f"tcp_pose/orientation.{axis}" for axis in "xyzw"),
+)
+_VERSION: Final = tuple(
+    f"get_robot_software_version/get_version_{part}" for part in ("major", "minor", "bugfix", "build")
+)
+_OTHERS: Final = (
+    "speed_scaling/speed_scaling_factor",
+    "gpio/program_running",
+    "system_interface/initialized",
+    "tool_contact/tool_contact_result",
+    "tool_contact/tool_contact_state",
+)
+_LEVEL: Final = 1e-16
+
+
+class URStates:
+    """The interfaces (`all`), with `prefix` in front of every name, and what fills them."""
+
+    def __init__(self, prefix: str, version: PolyscopeVersion) -> None:
+        joints = [f"{prefix}{joint}/{kind}" for kind in ("position", "velocity", "effort") for joint in JOINTS]
+        bits = [f"{name}_{place}" for name, count in _BITS.values() for place in range(count)]
+        rest = (*_SINGLE.values(), *bits, *_names(_VECTORS.values()), *_WRENCH, *_POSE, *_VERSION, *_OTHERS)
+        self.all = Interfaces([*joints, *(prefix + name for name in rest)])
+        self._prefix = prefix
+        self._flange_sensor = version.series is not Series.CB3
+        self._bits: dict[str, int] = {}
+        self._rows = self._make_rows()
+        self._part(_VERSION).put(
+            [float(part) for part in (version.major, version.minor, version.bugfix, version.build)]
+        )
+        self["system_interface/initialized"] = 1.0
+
+    def __setitem__(self, name: str, value: float) -> None:
+        self.all[self._prefix + name] = value
+
+    def __getitem__(self, name: str) -> float:
+        return self.all[self._prefix + name]
+
+    def joints(self, kind: str) -> Interfaces:
+        """Of one kind, base to wrist 3."""
+        return self.all.lend([f"{self._prefix}{joint}/{kind}" for joint in JOINTS])
+
+    def take(self, state: Mapping[str, Any]) -> None:
+        """Set them from RTDE variables by name; those that are not there are left alone."""
+        for variable, put in self._rows:
+            value = state.get(variable)
+            if value is not None:
+                put(value)
+        if "actual_TCP_force" in state and "target_TCP_pose" in state:
+            self._wrench.put(self._at_tcp(state))
+
+    def _make_rows(self) -> list[tuple[str, Callable[[Any], None]]]:
+        self._wrench = self._part(_WRENCH)
+        pose = self._part(_POSE)
+        rows: list[tuple[str, Callable[[Any], None]]] = [
+            ("actual_q", self.joints("position").put),
+            ("actual_qd", self.joints("velocity").put),
+            ("actual_current", self.joints("effort").put),
+            ("actual_TCP_pose", lambda value: pose.put((*value[:3], *_quaternion(value[3:])))),
+        ]
+        rows += [(variable, self._part([name]).fill) for variable, name in _SINGLE.items()]
+        rows += [(variable, self._part(names).put) for variable, names in _VECTORS.items()]
+        return rows + [(variable, self._bit_setter(variable)) for variable in _BITS]
+
+    def _bit_setter(self, variable: str) -> Callable[[int], None]:
+        name, count = _BITS[variable]
+        part = self._part([f"{name}_{place}" for place in range(count)])
+
+        def put(value: int) -> None:
+            if self._bits.get(variable) != value:
+                self._bits[variable] = value
+                part.put([float(value >> place & 1) for place in range(count)])
+
+        return put
+
+    def _at_tcp(self, state: Mapping[str, Any]) -> Sequence[float]:
+        """The wrench in the TCP's frame: e-Series report it about the flange, CB3 at the TCP, both in base axes."""
+        turn = (0.0, 0.0, 0.0, *state["target_TCP_pose"][3:])
+        wrench = state["actual_TCP_force"]
+        if not self._flange_sensor or "tcp_offset" not in state:
+            return wrench_trans(turn, wrench)
+        offset = state["tcp_offset"]
+        flange = pose_trans(turn, pose_inv((0.0, 0.0, 0.0, *offset[3:])))
+        return wrench_trans(offset, wrench_trans(flange, wrench))
+
+    def _part(self, names: Sequence[str]) -> Interfaces:
+        return self.all.lend([self._prefix + name for name in names])
+
+
+def _names(groups: Iterable[Sequence[str]]) -> tuple[str, ...]:
+    return tuple(name for group in groups for name in group)
+
+
+def _quaternion(rotation: Sequence[float]) -> tuple[float, float, float, float]:
+    """x, y, z, w of a rotation vector [rad]."""
+    angle = math.hypot(*rotation)
+    if angle < _LEVEL:
+        return (0.0, 0.0, 0.0, 1.0)
+    x, y, z = rotation
+    scale = math.sin(angle / 2.0) / angle
+    return (x * scale, y * scale, z * scale, math.cos(angle / 2.0))

@@ -1,0 +1,214 @@
+"""Controllers files and goal files: what they say, and what is told about the rest."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from client.cli import app
+from client.controllers import types
+from client.controllers.configuration import read_controllers, usual_controllers
+from client.controllers.goal_files import read_goals
+from client.controllers.parameters import Reading, read_parameters
+from client.controllers.ur_states import JOINTS
+from client.errors import ControllerError
+
+# the form that ur_robot_driver ships: substitutions, dots, keys only ROS has a use for
+CONTROLLERS = """
+controller_manager:
+  {key}:
+    update_rate: 500
+    scaled_joint_trajectory_controller:
+      type: ur_controllers/ScaledJointTrajectoryController
+    forward_velocity_controller:
+      type: velocity_controllers/JointGroupVelocityController
+      params_file: other.yaml
+    hurry: true
+
+scaled_joint_trajectory_controller:
+  {key}:
+    joints:
+      - $(var tf_prefix)shoulder_pan_joint
+      - $(var tf_prefix)elbow_joint
+    command_interfaces:
+      - position
+    state_interfaces: [position, velocity]
+    state_publish_rate: 100.0
+    action_monitor_rate: 20.0
+    allow_partial_joints_goal: false
+    colour: red
+    constraints.goal_time: 2
+    constraints:
+      stopped_velocity_tolerance: 0.2
+      $(var tf_prefix)elbow_joint: {{ trajectory: 0.2, goal: 0.1, colour: blue }}
+    speed_scaling_interface_name: $(var tf_prefix)speed_scaling/speed_scaling_factor
+
+/forward_velocity_controller:
+  {key}:
+    joints: [$(var tf_prefix)elbow_joint]
+
+gripper_controller:
+  {key}: {{a: 1}}
+"""
+
+
+def write(tmp_path, text):
+    path = tmp_path / "file.yaml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("key", ["ros__parameters", "ros_parameters"])
+def test_a_controllers_file(tmp_path, key):
+    file = read_controllers(write(tmp_path, CONTROLLERS.format(key=key)), "left_")
+    assert file.types["scaled_joint_trajectory_controller"] == "ur_controllers/ScaledJointTrajectoryController"
+    assert file.parameters_of("forward_velocity_controller") == {"joints": ["left_elbow_joint"]}
+    assert [note.split(" ")[1] for note in file.notes] == [
+        "update_rate",
+        "forward_velocity_controller.params_file",
+        "hurry",
+        "section",
+    ]
+    name = "scaled_joint_trajectory_controller"
+    reading = Reading()
+    kind = types.find(name, file.type_of(name))
+    read = read_parameters(kind.parameters_type, file.parameters_of(name), name, reading)
+    assert read.joints == ("left_shoulder_pan_joint", "left_elbow_joint")
+    assert (read.constraints.goal_time, read.constraints.stopped_velocity_tolerance) == (2.0, 0.2)
+    assert read.constraints.joints["left_elbow_joint"].goal == 0.1
+    assert read.speed_scaling_interface_name == "left_speed_scaling/speed_scaling_factor"
+    assert reading.unknown == ["colour", "constraints.left_elbow_joint.colour"]
+    assert [text.split(" ")[0] for text in reading.without_effect] == ["state_publish_rate", "action_monitor_rate"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: [", "no YAML"),
+        ("- 1", "no sections"),
+        ("x: {ros__parameters: {}}", "no section controller_manager"),
+        ("controller_manager: {a: 1}", "no ros__parameters"),
+        ("controller_manager: {ros__parameters: {a: $(find pkg)/x}}", r"\$\(find pkg\) cannot be filled in"),
+        ("controller_manager: {ros__parameters: {a: $(var speed)}}", r"\$\(var speed\) cannot be filled in"),
+    ],
+)
+def test_files_that_are_none(tmp_path, text, words):
+    with pytest.raises(ControllerError, match=words):
+        read_controllers(write(tmp_path, text))
+
+
+def test_general_parameters_are_everybodys(tmp_path):
+    manager = "controller_manager: {ros__parameters: {x: {type: ur_controllers/GPIOController}}}"
+    text = f"/**: {{ros__parameters: {{tf_prefix: a_}}}}\n{manager}"
+    assert read_controllers(write(tmp_path, text)).parameters_of("x") == {"tf_prefix": "a_"}
+
+
+def test_parameters_that_contain_themselves():
+    endless = {"joints": ["a"], "interface_name": "position"}
+    endless["more"] = {"again": endless}
+    kind = types.find("x", "forward_command_controller/ForwardCommandController")
+    with pytest.raises(ControllerError, match="contain themselves"):
+        read_parameters(kind.parameters_type, endless, "x", Reading())
+
+
+@pytest.mark.parametrize("prefix", ["", "left_"])
+def test_the_usual_controllers_are_all_understood(prefix):
+    file = usual_controllers(prefix)
+    assert not file.notes
+    for name, type_name in file.types.items():
+        reading = Reading()
+        kind = types.find(name, type_name)
+        controller = kind(name, read_parameters(kind.parameters_type, file.parameters_of(name), name, reading), 500.0)
+        controller.on_configure()
+        assert not reading.unknown
+        assert all(one.startswith(prefix) for one in controller.command_interfaces)
+
+
+GOALS = """
+publisher_joint_trajectory_controller:
+  ros__parameters:
+    controller_name: "joint_trajectory_controller"
+    wait_sec_between_publish: 6
+    goal_names: ["pos1", "pos2"]
+    pos1:
+      positions: [0.785, -1.57]
+      velocities: [0.0, 0.0]
+    pos2: [0, 1]
+    pos3: [1, 1]
+    joints: [shoulder_pan_joint, elbow_joint]
+    check_starting_point: {check}
+    starting_point_limits:
+      shoulder_pan_joint: [-0.1, 0.1]
+publisher_forward_velocity_controller:
+  ros__parameters:
+    publish_topic: "/forward_velocity_controller/commands"
+    goal_names: [vel]
+    vel: [0.0, 0.5]
+"""
+
+
+def test_a_goal_file(tmp_path):
+    path = write(tmp_path, GOALS.format(check="true"))
+    goals = read_goals(path, "publisher_joint_trajectory_controller")
+    assert (goals.controller, goals.commands, goals.wait_s) == ("joint_trajectory_controller", False, 6.0)
+    assert [goal.name for goal in goals.goals] == ["pos1", "pos2"]
+    assert goals.goals[0].point.velocities == (0.0, 0.0)
+    assert goals.goals[1].point.positions == (0.0, 1.0)
+    assert len(goals.notes) == 1
+    assert "pos3" in goals.notes[0]
+    goals.check_start({"shoulder_pan_joint": 0.05, "elbow_joint": -6.0})
+    with pytest.raises(ControllerError, match=r"shoulder_pan_joint is at 0\.200 rad, not between -0\.1 and 0\.1"):
+        goals.check_start({"shoulder_pan_joint": 0.2, "elbow_joint": 0.0})
+    speeds = read_goals(path, "publisher_forward_velocity_controller")
+    assert (speeds.controller, speeds.commands) == ("forward_velocity_controller", True)
+    with pytest.raises(ControllerError, match="name one of its sections"):
+        read_goals(path)
+    read_goals(write(tmp_path, GOALS.format(check="false")), goals.node).check_start({"shoulder_pan_joint": 3.0})
+
+
+def test_the_example_is_read():
+    goals = read_goals(Path(__file__).parents[2] / "examples" / "goals.yaml")
+    assert not goals.notes
+    assert [goal.name for goal in goals.goals] == ["turn", "bend", "back"]
+    assert goals.joints == JOINTS
+    goals.check_start(dict(zip(JOINTS, (0, -1.57, 0, -1.57, 0, 0), strict=True)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[0.785, -1.57]", "[0.785]", "pos1.positions has 1 numbers for 2 joints"),
+        ("[0.785, -1.57]", "[0.785, high]", "pos1.positions is a list of numbers"),
+        ("positions:", "places:", "the goal pos1 has places"),
+        ('["pos1", "pos2"]', '["pos1", "home"]', "the goal home has none of positions"),
+        ('["pos1", "pos2"]', "[]", "goal_names is empty"),
+        ("[-0.1, 0.1]", "[0.1]", "starting_point_limits.shoulder_pan_joint is the lowest"),
+        ("publish: 6", "publish: soon", "wait_sec_between_publish is a number"),
+        ('controller_name: "joint_trajectory_controller"', "speed: 1", "neither a controller_name"),
+    ],
+)
+def test_goals_that_make_no_sense(tmp_path, old, new, words):
+    text = GOALS.format(check="true")
+    assert old in text
+    with pytest.raises(ControllerError, match=words):
+        read_goals(write(tmp_path, text.replace(old, new)), "publisher_joint_trajectory_controller")
+
+
+def test_the_shell_lists_what_there_is(tmp_path):
+    run = CliRunner().invoke
+    assert "ScaledJointTrajectoryController" in run(app, ["controllers", "types"]).output
+    listed = run(app, ["controllers", "list"])
+    assert listed.exit_code == 0
+    assert "forward_position_controller" in listed.output
+    bad = write(
+        tmp_path, CONTROLLERS.format(key="ros__parameters").replace("allow_partial_joints_goal: false", "joints: 3")
+    )
+    broken = run(app, ["controllers", "list", "--controllers", str(bad)])
+    assert broken.exit_code == 1
+    assert "joints is a list" in broken.output
+    assert "hurry is no controller" in broken.output
+
+
+@pytest.mark.parametrize("line", ["--positions 1,2", "--positions a,b,c,d,e,f", "--positions 1,2,3,4,5,6 --time 0"])
+def test_goals_that_the_shell_does_not_take(line):
+    assert CliRunner().invoke(app, ["goal", *line.split()]).exit_code == 2

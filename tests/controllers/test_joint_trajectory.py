@@ -1,0 +1,339 @@
+"""The joint trajectory controllers over joints that do what they are told."""
+
+from itertools import pairwise
+
+import pytest
+from controllers_rig import JOINTS, RATE_HZ, SCALING, Bench, point, started, trajectory
+
+from client.controllers.goals import ErrorCode, FollowJointTrajectory, GoalStatus, Tolerance
+from client.errors import ControllerError, GoalRejectedError
+
+TOLERANCES = {
+    "constraints": {
+        "goal_time": 0.5,
+        "stopped_velocity_tolerance": 0.2,
+        **{joint: {"trajectory": 0.2, "goal": 0.05} for joint in JOINTS},
+    }
+}
+REST = (0.0, 0.0)
+
+
+def test_a_goal_is_followed_and_succeeds():
+    bench, jtc = started(**TOLERANCES)
+    states = []
+    jtc.state_topic.subscribe(states.append)
+    handle = jtc.send_goal(trajectory(point(1.0, 1.0, -2.0, v=REST), point(2.0, 0.5, 0.0, v=REST)))
+    result = bench.until(handle)
+    assert (result.error_code, result.error_string) == (ErrorCode.SUCCESSFUL, "Goal successfully reached!")
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert bench.q == pytest.approx((0.5, 0.0), abs=1e-3)
+    passing = min(states, key=lambda state: abs(state.reference.positions[0] - 1.0))
+    assert passing.reference.positions == pytest.approx((1.0, -2.0), abs=1e-3)
+    assert max(abs(value) for state in states for value in state.error.positions) < 1e-6
+
+
+def test_setpoints_are_one_period_ahead():
+    bench, jtc = started()
+    jtc.send_goal(trajectory(point(1.0, 1.0, 2.0)))
+    bench.cycle()
+    assert [bench.joints.commands[f"{joint}/position"] for joint in JOINTS] == pytest.approx([0.01, 0.02])
+
+
+def test_joints_are_taken_by_name_in_any_order():
+    bench, jtc = started()
+    bench.until(jtc.send_goal(trajectory(point(1.0, 1.0, 2.0), names=JOINTS[::-1])))
+    assert bench.q == pytest.approx((2.0, 1.0))
+
+
+def test_speed_scaling_stretches_time():
+    bench, scaled = started("scaled")
+    bench.joints.states[SCALING] = 0.25
+    handle = scaled.send_goal(trajectory(point(1.0, 1.0, 0.0)))
+    bench.run(2.0)
+    assert bench.q[0] == pytest.approx(0.5, abs=0.02)
+    bench.joints.states[SCALING] = 0.0
+    bench.run(5.0)
+    assert bench.q[0] == pytest.approx(0.5, abs=0.02)
+    bench.joints.states[SCALING] = 1.0
+    bench.run(0.55)
+    assert handle.done
+    assert handle.status is GoalStatus.SUCCEEDED
+
+
+def test_the_plain_controller_ignores_the_scaling_unless_told_where_it_is():
+    for scaling, there in ({}, 1.0), ({"speed_scaling": {"state_interface": SCALING}}, 0.5):
+        bench, jtc = started(**scaling)
+        bench.joints.states[SCALING] = 0.5
+        jtc.send_goal(trajectory(point(1.0, 1.0, 0.0)))
+        bench.run(1.02)
+        assert bench.q[0] == pytest.approx(there, abs=0.02)
+
+
+def test_a_joint_off_its_path_aborts_and_holds():
+    bench, jtc = started(**TOLERANCES)
+    handle = jtc.send_goal(trajectory(point(2.0, 1.0, 1.0)))
+    bench.run(0.5)
+    bench.joints.stuck.add("elbow_joint")
+    result = bench.until(handle)
+    assert (handle.status, result.error_code) == (GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED)
+    assert "path tolerance violation (elbow_joint: position error 0.20" in result.error_string
+    bench.cycle(2)
+    held = bench.q
+    bench.run(2.0)
+    assert bench.q == pytest.approx(held)
+
+
+def test_being_late_at_the_goal_aborts_after_the_goal_time():
+    bench, jtc = started(**TOLERANCES)
+    goal = FollowJointTrajectory(
+        trajectory(point(1.0, 0.1, 0.1)), path_tolerance=dict.fromkeys(JOINTS, Tolerance(position=-1.0))
+    )
+    bench.joints.stuck.add("elbow_joint")
+    handle = jtc.send_goal(goal)
+    bench.run(1.4)
+    assert not handle.done
+    result = bench.until(handle)
+    assert result.error_code is ErrorCode.GOAL_TOLERANCE_VIOLATED
+    assert "goal_time_tolerance exceeding by 0.5" in result.error_string
+
+
+def test_without_a_goal_time_it_waits_for_ever():
+    bench, jtc = started(constraints={"elbow_joint": {"goal": 0.05}})
+    bench.joints.stuck.add("elbow_joint")
+    handle = jtc.send_goal(trajectory(point(1.0, 0.1, 0.1)))
+    bench.run(30.0)
+    assert not handle.done
+    bench.joints.stuck.clear()
+    assert bench.until(handle, 0.1).error_code is ErrorCode.SUCCESSFUL
+
+
+def test_a_goals_tolerances_replace_the_controllers():
+    bench, jtc = started(**TOLERANCES)
+    tight = {"elbow_joint": Tolerance(position=0.01)}
+    handle = jtc.send_goal(FollowJointTrajectory(trajectory(point(2.0, 1.0, 1.0)), path_tolerance=tight))
+    bench.joints.stuck.add("elbow_joint")
+    bench.until(handle)
+    assert bench.q[0] < 0.05
+    with pytest.raises(GoalRejectedError, match=r"the path tolerance of elbow_joint is -0\.5"):
+        jtc.send_goal(
+            FollowJointTrajectory(trajectory(point(1.0, 0, 0)), path_tolerance={"elbow_joint": Tolerance(-0.5)})
+        )
+
+
+def test_the_stopped_velocity_counts_where_speeds_are_commanded():
+    gains = {joint: {"p": 5.0, "ff_velocity_scale": 1.0} for joint in JOINTS}
+    bench, jtc = started(
+        command_interfaces=["velocity"], gains=gains, **{"constraints": {"stopped_velocity_tolerance": 0.05}}
+    )
+    handle = jtc.send_goal(trajectory(point(1.0, 1.0, 1.0, v=REST)))
+    bench.run(0.99)
+    bench.joints.stuck.add("elbow_joint")
+    bench.joints.states["elbow_joint/velocity"] = 0.1
+    bench.run(1.0)
+    assert not handle.done
+    bench.joints.states["elbow_joint/velocity"] = 0.01
+    bench.cycle()
+    assert handle.status is GoalStatus.SUCCEEDED
+
+
+def test_speed_commands_follow_by_the_pid_law():
+    gains = {joint: {"p": 10.0, "ff_velocity_scale": 1.0} for joint in JOINTS}
+    bench, jtc = started(command_interfaces=["velocity"], gains=gains)
+    bench.until(jtc.send_goal(trajectory(point(2.0, 1.0, -1.0, v=REST))))
+    bench.run(1.0)
+    assert bench.q == pytest.approx((1.0, -1.0), abs=0.01)
+
+
+def test_cancel_holds_at_once_or_brakes():
+    for braking, beyond in (False, 0.0), (True, 0.5 / 2.0 / 2.0):
+        constraints = {"decelerate_on_cancel": braking} | {
+            joint: {"max_deceleration_on_cancel": 1.0} for joint in JOINTS
+        }
+        bench, jtc = started(constraints=constraints)
+        handle = jtc.send_goal(trajectory(point(2.0, 1.0, 1.0)))
+        bench.run(1.0)
+        stopped_at = bench.q[0]
+        jtc.cancel()
+        assert (handle.status, handle.result.error_code) == (GoalStatus.CANCELED, ErrorCode.SUCCESSFUL)
+        bench.run(2.0)
+        assert bench.q[0] - stopped_at == pytest.approx(beyond, abs=0.02)
+        assert bench.joints.states["elbow_joint/velocity"] == 0.0
+
+
+def test_braking_lasts_as_long_when_the_robot_is_slow():
+    constraints = {"decelerate_on_cancel": True} | {joint: {"max_deceleration_on_cancel": 1.0} for joint in JOINTS}
+    bench, scaled = started("scaled", constraints=constraints)
+    bench.joints.states[SCALING] = 0.5
+    scaled.send_goal(trajectory(point(1.0, 1.0, 1.0)))
+    bench.run(1.0)  # at 0.5 rad/s
+    places = [bench.q[0]]
+    scaled.cancel()
+    for _ in range(60):
+        bench.cycle()
+        places.append(bench.q[0])
+    speeds = [(b - a) * RATE_HZ for a, b in pairwise(places)]
+    assert max(abs(b - a) for a, b in pairwise(speeds)) < 0.03  # no jerk
+    assert speeds[25] == pytest.approx(0.25, abs=0.03)
+    assert speeds[-1] == 0.0
+
+
+def test_a_new_goal_ends_the_old_one_and_begins_with_its_speed():
+    bench, jtc = started()
+    old = jtc.send_goal(trajectory(point(2.0, 2.0, 0.0), point(4.0, 4.0, 0.0)))
+    bench.run(1.0)
+    new = jtc.send_goal(trajectory(point(1.0, 1.0, 0.0, v=REST)))
+    assert (old.status, old.result.error_code) == (GoalStatus.ABORTED, ErrorCode.INVALID_GOAL)
+    before = bench.q[0]
+    bench.cycle(2)
+    assert (bench.q[0] - before) / 2 * RATE_HZ == pytest.approx(1.0, abs=0.1)
+    bench.until(new)
+    assert bench.q == pytest.approx((1.0, 0.0), abs=1e-3)
+
+
+def test_goals_of_a_single_point_follow_each_other_without_a_jerk():
+    bench, jtc = started()
+    jtc.send_goal(trajectory(point(2.0, 2.0, 0.0)))
+    places = []
+    for cycle in range(300):
+        if cycle == 100:
+            jtc.send_goal(trajectory(point(1.0, 0.0, 0.0, v=REST)))
+        bench.cycle()
+        places.append(bench.q[0])
+    speeds = [(b - a) * RATE_HZ for a, b in pairwise(places[50:])]
+    assert speeds[0] == pytest.approx(1.0)
+    assert max(abs(b - a) for a, b in pairwise(speeds)) < 0.12  # 10 rad/s2, the cubic's own
+    assert places[-1] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_trajectory_for_later_replaces_the_old_one_then():
+    bench, jtc = started()
+    jtc.command(trajectory(point(2.0, 2.0, 0.0), point(4.0, 4.0, 0.0)))
+    bench.run(1.0)
+    jtc.command(trajectory(point(1.0, 0.0, 0.0, v=REST), stamp_s=bench.time_s + 0.5))
+    bench.run(0.5)
+    assert bench.q[0] == pytest.approx(1.5, abs=0.03)
+    bench.run(1.1)
+    assert bench.q[0] == pytest.approx(0.0, abs=0.01)
+
+
+def test_points_in_the_past_are_left_out():
+    bench, jtc = started()
+    jtc.command(trajectory(point(2.0, 2.0, 0.0), point(4.0, 4.0, 0.0)))
+    bench.run(1.0)
+    jtc.command(trajectory(point(0.5, -5.0, 0.0), point(2.0, 3.0, 0.0), stamp_s=bench.time_s - 1.0))
+    places = []
+    for _ in range(100):
+        bench.cycle()
+        places.append(bench.q[0])
+    assert min(places) > 0.9
+    assert places[-1] == pytest.approx(3.0, abs=0.03)
+
+
+def test_joints_that_a_new_goal_leaves_out_go_on_as_before():
+    bench, jtc = started(allow_partial_joints_goal=True)
+    jtc.command(trajectory(point(2.0, 2.0, 2.0), point(4.0, 4.0, 4.0)))
+    bench.run(1.0)
+    jtc.command(trajectory(point(1.0, 0.0), names=JOINTS[:1]))
+    bench.run(1.02)
+    assert bench.q == pytest.approx((0.0, 2.0), abs=0.03)
+    bench.run(2.1)
+    assert bench.q == pytest.approx((0.0, 4.0), abs=0.03)
+
+
+def test_joints_that_are_left_out_stay_where_they_are_without_an_old_goal():
+    bench, jtc = started(allow_partial_joints_goal=True)
+    bench.until(jtc.send_goal(trajectory(point(1.0, 1.0, 2.0))))
+    bench.until(jtc.send_goal(trajectory(point(1.0, 0.0), names=JOINTS[1:])))
+    assert bench.q == pytest.approx((1.0, 0.0))
+
+
+def test_speeds_alone_are_integrated_where_that_is_allowed():
+    bench, jtc = started(allow_integration_in_goal_trajectories=True)
+    bench.until(jtc.send_goal(trajectory(point(1.0, v=(1.0, 2.0)), point(2.0, v=REST))))
+    assert bench.q == pytest.approx((1.0, 2.0), abs=0.02)
+
+
+def test_a_trajectory_that_nobody_renews_is_given_up_after_its_timeout():
+    bench, jtc = started(cmd_timeout=0.5, constraints={"elbow_joint": {"goal": 0.01}})
+    bench.joints.stuck.add("elbow_joint")
+    jtc.command(trajectory(point(1.0, 1.0, 1.0)))
+    bench.run(1.4)
+    assert bench.joints.commands["elbow_joint/position"] == 1.0
+    bench.run(0.2)
+    assert bench.joints.commands["elbow_joint/position"] == 0.0  # where it is
+
+
+def test_from_the_desired_state_on_request():
+    for wanted, there in ((False, 0.5), (True, 1.0)):
+        bench, jtc = started(interpolate_from_desired_state=wanted)
+        bench.until(jtc.send_goal(trajectory(point(1.0, 1.0, 1.0))))
+        bench.joints.stuck.add("elbow_joint")
+        bench.joints.states["elbow_joint/position"] = 0.5
+        jtc.command(trajectory(point(1.0, 1.0, 1.0)))
+        bench.cycle()
+        assert bench.joints.commands["elbow_joint/position"] == pytest.approx(there, abs=0.01)
+
+
+def test_feedback_says_how_it_goes():
+    bench, jtc = started()
+    handle = jtc.send_goal(trajectory(point(1.0, 1.0, 1.0), point(2.0, 3.0, 1.0)))
+    bench.run(1.5)
+    feedback = handle.feedback
+    assert feedback.index == 1
+    assert feedback.desired.positions[0] == pytest.approx(2.0, abs=0.03)
+    assert jtc.progress == pytest.approx(0.75, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "code", "words"),
+    [
+        (trajectory(), ErrorCode.INVALID_GOAL, "no points"),
+        (trajectory(point(1.0, 1.0)), ErrorCode.INVALID_GOAL, "1 positions for 2 joints"),
+        (trajectory(point(1.0, 1.0), names=JOINTS[:1]), ErrorCode.INVALID_JOINTS, "leaves out elbow_joint"),
+        (trajectory(point(1.0, 1, 1), names=("a", "b")), ErrorCode.INVALID_JOINTS, "no joint a"),
+        (trajectory(point(1.0, 1, 1), names=JOINTS[:1] * 2), ErrorCode.INVALID_JOINTS, "each joint once"),
+        (trajectory(point(1.0, 1, 1), point(1.0, 2, 2)), ErrorCode.INVALID_GOAL, "times have to rise"),
+        (trajectory(point(-1.0, 1, 1)), ErrorCode.INVALID_GOAL, "times have to rise"),
+        (trajectory(point(1.0, 1, float("nan"))), ErrorCode.INVALID_GOAL, "no numbers"),
+        (trajectory(point(1.0, 1, 1, v=(0.1, 0))), ErrorCode.INVALID_GOAL, "ends with shoulder_joint at 0.1"),
+        (trajectory(point(1.0, v=(0.0, 0.0))), ErrorCode.INVALID_GOAL, "no positions"),
+        (trajectory(point(1.0, 1, 1), stamp_s=2.0), ErrorCode.OLD_HEADER_TIMESTAMP, "ends at 3.000 s"),
+    ],
+)
+def test_what_is_not_taken(wrong, code, words):
+    bench, jtc = started()
+    going = jtc.send_goal(trajectory(point(1.0, 1.0, 1.0)))
+    with pytest.raises(GoalRejectedError, match=words) as caught:
+        jtc.send_goal(wrong)
+    assert caught.value.code is code
+    assert bench.until(going).error_code is ErrorCode.SUCCESSFUL  # nothing is lost
+
+
+def test_an_inactive_controller_takes_no_goals_and_deactivation_aborts():
+    bench, jtc = started()
+    handle = jtc.send_goal(trajectory(point(1.0, 1.0, 1.0)))
+    bench.manager.deactivate("jtc")
+    assert handle.status is GoalStatus.ABORTED
+    assert "deactivate" in handle.result.error_string
+    with pytest.raises(ControllerError, match="activate it first"):
+        jtc.send_goal(trajectory(point(1.0, 1.0, 1.0)))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"command_interfaces": ["acceleration"]}, "command_interfaces is one of"),
+        ({"command_interfaces": ["position", "velocity"]}, "command_interfaces is one of"),
+        ({"state_interfaces": ["velocity"]}, "state_interfaces are position"),
+        ({"joints": []}, "each joint once"),
+        ({"interpolation_method": "cubic"}, "splines or none"),
+        ({"constraints": {"decelerate_on_cancel": True}}, "max_deceleration_on_cancel"),
+        ({"constraints": {"wrist_joint": {"goal": 0.1}}}, "wrist_joint"),
+        ({"constraints": {"goal_time": "soon"}}, "constraints.goal_time is a number"),
+        ({"joints": "elbow_joint"}, "joints is a list"),
+    ],
+)
+def test_parameters_that_make_no_sense(parameters, words):
+    bench = Bench(**parameters)
+    with pytest.raises(ControllerError, match=words):
+        bench.manager.activate("jtc")

@@ -1,0 +1,179 @@
+"""Life cycle, switching and conflicts; what happens when controllers or hardware fail."""
+
+import pytest
+from controllers_rig import JOINTS, Bench, point, started, trajectory
+
+from client.controllers.controller import LIFE_CYCLE, LifecycleState
+from client.controllers.goals import ErrorCode
+from client.errors import ControllerError
+
+TRANSITIONS = sorted({transition for _, transition in LIFE_CYCLE})
+
+
+def state_of(bench, name):
+    return next(info.state for info in bench.manager.list_controllers() if info.name == name)
+
+
+def test_the_life_cycle():
+    bench = Bench()
+    manager = bench.manager
+    manager.load("jtc")
+    assert state_of(bench, "jtc") is LifecycleState.UNCONFIGURED
+    manager.configure("jtc")
+    assert state_of(bench, "jtc") is LifecycleState.INACTIVE
+    manager.activate("jtc")
+    assert manager.list_controllers()[0].claimed == ("shoulder_joint/position", "elbow_joint/position")
+    manager.deactivate("jtc")
+    assert manager.list_controllers()[0].claimed == ()
+    manager.cleanup("jtc")
+    assert state_of(bench, "jtc") is LifecycleState.UNCONFIGURED
+    manager.unload("jtc")
+    assert manager.list_controllers() == []
+
+
+@pytest.mark.parametrize("state", [LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE, LifecycleState.ACTIVE])
+@pytest.mark.parametrize("transition", TRANSITIONS)
+def test_every_transition_in_every_state(state, transition):
+    bench = Bench()
+    manager = bench.manager
+    manager.load("jtc")
+    if state is not LifecycleState.UNCONFIGURED:
+        manager.configure("jtc")
+    if state is LifecycleState.ACTIVE:
+        manager.activate("jtc")
+    calls = {
+        "configure": lambda: manager.configure("jtc"),
+        "activate": lambda: manager.switch(activate=["jtc"]),
+        "deactivate": lambda: manager.deactivate("jtc"),
+        "cleanup": lambda: manager.cleanup("jtc"),
+        "shutdown": lambda: manager.unload("jtc"),
+    }
+    if (state, transition) in LIFE_CYCLE:
+        calls[transition]()
+        if transition != "shutdown":
+            assert state_of(bench, "jtc") is LIFE_CYCLE[state, transition]
+    else:
+        with pytest.raises(ControllerError, match=f"it is {state}"):
+            calls[transition]()
+        assert state_of(bench, "jtc") is state
+
+
+def test_two_controllers_cannot_have_one_interface():
+    bench, jtc = started()
+    bench.manager.load("forward")
+    bench.manager.configure("forward")
+    handle = jtc.send_goal(trajectory(point(1.0, 1.0, 1.0)))
+    with pytest.raises(ControllerError, match="forward: jtc has shoulder_joint/position"):
+        bench.manager.activate("forward")
+    assert state_of(bench, "forward") is LifecycleState.INACTIVE
+    assert bench.until(handle).error_code is ErrorCode.SUCCESSFUL
+    bench.manager.deactivate("jtc")
+    with pytest.raises(ControllerError, match="has shoulder_joint/position"):
+        bench.manager.switch(activate=["jtc", "forward"])
+    assert not bench.manager.active()
+
+
+def test_a_switch_hands_interfaces_over_in_one_go():
+    bench, _ = started()
+    bench.manager.load("forward")
+    bench.manager.configure("forward")
+    bench.manager.switch(activate=["forward"], deactivate=["jtc"])
+    names = tuple(f"{joint}/position" for joint in JOINTS)
+    assert bench.joints.switches[-1] == (names, names)
+    bench.manager.controller("forward").command([0.5, -0.5])
+    bench.cycle(2)
+    assert bench.q == (0.5, -0.5)
+    claimed = {info.name: info.claimed_by for info in bench.manager.list_interfaces() if info.kind == "command"}
+    assert claimed["elbow_joint/position"] == "forward"
+    assert claimed["elbow_joint/velocity"] == ""
+
+
+def test_best_effort_leaves_out_what_cannot_be():
+    bench, _ = started()
+    bench.manager.load("states")
+    bench.manager.configure("states")
+    bench.manager.switch(activate=["states", "forward"], deactivate=["jtc", "speeds"], best_effort=True)
+    assert [controller.name for controller in bench.manager.active()] == ["states"]
+
+
+def test_what_the_hardware_does_not_do_changes_nothing():
+    bench, _ = started()
+    bench.joints.refuses = "position and velocity cannot be commanded at the same time"
+    with pytest.raises(ControllerError, match="at the same time"):
+        bench.manager.activate("speeds")
+    assert [controller.name for controller in bench.manager.active()] == ["jtc"]
+
+
+def test_an_interface_that_is_not_there():
+    bench = Bench(joints=["wrist_joint"], allow_partial_joints_goal=True)
+    with pytest.raises(ControllerError, match="no command interface wrist_joint/position"):
+        bench.manager.activate("jtc")
+    bench.manager.load("other", "joint_state_broadcaster/JointStateBroadcaster", {"joints": ["wrist_joint"]})
+    with pytest.raises(ControllerError, match="no state interface wrist_joint/position"):
+        bench.manager.activate("other")
+
+
+def test_names_that_nobody_knows():
+    manager = Bench().manager
+    with pytest.raises(ControllerError, match="it is not loaded"):
+        manager.configure("jtc")
+    with pytest.raises(ControllerError, match="test has jtc, scaled"):
+        manager.load("gripper")
+    with pytest.raises(ControllerError, match="did you mean joint_trajectory_controller/JointTrajectoryController"):
+        manager.load("x", "joint_trajectory_controller/TrajectoryController")
+    with pytest.raises(ControllerError, match=r"use Robot\.sequence"):
+        manager.load("x", "motion_primitives_controllers/MotionPrimitivesForwardController")
+    manager.load("jtc")
+    with pytest.raises(ControllerError, match="loaded already"):
+        manager.load("jtc")
+
+
+def test_a_controller_that_fails_is_deactivated_alone(caplog):
+    bench, jtc = started()
+    bench.manager.activate("states")
+    jtc.update = None  # not callable
+    bench.cycle()
+    assert [controller.name for controller in bench.manager.active()] == ["states"]
+    assert "jtc failed and is deactivated" in caplog.text
+    assert bench.joints.switches[-1][1] == ("shoulder_joint/position", "elbow_joint/position")
+
+
+def test_a_robot_that_cannot_move_ends_what_moves_it():
+    bench, jtc = started()
+    bench.manager.activate("states")
+    handle = jtc.send_goal(trajectory(point(1.0, 1.0, 1.0)))
+    bench.run(0.5)
+    bench.joints.failure = "somebody pressed the button"
+    bench.cycle()
+    assert handle.result.error_string == "somebody pressed the button"
+    assert [controller.name for controller in bench.manager.active()] == ["states"]
+    assert bench.manager.controller("states").topic.latest.position == pytest.approx(bench.q)
+
+
+def test_a_halt_by_something_else_lets_controllers_begin_anew():
+    bench, jtc = started()
+    handle = jtc.send_goal(trajectory(point(1.0, 1.0, 1.0)))
+    bench.run(0.5)
+    bench.joints.halt = "the tool touched something"
+    bench.cycle()
+    assert handle.result.error_string == "the tool touched something"
+    place = bench.q
+    bench.run(1.0)
+    assert bench.q == pytest.approx(place, abs=1e-9)
+    assert bench.until(jtc.send_goal(trajectory(point(1.0, 0.0, 0.0)))).error_code is ErrorCode.SUCCESSFUL
+
+
+def test_forward_commands_are_checked_and_end_with_the_activity():
+    bench, speeds = started("speeds")
+    bench.cycle()
+    speeds.command([0.1, -0.1])
+    bench.run(1.0)
+    assert bench.q == pytest.approx((0.1, -0.1), abs=0.01)
+    with pytest.raises(ControllerError, match="3 commands came for 2 joints"):
+        speeds.command([0, 0, 0])
+    with pytest.raises(ControllerError, match="no numbers"):
+        speeds.command([0, float("inf")])
+    bench.manager.deactivate("speeds")
+    place = bench.q
+    bench.run(1.0)
+    assert bench.q == place
