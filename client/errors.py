@@ -5,6 +5,8 @@ ClientError
 ├── ConnectionLostError      the robot closed it, or the network did
 ├── NoAnswerError            the robot keeps silent
 ├── DeviceError              a device of this machine cannot be made
+├── RecordingError           a file of a recording cannot be read, written, or used for this
+│   └── MissingExtraError    a package it needs is not installed
 ├── ScriptFailedError        a script did not compile or failed while running
 ├── ProgramNotRunningError   the robot's control program is not connected to the driver
 ├── ProgramEndedError        it ended while something was under way
@@ -28,6 +30,7 @@ __all__ = [
     "ClientError",
     "ConnectionLostError",
     "DeviceError",
+    "MissingExtraError",
     "MotionError",
     "MotionStoppedError",
     "NoAnswerError",
@@ -35,6 +38,7 @@ __all__ = [
     "ProgramEndedError",
     "ProgramNotRunningError",
     "ProtectiveStopError",
+    "RecordingError",
     "RobotUnreachableError",
     "SafetyStopError",
     "ScriptFailedError",
@@ -84,6 +88,18 @@ class DeviceError(ClientError):
         super().__init__(f"cannot make the device {path} ({reason}): choose another path, in a folder you may write to")
         self.path = path
         self.reason = reason
+
+
+class RecordingError(ClientError):
+    """A recording cannot be read or written, or does not have what is asked of it."""
+
+
+class MissingExtraError(RecordingError):
+    """``what`` needs packages that are not installed; the ``extra`` of this project brings them."""
+
+    def __init__(self, what: str, extra: str) -> None:
+        super().__init__(f"{what} needs packages that are not installed: pip install 'ur-emulator[{extra}]'")
+        self.extra = extra
 
 
 class ScriptFailedError(ClientError):
