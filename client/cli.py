@@ -11,6 +11,9 @@ from rich.table import Table
 from client import dashboard, primary, rtde
 from client.commands.decode import decode_command
 from client.commands.options import PortOffset, RobotIP
+from client.commands.plot import plot_command
+from client.commands.record import convert_command, record_command, stream_command
+from client.commands.replay import replay_command
 from client.commands.tool_comm import tool_comm_command
 from client.commands.watch import watch_command
 from client.errors import ClientError
@@ -75,6 +78,11 @@ def send_command(
 
 app.command("decode")(decode_command)
 app.command("watch")(watch_command)
+app.command("record")(record_command)
+app.command("stream")(stream_command)
+app.command("convert")(convert_command)
+app.command("plot")(plot_command)
+app.command("replay")(replay_command)
 app.command("tool-comm")(tool_comm_command)
 
 

@@ -103,8 +103,8 @@ class MessageType:
         """count: None for one value, 0 for as many as there are, else how many."""
         if kind in _NUMBERS:
             return _number(_NUMBERS[kind]) if count is None else _numbers(_NUMBERS[kind], count)
-        one = (_put_string, _get_string) if kind == "string" else self._codec(kind, inside)
-        return one if count is None else _several(*one, count)
+        put, get = (_put_string, _get_string) if kind == "string" else self._codec(kind, inside)
+        return (put, get) if count is None else _several(put, get, count)
 
 
 class _Cursor:

@@ -2,17 +2,16 @@
 
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Protocol, Self
 
 from client.errors import RecordingError
+from client.recipes import unknown_fields
 from client.recording.mcapfile import McapWriter, read_mcap
 from client.recording.recording import DEFAULT_FIELDS, Info, Recording
 from client.recording.stamps import Stamps
 from client.recording.tables import CsvWriter, NpzWriter, read_csv, read_npz
-from urproto.rtde.fields import OUTPUT_FIELDS
 
 __all__ = ["FORMATS", "Recorder", "Writer", "convert", "field_names", "open_writer", "read"]
 
@@ -126,10 +125,8 @@ def field_names(names: Iterable[str]) -> tuple[str, ...]:
     """
     found = {"timestamp": None}
     for name in names:
-        if name != _DEFAULT and name not in OUTPUT_FIELDS:
-            close = get_close_matches(name, OUTPUT_FIELDS, 5, 0.5)
-            hint = f"did you mean {', '.join(close)}?" if close else "docs/supported.md lists them"
-            raise RecordingError(f"no RTDE output is called {name!r}: {hint}")
+        if name != _DEFAULT and (problem := unknown_fields([name])):
+            raise RecordingError(problem)
         found |= dict.fromkeys(DEFAULT_FIELDS if name == _DEFAULT else (name,))
     return tuple(found)
 

@@ -1,6 +1,6 @@
 """Recordings as MCAP files that ROS 2, PlotJuggler and Foxglove open."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -54,7 +54,8 @@ class McapWriter:
 
     def close(self) -> None:
         """Finish the file: its index and its end."""
-        self._writer.finish()
+        finish: Callable[[], None] = self._writer.finish
+        finish()
         self._file.close()
 
     def _add(self, topic: Topic | ControllerTopic, data: bytes, time_ns: int) -> None:
@@ -137,7 +138,9 @@ class _Content:
             columns, topic = self._joints, _JOINT_STATES
         else:
             reason = f" ({self.info['cut_off']})" if "cut_off" in self.info else ""
-            raise RecordingError(f"{path} has no messages on /rtde, nor joint states of a UR arm on /joint_states{reason}")
+            raise RecordingError(
+                f"{path} has no messages on /rtde, nor joint states of a UR arm on /joint_states{reason}"
+            )
         began = {"began_ns": str(self._began_ns[topic])} if topic in self._began_ns else {}
         return Recording(columns.arrays(), self.info | began)
 

@@ -60,7 +60,9 @@ class Recording:
 
     def __post_init__(self) -> None:
         if "timestamp" not in self.values:
-            raise RecordingError(f"there is no timestamp in the recording; it has {', '.join(self.values) or 'nothing'}")
+            raise RecordingError(
+                f"there is no timestamp in the recording; it has {', '.join(self.values) or 'nothing'}"
+            )
 
     def __len__(self) -> int:
         return len(self.values["timestamp"])

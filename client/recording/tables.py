@@ -85,7 +85,9 @@ def read_npz(path: Path) -> Recording:
     for name, array in values.items():
         count = OUTPUT_FIELDS[name].type.count
         if array.shape != ((len(array), count) if count > 1 else (len(array),)):
-            raise RecordingError(f"{name} of {path} has the shape {array.shape}, which is none of {count} values a state")
+            raise RecordingError(
+                f"{name} of {path} has the shape {array.shape}, which is none of {count} values a state"
+            )
     if len({len(array) for array in values.values()}) > 1:
         raise RecordingError(f"the variables of {path} are not of the same length")
     return Recording(values, info)
@@ -105,7 +107,9 @@ def _variables(path: Path, header: list[str]) -> dict[str, list[int]]:
         if all(column in places for column in _columns(name))
     }
     if not found:
-        raise RecordingError(f"{path} has no columns of RTDE variables, such as timestamp or actual_q_0, in its first line")
+        raise RecordingError(
+            f"{path} has no columns of RTDE variables, such as timestamp or actual_q_0, in its first line"
+        )
     return dict(sorted(found.items(), key=lambda item: item[1]))
 
 

@@ -9,7 +9,7 @@ from client.recording.cdr import MessageType
 from client.recording.definitions import message_type, ros_name, rtde_type
 from client.recording.stamps import seconds_and_rest
 from urproto.modes import RuntimeState
-from urproto.robots.pose import rotvec_to_matrix, wrench_trans
+from urproto.robots.pose import wrench_trans
 
 __all__ = ["JOINTS", "RTDE_TOPIC", "ControllerTopic", "Topic", "Topics", "controller_message"]
 
