@@ -70,8 +70,8 @@ class JointPath:
         if (worst := float(excess[segment, joint])) > 1.0:
             raise MotionError(
                 _DOING,
-                f"{_NAMES[joint]} would need {most[segment, joint]:.2f} {unit} at {self.time_s[segment]:.2f} s, its limit "
-                f"is {limits[joint]:.2f} {unit}: make --speed {worst**-power:.2f} times what it is, or less",
+                f"{_NAMES[joint]} would need {most[segment, joint]:.2f} {unit} at {self.time_s[segment]:.2f} s, its "
+                f"limit is {limits[joint]:.2f} {unit}: make --speed {worst**-power:.2f} times what it is, or less",
             )
 
     def _speeds(self) -> Array:
