@@ -96,7 +96,7 @@ def read(path: Path | str) -> Recording:
     try:
         recording = readers[_suffix(path)](path)
     except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise RecordingError(f"{path} is no text: {error}") from error
     if not len(recording):

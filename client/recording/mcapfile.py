@@ -1,8 +1,8 @@
 """Recordings as MCAP files that ROS 2, PlotJuggler and Foxglove open."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
 from client.errors import RecordingError
 from client.recording.cdr import MessageType
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["McapWriter", "read_mcap"]
 
 _WHAT: Final = "an MCAP file"
+_CHUNK: Final = 1 << 18  # bytes, a fraction of a second: what a crash costs
 _METADATA: Final = "ur-client"
 _JOINT_STATES: Final = "/joint_states"
 _RTDE_NAMES: Final = {ros_name(name): name for name in OUTPUT_FIELDS}
@@ -30,7 +31,7 @@ class McapWriter:
         with extra("record", _WHAT):
             from mcap.writer import Writer
         self._file = path.open("wb")
-        self._writer = Writer(self._file)
+        self._writer = Writer(self._file, chunk_size=_CHUNK)
         self._writer.start(profile="ros2", library="ur-client")
         if info:
             self._writer.add_metadata(_METADATA, dict(info))
@@ -76,24 +77,35 @@ def read_mcap(path: Path) -> Recording:
     Raises RecordingError.
     """
     with extra("record", _WHAT):
-        from mcap.exceptions import McapError
         from mcap.records import Channel, Message, Metadata, Schema
-        from mcap.stream_reader import StreamReader
     content = _Content()
-    try:
-        with path.open("rb") as file:
-            for record in StreamReader(file).records:
-                if isinstance(record, Schema):
-                    content.schemas[record.id] = record
-                elif isinstance(record, Channel):
-                    content.take_channel(record)
-                elif isinstance(record, Metadata) and record.name == _METADATA:
-                    content.info |= record.metadata
-                elif isinstance(record, Message):
-                    content.take_message(record.channel_id, record.log_time, record.data)
-    except (McapError, EOFError) as error:
-        content.info["cut_off"] = str(error) or type(error).__name__
+    with path.open("rb") as file:
+        for record in _records(file, content.info):
+            if isinstance(record, Schema):
+                content.schemas[record.id] = record
+            elif isinstance(record, Channel):
+                content.take_channel(record)
+            elif isinstance(record, Metadata) and record.name == _METADATA:
+                content.info |= record.metadata
+            elif isinstance(record, Message):
+                content.take_message(record.channel_id, record.log_time, record.data)
     return content.recording(path)
+
+
+def _records(file: BinaryIO, info: dict[str, str]) -> Iterator[object]:
+    """The records of a file up to the first that cannot be read."""
+    with extra("record", _WHAT):
+        from mcap.stream_reader import StreamReader
+    records = StreamReader(file).records
+    while True:
+        try:
+            record = next(records, None)
+        except Exception as error:  # of struct, of the decompressors, of the reader itself: it lets through any
+            info["cut_off"] = str(error) or type(error).__name__
+            return
+        if record is None:
+            return
+        yield record
 
 
 class _Content:
@@ -123,6 +135,20 @@ class _Content:
         if channel not in self._types:
             return
         message = self._types[channel].decode(data)
+        try:
+            self._take(channel, time_ns, message)
+        except (
+            KeyError,
+            ValueError,
+            TypeError,
+            AttributeError,
+            OverflowError,
+        ) as error:  # of a type that is none of ours
+            raise RecordingError(
+                f"a message of {self._types[channel].name} has other fields than usual: {error}"
+            ) from error
+
+    def _take(self, channel: int, time_ns: int, message: Mapping[str, Any]) -> None:
         if self._rtde is not None and channel == self._rtde_channel:
             self._began_ns.setdefault(RTDE_TOPIC, time_ns)
             self._rtde.append({_RTDE_NAMES[name]: value for name, value in message.items() if name in _RTDE_NAMES})

@@ -4,6 +4,7 @@ The path is cut into cubic splines whose knots are so dense that it stays within
 every recorded state. It begins and ends at rest.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -32,11 +33,12 @@ _DOING: Final = "the replay"
 
 @dataclass(frozen=True, slots=True)
 class JointPath:
-    """Knots of a path: time_s (k,), q_rad (k, 6), qd_rad_s (k, 6)."""
+    """Knots of a path: time_s (k,), q_rad (k, 6), qd_rad_s (k, 6). speed: times the recorded one."""
 
     time_s: Array
     q_rad: Array
     qd_rad_s: Array
+    speed: float = 1.0
 
     @property
     def duration_s(self) -> float:
@@ -71,7 +73,7 @@ class JointPath:
             raise MotionError(
                 _DOING,
                 f"{_NAMES[joint]} would need {most[segment, joint]:.2f} {unit} at {self.time_s[segment]:.2f} s, its "
-                f"limit is {limits[joint]:.2f} {unit}: make --speed {worst**-power:.2f} times what it is, or less",
+                f"limit is {limits[joint]:.2f} {unit}: --speed {_floor(self.speed * worst**-power)} can be done",
             )
 
     def _speeds(self) -> Array:
@@ -119,7 +121,7 @@ def joint_path(recording: Recording, speed: float = 1.0) -> JointPath:
         raise RecordingError("the recorded joint angles are not all numbers")
     _check_gaps(time_s, q)
     path = _dense_enough(time_s, q)
-    return JointPath(path.time_s / speed, path.q_rad, path.qd_rad_s * speed)
+    return JointPath(path.time_s / speed, path.q_rad, path.qd_rad_s * speed, speed)
 
 
 def _check_gaps(time_s: Array, q: Array) -> None:
@@ -148,3 +150,9 @@ def _dense_enough(time_s: Array, q: Array) -> JointPath:
 
 def _deviation(path: JointPath, time_s: Array, q: Any) -> float:
     return float(np.max(np.abs(path.at(time_s) - q)))
+
+
+def _floor(speed: float) -> float:
+    """To two digits, and not more."""
+    digits = 1 - math.floor(math.log10(speed))
+    return math.floor(speed * 10**digits) / 10**digits

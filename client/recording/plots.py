@@ -64,8 +64,8 @@ def _figure(recording: Recording, title: str) -> "Figure":
     with extra("plots", "drawing"):
         from matplotlib.figure import Figure
     panels = [panel for panel in _PANELS if panel.drawable(recording)]
-    if not panels:
-        raise RecordingError("nothing in the recording can be drawn: record actual_q, best beside target_q")
+    if "actual_q" not in recording:
+        raise RecordingError("there are no joint angles to draw: record actual_q, best beside target_q")
     width, height = _PANEL_IN
     figure = Figure(figsize=(width, height * len(panels)), layout="constrained")
     every = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
@@ -74,7 +74,14 @@ def _figure(recording: Recording, title: str) -> "Figure":
         axes.grid(True, alpha=0.3)
         axes.margins(x=0.0)
     every[-1].set_xlabel("time [s]")
-    figure.suptitle(title)
+    lines = every[0].get_lines()
+    figure.legend(
+        [line for line in lines if line.get_label() in _JOINTS],
+        _JOINTS,
+        loc="outside upper center",
+        ncols=len(_JOINTS),
+        title=f"{title}\nas measured; dashed: as desired".replace("$", r"\$"),  # no formula
+    )
     return figure
 
 
@@ -96,9 +103,6 @@ class _Pair:
                 target = recording[f"target_{self.kind}"][:, _JOINTS.index(joint)]
                 axes.plot(time_s, target, "--", linewidth=1.4, alpha=0.7, color=line.get_color())
         axes.set_ylabel(self.label)
-        axes.legend(
-            ncols=6, fontsize="small", loc="upper right", title="actual; dashed: desired", title_fontsize="small"
-        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,7 @@
 
 import csv
 import json
-import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -63,28 +62,41 @@ def read_csv(path: Path) -> Recording:
     """A file of `CsvWriter`; columns that are no RTDE variable are left out. Raises RecordingError."""
     with path.open(newline="", encoding="utf-8") as file:
         rows = csv.reader(file)
-        header = next(rows, [])
-        names = _variables(path, header)
-        columns = Columns(tuple(names))
-        for number, row in enumerate(rows, 2):
-            if len(row) != len(header):
-                note = {"cut_off": f"line {number} has {len(row)} columns instead of {len(header)}"}
-                return Recording(columns.arrays(), note)
-            columns.append({name: _parsed(path, number, name, row, places) for name, places in names.items()})
+        try:
+            return _read_rows(path, rows)
+        except csv.Error as error:
+            raise RecordingError(f"{path}, line {rows.line_num}: {error}") from error
+
+
+def _read_rows(path: Path, rows: Iterator[list[str]]) -> Recording:
+    header = next(rows, [])
+    names = _variables(path, header)
+    columns = Columns(tuple(names))
+    for number, row in enumerate(rows, 2):
+        if len(row) != len(header):
+            note = {"cut_off": f"line {number} has {len(row)} columns instead of {len(header)}"}
+            return Recording(columns.arrays(), note)
+        try:
+            columns.append({name: _parsed(row, places, name) for name, places in names.items()})
+        except (ValueError, OverflowError) as error:
+            raise RecordingError(f"{path}, line {number}: {error}") from error
     return Recording(columns.arrays())
 
 
 def read_npz(path: Path) -> Recording:
     """A file of `NpzWriter`. Raises RecordingError."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            values = {name: file[name] for name in file.files if name in OUTPUT_FIELDS}
-            info = json.loads(str(file[_INFO])) if _INFO in file.files else {}
-    except (zipfile.BadZipFile, ValueError, EOFError, OSError) as error:
-        raise RecordingError(f"{path} is no npz file of a recording: {error}") from error
+    with path.open("rb") as opened:
+        try:
+            with np.load(opened, allow_pickle=False) as file:
+                values = {name: file[name] for name in file.files if name in OUTPUT_FIELDS}
+                info = dict(json.loads(str(file[_INFO]))) if _INFO in file.files else {}
+        except Exception as error:  # of zipfile, zlib, struct, tokenize, json: numpy lets through any
+            raise RecordingError(f"{path} is no npz file of a recording: {error}") from error
     for name, array in values.items():
         count = OUTPUT_FIELDS[name].type.count
-        if array.shape != ((len(array), count) if count > 1 else (len(array),)):
+        if array.dtype.kind not in "biuf" or array.shape != (
+            (*array.shape[:1], count) if count > 1 else array.shape[:1]
+        ):
             raise RecordingError(
                 f"{name} of {path} has the shape {array.shape}, which is none of {count} values a state"
             )
@@ -113,12 +125,10 @@ def _variables(path: Path, header: list[str]) -> dict[str, list[int]]:
     return dict(sorted(found.items(), key=lambda item: item[1]))
 
 
-def _parsed(path: Path, line: int, name: str, row: list[str], places: list[int]) -> Any:
+def _parsed(row: list[str], places: list[int], name: str) -> Any:
+    """A variable's value. Raises ValueError."""
     kind = OUTPUT_FIELDS[name].type
-    try:
-        values = [_number(row[place], kind) for place in places]
-    except ValueError as error:
-        raise RecordingError(f"{path}, line {line}: {name} is no number: {error}") from error
+    values = [_number(row[place], kind) for place in places]
     return values if kind.count > 1 else values[0]
 
 
