@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from client.commands.record import Overwrite, check_free
-from client.recording.files import read
+from client.commands.record import Overwrite, check_free, read_telling
 from client.recording.plots import deviations, draw
 
 __all__ = ["plot_command"]
@@ -23,9 +22,7 @@ def plot_command(
     """Draw desired and actual positions and speeds, their differences and the speed scaling of a recording."""
     output = file.with_suffix(".png") if output is None else output
     check_free(output, overwrite)
-    recording = read(file)
-    if reason := recording.info.get("cut_off"):
-        typer.echo(f"note: {file} has no proper end ({reason}); what is there is drawn", err=True)
+    recording = read_telling(file)
     draw(recording, output, file.name if title is None else title)
     typer.echo(f"{output}: {len(recording)} states, {recording.time_s[-1]:.2f} s")
     if "target_q" in recording and "actual_q" in recording:

@@ -12,11 +12,12 @@ from client.commands.following import Interrupts, Sink, follow
 from client.commands.options import PortOffset, RobotIP
 from client.connection import DEFAULT_TIMEOUT_S
 from client.errors import RecordingError
-from client.recording.files import Recorder, Writer, convert, field_names
+from client.recording.files import Recorder, Writer, convert, field_names, read
 from client.recording.live import FOXGLOVE_PORT, PLOTJUGGLER_PORT, FoxgloveServer, PlotJugglerSender, address_of
+from client.recording.recording import Recording
 from client.recording.stamps import Stamps
 
-__all__ = ["Overwrite", "check_free", "convert_command", "record_command", "stream_command"]
+__all__ = ["Overwrite", "check_free", "convert_command", "read_telling", "record_command", "stream_command"]
 
 _STREAM_HZ: Final = 50.0  # more than a screen shows
 
@@ -102,6 +103,14 @@ def convert_command(
     check_free(target, overwrite)
     recording = convert(file, target)
     typer.echo(f"{target}: {len(recording)} states of {len(recording.values)} variables")
+
+
+def read_telling(path: Path) -> Recording:
+    """A recording; one without a proper end is told."""
+    recording = read(path)
+    if reason := recording.info.get("cut_off"):
+        typer.echo(f"note: {path} has no proper end ({reason}); what is there counts", err=True)
+    return recording
 
 
 def check_free(path: Path, overwrite: bool) -> None:

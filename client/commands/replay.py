@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from client.commands.options import PortOffset, RobotIP
+from client.commands.record import read_telling
 from client.driver.config import ROBOT_PORTS
 from client.errors import ClientError
-from client.recording.files import read
 from client.recording.motion import JointPath, joint_path
 from client.robot import Robot
 from urproto.errors import RobotRefused
@@ -38,7 +38,7 @@ def replay_command(
     """Move the arm along the recorded path: slowly to its start, then as recorded; Ctrl-C stops it softly."""
     if not 0.0 < speed <= 10.0:
         raise typer.BadParameter(f"--speed is above 0 and at most 10, not {speed:g}")
-    path = joint_path(read(file), speed)
+    path = joint_path(read_telling(file), speed)
     ports = {name: port + port_offset for name, port in ROBOT_PORTS.items()}
     try:
         with Robot(robot_ip, robot_ports=ports) as robot:

@@ -155,4 +155,4 @@ def _deviation(path: JointPath, time_s: Array, q: Any) -> float:
 def _floor(speed: float) -> float:
     """To two digits, and not more."""
     digits = 1 - math.floor(math.log10(speed))
-    return math.floor(speed * 10**digits) / 10**digits
+    return math.floor(speed * 10.0**digits) / 10.0**digits

@@ -187,8 +187,9 @@ def test_csv_and_npz_are_what_others_read(states, tmp_path: Path) -> None:
 
 def test_a_robot_that_boots_anew_goes_on_in_time(states, tmp_path: Path) -> None:
     path, now_ns = tmp_path / "run.mcap", iter((10**18, 2 * 10**18))
+    booted = [state | {"timestamp": state["timestamp"] - 30.0} for state in states[:10]]
     with Recorder(path, states[0], now_ns=lambda: next(now_ns)) as recorder:
-        for state in (*states[100:110], *states[:10]):
+        for state in (*states[100:110], *booted):
             recorder.write(state)
     with path.open("rb") as file:
         times = [message.log_time for _, _, message in make_reader(file).iter_messages(topics=["/rtde"])]
