@@ -35,8 +35,8 @@ class Recorder:
     path: its suffix says the format. names: the variables, ``timestamp`` is always among them.
     info: whatever is worth knowing later. Raises RecordingError.
 
-        with Recorder("run.mcap", robot.state.values) as recorder:
-            robot.wait_for(lambda state: recorder.write(state.values) or state.digital_in(0))
+        with Recorder("run.mcap") as recorder, Robot(host, outputs=DEFAULT_FIELDS) as robot:
+            robot.inner.driver.robot.on_state.append(recorder.write)
     """
 
     def __init__(

@@ -18,7 +18,7 @@ from client import Robot
 from client.cli import app
 from client.commands import replay
 from client.errors import ClientError, MotionError, RecordingError
-from client.recording import joint_path, read
+from client.recording import DEFAULT_FIELDS, Recorder, joint_path, read
 
 PATIENCE_S = 30.0
 HOME = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
@@ -111,6 +111,18 @@ def _replayed(emulator: EmulatorProcess, file: Path) -> None:
     result = call("replay", str(file), "--robot-ip", emulator.host)
     assert result.exit_code == 0, result.output
     assert " s replayed" in result.output
+
+
+def test_a_program_records_its_own_robot(emulator, tmp_path: Path) -> None:
+    file = tmp_path / "own.mcap"
+    with Recorder(file) as recorder, Robot(emulator.host, outputs=DEFAULT_FIELDS) as robot:
+        robot.inner.driver.robot.on_state.append(recorder.write)
+        robot.make_ready()
+        robot.move_j(HOME, speed_rad_s=1.0)
+        robot.move_j(GOAL, speed_rad_s=1.0)
+    recording = read(file)
+    assert len(recording) == recorder.count > 100
+    assert recording["actual_q"][-1] == pytest.approx(GOAL, abs=1e-3)
 
 
 def test_too_fast_is_refused_before_anything_moves(emulator, tmp_path: Path) -> None:
