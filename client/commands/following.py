@@ -54,6 +54,7 @@ class Interrupts:
     def _take(self, number: int, frame: FrameType | None) -> None:
         self._came = True
         if self._waiting:
+            self._waiting = False  # here and not only where it is caught: a second one may come before that
             raise KeyboardInterrupt
 
 

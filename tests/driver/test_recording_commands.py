@@ -75,7 +75,9 @@ def test_a_signal_finishes_the_file(emulator, tmp_path: Path, suffix: str, numbe
     assert "cut_off" not in recording.info
     assert said == f"{file}: {len(recording)} states\n"
     assert len(recording) >= 100
-    assert np.allclose(np.diff(recording["timestamp"]), 0.002)
+    steps = np.diff(recording["timestamp"])
+    assert np.median(steps) == pytest.approx(0.002)  # a busy machine may lose some on the way
+    assert np.all(steps > 0.0)
 
 
 def test_what_is_asked_for_is_recorded(emulator, tmp_path: Path) -> None:
