@@ -14,7 +14,10 @@ from client.commands.controllers import controllers_app
 from client.commands.decode import decode_command
 from client.commands.goal import goal_command, publish_goals_command
 from client.commands.options import PortOffset, RobotIP
+from client.commands.plot import plot_command
 from client.commands.proxy import proxy_command
+from client.commands.record import convert_command, record_command, stream_command
+from client.commands.replay import replay_command
 from client.commands.replay_traffic import replay_traffic_command
 from client.commands.tool_comm import tool_comm_command
 from client.commands.watch import watch_command
@@ -83,6 +86,11 @@ app.command("watch")(watch_command)
 app.command("goal")(goal_command)
 app.command("publish-goals")(publish_goals_command)
 app.add_typer(controllers_app, name="controllers")
+app.command("record")(record_command)
+app.command("stream")(stream_command)
+app.command("convert")(convert_command)
+app.command("plot")(plot_command)
+app.command("replay")(replay_command)
 app.command("tool-comm")(tool_comm_command)
 app.command("proxy")(proxy_command)
 app.command("replay-traffic")(replay_traffic_command)

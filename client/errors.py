@@ -5,7 +5,9 @@ ClientError
 ├── ConnectionLostError      the robot closed it, or the network did
 ├── NoAnswerError            the robot keeps silent
 ├── DeviceError              a device of this machine cannot be made
-├── RecordingError           a recording cannot be read or written
+├── TrafficFileError         a file of recorded traffic cannot be read or written
+├── RecordingError           a file of a recording cannot be read, written, or used for this
+│   └── MissingExtraError    a package it needs is not installed
 ├── ScriptFailedError        a script did not compile or failed while running
 ├── ProgramNotRunningError   the robot's control program is not connected to the driver
 ├── ProgramEndedError        it ended while something was under way
@@ -33,6 +35,7 @@ __all__ = [
     "ControllerError",
     "DeviceError",
     "GoalRejectedError",
+    "MissingExtraError",
     "MotionError",
     "MotionStoppedError",
     "NoAnswerError",
@@ -44,6 +47,7 @@ __all__ = [
     "RobotUnreachableError",
     "SafetyStopError",
     "ScriptFailedError",
+    "TrafficFileError",
 ]
 
 
@@ -93,7 +97,19 @@ class DeviceError(ClientError):
 
 
 class RecordingError(ClientError):
-    """The recording ``path`` cannot be read or written."""
+    """A recording cannot be read or written, or does not have what is asked of it."""
+
+
+class MissingExtraError(RecordingError):
+    """``what`` needs packages that are not installed; the ``extra`` of this project brings them."""
+
+    def __init__(self, what: str, extra: str) -> None:
+        super().__init__(f"{what} needs packages that are not installed: pip install 'ur-emulator[{extra}]'")
+        self.extra = extra
+
+
+class TrafficFileError(ClientError):
+    """The recorded traffic in ``path`` cannot be read or written."""
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(f"{path}: {reason}")

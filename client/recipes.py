@@ -1,17 +1,19 @@
 """What a client asks of an RTDE connection: lists of variables, and what was last written to them."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from urproto.errors import LocalProtocolError
-from urproto.rtde.fields import INPUT_FIELDS
+from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
 from urproto.rtde.recipes import Recipe
 
-__all__ = ["InputRecipes", "Names", "read_recipe", "variable_names"]
+__all__ = ["InputRecipes", "Names", "read_recipe", "unknown_fields", "variable_names"]
 
 Names = Sequence[str] | Path  # variables, or a file that lists them
 
+_CLOSE_NAMES = 5  # told to who wrote a wrong one
 _MASK = "_mask"  # these choose what the same package changes, so they are not kept from one write to the next
 
 
@@ -35,6 +37,16 @@ def variable_names(names: Names) -> tuple[str, ...]:
     if isinstance(names, str):
         raise LocalProtocolError(f"a recipe is a list of names or the Path of a file, not the text {names!r}")
     return read_recipe(names) if isinstance(names, Path) else tuple(names)
+
+
+def unknown_fields(names: Iterable[str]) -> str | None:
+    """What is wrong with the names of outputs, and what may have been meant; None when nothing is."""
+    for name in names:
+        if name not in OUTPUT_FIELDS:
+            close = get_close_matches(name, OUTPUT_FIELDS, _CLOSE_NAMES, 0.5)
+            hint = f"did you mean {', '.join(close)}?" if close else "docs/supported.md lists them"
+            return f"no RTDE output is called {name!r}: {hint}"
+    return None
 
 
 class InputRecipes:

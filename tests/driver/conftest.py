@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))  # driver_rig; importlib mode does not add the folder
+# driver_rig, and an emulator in a process of its own; importlib mode does not add the folders
+sys.path.insert(0, str(Path(__file__).parents[1] / "real_clients"))
+sys.path.insert(0, str(Path(__file__).parent))
 
 from driver_rig import Pair, emulator
 

@@ -1,0 +1,22 @@
+"""Recordings of a robot: written while it works, read again, drawn, streamed, moved along.
+
+`Recorder` and `read` are what most programs want.
+"""
+
+from client.recording.files import Recorder, convert, open_writer, read
+from client.recording.motion import JointPath, joint_path
+from client.recording.plots import deviations, draw
+from client.recording.recording import DEFAULT_FIELDS, Recording
+
+__all__ = [
+    "DEFAULT_FIELDS",
+    "JointPath",
+    "Recorder",
+    "Recording",
+    "convert",
+    "deviations",
+    "draw",
+    "joint_path",
+    "open_writer",
+    "read",
+]

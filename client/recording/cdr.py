@@ -1,0 +1,221 @@
+"""CDR, the wire form of ROS 2 messages, by definitions in ROS's own language.
+
+A definition is what ``ros2msg`` schemas are: fields one a line, then, after a line of equals
+signs each, the types they use. Encoded is plain CDR version 1, little endian: a header of four
+bytes, after it every number aligned to its size, counted from the end of the header. Source:
+OMG DDSI-RTPS 10.5 and the interface definitions of ROS 2.
+"""
+
+import re
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final
+
+from client.errors import RecordingError
+
+__all__ = ["MessageType"]
+
+_HEADER: Final = b"\x00\x01\x00\x00"
+_LITTLE_ENDIAN: Final = 1
+_NUMBERS: Final = {
+    "bool": "?",
+    "byte": "B",
+    "char": "B",
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+    "float32": "f",
+    "float64": "d",
+}
+_SHORT_NAMES: Final = {
+    "Header": "std_msgs/Header",
+    "time": "builtin_interfaces/Time",
+    "duration": "builtin_interfaces/Duration",
+}
+_FIELD: Final = re.compile(
+    r"(?P<type>[A-Za-z]\w*(/\w+)*)(<=\d+)?(?P<array>\[(?P<count>(<=)?\d*)\])?\s+(?P<name>\w+)(\s*=|.*)"
+)
+_CONSTANT: Final = re.compile(r"\S+\s+\w+\s*=")
+_SEPARATOR: Final = re.compile(r"^=+\s*\n\s*MSG:\s*(\S+)\s*\n", re.MULTILINE)
+
+Put = Callable[[bytearray, Any], None]
+Get = Callable[["_Cursor"], Any]
+
+
+class MessageType:
+    """One type of message.
+
+    name: as in ROS 2, ``sensor_msgs/msg/JointState``. definition: its ``ros2msg`` schema.
+    names: of its fields.
+    Raises RecordingError for a definition that cannot be read.
+    """
+
+    def __init__(self, name: str, definition: str) -> None:
+        self.name = name
+        self.definition = definition
+        parts = _SEPARATOR.split(definition)
+        own = name.replace("/msg/", "/")
+        self._texts = {own: parts[0]} | dict(zip(_plain(parts[1::2]), parts[2::2], strict=True))
+        self._put, self._get = self._codec(own, ())
+        self.names = tuple(name for name, _, _ in _fields(parts[0]))
+
+    def encode(self, values: Mapping[str, Any]) -> bytes:
+        """The message; fields that are not named are zero or empty."""
+        out = bytearray()
+        self._put(out, values)
+        return _HEADER + bytes(out)
+
+    def decode(self, data: bytes) -> dict[str, Any]:
+        """The fields of a message. Raises RecordingError for one that does not fit the definition."""
+        if len(data) < len(_HEADER) or data[0] != 0 or data[1] > _LITTLE_ENDIAN:
+            raise RecordingError(f"a message of type {self.name} is no plain CDR")
+        cursor = _Cursor(data[len(_HEADER) :], "<" if data[1] == _LITTLE_ENDIAN else ">")
+        try:
+            fields: dict[str, Any] = self._get(cursor)
+        except (struct.error, UnicodeDecodeError) as error:
+            raise RecordingError(f"a message of type {self.name} does not fit its definition: {error}") from error
+        return fields
+
+    def _codec(self, type_name: str, inside: tuple[str, ...]) -> tuple[Put, Get]:
+        """Encoder and decoder of a type that has fields."""
+        if type_name not in self._texts or type_name in inside:
+            raise RecordingError(f"the definition of {self.name} does not say what {type_name} is")
+        fields = {
+            name: self._field(_resolved(kind, type_name), count, (*inside, type_name))
+            for name, kind, count in _fields(self._texts[type_name])
+        }
+
+        def put(out: bytearray, values: Mapping[str, Any]) -> None:
+            for name, (put_field, _) in fields.items():
+                put_field(out, values.get(name))
+
+        def get(cursor: "_Cursor") -> dict[str, Any]:
+            return {name: get_field(cursor) for name, (_, get_field) in fields.items()}
+
+        return lambda out, values: put(out, values or {}), get
+
+    def _field(self, kind: str, count: int | None, inside: tuple[str, ...]) -> tuple[Put, Get]:
+        """count: None for one value, 0 for as many as there are, else how many."""
+        if kind in _NUMBERS:
+            return _number(_NUMBERS[kind]) if count is None else _numbers(_NUMBERS[kind], count)
+        put, get = (_put_string, _get_string) if kind == "string" else self._codec(kind, inside)
+        return (put, get) if count is None else _several(put, get, count)
+
+
+class _Cursor:
+    """Where in a message one reads."""
+
+    def __init__(self, data: bytes, order: str) -> None:
+        self.data = data
+        self.order = order
+        self.at = 0
+
+    def take(self, letter: str, count: int = 1) -> tuple[Any, ...]:
+        """Numbers of one type. Raises struct.error past the end."""
+        size = struct.calcsize(letter)
+        start = -(-self.at // size) * size
+        if start + count * size > len(self.data):
+            raise struct.error(f"{count} values of {size} bytes at byte {start} of {len(self.data)}")
+        values = struct.unpack_from(f"{self.order}{count}{letter}", self.data, start)
+        self.at = start + count * size
+        return values
+
+
+def _plain(names: list[str]) -> Iterator[str]:
+    return (name.replace("/msg/", "/") for name in names)
+
+
+def _fields(text: str) -> Iterator[tuple[str, str, int | None]]:
+    """Name, type and count of each field."""
+    for line in text.splitlines():
+        line = line.split("#")[0].strip()
+        if not line or _CONSTANT.match(line):
+            continue
+        match = _FIELD.fullmatch(line)
+        if match is None:
+            raise RecordingError(f"this line of a message definition cannot be read: {line!r}")
+        count = match["count"] or ""
+        fixed = int(count) if count.isdigit() else 0
+        yield match["name"], match["type"], fixed if match["array"] else None
+
+
+def _resolved(kind: str, inside: str) -> str:
+    """A type's full name; one without a package is of the same package."""
+    kind = _SHORT_NAMES.get(kind, kind.replace("/msg/", "/"))
+    if "/" in kind or kind in _NUMBERS or kind == "string":
+        return kind
+    return f"{inside.split('/')[0]}/{kind}"
+
+
+def _align(out: bytearray, size: int) -> None:
+    out.extend(bytes(-len(out) % size))
+
+
+def _number(letter: str) -> tuple[Put, Get]:
+    packer = struct.Struct(f"<{letter}")
+
+    def put(out: bytearray, value: Any) -> None:
+        _align(out, packer.size)
+        out.extend(packer.pack(value or 0))
+
+    return put, lambda cursor: cursor.take(letter)[0]
+
+
+def _numbers(letter: str, count: int) -> tuple[Put, Get]:
+    size = struct.calcsize(letter)
+
+    def put(out: bytearray, values: Any) -> None:
+        values = (0,) * count if values is None else values
+        if not count:
+            _put_length(out, len(values))
+        elif len(values) != count:
+            raise RecordingError(f"an array of {count} numbers is given {len(values)}")
+        if len(values):
+            _align(out, size)
+            out.extend(struct.pack(f"<{len(values)}{letter}", *values))
+
+    def get(cursor: _Cursor) -> tuple[Any, ...]:
+        length = count or cursor.take("I")[0]
+        return cursor.take(letter, length) if length else ()
+
+    return put, get
+
+
+def _several(put_one: Put, get_one: Get, count: int) -> tuple[Put, Get]:
+    def put(out: bytearray, values: Any) -> None:
+        values = values or ()
+        if count:
+            values = [*values, *[None] * (count - len(values))]
+        else:
+            _put_length(out, len(values))
+        for value in values:
+            put_one(out, value)
+
+    def get(cursor: _Cursor) -> list[Any]:
+        length = count or cursor.take("I")[0]
+        if length > len(cursor.data):  # every element has a byte at least
+            raise struct.error(f"{length} elements in {len(cursor.data)} bytes")
+        return [get_one(cursor) for _ in range(length)]
+
+    return put, get
+
+
+def _put_length(out: bytearray, length: int) -> None:
+    _align(out, 4)
+    out.extend(length.to_bytes(4, "little"))
+
+
+def _put_string(out: bytearray, value: Any) -> None:
+    data = (value or "").encode() + b"\0"
+    _put_length(out, len(data))
+    out.extend(data)
+
+
+def _get_string(cursor: _Cursor) -> str:
+    (length,) = cursor.take("I")
+    return b"".join(cursor.take("c", length)).rstrip(b"\0").decode() if length else ""

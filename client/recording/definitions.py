@@ -1,0 +1,129 @@
+"""Definitions of the ROS 2 messages that recordings are made of.
+
+The fields of common_interfaces, control_msgs (from Iron on), ur_msgs and ur_dashboard_msgs; tools
+read them from the file, so none of these packages has to be installed anywhere.
+"""
+
+from collections.abc import Iterable
+from functools import cache
+from typing import Final
+
+from client.recording.cdr import MessageType
+from urproto.rtde.fields import OUTPUT_FIELDS
+
+__all__ = ["RTDE_TYPE", "message_type", "ros_name", "rtde_type"]
+
+RTDE_TYPE: Final = "ur_client_msgs/msg/RTDEState"
+"""The type of the topic that has every variable of a recording; its fields are the recording's."""
+
+_SEPARATOR: Final = "=" * 80
+_POINT: Final = "trajectory_msgs/JointTrajectoryPoint"
+_MULTI_POINT: Final = "trajectory_msgs/MultiDOFJointTrajectoryPoint"
+_ROS_TYPES: Final = {
+    "BOOL": "bool",
+    "UINT8": "uint8",
+    "UINT32": "uint32",
+    "UINT64": "uint64",
+    "INT32": "int32",
+    "DOUBLE": "float64",
+    "VECTOR3D": "float64[3]",
+    "VECTOR6D": "float64[6]",
+    "VECTOR6INT32": "int32[6]",
+    "VECTOR6UINT32": "uint32[6]",
+}
+_FIELDS: Final = {
+    "builtin_interfaces/Time": ("int32 sec", "uint32 nanosec"),
+    "builtin_interfaces/Duration": ("int32 sec", "uint32 nanosec"),
+    "std_msgs/Header": ("builtin_interfaces/Time stamp", "string frame_id"),
+    "std_msgs/Bool": ("bool data",),
+    "std_msgs/Float64": ("float64 data",),
+    "std_msgs/String": ("string data",),
+    "geometry_msgs/Point": ("float64 x", "float64 y", "float64 z"),
+    "geometry_msgs/Vector3": ("float64 x", "float64 y", "float64 z"),
+    "geometry_msgs/Quaternion": ("float64 x", "float64 y", "float64 z", "float64 w"),
+    "geometry_msgs/Pose": ("geometry_msgs/Point position", "geometry_msgs/Quaternion orientation"),
+    "geometry_msgs/PoseStamped": ("std_msgs/Header header", "geometry_msgs/Pose pose"),
+    "geometry_msgs/Transform": ("geometry_msgs/Vector3 translation", "geometry_msgs/Quaternion rotation"),
+    "geometry_msgs/Twist": ("geometry_msgs/Vector3 linear", "geometry_msgs/Vector3 angular"),
+    "geometry_msgs/Wrench": ("geometry_msgs/Vector3 force", "geometry_msgs/Vector3 torque"),
+    "geometry_msgs/WrenchStamped": ("std_msgs/Header header", "geometry_msgs/Wrench wrench"),
+    "sensor_msgs/JointState": (
+        "std_msgs/Header header",
+        "string[] name",
+        "float64[] position",
+        "float64[] velocity",
+        "float64[] effort",
+    ),
+    _POINT: (
+        "float64[] positions",
+        "float64[] velocities",
+        "float64[] accelerations",
+        "float64[] effort",
+        "builtin_interfaces/Duration time_from_start",
+    ),
+    _MULTI_POINT: (
+        "geometry_msgs/Transform[] transforms",
+        "geometry_msgs/Twist[] velocities",
+        "geometry_msgs/Twist[] accelerations",
+        "builtin_interfaces/Duration time_from_start",
+    ),
+    "control_msgs/JointTrajectoryControllerState": (
+        "std_msgs/Header header",
+        "string[] joint_names",
+        *(f"{_POINT} {name}" for name in ("reference", "feedback", "error", "output")),
+        "string[] multi_dof_joint_names",
+        *(f"{_MULTI_POINT} multi_dof_{name}" for name in ("reference", "feedback", "error", "output")),
+    ),
+    "ur_msgs/Digital": ("uint8 pin", "bool state"),
+    "ur_msgs/Analog": ("uint8 CURRENT=0", "uint8 VOLTAGE=1", "uint8 pin", "uint8 domain", "float32 state"),
+    "ur_msgs/IOStates": (
+        "ur_msgs/Digital[] digital_in_states",
+        "ur_msgs/Digital[] digital_out_states",
+        "ur_msgs/Digital[] flag_states",
+        "ur_msgs/Analog[] analog_in_states",
+        "ur_msgs/Analog[] analog_out_states",
+    ),
+    "ur_dashboard_msgs/RobotMode": ("int8 mode",),
+    "ur_dashboard_msgs/SafetyMode": ("uint8 mode",),
+}
+
+
+@cache
+def message_type(name: str) -> MessageType:
+    """A type by its name, ``sensor_msgs/msg/JointState``."""
+    return _complete(name, _FIELDS[name.replace("/msg/", "/")])
+
+
+def rtde_type(names: Iterable[str]) -> MessageType:
+    """The message that has these RTDE variables."""
+    fields = (f"{_ROS_TYPES[OUTPUT_FIELDS[name].type.name]} {ros_name(name)}{_remark(name)}" for name in names)
+    return _complete(RTDE_TYPE, ("std_msgs/Header header", *fields))
+
+
+def ros_name(name: str) -> str:
+    """An RTDE variable as the name of a field, where ROS has no capital letters."""
+    return name.lower()
+
+
+def _remark(name: str) -> str:
+    field = OUTPUT_FIELDS[name]
+    unit = f" [{field.unit}]" if field.unit else ""
+    return f"  # {name}{unit}: {field.doc}"
+
+
+def _complete(name: str, fields: Iterable[str]) -> MessageType:
+    own = tuple(fields)
+    parts = ["\n".join(own)]
+    for used in _used(own):
+        parts.append("\n".join((_SEPARATOR, f"MSG: {used}", *_FIELDS[used])))
+    return MessageType(name, "\n".join(parts) + "\n")
+
+
+def _used(fields: Iterable[str]) -> tuple[str, ...]:
+    """Types that fields are made of, and theirs, each once."""
+    found: dict[str, None] = {}
+    for field in fields:
+        kind = field.split()[0].split("[")[0]
+        if kind in _FIELDS:
+            found |= dict.fromkeys((kind, *_used(_FIELDS[kind])))
+    return tuple(found)

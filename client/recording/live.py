@@ -1,0 +1,134 @@
+"""States as they come, for programs that draw them: PlotJuggler and Foxglove."""
+
+import json
+import math
+import socket
+from collections.abc import Collection, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit
+
+from client.errors import RecordingError
+from client.recording.cdr import MessageType
+from client.recording.definitions import message_type
+from client.recording.extras import extra
+from client.recording.topics import Topics
+
+if TYPE_CHECKING:
+    from foxglove import Channel
+
+__all__ = ["FOXGLOVE_PORT", "PLOTJUGGLER_PORT", "FoxgloveServer", "PlotJugglerSender", "address_of", "datagrams"]
+
+PLOTJUGGLER_PORT: Final = 9870  # what its UDP server proposes
+FOXGLOVE_PORT: Final = 8765  # what Foxglove proposes
+_LARGEST_DATAGRAM: Final = 1400  # bytes: below the MTU of Ethernet, and PlotJuggler cuts at 2048
+_DESCRIPTION_NS: Final = 1_000_000_000  # how often the URDF is told, for those who come late
+
+
+def address_of(text: str, scheme: str, default_port: int) -> tuple[str, int]:
+    """Host and port of ``udp://127.0.0.1:9870``, ``127.0.0.1:9870`` or ``127.0.0.1``. Raises RecordingError."""
+    try:
+        parts = urlsplit(text if "://" in text else f"{scheme}://{text}")
+        host, port = parts.hostname, default_port if parts.port is None else parts.port
+    except ValueError as error:
+        raise RecordingError(f"{text!r} is no address: {error}") from error
+    if parts.scheme != scheme or not host:
+        raise RecordingError(f"{text!r} is no address like {scheme}://127.0.0.1:{default_port}")
+    return host, port
+
+
+class PlotJugglerSender:
+    """Sends each state as JSON to PlotJuggler's UDP server, protocol JSON, ``timestamp`` as its time field."""
+
+    def __init__(self, host: str, port: int = PLOTJUGGLER_PORT) -> None:
+        try:
+            family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        except OSError as error:
+            raise RecordingError(f"{host} is no host: {error.strerror}") from error
+        self._address = address
+        self._socket = socket.socket(family, kind)
+
+    def write(self, values: Mapping[str, Any], time_ns: int) -> None:
+        """Send a state. Raises RecordingError when the network takes nothing."""
+        for data in datagrams(values, time_ns):
+            try:
+                self._socket.sendto(data, self._address)
+            except OSError as error:
+                raise RecordingError(f"cannot send to {self._address[0]}: {error.strerror}") from error
+
+    def close(self) -> None:
+        """Send no more."""
+        self._socket.close()
+
+
+def datagrams(values: Mapping[str, Any], time_ns: int) -> Iterator[bytes]:
+    """A state as JSON objects that fit into a datagram each; all have its ``timestamp`` [s since 1970].
+
+    The robot's own clock is called ``robot_time``. A variable that is not finite is left out:
+    JSON has no such numbers, and PlotJuggler ends its server over what is no JSON.
+    """
+    head = f'{{"timestamp":{time_ns * 1e-9:.6f}'
+    parts, size = [head], len(head) + 1
+    for name, value in values.items():
+        if not _finite(value):
+            continue
+        part = f'"{"robot_time" if name == "timestamp" else name}":{json.dumps(value, separators=(",", ":"))}'
+        if size + 1 + len(part) > _LARGEST_DATAGRAM and len(parts) > 1:
+            yield (",".join(parts) + "}").encode()
+            parts, size = [head], len(head) + 1
+        parts.append(part)
+        size += 1 + len(part)
+    yield (",".join(parts) + "}").encode()
+
+
+def _finite(value: Any) -> bool:
+    return all(map(math.isfinite, value if isinstance(value, tuple | list) else (value,)))
+
+
+class FoxgloveServer:
+    """Offers each state to Foxglove on the topics that MCAP files have; it connects to ``ws://host:port``.
+
+    urdf: a description of the arm for the 3D panel, told on /robot_description. Raises
+    RecordingError when the address is taken.
+    """
+
+    def __init__(
+        self, names: Collection[str], host: str = "127.0.0.1", port: int = FOXGLOVE_PORT, urdf: str | None = None
+    ) -> None:
+        with extra("live", "streaming to Foxglove"):
+            import foxglove
+        self._topics = Topics(names)
+        self._urdf = message_type("std_msgs/msg/String").encode({"data": urdf}) if urdf else b""
+        self._described_ns = 0
+        self._context = foxglove.Context()
+        self._channels: dict[str, Channel] = {}
+        try:
+            self._server = foxglove.start_server(name="ur-client", host=host, port=port, context=self._context)
+        except (OSError, RuntimeError) as error:
+            raise RecordingError(f"cannot listen on {host}:{port}: {error}") from error
+        for topic in self._topics.topics:  # at once: those who connect see what there is
+            self._channel(topic.name, topic.type)
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return self._server.port
+
+    def write(self, values: Mapping[str, Any], time_ns: int) -> None:
+        """Offer a state."""
+        for topic, data in self._topics.encoded(values, time_ns):
+            self._channel(topic.name, topic.type).log(data, log_time=time_ns)
+        if self._urdf and not 0 <= time_ns - self._described_ns < _DESCRIPTION_NS:
+            self._channel("/robot_description", message_type("std_msgs/msg/String")).log(self._urdf, log_time=time_ns)
+            self._described_ns = time_ns
+
+    def close(self) -> None:
+        """Disconnect everybody."""
+        self._server.stop()
+
+    def _channel(self, name: str, kind: MessageType) -> "Channel":
+        if name not in self._channels:
+            import foxglove
+
+            schema = foxglove.Schema(name=kind.name, encoding="ros2msg", data=kind.definition.encode())
+            self._channels[name] = foxglove.Channel(name, schema=schema, message_encoding="cdr", context=self._context)
+        return self._channels[name]

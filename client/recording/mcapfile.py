@@ -1,0 +1,183 @@
+"""Recordings as MCAP files that ROS 2, PlotJuggler and Foxglove open."""
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, Final
+
+from client.errors import RecordingError
+from client.recording.cdr import MessageType
+from client.recording.definitions import ros_name
+from client.recording.extras import extra
+from client.recording.recording import Columns, Info, Recording
+from client.recording.topics import JOINTS, RTDE_TOPIC, ControllerTopic, Topic, Topics, controller_message
+from urproto.rtde.fields import OUTPUT_FIELDS
+
+if TYPE_CHECKING:
+    from mcap.records import Channel, Schema
+
+__all__ = ["McapWriter", "read_mcap"]
+
+_WHAT: Final = "an MCAP file"
+_CHUNK: Final = 1 << 18  # bytes, a fraction of a second: what a crash costs
+_METADATA: Final = "ur-client"
+_JOINT_STATES: Final = "/joint_states"
+_RTDE_NAMES: Final = {ros_name(name): name for name in OUTPUT_FIELDS}
+
+
+class McapWriter:
+    """Each state as messages on the topics of the ROS 2 driver, and whole on ``/rtde``."""
+
+    def __init__(self, path: Path, names: Collection[str], info: Info) -> None:
+        with extra("record", _WHAT):
+            from mcap.writer import Writer
+        self._file = path.open("wb")
+        self._writer = Writer(self._file, chunk_size=_CHUNK)
+        self._writer.start(profile="ros2", library="ur-client")
+        if info:
+            self._writer.add_metadata(_METADATA, dict(info))
+        self._topics = Topics(names)
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+
+    def write(self, values: Mapping[str, Any], time_ns: int) -> None:
+        """Add a state."""
+        for topic, data in self._topics.encoded(values, time_ns):
+            self._add(topic, data, time_ns)
+
+    def write_controller(self, controller: str, state: Any, time_ns: int) -> None:
+        """Add the state of a trajectory controller of this program.
+
+        state: joint_names, and the points reference, feedback, error and output with positions,
+        velocities, accelerations and effort.
+        """
+        topic = ControllerTopic(controller)
+        self._add(topic, topic.type.encode(controller_message(state, time_ns)), time_ns)
+
+    def close(self) -> None:
+        """Finish the file: its index and its end."""
+        finish: Callable[[], None] = self._writer.finish
+        finish()
+        self._file.close()
+
+    def _add(self, topic: Topic | ControllerTopic, data: bytes, time_ns: int) -> None:
+        if topic.name not in self._channels:
+            self._channels[topic.name] = self._writer.register_channel(topic.name, "cdr", self._schema(topic.type))
+        self._writer.add_message(self._channels[topic.name], time_ns, data, time_ns)
+
+    def _schema(self, kind: MessageType) -> int:
+        if kind.name not in self._schemas:
+            self._schemas[kind.name] = self._writer.register_schema(kind.name, "ros2msg", kind.definition.encode())
+        return self._schemas[kind.name]
+
+
+def read_mcap(path: Path) -> Recording:
+    """A file of `McapWriter`, or any ROS 2 bag in MCAP with ``/joint_states`` of a UR arm.
+
+    Of a file without its end, as a crash leaves it, what is there is read; info says so.
+    Raises RecordingError.
+    """
+    with extra("record", _WHAT):
+        from mcap.records import Channel, Message, Metadata, Schema
+    content = _Content()
+    with path.open("rb") as file:
+        for record in _records(file, content.info):
+            if isinstance(record, Schema):
+                content.schemas[record.id] = record
+            elif isinstance(record, Channel):
+                content.take_channel(record)
+            elif isinstance(record, Metadata) and record.name == _METADATA:
+                content.info |= record.metadata
+            elif isinstance(record, Message):
+                content.take_message(record.channel_id, record.log_time, record.data)
+    return content.recording(path)
+
+
+def _records(file: BinaryIO, info: dict[str, str]) -> Iterator[object]:
+    """The records of a file up to the first that cannot be read."""
+    with extra("record", _WHAT):
+        from mcap.stream_reader import StreamReader
+    records = StreamReader(file).records
+    while True:
+        try:
+            record = next(records, None)
+        except Exception as error:  # of struct, of the decompressors, of the reader itself: it lets through any
+            info["cut_off"] = str(error) or type(error).__name__
+            return
+        if record is None:
+            return
+        yield record
+
+
+class _Content:
+    """What has been read of a file."""
+
+    def __init__(self) -> None:
+        self.schemas: dict[int, Schema] = {}
+        self.info: dict[str, str] = {}
+        self._types: dict[int, MessageType] = {}  # by channel
+        self._rtde: Columns | None = None
+        self._rtde_channel: int | None = None
+        self._joints = Columns(("timestamp", "actual_q", "actual_qd", "actual_current"))
+        self._has_joints = False
+        self._began_ns: dict[str, int] = {}
+
+    def take_channel(self, channel: "Channel") -> None:
+        schema = self.schemas.get(channel.schema_id)
+        wanted = channel.topic in (RTDE_TOPIC, _JOINT_STATES) and channel.id not in self._types
+        if not wanted or schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
+            return
+        kind = self._types[channel.id] = MessageType(schema.name, schema.data.decode())
+        if channel.topic == RTDE_TOPIC:
+            self._rtde_channel = channel.id
+            self._rtde = Columns(tuple(name for lower, name in _RTDE_NAMES.items() if lower in kind.names))
+
+    def take_message(self, channel: int, time_ns: int, data: bytes) -> None:
+        if channel not in self._types:
+            return
+        message = self._types[channel].decode(data)
+        try:
+            self._take(channel, time_ns, message)
+        except (
+            KeyError,
+            ValueError,
+            TypeError,
+            AttributeError,
+            OverflowError,
+        ) as error:  # of a type that is none of ours
+            raise RecordingError(
+                f"a message of {self._types[channel].name} has other fields than usual: {error}"
+            ) from error
+
+    def _take(self, channel: int, time_ns: int, message: Mapping[str, Any]) -> None:
+        if self._rtde is not None and channel == self._rtde_channel:
+            self._began_ns.setdefault(RTDE_TOPIC, time_ns)
+            self._rtde.append({_RTDE_NAMES[name]: value for name, value in message.items() if name in _RTDE_NAMES})
+        elif set(message.get("name", ())) >= set(JOINTS):
+            self._began_ns.setdefault(_JOINT_STATES, time_ns)
+            self._has_joints = True
+            self._joints.append(_joint_values(message, time_ns))
+
+    def recording(self, path: Path) -> Recording:
+        if self._rtde is not None:
+            columns, topic = self._rtde, RTDE_TOPIC
+        elif self._has_joints:
+            columns, topic = self._joints, _JOINT_STATES
+        else:
+            reason = f" ({self.info['cut_off']})" if "cut_off" in self.info else ""
+            raise RecordingError(
+                f"{path} has no messages on /rtde, nor joint states of a UR arm on /joint_states{reason}"
+            )
+        began = {"began_ns": str(self._began_ns[topic])} if topic in self._began_ns else {}
+        return Recording(columns.arrays(), self.info | began)
+
+
+def _joint_values(message: Mapping[str, Any], time_ns: int) -> dict[str, Any]:
+    """RTDE variables of a joint state, whose joints may be in any order."""
+    stamp = message["header"]["stamp"]
+    time_s = stamp["sec"] + stamp["nanosec"] * 1e-9 or time_ns * 1e-9
+    order = [message["name"].index(joint) for joint in JOINTS]
+    kinds = {"actual_q": "position", "actual_qd": "velocity", "actual_current": "effort"}
+    return {"timestamp": time_s} | {
+        name: [message[kind][index] if index < len(message[kind]) else 0.0 for index in order]
+        for name, kind in kinds.items()
+    }

@@ -1,0 +1,158 @@
+"""A recorded path of the joints as a trajectory that an arm can follow again.
+
+The path is cut into cubic splines whose knots are so dense that it stays within a tolerance of
+every recorded state. It begins and ends at rest.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from client.driver import points
+from client.errors import MotionError, RecordingError
+from client.recording.recording import Recording
+from client.robot.reach import Reach
+from urproto.external_control import TrajectoryPoint
+from urproto.primary.state import ConfigurationData
+
+__all__ = ["JointPath", "joint_path"]
+
+Array = NDArray[np.float64]
+
+_KNOTS_S: Final = 0.04  # apart where that is dense enough; guess
+_TOLERANCE_RAD: Final = 5e-4  # of the splines; guess: an arm follows its targets no better
+_GAP: Final = 10.0  # recorded periods without a state; guess
+_MOVED_RAD: Final = 2e-3  # within a gap; guess
+_NAMES: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
+_DOING: Final = "the replay"
+
+
+@dataclass(frozen=True, slots=True)
+class JointPath:
+    """Knots of a path: time_s (k,), q_rad (k, 6), qd_rad_s (k, 6). speed: times the recorded one."""
+
+    time_s: Array
+    q_rad: Array
+    qd_rad_s: Array
+    speed: float = 1.0
+
+    @property
+    def duration_s(self) -> float:
+        """Of the whole path."""
+        return float(self.time_s[-1])
+
+    @property
+    def start_rad(self) -> tuple[float, ...]:
+        """Where it begins (6,)."""
+        return tuple(self.q_rad[0].tolist())
+
+    def points(self) -> list[TrajectoryPoint]:
+        """The trajectory from its start on."""
+        knots = zip(self.q_rad[1:].tolist(), self.qd_rad_s[1:].tolist(), np.diff(self.time_s).tolist(), strict=True)
+        return [points.spline(q, qd, duration_s) for q, qd, duration_s in knots]
+
+    def check(self, arm: ConfigurationData) -> None:
+        """Compare it with the limits that a robot reports.
+
+        Raises OutOfReachError for angles, MotionError for speeds and accelerations.
+        """
+        Reach(arm, (0.0,) * 6, self.start_rad).check(_DOING, self.points())
+        begin, end = self._accelerations()
+        self._check("rad/s", np.abs(self._speeds()), arm.qd_max, 1.0)
+        self._check("rad/s2", np.maximum(np.abs(begin), np.abs(end)), arm.qdd_max, 0.5)
+
+    def _check(self, unit: str, most: Array, limits: Sequence[float], power: float) -> None:
+        """most: in each segment (k - 1, 6). power: of the limit's share that a slower replay needs."""
+        excess = most / np.maximum(np.array(limits), 1e-9)
+        segment, joint = divmod(int(np.argmax(excess)), excess.shape[1])
+        if (worst := float(excess[segment, joint])) > 1.0:
+            raise MotionError(
+                _DOING,
+                f"{_NAMES[joint]} would need {most[segment, joint]:.2f} {unit} at {self.time_s[segment]:.2f} s, its "
+                f"limit is {limits[joint]:.2f} {unit}: --speed {_floor(self.speed * worst**-power)} can be done",
+            )
+
+    def _speeds(self) -> Array:
+        """The highest speed in each segment: at its ends, or where the acceleration is zero."""
+        begin, end = self._accelerations()
+        h = np.diff(self.time_s)[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(begin * end < 0.0, begin / (begin - end), 0.0)
+        middle = self.qd_rad_s[:-1] + h * share * (begin + share * (end - begin) / 2.0)
+        ends = np.maximum(np.abs(self.qd_rad_s[:-1]), np.abs(self.qd_rad_s[1:]))
+        result: Array = np.maximum(ends, np.abs(middle))
+        return result
+
+    def _accelerations(self) -> tuple[Array, Array]:
+        """At the beginning and the end of each segment; in between it is linear."""
+        h = np.diff(self.time_s)[:, None]
+        mean = np.diff(self.q_rad, axis=0) / h
+        before, after = self.qd_rad_s[:-1], self.qd_rad_s[1:]
+        return (6.0 * mean - 4.0 * before - 2.0 * after) / h, (2.0 * before + 4.0 * after - 6.0 * mean) / h
+
+    def at(self, time_s: Array) -> Array:
+        """Joint angles (n, 6) at times (n,) within the path."""
+        index = np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, len(self.time_s) - 2)
+        h = np.diff(self.time_s)[index][:, None]
+        s = (time_s - self.time_s[index])[:, None] / h
+        q0, q1, v0, v1 = self.q_rad[index], self.q_rad[index + 1], self.qd_rad_s[index], self.qd_rad_s[index + 1]
+        result: Array = (
+            (1 + 2 * s) * (1 - s) ** 2 * q0 + s**2 * (3 - 2 * s) * q1 + h * s * (1 - s) * ((1 - s) * v0 - s * v1)
+        )
+        return result
+
+
+def joint_path(recording: Recording, speed: float = 1.0) -> JointPath:
+    """The path of the joints, what was asked of them rather than what was measured; speed: times the recorded one.
+
+    Raises RecordingError for a recording without one: too short, or with a gap in which the arm moved.
+    """
+    q = np.asarray(recording["target_q" if "target_q" in recording else "actual_q"], float)
+    time_s = recording.time_s
+    kept = np.concatenate(([True], np.diff(time_s) > 0.0))
+    time_s, q = time_s[kept] - time_s[kept][0], q[kept]
+    if len(time_s) < 3:
+        raise RecordingError(f"{len(time_s)} states are no path: record at least a second of a motion")
+    if not np.isfinite(q).all():
+        raise RecordingError("the recorded joint angles are not all numbers")
+    _check_gaps(time_s, q)
+    path = _dense_enough(time_s, q)
+    return JointPath(path.time_s / speed, path.q_rad, path.qd_rad_s * speed, speed)
+
+
+def _check_gaps(time_s: Array, q: Array) -> None:
+    steps = np.diff(time_s)
+    moved = np.max(np.abs(np.diff(q, axis=0)), axis=1)
+    gaps = np.flatnonzero((steps > _GAP * np.median(steps)) & (moved > _MOVED_RAD))
+    if len(gaps):
+        first = int(gaps[0])
+        raise RecordingError(
+            f"{steps[first]:.2f} s are missing from {time_s[first]:.2f} s on, in which the arm moved by "
+            f"{moved[first]:.3f} rad: nobody knows on which path, so record it again"
+        )
+
+
+def _dense_enough(time_s: Array, q: Array) -> JointPath:
+    qd = np.gradient(q, time_s, axis=0)
+    qd[[0, -1]] = 0.0
+    stride = max(1, round(_KNOTS_S / float(np.median(np.diff(time_s)))))
+    while True:
+        knots = np.unique(np.append(np.arange(0, len(time_s), stride), len(time_s) - 1))
+        path = JointPath(time_s[knots], q[knots], qd[knots])
+        if stride == 1 or _deviation(path, time_s, q) <= _TOLERANCE_RAD:
+            return path
+        stride = max(1, stride // 2)
+
+
+def _deviation(path: JointPath, time_s: Array, q: Any) -> float:
+    return float(np.max(np.abs(path.at(time_s) - q)))
+
+
+def _floor(speed: float) -> float:
+    """To two digits, and not more."""
+    digits = 1 - math.floor(math.log10(speed))
+    return math.floor(speed * 10.0**digits) / 10.0**digits

@@ -1,0 +1,250 @@
+"""ROS 2 messages out of RTDE variables, on the topics and in the units of the ROS 2 driver for UR."""
+
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from client.recording.cdr import MessageType
+from client.recording.definitions import message_type, ros_name, rtde_type
+from client.recording.stamps import seconds_and_rest
+from urproto.modes import RuntimeState
+from urproto.robots.pose import wrench_trans
+
+__all__ = ["JOINTS", "RTDE_TOPIC", "ControllerTopic", "Topic", "Topics", "controller_message"]
+
+RTDE_TOPIC: Final = "/rtde"
+JOINTS: Final = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
+"""Joint names of ur_description, base to wrist 3."""
+
+_AGAIN_NS: Final = 1_000_000_000  # what does not change is told once a second, for those who come late; guess
+_TCP_FRAME: Final = "tool0_controller"  # where the controller has the TCP; name of the ROS 2 driver
+
+Values = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic and how its messages come out of the variables it needs.
+
+    slowly: it is only told when it changes, and once a second.
+    """
+
+    name: str
+    type: MessageType
+    needs: frozenset[str]
+    message: Callable[[Values], Values]
+    slowly: bool = False
+
+    @property
+    def stamped(self) -> bool:
+        """True when its messages have a header."""
+        return self.type.definition.startswith("std_msgs/Header header")
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerTopic:
+    """The state of a trajectory controller, as ``control_msgs/msg/JointTrajectoryControllerState``."""
+
+    controller: str
+
+    @property
+    def name(self) -> str:
+        """Where ROS 2 has it."""
+        return f"/{self.controller}/controller_state"
+
+    @property
+    def type(self) -> MessageType:
+        """Its message."""
+        return message_type("control_msgs/msg/JointTrajectoryControllerState")
+
+
+class Topics:
+    """The topics that can be made of some RTDE variables, and what is to be told of each state."""
+
+    def __init__(self, names: Collection[str]) -> None:
+        everything = Topic(RTDE_TOPIC, rtde_type(names), frozenset(names), _same)
+        self.topics = (everything, *(topic for topic in _USUAL if topic.needs <= set(names)))
+        self._told: dict[str, tuple[int, Values]] = {}
+
+    def encoded(self, values: Values, time_ns: int) -> Iterable[tuple[Topic, bytes]]:
+        """The messages of one state."""
+        for topic in self.topics:
+            message = topic.message(values)
+            if topic.slowly and not self._news(topic.name, message, time_ns):
+                continue
+            if topic.stamped:
+                message = {**message, "header": _header(time_ns, message.get("frame_id", ""))}
+            yield topic, topic.type.encode(message)
+
+    def _news(self, name: str, message: Values, time_ns: int) -> bool:
+        told_ns, told = self._told.get(name, (0, {}))
+        if told == message and 0 <= time_ns - told_ns < _AGAIN_NS:
+            return False
+        self._told[name] = (time_ns, message)
+        return True
+
+
+def controller_message(state: Any, time_ns: int) -> Values:
+    """Of anything with joint_names and the points reference, feedback, error and output."""
+    points = {name: _point(getattr(state, name)) for name in ("reference", "feedback", "error", "output")}
+    return {"header": _header(time_ns, ""), "joint_names": state.joint_names, **points}
+
+
+def _point(point: Any) -> Values:
+    return {name: getattr(point, name) for name in ("positions", "velocities", "accelerations", "effort")}
+
+
+def _header(time_ns: int, frame: str) -> Values:
+    return {"stamp": seconds_and_rest(time_ns), "frame_id": frame}
+
+
+def _same(values: Values) -> Values:
+    return {ros_name(name): value for name, value in values.items()}
+
+
+def _joint_states(values: Values) -> Values:
+    velocity, effort = values.get("actual_qd", ()), values.get("actual_current", ())
+    return {"name": JOINTS, "position": values["actual_q"], "velocity": velocity, "effort": effort}
+
+
+def _controller_state(values: Values) -> Values:
+    """What the robot's own controller asks of the joints, and what they do."""
+    target_q, actual_q = values["target_q"], values["actual_q"]
+    target_qd, actual_qd = values.get("target_qd", ()), values.get("actual_qd", ())
+    reference = {"positions": target_q, "velocities": target_qd, "accelerations": values.get("target_qdd", ())}
+    return {
+        "joint_names": JOINTS,
+        "reference": reference,
+        "feedback": {"positions": actual_q, "velocities": actual_qd},
+        "error": {"positions": _difference(target_q, actual_q), "velocities": _difference(target_qd, actual_qd)},
+        "output": reference,
+    }
+
+
+def _difference(a: Sequence[float], b: Sequence[float]) -> tuple[float, ...]:
+    return tuple(x - y for x, y in zip(a, b, strict=False))
+
+
+def _wrench(values: Values) -> Values:
+    turn = (0.0, 0.0, 0.0, *values["actual_TCP_pose"][3:])
+    wrench = wrench_trans(turn, values["actual_TCP_force"])
+    return {"frame_id": _TCP_FRAME, "wrench": {"force": _xyz(wrench[:3]), "torque": _xyz(wrench[3:])}}
+
+
+def _pose(values: Values) -> Values:
+    pose = values["actual_TCP_pose"]
+    rx, ry, rz = pose[3:]
+    return {"frame_id": "base", "pose": {"position": _xyz(pose[:3]), "orientation": _quaternion(rx, ry, rz)}}
+
+
+def _quaternion(rx: float, ry: float, rz: float) -> Values:
+    angle = math.hypot(rx, ry, rz)
+    scale = math.sin(angle / 2.0) / angle if angle > 1e-9 else 0.5  # the limit
+    return {**_xyz((scale * rx, scale * ry, scale * rz)), "w": math.cos(angle / 2.0)}
+
+
+def _xyz(values: Sequence[float]) -> Values:
+    return dict(zip("xyz", values, strict=True))
+
+
+def _speed_scaling(values: Values) -> Values:
+    return {"data": 100.0 * values["speed_scaling"] * values["target_speed_fraction"]}
+
+
+def _io_states(values: Values) -> Values:
+    return {
+        "digital_in_states": _digital(values["actual_digital_input_bits"]),
+        "digital_out_states": _digital(values["actual_digital_output_bits"]),
+        "analog_in_states": _analog(values, "standard_analog_input", 0) + _tool_analog(values),
+        "analog_out_states": _analog(values, "standard_analog_output", 2),
+    }
+
+
+def _digital(bits: int) -> list[Values]:
+    return [{"pin": pin, "state": bool(bits >> pin & 1)} for pin in range(18)]
+
+
+def _analog(values: Values, name: str, first_bit: int) -> list[Values]:
+    domains = values.get("analog_io_types", 0) >> first_bit
+    return [
+        {"pin": pin, "domain": domains >> pin & 1, "state": values[f"{name}{pin}"]}
+        for pin in range(2)
+        if f"{name}{pin}" in values
+    ]
+
+
+def _tool_analog(values: Values) -> list[Values]:
+    """The tool's come behind the two standard ones."""
+    domains = values.get("tool_analog_input_types", 0)
+    names = ("tool_analog_input0", "tool_analog_input1")
+    return [
+        {"pin": 2 + pin, "domain": domains >> pin & 1, "state": values[name]}
+        for pin, name in enumerate(names)
+        if name in values
+    ]
+
+
+def _topic(name: str, kind: str, needs: str, message: Callable[[Values], Values], slowly: bool = False) -> Topic:
+    return Topic(name, message_type(kind), frozenset(needs.split()), message, slowly)
+
+
+_RUNNING: Final = (RuntimeState.PLAYING, RuntimeState.RESUMING)
+_IO: Final = "/io_and_status_controller"
+_USUAL: Final = (
+    _topic("/joint_states", "sensor_msgs/msg/JointState", "actual_q", _joint_states),
+    _topic(
+        "/robot/controller_state",
+        "control_msgs/msg/JointTrajectoryControllerState",
+        "target_q actual_q",
+        _controller_state,
+    ),
+    _topic(
+        "/force_torque_sensor_broadcaster/wrench",
+        "geometry_msgs/msg/WrenchStamped",
+        "actual_TCP_force actual_TCP_pose",
+        _wrench,
+    ),
+    _topic("/tcp_pose_broadcaster/pose", "geometry_msgs/msg/PoseStamped", "actual_TCP_pose", _pose),
+    _topic(
+        "/speed_scaling_state_broadcaster/speed_scaling",
+        "std_msgs/msg/Float64",
+        "speed_scaling target_speed_fraction",
+        _speed_scaling,
+    ),
+    _topic(
+        f"{_IO}/robot_mode",
+        "ur_dashboard_msgs/msg/RobotMode",
+        "robot_mode",
+        lambda values: {"mode": values["robot_mode"]},
+        slowly=True,
+    ),
+    _topic(
+        f"{_IO}/safety_mode",
+        "ur_dashboard_msgs/msg/SafetyMode",
+        "safety_mode",
+        lambda values: {"mode": values["safety_mode"]},
+        slowly=True,
+    ),
+    _topic(
+        f"{_IO}/robot_program_running",
+        "std_msgs/msg/Bool",
+        "runtime_state",
+        lambda values: {"data": values["runtime_state"] in _RUNNING},
+        slowly=True,
+    ),
+    _topic(
+        f"{_IO}/io_states",
+        "ur_msgs/msg/IOStates",
+        "actual_digital_input_bits actual_digital_output_bits",
+        _io_states,
+        slowly=True,
+    ),
+)

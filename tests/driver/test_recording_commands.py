@@ -1,0 +1,178 @@
+"""ur-client record, stream, plot and replay, as a user calls them."""
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from emulator_process import EmulatorProcess
+from typer.testing import CliRunner, Result
+
+from client import Robot
+from client.cli import app
+from client.commands import replay
+from client.errors import ClientError, MotionError, RecordingError
+from client.recording import DEFAULT_FIELDS, Recorder, joint_path, read
+
+PATIENCE_S = 30.0
+HOME = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
+GOAL = (0.35, -1.3, 1.4, -1.7, -1.4, 0.3)
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="emulators need the loopback addresses of Linux")
+
+
+@pytest.fixture(scope="module")
+def emulator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[EmulatorProcess]:
+    process = EmulatorProcess(["--model", "ur5e", "--running"])
+    process.start()
+    yield process
+    process.stop()
+    process.dispose()
+
+
+def call(*arguments: str) -> Result:
+    return CliRunner().invoke(app, arguments)
+
+
+@contextmanager
+def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A command in a process of its own; it has begun its work."""
+    command = (sys.executable, "-c", "from client.cli import main; main()", *arguments)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stderr
+        assert "Ctrl-C ends it" in process.stderr.readline()
+        yield process
+    finally:
+        process.kill()
+        process.communicate(timeout=PATIENCE_S)
+
+
+def move(emulator: EmulatorProcess) -> None:
+    with Robot(emulator.host) as robot:
+        robot.make_ready()
+        for goal in (HOME, GOAL, HOME):
+            robot.move_j(goal, speed_rad_s=1.0, acceleration_rad_s2=3.0)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "number"),
+    [(".mcap", signal.SIGINT), (".csv", signal.SIGINT), (".npz", signal.SIGINT), (".mcap", signal.SIGTERM)],
+)
+def test_a_signal_finishes_the_file(emulator, tmp_path: Path, suffix: str, number: signal.Signals) -> None:
+    file = tmp_path / f"run{suffix}"
+    with running("record", str(file), "--robot-ip", emulator.host) as process:
+        call("record", str(tmp_path / "while.csv"), "--duration", "0.2", "--robot-ip", emulator.host)
+        process.send_signal(number)
+        said, _ = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 0
+    recording = read(file)
+    assert "cut_off" not in recording.info
+    assert said == f"{file}: {len(recording)} states\n"
+    assert len(recording) >= 100
+    steps = np.diff(recording["timestamp"])
+    assert np.median(steps) == pytest.approx(0.002)  # a busy machine may lose some on the way
+    assert np.all(steps > 0.0)
+
+
+def test_what_is_asked_for_is_recorded(emulator, tmp_path: Path) -> None:
+    file = tmp_path / "run.csv"
+    fields = ("--fields", "actual_q,robot_mode", "--fields", "payload")
+    result = call("record", str(file), *fields, "--frequency", "50", "--duration", "0.4", "--robot-ip", emulator.host)
+    assert result.exit_code == 0, result.output
+    recording = read(file)
+    assert list(recording.values) == ["timestamp", "actual_q", "robot_mode", "payload"]
+    assert len(recording) == 21
+    assert isinstance(call("record", str(file), "--robot-ip", emulator.host).exception, RecordingError)  # it is there
+
+
+def test_the_arm_goes_along_a_recorded_path(emulator, tmp_path: Path) -> None:
+    first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
+    for file, what in ((first, lambda: move(emulator)), (second, lambda: _replayed(emulator, first))):
+        with running("record", str(file), "--robot-ip", emulator.host) as process:
+            what()
+            process.send_signal(signal.SIGINT)
+            process.wait(PATIENCE_S)
+    path, again = joint_path(read(first)), read(second)
+    recorded = path.at(np.arange(0.0, path.duration_s, 0.01))
+    later = again["actual_q"][::5]
+    nearest = [float(np.min(np.max(np.abs(later - q), axis=1))) for q in recorded]
+    assert max(nearest) < 0.01  # it was everywhere, between two states too
+    picture = tmp_path / "again.png"
+    result = call("plot", str(second), "-o", str(picture))
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert "largest position error: 0.0" in result.output
+
+
+def _replayed(emulator: EmulatorProcess, file: Path) -> None:
+    result = call("replay", str(file), "--robot-ip", emulator.host)
+    assert result.exit_code == 0, result.output
+    assert " s replayed" in result.output
+
+
+def test_a_program_records_its_own_robot(emulator, tmp_path: Path) -> None:
+    file = tmp_path / "own.mcap"
+    with Recorder(file) as recorder, Robot(emulator.host, outputs=DEFAULT_FIELDS) as robot:
+        robot.inner.driver.robot.on_state.append(recorder.write)
+        robot.make_ready()
+        robot.move_j(HOME, speed_rad_s=1.0)
+        robot.move_j(GOAL, speed_rad_s=1.0)
+    recording = read(file)
+    assert len(recording) == recorder.count > 100
+    assert recording["actual_q"][-1] == pytest.approx(GOAL, abs=1e-3)
+
+
+def test_too_fast_is_refused_before_anything_moves(emulator, tmp_path: Path) -> None:
+    file = tmp_path / "run.npz"
+    with running("record", str(file), "--robot-ip", emulator.host) as process:
+        move(emulator)
+        process.send_signal(signal.SIGINT)
+        process.wait(PATIENCE_S)
+    with Robot(emulator.host) as robot:
+        before = robot.q
+    result = call("replay", str(file), "--speed", "10", "--robot-ip", emulator.host)
+    assert isinstance(result.exception, MotionError)
+    assert "can be done" in str(result.exception)
+    with Robot(emulator.host) as robot:
+        assert robot.q == pytest.approx(before, abs=1e-6)
+
+
+def test_a_real_arm_does_not_move_unasked(emulator, tmp_path: Path, monkeypatch) -> None:
+    file = tmp_path / "run.npz"
+    call("record", str(file), "--duration", "0.2", "--robot-ip", emulator.host)
+    monkeypatch.setattr(replay, "_on_this_machine", lambda address: False)
+    result = call("replay", str(file), "--robot-ip", emulator.host)
+    assert isinstance(result.exception, ClientError)
+    assert "Is the way free? Nobody can answer here: say --yes" in str(result.exception)
+    assert call("replay", str(file), "--yes", "--make-ready", "--robot-ip", emulator.host).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("address", "here"),
+    [("127.0.0.1", True), ("127.3.4.5", True), ("::1", True), ("localhost", True), ("10.0.0.2", False), ("ur5", False)],
+)
+def test_only_loopback_is_this_machine(address: str, here: bool) -> None:
+    assert replay._on_this_machine(address) is here
+
+
+def test_plotjuggler_is_sent_what_the_robot_does(emulator) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(PATIENCE_S)
+        to = f"udp://127.0.0.1:{receiver.getsockname()[1]}"
+        with running("stream", "--plotjuggler", to, "--fields", "actual_q", "--robot-ip", emulator.host):
+            first, second = (json.loads(receiver.recv(2048)) for _ in range(2))
+    assert len(first["actual_q"]) == 6
+    assert second["timestamp"] - first["timestamp"] == pytest.approx(0.02, abs=1e-4)
+    assert second["robot_time"] - first["robot_time"] == pytest.approx(0.02, abs=1e-4)
+
+
+def test_a_stream_has_to_go_somewhere() -> None:
+    result = call("stream")
+    assert result.exit_code == 2
+    assert "say where to" in result.output

@@ -1,0 +1,243 @@
+"""Files: what is written is read again, by us and by readers we did not write."""
+
+import csv
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from mcap_ros2.writer import Writer as RosWriter
+from recording_rig import BEGAN_NS, INFO, array, moving_states, record
+from rosbags.highlevel import AnyReader
+
+from client.errors import MissingExtraError, RecordingError
+from client.recording import DEFAULT_FIELDS, Recorder, convert, read
+from client.recording.definitions import message_type
+from client.recording.topics import JOINTS
+from urproto.robots.pose import rotvec_to_matrix
+from urproto.rtde.fields import OUTPUT_FIELDS
+
+FORMATS = (".mcap", ".csv", ".npz")
+
+
+def decoded(path: Path) -> dict[str, list]:
+    """Messages by topic, as the reader of the MCAP project has them."""
+    found: dict[str, list] = {}
+    with path.open("rb") as file:
+        for message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            found.setdefault(message.channel.topic, []).append(message.decoded_message)
+    return found
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_what_is_written_is_read(states, tmp_path: Path, suffix: str) -> None:
+    recording = read(record(tmp_path / f"run{suffix}", states))
+    assert set(recording.values) == set(DEFAULT_FIELDS)
+    for name in DEFAULT_FIELDS:
+        assert np.array_equal(recording[name], array(states, name)), name
+    assert recording.time_s[-1] == pytest.approx(states[-1]["timestamp"] - states[0]["timestamp"])
+    assert list(recording.states())[77] == states[77]
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".npz"])
+def test_a_file_knows_where_it_comes_from(states, tmp_path: Path, suffix: str) -> None:
+    recording = read(record(tmp_path / f"run{suffix}", states[:5]))
+    assert recording.info == INFO | {"began_ns": str(BEGAN_NS)}
+    assert recording.times_ns[0] == BEGAN_NS
+    assert recording.times_ns[4] - BEGAN_NS == pytest.approx(8e6, abs=10)
+
+
+@pytest.mark.parametrize("source", FORMATS)
+@pytest.mark.parametrize("target", FORMATS)
+def test_every_format_becomes_every_other(states, tmp_path: Path, source: str, target: str) -> None:
+    first = record(tmp_path / f"one{source}", states[:50])
+    convert(first, tmp_path / f"two{target}")
+    again = read(tmp_path / f"two{target}")
+    assert list(again.states()) == states[:50]
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_every_kind_of_variable_can_be_recorded(tmp_path: Path, suffix: str) -> None:
+    states = moving_states(OUTPUT_FIELDS, 0.02)
+    assert list(read(record(tmp_path / f"all{suffix}", states)).states()) == states
+
+
+def test_the_reader_of_the_mcap_project_has_the_topics_of_ros(states, tmp_path: Path) -> None:
+    topics = decoded(record(tmp_path / "run.mcap", states))
+    state, last = states[300], states[-1]
+    joints = topics["/joint_states"][300]
+    assert joints.name == list(JOINTS)
+    assert tuple(joints.position) == state["actual_q"]
+    assert tuple(joints.velocity) == state["actual_qd"]
+    control = topics["/robot/controller_state"][300]
+    assert tuple(control.reference.positions) == state["target_q"]
+    assert tuple(control.feedback.positions) == state["actual_q"]
+    assert control.error.positions == [a - b for a, b in zip(state["target_q"], state["actual_q"], strict=True)]
+    assert topics["/speed_scaling_state_broadcaster/speed_scaling"][300].data == 100.0
+    assert topics["/io_and_status_controller/robot_mode"][0].mode == 7
+    assert topics["/io_and_status_controller/safety_mode"][0].mode == 1
+    running = [message.data for message in topics["/io_and_status_controller/robot_program_running"]]
+    assert (running[0], running[-1]) == (True, False)
+    stamp = topics["/rtde"][-1].header.stamp
+    expected = BEGAN_NS + round((last["timestamp"] - states[0]["timestamp"]) * 1e9)
+    assert abs(stamp.sec * 10**9 + stamp.nanosec - expected) <= 1
+
+
+def test_pose_and_wrench_are_in_the_frames_of_the_ros_driver(states, tmp_path: Path) -> None:
+    state = states[300] | {"actual_TCP_force": (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)}
+    topics = decoded(record(tmp_path / "run.mcap", [state]))
+    pose = topics["/tcp_pose_broadcaster/pose"][0]
+    wrench = topics["/force_torque_sensor_broadcaster/wrench"][0]
+    rotation = np.array(rotvec_to_matrix(*state["actual_TCP_pose"][3:])).reshape(3, 3)
+    o = pose.pose.orientation
+    back = 2.0 * np.array([o.x * o.z + o.w * o.y, o.y * o.z - o.w * o.x])  # of the third column
+    assert back == pytest.approx(rotation[:2, 2])
+    assert (pose.header.frame_id, wrench.header.frame_id) == ("base", "tool0_controller")
+    force, torque = wrench.wrench.force, wrench.wrench.torque
+    assert [force.x, force.y, force.z] == pytest.approx(rotation.T @ [1.0, 2.0, 3.0])
+    assert [torque.x, torque.y, torque.z] == pytest.approx(rotation.T @ [0.1, 0.2, 0.3])
+
+
+def test_inputs_and_outputs_are_told_when_they_change(states, tmp_path: Path) -> None:
+    changes = [dict(state) for state in states[:20]]
+    for state in changes[10:]:
+        state["actual_digital_output_bits"] = 0b100
+    io = decoded(record(tmp_path / "run.mcap", changes))["/io_and_status_controller/io_states"]
+    assert [[signal.pin for signal in message.digital_out_states if signal.state] for message in io] == [[], [2]]
+
+
+def test_rosbags_opens_it_as_a_bag(states, tmp_path: Path) -> None:
+    with AnyReader([record(tmp_path / "run.mcap", states)]) as bag:
+        counts = {connection.topic: connection.msgcount for connection in bag.connections}
+        messages = [
+            bag.deserialize(data, connection.msgtype)
+            for connection, _, data in bag.messages()
+            if connection.topic in ("/joint_states", "/rtde")
+        ]
+    assert counts["/rtde"] == counts["/joint_states"] == len(states)
+    assert len(messages) == 2 * len(states)
+    rtde = next(message for message in messages if hasattr(message, "actual_tcp_pose"))
+    assert tuple(rtde.actual_tcp_pose) == states[0]["actual_TCP_pose"]
+
+
+def test_the_state_of_a_controller_of_this_program_goes_beside(states, tmp_path: Path) -> None:
+    point = SimpleNamespace(positions=(0.5,) * 6, velocities=(), accelerations=(), effort=())
+    state = SimpleNamespace(
+        time_s=states[0]["timestamp"], joint_names=JOINTS, reference=point, feedback=point, error=point, output=point
+    )
+    with Recorder(tmp_path / "run.mcap", states[0], now_ns=lambda: BEGAN_NS) as recorder:
+        recorder.write(states[0])
+        recorder.write_controller("scaled_joint_trajectory_controller", state)
+    (message,) = decoded(tmp_path / "run.mcap")["/scaled_joint_trajectory_controller/controller_state"]
+    assert message.feedback.positions == [0.5] * 6
+    with (
+        Recorder(tmp_path / "run.csv", states[0]) as recorder,
+        pytest.raises(RecordingError, match=r"only \.mcap files hold"),
+    ):
+        recorder.write_controller("any", state)
+
+
+def test_a_bag_of_ros_is_a_recording_too(states, tmp_path: Path) -> None:
+    order = (2, 1, 0, 5, 3, 4)  # ROS has joints in any order, and elbow first in UR's
+    with (tmp_path / "bag.mcap").open("wb") as file:
+        writer = RosWriter(file)
+        kind = message_type("sensor_msgs/msg/JointState")
+        schema = writer.register_msgdef(kind.name, kind.definition)
+        for number, state in enumerate(states[:30]):
+            message = {
+                "header": {"stamp": {"sec": 5, "nanosec": number * 2_000_000}, "frame_id": ""},
+                "name": [JOINTS[joint] for joint in order],
+                "position": [state["actual_q"][joint] for joint in order],
+                "velocity": [state["actual_qd"][joint] for joint in order],
+                "effort": [],
+            }
+            writer.write_message("/joint_states", schema, message, log_time=number, publish_time=number)
+        writer.finish()
+    recording = read(tmp_path / "bag.mcap")
+    assert np.array_equal(recording["actual_q"], array(states[:30], "actual_q"))
+    assert recording.time_s[-1] == pytest.approx(0.058)
+
+
+def test_a_file_without_its_end_is_read_as_far_as_it_goes(states, tmp_path: Path) -> None:
+    whole = record(tmp_path / "run.mcap", states)
+    content = whole.read_bytes()
+    whole.write_bytes(content[: int(len(content) * 0.9)])
+    recording = read(whole)
+    assert recording.info["cut_off"]
+    assert 0 < len(recording) <= len(states)
+    table = record(tmp_path / "run.csv", states)
+    table.write_text(table.read_text()[:-20])
+    recording = read(table)
+    assert len(recording) == len(states) - 1
+    assert f"line {len(states) + 1}" in recording.info["cut_off"]
+
+
+def test_csv_and_npz_are_what_others_read(states, tmp_path: Path) -> None:
+    with record(tmp_path / "run.csv", states[:9]).open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert float(rows[8]["actual_q_5"]) == states[8]["actual_q"][5]
+    with np.load(record(tmp_path / "run.npz", states[:9])) as arrays:
+        assert arrays["actual_q"].shape == (9, 6)
+
+
+def test_a_robot_that_boots_anew_goes_on_in_time(states, tmp_path: Path) -> None:
+    path, now_ns = tmp_path / "run.mcap", iter((10**18, 2 * 10**18))
+    booted = [state | {"timestamp": state["timestamp"] - 30.0} for state in states[:10]]
+    with Recorder(path, states[0], now_ns=lambda: next(now_ns)) as recorder:
+        for state in (*states[100:110], *booted):
+            recorder.write(state)
+    with path.open("rb") as file:
+        times = [message.log_time for _, _, message in make_reader(file).iter_messages(topics=["/rtde"])]
+    assert times == sorted(times)
+    assert times[10] == 2 * 10**18
+    assert np.all(np.diff(read(path).time_s) >= 0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "module"), [("run.mcap", "mcap.writer"), ("run.mcap", "mcap")], ids=["part", "package"]
+)
+def test_a_missing_package_is_one_clear_line(states, tmp_path: Path, monkeypatch, name: str, module: str) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setitem(sys.modules, "mcap.writer", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'ur-emulator\[record\]'"):
+        Recorder(tmp_path / name, states[0])
+    assert not (tmp_path / name).exists()
+
+
+def test_what_cannot_be_written_or_read_is_told(states, tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"none of the formats of recordings: \.mcap, \.csv, \.npz"):
+        Recorder(tmp_path / "run.txt")
+    with pytest.raises(RecordingError, match="cannot write"):
+        Recorder(tmp_path / "nowhere" / "run.npz")
+    with pytest.raises(RecordingError, match="did you mean actual_q"):
+        Recorder(tmp_path / "run.csv", ["actual_qq"])
+    with pytest.raises(RecordingError, match="cannot read"):
+        read(tmp_path / "nothing.csv")
+    Recorder(tmp_path / "empty.csv").close()
+    with pytest.raises(RecordingError, match="without a single state"):
+        read(tmp_path / "empty.csv")
+    record(tmp_path / "one.csv", states[:1])
+    with pytest.raises(RecordingError, match="overwritten while it is read"):
+        convert(tmp_path / "one.csv", tmp_path / "one.csv")
+    with pytest.raises(RecordingError, match=r"payload was not recorded.*--fields default,payload"):
+        read(tmp_path / "one.csv")["payload"]
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@given(data=st.data())
+def test_no_bytes_are_more_than_an_error(states, tmp_path: Path, suffix: str, data) -> None:
+    path = tmp_path / f"any{suffix}"
+    content = bytearray(record(tmp_path / f"good{suffix}", states[:3]).read_bytes())
+    for place in data.draw(st.lists(st.integers(0, len(content) - 1), max_size=4)):
+        content[place] = data.draw(st.integers(0, 255))
+    path.write_bytes(data.draw(st.one_of(st.binary(max_size=300), st.just(bytes(content)))))
+    try:
+        read(path)
+    except RecordingError:
+        return

@@ -1,0 +1,31 @@
+"""Signals end waiting, and wait for writing."""
+
+import os
+import signal
+
+import pytest
+
+from client.commands.following import Interrupts
+
+
+def test_a_signal_ends_waiting() -> None:
+    with Interrupts() as interrupts, pytest.raises(KeyboardInterrupt):
+        interrupts.wait(lambda: os.kill(os.getpid(), signal.SIGTERM) or signal.sigwait([signal.SIGUSR1]))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_something_is_written_ends_the_next_waiting(number: signal.Signals) -> None:
+    written = []
+    with Interrupts() as interrupts:
+        os.kill(os.getpid(), number)
+        written.append("the rest")
+        with pytest.raises(KeyboardInterrupt):
+            interrupts.wait(lambda: written.append("never"))
+    assert written == ["the rest"]
+
+
+def test_what_was_there_before_is_put_back() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with Interrupts():
+        assert signal.getsignal(signal.SIGTERM) != before
+    assert signal.getsignal(signal.SIGTERM) == before

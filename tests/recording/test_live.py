@@ -1,0 +1,144 @@
+"""Streams: JSON as PlotJuggler takes it, and a server that a websocket client asks as Foxglove does."""
+
+import asyncio
+import json
+import math
+import socket
+import struct
+import sys
+
+import pytest
+import websockets
+from recording_rig import BEGAN_NS, moving_states
+
+from client.errors import MissingExtraError, RecordingError
+from client.recording.live import FoxgloveServer, PlotJugglerSender, address_of, datagrams
+from urproto.rtde.fields import OUTPUT_FIELDS
+
+PATIENCE_S = 20.0
+
+
+def test_a_state_is_a_json_object_with_its_time(states) -> None:
+    few = {name: states[5][name] for name in ("timestamp", "actual_q", "robot_mode")}
+    (data,) = datagrams(few, BEGAN_NS)
+    message = json.loads(data)
+    assert message.pop("timestamp") == pytest.approx(BEGAN_NS * 1e-9, abs=1e-6)
+    assert message.pop("robot_time") == states[5]["timestamp"]
+    assert message == {"actual_q": list(states[5]["actual_q"]), "robot_mode": 7}
+
+
+def test_no_datagram_is_larger_than_a_receiver_takes() -> None:
+    (state,) = moving_states(OUTPUT_FIELDS, 0.002)
+    parts = list(datagrams(state, BEGAN_NS))
+    assert len(parts) > 1
+    assert max(map(len, parts)) <= 1400
+    whole = {name: value for part in parts for name, value in json.loads(part).items()}
+    assert len(whole) == len(OUTPUT_FIELDS) + 1
+
+
+def test_what_json_does_not_have_is_left_out() -> None:
+    (data,) = datagrams({"speed_scaling": math.nan, "actual_q": (math.inf, 0.0), "robot_mode": 7}, 0)
+    assert json.loads(data) == {"timestamp": 0.0, "robot_mode": 7}
+
+
+def test_plotjuggler_gets_datagrams(states) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(PATIENCE_S)
+        sender = PlotJugglerSender(*address_of(f"udp://127.0.0.1:{receiver.getsockname()[1]}", "udp", 9870))
+        sender.write(states[0], BEGAN_NS)
+        sender.close()
+        assert json.loads(receiver.recv(2048))["robot_mode"] == 7
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("udp://10.0.0.5:99", ("10.0.0.5", 99)),
+        ("10.0.0.5", ("10.0.0.5", 9870)),
+        ("lab-pc:1234", ("lab-pc", 1234)),
+        ("udp://[::1]:99", ("::1", 99)),
+    ],
+)
+def test_addresses(text: str, address: tuple[str, int]) -> None:
+    assert address_of(text, "udp", 9870) == address
+
+
+@pytest.mark.parametrize("text", ["tcp://10.0.0.5:99", "", "udp://:7", "udp://a:99999", "udp://a:b"])
+def test_what_is_no_address_is_told(text: str) -> None:
+    with pytest.raises(RecordingError, match="is no address"):
+        address_of(text, "udp", 9870)
+
+
+async def test_a_client_of_foxgloves_protocol_gets_messages_it_can_read(states) -> None:
+    server = FoxgloveServer(tuple(states[0]), "127.0.0.1", 0, "<robot name='ur5e'/>")
+    try:
+        address = f"ws://127.0.0.1:{server.port}"
+        async with asyncio.timeout(PATIENCE_S), websockets.connect(address, subprotocols=["foxglove.sdk.v1"]) as client:
+            channels = await _channels(client)
+            server.write(states[0], BEGAN_NS)
+            channels |= await _channels(client)  # the description's, with its first message
+            topics = ("/joint_states", "/robot_description")
+            await _subscribe(client, [channels[topic]["id"] for topic in topics])
+            got = {}
+            number = 0
+            while len(got) < len(topics):  # subscriptions are not answered
+                number += 1
+                server.write(states[300], BEGAN_NS + number * 10**9)
+                got |= await _messages(client)
+    finally:
+        server.close()
+    by_topic = {topic: got[channels[topic]["id"]] for topic in topics}
+    joints = _decoded(channels["/joint_states"], by_topic["/joint_states"])
+    assert tuple(joints.position) == states[300]["actual_q"]
+    assert _decoded(channels["/robot_description"], by_topic["/robot_description"]).data == "<robot name='ur5e'/>"
+
+
+async def _channels(client) -> dict[str, dict]:
+    while True:
+        message = await client.recv()
+        if isinstance(message, str) and json.loads(message)["op"] == "advertise":
+            return {channel["topic"]: channel for channel in json.loads(message)["channels"]}
+
+
+async def _subscribe(client, channels: list[int]) -> None:
+    subscriptions = [{"id": channel, "channelId": channel} for channel in channels]
+    await client.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
+
+
+async def _messages(client) -> dict[int, bytes]:
+    """What comes until nothing does: subscription -> the newest message."""
+    found = {}
+    try:
+        while True:
+            message = await asyncio.wait_for(client.recv(), 0.1)
+            if isinstance(message, bytes):
+                kind, subscription, _ = struct.unpack_from("<BIQ", message)
+                assert kind == 1
+                found[subscription] = message[13:]
+    except TimeoutError:
+        return found
+
+
+def _decoded(channel: dict, data: bytes) -> object:
+    from mcap.records import Schema
+    from mcap_ros2.decoder import DecoderFactory
+
+    assert (channel["encoding"], channel["schemaEncoding"]) == ("cdr", "ros2msg")
+    schema = Schema(id=1, name=channel["schemaName"], encoding="ros2msg", data=channel["schema"].encode())
+    return DecoderFactory().decoder_for("cdr", schema)(data)
+
+
+def test_an_address_that_is_taken_is_told() -> None:
+    server = FoxgloveServer(("timestamp",), "127.0.0.1", 0)
+    try:
+        with pytest.raises(RecordingError, match="cannot listen on"):
+            FoxgloveServer(("timestamp",), "127.0.0.1", server.port)
+    finally:
+        server.close()
+
+
+def test_a_missing_package_is_one_clear_line(monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    with pytest.raises(MissingExtraError, match=r"ur-emulator\[live\]"):
+        FoxgloveServer(("timestamp",), "127.0.0.1", 0)
