@@ -33,6 +33,7 @@ from emulator.config import (
     choose_gripper,
     choose_model,
     choose_version,
+    read_calibration,
     read_driver_address,
     read_faults,
     read_initial_positions,
@@ -82,6 +83,9 @@ def _run(
     ports_file: Annotated[Path | None, typer.Option(help="Write the ports here as JSON once ready.")] = None,
     programs: Annotated[Path | None, typer.Option(help="Folder that the dashboard's load looks in.")] = None,
     initial_positions: Annotated[Path | None, typer.Option(help="YAML file: joint names to radians.")] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="YAML file: an arm's calibration, as ur-client calibration writes it.")
+    ] = None,
     running: Annotated[bool, typer.Option("--running", help="Start with the brakes released.")] = False,
     remote_control: Annotated[
         bool, typer.Option("--remote-control", help="Answer true to 'is in remote control' (e-Series).")
@@ -138,7 +142,7 @@ def _run(
     """Stand in for a Universal Robots controller on this machine. Not for validating safety."""
     _log_to_stderr(log_level)
     with _mistakes_in_one_line():
-        robot = choose_model(model)
+        robot = read_calibration(calibration, choose_model(model))
         controller = ControllerConfig(
             model=robot,
             version=choose_version(polyscope, robot),
