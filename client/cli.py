@@ -9,13 +9,17 @@ from rich.console import Console
 from rich.table import Table
 
 from client import dashboard, primary, rtde
+from client.commands.calibration import calibration_command
 from client.commands.decode import decode_command
+from client.commands.describe import describe_command
+from client.commands.doctor import doctor_command
 from client.commands.options import PortOffset, RobotIP
 from client.commands.tool_comm import tool_comm_command
 from client.commands.watch import watch_command
 from client.errors import ClientError
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
+from urproto.robots import CalibrationError
 from urproto.rtde.fields import OUTPUT_FIELDS
 
 __all__ = ["app", "main"]
@@ -75,6 +79,9 @@ def send_command(
 
 app.command("decode")(decode_command)
 app.command("watch")(watch_command)
+app.command("calibration")(calibration_command)
+app.command("describe")(describe_command)
+app.command("doctor")(doctor_command)
 app.command("tool-comm")(tool_comm_command)
 
 
@@ -89,6 +96,6 @@ def main() -> None:
     """Entry point of ``ur-client``: errors are one line, exit status 1."""
     try:
         app()
-    except (ClientError, ProtocolError, RobotRefused, UnicodeDecodeError) as error:
+    except (ClientError, CalibrationError, ProtocolError, RobotRefused, UnicodeDecodeError) as error:
         typer.echo(f"ur-client: {error}", err=True)
         sys.exit(1)

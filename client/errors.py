@@ -5,6 +5,7 @@ ClientError
 ├── ConnectionLostError      the robot closed it, or the network did
 ├── NoAnswerError            the robot keeps silent
 ├── DeviceError              a device of this machine cannot be made
+├── FileError                a file of this machine cannot be used
 ├── ScriptFailedError        a script did not compile or failed while running
 ├── ProgramNotRunningError   the robot's control program is not connected to the driver
 ├── ProgramEndedError        it ended while something was under way
@@ -28,6 +29,7 @@ __all__ = [
     "ClientError",
     "ConnectionLostError",
     "DeviceError",
+    "FileError",
     "MotionError",
     "MotionStoppedError",
     "NoAnswerError",
@@ -82,6 +84,15 @@ class DeviceError(ClientError):
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(f"cannot make the device {path} ({reason}): choose another path, in a folder you may write to")
+        self.path = path
+        self.reason = reason
+
+
+class FileError(ClientError):
+    """The file at ``path`` cannot be read or written, or is not what it should be."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"{path}: {reason}")
         self.path = path
         self.reason = reason
 

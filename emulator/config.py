@@ -25,6 +25,7 @@ from emulator.services import POLYSCOPE_X
 from emulator.world.file import WorldFileError, WorldPlan, read_world
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.robots import Calibration, CalibrationError, RobotModel, UnknownModel, calibration_hash, load_model
+from urproto.robots.description import JOINTS as JOINT_NAMES
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
@@ -50,14 +51,6 @@ __all__ = [
 
 _logger = logging.getLogger(__name__)
 _FIRST_VERSION: Final = {"interpreter": INTERPRETER_MODE}  # the other ports are as old as the series
-JOINT_NAMES: Final = (  # as in ur_description
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
 _LAST_PORT: Final = 65535
 _LOOPBACK: Final = "127.0.0.1"
 _FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder can count (Script Manual)

@@ -125,6 +125,18 @@ class Moves(RobotCore):
 
         await self._keep_sending("speed_l", send, duration_s, wait)
 
+    def tcp_pose_at(self, q_rad: Sequence[float]) -> Pose:
+        """Where the TCP would be (6,) with these joint angles (6,), by the geometry that this very arm reports.
+
+        Raises RobotRefused while the robot has not told its geometry, or for one that is not known here.
+        """
+        link = self.driver.robot
+        arm, state = link.configuration, link.primary_state
+        geometry = None if arm is None else geometry_of(arm, link.calibration)
+        if geometry is None or state is None or state.cartesian is None:
+            raise RobotRefused("its geometry", "it has not told one that is known here", "ask it: get_forward_kin()")
+        return geometry.forward(q_rad, state.cartesian.tcp_offset)
+
     # what they have in common
 
     async def _move(self, doing: str, moves: list[TrajectoryPoint], wait: bool) -> None:
@@ -138,7 +150,7 @@ class Moves(RobotCore):
         link = self.driver.robot
         arm, state = link.configuration, link.primary_state
         if arm is not None and state is not None and state.cartesian is not None:
-            Reach(arm, state.cartesian.tcp_offset, self.q).check(doing, moves)
+            Reach(arm, state.cartesian.tcp_offset, self.q, link.calibration).check(doing, moves)
 
     async def _execute(self, doing: str, moves: list[TrajectoryPoint]) -> None:
         popups = self.driver.robot.popups

@@ -162,7 +162,7 @@ def dh_of(chain: Chain, signs: tuple[int, int] = (1, 1)) -> DH:
         theta.append(after)
         d.append(ahead - slide)
     # what was slid along axis 3 by joint 2 is taken from d3, which is a sum of both
-    return DH((*a, 0.0), _six(d), (*alpha, 0.0), _six(theta))
+    return DH(_six((*a, 0.0)), _six(d), _six((*alpha, 0.0)), _six(theta))
 
 
 def _six(values: Sequence[float]) -> Joints:
@@ -228,8 +228,8 @@ def _candidates(kinematics: Mapping[str, Any], where: str) -> list[DH]:
     found = []
     for order in (_about_fixed_axes, _about_moving_axes):
         chain = tuple(Frame((x, y, z), order(*angles)) for x, y, z, *angles in rows)
-        for signs in product((1, -1), repeat=2):
-            dh = dh_of(chain, signs)
+        for second, third in product((1, -1), repeat=2):
+            dh = dh_of(chain, (second, third))
             if _same(chain_of(dh), chain):
                 found.append(dh)
     if not found:
