@@ -1,8 +1,8 @@
 """Calibration files as ur_description reads them, and what a robot says about its own geometry.
 
-    calibration = read_calibration(Path("my_robot_calibration.yaml"))
-    with Robot("192.168.1.10", calibration=calibration) as robot:     # refuses another arm
-        robot.tcp_pose_at([0.2, -1.4, 1.5, -1.7, -1.5, 0.1])
+calibration = read_calibration(Path("my_robot_calibration.yaml"))
+with Robot("192.168.1.10", calibration=calibration) as robot:     # refuses another arm
+    robot.tcp_pose_at([0.2, -1.4, 1.5, -1.7, -1.5, 0.1])
 """
 
 from pathlib import Path
@@ -50,7 +50,6 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
         path.write_text(yaml.safe_dump(calibration.to_mapping(), sort_keys=False), "utf-8")
     except OSError as error:
         raise FileError(path, error.strerror or str(error)) from error
-
 
 
 def parameters(kinematics: KinematicsInfo) -> DH:

@@ -4,13 +4,15 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Final
 
+from client.calibration import geometry_of
 from client.driver import points
 from client.driver.timeouts import LONGEST_REAL_TIME_S
 from client.errors import MotionError, MotionStoppedError
 from client.robot.core import RobotCore
 from client.robot.reach import Reach
-from urproto.errors import LocalProtocolError
+from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
+from urproto.robots.pose import Pose
 
 __all__ = ["Moves"]
 
