@@ -41,7 +41,7 @@ def read_calibration(path: Path) -> Calibration:
     except (yaml.YAMLError, UnicodeError) as error:
         raise FileError(path, f"it is not YAML: {' '.join(str(error).split())}") from error
     except CalibrationError as error:
-        raise FileError(path, str(error).removeprefix(str(path)).lstrip(": ")) from error
+        raise FileError(path, str(error).removeprefix(f"{path}: ")) from error
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:

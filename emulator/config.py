@@ -156,7 +156,7 @@ def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:
         calibration = Calibration.from_mapping(_yaml(path), str(path))
         calibration.check_model(model)
     except CalibrationError as error:
-        raise ConfigError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
+        raise ConfigError(str(error)) from error
     if not calibration.is_whole:
         _logger.warning(
             "%s says %s, but its numbers are %s: the robot reports the numbers",

@@ -21,13 +21,14 @@ _STYLES = {Grade.GOOD: "green", Grade.UNKNOWN: "dim", Grade.WEAK: "yellow", Grad
 
 def doctor_command(
     robot: Annotated[str | None, typer.Argument(metavar="ROBOT_IP", help="The robot, if any.")] = None,
+    robot_ip: Annotated[str | None, typer.Option("--robot-ip", help="The same, as for other commands.")] = None,
     port_offset: PortOffset = 0,
     calibration: Annotated[Path | None, typer.Option(help="Calibration file that should be this robot's.")] = None,
 ) -> None:
     """Examine this machine, the network and the robot; takes some seconds. Exit status 1 if something cannot work."""
     console = Console(highlight=False, soft_wrap=True)
     findings = []
-    for finding in _examine(robot, port_offset, calibration):
+    for finding in _examine(robot or robot_ip, port_offset, calibration):
         console.print(_line(finding))
         findings.append(finding)
     raise typer.Exit(exit_status(findings))

@@ -75,7 +75,7 @@ class Calibration:
         if isinstance(content, Mapping) and "dh_theta" in content:
             return cls.of(_dh_lists(content, where))
         if not isinstance(content, Mapping) or not isinstance(content.get("kinematics"), Mapping):
-            raise CalibrationError(f"{where} has neither `kinematics:` nor `dh_theta:`, so it is no calibration")
+            raise CalibrationError(f"{where}: there is neither `kinematics:` nor `dh_theta:`, so it is no calibration")
         kinematics = content["kinematics"]
         name = kinematics.get("hash")
         if not (name is None or isinstance(name, str)):
@@ -255,7 +255,7 @@ def _turned(dh: DH) -> Iterator[DH]:
 def _row(kinematics: Mapping[str, Any], link: str, where: str) -> list[float]:
     values = kinematics.get(link)
     if not isinstance(values, Mapping):
-        raise CalibrationError(f"{where} has no {link}")
+        raise CalibrationError(f"{where}: there is no {link}")
     for key in _VALUES:
         if not _is_number(values.get(key)):
             raise CalibrationError(f"{where}: {key} of {link} must be a number, it is {values.get(key)!r}")
