@@ -20,8 +20,12 @@ __all__ = ["CalibratedKinematics", "kinematics_of"]
 
 _ARRIVED: Final = 1e-10  # m and rad
 _STEPS: Final = 12  # from a start that is near, two or three are enough; at singular arms more
+# In so many steps the error falls to this share of it even where the arm is singular, or it never will (guess).
+_STALL_STEPS: Final = 3
+_STALLED: Final = 0.7
 _STEP_RAD: Final = 0.3  # the longest
-_MOST_STEPS: Final = 100  # for one pose, all starts together
+_MOST_STEPS: Final = 80  # for one pose, all starts together
+_MOST_STARTS: Final = 3  # where only the nearest solution is wanted
 _NEAR_RAD: Final = 0.1  # solutions this near to the given joints are taken for the nearest (guess)
 # Where the closed form looks for starts: a pose just out of the nominal arm's reach may be within this one's (guess).
 _PULLED: Final = (1.0, 0.99, 1.01)
@@ -90,7 +94,7 @@ class CalibratedKinematics(Kinematics):
 
         def nearest_first(starts: Iterable[Joints]) -> Iterator[Joints]:
             unwound = [unwind(start, q_near, q_min, q_max) for start in starts]
-            for start in sorted(unwound, key=lambda q: dist(q, q_near)):
+            for start in sorted(unwound, key=lambda q: dist(q, q_near))[:_MOST_STARTS]:
                 if dist(start, q_near) < least + _MOVED_RAD:
                     yield start
 
@@ -128,12 +132,16 @@ class CalibratedKinematics(Kinematics):
         aim = rotvec_to_matrix(rx, ry, rz)
         a, b, c, d, e, f = start
         q: Joints = (a, b, c, d, e, f)
+        sizes: list[float] = []
         for step in range(min(steps, _STEPS)):
             spots = self._spots(q)
             (x, y, z), axes = spots[-1]
             error = (px - x, py - y, pz - z, *matrix_to_rotvec(_times_transposed(aim, axes)))
-            if max(map(abs, error)) < _ARRIVED:
+            sizes.append(max(map(abs, error)))
+            if sizes[-1] < _ARRIVED:
                 return q, step + 1
+            if step > _STALL_STEPS and sizes[-1] > _STALLED * sizes[-1 - _STALL_STEPS]:
+                return None, step + 1
             q = _stepped(q, _jacobian(spots, (x, y, z)), error)
         return None, _STEPS
 
