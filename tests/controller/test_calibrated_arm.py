@@ -9,6 +9,7 @@ from emulator.config import read_calibration
 from emulator.reporting.primary_state import kinematics_info
 from urproto.robots import Kinematics, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import pose_sub
+from urproto.testing.virtual import virtual_robot
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 START = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
@@ -70,3 +71,10 @@ def test_a_dynamic_arm_holds_its_pose(make, model: RobotModel) -> None:
     rig.seconds(0.5)
     assert rig.now.actual_q == pytest.approx(START, abs=1e-2)
     assert rig.now.actual_TCP_pose == pytest.approx(kinematics_of(model).forward(rig.now.actual_q), abs=1e-9)
+
+
+def test_an_option_of_robots_in_tests(model: RobotModel) -> None:
+    file = GOLDEN / f"calibration_{model.name}.yaml"
+    robot = virtual_robot(model.name, calibration=file, initial_q=START)
+    pose = robot.controller.arm.kinematics.forward(START)
+    assert pose == kinematics_of(model).forward(START)
