@@ -148,7 +148,7 @@ def choose_model(name: str) -> RobotModel:
 def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:
     """The arm with the calibration of a YAML file: ur_description's, or lists of Denavit-Hartenberg parameters.
 
-    Raises ConfigError for a file that has none, or that of another model.
+    A file of nominal ones, such as ur_description's default_kinematics.yaml, makes no difference. Raises ConfigError for a file that has none, or that of another model.
     """
     if path is None:
         return model
@@ -162,7 +162,8 @@ def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:
             "%s says %s, but its numbers are %s: the robot reports the numbers",
             *(path, calibration.hash, calibration_hash(calibration.dh)),
         )
-    return replace(model, calibration=calibration.dh)
+    nominal = calibration_hash(calibration.dh) == calibration_hash(model.dh)
+    return model if nominal else replace(model, calibration=calibration.dh)
 
 
 def _yaml(path: Path) -> Any:

@@ -1,6 +1,7 @@
 from pathlib import Path
 
 import pytest
+import yaml
 
 from emulator.config import (
     JOINT_NAMES,
@@ -14,7 +15,7 @@ from emulator.config import (
     read_programs_dir,
 )
 from emulator.controller import ControllerConfig
-from urproto.robots import MODELS, calibration_hash, load_model
+from urproto.robots import MODELS, Calibration, calibration_hash, load_model
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
 # ur_description's config/initial_positions.yaml
@@ -152,3 +153,11 @@ def test_calibration_files_that_are_none(tmp_path: Path, text: str, problem: str
         read_calibration(CALIBRATION, load_model("ur3"))
     with pytest.raises(ConfigError, match="cannot read"):
         read_calibration(tmp_path / "missing.yaml", load_model("ur5e"))
+
+
+def test_a_nominal_calibration_makes_no_difference(tmp_path: Path) -> None:
+    file = tmp_path / "default_kinematics.yaml"
+    for name in MODELS:
+        model = load_model(name)
+        file.write_text(yaml.safe_dump(Calibration.of(model.dh).to_mapping()))
+        assert read_calibration(file, model) is model
