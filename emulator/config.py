@@ -148,7 +148,8 @@ def choose_model(name: str) -> RobotModel:
 def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:
     """The arm with the calibration of a YAML file: ur_description's, or lists of Denavit-Hartenberg parameters.
 
-    A file of nominal ones, such as ur_description's default_kinematics.yaml, makes no difference. Raises ConfigError for a file that has none, or that of another model.
+    A file of nominal ones, such as ur_description's default_kinematics.yaml, makes no difference. Raises ConfigError
+    for a file that has none, or that of another model.
     """
     if path is None:
         return model

@@ -114,6 +114,22 @@ def test_a_public_file_gives_the_parameters_that_give_its_hash(name: str) -> Non
     calibration.check_model(load_model(name))
 
 
+def test_ur_descriptions_own_file_of_a_nominal_arm() -> None:
+    """Its UR5e, with the half turns by which ur_calibration writes a negative alpha."""
+    rows = (
+        (0.0, 0.0, 0.1625, 0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0, 1.570796327, 0.0, 0.0),
+        (-0.425, 0.0, 0.0, 0.0, 0.0, 0.0),
+        (-0.3922, 0.0, 0.1333, 0.0, 0.0, 0.0),
+        (0.0, -0.0997, -2.044881182297852e-11, 1.570796327, 0.0, 0.0),
+        (0.0, 0.09959999999999999, -2.042830148012698e-11, 1.570796326589793, 3.141592653589793, 3.141592653589793),
+    )
+    keys = ("x", "y", "z", "roll", "pitch", "yaw")
+    content = {link: dict(zip(keys, row, strict=True)) for link, row in zip(LINKS, rows, strict=True)}
+    calibration = Calibration.from_mapping({"kinematics": {**content, "hash": NOMINAL_HASHES["ur5e"]}}, "file")
+    assert calibration.is_whole
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_a_public_file_gives_the_frames_that_are_in_it(name: str) -> None:
     """Positions are the same however angles are written."""

@@ -26,6 +26,7 @@ LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist
 
 _VALUES: Final = ("x", "y", "z", "roll", "pitch", "yaw")
 _PARALLEL: Final = 1e-9  # rad; axes less skew than this have no common normal worth the name
+_NOTHING: Final = 1e-14  # m and rad; rounding of sines
 _SAME: Final = 1e-7  # m and rad: a file with ten digits is a calibration, one with angles of another order is none
 _FARTHEST_M: Final = 0.03  # guess: calibrations move a frame by millimetres
 _MOST_TURNED: Final = 0.05  # rad (guess)
@@ -162,6 +163,8 @@ def dh_of(chain: Chain, signs: tuple[int, int] = (1, 1)) -> DH:
         theta.append(after)
         d.append(ahead - slide)
     # what was slid along axis 3 by joint 2 is taken from d3, which is a sum of both
+    parts = ([0.0 if abs(value) < _NOTHING else value for value in part] for part in (a, d, alpha, theta))
+    a, d, alpha, theta = parts
     return DH(_six((*a, 0.0)), _six(d), _six((*alpha, 0.0)), _six(theta))
 
 
