@@ -4,12 +4,14 @@
 asyncio, ``BlockingX`` for plain scripts; of the robot itself these are `AsyncRobot` and `Robot`.
 """
 
+from client.calibration import read_calibration, write_calibration
 from client.dashboard import BlockingDashboardClient, DashboardClient
 from client.driver import BlockingURDriver, URDriver, points
 from client.errors import (
     ClientError,
     ConnectionLostError,
     DeviceError,
+    FileError,
     MotionError,
     MotionStoppedError,
     NoAnswerError,
@@ -38,6 +40,7 @@ __all__ = [
     "ConnectionLostError",
     "DashboardClient",
     "DeviceError",
+    "FileError",
     "MotionError",
     "MotionStoppedError",
     "NoAnswerError",
@@ -57,5 +60,7 @@ __all__ = [
     "ToolCommunication",
     "URDriver",
     "points",
+    "read_calibration",
     "read_recipe",
+    "write_calibration",
 ]

@@ -9,9 +9,12 @@ from rich.console import Console
 from rich.table import Table
 
 from client import dashboard, primary, rtde
+from client.commands.calibration import calibration_command
 from client.commands.compare import compare_command
 from client.commands.controllers import controllers_app
 from client.commands.decode import decode_command
+from client.commands.describe import describe_command
+from client.commands.doctor import doctor_command
 from client.commands.goal import goal_command, publish_goals_command
 from client.commands.options import PortOffset, RobotIP
 from client.commands.plot import plot_command
@@ -24,6 +27,7 @@ from client.commands.watch import watch_command
 from client.errors import ClientError
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
+from urproto.robots import CalibrationError
 from urproto.rtde.fields import OUTPUT_FIELDS
 
 __all__ = ["app", "main"]
@@ -91,6 +95,9 @@ app.command("stream")(stream_command)
 app.command("convert")(convert_command)
 app.command("plot")(plot_command)
 app.command("replay")(replay_command)
+app.command("calibration")(calibration_command)
+app.command("describe")(describe_command)
+app.command("doctor")(doctor_command)
 app.command("tool-comm")(tool_comm_command)
 app.command("proxy")(proxy_command)
 app.command("replay-traffic")(replay_traffic_command)
@@ -108,6 +115,6 @@ def main() -> None:
     """Entry point of ``ur-client``: errors are one line, exit status 1."""
     try:
         app()
-    except (ClientError, ProtocolError, RobotRefused, UnicodeDecodeError) as error:
+    except (ClientError, CalibrationError, ProtocolError, RobotRefused, UnicodeDecodeError) as error:
         typer.echo(f"ur-client: {error}", err=True)
         sys.exit(1)

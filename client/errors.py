@@ -5,9 +5,9 @@ ClientError
 ├── ConnectionLostError      the robot closed it, or the network did
 ├── NoAnswerError            the robot keeps silent
 ├── DeviceError              a device of this machine cannot be made
-├── TrafficFileError         a file of recorded traffic cannot be read or written
 ├── RecordingError           a file of a recording cannot be read, written, or used for this
 │   └── MissingExtraError    a package it needs is not installed
+├── FileError                a file of this machine cannot be used
 ├── ScriptFailedError        a script did not compile or failed while running
 ├── ProgramNotRunningError   the robot's control program is not connected to the driver
 ├── ProgramEndedError        it ended while something was under way
@@ -34,6 +34,7 @@ __all__ = [
     "ConnectionLostError",
     "ControllerError",
     "DeviceError",
+    "FileError",
     "GoalRejectedError",
     "MissingExtraError",
     "MotionError",
@@ -47,7 +48,6 @@ __all__ = [
     "RobotUnreachableError",
     "SafetyStopError",
     "ScriptFailedError",
-    "TrafficFileError",
 ]
 
 
@@ -108,8 +108,8 @@ class MissingExtraError(RecordingError):
         self.extra = extra
 
 
-class TrafficFileError(ClientError):
-    """The recorded traffic in ``path`` cannot be read or written."""
+class FileError(ClientError):
+    """The file at ``path`` cannot be read or written, or is not what it should be."""
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(f"{path}: {reason}")

@@ -35,6 +35,7 @@ from emulator.config import (
     choose_gripper,
     choose_model,
     choose_version,
+    read_calibration,
     read_driver_address,
     read_faults,
     read_initial_positions,
@@ -94,6 +95,9 @@ def configure(
     ephemeral_ports: Annotated[bool, typer.Option("--ephemeral-ports", help="Take free ports instead.")] = False,
     programs: Annotated[Path | None, typer.Option(help="Folder that the dashboard's load looks in.")] = None,
     initial_positions: Annotated[Path | None, typer.Option(help="YAML file: joint names to radians.")] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="YAML file: an arm's calibration, as ur-client calibration writes it.")
+    ] = None,
     running: Annotated[bool, typer.Option("--running", help="Start with the brakes released.")] = False,
     remote_control: Annotated[
         bool, typer.Option("--remote-control", help="Answer true to 'is in remote control' (e-Series).")
@@ -147,7 +151,7 @@ def configure(
     world: Annotated[Path | None, typer.Option(help="YAML file: what stands around the arm and pushes back.")] = None,
 ) -> EmulatorConfig:
     """A robot as the options of the command line say. Raises ConfigError."""
-    robot = choose_model(model)
+    robot = read_calibration(calibration, choose_model(model))
     controller = ControllerConfig(
         model=robot,
         version=choose_version(polyscope, robot),

@@ -1,8 +1,9 @@
 """What the user asked for, checked: every mistake is one clear line."""
 
+import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from ipaddress import ip_address
 from pathlib import Path
@@ -23,7 +24,8 @@ from emulator.safety.installation import SafetySettingsError
 from emulator.services import POLYSCOPE_X
 from emulator.world.file import WorldFileError, WorldPlan, read_world
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
-from urproto.robots import RobotModel, UnknownModel, load_model
+from urproto.robots import Calibration, CalibrationError, RobotModel, UnknownModel, calibration_hash, load_model
+from urproto.robots.description import JOINTS as JOINT_NAMES
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
@@ -38,6 +40,7 @@ __all__ = [
     "choose_gripper",
     "choose_model",
     "choose_version",
+    "read_calibration",
     "read_driver_address",
     "read_faults",
     "read_initial_positions",
@@ -46,15 +49,8 @@ __all__ = [
     "read_surroundings",
 ]
 
+_logger = logging.getLogger(__name__)
 _FIRST_VERSION: Final = {"interpreter": INTERPRETER_MODE}  # the other ports are as old as the series
-JOINT_NAMES: Final = (  # as in ur_description
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
 _LAST_PORT: Final = 65535
 _LOOPBACK: Final = "127.0.0.1"
 _FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder can count (Script Manual)
@@ -149,6 +145,37 @@ def choose_model(name: str) -> RobotModel:
         raise ConfigError(str(error)) from error
 
 
+def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:
+    """The arm with the calibration of a YAML file: ur_description's, or lists of Denavit-Hartenberg parameters.
+
+    A file of nominal ones, such as ur_description's default_kinematics.yaml, makes no difference. Raises ConfigError
+    for a file that has none, or that of another model.
+    """
+    if path is None:
+        return model
+    try:
+        calibration = Calibration.from_mapping(_yaml(path), str(path))
+        calibration.check_model(model)
+    except CalibrationError as error:
+        raise ConfigError(str(error)) from error
+    if not calibration.is_whole:
+        _logger.warning(
+            "%s says %s, but its numbers are %s: the robot reports the numbers",
+            *(path, calibration.hash, calibration_hash(calibration.dh)),
+        )
+    nominal = calibration_hash(calibration.dh) == calibration_hash(model.dh)
+    return model if nominal else replace(model, calibration=calibration.dh)
+
+
+def _yaml(path: Path) -> Any:
+    try:
+        return yaml.safe_load(path.read_text("utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeError) as error:
+        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+
+
 def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
     """The PolyScope version to report, the series' usual one when nothing is asked for.
 
@@ -177,12 +204,7 @@ def read_initial_positions(path: Path, model: RobotModel) -> Joints:
     Raises ConfigError when the file is unreadable, does not name exactly the six joints, or
     has an angle the arm cannot take.
     """
-    try:
-        content = yaml.safe_load(path.read_text("utf-8"))
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeError) as error:
-        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    content = _yaml(path)
     if not isinstance(content, dict) or set(content) != set(JOINT_NAMES):
         raise ConfigError(f"{path} must give radians for each of {', '.join(JOINT_NAMES)}, and nothing else")
     first, second, third, fourth, fifth, sixth = (

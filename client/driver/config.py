@@ -10,6 +10,7 @@ from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
 from client.driver.reverse import REVERSE_PORT
 from client.driver.sender import SENDER_PORT
 from client.driver.timeouts import KEEP_ALIVE_TIMEOUT_S
+from urproto.robots import Calibration
 
 __all__ = ["ROBOT_PORTS", "DriverConfig"]
 
@@ -34,7 +35,8 @@ class DriverConfig:
     keep_alive_s: how often the driver says that it is alive while it has nothing to say;
     keep_alive_timeout_s: how long the program waits for that. silence_s: a robot whose state
     does not come for so long counts as frozen, and its program is disconnected.
-    calibration: what the robot's calibration hash has to be; None takes any.
+    calibration: what the robot's calibration has to be, as `client.read_calibration` reads it, or its hash; None
+    takes any.
     """
 
     robot: str
@@ -53,7 +55,7 @@ class DriverConfig:
     keep_alive_timeout_s: float = KEEP_ALIVE_TIMEOUT_S
     silence_s: float = 1.0
     start_timeout_s: float = 5.0
-    calibration: str | None = None
+    calibration: Calibration | str | None = None
     servoj_lookahead_s: float = 0.03
     servoj_gain: int = 2000
     tool_voltage: int | None = None

@@ -106,6 +106,11 @@ class RobotLink:
         """The arm's type and limits, None until they came."""
         return self._primary.core.configuration
 
+    @property
+    def calibration(self) -> KinematicsInfo | None:
+        """The calibrated Denavit-Hartenberg parameters [m, rad], None until they came."""
+        return self._primary.core.kinematics
+
     async def next_state(self) -> Mapping[str, Any]:
         """The state after the newest one. Raises NoAnswerError from a silent robot."""
         try:

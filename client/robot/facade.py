@@ -1,5 +1,6 @@
 """The two shells of the facade."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from client.driver.blocking import Blocking, blocking, blocking_context
@@ -69,6 +70,10 @@ class Robot(Blocking[AsyncRobot]):
     def tcp_pose(self) -> Pose:
         """TCP in the base frame (6,) [m, rotation vector]."""
         return self.inner.tcp_pose
+
+    def tcp_pose_at(self, q_rad: Sequence[float]) -> Pose:
+        """Where the TCP would be (6,) with these joint angles (6,), by the geometry that this very arm reports."""
+        return self.inner.tcp_pose_at(q_rad)
 
     @property
     def moving(self) -> bool:

@@ -4,13 +4,15 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Final
 
+from client.calibration import geometry_of
 from client.driver import points
 from client.driver.timeouts import LONGEST_REAL_TIME_S
 from client.errors import MotionError, MotionStoppedError
 from client.robot.core import RobotCore
 from client.robot.reach import Reach
-from urproto.errors import LocalProtocolError
+from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
+from urproto.robots.pose import Pose
 
 __all__ = ["Moves"]
 
@@ -125,6 +127,18 @@ class Moves(RobotCore):
 
         await self._keep_sending("speed_l", send, duration_s, wait)
 
+    def tcp_pose_at(self, q_rad: Sequence[float]) -> Pose:
+        """Where the TCP would be (6,) with these joint angles (6,), by the geometry that this very arm reports.
+
+        Raises RobotRefused while the robot has not told its geometry, or for one that is not known here.
+        """
+        link = self.driver.robot
+        arm, state = link.configuration, link.primary_state
+        geometry = None if arm is None else geometry_of(arm, link.calibration)
+        if geometry is None or state is None or state.cartesian is None:
+            raise RobotRefused("its geometry", "it has not told one that is known here", "ask it: get_forward_kin()")
+        return geometry.forward(q_rad, state.cartesian.tcp_offset)
+
     # what they have in common
 
     async def _move(self, doing: str, moves: list[TrajectoryPoint], wait: bool) -> None:
@@ -138,7 +152,7 @@ class Moves(RobotCore):
         link = self.driver.robot
         arm, state = link.configuration, link.primary_state
         if arm is not None and state is not None and state.cartesian is not None:
-            Reach(arm, state.cartesian.tcp_offset, self.q).check(doing, moves)
+            Reach(arm, state.cartesian.tcp_offset, self.q, link.calibration).check(doing, moves)
 
     async def _execute(self, doing: str, moves: list[TrajectoryPoint]) -> None:
         popups = self.driver.robot.popups

@@ -1,18 +1,20 @@
 """Whether the arm can get to the points of a trajectory, judged before it moves.
 
-By the limits and the nominal geometry that the robot itself reports. A calibrated arm differs
-by millimetres, so a pose is refused only where one a little nearer or farther is out of reach
-too. What is judged falsely possible the robot refuses when it gets there.
+By the limits and the geometry that the robot itself reports. Until it has said how it was
+calibrated, that is the nominal one; a calibrated arm differs by millimetres, so a pose is refused
+only where one a little nearer or farther is out of reach too. What is judged falsely possible the
+robot refuses when it gets there.
 """
 
 import math
 from collections.abc import Sequence
 from typing import Final
 
+from client.calibration import geometry_of
 from client.errors import OutOfReachError
 from urproto.external_control import MotionType, TrajectoryPoint
-from urproto.primary.state import ConfigurationData
-from urproto.robots import DH, Kinematics
+from urproto.primary.state import ConfigurationData, KinematicsInfo
+from urproto.robots import Kinematics
 from urproto.robots.pose import Pose, pose_inv, pose_trans
 
 __all__ = ["Reach"]
@@ -37,12 +39,18 @@ _ROUNDING_RAD: Final = 1e-6  # a word of the wire is so much
 class Reach:
     """Of an arm with this TCP, flange to TCP (6,) [m, rotation vector], that stands at ``q_rad``."""
 
-    def __init__(self, arm: ConfigurationData, tcp_offset: Sequence[float], q_rad: Sequence[float]) -> None:
+    def __init__(
+        self,
+        arm: ConfigurationData,
+        tcp_offset: Sequence[float],
+        q_rad: Sequence[float],
+        calibration: KinematicsInfo | None = None,
+    ) -> None:
         self._arm = arm
         self._tcp_inverse = pose_inv(tcp_offset)
         self._q_rad = q_rad
         self._limits = ((*arm.q_min[:5], -math.inf), (*arm.q_max[:5], math.inf))
-        self._kinematics = _kinematics(arm)
+        self._kinematics = geometry_of(arm, calibration)
 
     def check(self, doing: str, points: Sequence[TrajectoryPoint]) -> None:
         """Raise OutOfReachError for the first point the arm cannot get to."""
@@ -81,13 +89,6 @@ class Reach:
 
     def _solves(self, kinematics: Kinematics, flange: Pose) -> bool:
         return kinematics.inverse_near(flange, self._q_rad, *self._limits) is not None
-
-
-def _kinematics(arm: ConfigurationData) -> Kinematics | None:
-    try:
-        return Kinematics(DH(arm.dh_a, arm.dh_d, arm.dh_alpha, arm.dh_theta))
-    except ValueError:  # an arm of a shape that is not known here: the robot judges
-        return None
 
 
 def _listed(values: Sequence[float]) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from client.errors import TrafficFileError
+from client.errors import FileError
 from client.traffic.align import Offset, find_offset
 from client.traffic.messages import Talk, compare_messages
 from client.traffic.recording import Recording
@@ -60,7 +60,7 @@ class Comparison:
 
 
 def read_source(path: Path, port_offset: int = 0) -> Source:
-    """A recording, or a table of states when its name ends with .csv. Raises TrafficFileError."""
+    """A recording, or a table of states when its name ends with .csv. Raises FileError."""
     if path.suffix.lower() == ".csv":
         return Source(path, tuple(tracks_of_csv(path)))
     recording = Recording.read(path, port_offset)
@@ -78,7 +78,7 @@ def compare(
 def compare_sources(
     first: Source, second: Source, tolerances: Iterable[str] = (), offset_s: float | None = None
 ) -> Comparison:
-    """As ``compare``, for tables too. Raises TrafficFileError when one is a table and the other has no states."""
+    """As ``compare``, for tables too. Raises FileError when one is a table and the other has no states."""
     allowed = Tolerances(tolerances)
     partners, unpaired = _partners(first.tracks, second.tracks)
     common = Offset(offset_s, ()) if offset_s is not None else _common_offset(partners)
@@ -87,7 +87,7 @@ def compare_sources(
     if first.recording is not None and second.recording is not None:
         talks = tuple(compare_messages(first.recording, second.recording))
     elif not pairs:
-        raise TrafficFileError(second.path, f"has nothing in common with {first.path}: both need states")
+        raise FileError(second.path, f"has nothing in common with {first.path}: both need states")
     return Comparison(first, second, pairs, unpaired, talks)
 
 

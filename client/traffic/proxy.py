@@ -225,7 +225,7 @@ async def record(
     port_offset: int = 0,
     say: Callable[[str], None] = _logger.info,
 ) -> AsyncIterator[Proxy]:
-    """A proxy of all ports of a robot that records to ``path``. Raises TrafficFileError, RobotUnreachableError."""
+    """A proxy of all ports of a robot that records to ``path``. Raises FileError, RobotUnreachableError."""
     comments = await ask_identity(robot, port_offset)
     recorder = Recorder(path, comments, trouble=say)
     try:

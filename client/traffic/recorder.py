@@ -15,7 +15,7 @@ from typing import Final
 from client.decoding.capture_writer import head_of_capture, packet_block
 from client.decoding.frames import ConnectionFrames
 from client.decoding.packets import Endpoint
-from client.errors import TrafficFileError
+from client.errors import FileError
 
 __all__ = ["FLUSH_S", "Recorded", "Recorder"]
 
@@ -31,7 +31,7 @@ def wall_clock() -> Callable[[], int]:
 
 
 class Recorder:
-    """A file of recorded connections. Raises TrafficFileError when it cannot be made.
+    """A file of recorded connections. Raises FileError when it cannot be made.
 
     comments: remarks that the file begins with. now_ns: the time of each packet. trouble: called once, with the
     reason, when the file cannot be written any more. failed: that reason, None while all is well.
@@ -55,7 +55,7 @@ class Recorder:
         try:
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0), 0o666)
         except OSError as error:
-            raise TrafficFileError(path, f"cannot be written: {error.strerror}") from error
+            raise FileError(path, f"cannot be written: {error.strerror}") from error
         self._kept += head_of_capture(_APPLICATION, "proxy", comments)
         self.flush()
 

@@ -8,7 +8,7 @@ from typing import Self
 from client.decoding.capture import MAGIC_SIZE, PacketReader, open_capture
 from client.decoding.connections import Closed, Connections, Data, Ends, Event, Lost, opens, possible_servers
 from client.decoding.packets import Endpoint, Segment, UnreadablePacketError, tcp_segment
-from client.errors import TrafficFileError
+from client.errors import FileError
 from client.traffic.ports import is_traffic
 from urproto.errors import RemoteProtocolError
 
@@ -58,7 +58,7 @@ class Recording:
     def read(cls, path: Path, port_offset: int = 0) -> Self:
         """A pcap or pcapng file, of ``ur-client proxy``, tcpdump or Wireshark.
 
-        port_offset: what the robot added to each usual port, as it was recorded. Raises TrafficFileError.
+        port_offset: what the robot added to each usual port, as it was recorded. Raises FileError.
         """
         reader = _Reader(port_offset)
         try:
@@ -66,16 +66,16 @@ class Recording:
                 magic = file.read(MAGIC_SIZE)
                 packets = open_capture(magic)
                 if packets is None:
-                    raise TrafficFileError(path, "this is no pcap or pcapng file; `ur-client proxy --record` makes one")
+                    raise FileError(path, "this is no pcap or pcapng file; `ur-client proxy --record` makes one")
                 reader.take(packets, magic)
                 while data := file.read(_CHUNK):
                     reader.take(packets, data)
         except OSError as error:
-            raise TrafficFileError(path, f"cannot be read: {error.strerror}") from error
+            raise FileError(path, f"cannot be read: {error.strerror}") from error
         reader.end(packets)
         if not reader.conversations:
             why = "; ".join(reader.troubles) or "check the port offset, and that the clients went through the proxy"
-            raise TrafficFileError(path, f"holds no connection to a port of a robot: {why}")
+            raise FileError(path, f"holds no connection to a port of a robot: {why}")
         return cls(path, reader.conversations, packets.comments, reader.troubles)
 
     def on_port(self, *ports: int) -> list[Conversation]:

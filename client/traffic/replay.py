@@ -18,7 +18,7 @@ from typing import Final, Self, TypeVar
 
 from client.decoding.states import PRIMARY, REALTIME
 from client.decoding.streams import Framing
-from client.errors import TrafficFileError
+from client.errors import FileError
 from client.traffic.dialogues import (
     Dialogue,
     answer_dashboard,
@@ -225,7 +225,7 @@ def _makers(recording: Recording, timing: Timing, say: Callable[[str], None]) ->
         except ProtocolError as error:
             say(f"{port_name(port)}: left out, its recording cannot be read: {error}")
     if not makers:
-        raise TrafficFileError(recording.path, "has no port of a robot to replay")
+        raise FileError(recording.path, "has no port of a robot to replay")
     return makers
 
 

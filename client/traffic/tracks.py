@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from client.errors import TrafficFileError
+from client.errors import FileError
 from client.traffic.recording import Conversation, Recording
 from client.traffic.rtde_log import RTDELog
 from urproto.errors import RemoteProtocolError
@@ -154,7 +154,7 @@ def flat(items: Iterable[tuple[str, Any]]) -> dict[str, float]:
 def tracks_of_csv(path: Path) -> list[Track]:
     """A table with a header, as ``ur-client watch --csv`` writes it, with a column ``timestamp`` [s].
 
-    Raises TrafficFileError. Columns that are not numbers throughout are left out.
+    Raises FileError. Columns that are not numbers throughout are left out.
     """
     track = Track("rtde", path.name)
     try:
@@ -166,11 +166,11 @@ def tracks_of_csv(path: Path) -> list[Track]:
                 values = {_column(name): _number(value) for name, value in row.items() if name and name != "timestamp"}
                 track.add(float(row["timestamp"]), {name: value for name, value in values.items() if value is not None})
     except (OSError, csv.Error, UnicodeDecodeError) as error:
-        raise TrafficFileError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        raise FileError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
     except (KeyError, TypeError, ValueError) as error:
-        raise TrafficFileError(path, "is no table with a column `timestamp` of numbers [s]") from error
+        raise FileError(path, "is no table with a column `timestamp` of numbers [s]") from error
     if len(track.times_s) < 2:
-        raise TrafficFileError(path, "has fewer than two states with rising timestamps")
+        raise FileError(path, "has fewer than two states with rising timestamps")
     return [track]
 
 

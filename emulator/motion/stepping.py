@@ -23,7 +23,7 @@ from emulator.motion.superposition import Superposition
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, scaled, sub
 from emulator.motion.wrenchlimit import WrenchLimit
 from urproto.modes import ControlMode
-from urproto.robots.kinematics import Kinematics
+from urproto.robots.calibrated import kinematics_of
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Pose
 
@@ -71,7 +71,7 @@ class Stepper:
         self.fault: MotionFault | None = None  # the last one
         self.displacement_lost: MotionFault | None = None  # the one that ended what was added to the path
         self._q_min, self._q_max = model.position_limits
-        self._kinematics = Kinematics(model.dh)
+        self._kinematics = kinematics_of(model)
         # braking distance of a joint over the square of its move in one period
         self._braking = as_six(1.0 / (2.0 * a * period_s**2) for a in model.qdd_max)
         self._reach = Reach(model, self._kinematics, ZERO)

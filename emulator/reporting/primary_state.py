@@ -1,5 +1,9 @@
 """The robot state of the primary interface, out of a snapshot."""
 
+import struct
+from dataclasses import replace
+from zlib import crc32
+
 from emulator.motion.singularity import dexterity
 from emulator.robot.thermals import ROOM_C
 from emulator.safety.configuration import elbow_radius
@@ -22,7 +26,7 @@ from urproto.primary.state import (
     ToolData,
     ToolModeInfo,
 )
-from urproto.robots import RobotModel
+from urproto.robots import DH, RobotModel
 from urproto.robots.model import Joints
 from urproto.versions import Series
 
@@ -66,9 +70,16 @@ def robot_state(snapshot: Snapshot, model: RobotModel) -> RobotStateData:
 
 
 def kinematics_info(model: RobotModel) -> KinematicsInfo:
-    """Nominal Denavit-Hartenberg parameters, as a simulator sends them."""
-    dh = model.dh
-    return KinematicsInfo(dh_theta=dh.theta, dh_a=dh.a, dh_d=dh.d, dh_alpha=dh.alpha)
+    """Nominal Denavit-Hartenberg parameters, as a simulator sends them, or those of a calibrated arm."""
+    dh = model.dh if model.calibration is None else model.calibration
+    info = KinematicsInfo(dh_theta=dh.theta, dh_a=dh.a, dh_d=dh.d, dh_alpha=dh.alpha)
+    return info if model.calibration is None else replace(info, checksum=_checksums(dh))
+
+
+def _checksums(dh: DH) -> tuple[int, ...]:
+    """Of each joint's parameters: CRC-32 of their bytes. What a robot sums up is not known: a guess."""
+    joints = zip(dh.theta, dh.a, dh.d, dh.alpha, strict=True)
+    return tuple(crc32(struct.pack(">4d", *joint)) for joint in joints)
 
 
 def configuration_data(model: RobotModel) -> ConfigurationData:

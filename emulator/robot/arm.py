@@ -21,9 +21,8 @@ from emulator.robot.senses import Senses
 from emulator.robot.toolstate import ToolState
 from emulator.robot.vectors import ZERO6, Rows, cross, into, minus3, minus6, out_of, plus3, plus6, rate6, times6
 from emulator.snapshot import Snapshot, Vector3, Vector6
-from urproto.robots import RobotModel
+from urproto.robots import RobotModel, kinematics_of
 from urproto.robots.dynamics import Dynamics
-from urproto.robots.kinematics import Kinematics
 from urproto.robots.pose import Pose, rotvec_to_matrix
 from urproto.versions import Series
 
@@ -47,7 +46,7 @@ class Arm:
 
     def __init__(self, model: RobotModel, *, seed: int | None = None) -> None:
         self.model = model
-        self.kinematics = Kinematics(model.dh)
+        self.kinematics = kinematics_of(model)
         self.dynamics = Dynamics(model)
         self.drives = None if seed is None else Drives(model)
         self._senses = Senses(seed or 0)

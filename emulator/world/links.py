@@ -21,11 +21,10 @@ from emulator.world.shapes import Box, Shape, Sphere, WorldObject
 from emulator.world.touching import force_of
 from urproto.robots import RobotModel
 from urproto.robots.kinematics import Kinematics
+from urproto.robots.shapes import tube_radius, wrist_radius
 
 __all__ = ["Links", "Touching"]
 
-_TUBE: Final = (0.025, 0.035)  # m, and per m of reach: radius of upper arm and forearm (guess)
-_WRIST: Final = (0.025, 0.015)  # of the wrists (guess)
 _CARRYING: Final = (2, 3, 4, 5)  # how many joints carry each link
 _X: Final[Vector3] = (1.0, 0.0, 0.0)
 _Y: Final[Vector3] = (0.0, 1.0, 0.0)
@@ -49,7 +48,7 @@ class Links:
         self._dh = model.dh
         self._kinematics = Kinematics(model.dh)
         self._beside = (model.links[1].com_m[2], model.links[2].com_m[2])  # of the tubes, from the arm's plane [m]
-        tube, wrist = (base + slope * model.reach_m for base, slope in (_TUBE, _WRIST))
+        tube, wrist = tube_radius(model), wrist_radius(model)
         lengths = [hypot(*(b - a for a, b in zip(*ends, strict=True))) for ends in self.axes((0.0,) * 6)]
         self.radii = (tube, tube, wrist, wrist)
         self._capsules = [coal.Capsule(radius, length) for radius, length in zip(self.radii, lengths, strict=True)]

@@ -1,6 +1,7 @@
 from pathlib import Path
 
 import pytest
+import yaml
 
 from emulator.config import (
     JOINT_NAMES,
@@ -9,11 +10,12 @@ from emulator.config import (
     EmulatorConfig,
     choose_model,
     choose_version,
+    read_calibration,
     read_initial_positions,
     read_programs_dir,
 )
 from emulator.controller import ControllerConfig
-from urproto.robots import MODELS, load_model
+from urproto.robots import MODELS, Calibration, calibration_hash, load_model
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
 # ur_description's config/initial_positions.yaml
@@ -119,3 +121,43 @@ def test_ports() -> None:
 
 def test_six_joints() -> None:
     assert len(JOINT_NAMES) == 6
+
+
+CALIBRATION = Path(__file__).resolve().parents[1] / "golden" / "calibration_ur5e.yaml"
+
+
+def test_calibration_files(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    nominal = load_model("ur5e")
+    assert read_calibration(None, nominal) is nominal
+    model = read_calibration(CALIBRATION, nominal)
+    assert model.calibration is not None
+    assert calibration_hash(model.calibration) == "calib_14698139022496758595"
+    assert not caplog.records
+    changed = tmp_path / "changed.yaml"
+    changed.write_text(CALIBRATION.read_text().replace("14698139022496758595", "1"))
+    read_calibration(changed, nominal)
+    assert "says calib_1, but its numbers are calib_" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [("kinematics: {shoulder: [", "is not YAML"), ("a: 1", "neither"), ("kinematics: {}", "there is no shoulder")],
+)
+def test_calibration_files_that_are_none(tmp_path: Path, text: str, problem: str) -> None:
+    file = tmp_path / "arm.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=problem) as caught:
+        read_calibration(file, load_model("ur5e"))
+    assert str(caught.value).count(str(file)) == 1
+    with pytest.raises(ConfigError, match="no calibration of UR3"):
+        read_calibration(CALIBRATION, load_model("ur3"))
+    with pytest.raises(ConfigError, match="cannot read"):
+        read_calibration(tmp_path / "missing.yaml", load_model("ur5e"))
+
+
+def test_a_nominal_calibration_makes_no_difference(tmp_path: Path) -> None:
+    file = tmp_path / "default_kinematics.yaml"
+    for name in MODELS:
+        model = load_model(name)
+        file.write_text(yaml.safe_dump(Calibration.of(model.dh).to_mapping()))
+        assert read_calibration(file, model) is model

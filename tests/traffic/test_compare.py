@@ -8,7 +8,7 @@ from traffic_rig import recorded_robot
 from typer.testing import CliRunner
 
 from client.cli import app
-from client.errors import TrafficFileError
+from client.errors import FileError
 from client.traffic.compare import compare, compare_sources, read_source
 from client.traffic.recording import Recording
 from client.traffic.report import report
@@ -87,7 +87,7 @@ def test_tables_of_watch(folder, usual, tmp_path):
     assert comparison.same, report(comparison)
     assert comparison.pairs[0].columns == 6
     (tmp_path / "text.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(TrafficFileError, match="is no table with a column `timestamp`"):
+    with pytest.raises(FileError, match="is no table with a column `timestamp`"):
         read_source(tmp_path / "text.csv")
 
 

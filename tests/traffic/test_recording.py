@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from client.cli import app
 from client.decoding.packets import Endpoint
-from client.errors import TrafficFileError
+from client.errors import FileError
 from client.traffic.recorder import Recorder
 from client.traffic.recording import Recording
 
@@ -158,7 +158,7 @@ def test_any_damage_is_told_or_read_over(damage, place):
         write(path, [(0, True, b"hello"), (1, False, b"welcome\n")])
         data = path.read_bytes()
         path.write_bytes(data[:place] + damage + data[place + len(damage) :])
-        with suppress(TrafficFileError):
+        with suppress(FileError):
             Recording.read(path)
 
 
@@ -168,15 +168,15 @@ def test_garbage_is_one_clear_line(tmp_path, command):
     path.write_bytes(b"\x00\xff garbage \n" * 20)
     arguments = [command, str(path), *([str(path)] if command == "compare" else [])]
     error = CliRunner().invoke(app, arguments).exception
-    assert isinstance(error, TrafficFileError)
+    assert isinstance(error, FileError)
     assert str(error) == f"{path}: this is no pcap or pcapng file; `ur-client proxy --record` makes one"
 
 
 def test_a_recording_of_nothing(tmp_path):
     Recorder(tmp_path / "file").close()
-    with pytest.raises(TrafficFileError, match="holds no connection to a port of a robot"):
+    with pytest.raises(FileError, match="holds no connection to a port of a robot"):
         Recording.read(tmp_path / "file")
-    with pytest.raises(TrafficFileError, match="cannot be read: No such file"):
+    with pytest.raises(FileError, match="cannot be read: No such file"):
         Recording.read(tmp_path / "missing")
-    with pytest.raises(TrafficFileError, match="cannot be written: No such file"):
+    with pytest.raises(FileError, match="cannot be written: No such file"):
         Recorder(tmp_path / "missing" / "file")

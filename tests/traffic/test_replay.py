@@ -14,7 +14,7 @@ from traffic_rig import NAMES, VirtualTime, ends, recorded_robot
 
 from client import BlockingDashboardClient, BlockingRTDEClient, dashboard
 from client.decoding.states import PRIMARY
-from client.errors import ClientError, TrafficFileError
+from client.errors import ClientError, FileError
 from client.traffic.dialogues import Requests, answer_modbus
 from client.traffic.players import Broadcast, InOrder, Script, Timing
 from client.traffic.recorder import Recorder
@@ -106,7 +106,7 @@ def test_a_recording_of_a_driver_alone_has_no_robot(tmp_path):
     async def make() -> None:
         ReplayRobot(Recording.read(tmp_path / "file"))
 
-    with pytest.raises(TrafficFileError, match="has no port of a robot to replay"):
+    with pytest.raises(FileError, match="has no port of a robot to replay"):
         asyncio.run(make())
 
 

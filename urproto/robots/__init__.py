@@ -4,7 +4,22 @@ Importing this package is cheap; ``dynamics`` loads Pinocchio and is imported by
 it is needed.
 """
 
+from urproto.robots.calibrated import kinematics_of
+from urproto.robots.calibration import Calibration, CalibrationError, calibration_hash
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.model import DH, MODELS, Joints, Link, RobotModel, UnknownModel, load_model
 
-__all__ = ["DH", "MODELS", "Joints", "Kinematics", "Link", "RobotModel", "UnknownModel", "load_model"]
+__all__ = [
+    "DH",
+    "MODELS",
+    "Calibration",
+    "CalibrationError",
+    "Joints",
+    "Kinematics",
+    "Link",
+    "RobotModel",
+    "UnknownModel",
+    "calibration_hash",
+    "kinematics_of",
+    "load_model",
+]

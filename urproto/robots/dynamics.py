@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from urproto.robots.calibration import chain_of
 from urproto.robots.kinematics import Jacobian
 from urproto.robots.model import DH, Joints, RobotModel
 from urproto.robots.pose import rotvec_to_matrix
@@ -33,7 +34,7 @@ class Dynamics:
 
     def __init__(self, model: RobotModel) -> None:
         self._pin = _build(model)
-        self._flange = _to_next_link(model.dh, 5)
+        self._flange = _to_next_link(model.dh, 5) if model.calibration is None else pin.SE3.Identity()
         self._wrist_3 = pin.Inertia(self._pin.inertias[6])
         self._tcp = self._pin.addFrame(pin.Frame("tcp", 6, 0, self._flange, pin.FrameType.OP_FRAME))
         self._data = self._pin.createData()
@@ -116,12 +117,26 @@ class Dynamics:
 
 
 def _build(model: RobotModel) -> Any:  # pinocchio ships no types
+    if model.calibration is not None:
+        return _build_calibrated(model, model.calibration)
     built = pin.Model()
     parent, placement = 0, pin.SE3.Identity()
     for i, link in enumerate(model.links):
         parent = built.addJoint(parent, pin.JointModelRZ(), placement, f"joint_{i + 1}")
         placement = _to_next_link(model.dh, i)
         built.appendBodyToJoint(parent, _inertia(link.mass_kg, link.com_m, link.inertia_kg_m2), placement)
+    return built
+
+
+def _build_calibrated(model: RobotModel, calibration: DH) -> Any:
+    """Joints in the frames of the calibration, and each link in its joint's frame as on the nominal arm."""
+    built, parent = pin.Model(), 0
+    for i, (link, frame) in enumerate(zip(model.links, chain_of(calibration), strict=True)):
+        placement = pin.SE3(np.array(frame.axes).reshape(3, 3), np.array(frame.position))
+        parent = built.addJoint(parent, pin.JointModelRZ(), placement, f"joint_{i + 1}")
+        body = _to_next_link(model.dh, i)
+        body.translation = np.array((model.dh.a[i], 0.0, 0.0))  # the frame has d behind it
+        built.appendBodyToJoint(parent, _inertia(link.mass_kg, link.com_m, link.inertia_kg_m2), body)
     return built
 
 

@@ -27,7 +27,7 @@ from typing import Final
 from urproto.robots.model import DH, Joints
 from urproto.robots.pose import Matrix3, Pose, Vec3, matrix_to_rotvec, pose_trans, rotvec_to_matrix
 
-__all__ = ["Jacobian", "Kinematics"]
+__all__ = ["Jacobian", "Kinematics", "unwind", "wrap"]
 
 Jacobian = tuple[Joints, Joints, Joints, Joints, Joints, Joints]
 """Six rows: linear x, y, z [m/rad], angular x, y, z [rad/rad]; one column a joint."""
@@ -132,7 +132,7 @@ class Kinematics:
         would do: it is that of ``q_near``, or 0 without one; and where the arm does not reach
         that far, the nearest that it does reach.
         """
-        q6_free = 0.0 if q_near is None else _wrap(q_near[5])
+        q6_free = 0.0 if q_near is None else wrap(q_near[5])
         return [solution for branch in self._branches(pose_base_flange, q6_free) for solution in self._arms(*branch)]
 
     def inverse_near(
@@ -152,14 +152,14 @@ class Kinematics:
                 hypot(remainder(branch[0] - n1, tau), remainder(branch[1] - n5, tau), remainder(branch[2] - n6, tau)),
                 branch,
             )
-            for branch in self._branches(pose_base_flange, _wrap(n6))
+            for branch in self._branches(pose_base_flange, wrap(n6))
         ]
         best, least = None, inf
         for apart, branch in sorted(ranked):
             if apart >= least:
                 break  # joints 1, 5 and 6 alone are further away
             for solution in self._arms(*branch):
-                unwound = _unwind(solution, q_near, q_min, q_max)
+                unwound = unwind(solution, q_near, q_min, q_max)
                 distance = dist(unwound, q_near)
                 if distance < least:
                     best, least = unwound, distance
@@ -198,13 +198,13 @@ class Kinematics:
         if abs(cosine) > 1.0 - _MERGE:
             bend = 0.0 if cosine > 0.0 else pi
             q2 = bearing - atan2(self._a3 * sin(bend), self._a2 + self._a3 * cos(bend))
-            return ((q1, _wrap(q2), bend, _wrap(q234 - q2 - bend), q5, q6),)
+            return ((q1, wrap(q2), bend, wrap(q234 - q2 - bend), q5, q6),)
         sine = sqrt(1.0 - cosine * cosine)
         bend, aside = atan2(sine, cosine), atan2(self._a3 * sine, self._a2 + self._a3 * cosine)
         left, right = bearing - aside, bearing + aside
         return (
-            (q1, _wrap(left), bend, _wrap(q234 - left - bend), q5, q6),
-            (q1, _wrap(right), -bend, _wrap(q234 - right + bend), q5, q6),
+            (q1, wrap(left), bend, wrap(q234 - left - bend), q5, q6),
+            (q1, wrap(right), -bend, wrap(q234 - right + bend), q5, q6),
         )
 
     def _reachable_q6(self, flange: _FlangeInPlane, x: float, z: float, q6_free: float) -> float | None:
@@ -225,7 +225,7 @@ class Kinematics:
             xx, xz, yx, yz = flange
             q6 = atan2(-(along * xx + up * xz), -(along * yx + up * yz))
             turns.append(remainder(q6 - q6_free, tau))
-        return _wrap(q6_free + min(turns, key=abs))
+        return wrap(q6_free + min(turns, key=abs))
 
 
 def _check_shape(dh: DH) -> None:
@@ -254,9 +254,9 @@ def _shoulders(x5: float, y5: float, d4: float) -> tuple[float, ...]:
         return ()
     bearing = atan2(y5, x5)
     if distance <= abs(d4) * (1.0 + _MERGE):
-        return (_wrap(bearing + copysign(pi / 2, d4)),)
+        return (wrap(bearing + copysign(pi / 2, d4)),)
     along = sqrt((distance - d4) * (distance + d4))
-    return (_wrap(bearing + atan2(d4, along)), _wrap(bearing + atan2(d4, -along)))
+    return (wrap(bearing + atan2(d4, along)), wrap(bearing + atan2(d4, -along)))
 
 
 def _wrists(axes: Matrix3, s1: float, c1: float) -> tuple[tuple[float, float], tuple[float, float]] | None:
@@ -266,10 +266,10 @@ def _wrists(axes: Matrix3, s1: float, c1: float) -> tuple[tuple[float, float], t
     if sine < _SINGULAR_WRIST:
         return None
     q5 = atan2(sine, z)
-    return ((q5, _wrap(atan2(-y, x))), (-q5, _wrap(atan2(y, -x))))
+    return ((q5, wrap(atan2(-y, x))), (-q5, wrap(atan2(y, -x))))
 
 
-def _wrap(angle: float) -> float:
+def wrap(angle: float) -> float:
     """The same direction in (-pi, pi]."""
     if -pi < angle <= pi:
         return angle
@@ -277,7 +277,7 @@ def _wrap(angle: float) -> float:
     return turned if turned <= pi else turned - tau
 
 
-def _unwind(q: Joints, q_near: Sequence[float], q_min: Sequence[float], q_max: Sequence[float]) -> Joints:
+def unwind(q: Joints, q_near: Sequence[float], q_min: Sequence[float], q_max: Sequence[float]) -> Joints:
     """Each angle moved by whole turns to the nearest to ``q_near`` that the limits allow; infinite if there is none."""
     a, b, c, d, e, f = [
         angle if -pi <= near - angle <= pi and low <= angle <= high else _turned(angle, near, low, high)

@@ -64,7 +64,7 @@ class RobotModel:
     controller_box: int
     payload_max_kg: float
     reach_m: float
-    dh: DH
+    dh: DH  # nominal
     q_min: Joints  # rad
     q_max: Joints  # rad
     qd_max: Joints  # rad/s
@@ -79,6 +79,7 @@ class RobotModel:
     home_q: Joints  # rad, where an emulated arm starts
     torque_constants: Joints  # Nm/A
     links: tuple[Link, ...]  # shoulder, upper arm, forearm, wrist 1, wrist 2, wrist 3
+    calibration: DH | None = None  # what was measured of one arm; None for a nominal one
 
     @property
     def position_limits(self) -> tuple[Joints, Joints]:

@@ -33,13 +33,14 @@ _FORMS: Final[Mapping[str, tuple[str, _Form]]] = {
 _NO_MATTER: Final = {"speed", "control_token", "log_level", "ephemeral_ports"}  # of a robot without ports or pace
 
 
-def virtual_robot(model: str = "ur3", **options: Any) -> "VirtualRobot":
+def virtual_robot(model: str = "ur3", *, calibration: str | Path | None = None, **options: Any) -> "VirtualRobot":
     """The arm of this name, with options as ``ur-emulator`` has them; those of ports and pace do not matter here.
 
     Raises ValueError for a value, TypeError for an option that there is not.
     """
     controller = load("emulator.controller")
     arm = _config().choose_model(model)
+    arm = _config().read_calibration(None if calibration is None else Path(calibration), arm)
     known = {field.name for field in fields(controller.ControllerConfig)}
     wanted: dict[str, Any] = {}
     for option, value in options.items():
@@ -47,7 +48,9 @@ def virtual_robot(model: str = "ur3", **options: Any) -> "VirtualRobot":
         if option in _NO_MATTER or value is None:
             continue
         if name not in known or name == "model":
-            names = sorted((known | _FORMS.keys()) - {"version", "model", "programs_dir", "gripper_object_mm"})
+            names = sorted(
+                (known | _FORMS.keys() | {"calibration"}) - {"version", "model", "programs_dir", "gripper_object_mm"}
+            )
             raise TypeError(f"a robot in virtual time has no option {option!r}: it has {', '.join(names)}")
         wanted[name] = form(value, arm)
     config = controller.ControllerConfig(model=arm, **wanted)

@@ -1,0 +1,99 @@
+"""Calibration files as ur_description reads them, and what a robot says about its own geometry.
+
+calibration = read_calibration(Path("my_robot_calibration.yaml"))
+with Robot("192.168.1.10", calibration=calibration) as robot:     # refuses another arm
+    robot.tcp_pose_at([0.2, -1.4, 1.5, -1.7, -1.5, 0.1])
+"""
+
+from pathlib import Path
+from typing import Final
+
+import yaml
+
+from client.errors import FileError
+from urproto.modes import KinematicsStatus
+from urproto.primary.state import ConfigurationData, KinematicsInfo
+from urproto.robots import DH, MODELS, Calibration, CalibrationError, Kinematics, RobotModel, load_model
+from urproto.robots.calibrated import CalibratedKinematics
+
+__all__ = [
+    "calibration_of",
+    "geometry_of",
+    "is_nominal",
+    "model_of",
+    "parameters",
+    "read_calibration",
+    "write_calibration",
+]
+
+_SAME_LENGTH_M: Final = 0.01  # configuration data and data files give the same lengths, but for old hardware's
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Of ur_description's ``my_robot_calibration.yaml``, or a file with lists of Denavit-Hartenberg parameters.
+
+    Raises FileError for a file that cannot be read or is none.
+    """
+    try:
+        return Calibration.from_mapping(yaml.safe_load(path.read_text("utf-8")), str(path))
+    except OSError as error:
+        raise FileError(path, error.strerror or str(error)) from error
+    except (yaml.YAMLError, UnicodeError) as error:
+        raise FileError(path, f"it is not YAML: {' '.join(str(error).split())}") from error
+    except CalibrationError as error:
+        raise FileError(path, str(error).removeprefix(f"{path}: ")) from error
+
+
+def write_calibration(path: Path, calibration: Calibration) -> None:
+    """As ur_calibration does. Raises FileError when the file cannot be written."""
+    try:
+        path.write_text(yaml.safe_dump(calibration.to_mapping(), sort_keys=False), "utf-8")
+    except OSError as error:
+        raise FileError(path, error.strerror or str(error)) from error
+
+
+def parameters(kinematics: KinematicsInfo) -> DH:
+    """The Denavit-Hartenberg parameters that a robot reports."""
+    return DH(a=kinematics.dh_a, d=kinematics.dh_d, alpha=kinematics.dh_alpha, theta=kinematics.dh_theta)
+
+
+def calibration_of(kinematics: KinematicsInfo) -> Calibration:
+    """Of the robot that says so. Raises CalibrationError for one that has none."""
+    if kinematics.status != KinematicsStatus.OK:
+        raise CalibrationError(
+            f"the robot's calibration status is {kinematics.status}: calibrate it or restore its calibration"
+        )
+    return Calibration.of(parameters(kinematics))
+
+
+def is_nominal(calibration: Calibration, arm: ConfigurationData) -> bool:
+    """True for an arm without deviations, such as a simulated one."""
+    return calibration.dh == _nominal(arm)
+
+
+def geometry_of(arm: ConfigurationData, kinematics: KinematicsInfo | None) -> Kinematics | None:
+    """The kinematics of the arm as it says it is, calibrated if it is; None for a shape that is not known here."""
+    try:
+        nominal = _nominal(arm)
+        if kinematics is None or parameters(kinematics) == nominal:
+            return Kinematics(nominal)
+        return CalibratedKinematics(nominal, parameters(kinematics))
+    except ValueError:  # CalibrationError is one
+        return None
+
+
+def model_of(arm: ConfigurationData) -> RobotModel | None:
+    """The model with these type numbers and lengths; None for one that is not known here."""
+
+    def difference(model: RobotModel) -> float:
+        lengths = zip((*model.dh.a, *model.dh.d), (*arm.dh_a, *arm.dh_d), strict=True)
+        return max(abs(mine - its) for mine, its in lengths)
+
+    models = map(load_model, MODELS)
+    alike = [model for model in models if (model.robot_type, model.sub_type) == (arm.robot_type, arm.sub_type)]
+    best = min(alike, key=difference, default=None)
+    return best if best is not None and difference(best) < _SAME_LENGTH_M else None
+
+
+def _nominal(arm: ConfigurationData) -> DH:
+    return DH(arm.dh_a, arm.dh_d, arm.dh_alpha, arm.dh_theta)

@@ -1,0 +1,57 @@
+"""``ur-client doctor``: what stands in the way of a good connection, and the command that mends it."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from client.commands.options import PortOffset
+from client.doctor.findings import Finding, Grade, exit_status
+from client.doctor.machine import examine_machine
+from client.doctor.network import examine_own_ports, examine_ports, examine_replies, examine_stream
+from client.doctor.robot import examine_calibration, examine_versions
+
+__all__ = ["doctor_command"]
+
+_STYLES = {Grade.GOOD: "green", Grade.UNKNOWN: "dim", Grade.WEAK: "yellow", Grade.BROKEN: "bold red"}
+
+
+def doctor_command(
+    robot: Annotated[str | None, typer.Argument(metavar="ROBOT_IP", help="The robot, if any.")] = None,
+    robot_ip: Annotated[str | None, typer.Option("--robot-ip", help="The same, as for other commands.")] = None,
+    port_offset: PortOffset = 0,
+    calibration: Annotated[Path | None, typer.Option(help="Calibration file that should be this robot's.")] = None,
+) -> None:
+    """Examine this machine, the network and the robot; takes some seconds. Exit status 1 if something cannot work."""
+    console = Console(highlight=False, soft_wrap=True)
+    findings = []
+    for finding in _examine(robot or robot_ip, port_offset, calibration):
+        console.print(_line(finding))
+        findings.append(finding)
+    raise typer.Exit(exit_status(findings))
+
+
+def _examine(robot: str | None, port_offset: int, calibration: Path | None) -> Iterator[Finding]:
+    yield from examine_machine()
+    yield from examine_versions()
+    yield from examine_own_ports()
+    if robot is None:
+        return
+    ports = list(examine_ports(robot, port_offset))
+    yield from ports
+    if exit_status(ports):  # the rest would only say so again
+        return
+    yield from examine_replies(robot, port_offset)
+    yield from examine_stream(robot, port_offset)
+    yield from examine_calibration(robot, calibration, port_offset)
+
+
+def _line(finding: Finding) -> Text:
+    line = Text(f"{finding.grade:>14}  ", style=_STYLES[finding.grade])
+    line.append(f"{finding.subject}: {finding.text}", style="default")
+    if finding.mend:
+        line.append(f"\n{'':>16}-> {finding.mend}", style="default")
+    return line

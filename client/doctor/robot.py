@@ -1,0 +1,62 @@
+"""The robot's calibration, and the versions of what talks to it."""
+
+import platform
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from client import primary
+from client.calibration import calibration_of, is_nominal, read_calibration
+from client.doctor.findings import Finding, Grade
+from client.errors import ClientError, FileError
+from urproto.errors import ProtocolError, RobotRefused
+from urproto.robots import Calibration, CalibrationError
+
+__all__ = ["examine_calibration", "examine_versions"]
+
+_PACKAGES = ("ur-emulator", "ur-rtde", "pin", "numpy")
+
+
+def examine_versions() -> Iterator[Finding]:
+    """Of Python and of the packages that are here."""
+    here = [f"Python {platform.python_version()}"]
+    for package in _PACKAGES:
+        try:
+            here.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            continue
+    yield Finding(Grade.GOOD, "versions", ", ".join(here))
+
+
+def examine_calibration(host: str, file: Path | None = None, port_offset: int = 0) -> Iterator[Finding]:
+    """Which arm it is, and whether the file is of this one."""
+    subject = "calibration"
+    again = f"ur-client calibration --robot-ip {host} -o {file or 'my_robot_calibration.yaml'}"
+    try:
+        with primary.BlockingPrimaryClient(host, primary.PORT + port_offset) as robot:
+            found = calibration_of(robot.run(robot.core.kinematics_info()))
+            nominal = is_nominal(found, robot.run(robot.core.configuration_data()))
+    except CalibrationError as error:
+        yield Finding(Grade.BROKEN, subject, str(error), "restore the calibration on the robot's pendant")
+        return
+    except (ClientError, ProtocolError, RobotRefused) as error:
+        yield Finding(Grade.UNKNOWN, subject, str(error))
+        return
+    yield _compared(found, file, again, nominal=nominal)
+
+
+def _compared(found: Calibration, file: Path | None, again: str, *, nominal: bool) -> Finding:
+    if file is None:
+        kind = "nominal (a simulated arm)" if nominal else "of its own"
+        mend = "" if nominal else f"poses are right only with it: {again}"
+        return Finding(Grade.GOOD, "calibration", f"{kind}, {found.hash}", mend)
+    try:
+        given = read_calibration(file)
+    except FileError as error:
+        return Finding(Grade.BROKEN, "calibration", str(error), again)
+    if given.hash != found.hash:
+        text = f"the robot's is {found.hash}, that of {file} is {given.hash}: another arm, or calibrated again"
+        return Finding(Grade.BROKEN, "calibration", text, again)
+    if not given.is_whole:
+        return Finding(Grade.BROKEN, "calibration", f"the numbers in {file} do not give its hash", again)
+    return Finding(Grade.GOOD, "calibration", f"{file} is this robot's, {found.hash}")

@@ -1,0 +1,109 @@
+"""What the doctor makes of what it sees."""
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from client.doctor.findings import Finding, Grade, exit_status
+from client.doctor.machine import examine_machine, governor, preemption, priority
+from client.doctor.network import examine_own_ports, judge_stream
+
+PERIOD_S = 0.002
+
+
+def grades(stamps: list[float], arrivals: list[float]) -> dict[str, Finding]:
+    return {finding.subject: finding for finding in judge_stream(arrivals, stamps)}
+
+
+def regular(count: int = 500) -> list[float]:
+    return [i * PERIOD_S for i in range(count)]
+
+
+def test_a_regular_stream_is_good() -> None:
+    found = grades(regular(), [1000.0 + stamp for stamp in regular()])
+    assert found["RTDE stream"].grade is Grade.GOOD
+    assert "at 500 Hz" in found["RTDE stream"].text
+    assert found["jitter"].grade is Grade.GOOD
+
+
+def test_late_states_are_jitter() -> None:
+    arrivals = [stamp + (0.005 if i % 10 == 0 else 0.0) for i, stamp in enumerate(regular())]
+    found = grades(regular(), arrivals)
+    assert found["RTDE stream"].grade is Grade.GOOD
+    assert found["jitter"].grade is Grade.WEAK
+    assert "worst 5.00 ms" in found["jitter"].text
+    assert "cable" in found["jitter"].mend
+
+
+def test_one_late_state_in_a_thousand_is_said_but_no_reason_to_mend_anything() -> None:
+    arrivals = regular(1000)
+    arrivals[500] += 0.02
+    found = grades(regular(1000), arrivals)
+    assert found["jitter"].grade is Grade.GOOD
+    assert "worst 20.00 ms" in found["jitter"].text
+
+
+def test_states_that_were_left_out_are_counted() -> None:
+    stamps = [stamp for i, stamp in enumerate(regular()) if i not in (50, 51, 200)]
+    found = grades(stamps, stamps)
+    assert found["RTDE stream"].grade is Grade.WEAK
+    assert "3 were left out" in found["RTDE stream"].text
+
+
+@pytest.mark.parametrize("stamps", [[], [1.0], [1.0, 1.0, 1.0]])
+def test_a_clock_that_stands_still(stamps: list[float]) -> None:
+    assert grades(stamps, stamps)["RTDE stream"].grade is Grade.BROKEN
+
+
+def test_kernels(tmp_path: Path) -> None:
+    assert preemption("#1 SMP PREEMPT_DYNAMIC Debian", tmp_path).grade is Grade.WEAK
+    assert "PREEMPT_DYNAMIC" in preemption("#1 SMP PREEMPT_DYNAMIC Debian", tmp_path).text
+    assert "none" in preemption("#1 SMP Debian", tmp_path).text
+    assert preemption("#1 SMP PREEMPT_RT Debian", tmp_path).grade is Grade.GOOD
+    (tmp_path / "sys/kernel").mkdir(parents=True)
+    (tmp_path / "sys/kernel/realtime").write_text("1\n")
+    assert preemption("#1 SMP", tmp_path).grade is Grade.GOOD
+
+
+def test_priorities() -> None:
+    assert priority(0).grade is Grade.WEAK
+    assert "limits.d" in priority(0).mend
+    assert priority(99).grade is Grade.GOOD
+    assert priority(-1).grade is Grade.GOOD
+
+
+def test_governors(tmp_path: Path) -> None:
+    assert governor(tmp_path).grade is Grade.UNKNOWN
+    for number, kind in enumerate(("performance", "powersave")):
+        folder = tmp_path / f"sys/devices/system/cpu/cpu{number}/cpufreq"
+        folder.mkdir(parents=True)
+        (folder / "scaling_governor").write_text(f"{kind}\n")
+    assert governor(tmp_path).grade is Grade.WEAK
+    assert "1 x powersave" in governor(tmp_path).text
+    (tmp_path / "sys/devices/system/cpu/cpu1/cpufreq/scaling_governor").write_text("performance\n")
+    assert governor(tmp_path).grade is Grade.GOOD
+
+
+def test_other_systems_say_what_they_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.platform", "darwin")
+    found = list(examine_machine())
+    assert [finding.grade for finding in found] == [Grade.UNKNOWN] * 3
+    assert exit_status(found) == 0
+
+
+def test_a_port_of_the_driver_that_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        monkeypatch.setattr("client.doctor.network.REVERSE_PORT", port)
+        found = {finding.subject: finding for finding in examine_own_ports()}
+    assert found[f"port {port}"].grade is Grade.WEAK
+    assert f":{port}" in found[f"port {port}"].mend
+
+
+def test_exit_status() -> None:
+    good, weak, broken = (Finding(grade, "a", "b") for grade in (Grade.GOOD, Grade.WEAK, Grade.BROKEN))
+    assert exit_status([]) == exit_status([good, weak]) == 0
+    assert exit_status([good, broken]) == 1

@@ -1,0 +1,224 @@
+"""Kinematics of a calibrated arm: near the closed form, but not of its shape.
+
+Forward kinematics goes along the chain of ``urproto.robots.calibration``. The inverse starts from the joints it is to
+be near to, or else from what the closed form finds for an arm without the small deviations, and goes on with Newton's
+steps, damped by the square of the error (Levenberg), so that it also arrives where the arm is singular. How many steps
+there may be is fixed.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from math import cos, dist, inf, sin, sqrt
+from operator import mul
+from typing import Final
+
+from urproto.robots.calibration import chain_of
+from urproto.robots.kinematics import Jacobian, Kinematics, unwind, wrap
+from urproto.robots.model import DH, Joints, RobotModel
+from urproto.robots.pose import Matrix3, Pose, Vec3, matrix_to_rotvec, pose_trans, rotvec_to_matrix
+
+__all__ = ["CalibratedKinematics", "kinematics_of"]
+
+_ARRIVED: Final = 1e-10  # m and rad
+_STEPS: Final = 12  # from a start that is near, two or three are enough; at singular arms more
+# In so many steps the error falls to this share of it even where the arm is singular, or it never will (guess).
+_STALL_STEPS: Final = 3
+_STALLED: Final = 0.7
+_STEP_RAD: Final = 0.3  # the longest
+_MOST_STEPS: Final = 80  # for one pose, all starts together
+_MOST_STARTS: Final = 3  # where only the nearest solution is wanted
+_NEAR_RAD: Final = 0.1  # solutions this near to the given joints are taken for the nearest (guess)
+# Where the closed form looks for starts: a pose just out of the nominal arm's reach may be within this one's (guess).
+_PULLED: Final = (1.0, 0.99, 1.01)
+_MOVED_RAD: Final = 0.5  # how far Newton's steps may lead from the closed form's solution (guess)
+_DISTINCT_RAD: Final = 1e-6
+_TINY: Final = 1e-24  # of a pivot that rounding has made nothing
+
+_Spot = tuple[Vec3, Matrix3]
+
+
+def kinematics_of(model: RobotModel) -> Kinematics:
+    """The closed form for a nominal arm; a calibrated one's is slower."""
+    return Kinematics(model.dh) if model.calibration is None else CalibratedKinematics(model.dh, model.calibration)
+
+
+class CalibratedKinematics(Kinematics):
+    """Of an arm with these parameters; ``nominal`` are its model's. Raises CalibrationError for what no arm has."""
+
+    def __init__(self, nominal: DH, calibrated: DH) -> None:
+        super().__init__(nominal)
+        self._chain = chain_of(calibrated)
+        self._height = nominal.d[0]
+
+    def forward(self, q_rad: Sequence[float], tcp_offset: Sequence[float] | None = None) -> Pose:
+        """As of a nominal arm."""
+        place, axes = self._spots(q_rad)[-1]
+        flange = (*place, *matrix_to_rotvec(axes))
+        return flange if tcp_offset is None else pose_trans(flange, tcp_offset)
+
+    def elbow_position(self, q_rad: Sequence[float]) -> Vec3:
+        """Where joint 3 begins, in the base frame [m]."""
+        return self._spots(q_rad)[2][0]
+
+    def wrist_position(self, q_rad: Sequence[float]) -> Vec3:
+        """Where joint 4's axis crosses the arm's plane, in the base frame [m]."""
+        (x, y, z), axes = self._spots(q_rad)[3]
+        aside = self._chain[3].position[2]
+        return (x - aside * axes[2], y - aside * axes[5], z - aside * axes[8])
+
+    def jacobian_at(self, q_rad: Sequence[float], pose_base_tcp: Sequence[float]) -> Jacobian:
+        """As of a nominal arm."""
+        return _jacobian(self._spots(q_rad), pose_base_tcp)
+
+    def inverse_all(self, pose_base_flange: Sequence[float], q_near: Sequence[float] | None = None) -> list[Joints]:
+        """As of a nominal arm; at a singular one, one of the solutions there are."""
+        found: list[Joints] = []
+        for q in self._solutions(pose_base_flange, lambda starts: starts, q_near):
+            if all(_apart(q, other) > _DISTINCT_RAD for other in found):
+                a, b, c, d, e, f = map(wrap, q)
+                found.append((a, b, c, d, e, f))
+        return found
+
+    def inverse_near(
+        self,
+        pose_base_flange: Sequence[float],
+        q_near: Sequence[float],
+        q_min: Sequence[float],
+        q_max: Sequence[float],
+    ) -> Joints | None:
+        """As of a nominal arm."""
+        best, _ = self._refined(q_near, pose_base_flange)
+        best = None if best is None else unwind(best, q_near, q_min, q_max)
+        least = inf if best is None else dist(best, q_near)
+        if least < _NEAR_RAD:
+            return best
+
+        def nearest_first(starts: Iterable[Joints]) -> Iterator[Joints]:
+            unwound = [unwind(start, q_near, q_min, q_max) for start in starts]
+            for start in sorted(unwound, key=lambda q: dist(q, q_near))[:_MOST_STARTS]:
+                if dist(start, q_near) < least + _MOVED_RAD:
+                    yield start
+
+        for q in self._solutions(pose_base_flange, nearest_first, q_near):
+            unwound = unwind(q, q_near, q_min, q_max)
+            if dist(unwound, q_near) < least:
+                best, least = unwound, dist(unwound, q_near)
+        return best if least < inf else None
+
+    def _solutions(
+        self,
+        flange: Sequence[float],
+        chosen: Callable[[Iterable[Joints]], Iterable[Joints]],
+        q_near: Sequence[float] | None,
+    ) -> Iterator[Joints]:
+        """What Newton's steps make of those of the closed form's solutions that are chosen, as long as steps last."""
+        steps, found = _MOST_STEPS, False
+        for share in _PULLED:
+            x, y, z, *turn = flange
+            pulled = (x * share, y * share, self._height + (z - self._height) * share, *turn)
+            for start in chosen(super().inverse_all(pulled, q_near)):
+                q, taken = self._refined(start, flange, steps)
+                steps -= taken
+                if q is not None:
+                    found = True
+                    yield q
+            if found or steps <= 0:
+                break
+
+    def _refined(
+        self, start: Sequence[float], flange: Sequence[float], steps: int = _STEPS
+    ) -> tuple[Joints | None, int]:
+        """Joint angles near the start that give this pose, None if in vain, and how many steps that took."""
+        px, py, pz, rx, ry, rz = flange
+        aim = rotvec_to_matrix(rx, ry, rz)
+        a, b, c, d, e, f = start
+        q: Joints = (a, b, c, d, e, f)
+        sizes: list[float] = []
+        for step in range(min(steps, _STEPS)):
+            spots = self._spots(q)
+            (x, y, z), axes = spots[-1]
+            error = (px - x, py - y, pz - z, *matrix_to_rotvec(_times_transposed(aim, axes)))
+            sizes.append(max(map(abs, error)))
+            if sizes[-1] < _ARRIVED:
+                return q, step + 1
+            if step > _STALL_STEPS and sizes[-1] > _STALLED * sizes[-1 - _STALL_STEPS]:
+                return None, step + 1
+            q = _stepped(q, _jacobian(spots, (x, y, z)), error)
+        return None, _STEPS
+
+    def _spots(self, q_rad: Sequence[float]) -> list[_Spot]:
+        """Origin and axes of each joint's frame, turned by its angle, in the base frame."""
+        x, y, z = 0.0, 0.0, 0.0
+        a, b, c, d, e, f, g, h, i = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
+        spots = []
+        for ((u, v, w), (r, s, t, j, k, m, n, o, p)), angle in zip(self._chain, q_rad, strict=True):
+            x, y, z = x + a * u + b * v + c * w, y + d * u + e * v + f * w, z + g * u + h * v + i * w
+            sine, cosine = sin(angle), cos(angle)
+            r, s = r * cosine + s * sine, s * cosine - r * sine
+            j, k = j * cosine + k * sine, k * cosine - j * sine
+            n, o = n * cosine + o * sine, o * cosine - n * sine
+            a, b, c, d, e, f, g, h, i = (
+                *(a * r + b * j + c * n, a * s + b * k + c * o, a * t + b * m + c * p),
+                *(d * r + e * j + f * n, d * s + e * k + f * o, d * t + e * m + f * p),
+                *(g * r + h * j + i * n, g * s + h * k + i * o, g * t + h * m + i * p),
+            )
+            spots.append(((x, y, z), (a, b, c, d, e, f, g, h, i)))
+        return spots
+
+
+def _jacobian(spots: Sequence[_Spot], point: Sequence[float]) -> Jacobian:
+    px, py, pz, *_ = point
+    columns = []
+    for (x, y, z), axes in spots:
+        u, v, w = axes[2], axes[5], axes[8]
+        rx, ry, rz = px - x, py - y, pz - z
+        columns.append((v * rz - w * ry, w * rx - u * rz, u * ry - v * rx, u, v, w))
+    a, b, c, d, e, f = zip(*columns, strict=True)
+    return (a, b, c, d, e, f)
+
+
+def _stepped(q: Joints, rows: Jacobian, error: Sequence[float]) -> Joints:
+    """A damped Newton step: dq = Jt (J Jt + s I)^-1 e, with s = e.e."""
+    damping = sum(map(mul, error, error))
+    squares = [[sum(map(mul, one, other)) for other in rows[: i + 1]] for i, one in enumerate(rows)]
+    for i, line in enumerate(squares):
+        line[i] += damping
+    weights = _solved(squares, error)
+    step = [sum(map(mul, column, weights)) for column in zip(*rows, strict=True)]
+    longest = max(map(abs, step))
+    scale = 1.0 if longest <= _STEP_RAD else _STEP_RAD / longest
+    a, b, c, d, e, f = (angle + scale * change for angle, change in zip(q, step, strict=True))
+    return (a, b, c, d, e, f)
+
+
+def _solved(squares: Sequence[Sequence[float]], right: Sequence[float]) -> list[float]:
+    """x of matrix x = right by Cholesky's way, the matrix symmetric and given by the rows of its lower half."""
+    lower: list[list[float]] = []
+    y: list[float] = []
+    for row, value in zip(squares, right, strict=True):
+        line: list[float] = []
+        for part, other in zip(row, lower, strict=False):
+            line.append((part - sum(map(mul, line, other))) / other[-1])
+        pivot = row[-1] - sum(map(mul, line, line))
+        y.append((value - sum(map(mul, line, y))) / (root := sqrt(max(pivot, _TINY))))
+        line.append(root)
+        lower.append(line)
+    x: list[float] = []
+    for i in reversed(range(6)):
+        known = sum(lower[k][i] * part for k, part in zip(range(5, i, -1), x, strict=True))
+        x.append((y[i] - known) / lower[i][i])
+    return x[::-1]
+
+
+def _times_transposed(a: Matrix3, b: Matrix3) -> Matrix3:
+    """a b^T."""
+    a1, a2, a3, a4, a5, a6, a7, a8, a9 = a
+    b1, b2, b3, b4, b5, b6, b7, b8, b9 = b
+    return (
+        *(a1 * b1 + a2 * b2 + a3 * b3, a1 * b4 + a2 * b5 + a3 * b6, a1 * b7 + a2 * b8 + a3 * b9),
+        *(a4 * b1 + a5 * b2 + a6 * b3, a4 * b4 + a5 * b5 + a6 * b6, a4 * b7 + a5 * b8 + a6 * b9),
+        *(a7 * b1 + a8 * b2 + a9 * b3, a7 * b4 + a8 * b5 + a9 * b6, a7 * b7 + a8 * b8 + a9 * b9),
+    )
+
+
+def _apart(one: Joints, other: Joints) -> float:
+    return max(abs(wrap(a - b)) for a, b in zip(one, other, strict=True))

@@ -1,0 +1,314 @@
+"""The factory calibration of one arm: its Denavit-Hartenberg parameters, and the chain of frames that URDF needs.
+
+Axes 2, 3 and 4 of a real arm are nearly parallel, so the common normals of its parameters may lie hundreds of metres
+away: d2 and d3 are then that large and cancel. The chain (``chain_of``) slides each of these frames along its axis,
+back to where the arm is, by the algorithm that ur_calibration documents ("Calibration correction algorithm"): joint
+angles and forward kinematics stay as they were. ``dh_of`` goes the other way. It can, since an arm's parameters follow
+from its axes; that is how an emulated arm reports the parameters, and so the hash, that a calibration file was made of.
+
+``calibration_hash`` is that of the vendor's client library (KinematicsInfo::toHash): 6 significant digits of every
+parameter, joint by joint, through libstdc++'s std::hash.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import atan2, cos, hypot, sin, tau
+from typing import Any, Final, NamedTuple, Self
+
+from urproto.robots.model import DH, Joints, RobotModel
+from urproto.robots.pose import Matrix3, Vec3
+
+__all__ = ["LINKS", "Calibration", "CalibrationError", "Frame", "calibration_hash", "chain_of", "dh_of"]
+
+LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+"""Names of the six frames in ur_description's files."""
+
+_VALUES: Final = ("x", "y", "z", "roll", "pitch", "yaw")
+_PARALLEL: Final = 1e-9  # rad; axes less skew than this have no common normal worth the name
+_NOTHING: Final = 1e-14  # m and rad; rounding of sines
+_SAME: Final = 1e-7  # m and rad: a file with ten digits is a calibration, one with angles of another order is none
+_FARTHEST_M: Final = 0.03  # guess: calibrations move a frame by millimetres
+_MOST_TURNED: Final = 0.05  # rad (guess)
+
+
+class CalibrationError(ValueError):
+    """No calibration, or one of another arm. The text says why."""
+
+
+class Frame(NamedTuple):
+    """Where a joint's frame is in the frame before, at joint angle 0."""
+
+    position: Vec3  # m
+    axes: Matrix3
+
+    @property
+    def rpy(self) -> Vec3:
+        """Roll, pitch, yaw [rad] about fixed axes, as in URDF: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+        r = self.axes
+        return (atan2(r[7], r[8]), atan2(-r[6], hypot(r[0], r[3])), atan2(r[3], r[0]))
+
+
+Chain = tuple[Frame, ...]
+"""Six frames: that of joint 1 in the base, of joint 2 in joint 1, and so on. The last one, turned, is the flange."""
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Of one arm. ``hash`` is what its file says or, without a file, what its parameters give."""
+
+    dh: DH
+    hash: str
+
+    @classmethod
+    def of(cls, dh: DH) -> Self:
+        """That of an arm with these parameters. Raises CalibrationError for what no arm has."""
+        chain_of(dh)
+        return cls(dh, calibration_hash(dh))
+
+    @classmethod
+    def from_mapping(cls, content: Any, where: str) -> Self:
+        """Out of a YAML file's content: ur_description's ``kinematics:``, or ``dh_theta``, ``dh_a``, ``dh_d``,
+        ``dh_alpha`` with six numbers each.
+
+        ``where`` names the file in errors. Raises CalibrationError.
+        """
+        if isinstance(content, Mapping) and "dh_theta" in content:
+            return cls.of(_dh_lists(content, where))
+        if not isinstance(content, Mapping) or not isinstance(content.get("kinematics"), Mapping):
+            raise CalibrationError(f"{where}: there is neither `kinematics:` nor `dh_theta:`, so it is no calibration")
+        kinematics = content["kinematics"]
+        name = kinematics.get("hash")
+        if not (name is None or isinstance(name, str)):
+            raise CalibrationError(f"{where}: hash must be a text, it is {name!r}")
+        dh = _matching(_candidates(kinematics, where), name)
+        return cls(dh, name or calibration_hash(dh))
+
+    @property
+    def is_whole(self) -> bool:
+        """False when the hash is not that of the parameters: somebody has changed the file."""
+        return self.hash == calibration_hash(self.dh)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """The content of ur_description's file. Angles are URDF's; see docs/calibration.md."""
+        frames = {
+            link: {key: value + 0.0 for key, value in zip(_VALUES, (*frame.position, *frame.rpy), strict=True)}
+            for link, frame in zip(LINKS, chain_of(self.dh), strict=True)
+        }
+        return {"kinematics": {**frames, "hash": self.hash}}
+
+    def check_model(self, model: RobotModel) -> None:
+        """Raises CalibrationError if no arm of this model can be like that."""
+        for link, mine, nominal in zip(LINKS, chain_of(self.dh), chain_of(model.dh), strict=True):
+            apart = hypot(*(a - b for a, b in zip(mine.position, nominal.position, strict=True)))
+            turned = max(abs(a - b) for a, b in zip(mine.axes, nominal.axes, strict=True))
+            if apart > _FARTHEST_M or turned > _MOST_TURNED:
+                raise CalibrationError(
+                    f"this is no calibration of {model.title}: its {link} is {apart * 1e3:.0f} mm and "
+                    f"{turned:.2f} rad from where that of {model.title} is"
+                )
+
+
+def calibration_hash(dh: DH) -> str:
+    """The name that the vendor's driver gives these parameters: ``calib_`` and a number."""
+    values = [value for joint in zip(dh.theta, dh.d, dh.a, dh.alpha, strict=True) for value in joint]
+    return f"calib_{_murmur(''.join(f'{value:g}' for value in values).encode())}"
+
+
+def chain_of(dh: DH) -> Chain:
+    """The frames of joints 1 to 6, all near the arm. Raises CalibrationError if no such chain equals the parameters."""
+    if dh.a[5] or dh.alpha[5]:
+        raise CalibrationError(f"a6 and alpha6 must be 0, as a flange is its joint's frame; they are {dh.a[5]:g}, ...")
+    theta, d, a, between = list(dh.theta), list(dh.d), list(dh.a), [0.0] * 6
+    for i in (1, 2):
+        if d[i] == 0.0:
+            continue
+        c, s = cos(dh.alpha[i]), sin(dh.alpha[i])
+        if abs(c) < 0.5:
+            raise CalibrationError(f"alpha{i + 1} is {dh.alpha[i]:g} rad: axes {i + 1} and {i + 2} must be parallel")
+        # where the next axis crosses the plane d = 0, in the axes that the turn by theta leaves
+        along = -d[i] / c
+        x, y = a[i], -along * s
+        if x == y == 0.0:
+            raise CalibrationError(f"axes {i + 1} and {i + 2} meet: a link has no length")
+        between[i] = -atan2(-y, -x)
+        theta[i] -= between[i]
+        a[i], d[i] = -hypot(x, y), 0.0
+        d[i + 1] -= along
+    frames = [_frame(0.0, 0.0, 0.0, theta[0], d[0])]
+    frames += [_frame(a[i], between[i], dh.alpha[i], theta[i + 1], d[i + 1]) for i in range(5)]
+    return tuple(frames)
+
+
+def dh_of(chain: Chain, signs: tuple[int, int] = (1, 1)) -> DH:
+    """The parameters of which ``chain_of`` makes this chain.
+
+    ``signs``: those of a2 and a3, negative as on every nominal arm if 1; the other choice (-1) is as good. A chain
+    that no parameters give is approximated.
+    """
+    first, second, *rest = chain
+    theta, d, a, alpha = [atan2(first.axes[3], first.axes[0])], [first.position[2]], [second.position[0]], []
+    alpha.append(atan2(-second.axes[5], second.axes[8]))
+    theta.append(atan2(-second.axes[1], second.axes[0]))
+    d.append(0.0)
+    for i, frame in enumerate(rest, 1):
+        tilt, before, after = _tilt(frame.axes, signs[i - 1] if i < 3 else 0)
+        ahead = _along_axis(frame)
+        length = frame.position[0] - ahead * frame.axes[2]
+        slide = -length * sin(before) / sin(tilt) if i < 3 and tilt else 0.0
+        theta[i] += before
+        d[i] += slide * cos(tilt)
+        a.append(length * cos(before))
+        alpha.append(tilt)
+        theta.append(after)
+        d.append(ahead - slide)
+    # what was slid along axis 3 by joint 2 is taken from d3, which is a sum of both
+    parts = ([0.0 if abs(value) < _NOTHING else value for value in part] for part in (a, d, alpha, theta))
+    a, d, alpha, theta = parts
+    return DH(_six((*a, 0.0)), _six(d), _six((*alpha, 0.0)), _six(theta))
+
+
+def _six(values: Sequence[float]) -> Joints:
+    a, b, c, d, e, f = (value + 0.0 for value in values)
+    return (a, b, c, d, e, f)
+
+
+def _tilt(axes: Matrix3, sign: int) -> tuple[float, float, float]:
+    """alpha, and the turns about z before and after it; without a sign there is none before."""
+    if sign == 0:
+        return atan2(-axes[5], axes[8]), 0.0, atan2(-axes[1], axes[0])
+    skew = hypot(axes[2], axes[5])
+    if skew < _PARALLEL:
+        return 0.0, 0.0, atan2(axes[3], axes[0])
+    # the tilt whose common normal points the way that makes the length have this sign
+    side = sign if axes[5] <= 0.0 else -sign
+    before = atan2(side * axes[2], -side * axes[5])
+    return atan2(side * skew, axes[8]), before, atan2(side * axes[6], side * axes[7])
+
+
+def _along_axis(frame: Frame) -> float:
+    """How far the frame stands out along its own axis from the line y = z = 0 of the frame before."""
+    (_, y, z), axes = frame.position, frame.axes
+    return (y * axes[5] + z * axes[8]) / (axes[5] * axes[5] + axes[8] * axes[8])
+
+
+def _frame(a: float, before: float, alpha: float, theta: float, d: float) -> Frame:
+    """Trans_x(a) Rot_z(before) Rot_x(alpha) Rot_z(theta) Trans_z(d)."""
+    axes = _turn(before, alpha, theta)
+    return Frame((a + axes[2] * d, axes[5] * d, axes[8] * d), axes)
+
+
+def _turn(before: float, alpha: float, theta: float) -> Matrix3:
+    """Rz Rx Rz."""
+    sb, cb, sa, ca, st, ct = sin(before), cos(before), sin(alpha), cos(alpha), sin(theta), cos(theta)
+    return (
+        *(cb * ct - sb * ca * st, -cb * st - sb * ca * ct, sb * sa),
+        *(sb * ct + cb * ca * st, -sb * st + cb * ca * ct, -cb * sa),
+        *(sa * st, sa * ct, ca),
+    )
+
+
+# files
+
+
+def _dh_lists(content: Mapping[str, Any], where: str) -> DH:
+    def six(key: str) -> Joints:
+        values = content.get(key)
+        if not isinstance(values, Sequence) or len(values) != 6 or not all(map(_is_number, values)):
+            raise CalibrationError(f"{where}: {key} must be six numbers, it is {values!r}")
+        return _six(values)
+
+    return DH(a=six("dh_a"), d=six("dh_d"), alpha=six("dh_alpha"), theta=six("dh_theta"))
+
+
+def _candidates(kinematics: Mapping[str, Any], where: str) -> list[DH]:
+    """Parameters that give these frames, those with the usual signs first.
+
+    The vendor's ur_calibration writes angles about moving axes (R = Rx Ry Rz), URDF means fixed ones, and both are
+    found in files. Only one of them can come out of parameters, but for arms without deviations.
+    """
+    rows = [_row(kinematics, link, where) for link in LINKS]
+    found = []
+    for order in (_about_fixed_axes, _about_moving_axes):
+        chain = tuple(Frame((x, y, z), order(*angles)) for x, y, z, *angles in rows)
+        for second, third in product((1, -1), repeat=2):
+            dh = dh_of(chain, (second, third))
+            if _same(chain_of(dh), chain):
+                found.append(dh)
+    if not found:
+        raise CalibrationError(f"{where}: no Denavit-Hartenberg parameters give these frames, so it is no calibration")
+    return found
+
+
+def _matching(candidates: list[DH], name: str | None) -> DH:
+    """The one with this hash. Angles are the same a turn further, but the hash is another."""
+    for dh in candidates:
+        for turned in _turned(dh):
+            if calibration_hash(turned) == name:
+                return turned
+    return candidates[0]
+
+
+def _turned(dh: DH) -> Iterator[DH]:
+    t1, t2, t3, t4, t5, t6 = dh.theta
+    for a, b, c in product((0.0, tau, -tau), repeat=3):
+        yield DH(dh.a, dh.d, dh.alpha, (t1, t2 + a, t3 + b, t4 + c, t5, t6))
+
+
+def _row(kinematics: Mapping[str, Any], link: str, where: str) -> list[float]:
+    values = kinematics.get(link)
+    if not isinstance(values, Mapping):
+        raise CalibrationError(f"{where}: there is no {link}")
+    for key in _VALUES:
+        if not _is_number(values.get(key)):
+            raise CalibrationError(f"{where}: {key} of {link} must be a number, it is {values.get(key)!r}")
+    return [float(values[key]) for key in _VALUES]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e6
+
+
+def _same(one: Chain, other: Chain) -> bool:
+    return all(
+        abs(a - b) < _SAME
+        for mine, its in zip(one, other, strict=True)
+        for a, b in zip((*mine.position, *mine.axes), (*its.position, *its.axes), strict=True)
+    )
+
+
+def _about_fixed_axes(roll: float, pitch: float, yaw: float) -> Matrix3:
+    sr, cr, sp, cp, sy, cy = sin(roll), cos(roll), sin(pitch), cos(pitch), sin(yaw), cos(yaw)
+    return (
+        *(cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        *(sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        *(-sp, cp * sr, cp * cr),
+    )
+
+
+def _about_moving_axes(roll: float, pitch: float, yaw: float) -> Matrix3:
+    a, b, c, d, e, f, g, h, i = _about_fixed_axes(-roll, -pitch, -yaw)
+    return (a, d, g, b, e, h, c, f, i)
+
+
+# hash
+
+_MASK: Final = (1 << 64) - 1
+_FACTOR: Final = 0xC6A4A7935BD1E995
+_SEED: Final = 0xC70F6907  # libstdc++'s
+
+
+def _murmur(data: bytes) -> int:
+    """MurmurHash64A, as std::hash<std::string> of libstdc++ on 64-bit machines."""
+    result = (_SEED ^ (len(data) * _FACTOR)) & _MASK
+    whole = len(data) // 8 * 8
+    for start in range(0, whole, 8):
+        word = _mixed(int.from_bytes(data[start : start + 8], "little") * _FACTOR & _MASK) * _FACTOR & _MASK
+        result = (result ^ word) * _FACTOR & _MASK
+    if whole < len(data):
+        result = (result ^ int.from_bytes(data[whole:], "little")) * _FACTOR & _MASK
+    return _mixed(_mixed(result) * _FACTOR & _MASK)
+
+
+def _mixed(value: int) -> int:
+    return value ^ (value >> 47)

@@ -1,0 +1,206 @@
+"""URDF of an arm: joints, limits, masses, and simple or given geometry, calibrated or not.
+
+Names, frames and joint zeros are those of ur_description, so that what knows that package knows this: ``base_link`` has
+x forward, ``base`` is turned by pi about z and is what the controller calls base, ``flange`` and ``tool0`` are on
+``wrist_3_link``, and ``base`` to ``tool0`` is the pose that the controller reports without a TCP. The links' mass
+properties are those of the model; the base has none, as nobody knows them well. Joint limits are the controller's:
+ur_description's elbow turns less, to help planners.
+"""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from math import atan2, cos, dist, hypot, pi, sin
+from pathlib import Path
+from typing import Final
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+from urproto.robots.calibration import Frame, chain_of
+from urproto.robots.model import DH, Link, RobotModel
+from urproto.robots.pose import Vec3
+from urproto.robots.shapes import Capsule, capsules
+
+__all__ = ["JOINTS", "MeshesMissing", "urdf"]
+
+JOINTS: Final = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
+_LINKS: Final = (
+    "base_link_inertia",
+    "shoulder_link",
+    "upper_arm_link",
+    "forearm_link",
+    "wrist_1_link",
+    "wrist_2_link",
+    "wrist_3_link",
+)
+_ZERO: Final[Vec3] = (0.0, 0.0, 0.0)
+_FIXED: Final[Sequence[tuple[str, str, str, Vec3]]] = (
+    ("base_link-base_link_inertia", "base_link", "base_link_inertia", (0.0, 0.0, pi)),
+    ("base_link-base_fixed_joint", "base_link", "base", (0.0, 0.0, pi)),
+    ("wrist_3_link-ft_frame", "wrist_3_link", "ft_frame", (pi, 0.0, 0.0)),
+    ("wrist_3-flange", "wrist_3_link", "flange", (0.0, -pi / 2, -pi / 2)),
+    ("flange-tool0", "flange", "tool0", (pi / 2, 0.0, pi / 2)),
+)
+_GREY: Final = ("0.75 0.76 0.78 1", "0.35 0.5 0.65 1")  # of links in turn
+
+# Meshes: names of ur_description's files, the turn of each in its link, and how far along z it is: its offsets
+# (config/*/physical_parameters.yaml and visual_parameters.yaml of Universal_Robots_ROS2_Description 2.4.5).
+_MESHES: Final = ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3")
+_MESH_RPY: Final[Sequence[Vec3]] = (
+    *((0.0, 0.0, pi), (0.0, 0.0, pi), (pi / 2, 0.0, -pi / 2), (pi / 2, 0.0, -pi / 2)),
+    *((pi / 2, 0.0, 0.0), _ZERO, (pi / 2, 0.0, 0.0)),
+)
+_UR5E: Final = (0.138, 0.007, -0.127, -0.0997, -0.0989)
+_UR10E: Final = (0.1762, 0.0393, -0.135, -0.12, -0.1168)
+_UR20: Final = (0.26, 0.043, -0.0775, -0.0749, -0.07)
+_MESH_OFFSETS: Final = {  # of upper arm, forearm, wrist 1, 2, 3 [m]
+    "ur3": (0.1198, 0.0275, -0.085, -0.085, -0.082),
+    "ur5": (0.13585, 0.0165, -0.093, -0.095, -0.0818),
+    "ur10": (0.220941, 0.049042, -0.1149, -0.1158, -0.0922),
+    "ur3e": (0.12, 0.027, -0.104, -0.08535, -0.0921),
+    "ur5e": _UR5E,
+    "ur7e": _UR5E,
+    "ur10e": _UR10E,
+    "ur12e": _UR10E,
+    "ur16e": (0.176, 0.04, -0.135, -0.12, -0.1168),
+    "ur20": _UR20,
+    "ur30": _UR20,
+}
+_VISUAL: Final = (".dae", ".glb", ".obj", ".stl")
+_COLLISION: Final = (".stl", ".obj", ".dae")
+
+
+class MeshesMissing(ValueError):  # noqa: N818 - named for what happened, as UnknownModel is
+    """The folder does not have the meshes of this arm, or nobody knows where they belong."""
+
+
+def urdf(model: RobotModel, *, meshes: Path | None = None, prefix: str = "") -> str:
+    """The description, of the calibrated arm if the model has a calibration.
+
+    ``meshes``: a folder laid out as ur_description's ``meshes/ur5e`` (``visual/base.dae``, ``collision/base.stl``,
+    upperarm, wrist1, ...), or with all files in it; without one, geometry is made up of capsules. ``prefix`` is put
+    before each name of a link or joint. Raises MeshesMissing.
+    """
+    root = Element("robot", name=model.name)
+    _fixed_link(root, f"{prefix}base_link")
+    geometry = _capsules(model) if meshes is None else _meshes(model, meshes)
+    for i, name in enumerate(_LINKS):
+        link = SubElement(root, "link", name=prefix + name)
+        for kind, shapes in zip(("visual", "collision"), geometry[i], strict=True):
+            for shape in shapes:
+                shape(SubElement(link, kind), _GREY[i % 2] if kind == "visual" else None)
+        if i > 0:
+            _inertial(link, model.links[i - 1], model.dh, i - 1)
+    chain = chain_of(model.dh if model.calibration is None else model.calibration)
+    for i, ((parent, child), frame) in enumerate(zip(pairwise(_LINKS), chain, strict=True)):
+        _moving_joint(root, model, i, prefix + parent, prefix + child, frame, prefix)
+    for name, parent, child, rpy in _FIXED:
+        if child not in _LINKS:
+            _fixed_link(root, prefix + child)
+        joint = SubElement(root, "joint", name=prefix + name, type="fixed")
+        _origin(joint, _ZERO, rpy)
+        SubElement(joint, "parent", link=prefix + parent)
+        SubElement(joint, "child", link=prefix + child)
+    indent(root)
+    return '<?xml version="1.0"?>\n' + tostring(root, encoding="unicode") + "\n"
+
+
+def _fixed_link(root: Element, name: str) -> None:
+    SubElement(root, "link", name=name)
+
+
+def _moving_joint(root: Element, model: RobotModel, i: int, parent: str, child: str, frame: Frame, prefix: str) -> None:
+    endless = i == 5 and model.wrist3_unlimited
+    joint = SubElement(root, "joint", name=prefix + JOINTS[i], type="continuous" if endless else "revolute")
+    _origin(joint, frame.position, frame.rpy)
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=child)
+    SubElement(joint, "axis", xyz="0 0 1")
+    range_ = {} if endless else {"lower": repr(model.q_min[i]), "upper": repr(model.q_max[i])}
+    SubElement(joint, "limit", {**range_, "effort": repr(model.torque_max[i]), "velocity": repr(model.qd_max[i])})
+    SubElement(joint, "dynamics", damping="0", friction="0")
+
+
+def _inertial(parent: Element, link: Link, dh: DH, i: int) -> None:
+    """The model has it in the Denavit-Hartenberg frame at the link's far end: Trans_x(a) Rot_x(alpha) further."""
+    inertial = SubElement(parent, "inertial")
+    (x, y, z), s, c = link.com_m, sin(dh.alpha[i]), cos(dh.alpha[i])
+    place = (dh.a[i] + x, c * y - s * z, s * y + c * z)
+    _origin(inertial, place, (dh.alpha[i], 0.0, 0.0))
+    SubElement(inertial, "mass", value=repr(link.mass_kg))
+    xx, yy, zz, xy, xz, yz = map(repr, link.inertia_kg_m2)
+    SubElement(inertial, "inertia", ixx=xx, ixy=xy, ixz=xz, iyy=yy, iyz=yz, izz=zz)
+
+
+def _origin(parent: Element, xyz: Vec3, rpy: Vec3) -> None:
+    SubElement(parent, "origin", xyz=_numbers(xyz), rpy=_numbers(rpy))
+
+
+def _numbers(values: Vec3) -> str:
+    return " ".join(repr(value + 0.0) for value in values)
+
+
+# geometry: for each link what puts a shape into <visual> and into <collision>
+
+_Put = Callable[[Element, str | None], None]
+_Shapes = tuple[list[_Put], list[_Put]]
+
+
+def _capsules(model: RobotModel) -> list[_Shapes]:
+    shapes = [_parts(capsule) for capsule in capsules(model)]
+    return [(parts, parts) for parts in shapes]
+
+
+def _parts(capsule: Capsule) -> list[_Put]:
+    """URDF has no capsules: a cylinder and two spheres."""
+    (ax, ay, az), (bx, by, bz) = capsule.start, capsule.end
+    u, v, w = bx - ax, by - ay, bz - az
+    middle = ((ax + bx) / 2, (ay + by) / 2, (az + bz) / 2)
+    turn = (0.0, atan2(hypot(u, v), w), atan2(v, u))
+    radius = repr(capsule.radius)
+    length = repr(dist(capsule.start, capsule.end))
+    return [
+        _shape(middle, turn, "cylinder", radius=radius, length=length),
+        _shape(capsule.start, _ZERO, "sphere", radius=radius),
+        _shape(capsule.end, _ZERO, "sphere", radius=radius),
+    ]
+
+
+def _shape(xyz: Vec3, rpy: Vec3, kind: str, **size: str) -> _Put:
+    def put(parent: Element, colour: str | None) -> None:
+        _origin(parent, xyz, rpy)
+        SubElement(SubElement(parent, "geometry"), kind, size)
+        if colour is not None and kind != "mesh":
+            material = SubElement(parent, "material", name=f"colour {colour}")
+            SubElement(material, "color", rgba=colour)
+
+    return put
+
+
+def _meshes(model: RobotModel, folder: Path) -> list[_Shapes]:
+    if model.name not in _MESH_OFFSETS:
+        known = ", ".join(_MESH_OFFSETS)
+        raise MeshesMissing(
+            f"where the meshes of {model.title} belong is not known here, only of {known}: leave them out"
+        )
+    offsets = (0.0, 0.0, *_MESH_OFFSETS[model.name])
+    shapes = []
+    for name, rpy, z in zip(_MESHES, _MESH_RPY, offsets, strict=True):
+        visual, collision = _mesh(folder, "visual", name, _VISUAL), _mesh(folder, "collision", name, _COLLISION)
+        place = (0.0, 0.0, z)
+        shapes.append(([_shape(place, rpy, "mesh", filename=visual)], [_shape(place, rpy, "mesh", filename=collision)]))
+    return shapes
+
+
+def _mesh(folder: Path, kind: str, name: str, endings: Sequence[str]) -> str:
+    places = [folder / kind / f"{name}{ending}" for ending in endings]
+    places += [folder / f"{name}{ending}" for ending in endings]
+    for place in places:
+        if place.is_file():
+            return place.resolve().as_uri()
+    raise MeshesMissing(f"{folder} has no {kind}/{name} ({', '.join(endings)}): it must hold {', '.join(_MESHES)}")
