@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from emulator.commands import DashboardLine, ScriptUnit
 from emulator.controller import Controller, ControllerConfig
 from emulator.lifecycle.safety import SafetyEvent
+from emulator.motion.servo import JointServo, ToolServo
 from urproto.modes import ControlMode, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import RuntimeExceptionMessage
 from urproto.robots import load_model
@@ -28,6 +29,8 @@ COMPILED_WITHIN = 100  # periods
 ROUNDING = 1e-5
 MOST = 2.05  # times a joint's acceleration limit: `pacing` lets a path have twice that before it gives up
 MOST_BESIDE = 12.0  # with force mode, conveyor, or offset; they have bounds of their own, and stops add to them
+# streams and what is added to a path are not slowed by the safety system's limits; beyond them for 0.25 s, it acts
+DETECTED_WITHIN_S = 0.3
 LEGAL_SAFETY = (SafetyMode.NORMAL, SafetyMode.REDUCED, SafetyMode.PROTECTIVE_STOP, SafetyMode.SAFEGUARD_STOP)
 
 
@@ -250,6 +253,7 @@ class Run:
         self._rates = ZERO
         self._stopped_for_s = 0.0
         self._was_beside = False
+        self._ungoverned_s = DETECTED_WITHIN_S  # since when a movement ends that the safety system does not slow
 
     def go(self) -> Outcome:
         controller, series = self.controller, self.model.series
@@ -258,6 +262,8 @@ class Run:
         waiting = self.case.texts
         since = 0
         for period in range(count):
+            if controller.safety.mode is SafetyMode.VIOLATION:
+                break
             if period in hands:
                 self._touch(*hands[period])
             if self._stopped_for_s > self.case.patience_s:
@@ -355,6 +361,11 @@ class Run:
 
     def _check_modes(self) -> None:
         snapshot = self.controller.snapshot
+        if snapshot.safety_mode is SafetyMode.VIOLATION:
+            self._check_violation()
+            return
+        streamed = isinstance(self.controller.motion._generator, JointServo | ToolServo) or self._was_beside
+        self._ungoverned_s = 0.0 if streamed else self._ungoverned_s + self.controller.period_s
         assert snapshot.robot_mode is RobotMode.RUNNING, self._at(f"{snapshot.robot_mode!r}")
         assert snapshot.safety_mode in LEGAL_SAFETY, self._at(f"{snapshot.safety_mode!r}")
         assert snapshot.control_mode in (ControlMode.POSITION, ControlMode.FORCE, ControlMode.TEACH), self._at("mode")
@@ -365,6 +376,13 @@ class Run:
         self._stopped_for_s += self.controller.period_s
         standing = not any(snapshot.target_qd)
         assert standing or self._stopped_for_s < STAND_WITHIN_S, self._at("stopped, the arm still moves")
+
+    def _check_violation(self) -> None:
+        """Too fast for the safety system is only what it does not slow down; then brakes hold the arm."""
+        assert self._ungoverned_s < DETECTED_WITHIN_S, self._at("a path violates a limit of the safety system")
+        self._stopped_for_s += self.controller.period_s
+        standing = not any(self.controller.snapshot.target_qd)
+        assert standing or self._stopped_for_s < STAND_WITHIN_S, self._at("the brakes do not hold the arm")
 
     def _check_words(self) -> None:
         for message in self.controller.snapshot.messages:
