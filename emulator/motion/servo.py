@@ -126,10 +126,11 @@ class ToolServo:
         pose, a = self._pose, self._limits.acceleration
         error = pose_sub(self._target, pose)
         length = self._length(error)
-        if length <= 2.0 * a * h * h and self._length(self._twist) <= 2.0 * a * h:
+        brake = _BRAKE_SHARE * a * h  # of speed, in each step of the way's end
+        if length <= brake * h and self._length(self._twist) <= 2.0 * a * h:
             self._next, self._next_pose = ZERO, self._target
         else:
-            speed = min(self._limits.speed, sqrt(2.0 * _BRAKE_SHARE * a * length))
+            speed = min(self._limits.speed, sqrt(0.25 * brake * brake + 2.0 * brake * length / h) - 0.5 * brake)
             wanted = scaled(error, speed / length) if length > 0.0 else ZERO
             change = sub(wanted, self._twist)
             size = self._length(change)

@@ -24,7 +24,6 @@ from urproto.versions import Series
 ZERO = (0.0,) * 6
 ROBOT_TIME_S = {Series.CB3: 6.0, Series.E: 2.5}  # a program is stopped then: similar numbers of periods
 STAND_WITHIN_S = 1.0
-CREEPING = 5e-3  # rad/s
 COMPILED_WITHIN = 100  # periods
 ROUNDING = 1e-5
 MOST = 2.05  # times a joint's acceleration limit: `pacing` lets a path have twice that before it gives up
@@ -311,8 +310,6 @@ class Run:
             if controller.motion.idle:
                 break
             self.step()
-        if controller.motion.control_mode is ControlMode.POSITION and max(map(abs, self._rates)) < CREEPING:
-            return  # a singular arm comes out of force mode ever more slowly
         assert controller.motion.idle, self._at("the arm does not come to rest")
         stood = controller.snapshot.target_q
         for _ in range(3):
