@@ -30,6 +30,8 @@ MOST = 2.05  # times a joint's acceleration limit: `pacing` lets a path have twi
 MOST_BESIDE = 12.0  # with force mode, conveyor, or offset; they have bounds of their own, and stops add to them
 # streams and what is added to a path are not slowed by the safety system's limits; beyond them for 0.25 s, it acts
 DETECTED_WITHIN_S = 0.3
+HARD_SAFETY = (SafetyMode.VIOLATION, SafetyMode.FAULT)
+STOPS_COUNTED = 50  # protective stops of one joint; one more is a fault
 LEGAL_SAFETY = (SafetyMode.NORMAL, SafetyMode.REDUCED, SafetyMode.PROTECTIVE_STOP, SafetyMode.SAFEGUARD_STOP)
 
 
@@ -252,6 +254,8 @@ class Run:
         self._rates = ZERO
         self._stopped_for_s = 0.0
         self._was_beside = False
+        self._protective_stops = 0
+        self._safety_mode = SafetyMode.NORMAL
         self._ungoverned_s = DETECTED_WITHIN_S  # since when a movement ends that the safety system does not slow
 
     def go(self) -> Outcome:
@@ -261,7 +265,7 @@ class Run:
         waiting = self.case.texts
         since = 0
         for period in range(count):
-            if controller.safety.mode is SafetyMode.VIOLATION:
+            if controller.safety.mode in HARD_SAFETY:
                 break
             if period in hands:
                 self._touch(*hands[period])
@@ -358,9 +362,12 @@ class Run:
 
     def _check_modes(self) -> None:
         snapshot = self.controller.snapshot
-        if snapshot.safety_mode is SafetyMode.VIOLATION:
-            self._check_violation()
+        if snapshot.safety_mode in HARD_SAFETY:
+            self._check_hard_stop(snapshot.safety_mode)
             return
+        if snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP is not self._safety_mode:
+            self._protective_stops += 1
+        self._safety_mode = snapshot.safety_mode
         streamed = isinstance(self.controller.motion._generator, JointServo | ToolServo) or self._was_beside
         self._ungoverned_s = 0.0 if streamed else self._ungoverned_s + self.controller.period_s
         assert snapshot.robot_mode is RobotMode.RUNNING, self._at(f"{snapshot.robot_mode!r}")
@@ -374,9 +381,12 @@ class Run:
         standing = not any(snapshot.target_qd)
         assert standing or self._stopped_for_s < STAND_WITHIN_S, self._at("stopped, the arm still moves")
 
-    def _check_violation(self) -> None:
+    def _check_hard_stop(self, mode: SafetyMode) -> None:
         """Too fast for the safety system is only what it does not slow down; then brakes hold the arm."""
-        assert self._ungoverned_s < DETECTED_WITHIN_S, self._at("a path violates a limit of the safety system")
+        if mode is SafetyMode.FAULT:
+            assert self._protective_stops >= STOPS_COUNTED, self._at("a fault out of nothing")
+        else:
+            assert self._ungoverned_s < DETECTED_WITHIN_S, self._at("a path violates a limit of the safety system")
         self._stopped_for_s += self.controller.period_s
         standing = not any(self.controller.snapshot.target_qd)
         assert standing or self._stopped_for_s < STAND_WITHIN_S, self._at("the brakes do not hold the arm")

@@ -21,9 +21,7 @@ EACH = max(1, round(int(WANTED) / len(MODELS))) if WANTED else 4
 @pytest.mark.timeout(0 if WANTED else 120)
 @pytest.mark.parametrize("model", MODELS)
 def test_whatever_the_program_the_arm_keeps_its_limits(model):
-    @settings(
-        max_examples=EACH, deadline=None, database=None, suppress_health_check=list(HealthCheck), phases=PHASES
-    )
+    @settings(max_examples=EACH, deadline=None, database=None, suppress_health_check=list(HealthCheck), phases=PHASES)
     @given(programs(model))
     def each(case: Case) -> None:
         run(case)
