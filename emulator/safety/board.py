@@ -335,7 +335,7 @@ class SafetyBoard:
             controller.power.handle(PowerEvent.POWER_OFF)
             return
         programs.pause(mode.name)
-        if not controller.program_paused:
+        if not controller.programs.paused:
             controller.motion.stop(min(controller.model.qdd_max))
         elif mode is SafetyMode.SAFEGUARD_STOP:
             controller.motion.safeguard_stop()
