@@ -5,9 +5,8 @@ from collections import deque
 from collections.abc import Callable, Generator
 from typing import TYPE_CHECKING, Any
 
-from emulator.commands import Command
-
 if TYPE_CHECKING:
+    from emulator.commands import Command
     from emulator.controller import Controller
 
 __all__ = ["Mailbox", "Reply", "deliver"]
@@ -26,7 +25,7 @@ class Mailbox:
         self._posted: deque[tuple[Command, Reply | None]] = deque()
         self._waiting: list[tuple[_Waiting, Command, Reply | None]] = []
 
-    def post(self, command: Command, reply: Reply | None) -> None:
+    def post(self, command: "Command", reply: Reply | None) -> None:
         """Queue a command. ``reply`` is called with its answer."""
         self._posted.append((command, reply))
 
@@ -47,7 +46,7 @@ class Mailbox:
             else:
                 self._answer(reply, answer)
 
-    def _continue(self, frames: _Waiting, command: Command, reply: Reply | None) -> None:
+    def _continue(self, frames: _Waiting, command: "Command", reply: Reply | None) -> None:
         try:
             next(frames)
         except StopIteration as done:
@@ -57,7 +56,7 @@ class Mailbox:
         else:
             self._waiting.append((frames, command, reply))
 
-    def _failed(self, command: Command, reply: Reply | None) -> None:
+    def _failed(self, command: "Command", reply: Reply | None) -> None:
         """A command must never end the tick."""
         _logger.exception("carrying out %r failed", command)
         self._answer(reply, command.failure)
