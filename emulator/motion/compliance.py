@@ -170,7 +170,7 @@ class Compliance:
         pose = pose_add(out_of6(axes, moved), self._pose)
         target = self._exact(dt, pose, q, alone=before == after, touching=bool(external.contacts))
         if target is None:
-            target, pose, own = self._yielded(dt, axes, (pose, own), q)
+            target, pose, own = self._yielded(dt, axes, (pose, own), q, touching=bool(external.contacts))
         self._next = (pose, own, sub(target, q))
         return target
 
@@ -186,17 +186,27 @@ class Compliance:
             if alone:
                 return None
             raise
-        hardest = max(abs(now - last) / most for now, last, most in zip(step, self._moved, model.qdd_max, strict=True))
+        hardest = self._hardest(step)
         if alone:
             return target if hardest <= dt * dt else None
         if hardest > _SUDDEN * dt * dt and not touching:
             raise near_singularity()
         return target
 
-    def _yielded(self, dt: float, axes: Axes, wanted: tuple[Pose, Joints], q: Joints) -> tuple[Joints, Pose, Joints]:
+    def _hardest(self, step: Joints) -> float:
+        """How suddenly the joints would change their speed: of the hardest one, as a share of its limit, times dt2."""
+        changes = zip(step, self._moved, self.reach.model.qdd_max, strict=True)
+        return max(abs(now - last) / most for now, last, most in changes)
+
+    def _yielded(
+        self, dt: float, axes: Axes, wanted: tuple[Pose, Joints], q: Joints, *, touching: bool
+    ) -> tuple[Joints, Pose, Joints]:
         """Towards the pose as far as a singular arm can; what compliant directions miss of it and of speed is lost."""
         pose, own = wanted
         step = self.reach.step_towards(pose, q)
+        sudden = self._hardest(step) / (_SUDDEN * dt * dt)
+        if sudden > 1.0 and not touching:
+            step = lerp(self._moved, sub(step, self._moved), 1.0 / sudden)
         excess = max(abs(move) / (most * dt) for move, most in zip(step, self.reach.model.qd_max, strict=True))
         target = lerp(q, step, 1.0 / max(1.0, excess))
         missed = into6(axes, pose_sub(self.reach.pose(target), pose))
