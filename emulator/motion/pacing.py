@@ -152,8 +152,10 @@ class Pacer:
         speed = self.scale * self._pace - ramp * self._period
         if speed <= _TOLERANCE * self._pace:
             return goal
-        growth = 4.0 * self._gain * self._period * speed
-        return max(goal, 2.0 * speed / (self._pace + sqrt(self._pace**2 + growth)))
+        root = self._pace**2 + 4.0 * self._gain * self._period * speed
+        if root <= 0.0:
+            return self.scale  # the path itself slows down by more than the ramp
+        return max(goal, min(self.scale, 2.0 * speed / (self._pace + sqrt(root))))
 
     def _bounded(self, h: float, wanted: tuple[float, float], step: Joints, qd: Joints) -> float:
         """The own time, as wanted, with which joint speeds and their changes stay within limits.
@@ -192,7 +194,7 @@ class Pacer:
 
     def _remember(self, h: float, moved: float) -> None:
         pace = moved / h
-        self._gain = max(0.0, (pace - self._pace) / h)
+        self._gain = (pace - self._pace) / h
         self._pace = pace
         self.scale = h / self._period
 
