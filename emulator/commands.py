@@ -15,6 +15,7 @@ from emulator import dashboard, textcommands
 from emulator.devices.gripper_requests import GripperSession
 from emulator.io import inputs, modbus_requests
 from emulator.lifecycle.errorcodes import READ_ONLY_SOCKET
+from emulator.mailbox import deliver
 from emulator.robot.installation import Payload
 from urproto.dashboard import failed
 from urproto.modbus import ExceptionCode, exception_response
@@ -106,7 +107,7 @@ class InterpreterLine(Command):
     answer: Callable[[str], None]
 
     def apply(self, controller: "Controller") -> None:
-        controller.programs.interpreter.receive(self.text, partial(controller.deliver, self.answer))
+        controller.programs.interpreter.receive(self.text, partial(deliver, self.answer))
 
 
 @dataclass(frozen=True, slots=True)

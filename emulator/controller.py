@@ -9,9 +9,7 @@ advances the motion by one period, moves the arm, judges it, and publishes one s
 There is no clock in here: time is the number of ticks.
 """
 
-import logging
-from collections import deque
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -30,6 +28,7 @@ from emulator.lifecycle.errorcodes import StopCause
 from emulator.lifecycle.power import Power, PowerEvent, PowerState, PowerTimings
 from emulator.lifecycle.safety import Safety, SafetyEvent
 from emulator.lifecycle.speed import Speed
+from emulator.mailbox import Mailbox, Reply, deliver
 from emulator.motion import Motion, MotionFault
 from emulator.programs.runner import Programs
 from emulator.programs.trees.installation_file import InstallationFile
@@ -45,7 +44,7 @@ from emulator.safety.configuration import SafetyConfiguration
 from emulator.snapshot import Snapshot, Vector6
 from emulator.world.file import WorldPlan
 from emulator.world.world import World
-from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState
+from urproto.modes import ReportLevel, RobotStatusBits
 from urproto.robots import RobotModel
 from urproto.robots.pose import Pose
 from urproto.rtde.fields import OUTPUT_FIELDS
@@ -57,11 +56,6 @@ _ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 # As found in program files of the vendor's simulators; clients want digits only, starting with 20.
 _NEW_YEAR_2024_S: Final = 1_704_067_200.0
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
-
-Reply = Callable[[Any], None]
-_Waiting = Generator[None, None, Any]
-
-_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,8 +149,7 @@ class Controller:
         self.on_tick: list[Callable[[], None]] = []
         self.falsifiers: list[Callable[[Snapshot], None]] = []
 
-        self._queue: deque[tuple[Command, Reply | None]] = deque()
-        self._waiting: list[tuple[_Waiting, Command, Reply | None]] = []
+        self._mailbox = Mailbox(self)
         self._subscribers: list[Callable[[Snapshot], None]] = []
         self._own_sensor = self.model.series is Series.E
         self._power_seen = PowerState.OFF
@@ -193,7 +186,7 @@ class Controller:
 
     def post(self, command: Command, reply: Reply | None = None) -> None:
         """Queue a command for the next tick. ``reply`` is called with its answer, once."""
-        self._queue.append((command, reply))
+        self._mailbox.post(command, reply)
 
     def subscribe(self, callback: Callable[[Snapshot], None]) -> Callable[[], None]:
         """Call back with every snapshot from now on; returns what ends the subscription."""
@@ -205,7 +198,7 @@ class Controller:
         self.step_count += 1
         for step in tuple(self.on_tick):
             step()
-        self._run_commands()
+        self._mailbox.carry_out()
         self._advance_timers()
         self.safety_board.latch()
         if self.encoders.enabled:
@@ -217,7 +210,7 @@ class Controller:
         self._judge()
         self._publish()
         for callback in tuple(self._subscribers):
-            self.deliver(callback, self.snapshot)
+            deliver(callback, self.snapshot)
         return self.snapshot
 
     # doors for programs, commands and faults
@@ -299,48 +292,6 @@ class Controller:
 
     # the tick's steps
 
-    def _run_commands(self) -> None:
-        waiting, self._waiting = self._waiting, []
-        for frames, command, reply in waiting:
-            self._continue(frames, command, reply)
-        for _ in range(len(self._queue)):
-            command, reply = self._queue.popleft()
-            try:
-                answer = command.apply(self)
-            except Exception:
-                self._failed(command, reply)
-                continue
-            if isinstance(answer, Generator):
-                self._continue(answer, command, reply)
-            else:
-                self._answer(reply, answer)
-
-    def _continue(self, frames: _Waiting, command: Command, reply: Reply | None) -> None:
-        try:
-            next(frames)
-        except StopIteration as done:
-            self._answer(reply, done.value)
-        except Exception:
-            self._failed(command, reply)
-        else:
-            self._waiting.append((frames, command, reply))
-
-    def _failed(self, command: Command, reply: Reply | None) -> None:
-        """A command must never end the tick."""
-        _logger.exception("carrying out %r failed", command)
-        self._answer(reply, command.failure)
-
-    def _answer(self, reply: Reply | None, answer: Any) -> None:
-        if reply is not None:
-            self.deliver(reply, answer)
-
-    def deliver(self, callback: Callable[[Any], None], value: Any) -> None:
-        """Call a listener back; its failure is logged and harms nothing here."""
-        try:
-            callback(value)
-        except Exception:
-            _logger.exception("a listener of the controller failed")
-
     def _advance_timers(self) -> None:
         self.power.advance(self.period_s)
         self.safety.advance(self.period_s)
@@ -359,7 +310,7 @@ class Controller:
         if driven or motion.braking:
             motion.external_wrench, motion.actual_q = wrench, self.arm.q
             self._fault = motion.advance(self.speed.fraction)
-        elif not (motion.idle or self.program_paused):
+        elif not (motion.idle or self.programs.paused):
             motion.halt()  # the brakes hold the arm: no movement is left to complete
         targets = (motion.q, motion.qd, motion.qdd)
         self._arm_changed = self.arm.update(
@@ -390,11 +341,6 @@ class Controller:
             self._fault = None
         self.safety_board.judge(changed=self._arm_changed)
 
-    @property
-    def program_paused(self) -> bool:
-        """A program is being paused, or is."""
-        return self.programs.state in (RuntimeState.PAUSING, RuntimeState.PAUSED)
-
     # the snapshot
 
     def _publish(self) -> None:
@@ -402,75 +348,26 @@ class Controller:
         snapshot.step, snapshot.timestamp = self.step_count, self.time_s
         if self._arm_changed or self._falsified or self.falsifiers:
             self.arm.publish(snapshot)
-        self.electrics.publish(snapshot, powered=self.power.report.powered)
-        self._publish_modes(snapshot)
-        self._publish_program(snapshot)
-        self._publish_loads(snapshot)
-        self._publish_signals(snapshot)
-        self._publish_registers(snapshot)
+        powered = self.power.report.powered
+        self.electrics.publish(snapshot, powered=powered)
+        self.power.publish(snapshot)
+        self.safety_board.publish(snapshot)
+        self.programs.publish(snapshot)
+        self.speed.publish(snapshot, self.motion.limiter_share)
+        self.installation.publish(snapshot)
+        self.signals.publish(snapshot)
+        if self.encoders.enabled:
+            self.encoders.publish(snapshot)
+        self.registers.publish(snapshot)
+        snapshot.control_mode, snapshot.force_mode_frame = self.motion.control_mode, self.motion.force_frame
+        snapshot.tool_communication, snapshot.tool_bytes = self.tool_line.settings, self.tool_line.received
+        snapshot.io_freedrive, snapshot.local_control = self.input_actions.free, self.local_control
+        snapshot.actual_execution_time = self.execution_time_ms
+        status = int(RobotStatusBits.POWER_ON) if powered else 0
+        status |= RobotStatusBits.PROGRAM_RUNNING if snapshot.program_running else 0
+        snapshot.robot_status_bits = status | self.safety_board.robot_status_bits()
         self._falsified = bool(self.falsifiers)
         for falsify in self.falsifiers:
             falsify(snapshot)
         snapshot.messages = self.messages.take()
         self.snapshot = snapshot
-
-    def _publish_modes(self, snapshot: Snapshot) -> None:
-        report = self.power.report
-        snapshot.robot_mode = report.robot_mode
-        snapshot.joint_mode = (report.joint_mode,) * 6
-        snapshot.tool_mode = report.tool_mode
-        self.safety_board.publish(snapshot)
-        snapshot.control_mode = self.motion.control_mode
-        snapshot.force_mode_frame = self.motion.force_frame
-        snapshot.io_freedrive = self.input_actions.free
-        snapshot.local_control = self.local_control
-        snapshot.target_speed_fraction = self.speed.slider
-        snapshot.actual_execution_time = self.execution_time_ms
-
-    def _publish_program(self, snapshot: Snapshot) -> None:
-        state = self.programs.state
-        snapshot.runtime_state = state
-        snapshot.program_name = self.programs.name
-        snapshot.script_control_line = self.programs.line
-        snapshot.program_running = state in (RuntimeState.PLAYING, RuntimeState.RESUMING)
-        snapshot.program_paused = self.program_paused
-        # captures of controllers show 0 while no program plays, and 1 while one plays undisturbed
-        scaling = self.speed.scaling * self.motion.limiter_share
-        snapshot.speed_scaling = scaling if snapshot.program_running else 0.0
-        bits = int(RobotStatusBits.POWER_ON) if self.power.report.powered else 0
-        bits |= self.safety_board.robot_status_bits()
-        snapshot.robot_status_bits = bits | (RobotStatusBits.PROGRAM_RUNNING if snapshot.program_running else 0)
-
-    def _publish_loads(self, snapshot: Snapshot) -> None:
-        payload = self.installation.payload
-        snapshot.payload = payload.mass
-        snapshot.payload_cog = payload.cog
-        snapshot.payload_inertia = payload.inertia
-        snapshot.target_gravity = self.installation.gravity
-        snapshot.target_base_acceleration = (*self.installation.base_acceleration, 0.0, 0.0, 0.0)
-
-    def _publish_signals(self, snapshot: Snapshot) -> None:
-        signals = self.signals
-        snapshot.actual_digital_input_bits = signals.digital_inputs
-        snapshot.actual_digital_output_bits = signals.digital_outputs
-        snapshot.actual_configurable_digital_input_bits = signals.digital_inputs >> 8 & 0xFF
-        snapshot.actual_configurable_digital_output_bits = signals.digital_outputs >> 8 & 0xFF
-        snapshot.analog_io_types = signals.analog_io_types
-        snapshot.standard_analog_input0, snapshot.standard_analog_input1 = signals.analog_inputs
-        snapshot.standard_analog_output0 = signals.analog_output(0)
-        snapshot.standard_analog_output1 = signals.analog_output(1)
-        if self.encoders.enabled:
-            snapshot.encoder0_raw, snapshot.encoder1_raw = self.encoders.raw
-        snapshot.tool_analog_input_types = signals.tool_analog_input_types
-        snapshot.tool_analog_input0, snapshot.tool_analog_input1 = signals.tool_analog_inputs
-        snapshot.tool_output_voltage = signals.tool_voltage
-        snapshot.tool_output_mode = signals.tool_output_mode
-        snapshot.tool_communication, snapshot.tool_bytes = self.tool_line.settings, self.tool_line.received
-        snapshot.tool_digital_output0_mode, snapshot.tool_digital_output1_mode = signals.tool_digital_output_modes
-
-    def _publish_registers(self, snapshot: Snapshot) -> None:
-        given, made = self.registers.input, self.registers.output
-        snapshot.input_bit_registers = given.bits
-        snapshot.input_int_registers, snapshot.input_double_registers = given.ints, given.doubles
-        snapshot.output_bit_registers = made.bits
-        snapshot.output_int_registers, snapshot.output_double_registers = made.ints, made.doubles

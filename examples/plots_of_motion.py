@@ -6,8 +6,7 @@ Each figure is one function of `FIGURES`; a new one needs a script to run, and w
 """
 
 import sys
-from collections.abc import Callable
-from math import pi, sin
+from math import hypot, pi, sin
 from pathlib import Path
 
 import matplotlib as mpl
@@ -18,31 +17,33 @@ from matplotlib.figure import Figure
 
 from emulator.commands import ScriptUnit
 from emulator.controller import Controller, ControllerConfig
+from emulator.lifecycle.safety import SafetyEvent
 from emulator.snapshot import Snapshot
+from emulator.world.file import WorldPlan
+from emulator.world.shapes import Plane, WorldObject
 from urproto.robots import load_model
 
 START = (0.0, -1.5, 1.5, -1.6, -1.57, 0.0)  # rad
 Periods = list[Snapshot]
-Change = Callable[[Controller, float], None]  # what happens from outside, at which robot time [s]
 
 
-def run(script: str, seconds: float, meanwhile: Change = lambda controller, now: None) -> Periods:
-    """The snapshots of a UR5e that executes the body of a program, while something happens from outside."""
-    controller = Controller(ControllerConfig(model=load_model("ur5e"), initial_q=START, running=True))
+def robot(*, dynamic: bool = False, world: WorldPlan | None = None) -> Controller:
+    """A UR5e that is ready to move."""
+    model = load_model("ur5e")
+    return Controller(ControllerConfig(model=model, initial_q=START, running=True, dynamic=dynamic, world=world))
+
+
+def run(script: str, seconds: float, controller: Controller | None = None) -> Periods:
+    """The snapshots of a robot that executes the body of a program."""
+    controller = controller or robot()
     lines = "".join(f"  {line}\n" for line in script.strip().splitlines())
     controller.post(ScriptUnit(f"def figure():\n{lines}end\n", "block"))
     while not controller.snapshot.program_running:
         controller.tick()
     began, periods = controller.time_s, [controller.snapshot]
     while controller.time_s - began < seconds:
-        meanwhile(controller, controller.time_s - began)
         periods.append(controller.tick())
     return periods
-
-
-def slider(low: float, since: float, until: float) -> Change:
-    """The speed slider at ``low`` between two times [s], else at 1."""
-    return lambda controller, now: controller.speed.set_slider(low if since <= now < until else 1.0)
 
 
 WAVE_RAD, WAVE_S, LOW, SINCE, UNTIL, LASTS = 0.5, 4.0, 0.25, 1.5, 3.5, 9.0
@@ -82,8 +83,7 @@ def streamed(scaled: bool) -> tuple[list[float], ...]:
 
     The controller samples its trajectory once a period and commands the joint by servoj, as a driver does.
     """
-    model = load_model("ur5e")
-    controller = Controller(ControllerConfig(model=model, initial_q=START, running=True))
+    controller = robot()
     motion, period = controller.motion, controller.period_s
     own, rows = 0.0, []
     while len(rows) * period < LASTS:
@@ -119,7 +119,92 @@ movel(pose_add(here, p[0, -0.15, 0, 0, 0, 0]), a=1.2, v=0.25)"""
     return figure
 
 
-FIGURES = {"speed_scaling": speed_scaling, "singular_wrist": singular_wrist}
+PRESS_N, GAP_M = 10.0, 0.005
+
+
+def force_press() -> Figure:
+    """Force mode comes down on tables of different stiffness, and presses."""
+    script = f"""down = [0, 0, -{PRESS_N}, 0, 0, 0]
+force_mode(p[0, 0, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], down, 2, [0.3, 0.3, 0.1, 1, 1, 1])
+sleep(10)"""
+    height = robot().arm.tcp_pose[2] - GAP_M
+    figure, axes = plt.subplots(1, 2, figsize=(9.0, 3.6), sharey=True)
+    for axis, damping in zip(axes, (0.005, 0.1), strict=True):
+        for stiffness in (1e3, 1e4, 1e5):
+            table = WorldObject(Plane(), (0.0, 0.0, height, 0.0, 0.0, 0.0), stiffness=stiffness, damping=200.0)
+            controller = robot(world=WorldPlan({"table": table}))
+            periods = run(f"force_mode_set_damping({damping})\n{script}", 1.5, controller)
+            force = [snapshot.actual_TCP_force[2] for snapshot in periods]
+            axis.plot(times(periods), force, label=f"{stiffness:,.0f} N/m")
+        axis.axhline(PRESS_N, color="0.6", linewidth=0.8)
+        axis.set_title(f"force_mode_set_damping({damping})", fontsize=10)
+        axis.set_xlabel("robot time [s]")
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=8)
+    axes[0].set_ylabel("force on the tool [N]")
+    return figure
+
+
+STOPS = {
+    "0, brakes (fault)": SafetyEvent.FAULT,
+    "1 (emergency stop)": SafetyEvent.ROBOT_EMERGENCY_STOP,
+    "2 (protective stop)": SafetyEvent.PROTECTIVE_STOP,
+}
+
+
+def stopping_distance() -> Figure:
+    """How far the tool goes on when the arm is stopped while only its base joint turns."""
+    figure, axis = plt.subplots(figsize=(7.0, 3.6))
+    for (name, event), line in zip(STOPS.items(), ("o-", "s-", "x--"), strict=True):
+        stops = [stopped(event, 0.25 * speed) for speed in range(1, 12)]
+        axis.plot(*zip(*stops, strict=True), line, markersize=4, label=f"stop category {name}")
+    axis.set_xlabel("tool speed [m/s]")
+    axis.set_ylabel("stopping distance [mm]")
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize=8)
+    return figure
+
+
+def stopped(event: SafetyEvent, speed_rad_s: float) -> tuple[float, float]:
+    """Tool speed [m/s] when the event comes, and the way to rest [mm]."""
+    controller = robot()
+    run(f"speedj([{speed_rad_s}, 0, 0, 0, 0, 0], 10, 5)", 0.6, controller)
+    speed = hypot(*controller.snapshot.actual_TCP_speed[:3])
+    controller.safety_event(event)
+    stop = controller.safety_board.last_stop
+    while stop is not None and not stop.done:
+        controller.tick()
+    return speed, 1000.0 * stop.distance_m if stop is not None else 0.0
+
+
+def following_error() -> Figure:
+    """The same movej on an arm that is where it is told to be, and on one that torques move."""
+    script = "sleep(0.1)\nmovej([0.8, -1.2, 1.2, -1.4, -1.57, 0.3])"
+    arms = {"ideal": run(script, 1.8), "dynamic": run(script, 1.8, robot(dynamic=True))}
+    figure, (above, below) = plt.subplots(2, 1, figsize=(7.0, 4.6), sharex=True)
+    t = times(arms["ideal"])
+    above.plot(t, [snapshot.target_qd[0] for snapshot in arms["ideal"]], "--", color="tab:orange", label="target")
+    above.plot(t, [snapshot.actual_qd[0] for snapshot in arms["dynamic"]], color="tab:blue", label="actual, dynamic")
+    above.set_ylabel("base speed [rad/s]")
+    for name, periods in arms.items():
+        for joint in range(3) if name == "dynamic" else (0,):
+            error = [1000.0 * (snapshot.target_q[joint] - snapshot.actual_q[joint]) for snapshot in periods]
+            below.plot(times(periods), error, label=f"{name}, joint {joint + 1}" if name == "dynamic" else name)
+    below.set_ylabel("target - actual [mrad]")
+    below.set_xlabel("robot time [s]")
+    for axis in (above, below):
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=8)
+    return figure
+
+
+FIGURES = {
+    "speed_scaling": speed_scaling,
+    "singular_wrist": singular_wrist,
+    "force_press": force_press,
+    "stopping_distance": stopping_distance,
+    "following_error": following_error,
+}
 
 
 def main() -> None:

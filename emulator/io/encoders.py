@@ -12,6 +12,8 @@ from enum import IntEnum
 from math import exp
 from typing import Final
 
+from emulator.snapshot import Snapshot
+
 __all__ = ["RANGES", "DecoderType", "Encoder", "Encoders"]
 
 # Script Manual, encoder_enable_set_tick_count: range_id -> lowest count, number of counts
@@ -187,3 +189,7 @@ class Encoders:
         """One control period with these input levels."""
         for encoder in self._encoders:
             encoder.advance(digital_inputs)
+
+    def publish(self, snapshot: Snapshot) -> None:
+        """Write the counts to a snapshot."""
+        snapshot.encoder0_raw, snapshot.encoder1_raw = self.raw

@@ -9,6 +9,8 @@ clients; nothing enforces that, as on the controller.
 import math
 from typing import Final
 
+from emulator.snapshot import Snapshot
+
 __all__ = ["BIT_COUNT", "NUMBER_COUNT", "RegisterBank", "Registers"]
 
 BIT_COUNT: Final = 128  # RTDE guide
@@ -70,6 +72,14 @@ class Registers:
     def __init__(self) -> None:
         self.input = RegisterBank()
         self.output = RegisterBank()
+
+    def publish(self, snapshot: Snapshot) -> None:
+        """Write all of them to a snapshot."""
+        given, made = self.input, self.output
+        snapshot.input_bit_registers = given.bits
+        snapshot.input_int_registers, snapshot.input_double_registers = given.ints, given.doubles
+        snapshot.output_bit_registers = made.bits
+        snapshot.output_int_registers, snapshot.output_double_registers = made.ints, made.doubles
 
 
 def _checked(index: int, count: int) -> int:

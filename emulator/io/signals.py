@@ -8,6 +8,7 @@ volts; programs and RTDE set outputs as a ratio of the range.
 import math
 from typing import Final
 
+from emulator.snapshot import Snapshot
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolOutputMode
 
 __all__ = ["CONFIGURABLE", "STANDARD", "TOOL", "DigitalGroup", "Signals"]
@@ -107,6 +108,22 @@ class Signals:
     def tool_analog_input_types(self) -> int:
         """Domains of the tool's analog inputs in bits 0-1; 1 is voltage."""
         return _pack_domains(self.tool_analog_input_domains)
+
+    def publish(self, snapshot: Snapshot) -> None:
+        """Write inputs and outputs to a snapshot."""
+        snapshot.actual_digital_input_bits = self.digital_inputs
+        snapshot.actual_digital_output_bits = self.digital_outputs
+        snapshot.actual_configurable_digital_input_bits = self.digital_inputs >> 8 & 0xFF
+        snapshot.actual_configurable_digital_output_bits = self.digital_outputs >> 8 & 0xFF
+        snapshot.analog_io_types = self.analog_io_types
+        snapshot.standard_analog_input0, snapshot.standard_analog_input1 = self.analog_inputs
+        snapshot.standard_analog_output0 = self.analog_output(0)
+        snapshot.standard_analog_output1 = self.analog_output(1)
+        snapshot.tool_analog_input_types = self.tool_analog_input_types
+        snapshot.tool_analog_input0, snapshot.tool_analog_input1 = self.tool_analog_inputs
+        snapshot.tool_output_voltage = self.tool_voltage
+        snapshot.tool_output_mode = self.tool_output_mode
+        snapshot.tool_digital_output0_mode, snapshot.tool_digital_output1_mode = self.tool_digital_output_modes
 
 
 def _analog(index: int) -> int:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
+from emulator.snapshot import Snapshot
 from urproto.modes import JointMode, RobotMode, ToolMode
 
 __all__ = ["POWER_TABLE", "Power", "PowerEvent", "PowerReport", "PowerState", "PowerTimings"]
@@ -138,6 +139,12 @@ class Power:
         self._remaining_s -= period_s
         if self._remaining_s <= period_s / 2:  # rounding must not add a period
             self.handle(PowerEvent.TIMEOUT)
+
+    def publish(self, snapshot: Snapshot) -> None:
+        """Write what robot, joints and tool report to a snapshot."""
+        report = REPORTS[self.state]
+        snapshot.robot_mode, snapshot.tool_mode = report.robot_mode, report.tool_mode
+        snapshot.joint_mode = (report.joint_mode,) * 6
 
     def _enter(self, state: PowerState) -> None:
         self.state = state

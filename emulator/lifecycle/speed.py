@@ -2,6 +2,8 @@
 
 import math
 
+from emulator.snapshot import Snapshot
+
 __all__ = ["Speed"]
 
 
@@ -22,3 +24,10 @@ class Speed:
         """Move the slider, clipped to 0..1; no number changes nothing."""
         if not math.isnan(fraction):
             self.slider = min(max(float(fraction), 0.0), 1.0)
+
+    def publish(self, snapshot: Snapshot, path_share: float) -> None:
+        """Write slider and scaling to a snapshot that knows the program's state. ``path_share``: of the speed wanted,
+        what the joints' limits leave."""
+        snapshot.target_speed_fraction = self.slider
+        # captures of controllers show 0 while no program plays, and 1 while one plays undisturbed
+        snapshot.speed_scaling = self.scaling * path_share if snapshot.program_running else 0.0

@@ -33,6 +33,7 @@ _REST = 1e-6  # m/s, rad/s: slower than this the tool stands (guess)
 _STILL = 1e-9  # m in a period: less is no motion to turn a frame along
 _SLACK = 1e-4  # m, rad: how far a singular arm may come off in directions that are not compliant (guess)
 _FREEDRIVE_LIMITS: Joints = (1.0, 1.0, 1.0, 3.0, 3.0, 3.0)  # m/s, rad/s (guess)
+_SUDDEN = 5.0  # times a joint's acceleration limit: only a singular arm, or a hard contact, asks for more (guess)
 _MOTION = 3  # kind of task frame
 _STIFF = (False,) * 6
 
@@ -102,14 +103,15 @@ class _Loop:
 class Compliance:
     """Turns movements of the nominal arm into movements of the compliant one."""
 
-    def __init__(self, reach: Reach, q: Joints, task: Task) -> None:
+    def __init__(self, reach: Reach, q: Joints, moved: Joints, task: Task) -> None:
+        """``moved``: what the joints did in the last period [rad]."""
         self.reach = reach
         self.task = task
         self.released = False
         self._pose = reach.pose(q)
         self._speed = ZERO  # of the tool's own motion, in the task frame
         self._yielding: tuple[bool, ...] = (False,) * 6  # directions of the last step
-        self._moved = ZERO  # joints, in the last period [rad]
+        self._moved = moved
         self._heading: Vec3 | None = None  # x axis of a frame along the motion
         self._next = (self._pose, ZERO, ZERO)
 
@@ -166,13 +168,13 @@ class Compliance:
         if moved == ZERO:
             return q
         pose = pose_add(out_of6(axes, moved), self._pose)
-        target = self._exact(dt, pose, q, alone=before == after)
+        target = self._exact(dt, pose, q, alone=before == after, touching=bool(external.contacts))
         if target is None:
-            target, pose, own = self._yielded(dt, axes, (pose, own), q)
+            target, pose, own = self._yielded(dt, axes, (pose, own), q, touching=bool(external.contacts))
         self._next = (pose, own, sub(target, q))
         return target
 
-    def _exact(self, dt: float, pose: Pose, q: Joints, *, alone: bool) -> Joints | None:
+    def _exact(self, dt: float, pose: Pose, q: Joints, *, alone: bool, touching: bool) -> Joints | None:
         """The joints for this pose. With no movement beside, None when they cannot get there, or only by a jerk."""
         model = self.reach.model
         try:
@@ -184,15 +186,27 @@ class Compliance:
             if alone:
                 return None
             raise
-        if not alone:
-            return target
-        hardest = max(abs(now - last) / most for now, last, most in zip(step, self._moved, model.qdd_max, strict=True))
-        return target if hardest <= dt * dt else None
+        hardest = self._hardest(step)
+        if alone:
+            return target if hardest <= dt * dt else None
+        if hardest > _SUDDEN * dt * dt and not touching:
+            raise near_singularity()
+        return target
 
-    def _yielded(self, dt: float, axes: Axes, wanted: tuple[Pose, Joints], q: Joints) -> tuple[Joints, Pose, Joints]:
+    def _hardest(self, step: Joints) -> float:
+        """How suddenly the joints would change their speed: of the hardest one, as a share of its limit, times dt2."""
+        changes = zip(step, self._moved, self.reach.model.qdd_max, strict=True)
+        return max(abs(now - last) / most for now, last, most in changes)
+
+    def _yielded(
+        self, dt: float, axes: Axes, wanted: tuple[Pose, Joints], q: Joints, *, touching: bool
+    ) -> tuple[Joints, Pose, Joints]:
         """Towards the pose as far as a singular arm can; what compliant directions miss of it and of speed is lost."""
         pose, own = wanted
         step = self.reach.step_towards(pose, q)
+        sudden = self._hardest(step) / (_SUDDEN * dt * dt)
+        if sudden > 1.0 and not touching:
+            step = lerp(self._moved, sub(step, self._moved), 1.0 / sudden)
         excess = max(abs(move) / (most * dt) for move, most in zip(step, self.reach.model.qd_max, strict=True))
         target = lerp(q, step, 1.0 / max(1.0, excess))
         missed = into6(axes, pose_sub(self.reach.pose(target), pose))
@@ -200,7 +214,7 @@ class Compliance:
         if any(abs(miss) > _SLACK for miss, may in zip(missed, free, strict=True) if not may):
             raise near_singularity()
         lost = as_six(miss if may else 0.0 for miss, may in zip(missed, free, strict=True))
-        return target, pose_add(out_of6(axes, lost), pose), lerp(own, lost, 1.0 / dt)
+        return target, pose_add(out_of6(axes, lost), pose), as_six(map(_slowed, own, lerp(own, lost, 1.0 / dt)))
 
     def commit(self) -> None:
         """The last step came true."""
@@ -270,3 +284,8 @@ class Compliance:
             x = self._heading or x
             return x, cross(z, x), z
         return x, y, z
+
+
+def _slowed(speed: float, left: float) -> float:
+    """What is left of a speed, which is neither gained nor reversed: else an arm that corrects itself never stands."""
+    return max(0.0, min(speed, left)) if speed >= 0.0 else min(0.0, max(speed, left))

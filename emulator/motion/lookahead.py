@@ -29,6 +29,8 @@ __all__ = ["Lookahead"]
 _CELL_S = 0.016  # of the movement's own time; shorter where a joint turns more than _TURN_RAD in one (guesses)
 _SHORTEST_CELL_S = _CELL_S / 8192
 _TURN_RAD = 0.05
+_END_CELL_S = 0.0005  # cells become as short as this towards an end at which a joint is still fast ...
+_END_S = 0.002  # ... so that it could not stop within this time: a singular one
 _AHEAD_S = 0.2  # more than any joint takes to brake
 _CELLS_PER_PERIOD = 4
 _MARGIN = 0.9  # of the acceleration limits is planned with; cells are not infinitely small
@@ -95,9 +97,10 @@ class Lookahead:
 
     def _extend(self) -> None:
         """One more cell."""
-        h = min(_CELL_S, 2.0 * self._cell, self._scout.remaining_s)
+        left = self._scout.remaining_s
+        h = min(_CELL_S, 2.0 * self._cell, left)
         q = self._place(h)
-        while h > _SHORTEST_CELL_S and (q is None or largest(sub(q, self._q)) > _TURN_RAD):
+        while h > _SHORTEST_CELL_S and (q is None or self._too_coarse(sub(q, self._q), h, left)):
             h *= 0.5
             q = self._place(h)
         if q is None:
@@ -111,6 +114,14 @@ class Lookahead:
         if self._scout.done:
             self._over = True
             self._append(self._end, ZERO, 1.0)
+
+    def _too_coarse(self, turn: Joints, h: float, left: float) -> bool:
+        """A cell of length h, in which the joints turn so far, says too little of what happens in it."""
+        if largest(turn) > _TURN_RAD:
+            return True
+        soon = _END_S * h  # what would turn a joint so far if it had its acceleration's speed of that time
+        limits = zip(turn, self._qdd_max, strict=True)
+        return h == left > _END_CELL_S and any(abs(way) > soon * most for way, most in limits)
 
     def _place(self, h: float) -> Joints | None:
         """The joints h further on; None where there are none, which ``fault`` then tells."""

@@ -305,7 +305,7 @@ class Motion(DisplacingStepper):
 
     def _comply(self, task: Task) -> None:
         if self._compliance is None:
-            self._compliance = Compliance(self._reach, self.q, task)
+            self._compliance = Compliance(self._reach, self.q, scaled(self.qd, self.period_s), task)
             self._nominal, self._nominal_qd = self._start()
         else:
             self._compliance.comply(task)

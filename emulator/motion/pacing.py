@@ -12,6 +12,7 @@ Shortening h changes when the arm is somewhere, never where it goes.
 """
 
 from collections.abc import Callable
+from math import sqrt
 
 from emulator.motion.faults import MotionFault, near_singularity
 from emulator.motion.generator import Generator
@@ -147,9 +148,14 @@ class Pacer:
             return goal
         if goal > self.scale:
             return min(goal, self.scale + ramp * self._period / self._pace)
-        own = self._gain * self.scale**2
-        slower = self.scale - (ramp + own) * self._period / self._pace
-        return max(goal, slower if slower > _TOLERANCE else 0.0)
+        # the pace grows with the way still made: speed = scale * (pace + gain * scale * period)
+        speed = self.scale * self._pace - ramp * self._period
+        if speed <= _TOLERANCE * self._pace:
+            return goal
+        root = self._pace**2 + 4.0 * self._gain * self._period * speed
+        if root <= 0.0:
+            return self.scale  # the path itself slows down by more than the ramp
+        return max(goal, min(self.scale, 2.0 * speed / (self._pace + sqrt(root))))
 
     def _bounded(self, h: float, wanted: tuple[float, float], step: Joints, qd: Joints) -> float:
         """The own time, as wanted, with which joint speeds and their changes stay within limits.
@@ -188,7 +194,7 @@ class Pacer:
 
     def _remember(self, h: float, moved: float) -> None:
         pace = moved / h
-        self._gain = max(0.0, (pace - self._pace) / h)
+        self._gain = (pace - self._pace) / h
         self._pace = pace
         self.scale = h / self._period
 

@@ -9,7 +9,7 @@ guess that has the documented tendencies (longer lookahead: smoother and later; 
 joint trajectory drivers tolerate. A target further away is approached within the joints' limits, without overshoot.
 """
 
-from math import exp, sqrt
+from math import exp, inf, sqrt
 
 from emulator.motion.profile import Limits
 from emulator.motion.reach import Reach
@@ -116,6 +116,8 @@ class ToolServo:
         self._limits = Limits(1.0, 1.0)
         self._radius = 0.0
         self._begun = False
+        self._step_m = self._next_step_m = 0.0  # the tool's way in the last period, turning included
+        self._from = self._next_from = q  # and where it began
 
     def command(self, target: Pose, limits: Limits, radius_m: float) -> None:
         """New pose to go to, in the base frame."""
@@ -126,16 +128,25 @@ class ToolServo:
         pose, a = self._pose, self._limits.acceleration
         error = pose_sub(self._target, pose)
         length = self._length(error)
-        if length <= 2.0 * a * h * h and self._length(self._twist) <= 2.0 * a * h:
+        braking = min(a, self._bearable(q))
+        brake = _BRAKE_SHARE * braking * h  # of speed, in each step of the way's end
+        if length <= brake * h and self._length(self._twist) <= 2.0 * braking * h:
             self._next, self._next_pose = ZERO, self._target
         else:
-            speed = min(self._limits.speed, sqrt(2.0 * _BRAKE_SHARE * a * length))
+            speed = min(self._limits.speed, sqrt(0.25 * brake * brake + 2.0 * brake * length / h) - 0.5 * brake)
             wanted = scaled(error, speed / length) if length > 0.0 else ZERO
             change = sub(wanted, self._twist)
             size = self._length(change)
             self._next = now = wanted if size <= a * h else lerp(self._twist, change, a * h / size)
             self._next_pose = pose_add(scaled(now, h), pose)
+        self._next_step_m, self._next_from = self._length(self._next) * h, q
         return q if self._next_pose == pose else self.reach.joints(self._next_pose, q)
+
+    def _bearable(self, q: Joints) -> float:
+        """The tool's acceleration that the joints can follow where it just went [m/s2]: little near a singularity."""
+        moved = sub(q, self._from)
+        hardest = max(abs(way) / most for way, most in zip(moved, self.reach.model.qdd_max, strict=True))
+        return self._step_m / hardest if hardest > 0.0 and self._step_m > 0.0 else inf
 
     def _length(self, screw: Joints) -> float:
         """Size of a change of pose or of a tool velocity, turning taken at the equivalent radius: m, m/s."""
@@ -143,6 +154,7 @@ class ToolServo:
 
     def commit(self, clock_s: float) -> None:
         self._pose, self._twist = self._next_pose, self._next
+        self._step_m, self._from = self._next_step_m, self._next_from
         self._begun = True
 
     @property

@@ -31,6 +31,7 @@ from emulator.programs.player import Player
 from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
 from emulator.programs.view import ProgramView
 from emulator.programs.watchdog import Watchdogs
+from emulator.snapshot import Snapshot
 from urproto.modes import ReportLevel, RuntimeState, SafetyMode
 from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED
 from urproto.versions import Series
@@ -228,6 +229,20 @@ class Programs:
         self._run_secondary()
         if self.state is RuntimeState.PLAYING:
             self._run_main()
+
+    @property
+    def paused(self) -> bool:
+        """The main program is being paused, or is."""
+        return self.state in (RuntimeState.PAUSING, RuntimeState.PAUSED)
+
+    def publish(self, snapshot: Snapshot) -> None:
+        """Write the main program's state to a snapshot."""
+        state = self.state
+        snapshot.runtime_state = state
+        snapshot.program_name = self.name
+        snapshot.script_control_line = self.line
+        snapshot.program_running = state in (RuntimeState.PLAYING, RuntimeState.RESUMING)
+        snapshot.program_paused = self.paused
 
     def _feed_watchdogs(self) -> None:
         if self.state is not RuntimeState.PLAYING:

@@ -10,6 +10,7 @@ from typing import Final
 
 from emulator.programs.trees.document import DocumentError
 from emulator.programs.trees.installation_file import InstallationFile, load_installation_file
+from emulator.snapshot import Snapshot
 from urproto.robots.pose import Pose
 
 __all__ = ["Installation", "InstallationError", "Payload"]
@@ -118,6 +119,13 @@ class Installation:
         if file.payload is not None:
             payload = file.payload
             self.set_payload(Payload.of(payload.mass, payload.cog, payload.inertia))
+
+    def publish(self, snapshot: Snapshot) -> None:
+        """Write what the arm carries, and how it stands, to a snapshot."""
+        payload = self.payload
+        snapshot.payload, snapshot.payload_cog, snapshot.payload_inertia = payload.mass, payload.cog, payload.inertia
+        snapshot.target_gravity = self.gravity
+        snapshot.target_base_acceleration = (*self.base_acceleration, 0.0, 0.0, 0.0)
 
 
 def _sphere_inertia(mass: float) -> Vector6:

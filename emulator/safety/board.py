@@ -335,7 +335,7 @@ class SafetyBoard:
             controller.power.handle(PowerEvent.POWER_OFF)
             return
         programs.pause(mode.name)
-        if not controller.program_paused:
+        if not controller.programs.paused:
             controller.motion.stop(min(controller.model.qdd_max))
         elif mode is SafetyMode.SAFEGUARD_STOP:
             controller.motion.safeguard_stop()
@@ -345,6 +345,8 @@ class SafetyBoard:
     def _release(self, before: SafetyMode) -> None:
         """A paused program waits until somebody resumes it; after a safeguard stop nobody has to."""
         self.safety_popup = ""
+        if self.last_stop is not None:
+            self.last_stop.done = True  # also one that was released before the arm stood: it may move again
         if before in _HARD:
             self.restarted()
         if self._controller.power.report.powered and self._controller.safety.mode is not SafetyMode.RECOVERY:

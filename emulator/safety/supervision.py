@@ -32,6 +32,7 @@ _APPROACHING: Final = 1e-4  # m/s or rad/s; slower than this nothing approaches
 _REACTION_PERIODS: Final = 2.0  # from what is seen until the arm slows
 _HALT_M: Final = 0.001  # kept to a boundary by an arm that is stopped before it (guess)
 _HALT_RAD: Final = 0.001
+_ROUNDING_RAD: Final = 1e-6  # a joint that braked at its limit stands at it
 
 
 class Finding(NamedTuple):
@@ -169,9 +170,10 @@ class Supervision:
 
     def outside(self, arm: Arm, limits: LimitSet, boundaries: Boundaries, mode: SafetyMode) -> bool:
         """The arm stands outside its position limits, without any tolerance."""
-        exact = _Tolerances(joint_position=0.0, plane=0.0, orientation=0.0)
+        exact = _Tolerances(joint_position=_ROUNDING_RAD, plane=0.0, orientation=0.0)
+        slack = exact.joint_position
         joints = zip(arm.q, limits.joint_min, limits.joint_max, strict=True)
-        return not all(low <= q <= high for q, low, high in joints) or any(
+        return not all(low - slack <= q <= high + slack for q, low, high in joints) or any(
             self._boundaries(arm, boundaries, mode, exact)
         )
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from emulator.commands import DashboardLine, ScriptUnit
 from emulator.controller import Controller, ControllerConfig
 from emulator.lifecycle.safety import SafetyEvent
+from emulator.motion.servo import JointServo, ToolServo
 from urproto.modes import ControlMode, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import RuntimeExceptionMessage
 from urproto.robots import load_model
@@ -23,11 +24,14 @@ from urproto.versions import Series
 ZERO = (0.0,) * 6
 ROBOT_TIME_S = {Series.CB3: 6.0, Series.E: 2.5}  # a program is stopped then: similar numbers of periods
 STAND_WITHIN_S = 1.0
-CREEPING = 5e-3  # rad/s
 COMPILED_WITHIN = 100  # periods
 ROUNDING = 1e-5
 MOST = 2.05  # times a joint's acceleration limit: `pacing` lets a path have twice that before it gives up
 MOST_BESIDE = 12.0  # with force mode, conveyor, or offset; they have bounds of their own, and stops add to them
+# streams and what is added to a path are not slowed by the safety system's limits; beyond them for 0.25 s, it acts
+DETECTED_WITHIN_S = 0.3
+HARD_SAFETY = (SafetyMode.VIOLATION, SafetyMode.FAULT)
+STOPS_COUNTED = 50  # protective stops of one joint; one more is a fault
 LEGAL_SAFETY = (SafetyMode.NORMAL, SafetyMode.REDUCED, SafetyMode.PROTECTIVE_STOP, SafetyMode.SAFEGUARD_STOP)
 
 
@@ -250,6 +254,9 @@ class Run:
         self._rates = ZERO
         self._stopped_for_s = 0.0
         self._was_beside = False
+        self._protective_stops = 0
+        self._safety_mode = SafetyMode.NORMAL
+        self._ungoverned_s = DETECTED_WITHIN_S  # since when a movement ends that the safety system does not slow
 
     def go(self) -> Outcome:
         controller, series = self.controller, self.model.series
@@ -258,6 +265,8 @@ class Run:
         waiting = self.case.texts
         since = 0
         for period in range(count):
+            if controller.safety.mode in HARD_SAFETY:
+                break
             if period in hands:
                 self._touch(*hands[period])
             if self._stopped_for_s > self.case.patience_s:
@@ -305,8 +314,6 @@ class Run:
             if controller.motion.idle:
                 break
             self.step()
-        if controller.motion.control_mode is ControlMode.POSITION and max(map(abs, self._rates)) < CREEPING:
-            return  # a singular arm comes out of force mode ever more slowly
         assert controller.motion.idle, self._at("the arm does not come to rest")
         stood = controller.snapshot.target_q
         for _ in range(3):
@@ -355,6 +362,14 @@ class Run:
 
     def _check_modes(self) -> None:
         snapshot = self.controller.snapshot
+        if snapshot.safety_mode in HARD_SAFETY:
+            self._check_hard_stop(snapshot.safety_mode)
+            return
+        if snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP is not self._safety_mode:
+            self._protective_stops += 1
+        self._safety_mode = snapshot.safety_mode
+        streamed = isinstance(self.controller.motion._generator, JointServo | ToolServo) or self._was_beside
+        self._ungoverned_s = 0.0 if streamed else self._ungoverned_s + self.controller.period_s
         assert snapshot.robot_mode is RobotMode.RUNNING, self._at(f"{snapshot.robot_mode!r}")
         assert snapshot.safety_mode in LEGAL_SAFETY, self._at(f"{snapshot.safety_mode!r}")
         assert snapshot.control_mode in (ControlMode.POSITION, ControlMode.FORCE, ControlMode.TEACH), self._at("mode")
@@ -365,6 +380,16 @@ class Run:
         self._stopped_for_s += self.controller.period_s
         standing = not any(snapshot.target_qd)
         assert standing or self._stopped_for_s < STAND_WITHIN_S, self._at("stopped, the arm still moves")
+
+    def _check_hard_stop(self, mode: SafetyMode) -> None:
+        """Too fast for the safety system is only what it does not slow down; then brakes hold the arm."""
+        if mode is SafetyMode.FAULT:
+            assert self._protective_stops >= STOPS_COUNTED, self._at("a fault out of nothing")
+        else:
+            assert self._ungoverned_s < DETECTED_WITHIN_S, self._at("a path violates a limit of the safety system")
+        self._stopped_for_s += self.controller.period_s
+        standing = not any(self.controller.snapshot.target_qd)
+        assert standing or self._stopped_for_s < STAND_WITHIN_S, self._at("the brakes do not hold the arm")
 
     def _check_words(self) -> None:
         for message in self.controller.snapshot.messages:
