@@ -72,7 +72,10 @@ class Robot(Blocking[AsyncRobot]):
         return self.inner.tcp_pose
 
     def tcp_pose_at(self, q_rad: Sequence[float]) -> Pose:
-        """Where the TCP would be (6,) with these joint angles (6,), by the geometry that this very arm reports."""
+        """Where the TCP would be (6,) with these joint angles (6,), by the geometry that this very arm reports.
+
+        Raises RobotRefused while the robot has not told its geometry, or for one that is not known here.
+        """
         return self.inner.tcp_pose_at(q_rad)
 
     @property
