@@ -20,10 +20,14 @@ settings.load_profile("project")
 
 HERE = Path(__file__).parent
 REAL_TIME = (
+    "client",
     "conformance",
     "control",
+    "decoding",
     "driver",
+    "faults",
     "fleet",
+    "packaging",
     "plugin",
     "real_clients",
     "servers",
