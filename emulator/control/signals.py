@@ -1,5 +1,7 @@
 """Verbs about wires and memory: inputs, outputs, registers, encoders."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Final, Literal
 
 from emulator.control.base import ControlBase
@@ -70,12 +72,10 @@ class SignalVerbs(ControlBase):
             self.controller.encoders[index].simulated_speed = ticks_per_s
 
 
-class _indices:  # noqa: N801 - a context manager, used as a function
+@contextmanager
+def _indices() -> Iterator[None]:
     """What a wrong number raises, as a verb's error."""
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: object) -> None:
-        if isinstance(error, IndexError | OverflowError):
-            raise BadArguments(str(error)) from error
+    try:
+        yield
+    except (IndexError, OverflowError) as error:
+        raise BadArguments(str(error)) from error
