@@ -24,8 +24,8 @@ from emulator.safety.installation import SafetySettingsError
 from emulator.services import POLYSCOPE_X
 from emulator.world.file import WorldFileError, WorldPlan, read_world
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
+from urproto.joints import JOINT_NAMES
 from urproto.robots import Calibration, CalibrationError, RobotModel, UnknownModel, calibration_hash, load_model
-from urproto.robots.description import JOINTS as JOINT_NAMES
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
@@ -47,6 +47,7 @@ __all__ = [
     "read_programs_dir",
     "read_safety",
     "read_surroundings",
+    "read_yaml",
 ]
 
 _logger = logging.getLogger(__name__)
@@ -154,7 +155,7 @@ def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:
     if path is None:
         return model
     try:
-        calibration = Calibration.from_mapping(_yaml(path), str(path))
+        calibration = Calibration.from_mapping(read_yaml(path), str(path))
         calibration.check_model(model)
     except CalibrationError as error:
         raise ConfigError(str(error)) from error
@@ -167,7 +168,8 @@ def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:
     return model if nominal else replace(model, calibration=calibration.dh)
 
 
-def _yaml(path: Path) -> Any:
+def read_yaml(path: Path) -> Any:
+    """What a YAML file says. Raises ConfigError."""
     try:
         return yaml.safe_load(path.read_text("utf-8"))
     except OSError as error:
@@ -204,7 +206,7 @@ def read_initial_positions(path: Path, model: RobotModel) -> Joints:
     Raises ConfigError when the file is unreadable, does not name exactly the six joints, or
     has an angle the arm cannot take.
     """
-    content = _yaml(path)
+    content = read_yaml(path)
     if not isinstance(content, dict) or set(content) != set(JOINT_NAMES):
         raise ConfigError(f"{path} must give radians for each of {', '.join(JOINT_NAMES)}, and nothing else")
     first, second, third, fourth, fifth, sixth = (

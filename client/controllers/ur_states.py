@@ -9,15 +9,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from client.controllers.interfaces import Interfaces
+from urproto.joints import JOINT_NAMES as JOINTS
 from urproto.robots.pose import pose_inv, pose_trans, wrench_trans
 from urproto.versions import PolyscopeVersion, Series
 
 __all__ = ["JOINTS", "RTDE_OUTPUTS", "URStates"]
-
-JOINTS: Final = (
-    "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
-)  # fmt: skip
-"""Base to wrist 3, as ur_description names them."""
 
 RTDE_OUTPUTS: Final = (
     "actual_q", "actual_qd", "actual_current", "speed_scaling", "actual_TCP_force", "actual_TCP_pose",

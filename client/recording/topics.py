@@ -8,22 +8,13 @@ from typing import Any, Final
 from client.recording.cdr import MessageType
 from client.recording.definitions import message_type, ros_name, rtde_type
 from client.recording.stamps import seconds_and_rest
+from urproto.joints import JOINT_NAMES as JOINTS
 from urproto.modes import RuntimeState
 from urproto.robots.pose import wrench_trans
 
 __all__ = ["JOINTS", "RTDE_TOPIC", "ControllerTopic", "Topic", "Topics", "controller_message"]
 
 RTDE_TOPIC: Final = "/rtde"
-JOINTS: Final = (
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
-"""Joint names of ur_description, base to wrist 3."""
-
 _AGAIN_NS: Final = 1_000_000_000  # what does not change is told once a second, for those who come late; guess
 _TCP_FRAME: Final = "tool0_controller"  # where the controller has the TCP; name of the ROS 2 driver
 

@@ -4,27 +4,14 @@ from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 
 from client.decoding.codecs import Side, codec_of_port
-from client.tool_communication import PORT as TOOL_LINE
 from urproto.errors import LocalProtocolError
+from urproto.ports import CONTROLLER_PORTS
 
 __all__ = ["DRIVER_PORTS", "ROBOT_PORTS", "choose_ports", "is_traffic", "port_name", "server_is_robot"]
 
-ROBOT_PORTS = {
-    "dashboard": 29999,
-    "primary": 30001,
-    "secondary": 30002,
-    "realtime": 30003,
-    "rtde": 30004,
-    "primary read-only": 30011,
-    "secondary read-only": 30012,
-    "realtime read-only": 30013,
-    "interpreter": 30020,
-    "modbus": 502,
-    "gripper": 63352,
-    "tool line": TOOL_LINE,
-}
+ROBOT_PORTS = CONTROLLER_PORTS
 DRIVER_PORTS = {"reverse": 50001, "script-sender": 50002, "trajectory": 50003, "script-command": 50004}
-_NAMES = {port: name for name, port in (ROBOT_PORTS | DRIVER_PORTS).items()}
+_NAMES = {port: name for name, port in {**ROBOT_PORTS, **DRIVER_PORTS}.items()}
 
 
 def is_traffic(port: int) -> bool:

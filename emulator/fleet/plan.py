@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import msgspec
-import yaml
 
-from emulator.config import ConfigError, EmulatorConfig
+from emulator.config import ConfigError, EmulatorConfig, read_yaml
 
 __all__ = ["FIRST_HOST", "MOST_ROBOTS", "FleetFile", "place"]
 
@@ -38,7 +37,7 @@ class FleetFile:
 
     def read(self, path: Path) -> list[Options]:
         """What the file says of each robot, and nothing else. Raises ConfigError."""
-        content = _convert(_yaml(path), self._file, path.parent, str(path))
+        content = _convert(read_yaml(path), self._file, path.parent, str(path))
         robots: list[Options] = []
         for number, entry in enumerate(content.robots, 1):
             robots += self._expand(entry, path.parent, f"{path}: entry {number}")
@@ -53,15 +52,6 @@ class FleetFile:
         if "host" in entry and robot.count > 1:
             raise ConfigError(f"{where}: {robot.count} robots cannot share the host {robot.host}: leave it out")
         return [{name: getattr(robot, name) for name in entry if name != "count"}] * robot.count
-
-
-def _yaml(path: Path) -> Any:
-    try:
-        return yaml.safe_load(path.read_text("utf-8"))
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeError) as error:
-        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
 
 
 def _convert(content: Any, kind: Any, folder: Path, where: str) -> Any:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+from urproto.joints import JOINT_NAMES as JOINTS
 from urproto.robots.calibration import Frame, chain_of
 from urproto.robots.model import DH, Link, RobotModel
 from urproto.robots.pose import Vec3
@@ -21,14 +22,6 @@ from urproto.robots.shapes import Capsule, capsules
 
 __all__ = ["JOINTS", "MeshesMissing", "urdf"]
 
-JOINTS: Final = (
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
 _LINKS: Final = (
     "base_link_inertia",
     "shoulder_link",

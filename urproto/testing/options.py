@@ -2,18 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
+
+from urproto.joints import JOINT_NAMES
 
 __all__ = ["JOINT_NAMES", "command_line", "write_positions"]
-
-JOINT_NAMES: Final = (  # as in ur_description
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
 
 
 def command_line(options: Mapping[str, Any]) -> list[str]:

@@ -1,0 +1,23 @@
+"""Where each server listens on a controller."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from urproto.robotiq import PORT as GRIPPER_PORT
+
+__all__ = ["CONTROLLER_PORTS"]
+
+CONTROLLER_PORTS: Final[Mapping[str, int]] = {
+    "dashboard": 29999,
+    "primary": 30001,
+    "secondary": 30002,
+    "realtime": 30003,
+    "rtde": 30004,
+    "primary read-only": 30011,
+    "secondary read-only": 30012,
+    "realtime read-only": 30013,
+    "interpreter": 30020,
+    "modbus": 502,
+    "gripper": GRIPPER_PORT,
+    "tool line": 54321,  # as the vendor's RS485 URCap has it
+}
