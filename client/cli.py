@@ -17,6 +17,7 @@ from client.commands.describe import describe_command
 from client.commands.doctor import doctor_command
 from client.commands.goal import goal_command, publish_goals_command
 from client.commands.options import PortOffset, RobotIP
+from client.commands.pendant import pendant_command
 from client.commands.plot import plot_command
 from client.commands.proxy import proxy_command
 from client.commands.record import convert_command, record_command, stream_command
@@ -98,6 +99,7 @@ app.command("replay")(replay_command)
 app.command("calibration")(calibration_command)
 app.command("describe")(describe_command)
 app.command("doctor")(doctor_command)
+app.command("pendant")(pendant_command)
 app.command("tool-comm")(tool_comm_command)
 app.command("proxy")(proxy_command)
 app.command("replay-traffic")(replay_traffic_command)

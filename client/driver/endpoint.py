@@ -10,7 +10,7 @@ import logging
 import socket
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Final, Self
+from typing import Final, Self, cast
 
 from client.connection import DEFAULT_TIMEOUT_S
 from client.errors import ProgramNotRunningError
@@ -54,11 +54,10 @@ class Peer(asyncio.Protocol):
     # asyncio's side
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self.transport = transport
+        self.transport = cast(asyncio.Transport, transport)  # uvloop's is of no such class
         self.address = str(transport.get_extra_info("peername")[0])
         transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        transport.set_write_buffer_limits(_MOST_UNSENT)
+        self.transport.set_write_buffer_limits(_MOST_UNSENT)
         self._endpoint._arrived(self)
 
     def data_received(self, data: bytes) -> None:

@@ -1,4 +1,4 @@
-"""What lasts as long as a with block: servoing, freedrive, force mode."""
+"""What lasts as long as a with block: servoing, velocities, freedrive, force mode."""
 
 from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from contextlib import asynccontextmanager
@@ -39,6 +39,18 @@ class Contexts(RobotCore):
     async def servo_pose(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator[Follow]:
         """As servo_j with poses base to TCP (6,) [m, rotation vector]."""
         async with self._stream("servo_pose", lambda pose: self.driver.servo_pose(pose, timeout_s)) as follow:
+            yield follow
+
+    @asynccontextmanager
+    async def velocity_j(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator[Follow]:
+        """As servo_j with joint speeds (6,) [rad/s]; they are reached at once, so ramps are the caller's."""
+        async with self._stream("velocity_j", lambda qd_rad_s: self.driver.speedj(qd_rad_s, timeout_s)) as follow:
+            yield follow
+
+    @asynccontextmanager
+    async def velocity_l(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator[Follow]:
+        """As velocity_j with velocities of the TCP in the base frame (6,) [m/s, rad/s]."""
+        async with self._stream("velocity_l", lambda velocity: self.driver.speedl(velocity, timeout_s)) as follow:
             yield follow
 
     @asynccontextmanager

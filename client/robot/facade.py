@@ -46,6 +46,8 @@ class Robot(Blocking[AsyncRobot]):
 
     servo_j = blocking_context(AsyncRobot.servo_j)
     servo_pose = blocking_context(AsyncRobot.servo_pose)
+    velocity_j = blocking_context(AsyncRobot.velocity_j)
+    velocity_l = blocking_context(AsyncRobot.velocity_l)
     freedrive = blocking_context(AsyncRobot.freedrive)
     force_mode = blocking_context(AsyncRobot.force_mode)
 

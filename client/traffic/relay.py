@@ -5,7 +5,7 @@ import os
 import socket
 import struct
 from collections.abc import Callable
-from typing import Final
+from typing import Final, cast
 
 from client.decoding.packets import Endpoint
 from client.traffic.recorder import Recorded, Recorder
@@ -150,8 +150,7 @@ class _End(asyncio.Protocol):
         self._relay = relay
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self.transport = transport
+        self.transport = cast(asyncio.Transport, transport)  # uvloop's is of no such class
         address, port = transport.get_extra_info("peername")[:2]
         self.peer = Endpoint(address, port)
         if not self.from_client:

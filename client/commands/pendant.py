@@ -1,0 +1,46 @@
+"""``ur-client pendant``: the teach pendant in a browser."""
+
+import os
+import signal
+import threading
+from typing import Annotated
+
+import typer
+
+from client.commands.options import PortOffset, RobotIP
+from client.recording.extras import extra
+
+__all__ = ["pendant_command"]
+
+
+def pendant_command(
+    robot_ip: RobotIP = "127.0.0.1",
+    port_offset: PortOffset = 0,
+    host: Annotated[
+        str, typer.Option(help="Address to serve on; 0.0.0.0 lets other machines move the robot.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Where browsers find it.")] = 6080,
+    control_port: Annotated[
+        int | None, typer.Option(help="Of an emulator's control API, if it is not the usual one.")
+    ] = None,
+    modbus_port: Annotated[int | None, typer.Option(help="Of the robot, if it is not the usual one.")] = None,
+    with_parent: Annotated[bool, typer.Option("--with-parent", hidden=True, help="End with standard input.")] = False,
+    control_token: Annotated[
+        str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="What an emulator's control API asks for.")
+    ] = "",
+) -> None:
+    """Serve a teach pendant for a robot or an emulator, until Ctrl-C."""
+    with extra("pendant", "the teach pendant"):
+        from client.pendant.server import serve
+        from client.pendant.station import Station
+    if with_parent:
+        threading.Thread(target=_end_with_standard_input, name="parent watch", daemon=True).start()
+    station = Station(robot_ip, port_offset, control_port, modbus_port, control_token)
+    serve(station, host, port, lambda: typer.echo(f"Pendant of {robot_ip}: http://{host}:{port}"))
+
+
+def _end_with_standard_input() -> None:
+    """It is a pipe that nobody writes to: it ends when the process that started this one is gone."""
+    while os.read(0, 1):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)

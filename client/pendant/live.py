@@ -1,0 +1,142 @@
+"""What changes by itself on a page: texts, states and the arm, thirty times a second.
+
+NiceGUI lays pages out and answers clicks; what follows the robot goes past it over a web socket of its own, as lists
+of changes that ``static/pendant.js`` applies. Nothing is sent for what looks the same, nor for screens that nobody
+sees, and a slow browser skips frames.
+"""
+
+import asyncio
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, Literal
+
+from fastapi import WebSocket, WebSocketDisconnect
+from nicegui import ui
+
+from client.pendant.station import FRAME_HZ, Station
+
+__all__ = ["Held", "Live"]
+
+Kind = Literal["text", "state", "value", "joints", "points", "width"]
+Read = Callable[[Station], Any]
+Held = Callable[[Mapping[str, Any] | None], None]
+
+_FRAME_S: Final = 1.0 / FRAME_HZ
+_NEVER: Final = object()
+
+
+@dataclass(slots=True)
+class _Binding:
+    target: int  # id of a NiceGUI element
+    kind: Kind
+    read: Read
+    screen: str | None
+    last: Any = _NEVER
+
+
+@dataclass(slots=True)
+class _Effect:
+    read: Read
+    apply: Callable[[Any], object]
+    screen: str | None
+    last: Any = _NEVER
+
+
+class Live:
+    """Of one browser's page. screen: which one it shows; ``building``: which one its elements are made for now.
+
+    on_held: told by the browser which jog button is held, several times a second, and None when it is let go.
+    """
+
+    pages: ClassVar[dict[str, "Live"]] = {}
+
+    def __init__(self, station: Station, page_id: str) -> None:
+        self.station = station
+        self.page_id = page_id
+        self.screen = ""
+        self.building: str | None = None
+        self.on_held: list[Held] = []
+        self._bindings: list[_Binding] = []
+        self._effects: list[_Effect] = []
+        self._again = asyncio.Event()
+        self.pages[page_id] = self
+
+    def close(self) -> None:
+        """The browser is gone."""
+        self.pages.pop(self.page_id, None)
+        self._hear({"held": None})
+
+    # what is shown
+
+    def text(self, read: Read, classes: str = "") -> ui.element:
+        """A text that changes; ``read`` gives it."""
+        return self.bind(ui.element("span").classes(f"live {classes}"), "text", read)
+
+    def bind(self, element: ui.element, kind: Kind, read: Read) -> ui.element:
+        """Let something of an element follow the robot.
+
+        text: its content. state: its attribute data-state, for style sheets. width: percent, of a bar. value: given to
+        the element's own method ``follow`` in the browser, as are joints and points; see static/pendant.js.
+        """
+        self._bindings.append(_Binding(element.id, kind, read, self.building))
+        return element
+
+    def effect(self, read: Read, apply: Callable[[Any], object]) -> None:
+        """Call ``apply`` with what ``read`` gives whenever that has changed: for what NiceGUI itself has to do."""
+        self._effects.append(_Effect(read, apply, self.building))
+
+    def show(self, screen: str) -> None:
+        """Another screen is in view."""
+        self.screen = screen
+        self._again.set()
+
+    # the web socket
+
+    async def serve(self, socket: WebSocket) -> None:
+        """Send changes until the browser goes away. It may come back: then everything is sent again."""
+        await socket.accept()
+        for binding in self._bindings:
+            binding.last = _NEVER
+        sending = asyncio.create_task(self._send_frames(socket))
+        try:
+            while True:
+                self._hear(json.loads(await socket.receive_text()))
+        except (WebSocketDisconnect, json.JSONDecodeError, RuntimeError):
+            pass
+        finally:
+            self._hear({"held": None})
+            sending.cancel()
+            await asyncio.gather(sending, return_exceptions=True)
+
+    def _hear(self, message: Any) -> None:
+        if isinstance(message, dict) and "held" in message:
+            held = message["held"]
+            for tell in self.on_held:
+                tell(held if isinstance(held, dict) else None)
+
+    async def _send_frames(self, socket: WebSocket) -> None:
+        while True:
+            if changes := self.changes():
+                await socket.send_text(json.dumps(changes))
+            waiting = [asyncio.ensure_future(self.station.next_frame()), asyncio.ensure_future(self._again.wait())]
+            try:
+                await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                for wait in waiting:
+                    wait.cancel()
+            self._again.clear()
+
+    def changes(self) -> list[tuple[int, Kind, Any]]:
+        """Of everything in view, what looks other than when this was last asked: (element, kind, value)."""
+        station, screen = self.station, self.screen
+        for effect in self._effects:
+            if effect.screen in (None, screen) and (value := effect.read(station)) != effect.last:
+                effect.last = value
+                effect.apply(value)
+        changed = list[tuple[int, Kind, Any]]()
+        for binding in self._bindings:
+            if binding.screen in (None, screen) and (value := binding.read(station)) != binding.last:
+                binding.last = value
+                changed.append((binding.target, binding.kind, value))
+        return changed

@@ -1,0 +1,109 @@
+"""What one browser shows: the frame around the screens, and what all screens share."""
+
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+from nicegui import ui
+
+from client import dashboard
+from client.errors import ClientError
+from client.pendant.live import Live
+from client.pendant.station import Station
+from urproto.errors import ProtocolError, RobotRefused
+from urproto.modes import RuntimeState
+
+__all__ = ["MISTAKES", "Page"]
+
+MISTAKES: Final = (ClientError, ProtocolError, RobotRefused, OSError, ValueError)
+"""What goes wrong with robots and inputs; its text is for people."""
+
+Action = Callable[[], Awaitable[Any]]
+
+
+class Page:
+    """Handed to every screen that builds a part of it.
+
+    station: the robot, shared by all pages. live: what changes by itself. confirmed: somebody has agreed that this
+    real arm may be moved from here.
+    """
+
+    def __init__(self, station: Station, live: Live) -> None:
+        self.station = station
+        self.live = live
+        self.confirmed = False
+        self._content = ui.context.client.content
+        station.mover.on_error.append(self.complain)
+        live.on_held.append(self._stop_when_let_go)
+
+    def close(self) -> None:
+        """The browser is gone."""
+        self.station.mover.on_error.remove(self.complain)
+        self.live.close()
+
+    # telling
+
+    def complain(self, text: str) -> None:
+        """Show what went wrong until somebody has read it."""
+        with self._content:
+            ui.notify(text, type="negative", multi_line=True, close_button="OK", timeout=10_000, position="top")
+
+    def tell(self, text: str) -> None:
+        """Show for a moment what has been done."""
+        with self._content:
+            ui.notify(text, type="positive", timeout=2_000, position="top")
+
+    # doing
+
+    async def attempt(self, action: Action, done: str = "") -> bool:
+        """Do it and say what went wrong, or what has been done. True if all went well."""
+        try:
+            await action()
+        except MISTAKES as error:
+            self.complain(str(error))
+            return False
+        if done:
+            self.tell(done)
+        return True
+
+    def doing(self, action: Action, done: str = "") -> Callable[[], Awaitable[None]]:
+        """For a button: ``ui.button("Off", on_click=page.doing(lambda: page.ask(dashboard.POWER_OFF)))``."""
+
+        async def click() -> None:
+            await self.attempt(action, done)
+
+        return click
+
+    async def play(self) -> None:
+        """Start or resume the program; a control program of ours gives way."""
+        station = self.station
+        if station.runtime_state not in (RuntimeState.PAUSED, RuntimeState.PAUSING):
+            await station.mover.give_back()
+        await station.ask(dashboard.PLAY)
+
+    async def may_move(self) -> bool:
+        """Whether the arm may be moved from here: on a robot a person has to agree, once a page."""
+        if self.station.behind.available or self.confirmed:
+            return True
+        with self._content, ui.dialog() as dialog, ui.card():
+            ui.label("This is a real robot").classes("text-h6")
+            ui.label(f"The arm at {self.station.robot_ip} is going to move. Is its workspace clear?")
+            with ui.row().classes("w-full justify-end"):
+                ui.button("Cancel", on_click=lambda: dialog.submit(False)).props("flat")
+                ui.button("It may move", on_click=lambda: dialog.submit(True)).props("data-testid=may-move")
+        self.confirmed = bool(await dialog)
+        dialog.delete()
+        return self.confirmed
+
+    def _stop_when_let_go(self, held: Any) -> None:
+        if held is None:
+            self.station.mover.release()
+
+    # parts that look alike everywhere
+
+    @contextmanager
+    def panel(self, title: str, classes: str = "") -> Iterator[ui.card]:
+        """A box with a title."""
+        with ui.card().classes(f"panel {classes}") as card:
+            ui.label(title).classes("panel-title")
+            yield card

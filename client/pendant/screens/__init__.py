@@ -1,0 +1,33 @@
+"""The screens of the pendant, named as PolyScope names them: one module each, one row here."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from client.pendant.page import Page
+from client.pendant.screens import graph, initialize, installation, io, log, move, run, simulation
+
+__all__ = ["SCREENS", "Screen"]
+
+
+@dataclass(frozen=True, slots=True)
+class Screen:
+    """name: also the path of its address. build: puts it on a page. only_emulated: a robot has no use for it."""
+
+    name: str
+    title: str
+    icon: str
+    build: Callable[[Page], None]
+    only_emulated: bool = False
+
+
+SCREENS: Final = (
+    Screen("initialize", "Initialize", "power_settings_new", initialize.build),
+    Screen("run", "Run", "play_circle", run.build),
+    Screen("move", "Move", "open_with", move.build),
+    Screen("io", "I/O", "settings_input_component", io.build),
+    Screen("log", "Log", "list_alt", log.build),
+    Screen("graph", "Graph", "show_chart", graph.build),
+    Screen("installation", "Installation", "tune", installation.build),
+    Screen("simulation", "Simulation", "science", simulation.build, only_emulated=True),
+)

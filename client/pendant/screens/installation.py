@@ -1,0 +1,9 @@
+"""Installation."""
+
+from client.pendant.page import Page
+
+__all__ = ["build"]
+
+
+def build(page: Page) -> None:
+    """Put it on the page."""

@@ -1,0 +1,147 @@
+"""Serves the pendant: pages, the web sockets beside them, and who may come in."""
+
+import asyncio
+import logging
+import os
+import socket
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+from fastapi import WebSocket
+from fastapi.responses import PlainTextResponse
+from nicegui import app, ui
+
+from client.pendant import frame
+from client.pendant.live import Live
+from client.pendant.page import Page
+from client.pendant.screens import SCREENS
+from client.pendant.station import Station
+
+__all__ = ["PORT", "serve"]
+
+PORT: Final = 6080
+_STATIC: Final = Path(__file__).with_name("static")
+_SHEETS: Final = ("pendant.css", *sorted(path.name for path in _STATIC.glob("screen_*.css")))
+_SCRIPTS: Final = ("pendant.js", *sorted(path.name for path in _STATIC.glob("screen_*.js")))
+_FORBIDDEN: Final = 403
+_LOOK_AGAIN_S: Final = 0.05
+
+_logger = logging.getLogger(__name__)
+
+
+def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> None:
+    """Serve one robot's pendant until the process is told to end. ready: called when browsers may come.
+
+    Raises OSError for a port that is taken.
+    """
+    os.environ.pop("PYTEST_CURRENT_TEST", None)  # of a test that started this process: NiceGUI would test itself
+    opened = AsyncExitStack()
+    _check_free(host, port)
+
+    async def start() -> None:
+        await opened.enter_async_context(station)
+        asyncio.get_running_loop().create_task(_when_open(host, port, ready))
+
+    app.on_startup(start)
+    app.on_shutdown(opened.aclose)
+    app.add_static_files("/pendant", _STATIC)
+    app.add_middleware(_OwnPagesOnly)
+
+    @ui.page("/")
+    @ui.page("/{screen}")
+    async def pendant(screen: str = SCREENS[0].name) -> None:
+        await _page(station, screen)
+
+    @app.websocket("/live/{page_id}")
+    async def live(web_socket: WebSocket, page_id: str) -> None:
+        if page_id in Live.pages:
+            await Live.pages[page_id].serve(web_socket)
+        else:
+            await web_socket.close(_FORBIDDEN)
+
+    ui.run(
+        host=host,
+        port=port,
+        title="Pendant",
+        favicon=_STATIC / "favicon.svg",
+        dark=None,
+        reload=False,
+        show=False,
+        show_welcome_message=False,
+        binding_refresh_interval=None,
+        ws_per_message_deflate=False,
+        access_log=False,
+    )
+
+
+def _check_free(host: str, port: int) -> None:
+    """As the server would, whose own complaint is a page of log."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError as error:
+            raise OSError(error.errno, f"the pendant cannot have {host}:{port}: {error.strerror}") from error
+
+
+async def _when_open(host: str, port: int, ready: Callable[[], None]) -> None:
+    """The server opens its port after its start-up handlers."""
+    while True:
+        try:
+            _, writer = await asyncio.open_connection(host, port)
+        except OSError:
+            await asyncio.sleep(_LOOK_AGAIN_S)
+        else:
+            writer.close()
+            return ready()
+
+
+async def _page(station: Station, screen: str) -> None:
+    client = ui.context.client
+    first = screen if any(screen == known.name for known in SCREENS) else SCREENS[0].name
+    ui.colors(primary="#2f7fb8", secondary="#56a0d3", positive="#2e9e5b", negative="#c62828", warning="#e0a100")
+    for name in _SHEETS:
+        ui.add_head_html(f'<link rel="stylesheet" href="/pendant/{name}">')
+    for name in _SCRIPTS:
+        ui.add_body_html(f'<script src="/pendant/{name}"></script>')
+    page = Page(station, Live(station, client.id))
+    client.on_delete(page.close)
+    frame.build(page, first)
+    ui.run_javascript(f"pendant.follow('{client.id}')")
+
+
+class _OwnPagesOnly:
+    """Lets nobody in whose page another site has served: such a page could move the robot.
+
+    A request's Host is an address of this machine or its name, and its Origin, if it has one, the same.
+    """
+
+    def __init__(self, inner: Any) -> None:
+        self._inner = inner
+        self._names = {"localhost", socket.gethostname().lower(), socket.getfqdn().lower()}
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] not in ("http", "websocket") or self._allowed(dict(scope["headers"])):
+            await self._inner(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": _FORBIDDEN})
+        else:
+            text = "This pendant answers to addresses of its machine and to its name only.\n"
+            await PlainTextResponse(text, _FORBIDDEN)(scope, receive, send)
+
+    def _allowed(self, headers: dict[bytes, bytes]) -> bool:
+        host = headers.get(b"host", b"").decode("latin-1").lower()
+        origin = headers.get(b"origin", b"").decode("latin-1").lower()
+        return self._is_ours(host) and (not origin or urlsplit(origin).netloc == host)
+
+    def _is_ours(self, host: str) -> bool:
+        name = urlsplit(f"//{host}").hostname or ""
+        try:
+            ip_address(name)
+        except ValueError:
+            return name in self._names
+        return True

@@ -1,0 +1,105 @@
+"use strict";
+// What follows the robot on a page: see client/pendant/live.py. Changes are [element id, kind, value].
+const pendant = (() => {
+  const followers = new Map(); // element id -> function of a value, for kinds that are not plain DOM
+  const waiting = new Map(); // changes whose element is not there yet, newest only
+  const elements = new Map(); // found once, since those of a hidden screen are not in the document
+  let socket = null;
+  let held = null;
+  let beat = 0;
+
+  function element(id) {
+    let found = elements.get(id);
+    if (!found) {
+      found = document.getElementById(`c${id}`);
+      if (found) elements.set(id, found);
+    }
+    return found;
+  }
+
+  const appliers = {
+    text: (target, value) => (target.textContent = value),
+    state: (target, value) => (target.dataset.state = value),
+    width: (target, value) => (target.style.width = `${value}%`),
+  };
+
+  function apply(change) {
+    const [id, kind, value] = change;
+    const target = element(id);
+    const follower = followers.get(id);
+    if (appliers[kind] && target) appliers[kind](target, value);
+    else if (!appliers[kind] && target && follower && follower(value, target) !== false) return true;
+    else return false;
+    return true;
+  }
+
+  function take(changes) {
+    for (const change of changes) {
+      const key = `${change[0]} ${change[1]}`;
+      waiting.delete(key);
+      if (!apply(change)) waiting.set(key, change);
+    }
+  }
+
+  setInterval(() => {
+    for (const [key, change] of waiting) if (apply(change)) waiting.delete(key);
+  }, 100);
+
+  function follow(page) {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    socket = new WebSocket(`${scheme}://${location.host}/live/${page}`);
+    socket.onmessage = (event) => take(JSON.parse(event.data));
+    socket.onclose = () => {
+      letGo();
+      setTimeout(() => follow(page), 500);
+    };
+  }
+
+  function say(what) {
+    if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(what));
+  }
+
+  // Buttons with data-hold move the arm as long as they are held; the robot stops when this is not said any more.
+  function hold(what) {
+    held = what;
+    say({ held });
+    clearInterval(beat);
+    beat = setInterval(() => say({ held }), 100);
+  }
+
+  function letGo() {
+    if (held === null) return;
+    held = null;
+    clearInterval(beat);
+    say({ held: null });
+  }
+
+  document.addEventListener("pointerdown", (event) => {
+    const button = event.target.closest && event.target.closest("[data-hold]");
+    if (!button || button.disabled || event.button > 0) return;
+    event.preventDefault();
+    hold(JSON.parse(button.dataset.hold));
+  });
+  for (const end of ["pointerup", "pointercancel", "blur", "contextmenu"]) window.addEventListener(end, letGo);
+  document.addEventListener("visibilitychange", () => document.hidden && letGo());
+  document.addEventListener("keydown", (event) => {
+    const button = event.target.closest && event.target.closest("[data-hold]");
+    if (!button || event.repeat || (event.key !== " " && event.key !== "Enter")) return;
+    event.preventDefault();
+    hold(JSON.parse(button.dataset.hold));
+  });
+  document.addEventListener("keyup", letGo);
+
+  // The arm: groups of a NiceGUI scene that turn about their own z axis.
+  function arm(id, groups) {
+    followers.set(id, (angles) => {
+      const scene = getElement(id);
+      if (!scene || !scene.objects) return false;
+      const meshes = groups.map((group) => scene.objects.get(group)?.mesh);
+      if (meshes.some((mesh) => !mesh)) return false;
+      meshes.forEach((mesh, i) => (mesh.rotation.z = angles[i]));
+    });
+  }
+
+  return { follow, arm, followers, say };
+})();

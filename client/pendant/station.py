@@ -1,0 +1,234 @@
+"""One robot as a pendant knows it: what it says, and what can be asked of it. All browsers share it."""
+
+import asyncio
+from collections.abc import Mapping
+from contextlib import AsyncExitStack
+from types import TracebackType
+from typing import Any, Final, Self, TypeVar
+
+from client import dashboard, primary, rtde
+from client.calibration import model_of
+from client.dashboard import DashboardClient
+from client.errors import ClientError, RobotUnreachableError
+from client.operations import Operation
+from client.pendant.behind import CONTROL_PORT, Behind
+from client.pendant.dialogues import Dialogues
+from client.pendant.events import EventLog
+from client.pendant.mover import Mover
+from client.pendant.variables import Variables
+from client.primary import PrimaryClient, PrimaryCore
+from client.robot import AsyncRobot
+from client.rtde import RTDEClient
+from urproto.errors import ProtocolError, RobotRefused
+from urproto.modes import RobotMode, RuntimeState, SafetyMode
+from urproto.ports import CONTROLLER_PORTS
+from urproto.primary.state import ConfigurationData
+from urproto.robots import RobotModel
+from urproto.versions import PolyscopeVersion
+
+__all__ = ["FRAME_HZ", "Station"]
+
+Answer = TypeVar("Answer")
+Mode = TypeVar("Mode", RobotMode, SafetyMode, RuntimeState)
+
+FRAME_HZ: Final = 30.0
+"""How often a second the robot is asked for its state, and a browser is told."""
+
+OUTPUTS: Final = (
+    "timestamp", "robot_mode", "joint_mode", "safety_mode", "safety_status_bits", "runtime_state",
+    "robot_status_bits", "speed_scaling", "target_speed_fraction",
+    "actual_q", "actual_qd", "actual_current", "joint_temperatures", "joint_control_output",
+    "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force", "tcp_offset", "payload", "payload_cog",
+    "actual_digital_input_bits", "actual_digital_output_bits", "analog_io_types",
+    "standard_analog_input0", "standard_analog_input1", "standard_analog_output0", "standard_analog_output1",
+    "tool_analog_input_types", "tool_analog_input0", "tool_analog_input1", "tool_output_voltage",
+    "tool_output_current", "tool_temperature", "tool_mode", "actual_robot_voltage", "actual_robot_current",
+    "actual_main_voltage",
+)  # fmt: skip
+_SILENCE_S: Final = 1.0  # guess: a robot that says nothing for so long is lost
+_AGAIN_S: Final = 0.5  # between attempts to reach it
+_LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
+
+
+class Station:
+    """The connections of one pendant to one robot; use it with ``async with``.
+
+    values: the newest RTDE state, by variable name; empty before the first. core: what the primary interface said.
+    log, variables, dialogues: collected from its messages. connected: the state comes. trouble: why it does not.
+    behind: an emulator's control API, which a robot has not. frame: how many states came.
+    """
+
+    def __init__(
+        self,
+        robot_ip: str,
+        port_offset: int = 0,
+        control_port: int | None = None,
+        modbus_port: int | None = None,
+        token: str = "",
+    ) -> None:
+        self.robot_ip = robot_ip
+        self.ports: Mapping[str, int] = {
+            "dashboard": dashboard.PORT + port_offset,
+            "primary": primary.PORT + port_offset,
+            "rtde": rtde.PORT + port_offset,
+            "modbus": CONTROLLER_PORTS["modbus"] + port_offset if modbus_port is None else modbus_port,
+        }
+        self.values: Mapping[str, Any] = {}
+        self.version: PolyscopeVersion | None = None
+        self.unavailable: frozenset[str] = frozenset()
+        self.connected = False
+        self.trouble = "connecting"
+        self.frame = 0
+        self.log = EventLog()
+        self.variables = Variables()
+        self.dialogues = Dialogues()
+        self.behind = Behind(robot_ip, CONTROL_PORT + port_offset if control_port is None else control_port, token)
+        self.mover = Mover(self._open_robot)
+        self._primary: PrimaryClient | None = None
+        self._core = PrimaryCore()
+        self._arm: ConfigurationData | None = None
+        self._model: RobotModel | None = None
+        self._news = asyncio.Event()
+        self._running = AsyncExitStack()
+
+    async def __aenter__(self) -> Self:
+        async with AsyncExitStack() as opening:
+            opening.push_async_callback(self.behind.close)
+            opening.push_async_callback(self.mover.close)
+            for work in (self._states(), self._messages(), self.behind.follow(self.dialogues)):
+                opening.push_async_callback(_cancel, asyncio.create_task(work))
+            self._running = opening.pop_all()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self._running.aclose()
+
+    # what it says
+
+    @property
+    def core(self) -> PrimaryCore:
+        """State, kinematics and configuration of the primary interface, as far as they came."""
+        return self._core
+
+    @property
+    def model(self) -> RobotModel | None:
+        """The arm, None while it is not known."""
+        arm = self._core.configuration
+        if arm is not self._arm:
+            self._arm, self._model = arm, None if arm is None else model_of(arm)
+        return self._model
+
+    @property
+    def robot_mode(self) -> RobotMode:
+        """NO_CONTROLLER while it is not known."""
+        return self._mode("robot_mode", RobotMode.NO_CONTROLLER)
+
+    @property
+    def safety_mode(self) -> SafetyMode:
+        """UNDEFINED_SAFETY_MODE while it is not known."""
+        return self._mode("safety_mode", SafetyMode.UNDEFINED_SAFETY_MODE)
+
+    @property
+    def runtime_state(self) -> RuntimeState:
+        """Of the program."""
+        return self._mode("runtime_state", RuntimeState.STOPPED)
+
+    def _mode(self, field: str, unknown: Mode) -> Mode:
+        try:
+            return type(unknown)(self.values.get(field, unknown))
+        except ValueError:  # newer robots may have more
+            return unknown
+
+    async def next_frame(self) -> None:
+        """Wait until there is something new to show."""
+        await self._news.wait()
+
+    # what can be asked of it
+
+    async def ask(self, operation: Operation[Answer]) -> Answer:
+        """Do a dashboard operation. Raises RobotRefused when the robot says no, ClientError."""
+        async with DashboardClient(self.robot_ip, self.ports["dashboard"]) as board:
+            return await board.ask(operation)
+
+    async def send_script(self, text: str) -> None:
+        """Hand a script to the primary interface, whatever becomes of it. Raises ClientError."""
+        if self._primary is None:
+            raise RobotUnreachableError(self.robot_ip, self.ports["primary"], "its primary interface is not connected")
+        await self._primary.run(self._primary.core.send_script(text))
+
+    async def say(self, *statements: str) -> None:
+        """Let statements be carried out beside whatever program runs. Raises ClientError."""
+        body = "".join(f"  {statement}\n" for statement in statements)
+        await self.send_script(f"sec pendant():\n{body}end")
+
+    async def write(self, **inputs: Any) -> None:
+        """Write RTDE inputs once. Raises RobotRefused when another client holds them, ClientError."""
+        async with RTDEClient(self.robot_ip, (), [tuple(inputs)], port=self.ports["rtde"]) as client:
+            await client.send(**inputs)
+
+    async def set_speed_slider(self, fraction: float) -> None:
+        """Move the speed slider, 0 to 1. Raises RobotRefused, ClientError."""
+        if self.mover.has_slider:
+            await self.mover.set_speed_slider(fraction)
+        else:
+            await self.write(speed_slider_mask=1, speed_slider_fraction=fraction)
+
+    def _open_robot(self) -> AsyncRobot:
+        return AsyncRobot(self.robot_ip, robot_ports=self.ports, frequency_hz=Mover.RATE_HZ)
+
+    # the connections
+
+    async def _states(self) -> None:
+        while True:
+            try:
+                await self._follow_states()
+            except _LOST as error:
+                self.connected, self.trouble = False, str(error)
+                self._tell()
+            await asyncio.sleep(_AGAIN_S)
+
+    async def _follow_states(self) -> None:
+        client = RTDEClient(
+            self.robot_ip,
+            OUTPUTS,
+            frequency_hz=FRAME_HZ,
+            ignore_unavailable=True,
+            port=self.ports["rtde"],
+            timeout_s=_SILENCE_S,
+        )
+        async with client:
+            self.version, self.unavailable = client.core.version, client.core.unavailable
+            while True:
+                self.values = await client.latest()
+                self.connected, self.trouble = True, ""
+                self._tell()
+
+    async def _messages(self) -> None:
+        while True:
+            try:
+                await self._follow_messages()
+            except _LOST as error:
+                self.log.note(f"no messages: {error}")
+            self._primary = None
+            await asyncio.sleep(_AGAIN_S)
+
+    async def _follow_messages(self) -> None:
+        async with PrimaryClient(self.robot_ip, self.ports["primary"]) as client:
+            self._primary, self._core = client, client.core
+            while True:
+                message = await client.run(client.core.next_message())
+                self.log.hear(message)
+                self.variables.hear(message)
+                self.dialogues.hear(message)
+
+    def _tell(self) -> None:
+        self.frame += 1
+        news, self._news = self._news, asyncio.Event()
+        news.set()
+
+
+async def _cancel(task: "asyncio.Task[Any]") -> None:
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)

@@ -1,0 +1,143 @@
+"""A real browser on a pendant of its own, which is connected to an emulator of its own.
+
+One emulator, one pendant and one browser serve all tests of a worker; each test has a page of its own, and finds
+the robot as it leaves ``Rig.reset``.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, Playwright, expect, sync_playwright
+
+from urproto.testing.process import EmulatorProcess
+
+ROOT = Path(__file__).resolve().parents[2]
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = [
+    *("--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"),
+    *("--disable-sync", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *(["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []),
+]
+SIZE = {"width": 1280, "height": 800}
+SOON_S = 20.0  # a busy machine's
+
+if CHROMIUM is None or sys.platform != "linux":
+    collect_ignore_glob = ["test_browser_*"]
+
+expect.set_options(timeout=SOON_S * 1000)
+
+
+def eventually(condition: Callable[[], object], within_s: float = SOON_S) -> None:
+    """Wait until it holds."""
+    deadline = time.monotonic() + within_s
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.02)
+
+
+class Rig:
+    """An emulator and the pendant for it."""
+
+    def __init__(self, model: str, folder: Path) -> None:
+        self.robot = EmulatorProcess(["--model", model, "--running", "--programs", str(folder)]).start()
+        self.host = self.robot.host
+        self.control: Any = self.robot.control
+        self.programs = folder
+        self.url = f"http://{self.host}:6080"
+        self._pendant = subprocess.Popen(
+            [
+                *(sys.executable, "-u", "-m", "client", "pendant", "--robot-ip", self.host, "--host", self.host),
+                *("--modbus-port", str(self.robot.ports["modbus"]), "--with-parent"),
+            ],
+            cwd=ROOT,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self._pendant.stdout is not None
+        assert "Pendant" in self._pendant.stdout.readline()
+
+    @property
+    def pendant_pid(self) -> int:
+        return self._pendant.pid
+
+    def reset(self) -> None:
+        """Arm on, brakes released, no stop, no program, no fault, full speed."""
+        control = self.control
+        control.clear_faults()
+        control.dashboard("stop")
+        control.release_emergency_stop()
+        for popup in control.popups():
+            control.answer_popup(popup["id"])
+        if control.state(["safety_mode"])["safety_mode"] == "PROTECTIVE_STOP":
+            control.unlock_protective_stop()
+        control.release_brakes()
+        control.run_until("robot_mode == RUNNING")
+        control.set_speed_slider(1.0)
+
+    def state(self, name: str) -> object:
+        """What the robot has in this RTDE field."""
+        return self.control.state([name])[name]
+
+    def close(self) -> None:
+        assert self._pendant.stdin is not None
+        assert self._pendant.stdout is not None
+        self._pendant.stdin.close()
+        self._pendant.wait(10)
+        self._pendant.stdout.close()
+        self.robot.stop()
+        self.robot.dispose()
+
+
+@pytest.fixture(scope="session")
+def playwright() -> Iterator[Playwright]:
+    with sync_playwright() as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
+def browser(playwright: Playwright) -> Iterator[Browser]:
+    browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+    yield browser
+    browser.close()
+
+
+@pytest.fixture(scope="session")
+def the_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+    rig = Rig("ur3", tmp_path_factory.mktemp("programs"))
+    yield rig
+    rig.close()
+
+
+@pytest.fixture
+def rig(the_rig: Rig) -> Rig:
+    the_rig.reset()
+    return the_rig
+
+
+@pytest.fixture
+def open_page(rig: Rig, browser: Browser) -> Iterator[Callable[[str], Page]]:
+    """Opens a screen in a page of its own; nothing may go wrong in it."""
+    opened = []
+
+    def open_(screen: str) -> Page:
+        context = browser.new_context(viewport=SIZE)
+        page = context.new_page()
+        errors = list[str]()
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        opened.append((context, errors))
+        page.goto(f"{rig.url}/{screen}")
+        expect(page.locator(".robot-name")).to_contain_text("UR3")
+        return page
+
+    yield open_
+    for context, errors in opened:
+        context.close()
+        assert not errors
