@@ -23,11 +23,12 @@ class BehindError(ClientError):
 class Behind:
     """Verbs of an emulator's control API (docs/control_verbs.md). available: there is one; so this is no robot.
 
-    token: what the emulator was told to ask for.
+    port: 0 for none. token: what the emulator was told to ask for.
     """
 
     def __init__(self, host: str, port: int, token: str = "") -> None:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
+        self._port = port
         base = f"http://{host}:{port}"
         self._http = httpx.AsyncClient(base_url=base, headers=headers, timeout=5.0, trust_env=False)
         self.available = False
@@ -52,7 +53,7 @@ class Behind:
 
     async def follow(self, dialogues: Dialogues) -> None:
         """Look whether there is an emulator, and which dialogues it shows, for ever."""
-        while True:
+        while self._port:
             try:
                 if not self.available:
                     await self._find()
