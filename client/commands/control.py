@@ -2,8 +2,8 @@
 
 import asyncio
 import sys
-from collections.abc import Coroutine
-from contextlib import suppress
+from collections.abc import AsyncIterator, Coroutine
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeAlias
@@ -24,7 +24,17 @@ from client.controllers import (
 from client.driver.config import ROBOT_PORTS
 from urproto.modes import SafetyMode
 
-__all__ = ["ControllersOption", "MakeReady", "Target", "controllers_file", "follow", "run", "say_result"]
+__all__ = [
+    "ControllersOption",
+    "MakeReady",
+    "RecordOption",
+    "SpeedSlider",
+    "Target",
+    "controllers_file",
+    "follow",
+    "run",
+    "say_result",
+]
 
 _DRAWN_S: Final = 0.1
 _LONG_S: Final = 1.0  # a bar for less would only flicker
@@ -39,20 +49,39 @@ MakeReady: TypeAlias = Annotated[
 ]
 
 
+RecordOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--record", help="Record robot and controller into this file: .mcap (or .csv, .npz: the robot alone)."),
+]
+SpeedSlider: TypeAlias = Annotated[
+    float | None,
+    typer.Option("--speed-slider", min=0.01, max=1.0, help="Move the robot's speed slider first; it stays there."),
+]
+
+
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Which robot, and with what."""
+    """Which robot, and with what. speed_slider: 0.01 to 1, None leaves it where it is."""
 
     robot_ip: str
     port_offset: int
     controllers: Path | None = None
     make_ready: bool = False
+    record: Path | None = None
+    speed_slider: float | None = None
 
-    def open(self) -> ControlledRobot:
-        """Its control loop, to be entered; the arm is at rest and its program ended afterwards."""
+    @asynccontextmanager
+    async def open(self) -> AsyncIterator[ControlledRobot]:
+        """Its control loop; the arm is at rest and its program ended afterwards."""
         ports = {name: port + self.port_offset for name, port in ROBOT_PORTS.items()}
         file = controllers_file(self.controllers)
-        return ControlledRobot(self.robot_ip, file, make_ready=self.make_ready, robot_ports=ports)
+        options = {"make_ready": self.make_ready, "record": self.record, "robot_ports": ports}
+        async with ControlledRobot(self.robot_ip, file, **options) as loop:
+            if self.speed_slider is not None:
+                await loop.robot.set_speed_slider(self.speed_slider)
+            yield loop
+        if self.record is not None:
+            typer.echo(f"recorded into {self.record}")
 
 
 def controllers_file(path: Path | None) -> ControllersFile:

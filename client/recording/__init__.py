@@ -3,6 +3,7 @@
 `Recorder` and `read` are what most programs want.
 """
 
+from client.recording.background import BackgroundRecorder
 from client.recording.files import Recorder, convert, open_writer, read
 from client.recording.motion import JointPath, joint_path
 from client.recording.plots import deviations, draw
@@ -10,6 +11,7 @@ from client.recording.recording import DEFAULT_FIELDS, Recording
 
 __all__ = [
     "DEFAULT_FIELDS",
+    "BackgroundRecorder",
     "JointPath",
     "Recorder",
     "Recording",
