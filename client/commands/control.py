@@ -51,7 +51,9 @@ MakeReady: TypeAlias = Annotated[
 
 RecordOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option("--record", help="Record robot and controller into this file: .mcap (or .csv, .npz: the robot alone)."),
+    typer.Option(
+        "--record", help="Record robot and controller into this file: .mcap (or .csv, .npz: the robot alone)."
+    ),
 ]
 SpeedSlider: TypeAlias = Annotated[
     float | None,
@@ -75,13 +77,13 @@ class Target:
         """Its control loop; the arm is at rest and its program ended afterwards."""
         ports = {name: port + self.port_offset for name, port in ROBOT_PORTS.items()}
         file = controllers_file(self.controllers)
-        options = {"make_ready": self.make_ready, "record": self.record, "robot_ports": ports}
-        async with ControlledRobot(self.robot_ip, file, **options) as loop:
+        robot = ControlledRobot(self.robot_ip, file, make_ready=self.make_ready, record=self.record, robot_ports=ports)
+        async with robot as loop:
+            if self.record is not None:
+                typer.echo(f"recording into {self.record}", err=True)
             if self.speed_slider is not None:
                 await loop.robot.set_speed_slider(self.speed_slider)
             yield loop
-        if self.record is not None:
-            typer.echo(f"recorded into {self.record}")
 
 
 def controllers_file(path: Path | None) -> ControllersFile:

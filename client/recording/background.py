@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from queue import SimpleQueue
 from types import TracebackType
-from typing import Any, BinaryIO, Final, NamedTuple, Self
+from typing import IO, Any, BinaryIO, Final, NamedTuple, Self
 
 from client.errors import RecordingError
 from client.recording.files import Recorder, field_names
@@ -70,11 +70,11 @@ class BackgroundRecorder:
             stderr=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C is for this program, which then finishes the file
         )
-        assert self._process.stdin and self._process.stdout
-        self._send(self._process.stdin, (str(self.path), self.names, dict(info or {})))
-        if self._process.stdout.readline() != _READY:
-            raise self._failure()
-        self._thread = threading.Thread(target=self._feed, args=(self._process.stdin,), name="recorder", daemon=True)
+        pipe = self._process.stdin
+        assert pipe
+        self._send(pipe, (str(self.path), self.names, dict(info or {})))
+        self._check_ready()
+        self._thread = threading.Thread(target=self._feed, args=(pipe,), name="recorder", daemon=True)
         self._thread.start()
 
     def __enter__(self) -> Self:
@@ -105,7 +105,12 @@ class BackgroundRecorder:
             raise self._failure()
         self._hang_up()
 
-    def _feed(self, pipe: BinaryIO) -> None:
+    def _check_ready(self) -> None:
+        assert self._process.stdout
+        if self._process.stdout.readline() != _READY:
+            raise self._failure()
+
+    def _feed(self, pipe: IO[bytes]) -> None:
         try:
             while (item := self._queue.get()) is not None:
                 self._send(pipe, _plain(*item) if isinstance(item[0], str) else item)
@@ -113,7 +118,7 @@ class BackgroundRecorder:
         except OSError:  # the process has ended
             _logger.error("%s cannot be written any more", self.path)
 
-    def _send(self, pipe: BinaryIO, item: Any) -> None:
+    def _send(self, pipe: IO[bytes], item: Any) -> None:
         pickle.dump(item, pipe, protocol=pickle.HIGHEST_PROTOCOL)
         if self._queue.empty():
             pipe.flush()
