@@ -25,6 +25,7 @@ THIRD_PARTY = {
     "h11": ("emulator.programs.rpc.httpclient", "emulator.servers.control"),
     "msgspec": ("emulator.control", "emulator.faults", "emulator.servers.control", "emulator.fleet.plan"),
     "foxglove": ("client.recording.live",),
+    "websockets": ("client.recording.live",),
     "matplotlib": ("client.recording.plots",),
     "mcap": ("client.recording.mcapfile",),
     "numpy": ("urproto.robots.dynamics", "emulator.world.links", "client.recording", "client.traffic"),

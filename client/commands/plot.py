@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from client.commands.record import Overwrite, check_free, read_telling
@@ -33,8 +32,8 @@ def plot_command(
     draw(recording, output, file.name if title is None else title, controller=controller, limit_rad=limit)
     typer.echo(f"{output}: {len(recording)} states, {recording.time_s[-1]:.2f} s")
     tracking = recording.tracking(controller)
-    if np.isfinite(tracking.desired_q).any():
+    if tracking.compared:
         worst = max(deviations(recording, controller=controller), key=lambda deviation: deviation.largest)
         typer.echo(f"desired by: {tracking.source}")
         typer.echo(f"largest position error: {worst.largest:.5f} rad ({worst.joint}, rms {worst.rms:.5f} rad)")
-        typer.echo(f"largest deviation from the path: {np.nanmax(tracking.path_deviation()):.5f} rad")
+        typer.echo(f"largest deviation from the path: {tracking.largest_path_deviation:.5f} rad")

@@ -8,6 +8,7 @@ from client.recording.files import Recorder, convert, open_writer, read
 from client.recording.motion import JointPath, joint_path
 from client.recording.plots import deviations, draw
 from client.recording.recording import DEFAULT_FIELDS, Recording
+from client.recording.tracking import Tracking
 
 __all__ = [
     "DEFAULT_FIELDS",
@@ -15,6 +16,7 @@ __all__ = [
     "JointPath",
     "Recorder",
     "Recording",
+    "Tracking",
     "convert",
     "deviations",
     "draw",

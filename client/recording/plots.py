@@ -151,7 +151,7 @@ def _add_legend(figure: "Figure", axes: "Axes", picture: _Picture, title: str) -
     names = _names(picture.tracking)
     lines: list[Artist] = [line for line in axes.get_lines() if line.get_label() in names]
     head = [title] if title else []
-    if np.isfinite(picture.tracking.desired_q).any():
+    if picture.tracking.compared:
         lines.append(Line2D([], [], color="black", label="desired", **_DESIRED))
         head.append(f"desired by: {picture.tracking.source}")
     lines.append(Line2D([], [], color="black", label="actual", **_ACTUAL))
@@ -267,7 +267,7 @@ _PANELS: Final = (
     _pair("qd", "velocity [rad/s]", 1.5),
     _off("q", "position error", "rad", 1.0),
     _off("qd", "velocity error", "rad/s", 1.0),
-    _Panel(0.9, lambda picture: bool(np.isfinite(_error(picture.tracking, "q")).any()), _draw_path_deviation),
+    _Panel(0.9, lambda picture: picture.tracking.compared, _draw_path_deviation),
     _Panel(0.8, lambda picture: bool(_speeds(picture.recording)), _draw_speed),
 )
 
@@ -290,12 +290,12 @@ def _page(picture: _Picture, figure: "Figure", title: str) -> str:
 def _facts(picture: _Picture) -> str:
     recording, tracking = picture.recording, picture.tracking
     length = f"<p>{len(recording)} states, {recording.time_s[-1]:.2f} s</p>"
-    if not np.isfinite(_error(tracking, "q")).any():
+    if not tracking.compared:
         return length
     rows = "".join(
         f"<tr><th>{row.joint}</th><td>{row.largest:.5f}</td><td>{row.rms:.5f}</td></tr>"
         for row in deviations(recording, controller=tracking.source)
     )
     heads = "<tr><th>position error</th><th>largest [rad]</th><th>rms [rad]</th></tr>"
-    path = f"<p>largest deviation from the path: {np.nanmax(tracking.path_deviation()):.5f} rad</p>"
+    path = f"<p>largest deviation from the path: {tracking.largest_path_deviation:.5f} rad</p>"
     return f"{length}\n{path}\n<table>{heads}{rows}</table>"

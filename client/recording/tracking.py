@@ -39,6 +39,16 @@ class Tracking:
     desired_qd: Array
     actual_qd: Array
 
+    @property
+    def compared(self) -> bool:
+        """True when it is known both what was desired and what was."""
+        return bool(np.isfinite(self.desired_q - self.actual_q).any())
+
+    @property
+    def largest_path_deviation(self) -> float:
+        """The largest of `path_deviation` [rad]; nan when nothing was desired."""
+        return float(np.nanmax(self.path_deviation())) if self.compared else float("nan")
+
     def path_deviation(self) -> Array:
         """How far the joints are from the path that was desired, (n,) [rad], whenever they should have been there.
 
