@@ -32,7 +32,13 @@ from urproto.rtde.fields import OUTPUT_FIELDS
 
 __all__ = ["app", "main"]
 
-app = typer.Typer(help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+app = typer.Typer(
+    help=__doc__,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # units in help texts are no markup
+)
 
 _STATE = (
     "timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction",

@@ -120,11 +120,12 @@ async def publish(target: Target, goals: GoalFile, time_s: float, rounds: int) -
         while rounds == 0 or done < rounds:
             for number, goal in enumerate(goals.goals):
                 last = number == len(goals.goals) - 1 and done == rounds - 1
-                await _one(loop, goals, goal, time_s, last)
+                title = f"{goal.name} ({number + 1}/{len(goals.goals)})"
+                await _one(loop, goals, goal, title, time_s, last)
             done += 1
 
 
-async def _one(loop: ControlledRobot, goals: GoalFile, goal: NamedGoal, time_s: float, last: bool) -> None:
+async def _one(loop: ControlledRobot, goals: GoalFile, goal: NamedGoal, title: str, time_s: float, last: bool) -> None:
     began_s = loop.manager.time_s
     if goals.commands:
         typer.echo(f"{goal.name}: {_listed(goal.point.positions)}")
@@ -132,7 +133,7 @@ async def _one(loop: ControlledRobot, goals: GoalFile, goal: NamedGoal, time_s: 
     else:
         point = replace(goal.point, time_from_start_s=time_s)
         trajectory = JointTrajectory(goals.joints or JOINTS, (point,))
-        say_result(goal.name, await follow(loop, goals.controller, trajectory, goal.name))
+        say_result(goal.name, await follow(loop, goals.controller, trajectory, title))
     while (goals.commands or not last) and loop.manager.time_s < began_s + goals.wait_s:
         await loop.cycles()
 
