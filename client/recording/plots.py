@@ -246,7 +246,7 @@ def _draw_speed(axes: "Axes", picture: _Picture) -> None:
     axes.set_ylabel("speed [%]")
     axes.set_ylim(-5.0, 110.0)
     axes.set_yticks((0, 50, 100))
-    axes.legend(loc="lower right", ncols=2, framealpha=0.8, edgecolor="none")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=2, frameon=False)
 
 
 def _speeds(recording: Recording) -> dict[str, NDArray[Any]]:

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 _BEHIND_S: Final = 1.0  # an arm that follows is not later than this; guess, its lag is 0.05 s
 _AHEAD_S: Final = 0.1  # guess: states of both may be some periods apart
-_GAP: Final = 10.0  # periods without a state: nobody knows the path in between; guess
+_GAP_S: Final = 0.5  # without a state: nobody knows the path in between; guess
 _OLD: Final = {"reference": "desired", "feedback": "actual"}  # names of ROS 2 before Humble
 _COLUMNS: Final = (("reference", "positions"), ("feedback", "positions"), ("feedback", "velocities"))
 
@@ -60,7 +60,7 @@ class Tracking:
         goes_on = np.append(True, np.any(np.diff(self.desired_q, axis=0) != 0.0, axis=1))[: len(self.time_s)]
         begins, place = self.desired_q[goes_on], np.cumsum(goes_on) - 1  # a path that stands is no way
         ways = np.diff(begins, axis=0, append=begins[-1:])
-        ways[place[:-1][steps > _GAP / rate_hz]] = 0.0
+        ways[place[:-1][steps > _GAP_S]] = 0.0
         nearest: Array = np.linalg.norm(self.actual_q - self.desired_q, axis=1)
         for offset in range(-round(_BEHIND_S * rate_hz), round(_AHEAD_S * rate_hz) + 1):
             index = np.clip(place + offset, 0, len(ways) - 1)
