@@ -73,7 +73,13 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     "controllers": ("controllers:controllers_app", "Controllers as of ros2_control."),
 }  # name: where it is below client.commands, and the beginning of its own help: listing it does not load it
 
-app = typer.Typer(help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+app = typer.Typer(
+    help=__doc__,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # units in help texts are no markup
+)
 for _name, (_place, _help) in _COMMANDS.items():
     app.command(_name, cls=Deferred, help=_help)(load_from(f"client.commands.{_place}"))
 

@@ -28,6 +28,7 @@ THIRD_PARTY = {
     "httpx": ("client.pendant.behind",),
     "nicegui": ("client.pendant",),
     "foxglove": ("client.recording.live",),
+    "websockets": ("client.recording.live",),
     "matplotlib": ("client.recording.plots",),
     "mcap": ("client.recording.mcapfile",),
     "numpy": ("urproto.robots.dynamics", "emulator.world.links", "client.recording", "client.traffic"),

@@ -16,7 +16,7 @@ from client.errors import ControllerError
 
 __all__ = ["controllers_app"]
 
-controllers_app = typer.Typer(help="Controllers as of ros2_control.", no_args_is_help=True)
+controllers_app = typer.Typer(help="Controllers as of ros2_control.", no_args_is_help=True, rich_markup_mode=None)
 _WIDTH = 120
 
 

@@ -32,7 +32,7 @@ def load_from(place: str) -> Callable[[], Any]:
         found = getattr(import_module(module), name)
         if isinstance(found, typer.Typer):
             return get_command(found)
-        alone = typer.Typer(add_completion=False)
+        alone = typer.Typer(add_completion=False, rich_markup_mode=None)
         alone.command()(found)
         return get_command(alone)
 
