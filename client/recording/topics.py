@@ -1,6 +1,5 @@
 """ROS 2 messages out of RTDE variables, on the topics and in the units of the ROS 2 driver for UR."""
 
-import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -10,7 +9,7 @@ from client.recording.definitions import message_type, ros_name, rtde_type
 from client.recording.stamps import seconds_and_rest
 from urproto.joints import JOINT_NAMES as JOINTS
 from urproto.modes import RuntimeState
-from urproto.robots.pose import wrench_trans
+from urproto.robots.pose import rotvec_to_quaternion, wrench_trans
 
 __all__ = ["JOINTS", "RTDE_TOPIC", "ControllerTopic", "Topic", "Topics", "controller_message"]
 
@@ -132,14 +131,14 @@ def _wrench(values: Values) -> Values:
 
 def _pose(values: Values) -> Values:
     pose = values["actual_TCP_pose"]
-    rx, ry, rz = pose[3:]
-    return {"frame_id": "base", "pose": {"position": _xyz(pose[:3]), "orientation": _quaternion(rx, ry, rz)}}
+    return {
+        "frame_id": "base",
+        "pose": {"position": _xyz(pose[:3]), "orientation": _xyzw(rotvec_to_quaternion(*pose[3:]))},
+    }
 
 
-def _quaternion(rx: float, ry: float, rz: float) -> Values:
-    angle = math.hypot(rx, ry, rz)
-    scale = math.sin(angle / 2.0) / angle if angle > 1e-9 else 0.5  # the limit
-    return {**_xyz((scale * rx, scale * ry, scale * rz)), "w": math.cos(angle / 2.0)}
+def _xyzw(values: Sequence[float]) -> Values:
+    return dict(zip("xyzw", values, strict=True))
 
 
 def _xyz(values: Sequence[float]) -> Values:
