@@ -22,6 +22,7 @@ from client.commands.proxy import proxy_command
 from client.commands.record import convert_command, record_command, stream_command
 from client.commands.replay import replay_command
 from client.commands.replay_traffic import replay_traffic_command
+from client.commands.ros2_bridge import ros2_bridge_command
 from client.commands.tool_comm import tool_comm_command
 from client.commands.watch import watch_command
 from client.errors import ClientError
@@ -100,6 +101,7 @@ app.command("describe")(describe_command)
 app.command("doctor")(doctor_command)
 app.command("tool-comm")(tool_comm_command)
 app.command("proxy")(proxy_command)
+app.command("ros2-bridge")(ros2_bridge_command)
 app.command("replay-traffic")(replay_traffic_command)
 app.command("compare")(compare_command)
 

@@ -22,9 +22,10 @@ from client.controllers import (
     usual_controllers,
 )
 from client.driver.config import ROBOT_PORTS
+from client.errors import ControllerError
 from urproto.modes import SafetyMode
 
-__all__ = ["ControllersOption", "MakeReady", "Target", "controllers_file", "follow", "run", "say_result"]
+__all__ = ["ControllersOption", "MakeReady", "Target", "controllers_file", "follow", "run", "say_result", "watch"]
 
 _DRAWN_S: Final = 0.1
 _LONG_S: Final = 1.0  # a bar for less would only flicker
@@ -47,20 +48,21 @@ class Target:
     port_offset: int
     controllers: Path | None = None
     make_ready: bool = False
+    prefix: str = ""
 
     def open(self) -> ControlledRobot:
         """Its control loop, to be entered; the arm is at rest and its program ended afterwards."""
         ports = {name: port + self.port_offset for name, port in ROBOT_PORTS.items()}
-        file = controllers_file(self.controllers)
-        return ControlledRobot(self.robot_ip, file, make_ready=self.make_ready, robot_ports=ports)
+        file = controllers_file(self.controllers, self.prefix)
+        return ControlledRobot(self.robot_ip, file, prefix=self.prefix, make_ready=self.make_ready, robot_ports=ports)
 
 
-def controllers_file(path: Path | None) -> ControllersFile:
+def controllers_file(path: Path | None, prefix: str = "") -> ControllersFile:
     """The file that was named, and its oddities told; or the usual controllers."""
     if path is None:
-        return usual_controllers()
+        return usual_controllers(prefix)
     try:
-        file = read_controllers(path)
+        file = read_controllers(path, prefix)
     except (OSError, UnicodeDecodeError) as error:
         raise typer.BadParameter(f"cannot read {path}: {error}") from error
     for note in file.notes:
@@ -110,6 +112,19 @@ def _say_waiting(loop: ControlLoop, before: bool) -> bool:
             err=True,
         )
     return waiting
+
+
+async def watch(loop: ControlLoop) -> None:
+    """Tell which controllers there are, whenever that changes. Raises ControllerError when none is left."""
+    before: list[str] = []
+    while True:
+        lines = [f"{info.name} [{info.type}] {info.state}" for info in loop.manager.list_controllers()]
+        if lines != before:
+            typer.echo("\n".join(lines))
+            before = lines
+        if not loop.manager.active():
+            raise ControllerError("controllers", "none is active any more: the lines above and the log say why")
+        await loop.cycles()
 
 
 def say_result(title: str, result: Result) -> None:

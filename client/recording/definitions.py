@@ -1,6 +1,6 @@
 """Definitions of the ROS 2 messages that recordings are made of, and that `client.ros2` sends and takes.
 
-The fields of common_interfaces, tf2_msgs, control_msgs (from Iron on), ur_msgs and ur_dashboard_msgs;
+The fields of common_interfaces, tf2_msgs, control_msgs (as of Jazzy), ur_msgs and ur_dashboard_msgs;
 recordings hold them, so none of these packages has to be installed anywhere.
 """
 
@@ -84,6 +84,7 @@ _FIELDS: Final = {
         *(f"{_POINT} {name}" for name in ("reference", "feedback", "error", "output")),
         "string[] multi_dof_joint_names",
         *(f"{_MULTI_POINT} multi_dof_{name}" for name in ("reference", "feedback", "error", "output")),
+        "float64 speed_scaling_factor",
     ),
     "ur_msgs/Digital": ("uint8 pin", "bool state"),
     "ur_msgs/Analog": ("uint8 CURRENT=0", "uint8 VOLTAGE=1", "uint8 pin", "uint8 domain", "float32 state"),
