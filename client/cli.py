@@ -62,6 +62,10 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "proxy:proxy_command",
         "Carry every connection to a robot unchanged, and record it, until Ctrl-C.",
     ),
+    "ros2-bridge": (
+        "ros2_bridge:ros2_bridge_command",
+        "Offer a robot to ROS 2: joint states, frames, I/O; trajectories and commands. Topics only, see docs/ros2.md.",
+    ),
     "replay-traffic": (
         "replay_traffic:replay_traffic_command",
         "Be the robot of a recording, until Ctrl-C: states by their times, answers by their requests.",

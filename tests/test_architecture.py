@@ -21,6 +21,7 @@ MAY_IMPORT = {
 }
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
+    "cyclonedds": ("client.ros2.dds", "client.ros2.idl"),
     "coal": ("emulator.world.links",),
     "h11": ("emulator.programs.rpc.httpclient", "emulator.servers.control"),
     "msgspec": ("emulator.control", "emulator.faults", "emulator.servers.control", "emulator.fleet.plan"),

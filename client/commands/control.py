@@ -21,6 +21,7 @@ from client.controllers import (
     usual_controllers,
 )
 from client.driver.config import ROBOT_PORTS
+from client.errors import ControllerError
 from urproto.modes import SafetyMode
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "follow",
     "run",
     "say_result",
+    "watch",
 ]
 
 _DRAWN_S: Final = 0.1
@@ -75,13 +77,21 @@ class Target:
     make_ready: bool = False
     record: Path | None = None
     speed_slider: float | None = None
+    prefix: str = ""
 
     @asynccontextmanager
     async def open(self) -> AsyncIterator[ControlledRobot]:
         """Its control loop; the arm is at rest and its program ended afterwards."""
         ports = {name: port + self.port_offset for name, port in ROBOT_PORTS.items()}
-        file = controllers_file(self.controllers)
-        robot = ControlledRobot(self.robot_ip, file, make_ready=self.make_ready, record=self.record, robot_ports=ports)
+        file = controllers_file(self.controllers, self.prefix)
+        robot = ControlledRobot(
+            self.robot_ip,
+            file,
+            prefix=self.prefix,
+            make_ready=self.make_ready,
+            record=self.record,
+            robot_ports=ports,
+        )
         async with robot as loop:
             if self.record is not None:
                 typer.echo(f"recording into {self.record}", err=True)
@@ -90,12 +100,12 @@ class Target:
             yield loop
 
 
-def controllers_file(path: Path | None) -> ControllersFile:
+def controllers_file(path: Path | None, prefix: str = "") -> ControllersFile:
     """The file that was named, and its oddities told; or the usual controllers."""
     if path is None:
-        return usual_controllers()
+        return usual_controllers(prefix)
     try:
-        file = read_controllers(path)
+        file = read_controllers(path, prefix)
     except (OSError, UnicodeDecodeError) as error:
         raise typer.BadParameter(f"cannot read {path}: {error}") from error
     for note in file.notes:
@@ -152,6 +162,19 @@ def _note(loop: ControlLoop) -> str:
         return mode.name.replace("_", " ").lower()
     slider = loop.driver.state["target_speed_fraction"]
     return f"slider {100.0 * slider:.0f} %" if slider < 1.0 else ""
+
+
+async def watch(loop: ControlLoop) -> None:
+    """Tell which controllers there are, whenever that changes. Raises ControllerError when none is left."""
+    before: list[str] = []
+    while True:
+        lines = [f"{info.name} [{info.type}] {info.state}" for info in loop.manager.list_controllers()]
+        if lines != before:
+            typer.echo("\n".join(lines))
+            before = lines
+        if not loop.manager.active():
+            raise ControllerError("controllers", "none is active any more: the lines above and the log say why")
+        await loop.cycles()
 
 
 def say_result(title: str, result: Result) -> None:

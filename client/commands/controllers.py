@@ -6,11 +6,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from client.commands.control import ControllersOption, MakeReady, Target, controllers_file, run
+from client.commands.control import ControllersOption, MakeReady, Target, controllers_file, run, watch
 from client.commands.options import PortOffset, RobotIP
 from client.controllers import types
 from client.controllers.controller import CONTROLLER_TYPES
-from client.controllers.loop import ControlLoop
 from client.controllers.parameters import Reading, read_parameters
 from client.errors import ControllerError
 
@@ -79,21 +78,9 @@ def load_command(
             loop.manager.activate(*names)
             for note in loop.manager.notes:
                 typer.echo(f"note: {note}", err=True)
-            await _watch(loop)
+            await watch(loop)
 
     run(work())
-
-
-async def _watch(loop: ControlLoop) -> None:
-    before: list[str] = []
-    while True:
-        lines = [f"{info.name} [{info.type}] {info.state}" for info in loop.manager.list_controllers()]
-        if lines != before:
-            typer.echo("\n".join(lines))
-            before = lines
-        if not loop.manager.active():
-            raise ControllerError("controllers", "none is active any more: the lines above and the log say why")
-        await loop.cycles()
 
 
 def _notes(name: str, kind: str, parameters: object) -> tuple[list[str], bool]:

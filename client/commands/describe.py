@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from client import primary
-from client.calibration import calibration_of, model_of, read_calibration
+from client.calibration import calibration_of, described, read_calibration
 from client.commands.options import PortOffset
 from client.errors import FileError
 from urproto.errors import RobotRefused
@@ -54,9 +54,9 @@ def model_of_robot(host: str, port_offset: int = 0) -> RobotModel:
     with primary.BlockingPrimaryClient(host, primary.PORT + port_offset) as robot:
         calibration = calibration_of(robot.run(robot.core.kinematics_info()))
         arm = robot.run(robot.core.configuration_data())
-    model = model_of(arm)
+    model = described(arm, calibration)
     if model is None:
         known = ", ".join(MODELS)
         what = f"robot type {arm.robot_type}, sub type {arm.sub_type}"
         raise RobotRefused("its model", f"it is not known here ({what})", f"known are {known}")
-    return model if calibration.dh == model.dh else replace(model, calibration=calibration.dh)
+    return model

@@ -208,6 +208,14 @@ class ControllerManager:
         """Those that are updated, in the order they were loaded."""
         return [controller for controller in self._controllers.values() if controller.active]
 
+    def moving(self) -> list[Controller[Any]]:
+        """Those that move the arm."""
+        return [
+            controller
+            for controller in self.active()
+            if any(mode_of(name, self._prefix) in MOTION for name in controller.command_interfaces)
+        ]
+
     def list_controllers(self) -> list[ControllerInfo]:
         """All that are loaded."""
         return [
@@ -235,7 +243,7 @@ class ControllerManager:
         if self.hardware.failure is not None:
             self.stop_motion(self.hardware.failure)
         if (halt := self.hardware.take_halt()) is not None:
-            for controller in self._moving():
+            for controller in self.moving():
                 controller.on_halt(halt)
         for controller in self.active():
             try:
@@ -245,17 +253,9 @@ class ControllerManager:
                 self._drop([controller])
         self.hardware.write(time_s, period_s)
 
-    def _moving(self) -> list[Controller[Any]]:
-        """Active controllers that move the arm."""
-        return [
-            controller
-            for controller in self.active()
-            if any(mode_of(name, self._prefix) in MOTION for name in controller.command_interfaces)
-        ]
-
     def stop_motion(self, reason: str) -> None:
         """Deactivate what moves the arm, and let its goals end, because the arm cannot be moved."""
-        if moving := self._moving():
+        if moving := self.moving():
             _logger.error("controllers are deactivated: %s", reason)
             for controller in moving:
                 controller.on_halt(reason)
