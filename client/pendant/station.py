@@ -56,8 +56,8 @@ class Station:
     """The connections of one pendant to one robot; use it with ``async with``.
 
     values: the newest RTDE state, by variable name; empty before the first. core: what the primary interface said.
-    log, variables, dialogues, stops, programs: collected from its messages and states. connected: the state comes. trouble: why
-    it does not. behind: an emulator's control API, which a robot has not. frame: how many states came.
+    log, variables, dialogues, stops, programs: collected from its messages and states. connected: the state comes.
+    trouble: why it does not. behind: an emulator's control API, which a robot has not. frame: how many states came.
     """
 
     def __init__(

@@ -97,7 +97,7 @@ def shown(value: Value) -> str:
 def _text(value: Value) -> str:
     match value:
         case None:
-            return "–"
+            return "-"
         case bool() | int():
             return str(value)
         case float():
