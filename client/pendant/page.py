@@ -76,6 +76,8 @@ class Page:
 
     async def play(self) -> None:
         """Start or resume the program; a control program of ours gives way."""
+        if not await self.may_move():
+            return
         station = self.station
         if station.runtime_state not in (RuntimeState.PAUSED, RuntimeState.PAUSING):
             await station.mover.give_back()

@@ -15,6 +15,8 @@ from client.pendant.behind import CONTROL_PORT, Behind
 from client.pendant.dialogues import Dialogues
 from client.pendant.events import EventLog
 from client.pendant.mover import Mover
+from client.pendant.programs import Programs
+from client.pendant.stops import Stops
 from client.pendant.variables import Variables
 from client.primary import PrimaryClient, PrimaryCore
 from client.robot import AsyncRobot
@@ -36,7 +38,7 @@ FRAME_HZ: Final = 30.0
 
 OUTPUTS: Final = (
     "timestamp", "robot_mode", "joint_mode", "safety_mode", "safety_status_bits", "runtime_state",
-    "robot_status_bits", "speed_scaling", "target_speed_fraction",
+    "robot_status_bits", "speed_scaling", "target_speed_fraction", "script_control_line",
     "actual_q", "actual_qd", "actual_current", "joint_temperatures", "joint_control_output",
     "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force", "tcp_offset", "payload", "payload_cog",
     "actual_digital_input_bits", "actual_digital_output_bits", "analog_io_types",
@@ -54,8 +56,8 @@ class Station:
     """The connections of one pendant to one robot; use it with ``async with``.
 
     values: the newest RTDE state, by variable name; empty before the first. core: what the primary interface said.
-    log, variables, dialogues: collected from its messages. connected: the state comes. trouble: why it does not.
-    behind: an emulator's control API, which a robot has not. frame: how many states came.
+    log, variables, dialogues, stops, programs: collected from its messages and states. connected: the state comes.
+    trouble: why it does not. behind: an emulator's control API, which a robot has not. frame: how many states came.
     """
 
     def __init__(
@@ -82,6 +84,8 @@ class Station:
         self.log = EventLog()
         self.variables = Variables()
         self.dialogues = Dialogues()
+        self.stops = Stops()
+        self.programs = Programs()
         self.behind = Behind(robot_ip, CONTROL_PORT + port_offset if control_port is None else control_port, token)
         self.mover = Mover(self._open_robot)
         self._primary: PrimaryClient | None = None
@@ -95,7 +99,12 @@ class Station:
         async with AsyncExitStack() as opening:
             opening.push_async_callback(self.behind.close)
             opening.push_async_callback(self.mover.close)
-            for work in (self._states(), self._messages(), self.behind.follow(self.dialogues)):
+            for work in (
+                self._states(),
+                self._messages(),
+                self.behind.follow(self.dialogues),
+                self.programs.follow(self),
+            ):
                 opening.push_async_callback(_cancel, asyncio.create_task(work))
             self._running = opening.pop_all()
         return self
@@ -202,6 +211,7 @@ class Station:
             self.version, self.unavailable = client.core.version, client.core.unavailable
             while True:
                 self.values = await client.latest()
+                self.stops.see(self.values)
                 self.connected, self.trouble = True, ""
                 self._tell()
 
@@ -222,6 +232,8 @@ class Station:
                 self.log.hear(message)
                 self.variables.hear(message)
                 self.dialogues.hear(message)
+                self.stops.hear(message)
+                self.programs.hear(message)
 
     def _tell(self) -> None:
         self.frame += 1
