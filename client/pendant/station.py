@@ -15,6 +15,7 @@ from client.pendant.behind import CONTROL_PORT, Behind
 from client.pendant.dialogues import Dialogues
 from client.pendant.events import EventLog
 from client.pendant.mover import Mover
+from client.pendant.stops import Stops
 from client.pendant.variables import Variables
 from client.primary import PrimaryClient, PrimaryCore
 from client.robot import AsyncRobot
@@ -54,7 +55,7 @@ class Station:
     """The connections of one pendant to one robot; use it with ``async with``.
 
     values: the newest RTDE state, by variable name; empty before the first. core: what the primary interface said.
-    log, variables, dialogues: collected from its messages. connected: the state comes. trouble: why it does not.
+    log, variables, dialogues, stops: collected from its messages and states. connected: the state comes. trouble: why it does not.
     behind: an emulator's control API, which a robot has not. frame: how many states came.
     """
 
@@ -82,6 +83,7 @@ class Station:
         self.log = EventLog()
         self.variables = Variables()
         self.dialogues = Dialogues()
+        self.stops = Stops()
         self.behind = Behind(robot_ip, CONTROL_PORT + port_offset if control_port is None else control_port, token)
         self.mover = Mover(self._open_robot)
         self._primary: PrimaryClient | None = None
@@ -202,6 +204,7 @@ class Station:
             self.version, self.unavailable = client.core.version, client.core.unavailable
             while True:
                 self.values = await client.latest()
+                self.stops.see(self.values)
                 self.connected, self.trouble = True, ""
                 self._tell()
 
@@ -222,6 +225,7 @@ class Station:
                 self.log.hear(message)
                 self.variables.hear(message)
                 self.dialogues.hear(message)
+                self.stops.hear(message)
 
     def _tell(self) -> None:
         self.frame += 1
