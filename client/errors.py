@@ -41,6 +41,7 @@ __all__ = [
     "MotionStoppedError",
     "NoAnswerError",
     "OutOfReachError",
+    "PortTakenError",
     "ProgramEndedError",
     "ProgramNotRunningError",
     "ProtectiveStopError",
@@ -106,6 +107,15 @@ class MissingExtraError(RecordingError):
     def __init__(self, what: str, extra: str) -> None:
         super().__init__(f"{what} needs packages that are not installed: pip install 'ur-emulator[{extra}]'")
         self.extra = extra
+
+
+class PortTakenError(ClientError):
+    """A server of ours cannot have its port."""
+
+    def __init__(self, host: str, port: int, reason: str) -> None:
+        super().__init__(f"cannot listen on {host} port {port}: {reason}; choose another --port, or --host")
+        self.host = host
+        self.port = port
 
 
 class FileError(ClientError):

@@ -44,6 +44,7 @@ from emulator.config import (
     read_surroundings,
 )
 from emulator.controller import ControllerConfig
+from emulator.pendant import PENDANT_PORT, Pendant
 from emulator.programs.sockets import ScriptNetwork
 from emulator.readiness import NotReady, check_ready
 from emulator.welcome import first_screen, ready_line
@@ -215,6 +216,8 @@ def _run(
     ports_file: Annotated[Path | None, typer.Option(help="Write the ports here as JSON once ready.")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
+    no_pendant: Annotated[bool, typer.Option("--no-pendant", help="Start no teach pendant.")] = False,
+    pendant_port: Annotated[int, typer.Option(help="Where browsers find the teach pendant.")] = PENDANT_PORT,
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
     ] = False,
@@ -222,7 +225,11 @@ def _run(
     """Stand in for a Universal Robots controller on this machine. Not for validating safety."""
     log_to_stderr(log_level)
     with mistakes_in_one_line():
-        asyncio.run(_serve(configure(**robot), ports_file, exit_when_ready=exit_when_ready))
+        config = configure(**robot)
+        if exit_when_ready or no_pendant or config.ephemeral_ports:
+            asyncio.run(_serve(config, ports_file, exit_when_ready=exit_when_ready))
+        else:
+            asyncio.run(_serve(config, ports_file, pendant_port))
 
 
 @contextmanager
@@ -240,7 +247,9 @@ def mistakes_in_one_line() -> Iterator[None]:
         pass
 
 
-async def _serve(config: EmulatorConfig, ports_file: Path | None, *, exit_when_ready: bool) -> None:
+async def _serve(
+    config: EmulatorConfig, ports_file: Path | None, pendant_port: int | None = None, *, exit_when_ready: bool = False
+) -> None:
     console = Console(highlight=False)
     emulator = Emulator(replace(config, faults=()))  # they begin once it has proven to be ready
     if config.speed == 1.0:
@@ -253,9 +262,20 @@ async def _serve(config: EmulatorConfig, ports_file: Path | None, *, exit_when_r
             write_ports(ports_file, emulator.ports)
         emulator.inject(config.faults)
         console.print(ready_line(emulator))
-        if not exit_when_ready:
+        if pendant_port is not None:
+            await _with_pendant(emulator, pendant_port, console)
+        elif not exit_when_ready:
             await emulator.stopped.wait()
     console.print("Stopped.")
+
+
+async def _with_pendant(emulator: Emulator, port: int, console: Console) -> None:
+    """It comes up while the robot is at work already."""
+    async with Pendant(emulator, port) as pendant:
+        telling = asyncio.create_task(pendant.told())
+        telling.add_done_callback(lambda told: None if told.cancelled() else console.print(told.result()))
+        await emulator.stopped.wait()
+        telling.cancel()
 
 
 def _stop_on_signals(stop: Callable[[], None]) -> None:

@@ -40,6 +40,7 @@ __all__ = [
     "choose_gripper",
     "choose_model",
     "choose_version",
+    "is_loopback",
     "read_calibration",
     "read_driver_address",
     "read_faults",
@@ -107,7 +108,7 @@ class EmulatorConfig:
         most = _LAST_PORT - max(PORTS[name] for name in self._port_names)
         if not 0 <= self.port_offset <= most:
             raise ConfigError(f"the port offset must be from 0 to {most}, not {self.port_offset}")
-        if self.control and not self.control_token and not _is_loopback(self.host_of("control")):
+        if self.control and not self.control_token and not is_loopback(self.host_of("control")):
             raise ConfigError(f"the control API on {self.control_host} could be used by anybody: give it a token")
         if not 1 <= self.modbus_unit_port <= _LAST_PORT:
             raise ConfigError(f"the port of Modbus units must be from 1 to {_LAST_PORT}, not {self.modbus_unit_port}")
@@ -121,7 +122,7 @@ class EmulatorConfig:
         """The address that a server listens on."""
         if server != "control":
             return self.host
-        return self.control_host or (self.host if _is_loopback(self.host) else _LOOPBACK)
+        return self.control_host or (self.host if is_loopback(self.host) else _LOOPBACK)
 
     @property
     def _version(self) -> PolyscopeVersion:
@@ -258,7 +259,7 @@ def check_enforced_remote_control(wanted: bool, model: RobotModel) -> bool:
     return wanted
 
 
-def _is_loopback(host: str) -> bool:
+def is_loopback(host: str) -> bool:
     """Whether only this machine reaches what listens there."""
     try:
         return host == "localhost" or ip_address(host).is_loopback

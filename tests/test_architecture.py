@@ -54,6 +54,7 @@ MAY_TOUCH_OUTSIDE = (
     "emulator.clock",
     "emulator.app",
     "emulator.cli",
+    "emulator.pendant",
     "emulator.run_command",
     "emulator.readiness",
     "emulator.fleet.worker",

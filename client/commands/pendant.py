@@ -36,7 +36,7 @@ def pendant_command(
     if with_parent:
         threading.Thread(target=_end_with_standard_input, name="parent watch", daemon=True).start()
     station = Station(robot_ip, port_offset, control_port, modbus_port, control_token)
-    serve(station, host, port, lambda: typer.echo(f"Pendant of {robot_ip}: http://{host}:{port}"))
+    serve(station, host, port, lambda: typer.echo(f"Teach pendant of {robot_ip}: http://{host}:{port}"))
 
 
 def _end_with_standard_input() -> None:

@@ -11,6 +11,7 @@ __all__ = ["Asked"]
 
 Answer = TypeVar("Answer")
 
+_UNSEEN: Final = 2  # answers; a page in view may have had no frame since the last one
 _MISTAKES: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 
 

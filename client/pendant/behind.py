@@ -28,12 +28,13 @@ class BehindError(ClientError):
 class Behind:
     """Verbs of an emulator's control API (docs/control_verbs.md). available: there is one; so this is no robot.
 
-    token: what the emulator was told to ask for. locked: there is one, and it asks for another token than this one.
-    time: what the verb of this name says, empty before. tell: called when there is news to show.
+    port: 0 for none. token: what the emulator was told to ask for. locked: it asks for another one. time: what the
+    verb of this name says, empty before. tell: called when there is news to show.
     """
 
     def __init__(self, host: str, port: int, token: str, tell: Callable[[], None]) -> None:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
+        self._port = port
         base = f"http://{host}:{port}"
         self._http = httpx.AsyncClient(base_url=base, headers=headers, timeout=5.0, trust_env=False)
         self._tell = tell
@@ -95,7 +96,7 @@ class Behind:
 
     async def follow(self, dialogues: Dialogues) -> None:
         """Look whether there is an emulator, and which dialogues it shows, for ever."""
-        while True:
+        while self._port:
             try:
                 if not self.available:
                     await self._find()
