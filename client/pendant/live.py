@@ -46,6 +46,7 @@ class _Effect:
 class Live:
     """Of one browser's page. screen: which one it shows; ``building``: which one its elements are made for now.
 
+    connection: counts its web sockets, one after the other, so that who sends only what is new can begin anew.
     on_held: told by the browser which jog button is held, several times a second, and None when it is let go.
     """
 
@@ -56,6 +57,7 @@ class Live:
         self.page_id = page_id
         self.screen = ""
         self.building: str | None = None
+        self.connection = 0
         self.on_held: list[Held] = []
         self._bindings: list[_Binding] = []
         self._effects: list[_Effect] = []
@@ -96,6 +98,7 @@ class Live:
     async def serve(self, socket: WebSocket) -> None:
         """Send changes until the browser goes away. It may come back: then everything is sent again."""
         await socket.accept()
+        self.connection += 1
         for binding in self._bindings:
             binding.last = _NEVER
         sending = asyncio.create_task(self._send_frames(socket))

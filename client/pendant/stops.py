@@ -10,6 +10,7 @@ from urproto.primary.messages import ErrorCodeMessage
 __all__ = ["UNLOCK_AFTER_S", "ProtectiveStop", "Stops"]
 
 UNLOCK_AFTER_S: Final = 5.0  # dashboard manual: earlier the robot refuses
+_DEVELOPER: Final = ReportLevel.DEVELOPER_DEBUG  # levels from there on mean the same as those before
 _SAME_S: Final = 1.0  # guess: a report so close to the stop is its cause
 
 
@@ -61,7 +62,7 @@ class Stops:
 
     def hear(self, message: object) -> None:
         """Take note of an error report: it comes before or after the state that shows the stop."""
-        if isinstance(message, ErrorCodeMessage) and message.level >= ReportLevel.WARNING:
+        if isinstance(message, ErrorCodeMessage) and message.level % _DEVELOPER >= ReportLevel.WARNING:
             self._report = message
             self._blame()
 
