@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from typing import Any, Final, Generic, TypeVar
+from typing import Final, Generic, TypeVar
 
 from client.errors import ClientError
 from urproto.errors import ProtocolError, RobotRefused
@@ -70,9 +70,14 @@ class Asked(Generic[Answer]):
             return
 
     async def _ask_once(self) -> bool:
-        before: tuple[Any, str] = (self._answer, self.trouble)
+        """True when the answer is another one; else it stays the same object, which is quick to compare."""
+        answer: Answer | None = None
+        trouble = ""
         try:
-            self._answer, self.trouble = await self._ask(), ""
+            answer = await self._ask()
         except _MISTAKES as error:
-            self._answer, self.trouble = None, str(error)
-        return (self._answer, self.trouble) != before
+            trouble = str(error)
+        if (answer, trouble) == (self._answer, self.trouble):
+            return False
+        self._answer, self.trouble = answer, trouble
+        return True
