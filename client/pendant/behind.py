@@ -15,8 +15,8 @@ __all__ = ["CONTROL_PORT", "Behind", "BehindError"]
 CONTROL_PORT: Final = 30080
 _LOOK_AGAIN_S: Final = 0.5
 _LOOK_EVERY_S: Final = 1.0
+_CATALOGUE: Final = ("describe", "fault_kinds", "ports", "safety_causes")
 _OF_TIME: Final = ("set_speed", "pause_time", "resume_time", "step")
-_PACE: Final = ("paused", "speed")
 _OK: Final = 200
 _UNAUTHORIZED: Final = 401
 
@@ -29,7 +29,8 @@ class Behind:
     """Verbs of an emulator's control API (docs/control_verbs.md). available: there is one; so this is no robot.
 
     port: 0 for none. token: what the emulator was told to ask for. locked: it asks for another one. time: what the
-    verb of this name says, empty before. tell: called when there is news to show.
+    verb of this name says, empty before. catalogue: results of verbs that stay the same. tell: called when there is
+    news to show.
     """
 
     def __init__(self, host: str, port: int, token: str, tell: Callable[[], None]) -> None:
@@ -42,6 +43,7 @@ class Behind:
         self.available = False
         self.locked = False
         self.verbs: frozenset[str] = frozenset()
+        self.catalogue: Mapping[str, Any] = {}
         self.time: Mapping[str, Any] = {}
 
     async def close(self) -> None:
@@ -70,7 +72,8 @@ class Behind:
     async def look_at_the_time(self) -> None:
         """Ask for ``time``. Raises BehindError."""
         before, self.time = self.time, await self.call("time")
-        if [before.get(name) for name in _PACE] != [self.time.get(name) for name in _PACE]:
+        names = ("paused", "speed", "time_s") if self.time["paused"] else ("paused", "speed")
+        if any(before.get(name) != self.time[name] for name in names):
             self._tell()
 
     async def stands_still(self) -> bool:
@@ -113,4 +116,5 @@ class Behind:
             self.verbs = frozenset(entry["name"] for entry in response.json())
         except (httpx.HTTPError, ValueError, TypeError, KeyError) as error:
             raise BehindError(f"no control API at {self._http.base_url}") from error
+        self.catalogue = {verb: await self.call(verb) for verb in _CATALOGUE if verb in self.verbs}
         self.available = response.status_code == _OK

@@ -103,7 +103,9 @@ def _progress(now: int, number: int) -> str:
     return "now" if number == now else "done" if number < now else "next"
 
 
-def _button(page: Page, text: str, icon: str, operation: Operation[None], mark: str, wanted: Callable[[Station], bool]) -> None:
+def _button(
+    page: Page, text: str, icon: str, operation: Operation[None], mark: str, wanted: Callable[[Station], bool]
+) -> None:
     button = ui.button(text, icon=icon, on_click=page.doing(lambda: switch(page.station, operation)))
     button.props(f"unelevated stack size=lg data-testid={mark}").classes(f"init-button {mark}")
     page.live.effect(wanted, button.set_enabled)

@@ -41,7 +41,7 @@ def _active(station: Station) -> Payload | None:
     mass, cog = station.values.get("payload"), station.values.get("payload_cog")
     if mass is None or cog is None:
         return None
-    return (round(mass, 3), *(round(_MM * value, 1) for value in cog))  # type: ignore[return-value]
+    return (round(mass, 3), *(round(_MM * value, 1) for value in cog))
 
 
 def _most(station: Station) -> str:
