@@ -59,6 +59,7 @@ class Live:
         self.building: str | None = None
         self.connection = 0
         self.on_held: list[Held] = []
+        self._listeners: dict[str, Callable[[Any], object]] = {}
         self._bindings: list[_Binding] = []
         self._effects: list[_Effect] = []
         self._again = asyncio.Event()
@@ -67,7 +68,7 @@ class Live:
     def close(self) -> None:
         """The browser is gone."""
         self.pages.pop(self.page_id, None)
-        self._hear({"held": None})
+        self._hear({"held": None, **dict.fromkeys(self._listeners)})
 
     # what is shown
 
@@ -108,12 +109,20 @@ class Live:
         except (WebSocketDisconnect, json.JSONDecodeError, RuntimeError):
             pass
         finally:
-            self._hear({"held": None})
+            self._hear({"held": None, **dict.fromkeys(self._listeners)})
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
 
+    def hear(self, word: str, tell: Callable[[Any], object]) -> None:
+        """Call ``tell`` with what the browser says by ``pendant.say({word: value})``, and None when it goes away."""
+        self._listeners[word] = tell
+
     def _hear(self, message: Any) -> None:
-        if isinstance(message, dict) and "held" in message:
+        if not isinstance(message, dict):
+            return
+        for word in message.keys() & self._listeners.keys():
+            self._listeners[word](message[word])
+        if "held" in message:
             held = message["held"]
             for tell in self.on_held:
                 tell(held if isinstance(held, dict) else None)

@@ -1,7 +1,7 @@
 """One robot as a pendant knows it: what it says, and what can be asked of it. All browsers share it."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
@@ -9,8 +9,9 @@ from typing import Any, Final, Self, TypeVar
 from client import dashboard, primary, rtde
 from client.calibration import model_of
 from client.dashboard import DashboardClient
-from client.errors import ClientError, RobotUnreachableError
+from client.errors import ClientError, NoAnswerError, RobotUnreachableError
 from client.operations import Operation
+from client.pendant.asked import Asked
 from client.pendant.behind import CONTROL_PORT, Behind
 from client.pendant.dialogues import Dialogues
 from client.pendant.events import EventLog
@@ -48,6 +49,7 @@ OUTPUTS: Final = (
     "actual_main_voltage",
 )  # fmt: skip
 _SILENCE_S: Final = 1.0  # guess: a robot that says nothing for so long is lost
+_REMOTE_EVERY_S: Final = 2.0
 _AGAIN_S: Final = 0.5  # between attempts to reach it
 _LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 
@@ -57,7 +59,8 @@ class Station:
 
     values: the newest RTDE state, by variable name; empty before the first. core: what the primary interface said.
     log, variables, dialogues, stops, programs: collected from its messages and states. connected: the state comes.
-    trouble: why it does not. behind: an emulator's control API, which a robot has not. frame: how many states came.
+    trouble: why it does not. behind: an emulator's control API, which a robot has not. remote_control: e-Series from
+    5.6. frame: how many states came.
     """
 
     def __init__(
@@ -86,18 +89,22 @@ class Station:
         self.dialogues = Dialogues()
         self.stops = Stops()
         self.programs = Programs()
-        self.behind = Behind(robot_ip, CONTROL_PORT + port_offset if control_port is None else control_port, token)
+        self._news = asyncio.Event()
+        self.behind = Behind(
+            robot_ip, CONTROL_PORT + port_offset if control_port is None else control_port, token, self.wake
+        )
+        self.remote_control = Asked(lambda: self.ask(dashboard.IS_IN_REMOTE_CONTROL), _REMOTE_EVERY_S, self.wake)
         self.mover = Mover(self._open_robot)
         self._primary: PrimaryClient | None = None
         self._core = PrimaryCore()
         self._arm: ConfigurationData | None = None
         self._model: RobotModel | None = None
-        self._news = asyncio.Event()
         self._running = AsyncExitStack()
 
     async def __aenter__(self) -> Self:
         async with AsyncExitStack() as opening:
             opening.push_async_callback(self.behind.close)
+            opening.push_async_callback(self.remote_control.close)
             opening.push_async_callback(self.mover.close)
             for work in (
                 self._states(),
@@ -210,7 +217,7 @@ class Station:
         async with client:
             self.version, self.unavailable = client.core.version, client.core.unavailable
             while True:
-                self.values = await client.latest()
+                self.values = await self._patiently(client.latest)
                 self.stops.see(self.values)
                 self.connected, self.trouble = True, ""
                 self._tell()
@@ -228,15 +235,28 @@ class Station:
         async with PrimaryClient(self.robot_ip, self.ports["primary"]) as client:
             self._primary, self._core = client, client.core
             while True:
-                message = await client.run(client.core.next_message())
+                message = await self._patiently(lambda: client.run(client.core.next_message()))
                 self.log.hear(message)
                 self.variables.hear(message)
                 self.dialogues.hear(message)
                 self.stops.hear(message)
                 self.programs.hear(message)
 
+    async def _patiently(self, wait: Callable[[], Awaitable[Answer]]) -> Answer:
+        """What comes next, however long time is paused."""
+        while True:
+            try:
+                return await wait()
+            except NoAnswerError:
+                if not await self.behind.stands_still():
+                    raise
+
     def _tell(self) -> None:
         self.frame += 1
+        self.wake()
+
+    def wake(self) -> None:
+        """Something other than the state is new: let the pages look."""
         news, self._news = self._news, asyncio.Event()
         news.set()
 
