@@ -23,6 +23,7 @@ from client.errors import (
     SafetyStopError,
     ScriptFailedError,
 )
+from client.modbus import BlockingModbusClient, ModbusClient
 from client.primary import BlockingPrimaryClient, PrimaryClient, ScriptResult
 from client.realtime import BlockingRealtimeClient, RealtimeClient
 from client.robot import AsyncRobot, Robot, RobotState
@@ -32,6 +33,7 @@ from client.tool_communication import ToolCommunication
 __all__ = [
     "AsyncRobot",
     "BlockingDashboardClient",
+    "BlockingModbusClient",
     "BlockingPrimaryClient",
     "BlockingRTDEClient",
     "BlockingRealtimeClient",
@@ -41,6 +43,7 @@ __all__ = [
     "DashboardClient",
     "DeviceError",
     "FileError",
+    "ModbusClient",
     "MotionError",
     "MotionStoppedError",
     "NoAnswerError",

@@ -1,7 +1,7 @@
 """One robot as a pendant knows it: what it says, and what can be asked of it. All browsers share it."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
@@ -14,7 +14,9 @@ from client.operations import Operation
 from client.pendant.behind import CONTROL_PORT, Behind
 from client.pendant.dialogues import Dialogues
 from client.pendant.events import EventLog
+from client.pendant.feeds import Feeds
 from client.pendant.mover import Mover
+from client.pendant.port_registers import PortRegisters
 from client.pendant.variables import Variables
 from client.primary import PrimaryClient, PrimaryCore
 from client.robot import AsyncRobot
@@ -55,7 +57,8 @@ class Station:
 
     values: the newest RTDE state, by variable name; empty before the first. core: what the primary interface said.
     log, variables, dialogues: collected from its messages. connected: the state comes. trouble: why it does not.
-    behind: an emulator's control API, which a robot has not. frame: how many states came.
+    behind: an emulator's control API, which a robot has not. frame: how many states came. feeds: states of other
+    recipes. port_registers: what its Modbus server keeps for anybody.
     """
 
     def __init__(
@@ -83,6 +86,8 @@ class Station:
         self.variables = Variables()
         self.dialogues = Dialogues()
         self.behind = Behind(robot_ip, CONTROL_PORT + port_offset if control_port is None else control_port, token)
+        self.feeds = Feeds(self._open_feed)
+        self.port_registers = PortRegisters(robot_ip, self.ports["modbus"])
         self.mover = Mover(self._open_robot)
         self._primary: PrimaryClient | None = None
         self._core = PrimaryCore()
@@ -95,6 +100,8 @@ class Station:
         async with AsyncExitStack() as opening:
             opening.push_async_callback(self.behind.close)
             opening.push_async_callback(self.mover.close)
+            opening.push_async_callback(self.feeds.close)
+            opening.push_async_callback(self.port_registers.close)
             for work in (self._states(), self._messages(), self.behind.follow(self.dialogues)):
                 opening.push_async_callback(_cancel, asyncio.create_task(work))
             self._running = opening.pop_all()
@@ -178,6 +185,16 @@ class Station:
     def _open_robot(self) -> AsyncRobot:
         return AsyncRobot(self.robot_ip, robot_ports=self.ports, frequency_hz=Mover.RATE_HZ)
 
+    def _open_feed(self, names: Sequence[str], rate_hz: float) -> RTDEClient:
+        return RTDEClient(
+            self.robot_ip,
+            names,
+            frequency_hz=rate_hz,
+            ignore_unavailable=True,
+            port=self.ports["rtde"],
+            timeout_s=_SILENCE_S,
+        )
+
     # the connections
 
     async def _states(self) -> None:
@@ -190,15 +207,7 @@ class Station:
             await asyncio.sleep(_AGAIN_S)
 
     async def _follow_states(self) -> None:
-        client = RTDEClient(
-            self.robot_ip,
-            OUTPUTS,
-            frequency_hz=FRAME_HZ,
-            ignore_unavailable=True,
-            port=self.ports["rtde"],
-            timeout_s=_SILENCE_S,
-        )
-        async with client:
+        async with self._open_feed(OUTPUTS, FRAME_HZ) as client:
             self.version, self.unavailable = client.core.version, client.core.unavailable
             while True:
                 self.values = await client.latest()
