@@ -36,10 +36,14 @@ GENERAL_REGISTERS: Final = range(128, 256)
 """Addresses of the registers that are free for any use."""
 
 _UNIT: Final = 255  # "not used", as the Messaging Guide wants it for a device with an address of its own
-_ADVICE: Final = {
-    ExceptionCode.ILLEGAL_FUNCTION: "its Modbus server does not have this function",
-    ExceptionCode.ILLEGAL_DATA_ADDRESS: "there is nothing at this address, or it can only be read, or only be written",
-    ExceptionCode.ILLEGAL_DATA_VALUE: "the value does not fit",
+_EXCEPTIONS: Final = {
+    int(ExceptionCode.ILLEGAL_FUNCTION): ("ILLEGAL_FUNCTION", "its Modbus server does not have this function"),
+    int(ExceptionCode.ILLEGAL_DATA_ADDRESS): (
+        "ILLEGAL_DATA_ADDRESS",
+        "there is nothing at this address, or it can only be read, or only be written",
+    ),
+    int(ExceptionCode.ILLEGAL_DATA_VALUE): ("ILLEGAL_DATA_VALUE", "the value does not fit"),
+    int(ExceptionCode.DEVICE_FAILURE): ("DEVICE_FAILURE", "look at the robot"),
 }
 
 
@@ -88,10 +92,8 @@ def _answer(request: ModbusRequest, pdu: bytes) -> tuple[int, ...]:
     try:
         return decode_response(request, pdu)
     except ModbusException as error:
-        known = error.code in iter(ExceptionCode)
-        name = ExceptionCode(error.code).name if known else str(error.code)
         what = f"Modbus {Function(request.function).name} at {request.address}"
-        advice = _ADVICE.get(ExceptionCode(error.code), "") if known else ""
+        name, advice = _EXCEPTIONS.get(error.code, (str(error.code), ""))
         raise RobotRefused(what, f"exception {name}", advice) from error
 
 

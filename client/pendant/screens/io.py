@@ -11,14 +11,14 @@ __all__ = ["build"]
 
 def build(page: Page) -> None:
     """Put it on the page."""
-    with ui.column().classes("io"):
-        with Views(page, "io", {"signals": "Robot", "registers": "Registers", "modbus": "Modbus"}) as views:
-            with views.view("signals", "io-signals"):
-                io_digital.build(page)
-                io_analog.build(page)
-                io_tool.build(page)
-                io_tool.power(page)
-            with views.view("registers", "io-registers"):
-                io_registers.build(page, views)
-            with views.view("modbus", "io-registers"):
-                io_modbus.build(page, views)
+    titles = {"signals": "Robot", "registers": "Registers", "modbus": "Modbus"}
+    with ui.column().classes("io"), Views(page, "io", titles) as views:
+        with views.view("signals", "io-signals"):
+            io_digital.build(page)
+            io_analog.build(page)
+            io_tool.build(page)
+            io_tool.power(page)
+        with views.view("registers"):
+            io_registers.build(page, views)
+        with views.view("modbus"):
+            io_modbus.build(page, views)

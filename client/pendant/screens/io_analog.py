@@ -32,7 +32,7 @@ def _input(page: Page, index: int) -> None:
     station = page.station
 
     def domain(station: Station) -> int:
-        return station.values.get("analog_io_types", 0) >> index & 1
+        return int(station.values.get("analog_io_types", 0) >> index & 1)
 
     def value(station: Station) -> float | None:
         return station.values.get(f"standard_analog_input{index}")
@@ -53,7 +53,7 @@ def _output(page: Page, index: int) -> None:
     station = page.station
 
     def domain(station: Station) -> int:
-        return station.values.get("analog_io_types", 0) >> 2 + index & 1
+        return int(station.values.get("analog_io_types", 0) >> 2 + index & 1)
 
     def value(station: Station) -> float | None:
         return station.values.get(f"standard_analog_output{index}")
@@ -140,6 +140,6 @@ def _ratio(value: float | None, reach: Range) -> float:
 def _shown(value: Callable[[Station], float | None], domain: Callable[[Station], int]) -> Callable[[Station], str]:
     def read(station: Station) -> str:
         amount, reach = value(station), analog_range(domain(station))
-        return "–" if amount is None else f"{amount * reach.factor:.3f} {reach.unit}"
+        return "-" if amount is None else f"{amount * reach.factor:.3f} {reach.unit}"
 
     return read

@@ -48,14 +48,14 @@ def build(page: Page, views: Views) -> None:
             on_change=lambda change: form.__setitem__(0, change.value),
         ).props("no-caps unelevated data-testid=modbus-form")
         page.live.text(lambda station: station.port_registers.trouble or _where(station), "soft")
-    with page.panel("General purpose registers: touch one to write it", "register-panel"):
-        with ui.element("div").classes("cells modbus-cells") as grid:
-            for index in range(len(GENERAL_REGISTERS)):
-                cell = ui.element("button").classes("cell").props(f"data-testid=modbus-{GENERAL_REGISTERS[index]}")
-                cell.props("type=button").on("click", lambda _, index=index: touch(index))
-                with cell:
-                    ui.element("i")
-                    ui.label("")
+    title = "General purpose registers: touch one to write it"
+    with page.panel(title, "register-panel"), ui.element("div").classes("cells modbus-cells") as grid:
+        for index, address in enumerate(GENERAL_REGISTERS):
+            cell = ui.element("button").classes("cell").props(f"data-testid=modbus-{address} type=button")
+            cell.on("click", lambda _, index=index: touch(index))
+            with cell:
+                ui.element("i")
+                ui.label("")
     page.live.bind(grid, "cells", lambda station: _cells(station, form[0]))
 
 
@@ -64,7 +64,7 @@ def _where(station: Station) -> str:
 
 
 def _cells(station: Station, form: str) -> Any:
-    words = station.port_registers.words or ("–",) * len(GENERAL_REGISTERS)
+    words = station.port_registers.words or ("-",) * len(GENERAL_REGISTERS)
     write = _FORMS[form]
     return [GENERAL_REGISTERS[0], [word if isinstance(word, str) else write(word) for word in words]]
 

@@ -55,7 +55,7 @@ class Bank:
     def texts(self, way: str, values: Mapping[str, Any]) -> list[str]:
         """Of each number."""
         found = [values.get(field) for field in self.fields(way)]
-        return ["–" if value is None else f"{value:.6g}" if self.kind == "double" else str(value) for value in found]
+        return ["-" if value is None else f"{value:.6g}" if self.kind == "double" else str(value) for value in found]
 
     def input_of(self, index: int, value: Any, values: Mapping[str, Any]) -> dict[str, Any]:
         """What to write over RTDE for one input register. Raises ValueError for what does not fit."""

@@ -56,19 +56,19 @@ def power(page: Page) -> None:
 
 def _io_current(station: Station) -> str:
     state = station.core.state
-    return "–" if state is None or state.masterboard is None else f"{1000 * state.masterboard.io_current:.0f} mA"
+    return "-" if state is None or state.masterboard is None else f"{1000 * state.masterboard.io_current:.0f} mA"
 
 
 def _analog(page: Page, index: int) -> None:
     def domain(station: Station) -> int:
-        return station.values.get("tool_analog_input_types", 0) >> index & 1
+        return int(station.values.get("tool_analog_input_types", 0) >> index & 1)
 
     def value(station: Station) -> float | None:
         return station.values.get(f"tool_analog_input{index}")
 
     def shown(station: Station) -> str:
         amount, reach = value(station), analog_range(domain(station))
-        return "–" if amount is None else f"{amount * reach.factor:.3f} {reach.unit}"
+        return "-" if amount is None else f"{amount * reach.factor:.3f} {reach.unit}"
 
     with ui.row().classes("analog"):
         ui.label(f"AI{index + 2}").classes("signal-name")
@@ -127,19 +127,19 @@ def _fact(page: Page, name: str, read: Callable[[Station], str]) -> None:
 
 def _number(station: Station, field: str, unit: str, digits: int) -> str:
     value = station.values.get(field)
-    return "–" if value is None else f"{value:.{digits}f} {unit}"
+    return "-" if value is None else f"{value:.{digits}f} {unit}"
 
 
 def _mode(station: Station) -> str:
     value = station.values.get("tool_mode")
-    return "–" if value is None else mode_name(ToolMode, value).replace("_", " ").capitalize()
+    return "-" if value is None else mode_name(ToolMode, value).replace("_", " ").capitalize()
 
 
 def _line(station: Station) -> str:
     state = station.core.state
     line = None if state is None else state.tool_communication
     if line is None:
-        return "–"
+        return "-"
     if not line.enabled:
         return "off"
     return f"{line.baud_rate} baud, {_PARITIES.get(line.parity, line.parity)}, {line.stop_bits} stop bits"
