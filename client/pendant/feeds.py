@@ -71,9 +71,9 @@ class Feed:
                 high = middle
         return low
 
-    def states(self) -> Iterator[dict[str, Any]]:
-        """All that is kept, as RTDE gave it; None for what was not asked for at that time."""
-        for row in range(self.begin, self.end):
+    def states(self, begin: int = 0) -> Iterator[dict[str, Any]]:
+        """All that is kept from a row on, as RTDE gave it; None for what was not asked for at that time."""
+        for row in range(max(self.begin, begin), self.end):
             yield self._state(self.rows(row, row + 1))
 
     def copy(self) -> "Feed":
