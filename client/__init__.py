@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         SafetyStopError,
         ScriptFailedError,
     )
+    from client.modbus import BlockingModbusClient, ModbusClient
     from client.primary import BlockingPrimaryClient, PrimaryClient, ScriptResult
     from client.realtime import BlockingRealtimeClient, RealtimeClient
     from client.robot import AsyncRobot, Robot, RobotState
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 __all__ = [
     "AsyncRobot",
     "BlockingDashboardClient",
+    "BlockingModbusClient",
     "BlockingPrimaryClient",
     "BlockingRTDEClient",
     "BlockingRealtimeClient",
@@ -49,6 +51,7 @@ __all__ = [
     "DashboardClient",
     "DeviceError",
     "FileError",
+    "ModbusClient",
     "MotionError",
     "MotionStoppedError",
     "NoAnswerError",
@@ -93,6 +96,7 @@ _MODULES: Final[Mapping[str, tuple[str, ...]]] = {
         "SafetyStopError",
         "ScriptFailedError",
     ),
+    "client.modbus": ("BlockingModbusClient", "ModbusClient"),
     "client.primary": ("BlockingPrimaryClient", "PrimaryClient", "ScriptResult"),
     "client.realtime": ("BlockingRealtimeClient", "RealtimeClient"),
     "client.robot": ("AsyncRobot", "Robot", "RobotState"),

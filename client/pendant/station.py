@@ -1,7 +1,7 @@
 """One robot as a pendant knows it: what it says, and what can be asked of it. All browsers share it."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
@@ -15,7 +15,9 @@ from client.pendant.asked import Asked
 from client.pendant.behind import CONTROL_PORT, Behind
 from client.pendant.dialogues import Dialogues
 from client.pendant.events import EventLog
+from client.pendant.feeds import Feeds
 from client.pendant.mover import Mover
+from client.pendant.port_registers import PortRegisters
 from client.pendant.programs import Programs
 from client.pendant.stops import Stops
 from client.pendant.variables import Variables
@@ -60,7 +62,8 @@ class Station:
     values: the newest RTDE state, by variable name; empty before the first. core: what the primary interface said.
     log, variables, dialogues, stops, programs: collected from its messages and states. connected: the state comes.
     trouble: why it does not. behind: an emulator's control API, which a robot has not. remote_control: e-Series from
-    5.6. frame: how many states came.
+    5.6. frame: how many states came. feeds: states of other recipes. port_registers:
+    what its Modbus server keeps for anybody.
     """
 
     def __init__(
@@ -94,6 +97,8 @@ class Station:
             robot_ip, CONTROL_PORT + port_offset if control_port is None else control_port, token, self.wake
         )
         self.remote_control = Asked(lambda: self.ask(dashboard.IS_IN_REMOTE_CONTROL), _REMOTE_EVERY_S, self.wake)
+        self.feeds = Feeds(self._open_feed)
+        self.port_registers = PortRegisters(robot_ip, self.ports["modbus"])
         self.mover = Mover(self._open_robot)
         self._primary: PrimaryClient | None = None
         self._core = PrimaryCore()
@@ -106,6 +111,8 @@ class Station:
             opening.push_async_callback(self.behind.close)
             opening.push_async_callback(self.remote_control.close)
             opening.push_async_callback(self.mover.close)
+            opening.push_async_callback(self.feeds.close)
+            opening.push_async_callback(self.port_registers.close)
             for work in (
                 self._states(),
                 self._messages(),
@@ -194,6 +201,16 @@ class Station:
     def _open_robot(self) -> AsyncRobot:
         return AsyncRobot(self.robot_ip, robot_ports=self.ports, frequency_hz=Mover.RATE_HZ)
 
+    def _open_feed(self, names: Sequence[str], rate_hz: float) -> RTDEClient:
+        return RTDEClient(
+            self.robot_ip,
+            names,
+            frequency_hz=rate_hz,
+            ignore_unavailable=True,
+            port=self.ports["rtde"],
+            timeout_s=_SILENCE_S,
+        )
+
     # the connections
 
     async def _states(self) -> None:
@@ -206,15 +223,7 @@ class Station:
             await asyncio.sleep(_AGAIN_S)
 
     async def _follow_states(self) -> None:
-        client = RTDEClient(
-            self.robot_ip,
-            OUTPUTS,
-            frequency_hz=FRAME_HZ,
-            ignore_unavailable=True,
-            port=self.ports["rtde"],
-            timeout_s=_SILENCE_S,
-        )
-        async with client:
+        async with self._open_feed(OUTPUTS, FRAME_HZ) as client:
             self.version, self.unavailable = client.core.version, client.core.unavailable
             while True:
                 self.values = await self._patiently(client.latest)
