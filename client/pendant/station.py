@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
 
@@ -15,6 +16,7 @@ from client.pendant.behind import CONTROL_PORT, Behind
 from client.pendant.dialogues import Dialogues
 from client.pendant.events import EventLog
 from client.pendant.mover import Mover
+from client.pendant.poses import Poses
 from client.pendant.variables import Variables
 from client.primary import PrimaryClient, PrimaryCore
 from client.robot import AsyncRobot
@@ -56,6 +58,7 @@ class Station:
     values: the newest RTDE state, by variable name; empty before the first. core: what the primary interface said.
     log, variables, dialogues: collected from its messages. connected: the state comes. trouble: why it does not.
     behind: an emulator's control API, which a robot has not. frame: how many states came.
+    meshes: folder of the user's. poses: those somebody saved.
     """
 
     def __init__(
@@ -65,6 +68,8 @@ class Station:
         control_port: int | None = None,
         modbus_port: int | None = None,
         token: str = "",
+        meshes: Path | None = None,
+        poses: Path | None = None,
     ) -> None:
         self.robot_ip = robot_ip
         self.ports: Mapping[str, int] = {
@@ -73,6 +78,8 @@ class Station:
             "rtde": rtde.PORT + port_offset,
             "modbus": CONTROLLER_PORTS["modbus"] + port_offset if modbus_port is None else modbus_port,
         }
+        self.meshes = meshes
+        self.poses = Poses(poses)
         self.values: Mapping[str, Any] = {}
         self.version: PolyscopeVersion | None = None
         self.unavailable: frozenset[str] = frozenset()
