@@ -32,21 +32,21 @@ _BACKGROUND: Final = "#e9edf1"
 _MESH_COLOR: Final = "#d9dde1"
 _AXES: Final = (("#d6453d", (1.0, 0.0, 0.0)), ("#3d9a4a", (0.0, 1.0, 0.0)), ("#2f6fd0", (0.0, 0.0, 1.0)))
 _VIEWS: Final[dict[str, tuple[str, str, Vec3]]] = {  # direction from the arm to the camera
-    "reset": ("3d_rotation", "Reset the view", (0.62, -0.68, 0.4)),
+    "reset": ("3d_rotation", "Reset the view", (0.66, -0.68, 0.32)),
     "front": ("view_in_ar", "From the front: along -x", (1.0, 0.0, 0.02)),
     "side": ("view_sidebar", "From the side: along y", (0.0, -1.0, 0.02)),
     "top": ("vertical_align_bottom", "From above", (0.0, -0.001, 1.0)),
 }
 _FOV_DEG: Final = 38.0
-_DISTANCE: Final = 3.4  # of the camera, in reaches
-_LOOK_AT: Final = 0.36  # height, in reaches
+_DISTANCE: Final = 3.3  # of the camera, in reaches
+_LOOK_AT: Final = 0.5  # height, in reaches
 _TCP_SAME_M: Final = 1e-5
 
 
 def arm_scene(page: Page) -> ui.scene:
     """A scene with the arm, which appears once its model is known."""
     camera = ui.scene.perspective_camera(fov=_FOV_DEG, near=0.02, far=60.0)
-    scene = ui.scene(grid=(6, 60), camera=camera, background_color=_BACKGROUND, fps=30).classes("arm")
+    scene = ui.scene(grid=(4, 40), camera=camera, background_color=_BACKGROUND, fps=30).classes("arm")
     ui.run_javascript(f"pendant.dress({scene.id})")
     arm = _ArmInScene(page, scene)
     page.live.effect(lambda station: (station.model, station.core.kinematics), lambda known: arm.be(*known))

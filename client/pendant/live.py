@@ -47,6 +47,7 @@ class Live:
     """Of one browser's page. screen: which one it shows; ``building``: which one its elements are made for now.
 
     on_held: told by the browser which jog button is held, several times a second, and None when it is let go.
+    on_lost: told that the browser is gone, or not reachable for now.
     """
 
     pages: ClassVar[dict[str, "Live"]] = {}
@@ -57,6 +58,7 @@ class Live:
         self.screen = ""
         self.building: str | None = None
         self.on_held: list[Held] = []
+        self.on_lost: list[Callable[[], None]] = []
         self._bindings: list[_Binding] = []
         self._effects: list[_Effect] = []
         self._again = asyncio.Event()
@@ -65,7 +67,7 @@ class Live:
     def close(self) -> None:
         """The browser is gone."""
         self.pages.pop(self.page_id, None)
-        self._hear({"held": None})
+        self._lose()
 
     # what is shown
 
@@ -105,7 +107,7 @@ class Live:
         except (WebSocketDisconnect, json.JSONDecodeError, RuntimeError):
             pass
         finally:
-            self._hear({"held": None})
+            self._lose()
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
 
@@ -114,6 +116,11 @@ class Live:
             held = message["held"]
             for tell in self.on_held:
                 tell(held if isinstance(held, dict) else None)
+
+    def _lose(self) -> None:
+        self._hear({"held": None})
+        for tell in self.on_lost:
+            tell()
 
     async def _send_frames(self, socket: WebSocket) -> None:
         while True:

@@ -59,9 +59,7 @@ def placed_meshes(model: RobotModel) -> tuple[PlacedMesh, ...]:
             f"where the meshes of {model.title} belong is not known here, only of {known}: leave them out"
         )
     offsets = (0.0, 0.0, *_OFFSETS[model.name])
-    return tuple(
-        PlacedMesh(name, (0.0, 0.0, z), rpy) for name, rpy, z in zip(_MESHES, _MESH_RPY, offsets, strict=True)
-    )
+    return tuple(PlacedMesh(name, (0.0, 0.0, z), rpy) for name, rpy, z in zip(_MESHES, _MESH_RPY, offsets, strict=True))
 
 
 def mesh_file(folder: Path, kind: str, name: str, endings: Sequence[str]) -> Path:

@@ -19,12 +19,12 @@
 
   function light(scene) {
     for (const child of [...scene.scene.children]) {
-      if (child.isAmbientLight) child.intensity = 1.35;
+      if (child.isAmbientLight) child.intensity = 1.7;
       if (!child.isDirectionalLight) continue;
-      child.intensity = 0.9;
+      child.intensity = 1.5;
       child.position.set(2, -3, 5);
       const other = child.clone(); // from the other side, so that no side is flat
-      other.intensity = 0.7;
+      other.intensity = 0.9;
       other.position.set(-4, 3, 2);
       scene.scene.add(other);
     }
