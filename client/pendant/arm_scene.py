@@ -158,8 +158,8 @@ class _Link:
             solid.rotate_R(_rows(_along(part.axis)))
         if self.mesh is not None:
             url, placed = self.mesh
-            solid = scene.stl(url).material(_MESH_COLOR) if self.mesh.is_stl else scene.gltf(url)
-            solid.move(*placed.position).rotate(*placed.rpy)
+            mesh = scene.stl(url).material(_MESH_COLOR) if self.mesh.is_stl else scene.gltf(url)
+            mesh.move(*placed.position).rotate(*placed.rpy)
 
 
 def _look_from(scene: ui.scene, model: RobotModel, direction: Vec3, duration: float = 0.4) -> None:

@@ -1,4 +1,4 @@
-"""How fast an arm goes while a button is held: ramps, and slower where a joint nears its limit or the arm a singularity.
+"""How fast an arm goes while a button is held: ramps, and slower near a joint limit or a singularity.
 
 Nothing here waits or talks to a robot. `Ramp.next` is asked once in every period of the mover and gives the speeds of
 the next one.

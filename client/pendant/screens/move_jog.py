@@ -3,6 +3,7 @@
 import asyncio
 import json
 from collections.abc import Mapping
+from functools import partial
 from math import degrees, isfinite
 from typing import Any, Final
 
@@ -12,6 +13,7 @@ from client.pendant.jogging import JOINT_TITLES, Velocity
 from client.pendant.page import MISTAKES, Page
 from client.pendant.screens.move_settings import FEATURES, JOINT_TOP, LINE_TOP, MoveSettings
 from client.pendant.station import Station
+from urproto.robots import Joints
 from urproto.robots.pose import rotvec_to_rpy
 
 __all__ = ["JogPanels"]
@@ -19,7 +21,7 @@ __all__ = ["JogPanels"]
 _AXES: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _SEEN: Final = ("Right", "Away", "Up", "Pitch", "Roll", "Yaw")  # the same in feature View
 _NEAR: Final = 0.09  # rad from a limit: where a bar turns amber
-_NOTHING: Final = "–"
+_NOTHING: Final = "\N{EN DASH}"
 
 
 class JogPanels:
@@ -45,9 +47,9 @@ class JogPanels:
                 _choice({"rv": "Rot. vector", "rpy": "RPY"}, settings, "rotation")
             for i in range(6):
                 with ui.element("div").classes("jog-row"):
-                    self._page.live.text(lambda _, i=i: self._axis_name(i), f"jog-name axis-{'xyz'[i % 3]}")
-                    self._page.live.text(lambda station, i=i: self._coordinate(station, i), "jog-value")
-                    self._page.live.text(lambda _, i=i: self._coordinate_unit(i), "jog-unit")
+                    self._page.live.text(partial(self._axis_name, i), f"jog-name axis-{'xyz'[i % 3]}")
+                    self._page.live.text(partial(self._coordinate, i), "jog-value").props(f"data-testid=tcp-{i}")
+                    self._page.live.text(partial(self._coordinate_unit, i), "jog-unit")
                     _hold_buttons("axis", i, _AXES[i].lower())
 
     def joints(self) -> None:
@@ -59,9 +61,9 @@ class JogPanels:
                     ui.label(title).classes("jog-name")
                     with ui.element("div").classes("joint-bar"):
                         bar = ui.element("div").classes("joint-at")
-                        live.bind(bar, "width", lambda station, i=i: _share(station, i))
-                        live.bind(bar, "state", lambda station, i=i: _nearness(station, i))
-                    live.text(lambda station, i=i: _angle(station, i), "jog-value").props(f"data-testid=angle-{i}")
+                        live.bind(bar, "width", partial(_share, i))
+                        live.bind(bar, "state", partial(_nearness, i))
+                    live.text(partial(_angle, i), "jog-value").props(f"data-testid=angle-{i}")
                     ui.label("°").classes("jog-unit")
                     _hold_buttons("joint", i, str(i))
 
@@ -92,10 +94,10 @@ class JogPanels:
 
     # the numbers
 
-    def _axis_name(self, axis: int) -> str:
+    def _axis_name(self, axis: int, _: Station) -> str:
         return (_SEEN if self._settings.feature == "view" else _AXES)[axis]
 
-    def _coordinate(self, station: Station, axis: int) -> str:
+    def _coordinate(self, axis: int, station: Station) -> str:
         pose = station.values.get("actual_TCP_pose")
         if pose is None:
             return _NOTHING
@@ -105,7 +107,7 @@ class JogPanels:
             return _rounded(degrees(rotvec_to_rpy(*pose[3:])[axis - 3]), 2)
         return _rounded(pose[axis], 4)
 
-    def _coordinate_unit(self, axis: int) -> str:
+    def _coordinate_unit(self, axis: int, _: Station) -> str:
         return "mm" if axis < 3 else "°" if self._settings.as_rpy else "rad"
 
     # what is held
@@ -193,29 +195,29 @@ def _index(value: Any) -> int:
 def _rounded(value: float, digits: int) -> str:
     """With a minus as wide as the digits, and none before a zero."""
     text = f"{value:.{digits}f}"
-    return text.removeprefix("-") if not text.strip("-0.") else text.replace("-", "−")
+    return text.removeprefix("-") if not text.strip("-0.") else text.replace("-", "\N{MINUS SIGN}")
 
 
-def _angle(station: Station, joint: int) -> str:
+def _angle(joint: int, station: Station) -> str:
     q = station.values.get("actual_q")
     return _NOTHING if q is None else _rounded(degrees(q[joint]), 2)
 
 
-def _limits(station: Station, joint: int) -> tuple[float, float]:
+def _limits(joint: int, station: Station) -> tuple[float, float]:
     model = station.model
     return (-1.0, 1.0) if model is None else (model.q_min[joint], model.q_max[joint])
 
 
-def _share(station: Station, joint: int) -> float:
+def _share(joint: int, station: Station) -> float:
     """Where a joint is between its limits [percent]; one without limits turns round and round."""
-    q = station.values.get("actual_q")
+    q: Joints | None = station.values.get("actual_q")
     if q is None:
         return 50.0
-    low, high = _limits(station, joint)
+    low, high = _limits(joint, station)
     return round(100.0 * max(0.0, min(1.0, (q[joint] - low) / (high - low))), 1)
 
 
-def _nearness(station: Station, joint: int) -> str:
+def _nearness(joint: int, station: Station) -> str:
     q, model = station.values.get("actual_q"), station.model
     if q is None or model is None:
         return "far"

@@ -1,5 +1,6 @@
 """Targets that are typed: joint angles in degrees, or a pose of the TCP in mm and its rotation."""
 
+from functools import partial
 from math import degrees, inf, isfinite, radians
 from typing import Final
 
@@ -8,6 +9,7 @@ from nicegui import ui
 from client.pendant.jogging import JOINT_TITLES
 from client.pendant.page import Page
 from client.pendant.screens.move_settings import MoveSettings
+from client.pendant.station import Station
 from urproto.errors import RobotRefused
 from urproto.robots import Joints, RobotModel
 from urproto.robots.pose import Pose, rotvec_to_rpy, rpy_to_rotvec
@@ -61,9 +63,7 @@ def pose_target(page: Page, settings: MoveSettings) -> None:
             if i < 3:
                 ui.label(_POSITIONS[i]).classes(f"jog-name axis-{'xyz'[i]}")
             else:
-                page.live.text(
-                    lambda _, i=i: ("Roll", "Pitch", "Yaw")[i - 3] if settings.as_rpy else _turn(i), "jog-name"
-                )
+                page.live.text(partial(_turn, settings, i - 3), "jog-name")
             number = ui.number(value=0.0, format="%.2f" if i < 3 else "%.4f", step=1 if i < 3 else 0.01)
             numbers.append(number.props(f"dense outlined data-testid=target-pose-{i}"))
             if i < 3:
@@ -96,7 +96,12 @@ def pose_target(page: Page, settings: MoveSettings) -> None:
             show(read(not as_rpy))
 
     settings.on_rotation.append(rewrite)
-    page.live.effect(lambda station: "actual_TCP_pose" in station.values, lambda there: there and show(_tcp_pose(page)))
+
+    def show_first(there: bool) -> None:
+        if there:
+            show(_tcp_pose(page))
+
+    page.live.effect(lambda station: "actual_TCP_pose" in station.values, show_first)
     with ui.row().classes("target-buttons"):
         _button(page, "Take present", "my_location", lambda: show(_tcp_pose(page)), "pose-present")
         ui.space()
@@ -107,8 +112,8 @@ def pose_target(page: Page, settings: MoveSettings) -> None:
         _go(page, "Move to pose", move, "pose-move")
 
 
-def _turn(axis: int) -> str:
-    return ("RX", "RY", "RZ")[axis - 3]
+def _turn(settings: MoveSettings, axis: int, _: Station) -> str:
+    return (("Roll", "Pitch", "Yaw") if settings.as_rpy else ("RX", "RY", "RZ"))[axis]
 
 
 def _present(page: Page, name: str) -> Joints:
