@@ -59,6 +59,7 @@ class Live:
     connection: counts its web sockets, one after the other, so that who sends only what is new can begin anew.
     on_held: told by the browser which jog button is held, several times a second, and None when it is let go.
     on_show: told which screen is in view, "" when the browser is gone.
+    on_lost: told that the browser is gone, or not reachable for now.
     """
 
     pages: ClassVar[dict[str, "Live"]] = {}
@@ -72,6 +73,7 @@ class Live:
         self.on_held: list[Held] = []
         self._listeners: dict[str, Callable[[Any], object]] = {}
         self.on_show: list[Callable[[str], None]] = []
+        self.on_lost: list[Callable[[], None]] = []
         self._bindings: list[_Binding] = []
         self._effects: list[_Effect] = []
         self._streams: list[_Stream] = []
@@ -81,7 +83,7 @@ class Live:
     def close(self) -> None:
         """The browser is gone."""
         self.pages.pop(self.page_id, None)
-        self._hear({"held": None, **dict.fromkeys(self._listeners)})
+        self._lose()
         self.show("")
 
     # what is shown
@@ -135,7 +137,7 @@ class Live:
         except (WebSocketDisconnect, json.JSONDecodeError, RuntimeError):
             pass
         finally:
-            self._hear({"held": None, **dict.fromkeys(self._listeners)})
+            self._lose()
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
 
@@ -152,6 +154,11 @@ class Live:
             held = message["held"]
             for tell in self.on_held:
                 tell(held if isinstance(held, dict) else None)
+
+    def _lose(self) -> None:
+        self._hear({"held": None, **dict.fromkeys(self._listeners)})
+        for tell in self.on_lost:
+            tell()
 
     async def _send_frames(self, socket: WebSocket) -> None:
         while True:

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
 
@@ -18,6 +19,7 @@ from client.pendant.events import EventLog
 from client.pendant.feeds import Feeds
 from client.pendant.mover import Mover
 from client.pendant.port_registers import PortRegisters
+from client.pendant.poses import Poses
 from client.pendant.programs import Programs
 from client.pendant.stops import Stops
 from client.pendant.variables import Variables
@@ -62,8 +64,8 @@ class Station:
     values: the newest RTDE state, by variable name; empty before the first. core: what the primary interface said.
     log, variables, dialogues, stops, programs: collected from its messages and states. connected: the state comes.
     trouble: why it does not. behind: an emulator's control API, which a robot has not. remote_control: e-Series from
-    5.6. frame: how many states came. feeds: states of other recipes. port_registers:
-    what its Modbus server keeps for anybody.
+    5.6. frame: how many states came. feeds: states of other recipes. port_registers: what its Modbus server keeps for
+    anybody. meshes: folder of the user's. poses: those somebody saved.
     """
 
     def __init__(
@@ -73,6 +75,8 @@ class Station:
         control_port: int | None = None,
         modbus_port: int | None = None,
         token: str = "",
+        meshes: Path | None = None,
+        poses: Path | None = None,
     ) -> None:
         self.robot_ip = robot_ip
         self.ports: Mapping[str, int] = {
@@ -81,6 +85,8 @@ class Station:
             "rtde": rtde.PORT + port_offset,
             "modbus": CONTROLLER_PORTS["modbus"] + port_offset if modbus_port is None else modbus_port,
         }
+        self.meshes = meshes
+        self.poses = Poses(poses)
         self.values: Mapping[str, Any] = {}
         self.version: PolyscopeVersion | None = None
         self.unavailable: frozenset[str] = frozenset()
