@@ -42,14 +42,14 @@ class LogView:
         return [event for event in self._log.events if self._passes(event)]
 
     def change(self, connection: int) -> list[Any] | None:
-        """[whether what is shown goes, lines to add] for a browser that has everything up to the last call.
+        """[whether what is shown goes, lines to add, the last event] for a browser that has all up to the last call.
 
         The same list as before when nothing is new. connection: a new one begins with nothing.
         """
         state = (connection, self._cleared, self.words, frozenset(self.severities))
         if state != self._state:
             self._state, self._seen = state, self._log.count
-            self._change = [True, [_row(event) for event in self._newest()]]
+            self._change = [True, [_row(event) for event in self._newest()], self._seen]
         elif not self.paused and self._seen != self._log.count:
             self._add(self._log.since(self._seen))
             self._seen = self._log.count
@@ -58,7 +58,7 @@ class LogView:
     def _add(self, events: list[Event]) -> None:
         rows = [_row(event) for event in events if self._passes(event)]
         if rows:
-            self._change = [len(rows) >= SHOWN, rows[-SHOWN:]]
+            self._change = [len(rows) >= SHOWN, rows[-SHOWN:], events[-1].number]
 
     def _newest(self) -> list[Event]:
         shown = (event for event in self._log.latest() if self._passes(event) and event.number > self._cleared)
