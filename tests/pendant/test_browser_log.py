@@ -11,12 +11,12 @@ def test_a_stop_is_there_with_code_and_text_and_texts_are_no_markup(rig, open_pa
     page = open_page("log")
     page.get_by_test_id("log-clear").click()
     rig.control.send_script('textmsg("<b>bold</b><img src=x onerror=alert(1)>")')
+    expect(page.get_by_text("<b>bold</b><img src=x onerror=alert(1)>")).to_be_visible()
     rig.control.protective_stop(code=153, argument=2)
     page.get_by_test_id("stop-hide").click()
     line = page.locator(".log-lines .log-line", has_text="C153A2")
     expect(line).to_contain_text("The position deviates from the path: elbow")
     expect(page.locator(".log-lines .warning")).to_have_count(2)
-    expect(page.get_by_text("<b>bold</b><img src=x onerror=alert(1)>")).to_be_visible()
     page.get_by_test_id("log-words").fill("elbow")
     expect(page.locator(".log-lines .log-line")).to_have_count(1)
     with page.expect_download() as download:

@@ -7,7 +7,8 @@ from playwright.sync_api import Page, expect
 COUNT = "def count():\n  global i = 0\n  while True:\n    i = i + 1\n    sleep(0.05)\n  end\nend\n"
 TREE = (
     '<URProgram name="t"><children><MainProgram runOnlyOnce="false"><children><Folder name="Pick"><children>'
-    '<Wait type="Sleep"><waitTime>60</waitTime></Wait></children></Folder></children></MainProgram></children></URProgram>'
+    '<Wait type="Sleep"><waitTime>60</waitTime></Wait>'
+    "</children></Folder></children></MainProgram></children></URProgram>"
 )
 
 
