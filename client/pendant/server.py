@@ -15,6 +15,7 @@ from fastapi import WebSocket
 from fastapi.responses import PlainTextResponse
 from nicegui import app, ui
 
+from client.errors import PortTakenError
 from client.pendant import frame
 from client.pendant.live import Live
 from client.pendant.page import Page
@@ -36,7 +37,7 @@ _logger = logging.getLogger(__name__)
 def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> None:
     """Serve one robot's pendant until the process is told to end. ready: called when browsers may come.
 
-    Raises OSError for a port that is taken.
+    Raises PortTakenError.
     """
     os.environ.pop("PYTEST_CURRENT_TEST", None)  # of a test that started this process: NiceGUI would test itself
     opened = AsyncExitStack()
@@ -86,7 +87,7 @@ def _check_free(host: str, port: int) -> None:
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise OSError(error.errno, f"the pendant cannot have {host}:{port}: {error.strerror}") from error
+            raise PortTakenError(host, port, error.strerror or str(error)) from error
 
 
 async def _when_open(host: str, port: int, ready: Callable[[], None]) -> None:

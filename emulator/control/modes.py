@@ -85,6 +85,12 @@ class ModeVerbs(ControlBase):
         self._set(SafetyDevice[device.upper()], active)
 
     @verb
+    def safety_devices(self) -> dict[str, bool]:
+        """Whether each emergency stop button and safety device asks for its stop or mode now."""
+        inputs = self.controller.safety_board.inputs
+        return {device.name.lower(): inputs.active(device) for device in SafetyDevice}
+
+    @verb
     def safety_causes(self) -> dict[str, str]:
         """What ``trip_safety`` can cause on this robot, with the report code of each."""
         series = self.controller.model.series
