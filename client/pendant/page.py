@@ -96,10 +96,10 @@ class Page:
         if self.agreed:
             return True
         text = f"The arm at {self.station.robot_ip} is going to move. Is its workspace clear?"
-        self.confirmed = await self.agreed("This is a real robot", text, "It may move", "may-move")
+        self.confirmed = await self.confirm("This is a real robot", text, "It may move", "may-move")
         return self.confirmed
 
-    async def agreed(self, title: str, text: str, yes: str, mark: str = "agree") -> bool:
+    async def confirm(self, title: str, text: str, yes: str, mark: str = "agree") -> bool:
         """Ask whoever is at this browser. mark: the test id of the button that agrees."""
         with self._content, ui.dialog() as dialog, ui.card():
             ui.label(title).classes("text-h6")

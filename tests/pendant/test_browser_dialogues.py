@@ -33,13 +33,14 @@ def test_a_popup_holds_the_program_until_it_is_read(rig, open_page):
 
 def test_a_protective_stop_says_why_and_is_left_five_seconds_later(rig, open_page):
     page = open_page("log")
-    rig.control.protective_stop(code=157, argument=0)
-    expect(page.get_by_test_id("stop-cause")).to_have_text("C157A0: A collision was detected: base")
     enable = page.get_by_test_id("stop-enable")
-    expect(enable).to_be_disabled()
-    expect(enable).to_contain_text("Enable robot in")
-    rig.control.set_speed(20.0)
+    rig.control.set_speed(0.2)
     try:
+        rig.control.protective_stop(code=157, argument=0)
+        expect(page.get_by_test_id("stop-cause")).to_have_text("C157A0: A collision was detected: base")
+        expect(enable).to_be_disabled()
+        expect(enable).to_contain_text("Enable robot in")
+        rig.control.set_speed(20.0)
         enable.click()  # once it is enabled
         expect(page.get_by_test_id("stop-dialogue")).to_be_hidden()
     finally:

@@ -78,16 +78,15 @@ def test_a_browser_gets_each_line_once():
     log = EventLog()
     view = LogView(log)
     say(log, "one")
-    assert texts(view.change(1)) == ["one"]
-    same = view.change(1)
-    assert view.change(1) is same
+    assert texts(view.take(True)) == ["one"]
+    assert view.take(False) is None
     say(log, "two")
     say(log, "three")
-    change = view.change(1)
+    change = view.take(False)
     assert change is not None
     assert change[0] is False
     assert texts(change) == ["two", "three"]
-    anew = view.change(2)
+    anew = view.take(True)
     assert anew is not None
     assert anew[0] is True
     assert texts(anew) == ["one", "two", "three"]
@@ -96,10 +95,10 @@ def test_a_browser_gets_each_line_once():
 def test_a_flood_is_cut_to_what_is_shown():
     log = EventLog()
     view = LogView(log)
-    view.change(1)
+    view.take(True)
     for number in range(5_000):
         say(log, str(number))
-    change = view.change(1)
+    change = view.take(False)
     assert change is not None
     assert (change[0], len(change[1]), texts(change)[-1]) == (True, SHOWN, "4999")
 
@@ -111,14 +110,14 @@ def test_filters_apply_to_what_was_and_to_what_comes():
     say(log, "gripper lost", ReportLevel.FAULT)
     say(log, "hot", ReportLevel.WARNING)
     view.words = "GRIPPER"
-    assert texts(view.change(1)) == ["Gripper closed", "gripper lost"]
+    assert texts(view.take(False)) == ["Gripper closed", "gripper lost"]
     view.severities.discard("info")
-    assert texts(view.change(1)) == ["gripper lost"]
+    assert texts(view.take(False)) == ["gripper lost"]
     view.words = "c1a0 hot"
-    assert texts(view.change(1)) == ["hot"]
+    assert texts(view.take(False)) == ["hot"]
     say(log, "cold", ReportLevel.WARNING)
     say(log, "hot again", ReportLevel.WARNING)
-    assert texts(view.change(1)) == ["hot again"]
+    assert texts(view.take(False)) == ["hot again"]
     assert [event.text for event in view.matching()] == ["hot", "hot again"]
 
 
@@ -126,17 +125,17 @@ def test_pause_holds_back_and_clear_empties_the_view_only():
     log = EventLog()
     view = LogView(log)
     say(log, "before")
-    view.change(1)
+    view.take(True)
     view.paused = True
     say(log, "meanwhile")
-    assert texts(view.change(1)) == ["before"]
+    assert view.take(False) is None
     assert view.waiting == 1
     view.paused = False
-    assert texts(view.change(1)) == ["meanwhile"]
+    assert texts(view.take(False)) == ["meanwhile"]
     view.clear()
-    assert texts(view.change(1)) == []
+    assert texts(view.take(False)) == []
     say(log, "after")
-    assert texts(view.change(1)) == ["after"]
+    assert texts(view.take(False)) == ["after"]
     assert [event.text for event in view.matching()] == ["before", "meanwhile", "after"]
 
 

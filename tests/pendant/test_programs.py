@@ -126,22 +126,26 @@ class TestVariables:
 
     def test_only_what_changed_travels(self, variables: Variables):
         view = VariablesView(variables)
-        assert view.change(1) == [["a", "b", "c"], {0: ("int", "1"), 1: ("float", "2.5")}]
+        assert view.take(True) == [["a", "b", "c"], {0: ("int", "1"), 1: ("float", "2.5")}]
         told(variables, 1, 2.5)
-        assert view.change(1) is view.change(1)
+        assert view.take(False) is None
         told(variables, 1, 3.5, None)
-        assert view.change(1) == [None, {1: ("float", "3.5"), 2: ("", "-")}]
+        assert view.take(False) == [None, {1: ("float", "3.5"), 2: ("", "-")}]
         told(variables, "late", start=2)
-        assert view.change(1) == [None, {2: ("string", '"late"')}]
+        assert view.take(False) == [None, {2: ("string", '"late"')}]
 
     def test_a_new_browser_and_a_new_program_begin_anew(self, variables: Variables):
         view = VariablesView(variables)
-        view.change(1)
-        again = view.change(2)
+        view.take(True)
+        again = view.take(True)
         assert again is not None
         assert again[0] == ["a", "b", "c"]
         variables.hear(GlobalVariableNames(names=("x",)))
-        assert view.change(2) == [["x"], {}]
+        assert view.take(False) == [["x"], {}]
+        told(variables)  # as of a program without variables
+        assert view.take(False) == [[], {}]
+        told(variables)
+        assert view.take(False) is None
 
     @pytest.mark.parametrize(
         ("value", "kind", "text"),

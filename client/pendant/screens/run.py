@@ -129,5 +129,5 @@ def _variables(page: Page) -> None:
     view = VariablesView(page.station.variables)
     with page.panel("Variables", "run-variables"):
         box = ui.element("div").classes("variables").props("data-testid=variables tabindex=0")
-        page.live.bind(box, "value", lambda _: view.change(page.live.connection))
+        page.live.stream(box, "lines", view.take)
         ui.run_javascript(f"pendantRun.variables({box.id})")

@@ -55,7 +55,7 @@ async def replace_draft(page: Page, text: str) -> bool:
     if (
         draft.is_somebodys
         and draft.text != text
-        and not await page.agreed(
+        and not await page.confirm(
             "Replace the script?",
             "The text in the editor is replaced. Save it first if you want to keep it.",
             "Replace",
