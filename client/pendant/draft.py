@@ -46,6 +46,11 @@ class Draft:
         self.script: Script | None = None
         self._sent_at_s = 0.0
 
+    @property
+    def is_somebodys(self) -> bool:
+        """Whether somebody would miss the text."""
+        return bool(self.text.strip()) and self.text != _EXAMPLE
+
     def write(self, text: str, author: str = "") -> None:
         """Somebody has written something else. Raises ValueError for what is too long."""
         if len(text) > _MOST:
