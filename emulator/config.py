@@ -4,7 +4,6 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Final
@@ -32,7 +31,6 @@ from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 __all__ = [
     "JOINT_NAMES",
     "PORTS",
-    "ArmKind",
     "ConfigError",
     "EmulatorConfig",
     "check_encoder_speeds",
@@ -59,13 +57,6 @@ _FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder
 _POLYSCOPE_X_MAJOR: Final = 10
 _MAJOR: Final = {Series.CB3: 3, Series.E: 5}
 _NEWEST_CB3_MINOR: Final = 15  # the CB3 line ended with 3.15
-
-
-class ArmKind(StrEnum):
-    """What moves the arm: its targets, exactly, or torques."""
-
-    IDEAL = "ideal"
-    DYNAMIC = "dynamic"
 
 
 class ConfigError(ValueError):

@@ -14,9 +14,8 @@ from typing import Final, Self
 from emulator.app import Emulator
 from emulator.config import is_loopback
 
-__all__ = ["PENDANT_PORT", "Pendant"]
+__all__ = ["Pendant"]
 
-PENDANT_PORT: Final = 6080
 _ANY: Final = "0.0.0.0"
 _LOCALHOST: Final = "127.0.0.1"
 _MISSING: Final = (

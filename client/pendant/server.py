@@ -73,6 +73,7 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
         reload=False,
         show=False,
         show_welcome_message=False,
+        reconnect_timeout=10.0,
         binding_refresh_interval=None,
         ws_per_message_deflate=False,
         access_log=False,

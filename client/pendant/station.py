@@ -1,8 +1,9 @@
 """One robot as a pendant knows it: what it says, and what can be asked of it. All browsers share it."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
 
@@ -15,7 +16,11 @@ from client.pendant.asked import Asked
 from client.pendant.behind import CONTROL_PORT, Behind
 from client.pendant.dialogues import Dialogues
 from client.pendant.events import EventLog
+from client.pendant.feeds import Feeds
 from client.pendant.mover import Mover
+from client.pendant.port_registers import PortRegisters
+from client.pendant.poses import Poses
+from client.pendant.programs import Programs
 from client.pendant.stops import Stops
 from client.pendant.variables import Variables
 from client.primary import PrimaryClient, PrimaryCore
@@ -38,7 +43,7 @@ FRAME_HZ: Final = 30.0
 
 OUTPUTS: Final = (
     "timestamp", "robot_mode", "joint_mode", "safety_mode", "safety_status_bits", "runtime_state",
-    "robot_status_bits", "speed_scaling", "target_speed_fraction",
+    "robot_status_bits", "speed_scaling", "target_speed_fraction", "script_control_line",
     "actual_q", "actual_qd", "actual_current", "joint_temperatures", "joint_control_output",
     "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force", "tcp_offset", "payload", "payload_cog",
     "actual_digital_input_bits", "actual_digital_output_bits", "analog_io_types",
@@ -57,10 +62,10 @@ class Station:
     """The connections of one pendant to one robot; use it with ``async with``.
 
     values: the newest RTDE state, by variable name; empty before the first. core: what the primary interface said.
-    log, variables, dialogues, stops: collected from its messages and states. connected: the state comes.
-    trouble: why it does not.
-    behind: an emulator's control API, which a robot has not. remote_control: e-Series from 5.6. frame: how many
-    states came.
+    log, variables, dialogues, stops, programs: collected from its messages and states. connected: the state comes.
+    trouble: why it does not. behind: an emulator's control API, which a robot has not. remote_control: e-Series from
+    5.6. frame: how many states came. feeds: states of other recipes. port_registers: what its Modbus server keeps for
+    anybody. meshes: folder of the user's. poses: those somebody saved.
     """
 
     def __init__(
@@ -70,6 +75,8 @@ class Station:
         control_port: int | None = None,
         modbus_port: int | None = None,
         token: str = "",
+        meshes: Path | None = None,
+        poses: Path | None = None,
     ) -> None:
         self.robot_ip = robot_ip
         self.ports: Mapping[str, int] = {
@@ -78,6 +85,8 @@ class Station:
             "rtde": rtde.PORT + port_offset,
             "modbus": CONTROLLER_PORTS["modbus"] + port_offset if modbus_port is None else modbus_port,
         }
+        self.meshes = meshes
+        self.poses = Poses(poses)
         self.values: Mapping[str, Any] = {}
         self.version: PolyscopeVersion | None = None
         self.unavailable: frozenset[str] = frozenset()
@@ -88,11 +97,14 @@ class Station:
         self.variables = Variables()
         self.dialogues = Dialogues()
         self.stops = Stops()
+        self.programs = Programs()
         self._news = asyncio.Event()
         self.behind = Behind(
             robot_ip, CONTROL_PORT + port_offset if control_port is None else control_port, token, self.wake
         )
         self.remote_control = Asked(lambda: self.ask(dashboard.IS_IN_REMOTE_CONTROL), _REMOTE_EVERY_S, self.wake)
+        self.feeds = Feeds(self._open_feed)
+        self.port_registers = PortRegisters(robot_ip, self.ports["modbus"])
         self.mover = Mover(self._open_robot)
         self._primary: PrimaryClient | None = None
         self._core = PrimaryCore()
@@ -105,7 +117,14 @@ class Station:
             opening.push_async_callback(self.behind.close)
             opening.push_async_callback(self.remote_control.close)
             opening.push_async_callback(self.mover.close)
-            for work in (self._states(), self._messages(), self.behind.follow(self.dialogues)):
+            opening.push_async_callback(self.feeds.close)
+            opening.push_async_callback(self.port_registers.close)
+            for work in (
+                self._states(),
+                self._messages(),
+                self.behind.follow(self.dialogues),
+                self.programs.follow(self),
+            ):
                 opening.push_async_callback(_cancel, asyncio.create_task(work))
             self._running = opening.pop_all()
         return self
@@ -188,6 +207,16 @@ class Station:
     def _open_robot(self) -> AsyncRobot:
         return AsyncRobot(self.robot_ip, robot_ports=self.ports, frequency_hz=Mover.RATE_HZ)
 
+    def _open_feed(self, names: Sequence[str], rate_hz: float) -> RTDEClient:
+        return RTDEClient(
+            self.robot_ip,
+            names,
+            frequency_hz=rate_hz,
+            ignore_unavailable=True,
+            port=self.ports["rtde"],
+            timeout_s=_SILENCE_S,
+        )
+
     # the connections
 
     async def _states(self) -> None:
@@ -200,15 +229,7 @@ class Station:
             await asyncio.sleep(_AGAIN_S)
 
     async def _follow_states(self) -> None:
-        client = RTDEClient(
-            self.robot_ip,
-            OUTPUTS,
-            frequency_hz=FRAME_HZ,
-            ignore_unavailable=True,
-            port=self.ports["rtde"],
-            timeout_s=_SILENCE_S,
-        )
-        async with client:
+        async with self._open_feed(OUTPUTS, FRAME_HZ) as client:
             self.version, self.unavailable = client.core.version, client.core.unavailable
             while True:
                 self.values = await self._patiently(client.latest)
@@ -234,6 +255,7 @@ class Station:
                 self.variables.hear(message)
                 self.dialogues.hear(message)
                 self.stops.hear(message)
+                self.programs.hear(message)
 
     async def _patiently(self, wait: Callable[[], Awaitable[Answer]]) -> Answer:
         """What comes next, however long time is paused."""

@@ -159,7 +159,7 @@ class ModeVerbs(ControlBase):
         ]
 
     @verb
-    def answer_popup(self, popup_id: int, value: float | str | bool | None = None) -> None:
+    def answer_popup(self, popup_id: int, value: int | float | str | bool | None = None) -> None:
         """Close a popup, or answer a question; a question without a value is cancelled."""
         try:
             if not self.controller.popups.answer(popup_id, value):

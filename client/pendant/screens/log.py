@@ -47,8 +47,8 @@ def _severity_button(view: LogView, severity: Severity) -> None:
         view.severities ^= {severity}
         button.classes(toggle="log-off")
 
-    button = ui.button(severity.capitalize(), icon=_ICONS[severity], on_click=switch)
-    button.props(f"no-caps unelevated color=none data-testid=log-{severity}").classes(f"log-filter {severity}")
+    button = ui.button(severity.capitalize(), icon=_ICONS[severity], color=None, on_click=switch)
+    button.props(f"no-caps unelevated data-testid=log-{severity}").classes(f"log-filter {severity}")
 
 
 def _words(view: LogView) -> None:

@@ -2,11 +2,13 @@
 // What follows the robot on a page: see client/pendant/live.py. Changes are [element id, kind, value].
 const pendant = (() => {
   const followers = new Map(); // element id -> function of a value, for kinds that are not plain DOM
+  const receivers = {}; // kinds of single screens -> function of a value, an element id and the element, if it is there
   const waiting = new Map(); // changes whose element is not there yet, newest only
   const elements = new Map(); // found once, since those of a hidden screen are not in the document
   let socket = null;
   let held = null;
   let beat = 0;
+  const context = {}; // functions by name: what else is said with every held button
 
   function element(id) {
     let found = elements.get(id);
@@ -27,6 +29,7 @@ const pendant = (() => {
     const [id, kind, value] = change;
     const target = element(id);
     const follower = followers.get(id);
+    if (receivers[kind]) return receivers[kind](value, id, target) !== false;
     if (appliers[kind] && target) appliers[kind](target, value);
     else if (!appliers[kind] && target && follower && follower(value, target) !== false) return true;
     else return false;
@@ -59,12 +62,17 @@ const pendant = (() => {
     if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(what));
   }
 
+  function sayHeld() {
+    const more = Object.entries(context).map(([name, read]) => [name, read()]);
+    say({ held: { ...held, ...Object.fromEntries(more) } });
+  }
+
   // Buttons with data-hold move the arm as long as they are held; the robot stops when this is not said any more.
   function hold(what) {
     held = what;
-    say({ held });
+    sayHeld();
     clearInterval(beat);
-    beat = setInterval(() => say({ held }), 100);
+    beat = setInterval(sayHeld, 100);
   }
 
   function letGo() {
@@ -90,16 +98,5 @@ const pendant = (() => {
   });
   document.addEventListener("keyup", letGo);
 
-  // The arm: groups of a NiceGUI scene that turn about their own z axis.
-  function arm(id, groups) {
-    followers.set(id, (angles) => {
-      const scene = getElement(id);
-      if (!scene || !scene.objects) return false;
-      const meshes = groups.map((group) => scene.objects.get(group)?.mesh);
-      if (meshes.some((mesh) => !mesh)) return false;
-      meshes.forEach((mesh, i) => (mesh.rotation.z = angles[i]));
-    });
-  }
-
-  return { follow, arm, followers, say };
+  return { follow, followers, receivers, context, say };
 })();
