@@ -14,24 +14,19 @@ async def server(status: int, answers: dict[str, object]) -> AsyncIterator[int]:
     """Answers every request on a port: /verbs with the names, a verb with its result."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        while head := await reader.readuntil(b"\r\n\r\n"):
-            path = head.split()[1].decode()
-            name = path.rpartition("/")[2]
-            length = next(
-                (int(line[15:]) for line in head.split(b"\r\n") if line.lower().startswith(b"content-length")), 0
-            )
-            await reader.readexactly(length)
-            content = [{"name": verb} for verb in answers] if path == "/verbs" else {"result": answers.get(name)}
-            body = json.dumps({"error": "no"} if status != 200 else content).encode()
-            writer.write(b"HTTP/1.1 %d X\r\nContent-Length: %d\r\n\r\n%s" % (status, len(body), body))
+        head = await reader.readuntil(b"\r\n\r\n")
+        path = head.split()[1].decode()
+        lengths = [line.split(b":")[1] for line in head.split(b"\r\n") if line.lower().startswith(b"content-length")]
+        await reader.readexactly(int(lengths[0]) if lengths else 0)
+        content = [{"name": verb} for verb in answers]
+        told = content if path == "/verbs" else {"result": answers.get(path.rpartition("/")[2])}
+        body = json.dumps(told if status == 200 else {"error": "no"}).encode()
+        lines = (f"HTTP/1.1 {status} X", "Connection: close", f"Content-Length: {len(body)}", "", "")
+        writer.write("\r\n".join(lines).encode() + body)
+        await writer.drain()
+        writer.close()
 
-    async def shell(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        try:
-            await serve(reader, writer)
-        except (asyncio.IncompleteReadError, ConnectionError):
-            writer.close()
-
-    listening = await asyncio.start_server(shell, "127.0.0.1", 0)
+    listening = await asyncio.start_server(serve, "127.0.0.1", 0)
     async with listening:
         yield listening.sockets[0].getsockname()[1]
 

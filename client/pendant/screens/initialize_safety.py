@@ -35,6 +35,8 @@ _ADVICE: Final = {
     SafetyMode.IMMI_SAFEGUARD_STOP: _GATES,
     SafetyMode.PROFISAFE_SAFEGUARD_STOP: _GATES,
     SafetyMode.PROFISAFE_AUTOMATIC_MODE_SAFEGUARD_STOP: _GATES,
+    SafetyMode.SAFETY_API_SAFEGUARD_STOP: _GATES,
+    SafetyMode.PROFISAFE_WAITING_FOR_PARAMETERS: "The PROFIsafe controller has not sent its parameters yet.",
     SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP: _HELD,
     SafetyMode.TP_THREE_POSITION_ENABLING_STOP: _HELD,
     SafetyMode.SYSTEM_EMERGENCY_STOP: "Release the emergency stop of the other machine, then ON and START.",
