@@ -22,6 +22,7 @@ from rich.logging import RichHandler
 
 from emulator.programs.sockets import ScriptNetwork
 from emulator.robot.kinds import ArmKind
+from urproto.ports import PENDANT_PORT
 
 if TYPE_CHECKING:
     from emulator.config import EmulatorConfig
@@ -37,7 +38,6 @@ __all__ = [
 ]
 
 _USAGE_ERROR = 2
-_PENDANT_PORT: Final = 6080  # where URSim's image has PolyScope's screen
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -197,7 +197,7 @@ def _run(
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
     no_pendant: Annotated[bool, typer.Option("--no-pendant", help="Start no teach pendant.")] = False,
-    pendant_port: Annotated[int, typer.Option(help="Where browsers find the teach pendant.")] = _PENDANT_PORT,
+    pendant_port: Annotated[int, typer.Option(help="Where browsers find the teach pendant.")] = PENDANT_PORT,
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
     ] = False,

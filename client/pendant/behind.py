@@ -10,9 +10,8 @@ from client.errors import ClientError
 from client.pendant.asked import Asked
 from client.pendant.dialogues import Dialogues
 
-__all__ = ["CONTROL_PORT", "Behind", "BehindError"]
+__all__ = ["Behind", "BehindError"]
 
-CONTROL_PORT: Final = 30080
 _LOOK_AGAIN_S: Final = 0.5
 _LOOK_EVERY_S: Final = 1.0
 _CATALOGUE: Final = ("describe", "fault_kinds", "ports", "safety_causes")

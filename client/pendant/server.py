@@ -22,9 +22,8 @@ from client.pendant.page import Page
 from client.pendant.screens import SCREENS
 from client.pendant.station import Station
 
-__all__ = ["PORT", "serve"]
+__all__ = ["serve"]
 
-PORT: Final = 6080
 _STATIC: Final = Path(__file__).with_name("static")
 _SHEETS: Final = ("pendant.css", *sorted(path.name for path in _STATIC.glob("screen_*.css")))
 _SCRIPTS: Final = ("pendant.js", *sorted(path.name for path in _STATIC.glob("screen_*.js")))

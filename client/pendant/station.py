@@ -13,7 +13,7 @@ from client.dashboard import DashboardClient
 from client.errors import ClientError, NoAnswerError, RobotUnreachableError
 from client.operations import Operation
 from client.pendant.asked import Asked
-from client.pendant.behind import CONTROL_PORT, Behind
+from client.pendant.behind import Behind
 from client.pendant.dialogues import Dialogues
 from client.pendant.events import EventLog
 from client.pendant.feeds import Feeds
@@ -29,7 +29,7 @@ from client.rtde import RTDEClient
 from urproto.dashboard import NOT_IN_REMOTE_CONTROL
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
-from urproto.ports import CONTROLLER_PORTS
+from urproto.ports import CONTROL_API_PORT, CONTROLLER_PORTS
 from urproto.primary.state import ConfigurationData
 from urproto.robots import RobotModel
 from urproto.versions import PolyscopeVersion
@@ -101,7 +101,7 @@ class Station:
         self.programs = Programs()
         self._news = asyncio.Event()
         self.behind = Behind(
-            robot_ip, CONTROL_PORT + port_offset if control_port is None else control_port, token, self.wake
+            robot_ip, CONTROL_API_PORT + port_offset if control_port is None else control_port, token, self.wake
         )
         self.remote_control = Asked(lambda: self.ask(dashboard.IS_IN_REMOTE_CONTROL), _REMOTE_EVERY_S, self.wake)
         self.feeds = Feeds(self._open_feed)
