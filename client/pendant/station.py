@@ -26,6 +26,7 @@ from client.pendant.variables import Variables
 from client.primary import PrimaryClient, PrimaryCore
 from client.robot import AsyncRobot
 from client.rtde import RTDEClient
+from urproto.dashboard import NOT_IN_REMOTE_CONTROL
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.ports import CONTROL_API_PORT, CONTROLLER_PORTS
@@ -177,9 +178,17 @@ class Station:
     # what can be asked of it
 
     async def ask(self, operation: Operation[Answer]) -> Answer:
-        """Do a dashboard operation. Raises RobotRefused when the robot says no, ClientError."""
-        async with DashboardClient(self.robot_ip, self.ports["dashboard"]) as board:
-            return await board.ask(operation)
+        """Do a dashboard operation. Raises RobotRefused when the robot says no, ClientError.
+
+        An e-Series robot in local control takes orders from its own pendant only; of an emulator, that is this one.
+        """
+        try:
+            async with DashboardClient(self.robot_ip, self.ports["dashboard"]) as board:
+                return await board.ask(operation)
+        except RobotRefused as refused:
+            if refused.answer != NOT_IN_REMOTE_CONTROL or not self.behind.available:
+                raise
+        return operation.answer(await self.behind.call("dashboard", line=operation.line))
 
     async def send_script(self, text: str) -> None:
         """Hand a script to the primary interface, whatever becomes of it. Raises ClientError."""

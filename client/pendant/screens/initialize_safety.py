@@ -35,6 +35,8 @@ _ADVICE: Final = {
     SafetyMode.IMMI_SAFEGUARD_STOP: _GATES,
     SafetyMode.PROFISAFE_SAFEGUARD_STOP: _GATES,
     SafetyMode.PROFISAFE_AUTOMATIC_MODE_SAFEGUARD_STOP: _GATES,
+    SafetyMode.SAFETY_API_SAFEGUARD_STOP: _GATES,
+    SafetyMode.PROFISAFE_WAITING_FOR_PARAMETERS: "The PROFIsafe controller has not sent its parameters yet.",
     SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP: _HELD,
     SafetyMode.TP_THREE_POSITION_ENABLING_STOP: _HELD,
     SafetyMode.SYSTEM_EMERGENCY_STOP: "Release the emergency stop of the other machine, then ON and START.",
@@ -60,7 +62,7 @@ def safety_panel(page: Page) -> None:
                 live.text(lambda station: _title(station.safety_mode), "init-safety-mode").props(
                     "data-testid=safety-mode"
                 )
-                live.text(cause, "init-cause").props("data-testid=stop-cause")
+                live.text(cause, "init-cause").props("data-testid=safety-cause")
                 live.text(lambda station: advice(station.safety_mode), "init-hint")
             _emergency_button(page)
         _way_out_button(page)
@@ -134,12 +136,7 @@ def _way_out_button(page: Page) -> None:
 
 async def _lead_out(station: Station) -> None:
     restart = way_out(station) == "restart"
-    if station.behind.available and station.remote_control.value is False:
-        await station.behind.change("restart_safety" if restart else "unlock_protective_stop")
-    elif restart:
-        await station.ask(dashboard.RESTART_SAFETY)
-    else:
-        await station.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
+    await station.ask(dashboard.RESTART_SAFETY if restart else dashboard.UNLOCK_PROTECTIVE_STOP)
 
 
 # buttons and gates
