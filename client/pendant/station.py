@@ -48,6 +48,7 @@ OUTPUTS: Final = (
     "actual_main_voltage",
 )  # fmt: skip
 _SILENCE_S: Final = 1.0  # guess: a robot that says nothing for so long is lost
+_LONG_SILENCE_S: Final = 4.0  # guess: a collection would rather have a late state than a gap
 _AGAIN_S: Final = 0.5  # between attempts to reach it
 _LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 
@@ -185,14 +186,14 @@ class Station:
     def _open_robot(self) -> AsyncRobot:
         return AsyncRobot(self.robot_ip, robot_ports=self.ports, frequency_hz=Mover.RATE_HZ)
 
-    def _open_feed(self, names: Sequence[str], rate_hz: float) -> RTDEClient:
+    def _open_feed(self, names: Sequence[str], rate_hz: float, timeout_s: float = _LONG_SILENCE_S) -> RTDEClient:
         return RTDEClient(
             self.robot_ip,
             names,
             frequency_hz=rate_hz,
             ignore_unavailable=True,
             port=self.ports["rtde"],
-            timeout_s=_SILENCE_S,
+            timeout_s=timeout_s,
         )
 
     # the connections
@@ -207,7 +208,7 @@ class Station:
             await asyncio.sleep(_AGAIN_S)
 
     async def _follow_states(self) -> None:
-        async with self._open_feed(OUTPUTS, FRAME_HZ) as client:
+        async with self._open_feed(OUTPUTS, FRAME_HZ, _SILENCE_S) as client:
             self.version, self.unavailable = client.core.version, client.core.unavailable
             while True:
                 self.values = await client.latest()
