@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -24,6 +25,9 @@ def pendant_command(
         int | None, typer.Option(help="Of an emulator's control API, if it is not the usual one.")
     ] = None,
     modbus_port: Annotated[int | None, typer.Option(help="Of the robot, if it is not the usual one.")] = None,
+    tools: Annotated[
+        Path | None, typer.Option(help="File of the saved TCPs, if it is not tools.json in your configuration folder.")
+    ] = None,
     with_parent: Annotated[bool, typer.Option("--with-parent", hidden=True, help="End with standard input.")] = False,
     control_token: Annotated[
         str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="What an emulator's control API asks for.")
@@ -35,8 +39,12 @@ def pendant_command(
         from client.pendant.station import Station
     if with_parent:
         threading.Thread(target=_end_with_standard_input, name="parent watch", daemon=True).start()
-    station = Station(robot_ip, port_offset, control_port, modbus_port, control_token)
+    station = Station(robot_ip, port_offset, control_port, modbus_port, control_token, tools or _own_file("tools"))
     serve(station, host, port, lambda: typer.echo(f"Pendant of {robot_ip}: http://{host}:{port}"))
+
+
+def _own_file(name: str) -> Path:
+    return Path(typer.get_app_dir("ur-client")) / f"{name}.json"
 
 
 def _end_with_standard_input() -> None:

@@ -1,8 +1,10 @@
 """One robot as a pendant knows it: what it says, and what can be asked of it. All browsers share it."""
 
 import asyncio
+import socket
 from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
 
@@ -17,6 +19,7 @@ from client.pendant.events import EventLog
 from client.pendant.feeds import Feeds
 from client.pendant.mover import Mover
 from client.pendant.port_registers import PortRegisters
+from client.pendant.tools import Tools
 from client.pendant.variables import Variables
 from client.primary import PrimaryClient, PrimaryCore
 from client.robot import AsyncRobot
@@ -45,7 +48,7 @@ OUTPUTS: Final = (
     "standard_analog_input0", "standard_analog_input1", "standard_analog_output0", "standard_analog_output1",
     "tool_analog_input_types", "tool_analog_input0", "tool_analog_input1", "tool_output_voltage",
     "tool_output_current", "tool_temperature", "tool_mode", "actual_robot_voltage", "actual_robot_current",
-    "actual_main_voltage",
+    "actual_main_voltage", "target_gravity",
 )  # fmt: skip
 _SILENCE_S: Final = 1.0  # guess: a robot that says nothing for so long is lost
 _LONG_SILENCE_S: Final = 4.0  # guess: a collection would rather have a late state than a gap
@@ -59,7 +62,7 @@ class Station:
     values: the newest RTDE state, by variable name; empty before the first. core: what the primary interface said.
     log, variables, dialogues: collected from its messages. connected: the state comes. trouble: why it does not.
     behind: an emulator's control API, which a robot has not. frame: how many states came. feeds: states of other
-    recipes. port_registers: what its Modbus server keeps for anybody.
+    recipes. port_registers: what its Modbus server keeps for anybody. tools: TCPs that somebody saved, in a file.
     """
 
     def __init__(
@@ -69,6 +72,7 @@ class Station:
         control_port: int | None = None,
         modbus_port: int | None = None,
         token: str = "",
+        tools: Path | None = None,
     ) -> None:
         self.robot_ip = robot_ip
         self.ports: Mapping[str, int] = {
@@ -87,6 +91,7 @@ class Station:
         self.variables = Variables()
         self.dialogues = Dialogues()
         self.behind = Behind(robot_ip, CONTROL_PORT + port_offset if control_port is None else control_port, token)
+        self.tools = Tools(tools)
         self.feeds = Feeds(self._open_feed)
         self.port_registers = PortRegisters(robot_ip, self.ports["modbus"])
         self.mover = Mover(self._open_robot)
@@ -148,6 +153,16 @@ class Station:
             return type(unknown)(self.values.get(field, unknown))
         except ValueError:  # newer robots may have more
             return unknown
+
+    @property
+    def own_address(self) -> str:
+        """Of this machine, as the robot would reach it; empty when there is no way there."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # connecting sends nothing
+            try:
+                probe.connect((self.robot_ip, self.ports["rtde"]))
+            except OSError:
+                return ""
+            return str(probe.getsockname()[0])
 
     async def next_frame(self) -> None:
         """Wait until there is something new to show."""
