@@ -11,14 +11,13 @@ __all__ = ["build"]
 
 def build(page: Page) -> None:
     """Put it on the page."""
-    titles = {"tool": "Tool and mounting", "driver": "External Control", "arm": "Robot"}
+    titles = {"settings": "Settings", "arm": "Robot"}
     with ui.column().classes("io"), Views(page, "installation", titles) as views:
-        with views.view("tool", "installation-tool"):
+        with views.view("settings", "installation-tool"):
             installation_tcp.build(page)
             with ui.column().classes("installation-column"):
                 installation_mounting.build_payload(page)
                 installation_mounting.build_mounting(page)
-        with views.view("driver"):
-            installation_driver.build(page, views)
+                installation_driver.build(page, views)
         with views.view("arm", "installation-arm"):
             installation_arm.build(page, views)

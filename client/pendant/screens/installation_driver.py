@@ -19,10 +19,9 @@ def build(page: Page, views: Views) -> None:
             _form(page, views)
         with ui.element("div") as real:
             _explanation(page)
-        ui.label(
-            "A program with an External Control node asks this address for what it is to do when it is played. "
-            "Motions of this pendant do not need it."
-        ).classes("soft")
+        ui.label("A program with an External Control node asks there for what it is to do when it is played.").classes(
+            "soft"
+        )
     page.live.effect(_can_be_set, emulated.set_visibility)
     page.live.effect(lambda station: not _can_be_set(station), real.set_visibility)
 
@@ -33,11 +32,9 @@ def _can_be_set(station: Station) -> bool:
 
 def _form(page: Page, views: Views) -> None:
     behind = page.station.behind
-    with ui.row().classes("items-center"):
+    with ui.row().classes("items-center no-wrap"):
         host = ui.input("Host IP").props("dense outlined data-testid=driver-host")
         port = ui.number("Custom port", precision=0).props("dense outlined data-testid=driver-port")
-        own = ui.button("This machine", on_click=lambda: host.set_value(page.station.own_address))
-        own.props("flat no-caps data-testid=driver-here")
 
     async def read() -> None:
         found: dict[str, Any] = await behind.call("external_control")
@@ -50,9 +47,12 @@ def _form(page: Page, views: Views) -> None:
         await behind.call("set_external_control", host=host.value, port=int(port.value))
         await read()
 
-    ui.button("Save", on_click=page.doing(save, "saved")).props("no-caps data-testid=driver-save")
+    with ui.row().classes("items-center"):
+        ui.button("Save", on_click=page.doing(save, "saved")).props("no-caps data-testid=driver-save")
+        own = ui.button("This machine", on_click=lambda: host.set_value(page.station.own_address))
+        own.props("flat no-caps data-testid=driver-here")
     page.live.effect(
-        lambda station: _can_be_set(station) and views.looked_at == "driver",
+        lambda station: _can_be_set(station) and views.looked_at == "settings",
         lambda looking: page.soon(read) if looking else None,
     )
 

@@ -57,7 +57,7 @@ def build_mounting(page: Page) -> None:
             return gravity_of(math.radians(tilt.value or 0.0), math.radians(turn.value or 0.0))
 
         def tell() -> None:
-            pull.set_text("Gravity felt by the base: " + "  ".join(f"{value:.3f}" for value in wanted()) + " m/s²")
+            pull.set_text("Gravity felt by the base: " + ", ".join(f"{value:.3f}" for value in wanted()) + " m/s²")
 
         async def use() -> None:
             if await apply_gravity(station, wanted()):
@@ -68,7 +68,9 @@ def build_mounting(page: Page) -> None:
         for box in (tilt, turn):
             box.on_value_change(tell)
         tell()
-        ui.button("Use it", on_click=page.doing(use)).props("no-caps data-testid=mount-use")
+        with ui.row().classes("items-center"):
+            ui.button("Use it", on_click=page.doing(use)).props("no-caps data-testid=mount-use")
+            pull.move()
     page.live.effect(_tilt, lambda angles: _fill((tilt, turn), angles))
 
 
@@ -91,7 +93,7 @@ def _payload(station: Station) -> str:
     if values is None:
         return "This version does not tell its payload" if station.connected else "-"
     mass, x, y, z = values
-    return f"In effect: {mass:.3f} kg at {x:.1f}  {y:.1f}  {z:.1f} mm"
+    return f"In effect: {mass:.3f} kg at {x:.1f}, {y:.1f}, {z:.1f} mm"
 
 
 def _limit(station: Station) -> str:

@@ -47,9 +47,7 @@ class _Editor:
             ui.button("Take the one in effect", on_click=self._take_over).props("flat no-caps")
         self._list = ui.element("div").classes("tcp-list")
         page.live.effect(lambda station: station.tools.version, lambda _: self._fill())
-        ui.label(
-            "Counts until a program sets its own TCP; robots keep their installation's for the next start."
-        ).classes("soft")
+        ui.label("Counts until a program or an installation sets another one.").classes("soft")
 
     # the one in effect
 
@@ -134,7 +132,7 @@ class _Editor:
             pick.on("click", lambda: self._edit(name, tcp))
             with pick:
                 ui.label(name)
-                ui.label("  ".join(f"{_MM * value:.1f}" for value in tcp[:3]) + " mm").classes("soft")
+                ui.label(", ".join(f"{_MM * value:.1f}" for value in tcp[:3]) + " mm").classes("soft")
             ui.button("Use", on_click=lambda: self._use(lambda: tcp)).props("flat dense no-caps")
             if name != _FLANGE:
                 ui.button(icon="delete", on_click=lambda: self._delete(name)).props("flat dense round")
