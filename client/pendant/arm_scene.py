@@ -1,68 +1,196 @@
-"""The arm in three dimensions: geometry made from the model's own numbers."""
+"""The arm in three dimensions: made from the model's own numbers, or out of the user's meshes.
 
+The scene's axes are those of the robot's base. Joints are groups that turn about their z axes, each in the frame that
+its arm's calibration gives it; the browser turns them (static/screen_arm.js), so nothing else is sent when the arm
+moves. What others add to the scene stays when the arm changes.
+"""
+
+from collections.abc import Sequence
 from contextlib import ExitStack
-from math import dist
-from typing import Final
+from dataclasses import dataclass
+from math import hypot
+from typing import Any, Final
 
 from nicegui import ui
+from nicegui.elements.scene import Object3D
 
+from client.calibration import parameters
+from client.pendant.arm_meshes import ServedMesh, served_meshes
+from client.pendant.arm_shapes import Part, link_parts
+from client.pendant.lathe import Lathe
 from client.pendant.page import Page
-from urproto.robots import RobotModel
-from urproto.robots.calibration import chain_of
-from urproto.robots.pose import Vec3
-from urproto.robots.shapes import Capsule, capsules
+from client.pendant.station import Station
+from urproto.primary.state import KinematicsInfo
+from urproto.robots import CalibrationError, RobotModel
+from urproto.robots.calibration import Chain, chain_of
+from urproto.robots.meshes import MeshesMissing
+from urproto.robots.pose import Matrix3, Vec3, rotvec_to_matrix
 
-__all__ = ["arm_scene"]
+__all__ = ["arm_scene", "camera_buttons", "chain"]
 
-_GREY: Final = ("#c3c8ce", "#6f9fc4")  # of links in turn
+_BACKGROUND: Final = "#e9edf1"
+_MESH_COLOR: Final = "#d9dde1"
+_AXES: Final = (("#d6453d", (1.0, 0.0, 0.0)), ("#3d9a4a", (0.0, 1.0, 0.0)), ("#2f6fd0", (0.0, 0.0, 1.0)))
+_VIEWS: Final[dict[str, tuple[str, str, Vec3]]] = {  # direction from the arm to the camera
+    "reset": ("3d_rotation", "Reset the view", (0.66, -0.68, 0.32)),
+    "front": ("view_in_ar", "From the front: along -x", (1.0, 0.0, 0.02)),
+    "side": ("view_sidebar", "From the side: along y", (0.0, -1.0, 0.02)),
+    "top": ("vertical_align_bottom", "From above", (0.0, -0.001, 1.0)),
+}
+_FOV_DEG: Final = 38.0
+_DISTANCE: Final = 3.3  # of the camera, in reaches
+_LOOK_AT: Final = 0.5  # height, in reaches
+_TCP_SAME_M: Final = 1e-5
 
 
 def arm_scene(page: Page) -> ui.scene:
     """A scene with the arm, which appears once its model is known."""
-    scene = ui.scene(grid=(4, 40), background_color="#e4e9ee", fps=30).classes("arm")
-    page.live.effect(lambda station: station.model, lambda model: _put(scene, model))
+    camera = ui.scene.perspective_camera(fov=_FOV_DEG, near=0.02, far=60.0)
+    scene = ui.scene(grid=(4, 40), camera=camera, background_color=_BACKGROUND, fps=30).classes("arm")
+    ui.run_javascript(f"pendant.dress({scene.id})")
+    arm = _ArmInScene(page, scene)
+    page.live.effect(lambda station: (station.model, station.core.kinematics), lambda known: arm.be(*known))
+    page.live.effect(_tcp_offset, arm.set_tcp)
     page.live.bind(scene, "joints", lambda station: station.values.get("actual_q"))
     return scene
 
 
-def _put(scene: ui.scene, model: RobotModel | None) -> None:
-    scene.clear()
-    if model is None:
-        return
-    joints = list[str]()
-    shapes = capsules(model)
-    chain = chain_of(model.dh if model.calibration is None else model.calibration)
-    with scene, ExitStack() as nested:
-        _capsule(scene, shapes[0], _GREY[0])
-        for i, (place, shape) in enumerate(zip(chain, shapes[1:], strict=True)):
-            nested.enter_context(scene.group().move(*place.position).rotate(*place.rpy))
-            joint = nested.enter_context(scene.group())
-            joints.append(joint.id)
-            _capsule(scene, shape, _GREY[(i + 1) % 2])
-    reach = model.reach_m
-    scene.move_camera(1.2 * reach, -1.2 * reach, 0.9 * reach, look_at_z=0.4 * reach, duration=0)
-    scene.client.run_javascript(f"pendant.arm({scene.id}, {joints})")
+def camera_buttons(page: Page, scene: ui.scene) -> None:
+    """Where to look from."""
+    with ui.row().classes("camera-buttons"):
+        for name, (icon, hint, direction) in _VIEWS.items():
+
+            def look(_: object, direction: Vec3 = direction) -> None:
+                if page.station.model is not None:
+                    _look_from(scene, page.station.model, direction)
+
+            button = ui.button(icon=icon, on_click=look).props(f"flat dense data-testid=view-{name}")
+            button.tooltip(hint).props(f'aria-label="{hint}"')
 
 
-def _capsule(scene: ui.scene, capsule: Capsule, color: str) -> None:
-    start, end, radius = capsule.start, capsule.end, capsule.radius
-    length = dist(start, end)
-    for point in (start, end):
-        scene.sphere(radius).move(*point).material(color)
-    if length > 1e-6:
-        middle = [(a + b) / 2 for a, b in zip(start, end, strict=True)]
-        tube = scene.cylinder(radius, radius, length, 32).move(*middle).material(color)
-        tube.rotate_R(_along([(b - a) / length for a, b in zip(start, end, strict=True)]))
+def chain(model: RobotModel, kinematics: KinematicsInfo | None) -> Chain:
+    """The joints' frames of this very arm, as far as it has told how it is calibrated."""
+    if kinematics is not None:
+        try:
+            return chain_of(parameters(kinematics))
+        except CalibrationError:  # nonsense; better an arm by the book than none
+            pass
+    return chain_of(model.dh if model.calibration is None else model.calibration)
 
 
-def _along(axis: list[float]) -> list[list[float]]:
-    """A rotation that turns y, which cylinders are along, to an axis."""
-    other: Vec3 = (0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0)
-    x = _cross(axis, other)
-    size = dist(x, (0.0, 0.0, 0.0))
-    x = [value / size for value in x]
-    return [list(row) for row in zip(x, axis, _cross(x, axis), strict=True)]
+@dataclass(slots=True)
+class _ArmInScene:
+    page: Page
+    scene: ui.scene
+    root: Object3D | None = None
+    flange: Object3D | None = None
+    tcp: Object3D | None = None
+    offset: tuple[float, ...] = (0.0,) * 6
+    seen: bool = False
+
+    def be(self, model: RobotModel | None, kinematics: KinematicsInfo | None) -> None:
+        """Another arm, or the same with another calibration."""
+        if self.root is not None:
+            self.root.delete()
+            self.root = self.flange = self.tcp = None
+        if model is None:
+            return
+        joints = list[str]()
+        with self.scene, self.scene.group() as self.root, ExitStack() as nested:
+            links = self._links(model)
+            links[0](self.scene)
+            _axes(self.scene, 0.16 * model.reach_m)
+            for i, (position, axes) in enumerate(chain(model, kinematics)):
+                place = self.scene.group().move(*position)
+                place.rotate_R(_rows(axes))
+                nested.enter_context(place)
+                self.flange = nested.enter_context(self.scene.group())
+                joints.append(self.flange.id)
+                links[i + 1](self.scene)
+        self.set_tcp(self.offset)
+        self._show(model, joints)
+
+    def _show(self, model: RobotModel, joints: Sequence[str]) -> None:
+        if not self.seen:
+            _look_from(self.scene, model, _VIEWS["reset"][2], duration=0.0)
+            self.seen = True
+        self.scene.client.run_javascript(f"pendant.arm({self.scene.id}, {joints})")
+
+    def _links(self, model: RobotModel) -> "list[_Link]":
+        folder = self.page.station.meshes
+        if folder is not None:
+            try:
+                return [_Link(mesh=mesh) for mesh in served_meshes(folder, model)]
+            except MeshesMissing as error:
+                self.page.complain(str(error))
+        return [_Link(parts) for parts in link_parts(model)]
+
+    def set_tcp(self, offset: Sequence[float]) -> None:
+        """Put axes where the TCP is, and a line there from the flange."""
+        self.offset = tuple(offset)
+        if self.tcp is not None:
+            self.tcp.delete()
+            self.tcp = None
+        model = self.page.station.model
+        if self.flange is None or model is None:
+            return
+        x, y, z, *turn = self.offset
+        with self.scene, self.flange, self.scene.group() as self.tcp:
+            rod = hypot(x, y, z)
+            if rod > 0.005:
+                stick = Lathe(((0.0, 0.0), (0.005, 0.0), (0.005, rod), (0.0, rod)))
+                stick.rotate_R(_rows(_along((x / rod, y / rod, z / rod)))).material("#8a949d", 0.7)
+            with self.scene.group().move(x, y, z).with_name("tcp") as point:
+                point.rotate_R(_rows(rotvec_to_matrix(*turn)))
+                _axes(self.scene, 0.2 * model.reach_m)
 
 
-def _cross(a: list[float] | Vec3, b: list[float] | Vec3) -> list[float]:
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+@dataclass(frozen=True, slots=True)
+class _Link:
+    """Puts what a link looks like into the group that is open."""
+
+    parts: Sequence[Part] = ()
+    mesh: ServedMesh | None = None
+
+    def __call__(self, scene: ui.scene) -> None:
+        for part in self.parts:
+            solid = Lathe(part.profile).move(*part.origin).material(part.color)
+            solid.rotate_R(_rows(_along(part.axis)))
+        if self.mesh is not None:
+            url, placed = self.mesh
+            mesh = scene.stl(url).material(_MESH_COLOR) if self.mesh.is_stl else scene.gltf(url)
+            mesh.move(*placed.position).rotate(*placed.rpy)
+
+
+def _look_from(scene: ui.scene, model: RobotModel, direction: Vec3, duration: float = 0.4) -> None:
+    far, height = _DISTANCE * model.reach_m, _LOOK_AT * model.reach_m
+    x, y, z = (far * part / hypot(*direction) for part in direction)
+    scene.move_camera(x, y, z + height, 0.0, 0.0, height, duration=duration)
+
+
+def _axes(scene: ui.scene, length: float) -> None:
+    """x red, y green, z blue."""
+    thick, tip = 0.012 * length, 0.2 * length
+    for color, axis in _AXES:
+        with scene.group().rotate_R(_rows(_along(axis))):
+            Lathe(((0.0, 0.0), (thick, 0.0), (thick, length - tip), (0.0, length - tip))).material(color)
+            Lathe(((0.0, length - tip), (3.2 * thick, length - tip), (0.0, length))).material(color)
+
+
+def _tcp_offset(station: Station) -> tuple[float, ...]:
+    offset: Sequence[Any] = station.values.get("tcp_offset") or (0.0,) * 6
+    return tuple(round(value / _TCP_SAME_M) * _TCP_SAME_M for value in offset)
+
+
+def _along(axis: Vec3) -> Matrix3:
+    """A turn that takes z to an axis."""
+    x, y, z = axis
+    side = hypot(x, y)
+    if side < 1e-9:
+        return (1.0, 0.0, 0.0, 0.0, z, 0.0, 0.0, 0.0, z)
+    # x' = (-y, x, 0) / side, y' = axis x x'
+    return (-y / side, -x * z / side, x, x / side, -y * z / side, y, 0.0, side, z)
+
+
+def _rows(matrix: Matrix3) -> list[list[float]]:
+    return [list(matrix[i : i + 3]) for i in (0, 3, 6)]

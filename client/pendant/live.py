@@ -56,8 +56,10 @@ class _Stream:
 class Live:
     """Of one browser's page. screen: which one it shows; ``building``: which one its elements are made for now.
 
+    connection: counts its web sockets, one after the other, so that who sends only what is new can begin anew.
     on_held: told by the browser which jog button is held, several times a second, and None when it is let go.
     on_show: told which screen is in view, "" when the browser is gone.
+    on_lost: told that the browser is gone, or not reachable for now.
     """
 
     pages: ClassVar[dict[str, "Live"]] = {}
@@ -67,8 +69,11 @@ class Live:
         self.page_id = page_id
         self.screen = ""
         self.building: str | None = None
+        self.connection = 0
         self.on_held: list[Held] = []
+        self._listeners: dict[str, Callable[[Any], object]] = {}
         self.on_show: list[Callable[[str], None]] = []
+        self.on_lost: list[Callable[[], None]] = []
         self._bindings: list[_Binding] = []
         self._effects: list[_Effect] = []
         self._streams: list[_Stream] = []
@@ -78,7 +83,7 @@ class Live:
     def close(self) -> None:
         """The browser is gone."""
         self.pages.pop(self.page_id, None)
-        self._hear({"held": None})
+        self._lose()
         self.show("")
 
     # what is shown
@@ -120,6 +125,7 @@ class Live:
     async def serve(self, socket: WebSocket) -> None:
         """Send changes until the browser goes away. It may come back: then everything is sent again."""
         await socket.accept()
+        self.connection += 1
         for binding in self._bindings:
             binding.last = _NEVER
         for stream in self._streams:
@@ -131,15 +137,28 @@ class Live:
         except (WebSocketDisconnect, json.JSONDecodeError, RuntimeError):
             pass
         finally:
-            self._hear({"held": None})
+            self._lose()
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
 
+    def hear(self, word: str, tell: Callable[[Any], object]) -> None:
+        """Call ``tell`` with what the browser says by ``pendant.say({word: value})``, and None when it goes away."""
+        self._listeners[word] = tell
+
     def _hear(self, message: Any) -> None:
-        if isinstance(message, dict) and "held" in message:
+        if not isinstance(message, dict):
+            return
+        for word in message.keys() & self._listeners.keys():
+            self._listeners[word](message[word])
+        if "held" in message:
             held = message["held"]
             for tell in self.on_held:
                 tell(held if isinstance(held, dict) else None)
+
+    def _lose(self) -> None:
+        self._hear({"held": None, **dict.fromkeys(self._listeners)})
+        for tell in self.on_lost:
+            tell()
 
     async def _send_frames(self, socket: WebSocket) -> None:
         while True:

@@ -1,40 +1,39 @@
 """Moves the arm for a pendant: as long as a button is held, to a target, by hand.
 
 The driver's control program does it. It is on the robot only while it is needed, since the robot runs one program at
-a time: the first motion starts it, some seconds without one end it.
+a time: the first motion starts it, some seconds without one end it. A program of somebody else's is not replaced.
 """
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, ClassVar, Final, Literal
+from math import inf
+from typing import Any, ClassVar, Final
 
-from client.errors import ClientError
+from client.calibration import geometry_of, model_of
+from client.driver.core import MOVABLE
+from client.errors import ClientError, MotionError, MotionStoppedError, ProgramEndedError, SafetyStopError
+from client.pendant.jogging import Bounds, Ramp, Velocity
 from client.robot import AsyncRobot
 from urproto.errors import ProtocolError, RobotRefused
-from urproto.modes import RobotMode
+from urproto.modes import RobotMode, RuntimeState
 
-__all__ = ["Mover", "Velocity"]
+__all__ = ["Mover"]
 
 _STALE_S: Final = 0.4  # a button that has not been heard of for so long is no longer held
 _IDLE_S: Final = 10.0  # then the control program ends
-_JOINT_RAMP: Final = 1.4  # rad/s2: URScript's default acceleration of joints
-_TOOL_RAMP: Final = 1.2  # m/s2, and rad/s2: of tools
-
-
-@dataclass(frozen=True, slots=True)
-class Velocity:
-    """Of the joints (6,) [rad/s], or of the TCP in the base frame (6,) [m/s, rad/s]."""
-
-    of: Literal["joints", "tool"]
-    values: tuple[float, ...]
+_LATE_S: Final = 0.1  # between two speeds; after 0.2 s without one the control program ends
+_ENDING_S: Final = 0.5  # guess: a program that has ended is said to run for no longer
+_TROUBLE: Final = (ClientError, ProtocolError, RobotRefused, OSError)
+_JOGGING: Final = "Jogging"
+_FREEDRIVE: Final = "Freedrive"
 
 
 class Mover:
     """One motion at a time, whichever browser wants it. Errors of the robot come out of the calls that wait.
 
-    on_error: told what ended a jog. freedrive: the arm can be moved by hand.
+    doing: what moves the arm, for people; empty when nothing does. slowed: why a jog is slower than wanted.
+    on_error: told what ended a jog. holder: whoever holds a button, by which it is also let go.
     """
 
     RATE_HZ: ClassVar[float] = 50.0
@@ -42,17 +41,24 @@ class Mover:
     def __init__(self, open_robot: Callable[[], AsyncRobot]) -> None:
         self._open_robot = open_robot
         self._robot: AsyncRobot | None = None
-        self._one_at_a_time = asyncio.Lock()
+        self._connecting = asyncio.Lock()
         self._held: Velocity | None = None
         self._held_at = 0.0
+        self._holder: object = None
+        self._failed: object = None  # still holds the button of a jog that failed
         self._jog: asyncio.Task[None] | None = None
         self._idle: asyncio.TimerHandle | None = None
+        self._ending: asyncio.Task[None] | None = None
         self._hand: asyncio.Event | None = None
+        self._stops = 0
+        self._longest_gap_s = 0.0
+        self.doing = ""
+        self.slowed = ""
         self.on_error: list[Callable[[str], None]] = []
 
     @property
     def freedrive(self) -> bool:
-        """The arm can be moved by hand."""
+        """The arm can be moved by hand, or is about to be."""
         return self._hand is not None
 
     @property
@@ -67,38 +73,62 @@ class Mover:
 
     # jogging
 
-    def hold(self, velocity: Velocity) -> None:
-        """Move so until ``release``, or until this has not been said again for 0.4 s."""
-        self._held, self._held_at = velocity, asyncio.get_running_loop().time()
+    def hold(self, velocity: Velocity, holder: object) -> None:
+        """Move so until ``release``, or until this has not been said again for 0.4 s.
+
+        Raises RobotRefused while something else moves the arm.
+        """
+        if self._failed is holder:
+            return
+        if self.doing not in ("", _JOGGING) or self._holder not in (None, holder):
+            raise self._busy("jogging")
+        self._held, self._held_at, self._holder = velocity, asyncio.get_running_loop().time(), holder
         if self._jog is None:
+            self.doing = _JOGGING
             self._jog = asyncio.create_task(self._jogging())
 
-    def release(self) -> None:
-        """Come to rest."""
-        self._held = None
+    def release(self, holder: object) -> None:
+        """Come to rest, unless somebody else holds a button now."""
+        if self._failed is holder:
+            self._failed = None
+        if self._holder is holder:
+            self._held = None
 
     async def _jogging(self) -> None:
         try:
-            async with self._one_at_a_time:
-                while self._held is not None:
-                    await self._jog_while_held(self._held.of)
-        except (ClientError, ProtocolError, RobotRefused, OSError) as error:
-            self._held = None
-            for tell in self.on_error:
-                tell(str(error))
-            await self._give_back()
+            while (held := self._held) is not None:
+                try:
+                    await self._jog_while_held(held)
+                except ProgramEndedError:
+                    if self._longest_gap_s < _LATE_S:
+                        raise
+                    # this machine was too slow, so the arm has stopped; it goes on for who still holds the button
+        except _TROUBLE as error:
+            self._failed = self._holder
+            await self._give_back_quietly()
+            if not isinstance(error, MotionStoppedError):
+                self._tell(str(_for_people(error, _JOGGING)))
         finally:
-            self._jog = None
+            self._held = self._holder = self._jog = None
+            self.doing = self.slowed = ""
+            self._rest()
 
-    async def _jog_while_held(self, of: str) -> None:
+    async def _jog_while_held(self, held: Velocity) -> None:
         robot = await self._ready()
-        ramp = (_JOINT_RAMP if of == "joints" else _TOOL_RAMP) / self.RATE_HZ
-        speeds = [0.0] * 6
-        async with robot.velocity_j() if of == "joints" else robot.velocity_l() as follow:
-            while (wanted := self._wanted(of)) is not None or any(speeds):
-                speeds = _towards(speeds, wanted or (0.0,) * 6, ramp)
-                await follow(speeds)
-        self._rest()
+        ramp = Ramp(held.of, _bounds(robot))
+        state = robot.state
+        async with robot.velocity_j() if held.of == "joints" else robot.velocity_l() as follow:
+            now, self._longest_gap_s = asyncio.get_running_loop().time, 0.0
+            while (wanted := self._wanted(held.of)) is not None or not ramp.at_rest:
+                speeds = ramp.next(wanted, state.q_rad, state.pose_base_tcp, 1.0 / self.RATE_HZ)
+                self.slowed = ramp.slowed
+                last, begun = state.timestamp_s, now()
+                try:
+                    state = await follow(speeds)
+                finally:
+                    gap = max(now() - begun, robot.state.timestamp_s - last)
+                    self._longest_gap_s = max(self._longest_gap_s, gap)
+        self.slowed = ""
 
     def _wanted(self, of: str) -> tuple[float, ...] | None:
         held = self._held
@@ -109,30 +139,36 @@ class Mover:
             return None
         return held.values
 
+    def _tell(self, text: str) -> None:
+        for tell in self.on_error:
+            tell(text)
+
     # motions that end by themselves
 
-    async def move_j(self, q_rad: Sequence[float], **options: Any) -> None:
+    async def move_j(self, q_rad: Sequence[float], doing: str = "Moving", **options: Any) -> None:
         """To joint angles (6,)."""
-        await self._do(lambda robot: robot.move_j(q_rad, **options))
+        await self._do(doing, lambda robot: robot.move_j(q_rad, **options))
 
-    async def move_l(self, pose_base_tcp: Sequence[float], **options: Any) -> None:
+    async def move_l(self, pose_base_tcp: Sequence[float], doing: str = "Moving", **options: Any) -> None:
         """To a pose (6,), straight."""
-        await self._do(lambda robot: robot.move_l(pose_base_tcp, **options))
+        await self._do(doing, lambda robot: robot.move_l(pose_base_tcp, **options))
 
-    async def move_to_pose(self, pose_base_tcp: Sequence[float], **options: Any) -> None:
+    async def move_to_pose(self, pose_base_tcp: Sequence[float], doing: str = "Moving", **options: Any) -> None:
         """To a pose (6,), turning the joints together."""
-        await self._do(lambda robot: robot.move_j(pose_base_tcp=pose_base_tcp, **options))
+        await self._do(doing, lambda robot: robot.move_j(pose_base_tcp=pose_base_tcp, **options))
 
     async def start_freedrive(self) -> None:
-        """Let the arm be moved by hand until ``end_freedrive``."""
-        hand = self._hand = asyncio.Event()
+        """Let the arm be moved by hand; returns when that has ended, by ``end_freedrive`` or otherwise."""
 
         async def by_hand(robot: AsyncRobot) -> None:
             async with robot.freedrive():
-                await hand.wait()
+                while not hand.is_set() and _obeys(robot):
+                    await asyncio.sleep(1.0 / self.RATE_HZ)
 
+        self._check_free(_FREEDRIVE)
+        hand = self._hand = asyncio.Event()
         try:
-            await self._do(by_hand)
+            await self._do(_FREEDRIVE, by_hand)
         finally:
             self._hand = None
 
@@ -143,35 +179,57 @@ class Mover:
 
     async def stop(self) -> None:
         """End whatever moves; who waits for it gets MotionStoppedError."""
+        self._stops += 1
         self._held = None
         self.end_freedrive()
-        if self._robot is not None:
+        if self._robot is not None and self._robot.moving:
             await self._robot.stop()
 
-    async def _do(self, motion: Callable[[AsyncRobot], Awaitable[None]]) -> None:
-        async with self._one_at_a_time:
-            try:
-                await motion(await self._ready())
-            except BaseException:
-                if self._robot is not None and not self._robot.driver.program_running:
-                    await self._give_back()
-                raise
-            finally:
-                self._rest()
+    async def _do(self, doing: str, motion: Callable[[AsyncRobot], Awaitable[None]]) -> None:
+        self._check_free(doing)
+        stops, self.doing = self._stops, doing
+        try:
+            robot = await self._ready()
+            if self._stops != stops:
+                raise MotionStoppedError(doing, "it was stopped")
+            await motion(robot)
+        except BaseException as error:
+            if self._robot is not None and not self._robot.driver.program_running:
+                await self._give_back_quietly()
+            raise _for_people(error, doing) from None
+        finally:
+            self.doing = ""
+            self._rest()
+
+    def _check_free(self, doing: str) -> None:
+        if self.doing:
+            raise self._busy(doing)
+
+    def _busy(self, doing: str) -> RobotRefused:
+        return RobotRefused(doing, f"something else is under way: {self.doing}", "stop that first")
 
     # the control program
 
     async def _ready(self) -> AsyncRobot:
         self._cancel_idle()
-        if self._robot is None:
-            robot = self._open_robot()
-            await robot.__aenter__()
-            self._robot = robot
-        mode = self._robot.driver.robot.robot_mode
-        if mode is not RobotMode.RUNNING:
-            raise RobotRefused("motion", f"the robot mode is {mode.name}", "release the brakes on Initialize first")
+        async with self._connecting:
+            if self._robot is None:
+                robot = self._open_robot()
+                await robot.__aenter__()
+                self._robot = robot
+        state = self._robot.state
+        if state.robot_mode is not RobotMode.RUNNING:
+            raise RobotRefused("motion", f"the robot mode is {_name(state.robot_mode)}", "release the brakes first")
+        if not self._robot.driver.program_running:
+            await self._check_no_program(self._robot)
         await self._robot.make_ready()
         return self._robot
+
+    async def _check_no_program(self, robot: AsyncRobot) -> None:
+        try:
+            await robot.wait_for(lambda state: state.runtime_state == RuntimeState.STOPPED, _ENDING_S)
+        except TimeoutError:
+            raise RobotRefused("motion", "a program is running", "stop it first") from None
 
     def _rest(self) -> None:
         self._cancel_idle()
@@ -184,29 +242,54 @@ class Mover:
             self._idle = None
 
     def _end_idle(self) -> None:
-        self._ending = asyncio.create_task(self.give_back())
+        self._ending = asyncio.create_task(self._give_back_quietly())
 
     async def give_back(self) -> None:
-        """End the control program, so that another may run."""
-        async with self._one_at_a_time:
-            await self._give_back()
+        """End the control program, so that another may run. Raises RobotRefused while it moves the arm."""
+        self._check_free("the program")
+        await self._give_back_quietly()
 
-    async def _give_back(self) -> None:
+    async def _give_back_quietly(self) -> None:
         self._cancel_idle()
-        robot, self._robot = self._robot, None
-        if robot is not None:
-            with suppress(ClientError, ProtocolError, RobotRefused, OSError):
-                await robot.driver.stop_program()
-            with suppress(ClientError, ProtocolError, RobotRefused, OSError):
-                await robot.__aexit__(None, None, None)
+        async with self._connecting:
+            robot, self._robot = self._robot, None
+            if robot is not None:
+                with suppress(*_TROUBLE):
+                    await robot.driver.stop_program()
+                with suppress(*_TROUBLE):
+                    await robot.__aexit__(None, None, None)
 
     async def close(self) -> None:
         """Come to rest and disconnect."""
-        with suppress(ClientError, ProtocolError, RobotRefused, OSError):
+        with suppress(*_TROUBLE):
             await self.stop()
-        await self.give_back()
+        await self._give_back_quietly()
 
 
-def _towards(speeds: Sequence[float], wanted: Sequence[float], step: float) -> list[float]:
-    """The next speeds on a ramp: each changes by ``step`` at most."""
-    return [now + max(-step, min(step, goal - now)) for now, goal in zip(speeds, wanted, strict=True)]
+def _bounds(robot: AsyncRobot) -> Bounds:
+    """As the robot tells them; without a word from it, none."""
+    link = robot.driver.robot
+    arm = link.configuration
+    if arm is None:
+        return Bounds((-inf,) * 6, (inf,) * 6, (inf,) * 6)
+    model = model_of(arm)
+    q_min, q_max = (arm.q_min, arm.q_max) if model is None else model.position_limits
+    return Bounds(q_min, q_max, arm.qd_max, geometry_of(arm, link.calibration))
+
+
+def _for_people(error: BaseException, doing: str) -> BaseException:
+    """Errors whose advice is for who writes programs, with advice for who holds a pendant."""
+    if isinstance(error, ProgramEndedError):
+        return MotionError(doing, f"the control program has ended: {error.why}")
+    if isinstance(error, SafetyStopError):
+        stop = error.mode.name.replace("_", " ").lower()
+        return MotionError(doing, f"{stop}, {error.cause or 'the robot does not say why'}: see Initialize")
+    return error
+
+
+def _obeys(robot: AsyncRobot) -> bool:
+    return robot.driver.program_running and robot.driver.robot.safety_mode in MOVABLE
+
+
+def _name(mode: int) -> str:
+    return getattr(mode, "name", str(mode))

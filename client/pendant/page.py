@@ -83,14 +83,21 @@ class Page:
 
     async def play(self) -> None:
         """Start or resume the program; a control program of ours gives way."""
+        if not await self.may_move():
+            return
         station = self.station
         if station.runtime_state not in (RuntimeState.PAUSED, RuntimeState.PAUSING):
             await station.mover.give_back()
         await station.ask(dashboard.PLAY)
 
+    @property
+    def agreed(self) -> bool:
+        """The arm may be moved from here without asking."""
+        return self.station.behind.available or self.confirmed
+
     async def may_move(self) -> bool:
         """Whether the arm may be moved from here: on a robot a person has to agree, once a page."""
-        if self.station.behind.available or self.confirmed:
+        if self.agreed:
             return True
         with self._content, ui.dialog() as dialog, ui.card():
             ui.label("This is a real robot").classes("text-h6")
@@ -104,7 +111,7 @@ class Page:
 
     def _stop_when_let_go(self, held: Any) -> None:
         if held is None:
-            self.station.mover.release()
+            self.station.mover.release(self)
 
     # parts that look alike everywhere
 

@@ -1,13 +1,11 @@
 """Tool centre points somebody has saved: poses in the flange frame by name, in a file that all browsers share."""
 
-import json
-import os
 from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
-from client.errors import FileError
+from client.pendant import own_file
 from urproto.robots.pose import Pose
 
 __all__ = ["Tools"]
@@ -31,7 +29,7 @@ class Tools:
     def all(self) -> Mapping[str, Pose]:
         """By name, in the order of the names."""
         if self._read is None:
-            self._read = {} if self._path is None else _loaded(self._path)
+            self._read = {} if self._path is None else own_file.read(self._path, _parsed, "TCPs", {})
         return self._read
 
     @property
@@ -53,7 +51,7 @@ class Tools:
     def _change(self, tools: Mapping[str, Pose]) -> None:
         changed = dict(sorted(tools.items()))
         if self._path is not None:
-            _store(self._path, changed)
+            own_file.write(self._path, changed)
         self._read = changed
         self.version += 1
 
@@ -66,24 +64,5 @@ def _checked(values: Any) -> Pose:
     return (x, y, z, rx, ry, rz)
 
 
-def _loaded(path: Path) -> dict[str, Pose]:
-    try:
-        content: Any = json.loads(path.read_text("utf-8"))
-        return {str(name): _checked(tcp) for name, tcp in content.items()}
-    except FileNotFoundError:
-        return {}
-    except OSError as error:
-        raise FileError(path, error.strerror or str(error)) from error
-    except (ValueError, AttributeError) as error:  # UnicodeError and JSONDecodeError are ValueErrors
-        raise FileError(path, f"these are no TCPs: {error}; move the file away") from error
-
-
-def _store(path: Path, tools: Mapping[str, Pose]) -> None:
-    """Whole or not at all: a new file takes the place of the old one."""
-    new = path.with_name(f"{path.name}.new")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        new.write_text(json.dumps(tools, indent=1) + "\n", "utf-8")
-        os.replace(new, path)
-    except OSError as error:
-        raise FileError(path, error.strerror or str(error)) from error
+def _parsed(content: Any) -> dict[str, Pose]:
+    return {str(name): _checked(tcp) for name, tcp in content.items()}

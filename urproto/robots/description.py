@@ -11,16 +11,17 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import atan2, cos, dist, hypot, pi, sin
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from urproto.joints import JOINT_NAMES as JOINTS
-from urproto.robots.calibration import Frame, chain_of
+from urproto.robots.calibration import Chain, Frame, chain_of
+from urproto.robots.meshes import MeshesMissing, PlacedMesh, mesh_file, placed_meshes
 from urproto.robots.model import DH, Link, RobotModel
-from urproto.robots.pose import Vec3
+from urproto.robots.pose import Pose, Vec3, matrix_to_rotvec, rpy_to_rotvec
 from urproto.robots.shapes import Capsule, capsules
 
-__all__ = ["JOINTS", "MeshesMissing", "urdf"]
+__all__ = ["JOINTS", "JointFrame", "MeshesMissing", "joint_frames", "urdf"]
 
 _LINKS: Final = (
     "base_link_inertia",
@@ -40,36 +41,35 @@ _FIXED: Final[Sequence[tuple[str, str, str, Vec3]]] = (
     ("flange-tool0", "flange", "tool0", (pi / 2, 0.0, pi / 2)),
 )
 _GREY: Final = ("0.75 0.76 0.78 1", "0.35 0.5 0.65 1")  # of links in turn
-
-# Meshes: names of ur_description's files, the turn of each in its link, and how far along z it is: its offsets
-# (config/*/physical_parameters.yaml and visual_parameters.yaml of Universal_Robots_ROS2_Description 2.4.5).
-_MESHES: Final = ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3")
-_MESH_RPY: Final[Sequence[Vec3]] = (
-    *((0.0, 0.0, pi), (0.0, 0.0, pi), (pi / 2, 0.0, -pi / 2), (pi / 2, 0.0, -pi / 2)),
-    *((pi / 2, 0.0, 0.0), _ZERO, (pi / 2, 0.0, 0.0)),
-)
-_UR5E: Final = (0.138, 0.007, -0.127, -0.0997, -0.0989)
-_UR10E: Final = (0.1762, 0.0393, -0.135, -0.12, -0.1168)
-_UR20: Final = (0.26, 0.043, -0.0775, -0.0749, -0.07)
-_MESH_OFFSETS: Final = {  # of upper arm, forearm, wrist 1, 2, 3 [m]
-    "ur3": (0.1198, 0.0275, -0.085, -0.085, -0.082),
-    "ur5": (0.13585, 0.0165, -0.093, -0.095, -0.0818),
-    "ur10": (0.220941, 0.049042, -0.1149, -0.1158, -0.0922),
-    "ur3e": (0.12, 0.027, -0.104, -0.08535, -0.0921),
-    "ur5e": _UR5E,
-    "ur7e": _UR5E,
-    "ur10e": _UR10E,
-    "ur12e": _UR10E,
-    "ur16e": (0.176, 0.04, -0.135, -0.12, -0.1168),
-    "ur20": _UR20,
-    "ur30": _UR20,
-}
 _VISUAL: Final = (".dae", ".glb", ".obj", ".stl")
 _COLLISION: Final = (".stl", ".obj", ".dae")
 
 
-class MeshesMissing(ValueError):  # noqa: N818 - named for what happened, as UnknownModel is
-    """The folder does not have the meshes of this arm, or nobody knows where they belong."""
+class JointFrame(NamedTuple):
+    """A joint: its child link in its parent's frame, at angle 0 for one that moves, about the child's z axis."""
+
+    joint: str
+    parent: str
+    child: str
+    pose: Pose
+    moves: bool
+
+
+def joint_frames(model: RobotModel, prefix: str = "") -> list[JointFrame]:
+    """The joints of what `urdf` writes, with its names: six that move, from the base on, then the fixed ones."""
+    chain = zip(JOINTS, pairwise(_LINKS), _chain(model), strict=True)
+    moving = [
+        JointFrame(prefix + name, prefix + parent, prefix + child, (*position, *matrix_to_rotvec(axes)), True)
+        for name, (parent, child), (position, axes) in chain
+    ]
+    return moving + [
+        JointFrame(prefix + name, prefix + parent, prefix + child, (*_ZERO, *rpy_to_rotvec(*rpy)), False)
+        for name, parent, child, rpy in _FIXED
+    ]
+
+
+def _chain(model: RobotModel) -> Chain:
+    return chain_of(model.dh if model.calibration is None else model.calibration)
 
 
 def urdf(model: RobotModel, *, meshes: Path | None = None, prefix: str = "") -> str:
@@ -89,8 +89,7 @@ def urdf(model: RobotModel, *, meshes: Path | None = None, prefix: str = "") -> 
                 shape(SubElement(link, kind), _GREY[i % 2] if kind == "visual" else None)
         if i > 0:
             _inertial(link, model.links[i - 1], model.dh, i - 1)
-    chain = chain_of(model.dh if model.calibration is None else model.calibration)
-    for i, ((parent, child), frame) in enumerate(zip(pairwise(_LINKS), chain, strict=True)):
+    for i, ((parent, child), frame) in enumerate(zip(pairwise(_LINKS), _chain(model), strict=True)):
         _moving_joint(root, model, i, prefix + parent, prefix + child, frame, prefix)
     for name, parent, child, rpy in _FIXED:
         if child not in _LINKS:
@@ -176,24 +175,8 @@ def _shape(xyz: Vec3, rpy: Vec3, kind: str, **size: str) -> _Put:
 
 
 def _meshes(model: RobotModel, folder: Path) -> list[_Shapes]:
-    if model.name not in _MESH_OFFSETS:
-        known = ", ".join(_MESH_OFFSETS)
-        raise MeshesMissing(
-            f"where the meshes of {model.title} belong is not known here, only of {known}: leave them out"
-        )
-    offsets = (0.0, 0.0, *_MESH_OFFSETS[model.name])
-    shapes = []
-    for name, rpy, z in zip(_MESHES, _MESH_RPY, offsets, strict=True):
-        visual, collision = _mesh(folder, "visual", name, _VISUAL), _mesh(folder, "collision", name, _COLLISION)
-        place = (0.0, 0.0, z)
-        shapes.append(([_shape(place, rpy, "mesh", filename=visual)], [_shape(place, rpy, "mesh", filename=collision)]))
-    return shapes
+    def put(mesh: PlacedMesh, kind: str, endings: Sequence[str]) -> list[_Put]:
+        uri = mesh_file(folder, kind, mesh.name, endings).resolve().as_uri()
+        return [_shape(mesh.position, mesh.rpy, "mesh", filename=uri)]
 
-
-def _mesh(folder: Path, kind: str, name: str, endings: Sequence[str]) -> str:
-    places = [folder / kind / f"{name}{ending}" for ending in endings]
-    places += [folder / f"{name}{ending}" for ending in endings]
-    for place in places:
-        if place.is_file():
-            return place.resolve().as_uri()
-    raise MeshesMissing(f"{folder} has no {kind}/{name} ({', '.join(endings)}): it must hold {', '.join(_MESHES)}")
+    return [(put(mesh, "visual", _VISUAL), put(mesh, "collision", _COLLISION)) for mesh in placed_meshes(model)]

@@ -1,11 +1,65 @@
-"""Move: the arm in three dimensions, buttons that move it while they are held, targets, freedrive."""
+"""Move: the arm in three dimensions, buttons that move it while they are held, targets, freedrive, poses."""
 
-from client.pendant.arm_scene import arm_scene
+from nicegui import ui
+
+from client.pendant.arm_scene import arm_scene, camera_buttons
 from client.pendant.page import Page
+from client.pendant.screens.move_jog import JogPanels
+from client.pendant.screens.move_poses import saved_poses
+from client.pendant.screens.move_settings import MoveSettings
+from client.pendant.screens.move_target import joint_target, pose_target
+from client.pendant.station import Station
 
 __all__ = ["build"]
 
 
 def build(page: Page) -> None:
     """Put it on the page."""
-    arm_scene(page)
+    settings = MoveSettings(page)
+    jog = JogPanels(page, settings)
+    with ui.element("div").classes("move"):
+        with ui.element("div").classes("move-side"):
+            jog.tool()
+            jog.by_hand()
+            _stop(page)
+        with ui.element("div").classes("move-view panel"):
+            camera_buttons(page, arm_scene(page))
+            _status(page)
+        with ui.element("div").classes("move-side"):
+            jog.joints()
+            _targets(page, settings)
+
+
+def _targets(page: Page, settings: MoveSettings) -> None:
+    with ui.card().classes("panel move-targets"):
+        with ui.tabs().props("dense no-caps align=justify inline-label").classes("move-tabs") as tabs:
+            names = {"joints": "Joint angles", "pose": "TCP pose", "poses": "Poses"}
+            for name, title in names.items():
+                ui.tab(name, title).props(f"data-testid=target-{name}")
+        with ui.tab_panels(tabs, value="joints", animated=False).classes("move-tab-panels"):
+            with ui.tab_panel("joints"):
+                joint_target(page, settings)
+            with ui.tab_panel("pose"):
+                pose_target(page, settings)
+            with ui.tab_panel("poses"):
+                saved_poses(page, settings)
+
+
+def _stop(page: Page) -> None:
+    button = ui.button("Stop", icon="back_hand", color=None, on_click=page.doing(page.station.mover.stop))
+    button.classes("move-stop").props("unelevated no-caps data-testid=stop-moving")
+    page.live.bind(button, "state", lambda station: "moving" if station.mover.doing else "rest")
+
+
+def _status(page: Page) -> None:
+    """What moves the arm, and why slowly."""
+    with ui.element("div").classes("move-status"):
+        chip = page.live.text(lambda station: station.mover.doing, "chip move-doing")
+        chip.props("data-testid=doing")
+        page.live.bind(chip, "state", _kind)
+        slowed = page.live.text(lambda station: station.mover.slowed, "move-slowed")
+        slowed.props("data-testid=slowed")
+
+
+def _kind(station: Station) -> str:
+    return "on" if station.mover.doing else "off"

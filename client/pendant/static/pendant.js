@@ -8,6 +8,7 @@ const pendant = (() => {
   let socket = null;
   let held = null;
   let beat = 0;
+  const context = {}; // functions by name: what else is said with every held button
 
   function element(id) {
     let found = elements.get(id);
@@ -61,12 +62,17 @@ const pendant = (() => {
     if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(what));
   }
 
+  function sayHeld() {
+    const more = Object.entries(context).map(([name, read]) => [name, read()]);
+    say({ held: { ...held, ...Object.fromEntries(more) } });
+  }
+
   // Buttons with data-hold move the arm as long as they are held; the robot stops when this is not said any more.
   function hold(what) {
     held = what;
-    say({ held });
+    sayHeld();
     clearInterval(beat);
-    beat = setInterval(() => say({ held }), 100);
+    beat = setInterval(sayHeld, 100);
   }
 
   function letGo() {
@@ -92,16 +98,5 @@ const pendant = (() => {
   });
   document.addEventListener("keyup", letGo);
 
-  // The arm: groups of a NiceGUI scene that turn about their own z axis.
-  function arm(id, groups) {
-    followers.set(id, (angles) => {
-      const scene = getElement(id);
-      if (!scene || !scene.objects) return false;
-      const meshes = groups.map((group) => scene.objects.get(group)?.mesh);
-      if (meshes.some((mesh) => !mesh)) return false;
-      meshes.forEach((mesh, i) => (mesh.rotation.z = angles[i]));
-    });
-  }
-
-  return { follow, arm, followers, receivers, say };
+  return { follow, followers, receivers, context, say };
 })();

@@ -1,0 +1,211 @@
+"""What an arm looks like, made up from its model's numbers: housings at the joints, tubes between them, caps, a flange.
+
+Every part is turned on a lathe: a profile around an axis. Where two joints' housings meet, how thick they are and how
+long the tubes are follows from the model; radii, rims and colours are made up (guess: as photographs look).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, pi, sin
+from typing import Final
+
+from urproto.robots.meshes import tube_offsets
+from urproto.robots.model import RobotModel
+from urproto.robots.pose import Vec3
+
+__all__ = ["LINK_NAMES", "Part", "link_parts"]
+
+LINK_NAMES: Final = ("base", "shoulder", "upper arm", "forearm", "wrist 1", "wrist 2", "wrist 3")
+_LIGHT: Final = "#d9dde1"  # housings and tubes
+_DARK: Final = "#59636c"  # rims, foot and flange
+_BLUE: Final = "#5b9bc9"  # caps
+
+_Y: Final[Vec3] = (0.0, 1.0, 0.0)
+_Z: Final[Vec3] = (0.0, 0.0, 1.0)
+_MINUS_Y: Final[Vec3] = (0.0, -1.0, 0.0)
+_MINUS_Z: Final[Vec3] = (0.0, 0.0, -1.0)
+
+_ROUNDING: Final = 0.12  # of a radius
+_STEPS: Final = 3  # in a rounded edge
+_RIM: Final = 0.07  # of a radius: half the width of the dark ring between two joints
+_TUBE: Final = (0.80, 0.68)  # of the shoulder's radius: upper arm, forearm
+
+Profile = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A solid of revolution: profile of (radius, distance along the axis) [m], from the far side of nothing to nothing.
+
+    origin, axis: in the frame that turns with the link, as ur_description's link frames.
+    """
+
+    profile: Profile
+    origin: Vec3
+    axis: Vec3
+    color: str
+
+
+def link_parts(model: RobotModel) -> tuple[tuple[Part, ...], ...]:
+    """Of base, shoulder, upper arm, forearm, wrist 1, 2 and 3."""
+    return _Arm(model).links()
+
+
+class _Arm:
+    """big: radius and half the height of shoulder and elbow housings; small: those of the wrists [m]."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self.d1, _, _, self.d4, self.d5, self.d6 = model.dh.d
+        self.a2, self.a3 = model.dh.a[1:3]
+        self.upper, self.fore = tube_offsets(model)
+        self.big = (self.upper - self.fore) / 2
+        self.wrist_1 = (self.d4 - self.fore) / 2  # half of the way from forearm to wrist 1
+        self.small = min(self.wrist_1, self.d5 / 2)
+        self.plate = min(max(self.d6 - self.small, 0.3 * self.small), self.small)  # thickness of wrist 3
+
+    def links(self) -> tuple[tuple[Part, ...], ...]:
+        return (
+            self._base(),
+            self._shoulder(),
+            self._upper_arm(),
+            self._forearm(),
+            self._first_wrist(),
+            self._second_wrist(),
+            self._third_wrist(),
+        )
+
+    @property
+    def _seam(self) -> float:
+        """Where the shoulder turns on the base, above the table."""
+        return max(self.d1 - 1.05 * self.big, 0.35 * self.big)
+
+    def _base(self) -> tuple[Part, ...]:
+        big, top = self.big, self._seam
+        foot = min(0.3 * big, 0.5 * top)
+        return (
+            _drum(1.28 * big, 0.0, foot, _DARK),
+            _drum(1.12 * big, 0.4 * foot, top, _LIGHT),
+            _rim(big, top),
+        )
+
+    def _shoulder(self) -> tuple[Part, ...]:
+        big = self.big
+        inner = self.upper - big  # where the upper arm turns on it
+        return (
+            _drum(big, self._seam - self.d1, 0.0, _LIGHT),
+            *_housing(big, -big, inner, _MINUS_Y, caps=(True, False)),
+            _rim(big, inner, _MINUS_Y),
+        )
+
+    def _upper_arm(self) -> tuple[Part, ...]:
+        big, z, length = self.big, self.upper, abs(self.a2)
+        there: Vec3 = (self.a2, 0.0, 0.0)
+        return (
+            *_housing(big, z - big, z + big, _Z, caps=(False, True)),
+            *_tube(_TUBE[0] * big, _TUBE[0] * big, length, (0.0, 0.0, z), big),
+            *_housing(0.97 * big, z - big, z + big, _Z, there, caps=(False, True)),
+            _rim(0.97 * big, z - big, _Z, there),
+        )
+
+    def _forearm(self) -> tuple[Part, ...]:
+        big, small, z, length = self.big, self.small, self.fore, abs(self.a3)
+        there: Vec3 = (self.a3, 0.0, 0.0)
+        outer = z + self.wrist_1
+        return (
+            *_housing(0.97 * big, -z - big, -z + big, _MINUS_Z, caps=(False, True)),
+            *_tube(_TUBE[1] * big, 0.86 * small, length, (0.0, 0.0, z), big),
+            *_housing(small, -outer, small - z, _MINUS_Z, there, caps=(False, True)),
+            _rim(small, outer, _Z, there),
+        )
+
+    def _first_wrist(self) -> tuple[Part, ...]:
+        small, seam = self.small, self.d5 / 2
+        return (
+            *_housing(small, -self.wrist_1, small, _Z, caps=(False, True)),
+            _drum(small, 0.0, seam, _LIGHT, axis=_MINUS_Y),
+            _rim(small, seam, _MINUS_Y),
+        )
+
+    def _second_wrist(self) -> tuple[Part, ...]:
+        small = self.small
+        return (
+            *_housing(small, -self.d5 / 2, small, _Z, caps=(False, True)),
+            _drum(0.94 * small, 0.0, self.d6 - self.plate, _LIGHT, axis=_Y),
+        )
+
+    def _third_wrist(self) -> tuple[Part, ...]:
+        small, plate = self.small, self.plate
+        nub = 0.17 * small
+        return (
+            _drum(0.88 * small, -plate, -0.25 * plate, _LIGHT),
+            _drum(0.80 * small, -0.25 * plate, 0.0, _DARK),
+            _drum(nub, 0.8 * small, small, _DARK, (0.0, 0.0, -0.6 * plate), _Y),
+        )
+
+
+def _housing(
+    radius: float, start: float, end: float, axis: Vec3, origin: Vec3 = (0.0, 0.0, 0.0), *, caps: tuple[bool, bool]
+) -> tuple[Part, ...]:
+    """A drum, and blue caps on one side or both."""
+    cap = 0.22 * radius
+    low, high = start + cap * caps[0], end - cap * caps[1]
+    parts = [_drum(radius, low, high, _LIGHT, origin, axis)]
+    if caps[0]:
+        parts.append(Part(_dome(radius, low, -cap), origin, axis, _BLUE))
+    if caps[1]:
+        parts.append(Part(_dome(radius, high, cap), origin, axis, _BLUE))
+    return tuple(parts)
+
+
+def _tube(first: float, last: float, length: float, origin: Vec3, housing: float) -> tuple[Part, ...]:
+    """From one housing to the next, along -x: the lengths of a model point there."""
+    axis: Vec3 = (-1.0, 0.0, 0.0)
+    collar = min(1.12 * housing, 0.3 * length)
+    return (
+        Part(((0.0, 0.0), (first, 0.0), (last, length), (0.0, length)), origin, axis, _LIGHT),
+        _drum(1.06 * first, 0.5 * collar, collar, _LIGHT, origin, axis),
+    )
+
+
+def _rim(radius: float, at: float, axis: Vec3 = _Z, origin: Vec3 = (0.0, 0.0, 0.0)) -> Part:
+    """The dark ring where one link turns on the next."""
+    half = _RIM * radius
+    return _drum(1.015 * radius, at - half, at + half, _DARK, origin, axis, rounding=0.0)
+
+
+def _drum(
+    radius: float,
+    start: float,
+    end: float,
+    color: str,
+    origin: Vec3 = (0.0, 0.0, 0.0),
+    axis: Vec3 = _Z,
+    *,
+    rounding: float = _ROUNDING,
+) -> Part:
+    edge = min(rounding * radius, 0.5 * (end - start))
+    return Part(_rounded(radius, start, end, edge), origin, axis, color)
+
+
+def _rounded(radius: float, start: float, end: float, edge: float) -> Profile:
+    if edge <= 0.0:
+        return ((0.0, start), (radius, start), (radius, end), (0.0, end))
+    inner = radius - edge
+    return (
+        (0.0, start),
+        *_arc(inner, start + edge, edge, edge, -pi / 2, 0.0),
+        *_arc(inner, end - edge, edge, edge, 0.0, pi / 2),
+        (0.0, end),
+    )
+
+
+def _dome(radius: float, at: float, height: float) -> Profile:
+    """A lid, a little narrower than its housing, bulging by ``height``, which may be negative."""
+    edge, lid = 0.35 * radius, 0.96 * radius
+    arc: Sequence[tuple[float, float]] = (*_arc(lid - edge, at, edge, height, 0.0, pi / 2), (0.0, at + 1.06 * height))
+    return ((0.0, at), *arc) if height > 0 else (*reversed(arc), (0.0, at))
+
+
+def _arc(r: float, z: float, wide: float, high: float, start: float, end: float) -> tuple[tuple[float, float], ...]:
+    angles = (start + (end - start) * i / _STEPS for i in range(_STEPS + 1))
+    return tuple((r + wide * cos(angle), z + high * sin(angle)) for angle in angles)

@@ -1,0 +1,173 @@
+"""How fast an arm goes while a button is held: ramps, and slower near a joint limit or a singularity.
+
+Nothing here waits or talks to a robot. `Ramp.next` is asked once in every period of the mover and gives the speeds of
+the next one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot, inf, sqrt
+from typing import Final, Literal
+
+from urproto.robots import Joints, Kinematics
+from urproto.robots.kinematics import Jacobian
+
+__all__ = ["JOINT_TITLES", "Bounds", "Ramp", "Velocity"]
+
+JOINT_TITLES: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
+"""As PolyScope calls them."""
+
+_JOINT_RAMP: Final = (1.4, 4.0)  # rad/s2, up and down: URScript's default, and the control program's own when it ends
+_LINE_RAMP: Final = (1.2, 2.5)  # m/s2: URScript's default for tools; guess for the way down
+_TURN_RAMP: Final = (1.4, 4.0)  # rad/s2
+_BRAKING: Final = 1.0  # rad/s2 towards a limit: gentler than the ramp down, which then keeps up with it
+_MARGIN_RAD: Final = 0.004  # kept from a limit
+_DELAY_S: Final = 0.08  # guess: between what is known of the arm and what it then does, on a busy machine
+_TOOL_JOINTS: Final = 0.5  # of a joint's top speed: as fast as joints turn for a tool's motion (guess)
+_OFF: Final = 0.04  # share of a tool's motion that joints cannot follow; so near a singularity the arm rests (guess)
+_DAMPING: Final = 1e-3  # m or 1: singular values of the Jacobian below it count as none
+_SLOW: Final = 0.98  # less of what was asked for is called slowed
+
+
+@dataclass(frozen=True, slots=True)
+class Velocity:
+    """Of the joints (6,) [rad/s], or of the TCP in the base frame (6,) [m/s, rad/s]."""
+
+    of: Literal["joints", "tool"]
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Of one arm: lowest and highest joint angles (6,) [rad], infinite where there is no end, and top speeds [rad/s].
+
+    kinematics: None for an arm whose geometry is not known here; then only its joints are slowed.
+    """
+
+    q_min: Joints
+    q_max: Joints
+    qd_max: Joints
+    kinematics: Kinematics | None = None
+
+
+class Ramp:
+    """From rest, through the speeds wanted, to rest. speeds: the present ones. slowed: why not as fast as wanted."""
+
+    def __init__(self, of: Literal["joints", "tool"], bounds: Bounds) -> None:
+        self._of = of
+        self._bounds = bounds
+        self.speeds: tuple[float, ...] = (0.0,) * 6
+        self.slowed = ""
+
+    @property
+    def at_rest(self) -> bool:
+        """No speed is left."""
+        return not any(self.speeds)
+
+    def next(
+        self, wanted: Sequence[float] | None, q_rad: Sequence[float], pose_base_tcp: Sequence[float], period_s: float
+    ) -> tuple[float, ...]:
+        """The speeds for the next period. wanted: None for rest."""
+        self.slowed = ""
+        goal = tuple(wanted or (0.0,) * 6)
+        if self._of == "joints":
+            self.speeds = tuple(
+                self._allowed(i, _towards(now, self._allowed(i, there, q_rad), _JOINT_RAMP, period_s), q_rad)
+                for i, (now, there) in enumerate(zip(self.speeds, goal, strict=True))
+            )
+        else:
+            there = _vector_towards(self.speeds, self._scaled(goal, q_rad, pose_base_tcp), period_s)
+            self.speeds = self._scaled(there, q_rad, pose_base_tcp)
+        return self.speeds
+
+    def _allowed(self, joint: int, speed: float, q_rad: Sequence[float]) -> float:
+        """No faster than the arm can brake before the joint's limit, nor than the joint turns."""
+        bounds = self._bounds
+        top = min(self._braked(joint, speed, q_rad), bounds.qd_max[joint])
+        if top < _SLOW * abs(speed):
+            self.slowed = f"{JOINT_TITLES[joint]} nears its limit"
+        return max(-top, min(top, speed))
+
+    def _braked(self, joint: int, speed: float, q_rad: Sequence[float]) -> float:
+        bounds = self._bounds
+        left = bounds.q_max[joint] - q_rad[joint] if speed > 0 else q_rad[joint] - bounds.q_min[joint]
+        way = max(0.0, left - _MARGIN_RAD)
+        if way == inf:
+            return inf
+        # v with way = v delay + v^2 / 2a
+        lag = _BRAKING * _DELAY_S
+        return sqrt(lag * lag + 2.0 * _BRAKING * way) - lag
+
+    def _scaled(self, twist: Sequence[float], q_rad: Sequence[float], pose: Sequence[float]) -> tuple[float, ...]:
+        """As much of a tool's motion as the joints can follow."""
+        kinematics = self._bounds.kinematics
+        if kinematics is None or not any(twist):
+            return tuple(twist)
+        qd, off = _joint_speeds(kinematics.jacobian_at(q_rad, pose), twist)
+        share = max(0.0, 1.0 - off / _OFF)
+        if share < _SLOW:
+            self.slowed = "The joints cannot follow this way: the arm is stretched, or two axes are in line"
+        for joint, speed in enumerate(qd):
+            top = min(self._braked(joint, speed, q_rad), _TOOL_JOINTS * self._bounds.qd_max[joint])
+            if abs(speed) * share > top:
+                share = top / abs(speed)
+                at_limit = top < _TOOL_JOINTS * self._bounds.qd_max[joint]
+                self.slowed = (
+                    f"{JOINT_TITLES[joint]} nears its limit" if at_limit else f"{JOINT_TITLES[joint]} turns fast here"
+                )
+        return tuple(share * value for value in twist)
+
+
+def _towards(now: float, goal: float, ramp: tuple[float, float], period_s: float) -> float:
+    """The next speed: up and down a ramp, through rest where it turns round."""
+    if now * goal < 0:
+        goal = 0.0
+    step = ramp[0 if abs(goal) > abs(now) else 1] * period_s
+    return now + max(-step, min(step, goal - now))
+
+
+def _vector_towards(now: Sequence[float], goal: Sequence[float], period_s: float) -> tuple[float, ...]:
+    """Lines and turns each keep to a straight way."""
+    return (
+        *_three_towards(now[:3], goal[:3], _LINE_RAMP, period_s),
+        *_three_towards(now[3:], goal[3:], _TURN_RAMP, period_s),
+    )
+
+
+def _three_towards(
+    now: Sequence[float], goal: Sequence[float], ramp: tuple[float, float], period_s: float
+) -> tuple[float, ...]:
+    way = [there - here for here, there in zip(now, goal, strict=True)]
+    step = ramp[0 if hypot(*goal) > hypot(*now) else 1] * period_s
+    far = hypot(*way)
+    return tuple(goal) if far <= step else tuple(here + step / far * part for here, part in zip(now, way, strict=True))
+
+
+def _joint_speeds(jacobian: Jacobian, twist: Sequence[float]) -> tuple[tuple[float, ...], float]:
+    """Those that move the tool so, as nearly as can be, and which share of it they do not achieve.
+
+    Damped least squares: qd = Jt (J Jt + d^2)^-1 v, so speeds stay finite in singularities.
+    """
+    squares = [[sum(a * b for a, b in zip(one, other, strict=True)) for other in jacobian] for one in jacobian]
+    for i, row in enumerate(squares):
+        row[i] += _DAMPING * _DAMPING
+    weights = _solved(squares, twist)
+    qd = tuple(sum(row[i] * weight for row, weight in zip(jacobian, weights, strict=True)) for i in range(6))
+    missed = [
+        value - sum(a * b for a, b in zip(row, qd, strict=True)) for value, row in zip(twist, jacobian, strict=True)
+    ]
+    return qd, hypot(*missed) / hypot(*twist)
+
+
+def _solved(matrix: list[list[float]], right: Sequence[float]) -> list[float]:
+    """x of matrix x = right, by Gauss: the matrix is symmetric and positive, so no pivots are looked for."""
+    rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
+    for i, pivot in enumerate(rows):
+        for row in rows[i + 1 :]:
+            factor = row[i] / pivot[i]
+            for j in range(i, 7):
+                row[j] -= factor * pivot[j]
+    x = [0.0] * 6
+    for i in reversed(range(6)):
+        x[i] = (rows[i][6] - sum(rows[i][j] * x[j] for j in range(i + 1, 6))) / rows[i][i]
+    return x

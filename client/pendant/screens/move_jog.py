@@ -1,0 +1,225 @@
+"""Buttons that move the arm while they are held, with the numbers they change; freedrive; how fast."""
+
+import asyncio
+import json
+from collections.abc import Mapping
+from functools import partial
+from math import degrees, isfinite
+from typing import Any, Final
+
+from nicegui import ui
+
+from client.pendant.jogging import JOINT_TITLES, Velocity
+from client.pendant.page import MISTAKES, Page
+from client.pendant.screens.move_settings import FEATURES, JOINT_TOP, LINE_TOP, MoveSettings
+from client.pendant.station import Station
+from urproto.robots import Joints
+from urproto.robots.pose import rotvec_to_rpy
+
+__all__ = ["JogPanels"]
+
+_AXES: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
+_SEEN: Final = ("Right", "Away", "Up", "Pitch", "Roll", "Yaw")  # the same in feature View
+_NEAR: Final = 0.09  # rad from a limit: where a bar turns amber
+_NOTHING: Final = "\N{EN DASH}"
+
+
+class JogPanels:
+    """Of one page. What is held comes from the browser again and again: see static/pendant.js."""
+
+    def __init__(self, page: Page, settings: MoveSettings) -> None:
+        self._page = page
+        self._settings = settings
+        self._down = False  # a button is, and what it was pressed for has begun
+        self._dead = False  # it is, but this press has failed
+        self._asking: asyncio.Task[Any] | None = None
+        self._freeing: asyncio.Task[Any] | None = None
+        page.live.on_held.append(self._held)
+
+    # the panels
+
+    def tool(self) -> None:
+        """Of the TCP."""
+        settings = self._settings
+        with self._page.panel("TCP", "move-jog"):
+            with ui.row().classes("move-choices"):
+                _choice(FEATURES, settings, "feature")
+                _choice({"rv": "Rot. vector", "rpy": "RPY"}, settings, "rotation")
+            for i in range(6):
+                with ui.element("div").classes("jog-row"):
+                    self._page.live.text(partial(self._axis_name, i), f"jog-name axis-{'xyz'[i % 3]}")
+                    self._page.live.text(partial(self._coordinate, i), "jog-value").props(f"data-testid=tcp-{i}")
+                    self._page.live.text(partial(self._coordinate_unit, i), "jog-unit")
+                    _hold_buttons("axis", i, _AXES[i].lower())
+
+    def joints(self) -> None:
+        """One row each: where it is within its limits, its angle, its buttons."""
+        live = self._page.live
+        with self._page.panel("Joints", "move-jog"):
+            for i, title in enumerate(JOINT_TITLES):
+                with ui.element("div").classes("jog-row joint-row"):
+                    ui.label(title).classes("jog-name")
+                    with ui.element("div").classes("joint-bar"):
+                        bar = ui.element("div").classes("joint-at")
+                        live.bind(bar, "width", partial(_share, i))
+                        live.bind(bar, "state", partial(_nearness, i))
+                    live.text(partial(_angle, i), "jog-value").props(f"data-testid=angle-{i}")
+                    ui.label("°").classes("jog-unit")
+                    _hold_buttons("joint", i, str(i))
+
+    def by_hand(self) -> None:
+        """How fast everything here goes; freedrive."""
+        page, settings = self._page, self._settings
+        with page.panel("Speed and freedrive"):
+            with ui.row().classes("move-speed"):
+                ui.icon("speed")
+                slider = ui.slider(min=1, max=100, value=100 * settings.speed).props("dense data-testid=jog-speed")
+                share = ui.label(f"{100 * settings.speed:.0f} %").classes("live")
+
+            def set_speed(change: Any) -> None:
+                settings.speed = change.value / 100.0
+                share.set_text(f"{change.value:.0f} %")
+
+            slider.on_value_change(set_speed)
+            with ui.row().classes("move-hand"):
+                hold = ui.button("Hold for freedrive", icon="pan_tool", color=None).props(
+                    "no-caps unelevated data-testid=freedrive"
+                )
+                hold.props["data-hold"] = json.dumps({"freedrive": True})
+                keep = ui.button(icon="lock_open", color=None, on_click=self._toggle_freedrive).props("unelevated")
+                keep.props("data-testid=freedrive-keep").tooltip("Freedrive until pressed again")
+            for button in (hold, keep):
+                button.classes("hand")
+                page.live.bind(button, "state", lambda station: "on" if station.mover.freedrive else "off")
+
+    # the numbers
+
+    def _axis_name(self, axis: int, _: Station) -> str:
+        return (_SEEN if self._settings.feature == "view" else _AXES)[axis]
+
+    def _coordinate(self, axis: int, station: Station) -> str:
+        pose = station.values.get("actual_TCP_pose")
+        if pose is None:
+            return _NOTHING
+        if axis < 3:
+            return _rounded(1e3 * pose[axis], 2)
+        if self._settings.as_rpy:
+            return _rounded(degrees(rotvec_to_rpy(*pose[3:])[axis - 3]), 2)
+        return _rounded(pose[axis], 4)
+
+    def _coordinate_unit(self, axis: int, _: Station) -> str:
+        return "mm" if axis < 3 else "°" if self._settings.as_rpy else "rad"
+
+    # what is held
+
+    def _held(self, held: Mapping[str, Any] | None) -> None:
+        mover = self._page.station.mover
+        if held is None:
+            if self._freeing is not None:
+                mover.end_freedrive()
+            self._down = self._dead = False
+        elif not self._dead and self._page.live.screen == "move":
+            try:
+                self._press(held)
+            except MISTAKES as error:
+                self._dead = True
+                self._page.complain(str(error))
+
+    def _press(self, held: Mapping[str, Any]) -> None:
+        if not self._page.agreed:
+            self._dead = True
+            self._asking = asyncio.create_task(self._page.may_move())
+        elif held.get("freedrive") is True:
+            if not self._down:
+                self._freeing = asyncio.create_task(self._free())
+        else:
+            self._page.station.mover.hold(self._velocity(held), self._page)
+        self._down = True
+
+    def _velocity(self, held: Mapping[str, Any]) -> Velocity:
+        """What a button means. Raises ValueError for what none says."""
+        sign = 1.0 if held.get("sign", 0) > 0 else -1.0
+        speeds = [0.0] * 6
+        if "joint" in held:
+            speeds[_index(held["joint"])] = sign * JOINT_TOP * self._settings.speed
+            return Velocity("joints", tuple(speeds))
+        axis = _index(held.get("axis"))
+        top = sign * self._settings.speed * (LINE_TOP if axis < 3 else JOINT_TOP)
+        azimuth = held.get("azimuth", 0.0)
+        axes = self._settings.axes(float(azimuth) if isinstance(azimuth, int | float) and isfinite(azimuth) else 0.0)
+        part = axis // 3 * 3
+        speeds[part : part + 3] = [top * value for value in axes[axis % 3 :: 3]]
+        return Velocity("tool", tuple(speeds))
+
+    async def _free(self) -> None:
+        try:
+            await self._page.attempt(self._page.station.mover.start_freedrive)
+        finally:
+            self._freeing = None
+
+    async def _toggle_freedrive(self) -> None:
+        mover = self._page.station.mover
+        if mover.freedrive:
+            mover.end_freedrive()
+        else:
+            await self._settings.move(mover.start_freedrive)
+
+
+def _choice(options: Mapping[str, str], settings: MoveSettings, what: str) -> None:
+    def choose(change: Any) -> None:
+        if what == "feature":
+            settings.feature = change.value
+        else:
+            settings.write_rotations(as_rpy=change.value == "rpy")
+
+    toggle = ui.toggle(dict(options), value=next(iter(options)), on_change=choose)
+    toggle.props(f"no-caps dense unelevated data-testid={what}").classes("move-choice")
+
+
+def _hold_buttons(kind: str, index: int, mark: str) -> None:
+    for sign, icon, name in ((-1, "remove", "minus"), (1, "add", "plus")):
+        button = (
+            ui.button(icon=icon, color=None)
+            .props(f"unelevated dense data-testid={kind}-{mark}-{name}")
+            .classes("jog-button")
+        )
+        button.props["data-hold"] = json.dumps({kind: index, "sign": sign})
+
+
+def _index(value: Any) -> int:
+    if type(value) is not int or not 0 <= value < 6:
+        raise ValueError(f"there is no axis {value!r}")
+    return value
+
+
+def _rounded(value: float, digits: int) -> str:
+    """With a minus as wide as the digits, and none before a zero."""
+    text = f"{value:.{digits}f}"
+    return text.removeprefix("-") if not text.strip("-0.") else text.replace("-", "\N{MINUS SIGN}")
+
+
+def _angle(joint: int, station: Station) -> str:
+    q = station.values.get("actual_q")
+    return _NOTHING if q is None else _rounded(degrees(q[joint]), 2)
+
+
+def _limits(joint: int, station: Station) -> tuple[float, float]:
+    model = station.model
+    return (-1.0, 1.0) if model is None else (model.q_min[joint], model.q_max[joint])
+
+
+def _share(joint: int, station: Station) -> float:
+    """Where a joint is between its limits [percent]; one without limits turns round and round."""
+    q: Joints | None = station.values.get("actual_q")
+    if q is None:
+        return 50.0
+    low, high = _limits(joint, station)
+    return round(100.0 * max(0.0, min(1.0, (q[joint] - low) / (high - low))), 1)
+
+
+def _nearness(joint: int, station: Station) -> str:
+    q, model = station.values.get("actual_q"), station.model
+    if q is None or model is None:
+        return "far"
+    low, high = model.position_limits
+    return "near" if q[joint] - low[joint] < _NEAR or high[joint] - q[joint] < _NEAR else "far"

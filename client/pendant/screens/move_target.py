@@ -1,0 +1,159 @@
+"""Targets that are typed: joint angles in degrees, or a pose of the TCP in mm and its rotation."""
+
+from functools import partial
+from math import degrees, inf, isfinite, radians
+from typing import Final
+
+from nicegui import ui
+
+from client.pendant.jogging import JOINT_TITLES
+from client.pendant.page import Page
+from client.pendant.screens.move_settings import MoveSettings
+from client.pendant.station import Station
+from urproto.errors import RobotRefused
+from urproto.robots import Joints, RobotModel
+from urproto.robots.pose import Pose, rotvec_to_rpy, rpy_to_rotvec
+
+__all__ = ["joint_target", "pose_target"]
+
+_WIDEST: Final = 360.0  # degrees: of a slider for a joint that has no limit
+_POSITIONS: Final = ("X", "Y", "Z")
+
+
+def joint_target(page: Page, settings: MoveSettings) -> None:
+    """Six sliders and numbers, and what moves the arm there."""
+    numbers = []
+    sliders = []
+    with ui.element("div").classes("target-grid"):
+        for i, title in enumerate(JOINT_TITLES):
+            ui.label(title).classes("jog-name")
+            slider = ui.slider(min=-_WIDEST, max=_WIDEST, step=0.1, value=0.0).props("dense")
+            number = ui.number(value=0.0, format="%.2f", step=1).props(f"dense outlined data-testid=target-joint-{i}")
+            number.bind_value(slider)
+            ui.label("°").classes("jog-unit")
+            numbers.append(number)
+            sliders.append(slider)
+
+    def take_present() -> None:
+        for number, angle in zip(numbers, _present(page, "actual_q"), strict=True):
+            number.set_value(round(degrees(angle), 2))
+
+    def fit(model: RobotModel | None) -> None:
+        if model is not None:
+            for slider, low, high in zip(sliders, *model.position_limits, strict=True):
+                slider.props(f"min={max(degrees(low), -_WIDEST):.1f} max={min(degrees(high), _WIDEST):.1f}")
+            take_present()
+
+    async def move() -> None:
+        q = _within(page.station.model, [radians(_number(number)) for number in numbers])
+        await settings.move(lambda: page.station.mover.move_j(q, "Moving to joint angles", **settings.joint_speed))
+
+    page.live.effect(lambda station: station.model if "actual_q" in station.values else None, fit)
+    with ui.row().classes("target-buttons"):
+        _button(page, "Take present", "my_location", take_present, "joints-present")
+        ui.space()
+        _go(page, "Move to angles", move, "joints-move")
+
+
+def pose_target(page: Page, settings: MoveSettings) -> None:
+    """Six numbers, and what moves the TCP there: joints together, or in a straight line."""
+    with ui.element("div").classes("target-grid pose-grid"):
+        numbers = []
+        for i in range(6):
+            if i < 3:
+                ui.label(_POSITIONS[i]).classes(f"jog-name axis-{'xyz'[i]}")
+            else:
+                page.live.text(partial(_turn, settings, i - 3), "jog-name")
+            number = ui.number(value=0.0, format="%.2f" if i < 3 else "%.4f", step=1 if i < 3 else 0.01)
+            numbers.append(number.props(f"dense outlined data-testid=target-pose-{i}"))
+            if i < 3:
+                ui.label("mm").classes("jog-unit")
+            else:
+                page.live.text(lambda _: "°" if settings.as_rpy else "rad", "jog-unit")
+
+    def show(pose: Pose) -> None:
+        x, y, z, *turn = pose
+        rotation = [degrees(angle) for angle in rotvec_to_rpy(*turn)] if settings.as_rpy else turn
+        for number, value in zip(numbers, [1e3 * x, 1e3 * y, 1e3 * z, *rotation], strict=True):
+            number.set_value(round(value, 4))
+
+    def read(as_rpy: bool) -> Pose:
+        x, y, z, *turn = map(_number, numbers)
+        rx, ry, rz = rpy_to_rotvec(*map(radians, turn)) if as_rpy else turn
+        return (x / 1e3, y / 1e3, z / 1e3, rx, ry, rz)
+
+    async def move() -> None:
+        pose, mover = read(settings.as_rpy), page.station.mover
+        doing = "Moving to a pose"
+        if kind.value == "l":
+            await settings.move(lambda: mover.move_l(pose, doing, **settings.line_speed))
+        else:
+            await settings.move(lambda: mover.move_to_pose(pose, doing, **settings.joint_speed))
+
+    def rewrite(as_rpy: bool) -> None:
+        """The same rotation in the other numbers."""
+        if all(number.value is not None for number in numbers):
+            show(read(not as_rpy))
+
+    settings.on_rotation.append(rewrite)
+
+    def show_first(there: bool) -> None:
+        if there:
+            show(_tcp_pose(page))
+
+    page.live.effect(lambda station: "actual_TCP_pose" in station.values, show_first)
+    with ui.row().classes("target-buttons"):
+        _button(page, "Take present", "my_location", lambda: show(_tcp_pose(page)), "pose-present")
+        ui.space()
+        kind = ui.toggle({"j": "MoveJ", "l": "MoveL"}, value="j").props(
+            "no-caps dense unelevated data-testid=pose-kind"
+        )
+        kind.classes("move-choice")
+        _go(page, "Move to pose", move, "pose-move")
+
+
+def _turn(settings: MoveSettings, axis: int, _: Station) -> str:
+    return (("Roll", "Pitch", "Yaw") if settings.as_rpy else ("RX", "RY", "RZ"))[axis]
+
+
+def _present(page: Page, name: str) -> Joints:
+    values: Joints | None = page.station.values.get(name)
+    if values is None:
+        raise RobotRefused(name, "the robot has not told it yet", "wait until it is connected")
+    return values
+
+
+def _tcp_pose(page: Page) -> Pose:
+    return _present(page, "actual_TCP_pose")
+
+
+def _number(field: ui.number) -> float:
+    if field.value is None or not isfinite(field.value):
+        raise ValueError("a number is missing: fill in all six")
+    return float(field.value)
+
+
+def _within(model: RobotModel | None, q_rad: list[float]) -> list[float]:
+    """Raises ValueError with the limits, in degrees as they are on the screen."""
+    lows, highs = ((-inf,) * 6, (inf,) * 6) if model is None else model.position_limits
+    for title, low, angle, high in zip(JOINT_TITLES, lows, q_rad, highs, strict=True):
+        if not low <= angle <= high:
+            limits = f"{degrees(low):.1f}° and {degrees(high):.1f}°"
+            raise ValueError(f"{title} cannot go to {degrees(angle):.2f}°: its limits are {limits}")
+    return q_rad
+
+
+def _button(page: Page, text: str, icon: str, action: object, mark: str) -> None:
+    async def click() -> None:
+        async def act() -> None:
+            action()  # type: ignore[operator]
+
+        await page.attempt(act)
+
+    ui.button(text, icon=icon, on_click=click).props(f"flat no-caps data-testid={mark}")
+
+
+def _go(page: Page, text: str, action: object, mark: str) -> None:
+    ui.button(text, icon="near_me", on_click=page.doing(action)).props(  # type: ignore[arg-type]
+        f"unelevated no-caps data-testid={mark}"
+    )

@@ -1,0 +1,106 @@
+"use strict";
+// The arm in a NiceGUI scene: see client/pendant/arm_scene.py.
+(() => {
+  const scenes = new Map(); // element id -> what its arm is made of
+
+  const colors = () =>
+    document.body.classList.contains("body--dark")
+      ? { background: "#1a2128", ground: "#1f2830", grid: 0.12 }
+      : { background: "#e9edf1", ground: "#e4e9ee", grid: 0.2 };
+
+  function paint(scene) {
+    const { background, ground, grid } = colors();
+    scene.renderer.setClearColor(background);
+    for (const child of scene.scene.children) {
+      if (child.object_id === "ground") child.material.color.set(ground);
+      if (child.type === "GridHelper") child.material.opacity = grid;
+    }
+  }
+
+  function light(scene) {
+    for (const child of [...scene.scene.children]) {
+      if (child.isAmbientLight) child.intensity = 1.7;
+      if (!child.isDirectionalLight) continue;
+      child.intensity = 1.5;
+      child.position.set(2, -3, 5);
+      const other = child.clone(); // from the other side, so that no side is flat
+      other.intensity = 0.9;
+      other.position.set(-4, 3, 2);
+      scene.scene.add(other);
+    }
+  }
+
+  // A number that is another one when something has moved; sines keep moves from adding up to nothing.
+  function looks(scene) {
+    let sum = scene.$el.clientWidth + 3 * scene.$el.clientHeight;
+    let i = 1;
+    const add = (value) => (sum += value * Math.sin(i++));
+    const addMatrix = (object) => object.matrix.elements.forEach(add);
+    scene.scene.traverse((object) => {
+      object.updateMatrix();
+      addMatrix(object);
+      if (object.visible) add(1);
+    });
+    scene.camera.updateMatrix();
+    addMatrix(scene.camera);
+    return sum;
+  }
+
+  // Renders only what somebody sees, and only when it has changed: graphics may be slow, and batteries small.
+  function render(id, scene) {
+    const draw = scene.renderer.render.bind(scene.renderer);
+    let last = null;
+    let at = 0;
+    scene.renderer.render = (...what) => {
+      if (!scene.$el.offsetParent) return;
+      turn(id, scene);
+      const now = looks(scene);
+      if (now === last && performance.now() - at < 1000) return; // colours, and meshes that have arrived
+      last = now;
+      at = performance.now();
+      draw(...what);
+    };
+    new ResizeObserver(() => scene.$el.clientWidth && scene.resize()).observe(scene.$el);
+  }
+
+  // A scene is made anew when its browser's graphics were lost.
+  function dress(id) {
+    const scene = getElement(id);
+    if (!scene || !scene.renderer || !scene.controls) return;
+    const known = scenes.get(id);
+    if (known.scene === scene.scene) return;
+    known.scene = scene.scene;
+    light(scene);
+    paint(scene);
+    render(id, scene);
+  }
+
+  function turn(id, scene) {
+    const { angles, joints } = scenes.get(id);
+    if (!angles) return;
+    joints.forEach((joint, i) => {
+      const mesh = scene.objects.get(joint)?.mesh;
+      if (mesh) mesh.rotation.z = angles[i];
+    });
+  }
+
+  pendant.dress = (id) => {
+    scenes.set(id, { scene: null, joints: [], angles: null });
+    pendant.followers.set(id, (angles) => (scenes.get(id).angles = angles));
+  };
+  pendant.arm = (id, joints) => (scenes.get(id).joints = joints);
+
+  setInterval(() => [...scenes.keys()].forEach(dress), 200);
+  new MutationObserver(() => [...scenes.keys()].forEach((id) => getElement(id)?.renderer && paint(getElement(id)))).observe(
+    document.body,
+    { attributeFilter: ["class"] },
+  );
+
+  // For feature View: how far what the camera calls right is turned from the base's x axis.
+  pendant.context.azimuth = () => {
+    const seen = [...scenes.keys()].map(getElement).find((scene) => scene?.camera && scene.$el.offsetParent);
+    if (!seen) return 0;
+    const [x, y] = seen.camera.matrixWorld.elements;
+    return Math.atan2(y, x);
+  };
+})();
