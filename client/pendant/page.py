@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Final
 
-from nicegui import ui
+from nicegui import background_tasks, ui
 
 from client import dashboard
 from client.errors import ClientError
@@ -76,6 +76,10 @@ class Page:
             await self.attempt(action, done)
 
         return click
+
+    def soon(self, action: Action) -> None:
+        """Begin to do it, from where nothing can be waited for; what goes wrong is said."""
+        background_tasks.create(self.attempt(action))
 
     async def play(self) -> None:
         """Start or resume the program; a control program of ours gives way."""
