@@ -1,7 +1,7 @@
 "use strict";
 // The arm in a NiceGUI scene: see client/pendant/arm_scene.py.
 (() => {
-  const scenes = new Map(); // element id -> what its arm is made of
+  const scenes = new Map(); // element id -> its THREE scene, and the joints' angles
 
   const colors = () =>
     document.body.classList.contains("body--dark")
@@ -75,20 +75,19 @@
     render(id, scene);
   }
 
+  // Joints are groups that are called "joint 0" and so on.
   function turn(id, scene) {
-    const { angles, joints } = scenes.get(id);
+    const { angles } = scenes.get(id);
     if (!angles) return;
-    joints.forEach((joint, i) => {
-      const mesh = scene.objects.get(joint)?.mesh;
-      if (mesh) mesh.rotation.z = angles[i];
+    scene.scene.traverse((object) => {
+      if (object.name.startsWith("joint ")) object.rotation.z = angles[object.name.slice(6)];
     });
   }
 
   pendant.dress = (id) => {
-    scenes.set(id, { scene: null, joints: [], angles: null });
+    scenes.set(id, { scene: null, angles: null });
     pendant.followers.set(id, (angles) => (scenes.get(id).angles = angles));
   };
-  pendant.arm = (id, joints) => (scenes.get(id).joints = joints);
 
   setInterval(() => [...scenes.keys()].forEach(dress), 200);
   new MutationObserver(() => [...scenes.keys()].forEach((id) => getElement(id)?.renderer && paint(getElement(id)))).observe(
