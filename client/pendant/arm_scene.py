@@ -2,7 +2,8 @@
 
 The scene's axes are those of the robot's base. Joints are groups that turn about their z axes, each in the frame that
 its arm's calibration gives it; the browser turns them (static/screen_arm.js), so nothing else is sent when the arm
-moves; they are found by their names, "joint 0" to "joint 5", as is "tcp". What others add to the scene stays when the arm changes.
+moves. They are found by their names, "joint 0" to "joint 5", as is "tcp". What others add to the scene stays when the
+arm changes.
 """
 
 from collections.abc import Callable, Sequence

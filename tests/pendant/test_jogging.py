@@ -8,6 +8,7 @@ import pytest
 
 from client.pendant.jogging import Bounds, Ramp
 from urproto.robots import MODELS, RobotModel, kinematics_of, load_model
+from urproto.robots.pose import pose_add, rotvec_to_matrix
 
 PERIOD_S = 0.02
 DELAY = 3  # periods between a speed and the angles that show it
@@ -39,8 +40,7 @@ class Arm:
             if self.of == "joints":
                 self.q = [angle + PERIOD_S * speed for angle, speed in zip(self.q, speeds, strict=True)]
             else:
-                x, y, z, *turn = self.kinematics.forward(self.q)
-                goal = (x + PERIOD_S * speeds[0], y + PERIOD_S * speeds[1], z + PERIOD_S * speeds[2], *turn)
+                goal = pose_add([PERIOD_S * speed for speed in speeds], self.kinematics.forward(self.q))
                 found = self.kinematics.inverse_near(goal, self.q, (-math.inf,) * 6, (math.inf,) * 6)
                 assert found is not None, "it was driven out of its reach"
                 self.q = list(found)
@@ -99,29 +99,29 @@ def test_every_joint_stops_just_before_its_limit(name: str, sign: float) -> None
         assert arm.speeds[-1] == only(joint, -sign), "it cannot get away from the limit"
 
 
-def test_a_tool_motion_stops_before_a_joint_is_at_its_limit() -> None:
+def test_a_tool_stops_before_a_joint_is_at_its_limit() -> None:
     model = load_model("ur5e")
-    low, high = model.position_limits
-    start = (*BENT[:5], high[5] - 0.5)
-    arm = Arm(model, start, "tool")
-    arm.run(only(5, -1.0), 4.0)  # turns about the base's z; the arm's simulation does not: so only what is asked for
-    assert arm.ramp.slowed == "" or "limit" in arm.ramp.slowed
-    near = Arm(model, (BENT[0], BENT[1], high[2] - 0.02, *BENT[3:]), "tool")
-    near.run(only(2, -0.25), 1.0)
-    assert all(a <= b <= c for a, b, c in zip(low, near.q, high, strict=True))
+    high = model.position_limits[1][5]
+    arm = Arm(model, (*BENT[:5], high - 0.8), "tool")
+    axis = rotvec_to_matrix(*arm.kinematics.forward(arm.q)[3:])[2::3]  # of the last joint
+    arm.run((0.0, 0.0, 0.0, *axis), 4.0)
+    assert 0.0 < high - arm.q[5] < NEAR_RAD
+    assert "Wrist 3 nears its limit" in arm.slowed
+    arm.run((0.0, 0.0, 0.0, *(-part for part in axis)), 2.0)
+    assert arm.q[5] < high - 0.5
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", ["ur3", "ur5e", "ur20"])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_a_tool_at_the_end_of_its_reach_comes_to_rest_softly(name: str, axis: int, sign: float) -> None:
     model = load_model(name)
     arm = Arm(model, BENT, "tool")
-    arm.run(only(axis, sign * 0.25), 12.0)
-    assert max(abs(speed) for speeds in arm.joint_speeds for speed in speeds) < max(model.qd_max)
+    arm.run(only(axis, sign * 0.25), 11.0)
+    assert max(abs(speed) for speeds in arm.joint_speeds for speed in speeds) < 0.7 * max(model.qd_max)
     assert max(changes([speeds[:3] + (0.0,) * 3 for speeds in arm.speeds])) <= 2.5 + 1e-9
     assert any(arm.slowed), "no way is endless"
-    assert math.hypot(*arm.speeds[-1]) < 0.05
+    assert math.hypot(*arm.speeds[-1]) < 0.001
 
 
 def test_a_tool_that_can_go_its_way_keeps_to_it_at_full_speed() -> None:
@@ -139,7 +139,8 @@ def test_out_of_a_singularity_tools_do_not_move_but_joints_do() -> None:
     upright = (0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0)
     arm = Arm(load_model("ur5e"), upright, "tool")
     arm.run(only(2, -0.1), 1.0)
-    assert arm.q == list(upright)
+    assert arm.q == pytest.approx(upright)
+    assert set(arm.speeds) == {(0.0,) * 6}
     assert "stretched" in arm.ramp.slowed
     arm = Arm(load_model("ur5e"), upright, "joints")
     arm.run(only(2, 0.5), 1.0)
