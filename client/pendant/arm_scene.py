@@ -36,11 +36,11 @@ _ROD_COLOR: Final = "#8a949d"
 _ROD_M: Final = 0.005  # its radius
 _SHORTEST_ROD_M: Final = 0.005
 _AXES: Final = (("#d6453d", (1.0, 0.0, 0.0)), ("#3d9a4a", (0.0, 1.0, 0.0)), ("#2f6fd0", (0.0, 0.0, 1.0)))
-_VIEWS: Final[dict[str, tuple[str, str, Vec3]]] = {  # direction from the arm to the camera
+_VIEWS: Final[dict[str, tuple[str, str, Vec3]]] = {  # text or icon, hint, direction from the arm to the camera
     "reset": ("3d_rotation", "Reset the view", (0.66, -0.68, 0.32)),
-    "front": ("view_in_ar", "From the front: along -x", (1.0, 0.0, 0.02)),
-    "side": ("view_sidebar", "From the side: along y", (0.0, -1.0, 0.02)),
-    "top": ("vertical_align_bottom", "From above", (0.0, -0.001, 1.0)),
+    "front": ("Front", "From the front, along -x", (1.0, 0.0, 0.02)),
+    "side": ("Side", "From the side, along y", (0.0, -1.0, 0.02)),
+    "top": ("Top", "From above, x to the right", (0.0, -0.001, 1.0)),
 }
 _FOV_DEG: Final = 38.0
 _DISTANCE: Final = 3.3  # of the camera, in reaches
@@ -63,13 +63,17 @@ def arm_scene(page: Page) -> ui.scene:
 def camera_buttons(page: Page, scene: ui.scene) -> None:
     """Where to look from."""
     with ui.row().classes("camera-buttons"):
-        for name, (icon, hint, direction) in _VIEWS.items():
+        for name, (label, hint, direction) in _VIEWS.items():
 
             def look(_: object, direction: Vec3 = direction) -> None:
                 if page.station.model is not None:
                     _look_from(scene, page.station.model, direction)
 
-            button = ui.button(icon=icon, on_click=look).props(f"flat dense data-testid=view-{name}")
+            button = ui.button(on_click=look, color=None).props(f"flat dense no-caps data-testid=view-{name}")
+            if name == "reset":
+                button.set_icon(label)
+            else:
+                button.set_text(label)
             button.tooltip(hint).props(f'aria-label="{hint}"')
 
 
