@@ -12,6 +12,7 @@ emulator: $(VENV)/.base
 	$(BIN)/ur-emulator --model $(MODEL) $(ARGS)
 
 test: $(VENV)/.dev
+	tests/system_packages.sh
 	$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
 
 # Ten thousand random programs in virtual time, some minutes; the tests run a few of them.
@@ -41,7 +42,7 @@ $(VENV)/bin/python:
 	$(BIN)/python -m pip install --quiet --upgrade pip
 
 $(VENV)/.base: pyproject.toml | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --editable .
+	$(BIN)/python -m pip install --quiet --editable '.[pendant]'
 	touch $@
 
 $(VENV)/.dev: pyproject.toml | $(VENV)/bin/python

@@ -11,6 +11,7 @@ from pathlib import Path
 import fleet
 import jitter
 import latency
+import pendant
 import rtde_codec
 import startup
 import tick_rate
@@ -34,6 +35,7 @@ def main() -> None:
         jitter.measure(seconds),
         fleet.measure(),
         latency.measure(),
+        pendant.measure(),
         tick_rate.measure(),
         tick_rate.measure_dynamics(),
         rtde_codec.measure(),

@@ -31,7 +31,7 @@ async def _start(model: str) -> tuple[float, float]:
     """Seconds until ready, and resident memory [MiB]."""
     host = f"127.79.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
     began = time.monotonic()
-    command = [sys.executable, "-m", "emulator", "--model", model, "--host", host]
+    command = [sys.executable, "-m", "emulator", "--no-pendant", "--model", model, "--host", host]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:
         while True:

@@ -5,6 +5,7 @@ with Robot("192.168.1.10", calibration=calibration) as robot:     # refuses anot
     robot.tcp_pose_at([0.2, -1.4, 1.5, -1.7, -1.5, 0.1])
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +19,7 @@ from urproto.robots.calibrated import CalibratedKinematics
 
 __all__ = [
     "calibration_of",
+    "described",
     "geometry_of",
     "is_nominal",
     "model_of",
@@ -93,6 +95,14 @@ def model_of(arm: ConfigurationData) -> RobotModel | None:
     alike = [model for model in models if (model.robot_type, model.sub_type) == (arm.robot_type, arm.sub_type)]
     best = min(alike, key=difference, default=None)
     return best if best is not None and difference(best) < _SAME_LENGTH_M else None
+
+
+def described(arm: ConfigurationData, calibration: Calibration) -> RobotModel | None:
+    """The model with what was measured of the arm, if that deviates; None for one that is not known here."""
+    model = model_of(arm)
+    if model is None or calibration.dh == model.dh:
+        return model
+    return replace(model, calibration=calibration.dh)
 
 
 def _nominal(arm: ConfigurationData) -> DH:

@@ -1,122 +1,108 @@
 """``ur-client``: the everyday things, from a terminal, against any robot or emulator."""
 
 import sys
-from pathlib import Path
-from typing import Annotated, Any
+from collections.abc import Mapping
+from typing import Final
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from client import dashboard, primary, rtde
-from client.commands.calibration import calibration_command
-from client.commands.compare import compare_command
-from client.commands.controllers import controllers_app
-from client.commands.decode import decode_command
-from client.commands.describe import describe_command
-from client.commands.doctor import doctor_command
-from client.commands.goal import goal_command, publish_goals_command
-from client.commands.options import PortOffset, RobotIP
-from client.commands.pendant import pendant_command
-from client.commands.plot import plot_command
-from client.commands.proxy import proxy_command
-from client.commands.record import convert_command, record_command, stream_command
-from client.commands.replay import replay_command
-from client.commands.replay_traffic import replay_traffic_command
-from client.commands.tool_comm import tool_comm_command
-from client.commands.watch import watch_command
-from client.errors import ClientError
-from urproto.errors import ProtocolError, RobotRefused
-from urproto.modes import RobotMode, RuntimeState, SafetyMode
-from urproto.robots import CalibrationError
-from urproto.rtde.fields import OUTPUT_FIELDS
+from client.commands.deferred import Deferred, load_from
 
 __all__ = ["app", "main"]
 
-app = typer.Typer(help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+_COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
+    "dashboard": ("dashboard:dashboard_command", "Send one dashboard command and print the answer."),
+    "state": ("state:state_command", "Print what the robot is doing right now."),
+    "send": ("send:send_command", "Send a script; a program is waited for until it runs."),
+    "decode": (
+        "decode:decode_command",
+        "Print a captured stream of any controller port, one line a message.",
+    ),
+    "watch": ("watch:watch_command", "Show values of a robot as they change, until Ctrl-C."),
+    "goal": (
+        "goal:goal_command",
+        "Move the arm to joint angles, smoothly and at rest there; Ctrl-C stops it softly.",
+    ),
+    "publish-goals": (
+        "goal:publish_goals_command",
+        "Send the goals of a file one after the other, each when the one before is reached; Ctrl-C stops softly.",
+    ),
+    "record": ("record:record_command", "Record what a robot does, until Ctrl-C."),
+    "stream": (
+        "record:stream_command",
+        "Show what a robot does in PlotJuggler or Foxglove while it does it, until Ctrl-C.",
+    ),
+    "convert": ("record:convert_command", "Write a recording in another format."),
+    "plot": (
+        "plot:plot_command",
+        "Draw desired and actual positions and speeds, their differences and the speed scaling of a recording.",
+    ),
+    "replay": (
+        "replay:replay_command",
+        "Move the arm along the recorded path: slowly to its start, then as recorded; Ctrl-C stops it softly.",
+    ),
+    "calibration": (
+        "calibration:calibration_command",
+        "Write the robot's calibration in the format of ur_description.",
+    ),
+    "describe": (
+        "describe:describe_command",
+        "Write the URDF of an arm: joints, limits, inertias, geometry and, if there is one, calibration.",
+    ),
+    "doctor": (
+        "doctor:doctor_command",
+        "Examine this machine, the network and the robot; takes some seconds. Exit status 1 if something cannot work.",
+    ),
+    "pendant": ("pendant:pendant_command", "Serve a teach pendant for a robot or an emulator, until Ctrl-C."),
+    "tool-comm": (
+        "tool_comm:tool_comm_command",
+        "Offer the serial line at the robot's tool (e-Series) as a device of this machine, until Ctrl-C.",
+    ),
+    "proxy": (
+        "proxy:proxy_command",
+        "Carry every connection to a robot unchanged, and record it, until Ctrl-C.",
+    ),
+    "ros2-bridge": (
+        "ros2_bridge:ros2_bridge_command",
+        "Offer a robot to ROS 2: joint states, frames, I/O; trajectories and commands. Topics only, see docs/ros2.md.",
+    ),
+    "replay-traffic": (
+        "replay_traffic:replay_traffic_command",
+        "Be the robot of a recording, until Ctrl-C: states by their times, answers by their requests.",
+    ),
+    "compare": (
+        "compare:compare_command",
+        "Tell whether two recordings show the same, and where they part; exit status 1 when they differ.",
+    ),
+    "controllers": ("controllers:controllers_app", "Controllers as of ros2_control."),
+}  # name: where it is below client.commands, and the beginning of its own help: listing it does not load it
 
-_STATE = (
-    "timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction",
-    "actual_q", "actual_qd", "actual_TCP_pose",
-)  # fmt: skip
-_NAMES = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": RuntimeState}
-_MAIN_PROGRAM = "def "  # only such programs report that they started
-
-
-@app.command("dashboard")
-def dashboard_command(
-    line: Annotated[str, typer.Argument(help='A dashboard command, for example "power on".')],
-    robot_ip: RobotIP = "127.0.0.1",
-    port_offset: PortOffset = 0,
-) -> None:
-    """Send one dashboard command and print the answer."""
-    with dashboard.BlockingDashboardClient(robot_ip, dashboard.PORT + port_offset) as robot:
-        typer.echo(robot.ask(dashboard.command(line)))
-
-
-@app.command("state")
-def state_command(robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
-    """Print what the robot is doing right now."""
-    with rtde.BlockingRTDEClient(robot_ip, _STATE, port=rtde.PORT + port_offset) as robot:
-        state = robot.receive()
-        version = robot.core.version
-    table = Table("variable", "value", "unit", title=f"{robot_ip}, PolyScope {version}")
-    for name, value in state.items():
-        table.add_row(name, _readable(name, value), OUTPUT_FIELDS[name].unit)
-    Console(width=100).print(table)
-
-
-@app.command("send")
-def send_command(
-    file: Annotated[Path, typer.Argument(help="A URScript file.", exists=True, dir_okay=False)],
-    robot_ip: RobotIP = "127.0.0.1",
-    port_offset: PortOffset = 0,
-    wait: Annotated[bool, typer.Option("--wait", help="Wait until the program ends.")] = False,
-) -> None:
-    """Send a script; a program is waited for until it runs."""
-    text = file.read_text("utf-8")
-    with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
-        if not text.lstrip().startswith(_MAIN_PROGRAM):
-            robot.run(robot.core.send_script(text))
-            typer.echo(f"sent {file}")
-            return
-        typer.echo(f"{robot.run(robot.core.run_script(text))} is running")
-        if wait:
-            name = robot.run(robot.core.wait_until_stopped(), float("inf"))
-            typer.echo(f"{name} has ended")
-
-
-app.command("decode")(decode_command)
-app.command("watch")(watch_command)
-app.command("goal")(goal_command)
-app.command("publish-goals")(publish_goals_command)
-app.add_typer(controllers_app, name="controllers")
-app.command("record")(record_command)
-app.command("stream")(stream_command)
-app.command("convert")(convert_command)
-app.command("plot")(plot_command)
-app.command("replay")(replay_command)
-app.command("calibration")(calibration_command)
-app.command("describe")(describe_command)
-app.command("doctor")(doctor_command)
-app.command("pendant")(pendant_command)
-app.command("tool-comm")(tool_comm_command)
-app.command("proxy")(proxy_command)
-app.command("replay-traffic")(replay_traffic_command)
-app.command("compare")(compare_command)
-
-
-def _readable(name: str, value: Any) -> str:
-    if name in _NAMES:
-        return _NAMES[name](value).name
-    numbers = value if isinstance(value, tuple) else (value,)
-    return ", ".join(f"{number:.4f}" for number in numbers)
+app = typer.Typer(
+    help=__doc__,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # units in help texts are no markup
+)
+for _name, (_place, _help) in _COMMANDS.items():
+    app.command(_name, cls=Deferred, help=_help)(load_from(f"client.commands.{_place}"))
 
 
 def main() -> None:
     """Entry point of ``ur-client``: errors are one line, exit status 1."""
     try:
         app()
-    except (ClientError, CalibrationError, ProtocolError, RobotRefused, UnicodeDecodeError) as error:
+    except Exception as error:
+        if not isinstance(error, _explained()):
+            raise
         typer.echo(f"ur-client: {error}", err=True)
         sys.exit(1)
+
+
+def _explained() -> tuple[type[Exception], ...]:
+    """Errors that say all there is to say. Their modules are loaded when there is one."""
+    from client.errors import ClientError
+    from urproto.errors import ProtocolError, RobotRefused
+    from urproto.robots import CalibrationError
+
+    return ClientError, CalibrationError, ProtocolError, RobotRefused, UnicodeDecodeError

@@ -7,6 +7,7 @@ ClientError
 ├── DeviceError              a device of this machine cannot be made
 ├── RecordingError           a file of a recording cannot be read, written, or used for this
 │   └── MissingExtraError    a package it needs is not installed
+├── Ros2Error                the ROS 2 side of a bridge cannot be had
 ├── FileError                a file of this machine cannot be used
 ├── ScriptFailedError        a script did not compile or failed while running
 ├── ProgramNotRunningError   the robot's control program is not connected to the driver
@@ -41,11 +42,13 @@ __all__ = [
     "MotionStoppedError",
     "NoAnswerError",
     "OutOfReachError",
+    "PortTakenError",
     "ProgramEndedError",
     "ProgramNotRunningError",
     "ProtectiveStopError",
     "RecordingError",
     "RobotUnreachableError",
+    "Ros2Error",
     "SafetyStopError",
     "ScriptFailedError",
 ]
@@ -106,6 +109,19 @@ class MissingExtraError(RecordingError):
     def __init__(self, what: str, extra: str) -> None:
         super().__init__(f"{what} needs packages that are not installed: pip install 'ur-emulator[{extra}]'")
         self.extra = extra
+
+
+class PortTakenError(ClientError):
+    """A server of ours cannot have its port."""
+
+    def __init__(self, host: str, port: int, reason: str) -> None:
+        super().__init__(f"cannot listen on {host} port {port}: {reason}; choose another --port, or --host")
+        self.host = host
+        self.port = port
+
+
+class Ros2Error(ClientError):
+    """The ROS 2 side of a bridge cannot be had, or not as it is asked for."""
 
 
 class FileError(ClientError):

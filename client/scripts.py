@@ -6,11 +6,12 @@ A text is sent as a program with a name; a controller reports that name, and err
 import itertools
 import re
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Final
 
 from client.errors import ScriptFailedError
 from urproto.errors import LocalProtocolError
-from urproto.modes import ReportLevel, RobotMode, SafetyMode
+from urproto.modes import ReportLevel, SafetyMode
 from urproto.primary.framing import PrimaryMessage
 from urproto.primary.messages import ErrorCodeMessage, RuntimeExceptionMessage, SafetyModeMessage, TextMessage
 from urproto.primary.state import RobotStateData
@@ -120,6 +121,6 @@ class ScriptRun:
         return ScriptResult(self.script.name, tuple(self._texts), tuple(self._errors))
 
 
-def mode_name(modes: type[RobotMode] | type[SafetyMode], value: int) -> str:
+def mode_name(modes: type[IntEnum], value: int) -> str:
     """The mode's name; the number when it has none."""
     return modes(value).name if value in list(modes) else str(value)

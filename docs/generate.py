@@ -14,6 +14,7 @@ from typing import Any
 import typer.main
 
 from client import cli as client_cli
+from client.commands.deferred import Deferred
 from emulator import check, ctl
 from emulator import cli as emulator_cli
 from emulator.builtins import LIBRARIES
@@ -211,6 +212,8 @@ def _urscript_commands() -> Iterable[str]:
 
 def _commands(words: str, command: Any) -> Iterable[tuple[str, Any]]:
     """A command and its subcommands, by the words that call them."""
+    if isinstance(command, Deferred):
+        command = command.load()
     subcommands = getattr(command, "commands", {})
     if not subcommands:
         yield words, command

@@ -5,48 +5,27 @@ has an ``emulator`` of its own it runs that one. The console script does not.
 """
 
 import asyncio
-import json
 import logging
-import signal
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from enum import StrEnum
 from functools import wraps
 from importlib.metadata import version as distribution_version
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn
 
 import typer
 from rich.console import Console
 from rich.logging import RichHandler
 
-from emulator.app import Emulator
-from emulator.clock import claim_real_time
-from emulator.config import (
-    ArmKind,
-    ConfigError,
-    EmulatorConfig,
-    check_encoder_speeds,
-    check_enforced_remote_control,
-    choose_gripper,
-    choose_model,
-    choose_version,
-    read_calibration,
-    read_driver_address,
-    read_faults,
-    read_initial_positions,
-    read_programs_dir,
-    read_safety,
-    read_surroundings,
-)
-from emulator.controller import ControllerConfig
 from emulator.programs.sockets import ScriptNetwork
-from emulator.readiness import NotReady, check_ready
-from emulator.welcome import first_screen, ready_line
+from emulator.robot.kinds import ArmKind
+from urproto.ports import PENDANT_PORT
+
+if TYPE_CHECKING:
+    from emulator.config import EmulatorConfig
 
 __all__ = [
     "ROBOT_OPTIONS",
@@ -56,7 +35,6 @@ __all__ = [
     "main",
     "mistakes_in_one_line",
     "with_robot_options",
-    "write_ports",
 ]
 
 _USAGE_ERROR = 2
@@ -149,29 +127,32 @@ def configure(
     ] = None,
     no_control: Annotated[bool, typer.Option("--no-control", help="Serve no control API.")] = False,
     world: Annotated[Path | None, typer.Option(help="YAML file: what stands around the arm and pushes back.")] = None,
-) -> EmulatorConfig:
+) -> "EmulatorConfig":
     """A robot as the options of the command line say. Raises ConfigError."""
-    robot = read_calibration(calibration, choose_model(model))
+    from emulator import config as checked  # the whole emulator, which a look at the options does not wait for
+    from emulator.controller import ControllerConfig
+
+    robot = checked.read_calibration(calibration, checked.choose_model(model))
     controller = ControllerConfig(
         model=robot,
-        version=choose_version(polyscope, robot),
-        initial_q=read_initial_positions(initial_positions, robot) if initial_positions else None,
+        version=checked.choose_version(polyscope, robot),
+        initial_q=checked.read_initial_positions(initial_positions, robot) if initial_positions else None,
         running=running,
-        programs_dir=read_programs_dir(programs),
+        programs_dir=checked.read_programs_dir(programs),
         remote_control=remote_control,
-        enforce_remote_control=check_enforced_remote_control(enforce_remote_control, robot),
-        encoder_speeds=check_encoder_speeds(encoder0_speed, encoder1_speed),
-        gripper=choose_gripper(gripper, gripper_object),
+        enforce_remote_control=checked.check_enforced_remote_control(enforce_remote_control, robot),
+        encoder_speeds=checked.check_encoder_speeds(encoder0_speed, encoder1_speed),
+        gripper=checked.choose_gripper(gripper, gripper_object),
         gripper_object_mm=gripper_object,
-        safety=read_safety(safety, robot),
+        safety=checked.read_safety(safety, robot),
         self_collision=self_collision,
         wall_clock_s=time.time(),
         dynamic=arm is ArmKind.DYNAMIC,
         seed=seed,
-        external_control=read_driver_address(external_control),
-        world=read_surroundings(world),
+        external_control=checked.read_driver_address(external_control),
+        world=checked.read_surroundings(world),
     )
-    return EmulatorConfig(
+    return checked.EmulatorConfig(
         controller=controller,
         host=host,
         port_offset=port_offset,
@@ -183,7 +164,7 @@ def configure(
         control=not no_control,
         control_host=control_host,
         control_token=control_token,
-        faults=read_faults(fault or ()),
+        faults=checked.read_faults(fault or ()),
     )
 
 
@@ -215,19 +196,30 @@ def _run(
     ports_file: Annotated[Path | None, typer.Option(help="Write the ports here as JSON once ready.")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
+    no_pendant: Annotated[bool, typer.Option("--no-pendant", help="Start no teach pendant.")] = False,
+    pendant_port: Annotated[int, typer.Option(help="Where browsers find the teach pendant.")] = PENDANT_PORT,
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
     """Stand in for a Universal Robots controller on this machine. Not for validating safety."""
+    from emulator.serve import serve
+
     log_to_stderr(log_level)
     with mistakes_in_one_line():
-        asyncio.run(_serve(configure(**robot), ports_file, exit_when_ready=exit_when_ready))
+        config = configure(**robot)
+        if exit_when_ready or no_pendant or config.ephemeral_ports:
+            asyncio.run(serve(config, ports_file, exit_when_ready=exit_when_ready))
+        else:
+            asyncio.run(serve(config, ports_file, pendant_port))
 
 
 @contextmanager
 def mistakes_in_one_line() -> Iterator[None]:
     """Turn what the user can mend into one line on standard error and exit status 2."""
+    from emulator.config import ConfigError
+    from emulator.readiness import NotReady
+
     try:
         yield
     except ConfigError as error:
@@ -238,47 +230,6 @@ def mistakes_in_one_line() -> Iterator[None]:
         _fail(error.strerror or str(error))
     except KeyboardInterrupt:  # where the event loop cannot handle signals
         pass
-
-
-async def _serve(config: EmulatorConfig, ports_file: Path | None, *, exit_when_ready: bool) -> None:
-    console = Console(highlight=False)
-    emulator = Emulator(replace(config, faults=()))  # they begin once it has proven to be ready
-    if config.speed == 1.0:
-        logging.getLogger(__name__).info("granted by the system: %s", ", ".join(claim_real_time()))
-    async with emulator:
-        _stop_on_signals(emulator.stop)
-        console.print(first_screen(emulator))
-        await check_ready(config.host, emulator.ports, elsewhere={"control": config.host_of("control")})
-        if ports_file is not None:
-            write_ports(ports_file, emulator.ports)
-        emulator.inject(config.faults)
-        console.print(ready_line(emulator))
-        if not exit_when_ready:
-            await emulator.stopped.wait()
-    console.print("Stopped.")
-
-
-def _stop_on_signals(stop: Callable[[], None]) -> None:
-    """End cleanly on the first Ctrl-C; a second one interrupts."""
-    loop = asyncio.get_running_loop()
-
-    def stop_once(number: signal.Signals) -> None:
-        loop.remove_signal_handler(number)
-        stop()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        if sys.platform != "win32":
-            loop.add_signal_handler(number, stop_once, number)
-
-
-def write_ports(path: Path, ports: object) -> None:
-    """Complete or not at all: others wait for the file."""
-    draft = path.with_name(f"{path.name}.part")
-    try:
-        draft.write_text(json.dumps(ports, indent=2) + "\n")
-        draft.replace(path)
-    except OSError as error:
-        raise ConfigError(f"cannot write {path}: {error.strerror}") from error
 
 
 def log_to_stderr(level: LogLevel) -> None:

@@ -4,7 +4,6 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Final
@@ -32,7 +31,6 @@ from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 __all__ = [
     "JOINT_NAMES",
     "PORTS",
-    "ArmKind",
     "ConfigError",
     "EmulatorConfig",
     "check_encoder_speeds",
@@ -40,6 +38,7 @@ __all__ = [
     "choose_gripper",
     "choose_model",
     "choose_version",
+    "is_loopback",
     "read_calibration",
     "read_driver_address",
     "read_faults",
@@ -58,13 +57,6 @@ _FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder
 _POLYSCOPE_X_MAJOR: Final = 10
 _MAJOR: Final = {Series.CB3: 3, Series.E: 5}
 _NEWEST_CB3_MINOR: Final = 15  # the CB3 line ended with 3.15
-
-
-class ArmKind(StrEnum):
-    """What moves the arm: its targets, exactly, or torques."""
-
-    IDEAL = "ideal"
-    DYNAMIC = "dynamic"
 
 
 class ConfigError(ValueError):
@@ -107,7 +99,7 @@ class EmulatorConfig:
         most = _LAST_PORT - max(PORTS[name] for name in self._port_names)
         if not 0 <= self.port_offset <= most:
             raise ConfigError(f"the port offset must be from 0 to {most}, not {self.port_offset}")
-        if self.control and not self.control_token and not _is_loopback(self.host_of("control")):
+        if self.control and not self.control_token and not is_loopback(self.host_of("control")):
             raise ConfigError(f"the control API on {self.control_host} could be used by anybody: give it a token")
         if not 1 <= self.modbus_unit_port <= _LAST_PORT:
             raise ConfigError(f"the port of Modbus units must be from 1 to {_LAST_PORT}, not {self.modbus_unit_port}")
@@ -121,7 +113,7 @@ class EmulatorConfig:
         """The address that a server listens on."""
         if server != "control":
             return self.host
-        return self.control_host or (self.host if _is_loopback(self.host) else _LOOPBACK)
+        return self.control_host or (self.host if is_loopback(self.host) else _LOOPBACK)
 
     @property
     def _version(self) -> PolyscopeVersion:
@@ -258,7 +250,7 @@ def check_enforced_remote_control(wanted: bool, model: RobotModel) -> bool:
     return wanted
 
 
-def _is_loopback(host: str) -> bool:
+def is_loopback(host: str) -> bool:
     """Whether only this machine reaches what listens there."""
     try:
         return host == "localhost" or ip_address(host).is_loopback

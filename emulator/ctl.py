@@ -15,6 +15,7 @@ from rich.text import Text
 
 from emulator.control.remote import ControlClient
 from emulator.control.verbs import BadArguments, NotPossible
+from urproto.ports import CONTROL_API_PORT
 
 __all__ = ["main"]
 
@@ -37,7 +38,7 @@ def _ctl(
         list[str] | None, typer.Argument(help="Arguments in order, or name=value; several numbers as 1,2,3.")
     ] = None,
     host: Annotated[str, typer.Option(help="Address of the control API.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Its port.")] = 30080,
+    port: Annotated[int, typer.Option(help="Its port.")] = CONTROL_API_PORT,
     token: Annotated[str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="Its token.")] = "",
     file: Annotated[
         Path | None, typer.Option("--file", "-f", help="Of save: where to write. Of restore: what to read.")

@@ -3,8 +3,11 @@
 from collections.abc import Mapping
 from typing import Final
 
-from urproto.ports import CONTROLLER_PORTS
+from urproto.ports import CONTROL_API_PORT, CONTROLLER_PORTS
 
 __all__ = ["PORTS"]
 
-PORTS: Final[Mapping[str, int]] = {**CONTROLLER_PORTS, "control": 30080}  # a controller's, and one of our own
+PORTS: Final[Mapping[str, int]] = {
+    **CONTROLLER_PORTS,
+    "control": CONTROL_API_PORT,
+}  # a controller's, and one of our own

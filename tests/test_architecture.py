@@ -21,6 +21,7 @@ MAY_IMPORT = {
 }
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
+    "cyclonedds": ("client.ros2.dds", "client.ros2.idl"),
     "coal": ("emulator.world.links",),
     "h11": ("emulator.programs.rpc.httpclient", "emulator.servers.control"),
     "msgspec": ("emulator.control", "emulator.faults", "emulator.servers.control", "emulator.fleet.plan"),
@@ -28,6 +29,7 @@ THIRD_PARTY = {
     "httpx": ("client.pendant.behind",),
     "nicegui": ("client.pendant",),
     "foxglove": ("client.recording.live",),
+    "websockets": ("client.recording.live",),
     "matplotlib": ("client.recording.plots",),
     "mcap": ("client.recording.mcapfile",),
     "numpy": ("urproto.robots.dynamics", "emulator.world.links", "client.recording", "client.traffic"),
@@ -54,7 +56,9 @@ MAY_TOUCH_OUTSIDE = (
     "emulator.clock",
     "emulator.app",
     "emulator.cli",
-    "emulator.run_command",
+    "emulator.pendant",
+    "emulator.script_run",
+    "emulator.serve",
     "emulator.readiness",
     "emulator.fleet.worker",
     "emulator.control.remote",
@@ -89,8 +93,13 @@ def syntax_tree(name: str) -> ast.Module:
     return ast.parse(module_path(name).read_text())
 
 
-def imports(name: str, *, at_import_time: bool = False) -> Iterator[str]:
+@cache
+def imports(name: str, *, at_import_time: bool = False) -> frozenset[str]:
     """Absolute dotted names that a module imports; optionally only those executed on import."""
+    return frozenset(_imports(name, at_import_time))
+
+
+def _imports(name: str, at_import_time: bool) -> Iterator[str]:
     nodes = _executed_on_import(syntax_tree(name)) if at_import_time else ast.walk(syntax_tree(name))
     for node in nodes:
         if isinstance(node, ast.Import):
@@ -107,7 +116,7 @@ def _executed_on_import(tree: ast.AST) -> Iterator[ast.AST]:
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             continue
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
             continue
         yield node
         yield from _executed_on_import(node)
@@ -156,7 +165,7 @@ def test_only_the_codec_of_what_brings_sockets_along(name: str) -> None:
 
 def test_pinocchio_is_not_loaded_by_importing_the_language_or_the_protocols() -> None:
     for name in modules():
-        if "pinocchio" in set(imports(name, at_import_time=True)):
+        if "pinocchio" in imports(name, at_import_time=True):
             assert name == "urproto.robots.dynamics"
 
 

@@ -5,7 +5,7 @@ from typing import Final
 
 from urproto.robotiq import PORT as GRIPPER_PORT
 
-__all__ = ["CONTROLLER_PORTS"]
+__all__ = ["CONTROLLER_PORTS", "CONTROL_API_PORT", "PENDANT_PORT"]
 
 CONTROLLER_PORTS: Final[Mapping[str, int]] = {
     "dashboard": 29999,
@@ -21,3 +21,9 @@ CONTROLLER_PORTS: Final[Mapping[str, int]] = {
     "gripper": GRIPPER_PORT,
     "tool line": 54321,  # as the vendor's RS485 URCap has it
 }
+
+CONTROL_API_PORT: Final = 30080
+"""Of an emulator; a controller has none."""
+
+PENDANT_PORT: Final = 6080
+"""Where browsers find the teach pendant, as they find PolyScope's screen of the vendor's simulator."""

@@ -1,1 +1,1 @@
-"""Commands of ``ur-client`` that are more than a call; ``client.cli`` has the others."""
+"""The commands of ``ur-client``, each in a module that ``client.cli`` names and loads when it is called."""

@@ -6,17 +6,16 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from client.commands.control import ControllersOption, MakeReady, Target, controllers_file, run
+from client.commands.control import ControllersOption, MakeReady, Target, controllers_file, run, watch
 from client.commands.options import PortOffset, RobotIP
 from client.controllers import types
 from client.controllers.controller import CONTROLLER_TYPES
-from client.controllers.loop import ControlLoop
 from client.controllers.parameters import Reading, read_parameters
 from client.errors import ControllerError
 
 __all__ = ["controllers_app"]
 
-controllers_app = typer.Typer(help="Controllers as of ros2_control.", no_args_is_help=True)
+controllers_app = typer.Typer(help="Controllers as of ros2_control.", no_args_is_help=True, rich_markup_mode=None)
 _WIDTH = 120
 
 
@@ -79,21 +78,9 @@ def load_command(
             loop.manager.activate(*names)
             for note in loop.manager.notes:
                 typer.echo(f"note: {note}", err=True)
-            await _watch(loop)
+            await watch(loop)
 
     run(work())
-
-
-async def _watch(loop: ControlLoop) -> None:
-    before: list[str] = []
-    while True:
-        lines = [f"{info.name} [{info.type}] {info.state}" for info in loop.manager.list_controllers()]
-        if lines != before:
-            typer.echo("\n".join(lines))
-            before = lines
-        if not loop.manager.active():
-            raise ControllerError("controllers", "none is active any more: the lines above and the log say why")
-        await loop.cycles()
 
 
 def _notes(name: str, kind: str, parameters: object) -> tuple[list[str], bool]:

@@ -7,14 +7,14 @@ from typing import Annotated
 import typer
 
 from client import primary
-from client.calibration import calibration_of, model_of, read_calibration
+from client.calibration import calibration_of, described, read_calibration
 from client.commands.options import PortOffset
 from client.errors import FileError
 from urproto.errors import RobotRefused
 from urproto.robots import MODELS, RobotModel, UnknownModel, load_model
 from urproto.robots.description import MeshesMissing, urdf
 
-__all__ = ["describe_command"]
+__all__ = ["describe_command", "model_of_robot"]
 
 
 def describe_command(
@@ -34,7 +34,7 @@ def describe_command(
     if (model is None) == (robot_ip is None):
         raise typer.BadParameter("give either a model or --robot-ip")
     try:
-        arm = load_model(model.lower()) if model else _asked(robot_ip or "", primary.PORT + port_offset)
+        arm = load_model(model.lower()) if model else model_of_robot(robot_ip or "", port_offset)
         if calibration is not None:
             measured = read_calibration(calibration)
             measured.check_model(arm)
@@ -49,13 +49,14 @@ def describe_command(
     typer.echo(f"{output}: {arm.title}, " + ("nominal" if arm.calibration is None else "calibrated"))
 
 
-def _asked(host: str, port: int) -> RobotModel:
-    with primary.BlockingPrimaryClient(host, port) as robot:
+def model_of_robot(host: str, port_offset: int = 0) -> RobotModel:
+    """A robot's arm with its calibration. Raises RobotRefused when it is not known here."""
+    with primary.BlockingPrimaryClient(host, primary.PORT + port_offset) as robot:
         calibration = calibration_of(robot.run(robot.core.kinematics_info()))
         arm = robot.run(robot.core.configuration_data())
-    model = model_of(arm)
+    model = described(arm, calibration)
     if model is None:
         known = ", ".join(MODELS)
         what = f"robot type {arm.robot_type}, sub type {arm.sub_type}"
         raise RobotRefused("its model", f"it is not known here ({what})", f"known are {known}")
-    return model if calibration.dh == model.dh else replace(model, calibration=calibration.dh)
+    return model

@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from client.commands.options import PortOffset
+from client.commands.options import ROBOT_IP_VARIABLE, PortOffset
 from client.doctor.findings import Finding, Grade, exit_status
 from client.doctor.machine import examine_machine
 from client.doctor.network import examine_own_ports, examine_ports, examine_replies, examine_stream
@@ -21,7 +21,9 @@ _STYLES = {Grade.GOOD: "green", Grade.UNKNOWN: "dim", Grade.WEAK: "yellow", Grad
 
 def doctor_command(
     robot: Annotated[str | None, typer.Argument(metavar="ROBOT_IP", help="The robot, if any.")] = None,
-    robot_ip: Annotated[str | None, typer.Option("--robot-ip", help="The same, as for other commands.")] = None,
+    robot_ip: Annotated[
+        str | None, typer.Option("--robot-ip", envvar=ROBOT_IP_VARIABLE, help="The same, as for other commands.")
+    ] = None,
     port_offset: PortOffset = 0,
     calibration: Annotated[Path | None, typer.Option(help="Calibration file that should be this robot's.")] = None,
 ) -> None:

@@ -8,8 +8,18 @@ from typing import Annotated
 
 import typer
 
-from client.commands.control import ControllersOption, MakeReady, Target, follow, run, say_result
+from client.commands.control import (
+    ControllersOption,
+    MakeReady,
+    RecordOption,
+    SpeedSlider,
+    Target,
+    follow,
+    run,
+    say_result,
+)
 from client.commands.options import PortOffset, RobotIP
+from client.commands.record import Overwrite, check_free
 from client.controllers import JOINTS, ControlledRobot, ControlLoop, JointTrajectory, JointTrajectoryPoint
 from client.controllers.goal_files import GOAL_TIME_S, GoalFile, NamedGoal, read_goals
 
@@ -25,6 +35,9 @@ def goal_command(
     controller: Annotated[str, typer.Option(help="Which trajectory controller.")] = _CONTROLLER,
     controllers: ControllersOption = None,
     make_ready: MakeReady = False,
+    record: RecordOption = None,
+    overwrite: Overwrite = False,
+    speed_slider: SpeedSlider = None,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
@@ -32,7 +45,7 @@ def goal_command(
     q = tuple(radians(angle) for angle in _angles(positions)) if degrees else _angles(positions)
     if not time > 0.0:
         raise typer.BadParameter(f"--time has to be above 0 s, not {time}")
-    target = Target(robot_ip, port_offset, controllers, make_ready)
+    target = _target(robot_ip, port_offset, controllers, make_ready, record, overwrite, speed_slider)
     point = JointTrajectoryPoint(q, (0.0,) * len(q), time_from_start_s=time)
     run(go(target, controller, JointTrajectory(JOINTS, (point,))))
 
@@ -45,6 +58,9 @@ def publish_goals_command(
     controller: Annotated[str | None, typer.Option(help="Another controller than the file says.")] = None,
     controllers: ControllersOption = None,
     make_ready: MakeReady = False,
+    record: RecordOption = None,
+    overwrite: Overwrite = False,
+    speed_slider: SpeedSlider = None,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
@@ -59,7 +75,22 @@ def publish_goals_command(
         typer.echo(f"note: {note}", err=True)
     if controller is not None:
         goals = replace(goals, controller=controller)
-    run(publish(Target(robot_ip, port_offset, controllers, make_ready), goals, time, rounds))
+    target = _target(robot_ip, port_offset, controllers, make_ready, record, overwrite, speed_slider)
+    run(publish(target, goals, time, rounds))
+
+
+def _target(
+    robot_ip: str,
+    port_offset: int,
+    controllers: Path | None,
+    make_ready: bool,
+    record: Path | None,
+    overwrite: bool,
+    speed_slider: float | None,
+) -> Target:
+    if record is not None:
+        check_free(record, overwrite)
+    return Target(robot_ip, port_offset, controllers, make_ready, record, speed_slider)
 
 
 def _angles(text: str) -> tuple[float, ...]:
@@ -89,11 +120,12 @@ async def publish(target: Target, goals: GoalFile, time_s: float, rounds: int) -
         while rounds == 0 or done < rounds:
             for number, goal in enumerate(goals.goals):
                 last = number == len(goals.goals) - 1 and done == rounds - 1
-                await _one(loop, goals, goal, time_s, last)
+                title = f"{goal.name} ({number + 1}/{len(goals.goals)})"
+                await _one(loop, goals, goal, title, time_s, last)
             done += 1
 
 
-async def _one(loop: ControlledRobot, goals: GoalFile, goal: NamedGoal, time_s: float, last: bool) -> None:
+async def _one(loop: ControlledRobot, goals: GoalFile, goal: NamedGoal, title: str, time_s: float, last: bool) -> None:
     began_s = loop.manager.time_s
     if goals.commands:
         typer.echo(f"{goal.name}: {_listed(goal.point.positions)}")
@@ -101,7 +133,7 @@ async def _one(loop: ControlledRobot, goals: GoalFile, goal: NamedGoal, time_s: 
     else:
         point = replace(goal.point, time_from_start_s=time_s)
         trajectory = JointTrajectory(goals.joints or JOINTS, (point,))
-        say_result(goal.name, await follow(loop, goals.controller, trajectory, goal.name))
+        say_result(goal.name, await follow(loop, goals.controller, trajectory, title))
     while (goals.commands or not last) and loop.manager.time_s < began_s + goals.wait_s:
         await loop.cycles()
 

@@ -10,6 +10,7 @@ import typer
 
 from client.commands.options import PortOffset, RobotIP
 from client.recording.extras import extra
+from urproto.ports import PENDANT_PORT
 
 __all__ = ["pendant_command"]
 
@@ -20,7 +21,7 @@ def pendant_command(
     host: Annotated[
         str, typer.Option(help="Address to serve on; 0.0.0.0 lets other machines move the robot.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Where browsers find it.")] = 6080,
+    port: Annotated[int, typer.Option(help="Where browsers find it.")] = PENDANT_PORT,
     control_port: Annotated[
         int | None, typer.Option(help="Of an emulator's control API, if it is not the usual one.")
     ] = None,
@@ -44,7 +45,7 @@ def pendant_command(
     if with_parent:
         threading.Thread(target=_end_with_standard_input, name="parent watch", daemon=True).start()
     station = Station(robot_ip, port_offset, control_port, modbus_port, control_token, meshes, poses or _own_poses())
-    serve(station, host, port, lambda: typer.echo(f"Pendant of {robot_ip}: http://{host}:{port}"))
+    serve(station, host, port, lambda: typer.echo(f"Teach pendant of {robot_ip}: http://{host}:{port}"))
 
 
 def _own_poses() -> Path:

@@ -8,14 +8,24 @@ from typing import Annotated, Any, Final, TypeAlias
 import typer
 
 from client import rtde
+from client.commands.describe import model_of_robot
 from client.commands.following import Interrupts, Sink, follow
 from client.commands.options import PortOffset, RobotIP
 from client.connection import DEFAULT_TIMEOUT_S
-from client.errors import RecordingError
+from client.errors import ClientError, RecordingError
+from client.recording import live
 from client.recording.files import Recorder, Writer, convert, field_names, read
-from client.recording.live import FOXGLOVE_PORT, PLOTJUGGLER_PORT, FoxgloveServer, PlotJugglerSender, address_of
+from client.recording.live import (
+    FOXGLOVE_PORT,
+    PLOTJUGGLER_PORT,
+    PLOTJUGGLER_WEBSOCKET_PORT,
+    FoxgloveServer,
+    address_of,
+)
 from client.recording.recording import Recording
 from client.recording.stamps import Stamps
+from urproto.errors import ProtocolError, RobotRefused
+from urproto.robots.description import urdf as urdf_of
 
 __all__ = ["Overwrite", "check_free", "convert_command", "read_telling", "record_command", "stream_command"]
 
@@ -58,7 +68,11 @@ def record_command(
 def stream_command(
     plotjuggler: Annotated[
         str | None,
-        typer.Option("--plotjuggler", help=f"Its UDP server (protocol JSON): udp://127.0.0.1:{PLOTJUGGLER_PORT}."),
+        typer.Option(
+            "--plotjuggler",
+            help=f"Its UDP server, udp://127.0.0.1:{PLOTJUGGLER_PORT}, or its WebSocket server, "
+            f"ws://127.0.0.1:{PLOTJUGGLER_WEBSOCKET_PORT}; protocol json.",
+        ),
     ] = None,
     foxglove: Annotated[bool, typer.Option("--foxglove", help="Let Foxglove connect (see --listen).")] = False,
     listen: Annotated[
@@ -66,7 +80,9 @@ def stream_command(
     ] = f"ws://127.0.0.1:{FOXGLOVE_PORT}",
     urdf: Annotated[
         Path | None,
-        typer.Option("--urdf", help="A description of the arm, for Foxglove's 3D panel.", exists=True, dir_okay=False),
+        typer.Option(
+            "--urdf", help="For Foxglove's 3D panel; without it the robot is asked.", exists=True, dir_okay=False
+        ),
     ] = None,
     fields: Fields = None,
     frequency: Annotated[float, typer.Option("--frequency", help="How often a second.")] = _STREAM_HZ,
@@ -83,9 +99,10 @@ def stream_command(
         robot = _connect(opened, interrupts, robot_ip, port_offset, names, frequency)
         writers: list[Writer] = []
         if plotjuggler:
-            writers.append(PlotJugglerSender(*address_of(plotjuggler, "udp", PLOTJUGGLER_PORT)))
+            writers.append(live.plotjuggler(plotjuggler))
         if foxglove:
-            server = FoxgloveServer(names, *address_of(listen, "ws", FOXGLOVE_PORT), _text(urdf))
+            description = _text(urdf) if urdf else _described(robot_ip, port_offset)
+            server = FoxgloveServer(names, *address_of(listen, "ws", FOXGLOVE_PORT), description)
             writers.append(server)
             typer.echo(f"Foxglove: open a connection to {listen.rpartition(':')[0]}:{server.port}", err=True)
         for writer in writers:
@@ -156,8 +173,17 @@ def _stamped(writers: Sequence[Writer]) -> list[Sink]:
     return [write]
 
 
-def _text(path: Path | None) -> str | None:
+def _described(robot_ip: str, port_offset: int) -> str | None:
+    """The robot's URDF; None, and it is told why, where it cannot be had: everything else works without."""
     try:
-        return path.read_text("utf-8") if path else None
+        return urdf_of(model_of_robot(robot_ip, port_offset))
+    except (ClientError, ProtocolError, RobotRefused) as error:
+        typer.echo(f"no arm in Foxglove's 3D panel: {error}", err=True)
+        return None
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text("utf-8")
     except UnicodeDecodeError as error:
         raise RecordingError(f"{path} is no text: {error}") from error

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from client.commands.options import PortOffset, RobotIP
+from client.commands.progress import MotionProgress
 from client.commands.record import read_telling
 from client.driver.config import ROBOT_PORTS
 from client.errors import ClientError
@@ -84,15 +83,15 @@ def _ask(address: str, robot: Robot, path: JointPath) -> None:
 def _move(robot: Robot, path: JointPath) -> None:
     robot.move_j(path.start_rad, speed_rad_s=_APPROACH_RAD_S, acceleration_rad_s2=_APPROACH_RAD_S2)
     robot.sequence(path.points(), wait=False)
-    columns = (TextColumn("replay"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("replay", total=path.duration_s)
-        last_s = robot.state.timestamp_s
+    with MotionProgress("replay") as progress:
+        done_s, last_s = 0.0, robot.state.timestamp_s
         while robot.moving:
             try:
                 robot.wait_done(_LOOK_S)
             except TimeoutError:
                 now_s = robot.state.timestamp_s
-                bar.advance(task, (now_s - last_s) * robot.state.speed_fraction)
+                done_s += (now_s - last_s) * robot.state.speed_fraction
                 last_s = now_s
+                progress.update(min(1.0, done_s / path.duration_s))
+        progress.update(1.0)
     robot.wait_done()  # a failure between two looks

@@ -17,7 +17,6 @@ from client.commands.options import PortOffset, RobotIP
 from client.connection import DEFAULT_TIMEOUT_S
 from client.decoding import show
 from client.recipes import unknown_fields
-from client.recording.tables import CsvWriter
 from urproto.rtde.fields import OUTPUT_FIELDS
 
 __all__ = ["state_table", "watch_command"]
@@ -86,6 +85,8 @@ def _cell(name: str, value: Any) -> str:
 
 
 def _csv_sink(path: Path, names: list[str], opened: ExitStack) -> Sink:
+    from client.recording.tables import CsvWriter  # numpy: a table on the screen does without
+
     try:
         writer = CsvWriter(path, names)
     except OSError as error:

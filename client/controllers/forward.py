@@ -66,11 +66,15 @@ class ForwardCommandController(Controller[Any]):
     def command(self, values: Sequence[float]) -> None:
         """What to command from now on, joint by joint. Raises ControllerError, also while it is not active."""
         self.check_active()
+        self.check(values)
+        self._values = tuple(values)
+
+    def check(self, values: Sequence[float]) -> None:
+        """Whether they could be commanded. Raises ControllerError."""
         if len(values) != len(self.parameters.joints):
             raise self.error(f"{len(values)} commands came for {len(self.parameters.joints)} joints")
         if not all(map(math.isfinite, values)):
             raise self.error(f"these commands are no numbers: {list(values)}")
-        self._values = tuple(values)
 
     def update(self, time_s: float, period_s: float) -> None:
         if self._values is not None:

@@ -71,9 +71,18 @@ class GoalFile:
             if not low <= q <= high:
                 raise ControllerError(
                     self.node,
-                    f"the arm does not stand where it has to at the start: {joint} is at {q:.3f} rad, "
-                    f"not between {low:g} and {high:g}; move it there first",
+                    f"the arm does not stand where it has to at the start: {joint} is at {q:.3f} rad, not between "
+                    f'{low:g} and {high:g}; move it there first: ur-client goal --positions "{self._start(q_rad)}"',
                 )
+
+    def _start(self, q_rad: Mapping[str, float]) -> str:
+        """Where the arm may start, from where it stands: joints that are outside their limits go to the middle."""
+        limits = self.starting_point_limits
+        nearest = {
+            joint: q if (pair := limits.get(joint, (q, q)))[0] <= q <= pair[1] else sum(pair) / 2.0
+            for joint, q in q_rad.items()
+        }
+        return ",".join(f"{q:.3f}" for q in nearest.values())
 
 
 def read_goals(path: Path, node: str | None = None) -> GoalFile:

@@ -49,9 +49,13 @@ class IOStates:
 
 @dataclass(frozen=True, slots=True)
 class ToolData:
-    """Of the tool connector: [V], [A], [degC]; mode is urproto.modes.ToolMode."""
+    """Of the tool connector: [V], [A], [degC]; mode is urproto.modes.ToolMode.
+
+    An analog input is in V where its type is 1, in A where it is 0.
+    """
 
     analog_in: tuple[float, ...]
+    analog_types: tuple[int, ...]
     output_voltage: float
     output_current: float
     temperature: float
@@ -211,6 +215,7 @@ class GPIOController(Controller[GPIOParameters]):
     def _tool_data(self) -> ToolData:
         return ToolData(
             self._values("gpio/tool_analog_input", 2),
+            tuple(self._whole(f"gpio/tool_analog_input_type_{pin}") for pin in range(2)),
             self._state("gpio/tool_output_voltage"),
             self._state("gpio/tool_output_current"),
             self._state("gpio/tool_temperature"),

@@ -173,7 +173,8 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         """
         if isinstance(goal, JointTrajectory):
             goal = FollowJointTrajectory(goal)
-        self._check(goal.trajectory)
+        self.check_active()
+        self.check(goal.trajectory)
         try:
             tolerances = with_goal(self._defaults, goal, self.joints)
         except ToleranceError as error:
@@ -184,7 +185,8 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
 
     def command(self, trajectory: JointTrajectory) -> None:
         """Follow a trajectory without a result, as from the topic ~/joint_trajectory; raises as `send_goal`."""
-        self._check(trajectory)
+        self.check_active()
+        self.check(trajectory)
         self._preempt()
         self._tolerances, self._pending = self._defaults, trajectory
 
@@ -216,8 +218,8 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         length_s = self._path.points[-1].time_from_start_s
         return min(max((self._path_s - self._path.start_s) / length_s, 0.0), 1.0) if length_s > 0.0 else 1.0
 
-    def _check(self, trajectory: JointTrajectory) -> None:
-        self.check_active()
+    def check(self, trajectory: JointTrajectory) -> None:
+        """Whether it would be taken, were the controller active. Raises GoalRejectedError."""
         given = self.parameters
         TrajectoryRules(
             self.name,

@@ -1,7 +1,7 @@
 """Loads controllers, lends them interfaces, and calls them once a cycle: read, update, write."""
 
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any, Final
@@ -13,6 +13,7 @@ from client.controllers.hardware import Hardware
 from client.controllers.interfaces import Interfaces
 from client.controllers.modes import MOTION, mode_of
 from client.controllers.parameters import Reading, read_parameters
+from client.driver.endpoint import tell
 from client.errors import ControllerError
 
 __all__ = ["ControllerInfo", "ControllerManager", "InterfaceInfo"]
@@ -47,7 +48,8 @@ class ControllerManager:
     """The controllers of one robot; `cycle` is called with each state of it, everything else between cycles.
 
     file: types and parameters of controllers by name. notes: what the parameters of loaded
-    controllers said that is not known, or has no effect here.
+    controllers said that is not known, or has no effect here. on_load: called with each controller
+    that is loaded.
     """
 
     def __init__(self, hardware: Hardware, file: ControllersFile, update_rate_hz: float, prefix: str = "") -> None:
@@ -55,6 +57,7 @@ class ControllerManager:
         self.file = file
         self.update_rate_hz = update_rate_hz
         self.notes: list[str] = []
+        self.on_load: list[Callable[[Controller[Any]], object]] = []
         self.time_s = 0.0
         self._prefix = prefix
         self._controllers: dict[str, Controller[Any]] = {}
@@ -72,6 +75,7 @@ class ControllerManager:
         self._note(name, reading)
         controller = kind(name, read, self.update_rate_hz)
         self._controllers[name] = controller
+        tell(self.on_load, controller)
         return controller
 
     def _note(self, name: str, reading: Reading) -> None:
@@ -204,6 +208,14 @@ class ControllerManager:
         """Those that are updated, in the order they were loaded."""
         return [controller for controller in self._controllers.values() if controller.active]
 
+    def moving(self) -> list[Controller[Any]]:
+        """Those that move the arm."""
+        return [
+            controller
+            for controller in self.active()
+            if any(mode_of(name, self._prefix) in MOTION for name in controller.command_interfaces)
+        ]
+
     def list_controllers(self) -> list[ControllerInfo]:
         """All that are loaded."""
         return [
@@ -231,7 +243,7 @@ class ControllerManager:
         if self.hardware.failure is not None:
             self.stop_motion(self.hardware.failure)
         if (halt := self.hardware.take_halt()) is not None:
-            for controller in self._moving():
+            for controller in self.moving():
                 controller.on_halt(halt)
         for controller in self.active():
             try:
@@ -241,17 +253,9 @@ class ControllerManager:
                 self._drop([controller])
         self.hardware.write(time_s, period_s)
 
-    def _moving(self) -> list[Controller[Any]]:
-        """Active controllers that move the arm."""
-        return [
-            controller
-            for controller in self.active()
-            if any(mode_of(name, self._prefix) in MOTION for name in controller.command_interfaces)
-        ]
-
     def stop_motion(self, reason: str) -> None:
         """Deactivate what moves the arm, and let its goals end, because the arm cannot be moved."""
-        if moving := self._moving():
+        if moving := self.moving():
             _logger.error("controllers are deactivated: %s", reason)
             for controller in moving:
                 controller.on_halt(reason)

@@ -11,6 +11,7 @@ with BlockingControlledRobot("192.168.1.10", make_ready=True) as robot:
 
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -19,6 +20,7 @@ from client.controllers.controller import LifecycleState
 from client.controllers.goals import FollowJointTrajectory, JointTrajectory, Result
 from client.controllers.loop import RTDE_OUTPUTS, ControlLoop
 from client.controllers.manager import ControllerManager
+from client.controllers.recorded import DEFAULT_FIELDS, listen, recorded
 from client.controllers.ur_states import JOINTS
 from client.driver import points
 from client.driver.blocking import Blocking, blocking
@@ -34,7 +36,8 @@ class ControlledRobot(ControlLoop):
     """A control loop that brings its robot along; options are those of `client.driver.DriverConfig`.
 
     make_ready: power the arm on and release its brakes if need be; else a robot that is not
-    ready is a RobotRefused. file: the usual controllers when None.
+    ready is a RobotRefused. file: the usual controllers when None. record: a file for what the
+    robot and its trajectory controllers do (.mcap; .csv and .npz hold the robot alone).
     """
 
     def __init__(
@@ -44,19 +47,27 @@ class ControlledRobot(ControlLoop):
         *,
         prefix: str = "",
         make_ready: bool = False,
+        record: Path | str | None = None,
         **options: Any,
     ) -> None:
-        outputs = tuple(dict.fromkeys((*RTDE_OUTPUTS, *options.pop("outputs", ()))))
+        wanted = DEFAULT_FIELDS if record else ()
+        outputs = tuple(dict.fromkeys((*RTDE_OUTPUTS, *wanted, *options.pop("outputs", ()))))
         self.robot = AsyncRobot(host, outputs=outputs, **options)
         super().__init__(self.robot.driver, file, prefix=prefix)
         self._make_ready = make_ready
+        self._record = Path(record) if record else None
         self._opened = AsyncExitStack()
 
     async def __aenter__(self) -> Self:
         async with AsyncExitStack() as opening:
             await opening.enter_async_context(self.robot)
             await (self.robot.make_ready() if self._make_ready else self.driver.start_program())
+            recorder = None
+            if self._record is not None:
+                recorder = await opening.enter_async_context(recorded(self.driver, self._record))
             await super().__aenter__()
+            if recorder is not None:
+                listen(recorder, self.manager)
             self._opened = opening.pop_all()
         return self
 

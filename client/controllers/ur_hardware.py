@@ -2,7 +2,8 @@
 
 While the robot waits (a stop, a pause, its program on the way back), nothing is commanded and
 the speed scaling is 0, so that trajectories wait too. When it goes on the scaling rises
-gradually, and setpoints begin where the arm stands and come back to where they should be.
+gradually, and setpoints begin where the arm stands and come back to where they should be. A
+paused program is told once where that is: its first step would be to its last setpoint.
 """
 
 import asyncio
@@ -31,6 +32,11 @@ _WAITING: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.SAFEGUARD_STOP)  # a p
 _BACK_S: Final = 10.0  # guess: how long after such a stop somebody may take to start the program again
 _RISE_PER_PERIOD: Final = 0.01  # Universal_Robots_ROS2_Driver: of the speed scaling after a pause
 _RETURN_S: Final = 0.5  # guess: to bring the arm back to its path after a stop
+_ENDED: Final = (
+    "the control program on the robot has ended (when setpoints are 0.2 s late it ends itself: ur-client doctor "
+    "looks at this machine): start it, then activate again"
+)
+_STANDS_RAD_S: Final = 0.005  # guess: above the noise of an arm that stands
 
 _logger = logging.getLogger(__name__)
 
@@ -65,9 +71,11 @@ class URHardware:
         self._velocities = self._orders.joints("velocity")
         self._efforts = self._orders.joints("effort")
         self._actual = self._states.joints("position")
+        self._speeds = self._states.joints("velocity")
         self._ready = False
         self._scaling = 1.0
         self._waits = False
+        self._stands = False  # and the program knows where
         self._forgiven_s = 0.0  # until when the program may be missing
         self._offset = [0.0] * len(JOINTS)
         self._return_s = 0.0
@@ -122,7 +130,7 @@ class URHardware:
             return None
         if time_s < self._forgiven_s:
             return None
-        return "the control program on the robot has ended: start it, then activate again"
+        return _ENDED
 
     def take_halt(self) -> str | None:
         halt, self._orders.contact = self._orders.contact, None
@@ -178,7 +186,16 @@ class URHardware:
             self._transfer()
         if self._ready:
             self._tell(lambda: self._move(period_s))
+            self._stands = False
+        elif not self._stands:
+            self._tell(self._stand)
         self._orders.obey()
+
+    def _stand(self) -> None:
+        at_rest = max(map(abs, self._speeds.get())) < _STANDS_RAD_S
+        if at_rest and CommandMode.POSITION in self._modes and self._driver.program_running:
+            self._driver.servoj(self._actual.get(), self._timeout_s)
+            self._stands = True
 
     def _move(self, period_s: float) -> None:
         if CommandMode.POSITION in self._modes:

@@ -4,13 +4,12 @@ Names and meaning: the hardware interface of Universal_Robots_ROS2_Driver. What 
 report stays NaN.
 """
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from client.controllers.interfaces import Interfaces
 from urproto.joints import JOINT_NAMES as JOINTS
-from urproto.robots.pose import pose_inv, pose_trans, wrench_trans
+from urproto.robots.pose import pose_inv, pose_trans, rotvec_to_quaternion, wrench_trans
 from urproto.versions import PolyscopeVersion, Series
 
 __all__ = ["JOINTS", "RTDE_OUTPUTS", "URStates"]
@@ -67,7 +66,6 @@ _OTHERS: Final = (
     "tool_contact/tool_contact_result",
     "tool_contact/tool_contact_state",
 )
-_LEVEL: Final = 1e-16
 
 
 class URStates:
@@ -113,7 +111,7 @@ class URStates:
             ("actual_q", self.joints("position").put),
             ("actual_qd", self.joints("velocity").put),
             ("actual_current", self.joints("effort").put),
-            ("actual_TCP_pose", lambda value: pose.put((*value[:3], *_quaternion(value[3:])))),
+            ("actual_TCP_pose", lambda value: pose.put((*value[:3], *rotvec_to_quaternion(*value[3:])))),
         ]
         rows += [(variable, self._part([name]).fill) for variable, name in _SINGLE.items()]
         rows += [(variable, self._part(names).put) for variable, names in _VECTORS.items()]
@@ -146,13 +144,3 @@ class URStates:
 
 def _names(groups: Iterable[Sequence[str]]) -> tuple[str, ...]:
     return tuple(name for group in groups for name in group)
-
-
-def _quaternion(rotation: Sequence[float]) -> tuple[float, float, float, float]:
-    """x, y, z, w of a rotation vector [rad]."""
-    angle = math.hypot(*rotation)
-    if angle < _LEVEL:
-        return (0.0, 0.0, 0.0, 1.0)
-    x, y, z = rotation
-    scale = math.sin(angle / 2.0) / angle
-    return (x * scale, y * scale, z * scale, math.cos(angle / 2.0))

@@ -171,7 +171,8 @@ class DriverCore:
         if self.robot.safety_mode not in MOVABLE:
             raise RobotRefused(
                 "start of the control program",
-                f"its safety mode is {self.robot.safety_mode.name}: clear the cause, then unlock or restart the safety",
+                f"its safety mode is {self.robot.safety_mode.name}: clear the cause, then unlock "
+                "(dashboard: unlock protective stop) or restart the safety",
             )
         if self.robot.robot_mode is not RobotMode.RUNNING:
             raise RobotRefused(

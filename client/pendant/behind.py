@@ -1,19 +1,23 @@
 """Behind the scenes of an emulator: its control API, which a robot does not have."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import httpx
 
 from client.errors import ClientError
+from client.pendant.asked import Asked
 from client.pendant.dialogues import Dialogues
 
-__all__ = ["CONTROL_PORT", "Behind", "BehindError"]
+__all__ = ["Behind", "BehindError"]
 
-CONTROL_PORT: Final = 30080
 _LOOK_AGAIN_S: Final = 0.5
+_LOOK_EVERY_S: Final = 1.0
+_CATALOGUE: Final = ("describe", "fault_kinds", "ports", "safety_causes")
+_OF_TIME: Final = ("set_speed", "pause_time", "resume_time", "step")
 _OK: Final = 200
+_UNAUTHORIZED: Final = 401
 
 
 class BehindError(ClientError):
@@ -23,19 +27,61 @@ class BehindError(ClientError):
 class Behind:
     """Verbs of an emulator's control API (docs/control_verbs.md). available: there is one; so this is no robot.
 
-    token: what the emulator was told to ask for.
+    port: 0 for none. token: what the emulator was told to ask for. locked: it asks for another one. time: what the
+    verb of this name says, empty before. catalogue: results of verbs that stay the same. tell: called when there is
+    news to show.
     """
 
-    def __init__(self, host: str, port: int, token: str = "") -> None:
+    def __init__(self, host: str, port: int, token: str, tell: Callable[[], None]) -> None:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
+        self._port = port
         base = f"http://{host}:{port}"
         self._http = httpx.AsyncClient(base_url=base, headers=headers, timeout=5.0, trust_env=False)
+        self._tell = tell
+        self._watched: dict[str, Asked[Any]] = {}
         self.available = False
+        self.locked = False
         self.verbs: frozenset[str] = frozenset()
+        self.catalogue: Mapping[str, Any] = {}
+        self.time: Mapping[str, Any] = {}
 
     async def close(self) -> None:
         """End the connection."""
+        for asked in self._watched.values():
+            await asked.close()
         await self._http.aclose()
+
+    def watch(self, verb: str) -> Asked[Any]:
+        """The result of a verb without arguments, asked for every second while a page shows it."""
+        if verb not in self._watched:
+            self._watched[verb] = Asked(lambda: self.call(verb), _LOOK_EVERY_S, self._tell)
+        return self._watched[verb]
+
+    async def change(self, verb: str, **arguments: Any) -> Any:
+        """As ``call``, for a verb that changes what is watched: that is asked for at once."""
+        try:
+            result = await self.call(verb, **arguments)
+            if verb in _OF_TIME:
+                await self.look_at_the_time()
+            return result
+        finally:
+            for asked in self._watched.values():
+                asked.refresh()
+
+    async def look_at_the_time(self) -> None:
+        """Ask for ``time``. Raises BehindError."""
+        before, self.time = self.time, await self.call("time")
+        names = ("paused", "speed", "time_s") if self.time["paused"] else ("paused", "speed")
+        if any(before.get(name) != self.time[name] for name in names):
+            self._tell()
+
+    async def stands_still(self) -> bool:
+        """Time is paused: no wonder that nothing comes."""
+        try:
+            await self.look_at_the_time()
+        except BehindError:
+            return False
+        return bool(self.time["paused"])
 
     async def call(self, verb: str, **arguments: Any) -> Any:
         """The result of a verb. Raises BehindError with the emulator's reason."""
@@ -52,19 +98,22 @@ class Behind:
 
     async def follow(self, dialogues: Dialogues) -> None:
         """Look whether there is an emulator, and which dialogues it shows, for ever."""
-        while True:
+        while self._port:
             try:
                 if not self.available:
                     await self._find()
                 dialogues.are(await self.call("popups"))
+                await self.look_at_the_time()
             except BehindError:
-                self.available = False
+                self.available, self.time = False, {}
             await asyncio.sleep(_LOOK_AGAIN_S)
 
     async def _find(self) -> None:
         try:
             response = await self._http.get("/verbs")
+            self.locked = response.status_code == _UNAUTHORIZED
             self.verbs = frozenset(entry["name"] for entry in response.json())
         except (httpx.HTTPError, ValueError, TypeError, KeyError) as error:
             raise BehindError(f"no control API at {self._http.base_url}") from error
+        self.catalogue = {verb: await self.call(verb) for verb in _CATALOGUE if verb in self.verbs}
         self.available = response.status_code == _OK

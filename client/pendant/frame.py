@@ -1,15 +1,19 @@
 """The frame around the screens: what the robot is and does on top, program and speed below."""
 
+from typing import TypeAlias
+
 from nicegui import ui
 
 from client import dashboard
 from client.pendant.page import Page
 from client.pendant.popups import show_dialogues
-from client.pendant.screens import SCREENS
+from client.pendant.screens import SCREENS, Screen
 from client.pendant.station import Station
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 
 __all__ = ["build"]
+
+_Unbuilt: TypeAlias = dict[str, tuple[Screen, ui.tab_panel]]
 
 _GOOD_SAFETY = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 
@@ -19,13 +23,9 @@ def build(page: Page, first: str) -> None:
     tabs = _header(page, first)
     _lost(page)
     with ui.tab_panels(tabs, value=first, animated=False).classes("screens") as panels:
-        for screen in SCREENS:
-            page.live.building = screen.name
-            with ui.tab_panel(screen.name).classes("screen"):
-                screen.build(page)
-    page.live.building = None
-    panels.on_value_change(lambda change: _shown(page, change.value))
-    page.live.show(first)
+        unbuilt = {screen.name: (screen, ui.tab_panel(screen.name).classes("screen")) for screen in SCREENS}
+    _show(page, unbuilt, first)
+    panels.on_value_change(lambda change: _change(page, unbuilt, change.value))
     _footer(page, tabs)
     show_dialogues(page)
 
@@ -47,9 +47,20 @@ def _header(page: Page, first: str) -> ui.tabs:
     return tabs
 
 
-def _shown(page: Page, name: str) -> None:
-    page.live.show(name)
+def _change(page: Page, unbuilt: _Unbuilt, name: str) -> None:
+    _show(page, unbuilt, name)
     ui.run_javascript(f"history.replaceState(null, '', '/{name}')")
+
+
+def _show(page: Page, unbuilt: _Unbuilt, name: str) -> None:
+    """A screen is built when somebody wants to see it first: most pages are there for one or two."""
+    if name in unbuilt:
+        screen, panel = unbuilt.pop(name)
+        page.live.building = name
+        with panel:
+            screen.build(page)
+        page.live.building = None
+    page.live.show(name)
 
 
 def _robot(station: Station) -> str:
@@ -103,8 +114,13 @@ def _speed_slider(page: Page) -> None:
         await page.attempt(lambda: station.set_speed_slider(fraction))
 
     slider.on("change", move)
-    page.live.effect(lambda s: round(100 * s.values.get("target_speed_fraction", 1.0)), slider.set_value)
-    page.live.text(lambda s: f"{100 * s.values.get('target_speed_fraction', 1.0):.0f} %", "speed-text")
+    page.live.effect(_percent, slider.set_value)
+    page.live.text(lambda s: f"{_percent(s)} %", "speed-text")
+
+
+def _percent(station: Station) -> int:
+    fraction: float = station.values.get("target_speed_fraction", 1.0)
+    return round(100 * fraction)
 
 
 def mode_text(mode: RobotMode) -> str:

@@ -18,8 +18,9 @@ from client.pendant.station import FRAME_HZ, Station
 
 __all__ = ["Held", "Live"]
 
-Kind = Literal["text", "state", "value", "joints", "points", "width"]
+Kind = Literal["text", "state", "value", "joints", "points", "width", "bits", "cells", "plot", "samples"]
 Read = Callable[[Station], Any]
+Take = Callable[[bool], Any]
 Held = Callable[[Mapping[str, Any] | None], None]
 
 _FRAME_S: Final = 1.0 / FRAME_HZ
@@ -43,10 +44,21 @@ class _Effect:
     last: Any = _NEVER
 
 
+@dataclass(slots=True)
+class _Stream:
+    target: int
+    kind: Kind
+    take: Take
+    screen: str | None
+    fresh: bool = True
+
+
 class Live:
     """Of one browser's page. screen: which one it shows; ``building``: which one its elements are made for now.
 
+    connection: counts its web sockets, one after the other, so that who sends only what is new can begin anew.
     on_held: told by the browser which jog button is held, several times a second, and None when it is let go.
+    on_show: told which screen is in view, "" when the browser is gone.
     on_lost: told that the browser is gone, or not reachable for now.
     """
 
@@ -57,10 +69,14 @@ class Live:
         self.page_id = page_id
         self.screen = ""
         self.building: str | None = None
+        self.connection = 0
         self.on_held: list[Held] = []
+        self._listeners: dict[str, Callable[[Any], object]] = {}
+        self.on_show: list[Callable[[str], None]] = []
         self.on_lost: list[Callable[[], None]] = []
         self._bindings: list[_Binding] = []
         self._effects: list[_Effect] = []
+        self._streams: list[_Stream] = []
         self._again = asyncio.Event()
         self.pages[page_id] = self
 
@@ -68,6 +84,7 @@ class Live:
         """The browser is gone."""
         self.pages.pop(self.page_id, None)
         self._lose()
+        self.show("")
 
     # what is shown
 
@@ -79,7 +96,8 @@ class Live:
         """Let something of an element follow the robot.
 
         text: its content. state: its attribute data-state, for style sheets. width: percent, of a bar. value: given to
-        the element's own method ``follow`` in the browser, as are joints and points; see static/pendant.js.
+        the element's own method ``follow`` in the browser, as are joints and points; see static/pendant.js. The kinds
+        of single screens are in static/screen_*.js.
         """
         self._bindings.append(_Binding(element.id, kind, read, self.building))
         return element
@@ -88,9 +106,18 @@ class Live:
         """Call ``apply`` with what ``read`` gives whenever that has changed: for what NiceGUI itself has to do."""
         self._effects.append(_Effect(read, apply, self.building))
 
+    def stream(self, element: ui.element, kind: Kind, take: Take) -> None:
+        """Let a browser have all of something that goes on: ``take`` gives what came since it was last asked, or None.
+
+        It is told True when the browser has nothing yet.
+        """
+        self._streams.append(_Stream(element.id, kind, take, self.building))
+
     def show(self, screen: str) -> None:
         """Another screen is in view."""
         self.screen = screen
+        for tell in self.on_show:
+            tell(screen)
         self._again.set()
 
     # the web socket
@@ -98,8 +125,11 @@ class Live:
     async def serve(self, socket: WebSocket) -> None:
         """Send changes until the browser goes away. It may come back: then everything is sent again."""
         await socket.accept()
+        self.connection += 1
         for binding in self._bindings:
             binding.last = _NEVER
+        for stream in self._streams:
+            stream.fresh = True
         sending = asyncio.create_task(self._send_frames(socket))
         try:
             while True:
@@ -111,14 +141,22 @@ class Live:
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
 
+    def hear(self, word: str, tell: Callable[[Any], object]) -> None:
+        """Call ``tell`` with what the browser says by ``pendant.say({word: value})``, and None when it goes away."""
+        self._listeners[word] = tell
+
     def _hear(self, message: Any) -> None:
-        if isinstance(message, dict) and "held" in message:
+        if not isinstance(message, dict):
+            return
+        for word in message.keys() & self._listeners.keys():
+            self._listeners[word](message[word])
+        if "held" in message:
             held = message["held"]
             for tell in self.on_held:
                 tell(held if isinstance(held, dict) else None)
 
     def _lose(self) -> None:
-        self._hear({"held": None})
+        self._hear({"held": None, **dict.fromkeys(self._listeners)})
         for tell in self.on_lost:
             tell()
 
@@ -146,4 +184,9 @@ class Live:
             if binding.screen in (None, screen) and (value := binding.read(station)) != binding.last:
                 binding.last = value
                 changed.append((binding.target, binding.kind, value))
+        for stream in self._streams:
+            if stream.screen in (None, screen):
+                fresh, stream.fresh = stream.fresh, False
+                if (value := stream.take(fresh)) is not None:
+                    changed.append((stream.target, stream.kind, value))
         return changed

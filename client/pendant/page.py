@@ -25,13 +25,14 @@ class Page:
     """Handed to every screen that builds a part of it.
 
     station: the robot, shared by all pages. live: what changes by itself. confirmed: somebody has agreed that this
-    real arm may be moved from here.
+    real arm may be moved from here. on_close: called when the browser is gone.
     """
 
     def __init__(self, station: Station, live: Live) -> None:
         self.station = station
         self.live = live
         self.confirmed = False
+        self.on_close: list[Callable[[], None]] = []
         self._content = ui.context.client.content
         station.mover.on_error.append(self.complain)
         live.on_held.append(self._stop_when_let_go)
@@ -40,6 +41,8 @@ class Page:
         """The browser is gone."""
         self.station.mover.on_error.remove(self.complain)
         self.live.close()
+        for end in self.on_close:
+            end()
 
     # telling
 
@@ -76,6 +79,8 @@ class Page:
 
     async def play(self) -> None:
         """Start or resume the program; a control program of ours gives way."""
+        if not await self.may_move():
+            return
         station = self.station
         if station.runtime_state not in (RuntimeState.PAUSED, RuntimeState.PAUSING):
             await station.mover.give_back()

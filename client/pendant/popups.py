@@ -1,82 +1,99 @@
-"""The robot's dialogues, on whatever screen one is."""
+"""The robot's dialogues, and its protective stop, on whatever screen one is."""
 
-from typing import Any
+from math import ceil
+from typing import Any, Final
 
 from nicegui import ui
 
 from client import dashboard
-from client.pendant.dialogues import Dialogue
+from client.pendant.dialogues import ANSWERABLE, Dialogue, typed_answer
 from client.pendant.page import Page
 from client.pendant.station import Station
+from urproto.errorcodes import error_text
 from urproto.modes import RequestedType
 
 __all__ = ["show_dialogues"]
 
-_ELSEWHERE = "Robots take answers on their own pendant only."
+_ELSEWHERE: Final = "This question can be answered on the robot's own pendant only."
+_ICONS: Final = {"error": "error", "warning": "warning"}
 
 
 def show_dialogues(page: Page) -> None:
-    """Show the oldest open dialogue above everything, the next when that is gone."""
+    """Show the oldest open dialogue above everything, the next when that is gone, and a protective stop above it."""
     with ui.dialog().props("persistent") as dialog:
         card = ui.card().classes("dialogue").props("data-testid=dialogue")
-    shown: list[Dialogue | None] = [None]
 
-    def show(oldest: Dialogue | None) -> None:
-        shown[0] = oldest
+    def show(what: tuple[Dialogue | None, bool]) -> None:
+        dialogue, answerable = what
         card.clear()
-        if oldest is None:
+        if dialogue is None:
             dialog.close()
             return
         with card:
-            _build(page, oldest)
+            _build(page, dialogue, answerable)
         dialog.open()
 
-    page.live.effect(_oldest, show)
+    page.live.effect(lambda station: (station.dialogues.oldest, station.behind.available), show)
+    _protective_stop(page)
 
 
-def _oldest(station: Station) -> Dialogue | None:
-    return next(iter(station.dialogues.open.values()), None)
-
-
-def _build(page: Page, dialogue: Dialogue) -> None:
-    icon = {"error": "error", "warning": "warning"}.get(dialogue.severity, "info")
+def _head(severity: str, title: str) -> None:
     with ui.row().classes("items-center no-wrap"):
-        ui.icon(icon).classes(f"dialogue-icon {dialogue.severity}")
-        ui.label(dialogue.title).classes("text-h6")
-    ui.label(dialogue.text).classes("dialogue-text")
-    with ui.row().classes("w-full justify-end items-center"):
-        if dialogue.type is RequestedType.NONE:
-            ui.button("OK", on_click=page.doing(lambda: _close(page.station, dialogue))).props("data-testid=popup-ok")
-        elif page.station.behind.available:
-            _answers(page, dialogue)
-        else:
-            ui.label(_ELSEWHERE)
-            ui.button("Hide", on_click=lambda: page.station.dialogues.close(dialogue.number)).props("flat")
+        ui.icon(_ICONS.get(severity, "info")).classes(f"dialogue-icon {severity}")
+        ui.label(title).classes("text-h6")
+
+
+# popups and questions
+
+
+def _build(page: Page, dialogue: Dialogue, emulated: bool) -> None:
+    _head(dialogue.severity, dialogue.title)
+    ui.label(dialogue.text).classes("dialogue-text").props("data-testid=dialogue-text")
+    if dialogue.type is RequestedType.NONE:
+        with _buttons():
+            ok = ui.button("OK", on_click=page.doing(lambda: _close(page.station, dialogue)))
+            ok.props("data-testid=popup-ok autofocus")
+    elif emulated and dialogue.type in ANSWERABLE:
+        _answers(page, dialogue)
+    else:
+        ui.label(_ELSEWHERE)
+        with _buttons():
+            hide = ui.button("Hide", on_click=lambda: page.station.dialogues.close(dialogue.number))
+            hide.props("flat data-testid=answer-hide")
+
+
+def _buttons() -> ui.row:
+    return ui.row().classes("dialogue-buttons")
 
 
 def _answers(page: Page, dialogue: Dialogue) -> None:
-    def answer(value: Any) -> Any:
-        return page.doing(lambda: _answer(page.station, dialogue, value))
-
-    ui.button("Cancel", on_click=answer(None)).props("flat").props("data-testid=answer-cancel")
     if dialogue.type is RequestedType.BOOLEAN:
-        ui.button("No", on_click=answer(False)).props("data-testid=answer-no")
-        ui.button("Yes", on_click=answer(True)).props("data-testid=answer-yes")
+        with _buttons():
+            _answer_button(page, dialogue, "Cancel", None, "answer-cancel").props("flat")
+            _answer_button(page, dialogue, "No", False, "answer-no")
+            _answer_button(page, dialogue, "Yes", True, "answer-yes")
         return
-    box = ui.input().props("autofocus outlined dense").props("data-testid=answer")
+    box = ui.input().props("autofocus outlined dense data-testid=answer").classes("w-full")
+    if dialogue.type is not RequestedType.STRING:
+        box.props(f"inputmode={'numeric' if dialogue.type is RequestedType.INTEGER else 'decimal'}")
 
     async def submit() -> None:
-        await page.attempt(lambda: _answer(page.station, dialogue, _value(dialogue.type, box.value or "")))
+        try:
+            value = typed_answer(dialogue.type, box.value or "")
+        except ValueError as error:
+            box.error = str(error)
+            return
+        await page.attempt(lambda: _answer(page.station, dialogue, value))
 
     box.on("keydown.enter", submit)
-    ui.button("OK", on_click=submit).props("data-testid=answer-ok")
+    with _buttons():
+        _answer_button(page, dialogue, "Cancel", None, "answer-cancel").props("flat")
+        ui.button("OK", on_click=submit).props("data-testid=answer-ok")
 
 
-def _value(kind: RequestedType, text: str) -> int | float | str:
-    """What somebody typed. Raises ValueError."""
-    if kind is RequestedType.INTEGER:
-        return int(text)
-    return float(text) if kind is RequestedType.FLOAT else text
+def _answer_button(page: Page, dialogue: Dialogue, text: str, value: bool | None, mark: str) -> ui.button:
+    click = page.doing(lambda: _answer(page.station, dialogue, value))
+    return ui.button(text, on_click=click).props(f"data-testid={mark}")
 
 
 async def _close(station: Station, dialogue: Dialogue) -> None:
@@ -91,3 +108,34 @@ async def _close(station: Station, dialogue: Dialogue) -> None:
 async def _answer(station: Station, dialogue: Dialogue, value: Any) -> None:
     await station.behind.call("answer_popup", popup_id=dialogue.number, value=value)
     station.dialogues.close(dialogue.number)
+
+
+# the protective stop
+
+
+def _protective_stop(page: Page) -> None:
+    station = page.station
+    with ui.dialog().props("persistent") as dialog, ui.card().classes("dialogue").props("data-testid=stop-dialogue"):
+        _head("error", "Protective stop")
+        cause = ui.label().classes("dialogue-text").props("data-testid=stop-cause")
+        ui.label("See why the arm was stopped before you enable it.").classes("dialogue-advice")
+        with _buttons():
+            ui.button("Not now", on_click=station.stops.hide).props("flat data-testid=stop-hide")
+            enable = ui.button(on_click=page.doing(lambda: station.ask(dashboard.UNLOCK_PROTECTIVE_STOP)))
+            enable.props("data-testid=stop-enable")
+
+    def count_down(seconds: int) -> None:
+        enable.set_text(f"Enable robot in {seconds} s" if seconds else "Enable robot")
+        enable.set_enabled(not seconds)
+
+    page.live.effect(lambda s: s.stops.shown is not None, dialog.set_value)
+    page.live.effect(_cause, cause.set_text)
+    page.live.effect(lambda s: ceil(s.stops.unlock_in_s), count_down)
+
+
+def _cause(station: Station) -> str:
+    stop = station.stops.current
+    if stop is None or stop.cause is None:
+        return "The robot has not said why."
+    report = stop.cause
+    return f"{report.label}: {report.text.strip() or error_text(report.code, report.argument)}"

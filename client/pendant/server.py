@@ -15,15 +15,15 @@ from fastapi import WebSocket
 from fastapi.responses import PlainTextResponse
 from nicegui import app, ui
 
+from client.errors import PortTakenError
 from client.pendant import frame
 from client.pendant.live import Live
 from client.pendant.page import Page
 from client.pendant.screens import SCREENS
 from client.pendant.station import Station
 
-__all__ = ["PORT", "serve"]
+__all__ = ["serve"]
 
-PORT: Final = 6080
 _STATIC: Final = Path(__file__).with_name("static")
 _SHEETS: Final = ("pendant.css", *sorted(path.name for path in _STATIC.glob("screen_*.css")))
 _SCRIPTS: Final = ("pendant.js", *sorted(path.name for path in _STATIC.glob("screen_*.js")))
@@ -36,7 +36,7 @@ _logger = logging.getLogger(__name__)
 def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> None:
     """Serve one robot's pendant until the process is told to end. ready: called when browsers may come.
 
-    Raises OSError for a port that is taken.
+    Raises PortTakenError.
     """
     os.environ.pop("PYTEST_CURRENT_TEST", None)  # of a test that started this process: NiceGUI would test itself
     opened = AsyncExitStack()
@@ -72,6 +72,7 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
         reload=False,
         show=False,
         show_welcome_message=False,
+        reconnect_timeout=10.0,
         binding_refresh_interval=None,
         ws_per_message_deflate=False,
         access_log=False,
@@ -85,7 +86,7 @@ def _check_free(host: str, port: int) -> None:
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise OSError(error.errno, f"the pendant cannot have {host}:{port}: {error.strerror}") from error
+            raise PortTakenError(host, port, error.strerror or str(error)) from error
 
 
 async def _when_open(host: str, port: int, ready: Callable[[], None]) -> None:

@@ -1,7 +1,7 @@
 """One robot as a pendant knows it: what it says, and what can be asked of it. All browsers share it."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
 from types import TracebackType
@@ -10,20 +10,25 @@ from typing import Any, Final, Self, TypeVar
 from client import dashboard, primary, rtde
 from client.calibration import model_of
 from client.dashboard import DashboardClient
-from client.errors import ClientError, RobotUnreachableError
+from client.errors import ClientError, NoAnswerError, RobotUnreachableError
 from client.operations import Operation
-from client.pendant.behind import CONTROL_PORT, Behind
+from client.pendant.asked import Asked
+from client.pendant.behind import Behind
 from client.pendant.dialogues import Dialogues
 from client.pendant.events import EventLog
+from client.pendant.feeds import Feeds
 from client.pendant.mover import Mover
+from client.pendant.port_registers import PortRegisters
 from client.pendant.poses import Poses
+from client.pendant.programs import Programs
+from client.pendant.stops import Stops
 from client.pendant.variables import Variables
 from client.primary import PrimaryClient, PrimaryCore
 from client.robot import AsyncRobot
 from client.rtde import RTDEClient
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
-from urproto.ports import CONTROLLER_PORTS
+from urproto.ports import CONTROL_API_PORT, CONTROLLER_PORTS
 from urproto.primary.state import ConfigurationData
 from urproto.robots import RobotModel
 from urproto.versions import PolyscopeVersion
@@ -38,7 +43,7 @@ FRAME_HZ: Final = 30.0
 
 OUTPUTS: Final = (
     "timestamp", "robot_mode", "joint_mode", "safety_mode", "safety_status_bits", "runtime_state",
-    "robot_status_bits", "speed_scaling", "target_speed_fraction",
+    "robot_status_bits", "speed_scaling", "target_speed_fraction", "script_control_line",
     "actual_q", "actual_qd", "actual_current", "joint_temperatures", "joint_control_output",
     "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force", "tcp_offset", "payload", "payload_cog",
     "actual_digital_input_bits", "actual_digital_output_bits", "analog_io_types",
@@ -48,6 +53,7 @@ OUTPUTS: Final = (
     "actual_main_voltage",
 )  # fmt: skip
 _SILENCE_S: Final = 1.0  # guess: a robot that says nothing for so long is lost
+_REMOTE_EVERY_S: Final = 2.0
 _AGAIN_S: Final = 0.5  # between attempts to reach it
 _LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 
@@ -56,9 +62,10 @@ class Station:
     """The connections of one pendant to one robot; use it with ``async with``.
 
     values: the newest RTDE state, by variable name; empty before the first. core: what the primary interface said.
-    log, variables, dialogues: collected from its messages. connected: the state comes. trouble: why it does not.
-    behind: an emulator's control API, which a robot has not. frame: how many states came.
-    meshes: folder of the user's. poses: those somebody saved.
+    log, variables, dialogues, stops, programs: collected from its messages and states. connected: the state comes.
+    trouble: why it does not. behind: an emulator's control API, which a robot has not. remote_control: e-Series from
+    5.6. frame: how many states came. feeds: states of other recipes. port_registers: what its Modbus server keeps for
+    anybody. meshes: folder of the user's. poses: those somebody saved.
     """
 
     def __init__(
@@ -89,20 +96,35 @@ class Station:
         self.log = EventLog()
         self.variables = Variables()
         self.dialogues = Dialogues()
-        self.behind = Behind(robot_ip, CONTROL_PORT + port_offset if control_port is None else control_port, token)
+        self.stops = Stops()
+        self.programs = Programs()
+        self._news = asyncio.Event()
+        self.behind = Behind(
+            robot_ip, CONTROL_API_PORT + port_offset if control_port is None else control_port, token, self.wake
+        )
+        self.remote_control = Asked(lambda: self.ask(dashboard.IS_IN_REMOTE_CONTROL), _REMOTE_EVERY_S, self.wake)
+        self.feeds = Feeds(self._open_feed)
+        self.port_registers = PortRegisters(robot_ip, self.ports["modbus"])
         self.mover = Mover(self._open_robot)
         self._primary: PrimaryClient | None = None
         self._core = PrimaryCore()
         self._arm: ConfigurationData | None = None
         self._model: RobotModel | None = None
-        self._news = asyncio.Event()
         self._running = AsyncExitStack()
 
     async def __aenter__(self) -> Self:
         async with AsyncExitStack() as opening:
             opening.push_async_callback(self.behind.close)
+            opening.push_async_callback(self.remote_control.close)
             opening.push_async_callback(self.mover.close)
-            for work in (self._states(), self._messages(), self.behind.follow(self.dialogues)):
+            opening.push_async_callback(self.feeds.close)
+            opening.push_async_callback(self.port_registers.close)
+            for work in (
+                self._states(),
+                self._messages(),
+                self.behind.follow(self.dialogues),
+                self.programs.follow(self),
+            ):
                 opening.push_async_callback(_cancel, asyncio.create_task(work))
             self._running = opening.pop_all()
         return self
@@ -185,6 +207,16 @@ class Station:
     def _open_robot(self) -> AsyncRobot:
         return AsyncRobot(self.robot_ip, robot_ports=self.ports, frequency_hz=Mover.RATE_HZ)
 
+    def _open_feed(self, names: Sequence[str], rate_hz: float) -> RTDEClient:
+        return RTDEClient(
+            self.robot_ip,
+            names,
+            frequency_hz=rate_hz,
+            ignore_unavailable=True,
+            port=self.ports["rtde"],
+            timeout_s=_SILENCE_S,
+        )
+
     # the connections
 
     async def _states(self) -> None:
@@ -197,18 +229,11 @@ class Station:
             await asyncio.sleep(_AGAIN_S)
 
     async def _follow_states(self) -> None:
-        client = RTDEClient(
-            self.robot_ip,
-            OUTPUTS,
-            frequency_hz=FRAME_HZ,
-            ignore_unavailable=True,
-            port=self.ports["rtde"],
-            timeout_s=_SILENCE_S,
-        )
-        async with client:
+        async with self._open_feed(OUTPUTS, FRAME_HZ) as client:
             self.version, self.unavailable = client.core.version, client.core.unavailable
             while True:
-                self.values = await client.latest()
+                self.values = await self._patiently(client.latest)
+                self.stops.see(self.values)
                 self.connected, self.trouble = True, ""
                 self._tell()
 
@@ -225,13 +250,28 @@ class Station:
         async with PrimaryClient(self.robot_ip, self.ports["primary"]) as client:
             self._primary, self._core = client, client.core
             while True:
-                message = await client.run(client.core.next_message())
+                message = await self._patiently(lambda: client.run(client.core.next_message()))
                 self.log.hear(message)
                 self.variables.hear(message)
                 self.dialogues.hear(message)
+                self.stops.hear(message)
+                self.programs.hear(message)
+
+    async def _patiently(self, wait: Callable[[], Awaitable[Answer]]) -> Answer:
+        """What comes next, however long time is paused."""
+        while True:
+            try:
+                return await wait()
+            except NoAnswerError:
+                if not await self.behind.stands_still():
+                    raise
 
     def _tell(self) -> None:
         self.frame += 1
+        self.wake()
+
+    def wake(self) -> None:
+        """Something other than the state is new: let the pages look."""
         news, self._news = self._news, asyncio.Event()
         news.set()
 

@@ -1,28 +1,112 @@
 """The global variables of the running program, as the primary interface tells them."""
 
-from typing import Any
+from typing import Any, Final
 
-from urproto.primary.program_state import GlobalVariableNames, GlobalVariableValues
+from urproto.primary.program_state import GlobalVariableNames, GlobalVariableValues, MatrixValue, PoseValue, Value
 
-__all__ = ["Variables"]
+__all__ = ["Variables", "VariablesView", "kind_of", "shown"]
+
+_MOST_SHOWN: Final = 1000
+_LONGEST: Final = 400  # characters of a value on the screen
 
 
 class Variables:
-    """values: by name, in the order of the program."""
+    """values: by name, in the order of the program. revision: counts what was heard. names: all, in that order."""
 
     def __init__(self) -> None:
-        self._names: list[str] = []
+        self.names: list[str] = []
+        self.revision = 0
+        self.program = 0
         self._values: list[Any] = []
 
     @property
     def values(self) -> dict[str, Any]:
         """Those whose value has come."""
-        return dict(zip(self._names, self._values, strict=False))
+        return dict(zip(self.names, self._values, strict=False))
 
     def hear(self, message: object) -> None:
         """Take note of names, which come when a program starts, and of values."""
         if isinstance(message, GlobalVariableNames):
-            self._names[message.start_index :] = message.names
+            self.names[message.start_index :] = message.names
             del self._values[message.start_index :]
+            self.revision += 1
+            self.program += 1
         elif isinstance(message, GlobalVariableValues) and message.start_index <= len(self._values):
             self._values[message.start_index : message.start_index + len(message.values)] = message.values
+            self.revision += 1
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Kind and text of each value that has come, in the order of the names."""
+        return [(kind_of(value), shown(value)) for value in self._values[:_MOST_SHOWN]]
+
+
+class VariablesView:
+    """What one browser shows: only what has changed travels."""
+
+    def __init__(self, variables: Variables) -> None:
+        self._variables = variables
+        self._state: object = None
+        self._revision = -1
+        self._rows: list[tuple[str, str]] = []
+        self._change: list[Any] | None = None
+
+    def change(self, connection: int) -> list[Any] | None:
+        """[names of a new program or None, {index: [kind, text]}] for a browser that has what was sent before.
+
+        The same list as before when nothing is new. connection: a new one begins with nothing.
+        """
+        variables = self._variables
+        state = (connection, variables.program)
+        if state != self._state:
+            self._state, self._rows = state, variables.rows()
+            self._revision = variables.revision
+            self._change = [variables.names[:_MOST_SHOWN], dict(enumerate(self._rows))]
+        elif self._revision != variables.revision:
+            self._revision = variables.revision
+            before, self._rows = self._rows, variables.rows()
+            known = len(before)
+            changed = {i: row for i, row in enumerate(self._rows) if i >= known or row != before[i]}
+            if changed:
+                self._change = [None, changed]
+        return self._change
+
+
+def kind_of(value: Value) -> str:
+    """The name of a value's type."""
+    return _KINDS[type(value)]
+
+
+_KINDS: Final[dict[type, str]] = {
+    type(None): "",
+    bool: "bool",
+    int: "int",
+    float: "float",
+    str: "string",
+    PoseValue: "pose",
+    tuple: "list",
+    MatrixValue: "matrix",
+}
+
+
+def shown(value: Value) -> str:
+    """A value for people, as a script would have it; poses in m and rad, like those of scripts."""
+    text = _text(value)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+
+
+def _text(value: Value) -> str:
+    match value:
+        case None:
+            return "-"
+        case bool() | int():
+            return str(value)
+        case float():
+            return f"{value:.6g}"
+        case str():
+            return f'"{value}"'
+        case PoseValue():
+            return f"p[{', '.join(f'{number:.4f}' for number in value.values)}]"
+        case tuple():
+            return f"[{', '.join(map(_text, value))}]"
+        case MatrixValue():
+            return f"[{', '.join(_text(row) for row in value.rows)}]"

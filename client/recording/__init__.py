@@ -3,16 +3,20 @@
 `Recorder` and `read` are what most programs want.
 """
 
+from client.recording.background import BackgroundRecorder
 from client.recording.files import Recorder, convert, open_writer, read
 from client.recording.motion import JointPath, joint_path
 from client.recording.plots import deviations, draw
 from client.recording.recording import DEFAULT_FIELDS, Recording
+from client.recording.tracking import Tracking
 
 __all__ = [
     "DEFAULT_FIELDS",
+    "BackgroundRecorder",
     "JointPath",
     "Recorder",
     "Recording",
+    "Tracking",
     "convert",
     "deviations",
     "draw",

@@ -9,11 +9,12 @@ OMG DDSI-RTPS 10.5 and the interface definitions of ROS 2.
 import re
 import struct
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 from client.errors import RecordingError
 
-__all__ = ["MessageType"]
+__all__ = ["Field", "MessageType"]
 
 _HEADER: Final = b"\x00\x01\x00\x00"
 _LITTLE_ENDIAN: Final = 1
@@ -47,11 +48,24 @@ Put = Callable[[bytearray, Any], None]
 Get = Callable[["_Cursor"], Any]
 
 
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field of a message: its type is a number's, ``string``, or another type that has fields.
+
+    count: None for one value, 0 for as many as there are, else how many.
+    """
+
+    name: str
+    type: str
+    count: int | None
+
+
 class MessageType:
     """One type of message.
 
     name: as in ROS 2, ``sensor_msgs/msg/JointState``. definition: its ``ros2msg`` schema.
-    names: of its fields.
+    names: of its fields. structs: the fields of this type, which comes first, and of those it
+    is made of, by short name (``sensor_msgs/JointState``).
     Raises RecordingError for a definition that cannot be read.
     """
 
@@ -60,9 +74,10 @@ class MessageType:
         self.definition = definition
         parts = _SEPARATOR.split(definition)
         own = name.replace("/msg/", "/")
-        self._texts = {own: parts[0]} | dict(zip(_plain(parts[1::2]), parts[2::2], strict=True))
+        texts = {own: parts[0]} | dict(zip(_plain(parts[1::2]), parts[2::2], strict=True))
+        self.structs = {name: tuple(_fields(text, name)) for name, text in texts.items()}
         self._put, self._get = self._codec(own, ())
-        self.names = tuple(name for name, _, _ in _fields(parts[0]))
+        self.names = tuple(field.name for field in self.structs[own])
 
     def encode(self, values: Mapping[str, Any]) -> bytes:
         """The message; fields that are not named are zero or empty."""
@@ -83,11 +98,10 @@ class MessageType:
 
     def _codec(self, type_name: str, inside: tuple[str, ...]) -> tuple[Put, Get]:
         """Encoder and decoder of a type that has fields."""
-        if type_name not in self._texts or type_name in inside:
+        if type_name not in self.structs or type_name in inside:
             raise RecordingError(f"the definition of {self.name} does not say what {type_name} is")
         fields = {
-            name: self._field(_resolved(kind, type_name), count, (*inside, type_name))
-            for name, kind, count in _fields(self._texts[type_name])
+            field.name: self._field(field.type, field.count, (*inside, type_name)) for field in self.structs[type_name]
         }
 
         def put(out: bytearray, values: Mapping[str, Any]) -> None:
@@ -100,7 +114,6 @@ class MessageType:
         return lambda out, values: put(out, values or {}), get
 
     def _field(self, kind: str, count: int | None, inside: tuple[str, ...]) -> tuple[Put, Get]:
-        """count: None for one value, 0 for as many as there are, else how many."""
         if kind in _NUMBERS:
             return _number(_NUMBERS[kind]) if count is None else _numbers(_NUMBERS[kind], count)
         put, get = (_put_string, _get_string) if kind == "string" else self._codec(kind, inside)
@@ -130,8 +143,8 @@ def _plain(names: list[str]) -> Iterator[str]:
     return (name.replace("/msg/", "/") for name in names)
 
 
-def _fields(text: str) -> Iterator[tuple[str, str, int | None]]:
-    """Name, type and count of each field."""
+def _fields(text: str, inside: str) -> Iterator[Field]:
+    """Of the definition of the type ``inside``."""
     for line in text.splitlines():
         line = line.split("#")[0].strip()
         if not line or _CONSTANT.match(line):
@@ -141,7 +154,7 @@ def _fields(text: str) -> Iterator[tuple[str, str, int | None]]:
             raise RecordingError(f"this line of a message definition cannot be read: {line!r}")
         count = match["count"] or ""
         fixed = int(count) if count.isdigit() else 0
-        yield match["name"], match["type"], fixed if match["array"] else None
+        yield Field(match["name"], _resolved(match["type"], inside), fixed if match["array"] else None)
 
 
 def _resolved(kind: str, inside: str) -> str:

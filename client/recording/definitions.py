@@ -1,7 +1,7 @@
-"""Definitions of the ROS 2 messages that recordings are made of.
+"""Definitions of the ROS 2 messages that recordings are made of, and that `client.ros2` sends and takes.
 
-The fields of common_interfaces, control_msgs (from Iron on), ur_msgs and ur_dashboard_msgs; tools
-read them from the file, so none of these packages has to be installed anywhere.
+The fields of common_interfaces, tf2_msgs, control_msgs (as of Jazzy), ur_msgs and ur_dashboard_msgs;
+recordings hold them, so none of these packages has to be installed anywhere.
 """
 
 from collections.abc import Iterable
@@ -17,6 +17,7 @@ RTDE_TYPE: Final = "ur_client_msgs/msg/RTDEState"
 """The type of the topic that has every variable of a recording; its fields are the recording's."""
 
 _SEPARATOR: Final = "=" * 80
+_STAMPED: Final = "std_msgs/Header header"
 _POINT: Final = "trajectory_msgs/JointTrajectoryPoint"
 _MULTI_POINT: Final = "trajectory_msgs/MultiDOFJointTrajectoryPoint"
 _ROS_TYPES: Final = {
@@ -38,17 +39,26 @@ _FIELDS: Final = {
     "std_msgs/Bool": ("bool data",),
     "std_msgs/Float64": ("float64 data",),
     "std_msgs/String": ("string data",),
+    "std_msgs/MultiArrayDimension": ("string label", "uint32 size", "uint32 stride"),
+    "std_msgs/MultiArrayLayout": ("std_msgs/MultiArrayDimension[] dim", "uint32 data_offset"),
+    "std_msgs/Float64MultiArray": ("std_msgs/MultiArrayLayout layout", "float64[] data"),
     "geometry_msgs/Point": ("float64 x", "float64 y", "float64 z"),
     "geometry_msgs/Vector3": ("float64 x", "float64 y", "float64 z"),
     "geometry_msgs/Quaternion": ("float64 x", "float64 y", "float64 z", "float64 w"),
     "geometry_msgs/Pose": ("geometry_msgs/Point position", "geometry_msgs/Quaternion orientation"),
-    "geometry_msgs/PoseStamped": ("std_msgs/Header header", "geometry_msgs/Pose pose"),
+    "geometry_msgs/PoseStamped": (_STAMPED, "geometry_msgs/Pose pose"),
     "geometry_msgs/Transform": ("geometry_msgs/Vector3 translation", "geometry_msgs/Quaternion rotation"),
+    "geometry_msgs/TransformStamped": (
+        _STAMPED,
+        "string child_frame_id",
+        "geometry_msgs/Transform transform",
+    ),
     "geometry_msgs/Twist": ("geometry_msgs/Vector3 linear", "geometry_msgs/Vector3 angular"),
     "geometry_msgs/Wrench": ("geometry_msgs/Vector3 force", "geometry_msgs/Vector3 torque"),
-    "geometry_msgs/WrenchStamped": ("std_msgs/Header header", "geometry_msgs/Wrench wrench"),
+    "geometry_msgs/WrenchStamped": (_STAMPED, "geometry_msgs/Wrench wrench"),
+    "tf2_msgs/TFMessage": ("geometry_msgs/TransformStamped[] transforms",),
     "sensor_msgs/JointState": (
-        "std_msgs/Header header",
+        _STAMPED,
         "string[] name",
         "float64[] position",
         "float64[] velocity",
@@ -61,6 +71,7 @@ _FIELDS: Final = {
         "float64[] effort",
         "builtin_interfaces/Duration time_from_start",
     ),
+    "trajectory_msgs/JointTrajectory": (_STAMPED, "string[] joint_names", f"{_POINT}[] points"),
     _MULTI_POINT: (
         "geometry_msgs/Transform[] transforms",
         "geometry_msgs/Twist[] velocities",
@@ -68,11 +79,12 @@ _FIELDS: Final = {
         "builtin_interfaces/Duration time_from_start",
     ),
     "control_msgs/JointTrajectoryControllerState": (
-        "std_msgs/Header header",
+        _STAMPED,
         "string[] joint_names",
         *(f"{_POINT} {name}" for name in ("reference", "feedback", "error", "output")),
         "string[] multi_dof_joint_names",
         *(f"{_MULTI_POINT} multi_dof_{name}" for name in ("reference", "feedback", "error", "output")),
+        "float64 speed_scaling_factor",
     ),
     "ur_msgs/Digital": ("uint8 pin", "bool state"),
     "ur_msgs/Analog": ("uint8 CURRENT=0", "uint8 VOLTAGE=1", "uint8 pin", "uint8 domain", "float32 state"),
@@ -82,6 +94,22 @@ _FIELDS: Final = {
         "ur_msgs/Digital[] flag_states",
         "ur_msgs/Analog[] analog_in_states",
         "ur_msgs/Analog[] analog_out_states",
+    ),
+    "ur_msgs/ToolDataMsg": (
+        "int8 ANALOG_INPUT_RANGE_CURRENT=0",
+        "int8 ANALOG_INPUT_RANGE_VOLTAGE=1",
+        "int8 analog_input_range2",
+        "int8 analog_input_range3",
+        "float64 analog_input2",
+        "float64 analog_input3",
+        "float32 tool_voltage_48v",
+        "uint8 tool_output_voltage",
+        "float32 tool_current",
+        "float32 tool_temperature",
+        "uint8 TOOL_BOOTLOADER_MODE=249",
+        "uint8 TOOL_RUNNING_MODE=253",
+        "uint8 TOOL_IDLE_MODE=255",
+        "uint8 tool_mode",
     ),
     "ur_dashboard_msgs/RobotMode": ("int8 mode",),
     "ur_dashboard_msgs/SafetyMode": ("uint8 mode",),
@@ -97,7 +125,7 @@ def message_type(name: str) -> MessageType:
 def rtde_type(names: Iterable[str]) -> MessageType:
     """The message that has these RTDE variables."""
     fields = (f"{_ROS_TYPES[OUTPUT_FIELDS[name].type.name]} {ros_name(name)}{_remark(name)}" for name in names)
-    return _complete(RTDE_TYPE, ("std_msgs/Header header", *fields))
+    return _complete(RTDE_TYPE, (_STAMPED, *fields))
 
 
 def ros_name(name: str) -> str:

@@ -4,6 +4,7 @@ import json
 import math
 import socket
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
@@ -16,10 +17,22 @@ from client.recording.topics import Topics
 if TYPE_CHECKING:
     from foxglove import Channel
 
-__all__ = ["FOXGLOVE_PORT", "PLOTJUGGLER_PORT", "FoxgloveServer", "PlotJugglerSender", "address_of", "datagrams"]
+__all__ = [
+    "FOXGLOVE_PORT",
+    "PLOTJUGGLER_PORT",
+    "PLOTJUGGLER_WEBSOCKET_PORT",
+    "FoxgloveServer",
+    "PlotJugglerSender",
+    "PlotJugglerSocket",
+    "address_of",
+    "datagrams",
+    "plotjuggler",
+]
 
 PLOTJUGGLER_PORT: Final = 9870  # what its UDP server proposes
+PLOTJUGGLER_WEBSOCKET_PORT: Final = 9871  # what its WebSocket server proposes
 FOXGLOVE_PORT: Final = 8765  # what Foxglove proposes
+_PATIENCE_S: Final = 5.0  # guess: a program on the same network answers within this
 _LARGEST_DATAGRAM: Final = 1400  # bytes: below the MTU of Ethernet, and PlotJuggler cuts at 2048
 _DESCRIPTION_NS: Final = 1_000_000_000  # how often the URDF is told, for those who come late
 
@@ -34,6 +47,13 @@ def address_of(text: str, scheme: str, default_port: int) -> tuple[str, int]:
     if parts.scheme != scheme or not host:
         raise RecordingError(f"{text!r} is no address like {scheme}://127.0.0.1:{default_port}")
     return host, port
+
+
+def plotjuggler(address: str) -> "PlotJugglerSender | PlotJugglerSocket":
+    """The sender for ``udp://HOST:PORT`` or ``ws://HOST:PORT``; PlotJuggler listens on both. Raises RecordingError."""
+    if address.startswith("ws:"):
+        return PlotJugglerSocket(*address_of(address, "ws", PLOTJUGGLER_WEBSOCKET_PORT))
+    return PlotJugglerSender(*address_of(address, "udp", PLOTJUGGLER_PORT))
 
 
 class PlotJugglerSender:
@@ -60,24 +80,64 @@ class PlotJugglerSender:
         self._socket.close()
 
 
+class PlotJugglerSocket:
+    """Sends each state as JSON to PlotJuggler's WebSocket server, protocol JSON, ``timestamp`` as its time field.
+
+    A state is one message, however large. Raises RecordingError when nobody answers there.
+    """
+
+    def __init__(self, host: str, port: int = PLOTJUGGLER_WEBSOCKET_PORT) -> None:
+        with extra("live", "streaming to a WebSocket"):
+            from websockets import exceptions
+            from websockets.sync import client
+        name = f"[{host}]" if ":" in host else host
+        self._address = f"ws://{name}:{port}"
+        self._failures = (OSError, exceptions.WebSocketException)
+        self._opened = ExitStack()  # connections are contexts, which close themselves
+        # no proxy of the environment is asked: PlotJuggler is near
+        options: dict[str, Any] = {"proxy": None, "open_timeout": _PATIENCE_S, "close_timeout": _PATIENCE_S}
+        try:
+            self._socket = self._opened.enter_context(client.connect(self._address, **options))
+        except self._failures as error:
+            raise RecordingError(
+                f"no WebSocket server on {self._address} ({error}): start PlotJuggler's, protocol json, first"
+            ) from error
+
+    def write(self, values: Mapping[str, Any], time_ns: int) -> None:
+        """Send a state. Raises RecordingError when PlotJuggler has hung up."""
+        try:
+            self._socket.send(f"{{{','.join(_parts(values, time_ns))}}}")
+        except self._failures as error:
+            raise RecordingError(f"{self._address} takes no more: {error}") from error
+
+    def close(self) -> None:
+        """Send no more."""
+        self._opened.close()
+
+
 def datagrams(values: Mapping[str, Any], time_ns: int) -> Iterator[bytes]:
     """A state as JSON objects that fit into a datagram each; all have its ``timestamp`` [s since 1970].
 
     The robot's own clock is called ``robot_time``. A variable that is not finite is left out:
     JSON has no such numbers, and PlotJuggler ends its server over what is no JSON.
     """
-    head = f'{{"timestamp":{time_ns * 1e-9:.6f}'
-    parts, size = [head], len(head) + 1
-    for name, value in values.items():
-        if not _finite(value):
-            continue
-        part = f'"{"robot_time" if name == "timestamp" else name}":{json.dumps(value, separators=(",", ":"))}'
-        if size + 1 + len(part) > _LARGEST_DATAGRAM and len(parts) > 1:
-            yield (",".join(parts) + "}").encode()
-            parts, size = [head], len(head) + 1
-        parts.append(part)
+    head, *parts = _parts(values, time_ns)
+    packed, size = [head], len(head) + 1
+    for part in parts:
+        if size + 1 + len(part) > _LARGEST_DATAGRAM and len(packed) > 1:
+            yield f"{{{','.join(packed)}}}".encode()
+            packed, size = [head], len(head) + 1
+        packed.append(part)
         size += 1 + len(part)
-    yield (",".join(parts) + "}").encode()
+    yield f"{{{','.join(packed)}}}".encode()
+
+
+def _parts(values: Mapping[str, Any], time_ns: int) -> Iterator[str]:
+    """The members of a JSON object, the time first."""
+    yield f'"timestamp":{time_ns * 1e-9:.6f}'
+    for name, value in values.items():
+        if _finite(value):
+            yield f'"{"robot_time" if name == "timestamp" else name}":{json.dumps(value, separators=(",", ":"))}'
 
 
 def _finite(value: Any) -> bool:

@@ -8,8 +8,9 @@ from client.errors import RecordingError
 from client.recording.cdr import MessageType
 from client.recording.definitions import ros_name
 from client.recording.extras import extra
-from client.recording.recording import Columns, Info, Recording
+from client.recording.recording import ROBOT, Columns, Info, Recording
 from client.recording.topics import JOINTS, RTDE_TOPIC, ControllerTopic, Topic, Topics, controller_message
+from client.recording.tracking import Tracking, TrackingBuilder
 from urproto.rtde.fields import OUTPUT_FIELDS
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ _WHAT: Final = "an MCAP file"
 _CHUNK: Final = 1 << 18  # bytes, a fraction of a second: what a crash costs
 _METADATA: Final = "ur-client"
 _JOINT_STATES: Final = "/joint_states"
+_CONTROLLER_STATE: Final = "control_msgs/msg/JointTrajectoryControllerState"
 _RTDE_NAMES: Final = {ros_name(name): name for name in OUTPUT_FIELDS}
 
 
@@ -119,14 +121,21 @@ class _Content:
         self._rtde_channel: int | None = None
         self._joints = Columns(("timestamp", "actual_q", "actual_qd", "actual_current"))
         self._has_joints = False
+        self._joints_began_s = 0.0
         self._began_ns: dict[str, int] = {}
+        self._controllers: dict[int, TrackingBuilder] = {}  # by channel
 
     def take_channel(self, channel: "Channel") -> None:
         schema = self.schemas.get(channel.schema_id)
-        wanted = channel.topic in (RTDE_TOPIC, _JOINT_STATES) and channel.id not in self._types
-        if not wanted or schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
+        if channel.id in self._types or schema is None:
+            return
+        controller = _controller_of(channel.topic) if schema.name == _CONTROLLER_STATE else ""
+        wanted = controller or channel.topic in (RTDE_TOPIC, _JOINT_STATES)
+        if not wanted or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
             return
         kind = self._types[channel.id] = MessageType(schema.name, schema.data.decode())
+        if controller:
+            self._controllers[channel.id] = TrackingBuilder(controller)
         if channel.topic == RTDE_TOPIC:
             self._rtde_channel = channel.id
             self._rtde = Columns(tuple(name for lower, name in _RTDE_NAMES.items() if lower in kind.names))
@@ -149,13 +158,18 @@ class _Content:
             ) from error
 
     def _take(self, channel: int, time_ns: int, message: Mapping[str, Any]) -> None:
-        if self._rtde is not None and channel == self._rtde_channel:
+        if channel in self._controllers:
+            self._controllers[channel].add(_stamp_s(message, time_ns), message)
+        elif self._rtde is not None and channel == self._rtde_channel:
             self._began_ns.setdefault(RTDE_TOPIC, time_ns)
             self._rtde.append({_RTDE_NAMES[name]: value for name, value in message.items() if name in _RTDE_NAMES})
         elif set(message.get("name", ())) >= set(JOINTS):
             self._began_ns.setdefault(_JOINT_STATES, time_ns)
+            values = _joint_values(message, time_ns)
+            if not self._has_joints:
+                self._joints_began_s = values["timestamp"]
             self._has_joints = True
-            self._joints.append(_joint_values(message, time_ns))
+            self._joints.append(values)
 
     def recording(self, path: Path) -> Recording:
         if self._rtde is not None:
@@ -168,16 +182,33 @@ class _Content:
                 f"{path} has no messages on /rtde, nor joint states of a UR arm on /joint_states{reason}"
             )
         began = {"began_ns": str(self._began_ns[topic])} if topic in self._began_ns else {}
-        return Recording(columns.arrays(), self.info | began)
+        return Recording(columns.arrays(), self.info | began, self._trackings(topic))
+
+    def _trackings(self, topic: str) -> dict[str, Tracking]:
+        began_s = self._joints_began_s if topic == _JOINT_STATES else self._began_ns.get(topic, 0) * 1e-9
+        told = (controller for controller in self._controllers.values() if controller.joints)
+        return {controller.source: controller.built(began_s) for controller in told}
 
 
 def _joint_values(message: Mapping[str, Any], time_ns: int) -> dict[str, Any]:
     """RTDE variables of a joint state, whose joints may be in any order."""
-    stamp = message["header"]["stamp"]
-    time_s = stamp["sec"] + stamp["nanosec"] * 1e-9 or time_ns * 1e-9
+    time_s = _stamp_s(message, time_ns)
     order = [message["name"].index(joint) for joint in JOINTS]
     kinds = {"actual_q": "position", "actual_qd": "velocity", "actual_current": "effort"}
     return {"timestamp": time_s} | {
         name: [message[kind][index] if index < len(message[kind]) else 0.0 for index in order]
         for name, kind in kinds.items()
     }
+
+
+def _stamp_s(message: Mapping[str, Any], time_ns: int) -> float:
+    """A message's own time, else when it was written."""
+    stamp = message["header"]["stamp"]
+    stamp_s: float = stamp["sec"] + stamp["nanosec"] * 1e-9
+    return stamp_s or time_ns * 1e-9
+
+
+def _controller_of(topic: str) -> str:
+    """Who tells a topic of controllers' states; nobody for the one that says again what ``/rtde`` does."""
+    name = topic.strip("/").rpartition("/")[0]
+    return "" if name == ROBOT else name

@@ -1,5 +1,6 @@
-"""Pictures of a recording: what was asked of the joints and what they did."""
+"""Pictures of a recording: what was asked of the joints and what they did, for a screen or a thesis."""
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from html import escape
 from io import StringIO
@@ -12,164 +13,289 @@ from numpy.typing import NDArray
 from client.errors import RecordingError
 from client.recording.extras import extra
 from client.recording.recording import Recording
+from client.recording.tracking import Tracking
+from urproto.joints import JOINT_NAMES
+from urproto.modes import SafetyMode
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["FORMATS", "Deviation", "deviations", "draw"]
 
 FORMATS: Final = (".png", ".svg", ".pdf", ".html")
-_JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
-_PANEL_IN: Final = (11.0, 2.6)  # inches
-_DPI: Final = 110
+_SHORT: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
+# Okabe and Ito's: told apart by everybody, and in grey
+_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+_WIDTH_IN: Final = 7.2  # a page's text, so that letters keep their size there
+_HEAD_IN: Final = 0.9
+_DPI: Final = 170
+_STYLE: Final[Any] = {
+    "font.size": 8.0,
+    "axes.labelsize": 8.0,
+    "axes.titlesize": 8.0,
+    "legend.fontsize": 8.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "grid.linewidth": 0.5,
+    "axes.prop_cycle": f"cycler('color', {list(_COLOURS)})",
+    "path.simplify_threshold": 0.3,
+    "svg.fonttype": "none",
+}
+_DESIRED: Final[dict[str, Any]] = {"linewidth": 3.2, "alpha": 0.35, "solid_capstyle": "butt"}
+_ACTUAL: Final[dict[str, Any]] = {"linewidth": 0.9}
+_STOPPED: Final = "#b40000"
+_GOES_ON: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """Of one joint, between target and actual: the largest and the root mean square, in rad or rad/s."""
+    """Of one joint, between desired and actual: the largest and the root mean square, in rad or rad/s."""
 
     joint: str
     largest: float
     rms: float
 
 
-def deviations(recording: Recording, kind: str = "q") -> list[Deviation]:
-    """Of each joint's angle (``q``) or speed (``qd``). Raises RecordingError when one of both was not recorded."""
-    error = recording[f"target_{kind}"] - recording[f"actual_{kind}"]
+def deviations(recording: Recording, kind: str = "q", controller: str | None = None) -> list[Deviation]:
+    """Of each joint's angle (``q``) or speed (``qd``), between what a controller or the robot desired and what was.
+
+    controller: as `Recording.tracking`. Raises RecordingError when nothing desired was recorded.
+    """
+    tracking = recording.tracking(controller)
+    error = _error(tracking, kind)
+    if not np.isfinite(error).any():
+        raise RecordingError(f"target_{kind} or actual_{kind} was not recorded: nothing to compare")
     return [
-        Deviation(joint, float(np.max(np.abs(column))), float(np.sqrt(np.mean(column**2))))
-        for joint, column in zip(_JOINTS, error.T, strict=True)
+        Deviation(joint, float(np.nanmax(np.abs(column))), float(np.sqrt(np.nanmean(column**2))))
+        for joint, column in zip(_names(tracking), error.T, strict=True)
     ]
 
 
-def draw(recording: Recording, path: Path, title: str = "") -> None:
-    """Draw positions, speeds, their errors and the speed scaling, as far as they were recorded.
+def draw(
+    recording: Recording,
+    path: Path,
+    title: str = "",
+    *,
+    controller: str | None = None,
+    limit_rad: float | None = None,
+) -> None:
+    """Draw positions, speeds, how far they were off, and the speed scaling, as far as they were recorded.
 
-    path: .png, .svg, .pdf, or .html, a page that needs nothing else. Raises RecordingError.
+    path: .png, .svg, .pdf, or .html, a page that needs nothing else. controller: as
+    `Recording.tracking`. limit_rad: a line where the deviation from the path should stay below.
+    Raises RecordingError.
     """
     if path.suffix.lower() not in FORMATS:
         raise RecordingError(f"{path} is none of the formats of pictures: {', '.join(FORMATS)}")
-    figure = _figure(recording, title)
+    with extra("plots", "drawing"):
+        from matplotlib import rc_context
+        from matplotlib.figure import Figure
+    if "actual_q" not in recording and not recording.controllers:
+        raise RecordingError("there are no joint angles to draw: record actual_q, best beside target_q")
+    picture = _Picture(recording, recording.tracking(controller), limit_rad)
     try:
-        if path.suffix.lower() == ".html":
-            path.write_text(_page(recording, figure, title), encoding="utf-8")
-        else:
-            figure.savefig(path, dpi=_DPI)
+        with rc_context(_STYLE):
+            figure = _figure(Figure, picture, title)
+            if path.suffix.lower() == ".html":
+                path.write_text(_page(picture, figure, title), encoding="utf-8")
+            else:
+                figure.savefig(path, dpi=_DPI)
     except OSError as error:
         raise RecordingError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _figure(recording: Recording, title: str) -> "Figure":
-    with extra("plots", "drawing"):
-        from matplotlib.figure import Figure
-    panels = [panel for panel in _PANELS if panel.drawable(recording)]
-    if "actual_q" not in recording:
-        raise RecordingError("there are no joint angles to draw: record actual_q, best beside target_q")
-    width, height = _PANEL_IN
-    figure = Figure(figsize=(width, height * len(panels)), layout="constrained")
-    every = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+@dataclass(frozen=True, slots=True)
+class _Picture:
+    """What is drawn."""
+
+    recording: Recording
+    tracking: Tracking
+    limit_rad: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Panel:
+    """One set of axes: its height [in], whether there is anything to draw, and how it is drawn."""
+
+    height_in: float
+    there: Callable[[_Picture], bool]
+    draw: Callable[["Axes", _Picture], None]
+
+
+def _figure(kind: "type[Figure]", picture: _Picture, title: str) -> "Figure":
+    panels = [panel for panel in _PANELS if panel.there(picture)]
+    heights = [panel.height_in for panel in panels]
+    figure = kind(figsize=(_WIDTH_IN, _HEAD_IN + sum(heights)), layout="constrained")
+    figure.get_layout_engine().set(h_pad=0.03, w_pad=0.04)  # type: ignore[union-attr, call-arg]
+    every = figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
     for axes, panel in zip(every, panels, strict=True):
-        panel.draw(axes, recording)
-        axes.grid(True, alpha=0.3)
+        for begin_s, end_s, _ in _stops(picture.recording):
+            axes.axvspan(begin_s, end_s, color=_STOPPED, alpha=0.1, linewidth=0.0)
+        panel.draw(axes, picture)
         axes.margins(x=0.0)
+    figure.align_ylabels(every)
     every[-1].set_xlabel("time [s]")
-    lines = every[0].get_lines()
-    figure.legend(
-        [line for line in lines if line.get_label() in _JOINTS],
-        _JOINTS,
-        loc="outside upper center",
-        ncols=len(_JOINTS),
-        title=f"{title}\nas measured; dashed: as desired".replace("$", r"\$"),  # no formula
-    )
+    _add_legend(figure, every[0], picture, title)
     return figure
 
 
-@dataclass(frozen=True, slots=True)
-class _Pair:
-    """Target (dashed) and actual of the six joints."""
+def _add_legend(figure: "Figure", axes: "Axes", picture: _Picture, title: str) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
 
-    kind: str
-    label: str
-
-    def drawable(self, recording: Recording) -> bool:
-        return f"actual_{self.kind}" in recording
-
-    def draw(self, axes: "Axes", recording: Recording) -> None:
-        time_s = recording.time_s
-        for joint, column in zip(_JOINTS, recording[f"actual_{self.kind}"].T, strict=True):
-            (line,) = axes.plot(time_s, column, linewidth=1.0, label=joint)
-            if f"target_{self.kind}" in recording:
-                target = recording[f"target_{self.kind}"][:, _JOINTS.index(joint)]
-                axes.plot(time_s, target, "--", linewidth=1.4, alpha=0.7, color=line.get_color())
-        axes.set_ylabel(self.label)
-
-
-@dataclass(frozen=True, slots=True)
-class _Error:
-    """Target minus actual of the six joints."""
-
-    kind: str
-    label: str
-
-    def drawable(self, recording: Recording) -> bool:
-        return f"actual_{self.kind}" in recording and f"target_{self.kind}" in recording
-
-    def draw(self, axes: "Axes", recording: Recording) -> None:
-        error = recording[f"target_{self.kind}"] - recording[f"actual_{self.kind}"]
-        for joint, column in zip(_JOINTS, error.T, strict=True):
-            axes.plot(recording.time_s, column, linewidth=1.0, label=joint)
-        axes.set_ylabel(self.label)
+    names = _names(picture.tracking)
+    lines: list[Artist] = [line for line in axes.get_lines() if line.get_label() in names]
+    head = [title] if title else []
+    if picture.tracking.compared:
+        lines.append(Line2D([], [], color="black", label="desired", **_DESIRED))
+        head.append(f"desired by: {picture.tracking.source}")
+    lines.append(Line2D([], [], color="black", label="actual", **_ACTUAL))
+    for text in dict.fromkeys(text for _, _, text in _stops(picture.recording)):
+        lines.append(Patch(color=_STOPPED, alpha=0.15, linewidth=0.0, label=text))
+    figure.legend(
+        handles=lines,
+        loc="outside upper center",
+        ncols=-(-len(lines) // 2),
+        title="\n".join(head).replace("$", r"\$") or None,  # no formula
+        frameon=False,
+    )
 
 
-@dataclass(frozen=True, slots=True)
-class _Scaling:
-    """Speed scaling and slider."""
-
-    def drawable(self, recording: Recording) -> bool:
-        return bool(_scalings(recording))
-
-    def draw(self, axes: "Axes", recording: Recording) -> None:
-        for label, values in _scalings(recording).items():
-            axes.plot(recording.time_s, 100.0 * values, linewidth=1.2, label=label)
-        axes.set_ylabel("speed [%]")
-        axes.set_ylim(-5.0, 110.0)
-        axes.legend(fontsize="small", loc="lower right")
+def _stops(recording: Recording) -> Iterator[tuple[float, float, str]]:
+    """From when to when [s] the safety system held the arm, and how it calls that."""
+    if "safety_mode" not in recording:
+        return
+    modes, time_s = recording["safety_mode"], recording.time_s
+    edges = np.flatnonzero(np.diff(modes)) + 1
+    for begin, end in zip([0, *edges], [*edges, len(modes) - 1], strict=True):
+        if (mode := int(modes[begin])) not in _GOES_ON:
+            yield float(time_s[begin]), float(time_s[end]), _mode_name(mode)
 
 
-def _scalings(recording: Recording) -> dict[str, NDArray[Any]]:
-    names = {"speed_scaling": "scaling", "target_speed_fraction": "slider"}
-    return {label: recording[name] for name, label in names.items() if name in recording}
+def _mode_name(mode: int) -> str:
+    known = {int(one): one.name for one in SafetyMode}
+    return known.get(mode, f"safety mode {mode}").replace("_", " ").lower()
+
+
+def _names(tracking: Tracking) -> tuple[str, ...]:
+    known = dict(zip(JOINT_NAMES, _SHORT, strict=True))
+    return tuple(known.get(joint, joint) for joint in tracking.joints)
+
+
+def _error(tracking: Tracking, kind: str) -> NDArray[np.float64]:
+    if kind == "q":
+        return tracking.desired_q - tracking.actual_q
+    return tracking.desired_qd - tracking.actual_qd
+
+
+# the panels
+
+
+def _pair(kind: str, label: str, height_in: float) -> _Panel:
+    """Desired and actual of all joints."""
+
+    def columns(picture: _Picture) -> tuple[Any, Any]:
+        tracking = picture.tracking
+        return (tracking.desired_q, tracking.actual_q) if kind == "q" else (tracking.desired_qd, tracking.actual_qd)
+
+    def there(picture: _Picture) -> bool:
+        return bool(np.isfinite(columns(picture)[1]).any())
+
+    def drawn(axes: "Axes", picture: _Picture) -> None:
+        desired, actual = columns(picture)
+        time_s = picture.tracking.time_s
+        for joint, name in enumerate(_names(picture.tracking)):
+            colour = f"C{joint}"
+            axes.plot(time_s, desired[:, joint], color=colour, **_DESIRED)
+            axes.plot(time_s, actual[:, joint], color=colour, label=name, **_ACTUAL)
+        axes.set_ylabel(label)
+
+    return _Panel(height_in, there, drawn)
+
+
+def _off(kind: str, label: str, unit: str, height_in: float) -> _Panel:
+    """Desired minus actual of all joints, at the same moment."""
+
+    def drawn(axes: "Axes", picture: _Picture) -> None:
+        error = _error(picture.tracking, kind)
+        axes.plot(picture.tracking.time_s, error, linewidth=0.9)
+        _say(axes, f"largest {np.nanmax(np.abs(error)):.4f} {unit}")
+        axes.set_ylabel(f"{label}\n[{unit}]")
+
+    return _Panel(height_in, lambda picture: bool(np.isfinite(_error(picture.tracking, kind)).any()), drawn)
+
+
+def _draw_path_deviation(axes: "Axes", picture: _Picture) -> None:
+    deviation = picture.tracking.path_deviation()
+    axes.plot(picture.tracking.time_s, deviation, color="black", linewidth=0.9)
+    _say(axes, f"largest {np.nanmax(deviation):.4f} rad")
+    if picture.limit_rad is not None:
+        axes.axhline(picture.limit_rad, color=_STOPPED, linewidth=0.8, linestyle="--")
+    axes.set_ylabel("path deviation\n[rad]")
+    axes.set_ylim(bottom=0.0, top=max(axes.get_ylim()[1], 1.2 * (picture.limit_rad or 0.0), 1e-3))
+
+
+def _draw_speed(axes: "Axes", picture: _Picture) -> None:
+    for label, values in _speeds(picture.recording).items():
+        axes.plot(picture.recording.time_s, 100.0 * values, linewidth=1.2, label=label)
+    axes.set_ylabel("speed [%]")
+    axes.set_ylim(-5.0, 110.0)
+    axes.set_yticks((0, 50, 100))
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=2, frameon=False)
+
+
+def _speeds(recording: Recording) -> dict[str, NDArray[Any]]:
+    found = {}
+    if "target_speed_fraction" in recording:
+        found["slider"] = recording["target_speed_fraction"]
+        if "speed_scaling" in recording:
+            found["scaling, as controllers see it"] = recording["speed_scaling"] * recording["target_speed_fraction"]
+    return found
+
+
+def _say(axes: "Axes", text: str) -> None:
+    axes.set_title(text, loc="right", fontsize="small", pad=2.0)
 
 
 _PANELS: Final = (
-    _Pair("q", "position [rad]"),
-    _Pair("qd", "velocity [rad/s]"),
-    _Error("q", "position error [rad]"),
-    _Error("qd", "velocity error [rad/s]"),
-    _Scaling(),
+    _pair("q", "position [rad]", 1.9),
+    _pair("qd", "velocity [rad/s]", 1.5),
+    _off("q", "position error", "rad", 1.0),
+    _off("qd", "velocity error", "rad/s", 1.0),
+    _Panel(0.9, lambda picture: picture.tracking.compared, _draw_path_deviation),
+    _Panel(0.8, lambda picture: bool(_speeds(picture.recording)), _draw_speed),
 )
 
 
-def _page(recording: Recording, figure: "Figure", title: str) -> str:
+# the page
+
+
+def _page(picture: _Picture, figure: "Figure", title: str) -> str:
     drawing = StringIO()
     figure.savefig(drawing, format="svg")
     svg = drawing.getvalue()
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>\n'
         "<style>body{font-family:sans-serif;margin:2em} td,th{padding:.2em 1em;text-align:right}"
-        "svg{max-width:100%;height:auto}</style></head><body>\n"
-        f"<h1>{escape(title)}</h1>\n{_facts(recording)}\n{svg[svg.index('<svg') :]}\n</body></html>\n"
+        "svg{width:100%;max-width:70em;height:auto}</style></head><body>\n"
+        f"<h1>{escape(title)}</h1>\n{_facts(picture)}\n{svg[svg.index('<svg') :]}\n</body></html>\n"
     )
 
 
-def _facts(recording: Recording) -> str:
+def _facts(picture: _Picture) -> str:
+    recording, tracking = picture.recording, picture.tracking
     length = f"<p>{len(recording)} states, {recording.time_s[-1]:.2f} s</p>"
-    if not _Error("q", "").drawable(recording):
+    if not tracking.compared:
         return length
     rows = "".join(
         f"<tr><th>{row.joint}</th><td>{row.largest:.5f}</td><td>{row.rms:.5f}</td></tr>"
-        for row in deviations(recording)
+        for row in deviations(recording, controller=tracking.source)
     )
     heads = "<tr><th>position error</th><th>largest [rad]</th><th>rms [rad]</th></tr>"
-    return f"{length}\n<table>{heads}{rows}</table>"
+    path = f"<p>largest deviation from the path: {tracking.largest_path_deviation:.5f} rad</p>"
+    return f"{length}\n{path}\n<table>{heads}{rows}</table>"

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from client.errors import RecordingError
+from client.recording.tracking import Tracking
+from urproto.joints import JOINT_NAMES
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.types import FieldType
 
-__all__ = ["DEFAULT_FIELDS", "Columns", "Info", "Recording"]
+__all__ = ["DEFAULT_FIELDS", "ROBOT", "Columns", "Info", "Recording"]
 
 DEFAULT_FIELDS: Final = (
     "timestamp",
@@ -42,6 +44,9 @@ DEFAULT_FIELDS: Final = (
 )
 """What is recorded when nobody says what; every version since 3.3 has these."""
 
+ROBOT: Final = "robot"
+"""Stands for the robot's own controller, where names of controllers are asked for."""
+
 _NS: Final = 1e9
 
 Info = Mapping[str, str]
@@ -51,12 +56,15 @@ Info = Mapping[str, str]
 class Recording:
     """values: an array (n,) of each RTDE variable, (n, 3) or (n, 6) of a vector. info: what is known about it.
 
+    controllers: what trajectory controllers wanted and what the joints did, by the controllers' names.
+
     info has, where the file keeps such things: ``robot``, ``polyscope``, ``began_ns`` (since
     1970), and ``cut_off`` with the reason when the file has no proper end.
     """
 
     values: Mapping[str, NDArray[Any]]
     info: Info = field(default_factory=dict)
+    controllers: Mapping[str, Tracking] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if "timestamp" not in self.values:
@@ -84,6 +92,28 @@ class Recording:
         steps = np.diff(self.values["timestamp"])
         steps[steps < 0.0] = 0.0
         return np.concatenate(([0.0], np.cumsum(steps)))[: len(self)]
+
+    def tracking(self, controller: str | None = None) -> Tracking:
+        """How the joints followed a controller of the recording, or the robot's own (``robot``).
+
+        None is the controller that told the most, the robot's own where none was recorded. Raises RecordingError.
+        """
+        if controller is None and self.controllers:
+            return max(self.controllers.values(), key=lambda tracking: len(tracking.time_s))
+        if controller in (None, ROBOT):
+            return self._robots_tracking()
+        if controller not in self.controllers:
+            known = ", ".join((*self.controllers, ROBOT))
+            raise RecordingError(f"{controller} is no controller of the recording, but {known}")
+        return self.controllers[controller]
+
+    def _robots_tracking(self) -> Tracking:
+        actual_q = self["actual_q"]
+        nothing = np.full_like(actual_q, np.nan)
+        desired_q, desired_qd, actual_qd = (
+            self.values.get(name, nothing) for name in ("target_q", "target_qd", "actual_qd")
+        )
+        return Tracking(ROBOT, JOINT_NAMES, self.time_s, desired_q, actual_q, desired_qd, actual_qd)
 
     @property
     def times_ns(self) -> list[int]:

@@ -2,8 +2,9 @@
 
 import time
 from collections.abc import Callable
+from typing import Any
 
-__all__ = ["Stamps", "seconds_and_rest"]
+__all__ = ["Stamps", "header", "seconds_and_rest"]
 
 _NS = 1_000_000_000
 _BOOT_S = 1.0  # the clock of a robot that has booted is farther back; guess
@@ -33,3 +34,8 @@ def seconds_and_rest(time_ns: int) -> dict[str, int]:
     """As ROS 2 writes a time."""
     seconds, rest = divmod(time_ns, _NS)
     return {"sec": seconds, "nanosec": rest}
+
+
+def header(time_ns: int, frame: str) -> dict[str, Any]:
+    """A std_msgs/Header."""
+    return {"stamp": seconds_and_rest(time_ns), "frame_id": frame}

@@ -1,16 +1,15 @@
 """ROS 2 messages out of RTDE variables, on the topics and in the units of the ROS 2 driver for UR."""
 
-import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 from client.recording.cdr import MessageType
 from client.recording.definitions import message_type, ros_name, rtde_type
-from client.recording.stamps import seconds_and_rest
+from client.recording.stamps import header
 from urproto.joints import JOINT_NAMES as JOINTS
 from urproto.modes import RuntimeState
-from urproto.robots.pose import wrench_trans
+from urproto.robots.pose import rotvec_to_quaternion, wrench_trans
 
 __all__ = ["JOINTS", "RTDE_TOPIC", "ControllerTopic", "Topic", "Topics", "controller_message"]
 
@@ -72,7 +71,7 @@ class Topics:
             if topic.slowly and not self._news(topic.name, message, time_ns):
                 continue
             if topic.stamped:
-                message = {**message, "header": _header(time_ns, message.get("frame_id", ""))}
+                message = {**message, "header": header(time_ns, message.get("frame_id", ""))}
             yield topic, topic.type.encode(message)
 
     def _news(self, name: str, message: Values, time_ns: int) -> bool:
@@ -84,17 +83,19 @@ class Topics:
 
 
 def controller_message(state: Any, time_ns: int) -> Values:
-    """Of anything with joint_names and the points reference, feedback, error and output."""
+    """Of anything with joint_names, the points reference, feedback, error and output, and perhaps a scaling."""
     points = {name: _point(getattr(state, name)) for name in ("reference", "feedback", "error", "output")}
-    return {"header": _header(time_ns, ""), "joint_names": state.joint_names, **points}
+    scaling = getattr(state, "speed_scaling_factor", 1.0)
+    return {
+        "header": header(time_ns, ""),
+        "joint_names": state.joint_names,
+        **points,
+        "speed_scaling_factor": scaling,
+    }
 
 
 def _point(point: Any) -> Values:
     return {name: getattr(point, name) for name in ("positions", "velocities", "accelerations", "effort")}
-
-
-def _header(time_ns: int, frame: str) -> Values:
-    return {"stamp": seconds_and_rest(time_ns), "frame_id": frame}
 
 
 def _same(values: Values) -> Values:
@@ -117,6 +118,7 @@ def _controller_state(values: Values) -> Values:
         "feedback": {"positions": actual_q, "velocities": actual_qd},
         "error": {"positions": _difference(target_q, actual_q), "velocities": _difference(target_qd, actual_qd)},
         "output": reference,
+        "speed_scaling_factor": values.get("speed_scaling", 1.0) * values.get("target_speed_fraction", 1.0),
     }
 
 
@@ -132,14 +134,14 @@ def _wrench(values: Values) -> Values:
 
 def _pose(values: Values) -> Values:
     pose = values["actual_TCP_pose"]
-    rx, ry, rz = pose[3:]
-    return {"frame_id": "base", "pose": {"position": _xyz(pose[:3]), "orientation": _quaternion(rx, ry, rz)}}
+    return {
+        "frame_id": "base",
+        "pose": {"position": _xyz(pose[:3]), "orientation": _xyzw(rotvec_to_quaternion(*pose[3:]))},
+    }
 
 
-def _quaternion(rx: float, ry: float, rz: float) -> Values:
-    angle = math.hypot(rx, ry, rz)
-    scale = math.sin(angle / 2.0) / angle if angle > 1e-9 else 0.5  # the limit
-    return {**_xyz((scale * rx, scale * ry, scale * rz)), "w": math.cos(angle / 2.0)}
+def _xyzw(values: Sequence[float]) -> Values:
+    return dict(zip("xyzw", values, strict=True))
 
 
 def _xyz(values: Sequence[float]) -> Values:

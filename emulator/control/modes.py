@@ -85,6 +85,12 @@ class ModeVerbs(ControlBase):
         self._set(SafetyDevice[device.upper()], active)
 
     @verb
+    def safety_devices(self) -> dict[str, bool]:
+        """Whether each emergency stop button and safety device asks for its stop or mode now."""
+        inputs = self.controller.safety_board.inputs
+        return {device.name.lower(): inputs.active(device) for device in SafetyDevice}
+
+    @verb
     def safety_causes(self) -> dict[str, str]:
         """What ``trip_safety`` can cause on this robot, with the report code of each."""
         series = self.controller.model.series
@@ -153,7 +159,7 @@ class ModeVerbs(ControlBase):
         ]
 
     @verb
-    def answer_popup(self, popup_id: int, value: float | str | bool | None = None) -> None:
+    def answer_popup(self, popup_id: int, value: int | float | str | bool | None = None) -> None:
         """Close a popup, or answer a question; a question without a value is cancelled."""
         try:
             if not self.controller.popups.answer(popup_id, value):

@@ -1,12 +1,20 @@
 """Verbs about programs and what they say."""
 
 from collections.abc import Generator
-from typing import Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 from emulator import dashboard
 from emulator.control.base import ControlBase, Waiting
 from emulator.control.verbs import verb
-from emulator.programs.compiling import Submission
+from emulator.programs.compiling import Submission, in_periods
+from emulator.programs.listing import program_files
+from emulator.programs.trees.outline import OutlineNode, outline_steps
+from emulator.programs.trees.program import TreeError
+from urscript.work import Steps
+
+if TYPE_CHECKING:
+    from emulator.controller import Controller
 
 __all__ = ["ProgramVerbs"]
 
@@ -25,6 +33,22 @@ class ProgramVerbs(ControlBase):
         return self._wait(_decided(self.controller.programs.submit(text)))
 
     @verb
+    def programs(self) -> list[str]:
+        """The program files of the programs folder, as ``load`` of the dashboard takes them."""
+        folder = self.controller.config.programs_dir
+        return [] if folder is None else self._wait(program_files(folder.resolve()))
+
+    @verb
+    def program(self) -> dict[str, Any]:
+        """The main program that runs, else the loaded one.
+
+        ``file``: the loaded one's, None when this is another; ``running``; ``text``: its script, whose lines
+        ``script_control_line`` counts, empty while a program tree was not played; ``tree``: the nodes of a program
+        tree with number (by which labels name them), depth, text and whether they are suppressed.
+        """
+        return self._wait(_shown_program(self.controller))
+
+    @verb
     def variables(self) -> dict[str, Any]:
         """The global variables of the running program, as text."""
         return {name: str(value) for name, value in self.controller.programs.variables.items()}
@@ -40,6 +64,30 @@ def _answered(answer: str | Waiting[str | None] | None) -> Waiting[str]:
     if isinstance(answer, Generator):
         answer = yield from answer
     return answer or ""
+
+
+def _shown_program(controller: "Controller") -> Waiting[dict[str, Any]]:
+    programs = controller.programs
+    view, loaded = programs.view, programs.loaded
+    running = view is not None and view.running
+    of_file = loaded is not None and (not running or programs.loaded_ran)
+    text = view.program.source if view is not None and (running or programs.loaded_ran or loaded is None) else ""
+    shown = {"file": None, "running": running, "text": text, "tree": list[dict[str, Any]]()}
+    if loaded is not None and of_file:
+        shown |= {"file": loaded.path.name, "text": text or loaded.script}
+        if loaded.tree is not None:
+            steps = outline_steps(loaded.tree, controller.installation.file, controller.version)
+            nodes = yield from in_periods(_or_nothing(steps), controller.period_s)
+            shown["tree"] = [asdict(node) for node in nodes or ()]
+    return shown
+
+
+def _or_nothing(steps: Steps[list[OutlineNode]]) -> Steps[list[OutlineNode]]:
+    """Another installation may have taken away what the tree needs."""
+    try:
+        return (yield from steps)
+    except TreeError:
+        return []
 
 
 def _decided(submission: Submission) -> Waiting[bool]:

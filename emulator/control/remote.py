@@ -9,13 +9,13 @@ Each verb is a method with the arguments and results of `LiveControl`; nothing o
 import http.client
 import json
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from emulator.control.verbs import BadArguments, NotPossible
+from urproto.ports import CONTROL_API_PORT
 
 __all__ = ["ControlClient", "NoControlError", "RemoteControl"]
 
-_PORT: Final = 30080
 _BAD_ARGUMENTS, _CONFLICT, _NOT_FOUND = 400, 409, 404
 
 
@@ -27,7 +27,7 @@ class ControlClient:
     """Calls verbs by name. ``timeout_s``: how long an answer may take; None waits."""
 
     def __init__(
-        self, host: str = "127.0.0.1", port: int = _PORT, token: str = "", timeout_s: float | None = 60.0
+        self, host: str = "127.0.0.1", port: int = CONTROL_API_PORT, token: str = "", timeout_s: float | None = 60.0
     ) -> None:
         self._place = f"{host} port {port}"
         self._http = http.client.HTTPConnection(host, port, timeout=timeout_s)
@@ -78,7 +78,7 @@ if TYPE_CHECKING:
         """What a type checker sees: the verbs themselves."""
 
         def __init__(
-            self, host: str = "127.0.0.1", port: int = _PORT, token: str = "", timeout_s: float | None = 60.0
+            self, host: str = "127.0.0.1", port: int = CONTROL_API_PORT, token: str = "", timeout_s: float | None = 60.0
         ) -> None: ...
 
         def close(self) -> None: ...

@@ -9,6 +9,7 @@ from emulator.control.verbs import BadArguments, verb
 from emulator.robot.installation import Payload
 from emulator.snapshot import Vector3, Vector6
 from emulator.world.commands import (
+    HAND,
     AddObject,
     MountTool,
     MoveObject,
@@ -17,8 +18,9 @@ from emulator.world.commands import (
     RemoveObject,
     WorldCommand,
 )
-from emulator.world.file import read_thing
+from emulator.world.file import describe_thing, read_thing
 from emulator.world.hands import Frame, Push
+from emulator.world.world import World
 
 __all__ = ["WorldVerbs"]
 
@@ -41,6 +43,18 @@ class WorldVerbs(ControlBase):
     def release_tool(self) -> None:
         """Push the tool no more."""
         self._change(ReleaseTool())
+
+    @verb
+    def world(self) -> dict[str, Any]:
+        """What surrounds the arm, as in a world file: objects, tool; the hand's push, and a payload that is mounted."""
+        world, payload = self.controller.world or World(), self.controller.arm.mounted
+        push = world.pushes.get(HAND)
+        return {
+            "objects": {name: describe_thing(thing) for name, thing in world.things.items()},
+            "tool": describe_thing(world.tool, tool=True),
+            "push": None if push is None else {"wrench": list(push.wrench), "frame": push.frame.value},
+            "payload": None if payload is None else {"mass_kg": payload.mass, "cog_m": list(payload.cog)},
+        }
 
     @verb
     def objects(self) -> list[str]:

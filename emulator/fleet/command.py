@@ -17,11 +17,11 @@ from emulator.cli import (
     log_to_stderr,
     mistakes_in_one_line,
     with_robot_options,
-    write_ports,
 )
 from emulator.config import PORTS, ConfigError, EmulatorConfig
 from emulator.fleet.plan import FIRST_HOST, MOST_ROBOTS, FleetFile, place
 from emulator.fleet.supervisor import AllReady, Died, Event, GivenUp, Restarted, ShutDown, Supervisor
+from emulator.serve import write_ports
 
 __all__ = ["app", "main"]
 

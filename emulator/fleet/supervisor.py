@@ -20,6 +20,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Final, Self
 
+import urproto.robots.dynamics  # noqa: F401 # loaded here, Pinocchio is shared by the forks
 from emulator.config import EmulatorConfig
 from emulator.fleet import worker
 from emulator.fleet.worker import Ended, Failed, Ready

@@ -12,6 +12,7 @@ from emulator.programs.compiling import Submission
 from emulator.programs.loading import LoadedProgram, load_steps
 from emulator.programs.trees.program import ProgramTree, script_steps
 from emulator.programs.urcap import ProgramRequest
+from urscript.compiler import CompiledProgram
 from urscript.work import Steps
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ class Player:
 
     def __init__(self, controller: "Controller") -> None:
         self.loaded: LoadedProgram | None = None
+        self._played: Submission | None = None
         self._controller = controller
         self._asked: _Asked | None = None
 
@@ -56,14 +58,18 @@ class Player:
             controller.messages.note(note)
         if loaded.installation is not None:
             controller.apply_installation(*loaded.installation)
-        self.loaded = loaded
+        self.loaded, self._played = loaded, None
+
+    def made(self, program: CompiledProgram) -> bool:
+        """Whether this program is the loaded one, as it was last played."""
+        return self._played is not None and self._played.program is program
 
     def submission(self, *, stepped: bool) -> Submission | None:
         """What to compile now, or ``waiting`` if its driver has to be asked first; None without a loaded program."""
         if self.loaded is None:
             return None
         tree = self.loaded.tree
-        submission = Submission(self.loaded.script, self._controller.version, stepped)
+        submission = self._played = Submission(self.loaded.script, self._controller.version, stepped)
         if tree is None:
             return submission
         if tree.needs_external_control:

@@ -106,6 +106,11 @@ class Programs:
         return self._player.loaded
 
     @property
+    def loaded_ran(self) -> bool:
+        """Whether the program of ``view`` is the loaded one."""
+        return self.view is not None and self._player.made(self.view.program)
+
+    @property
     def host(self) -> ProgramHost | None:
         """The main program's host."""
         return self._host

@@ -1,6 +1,7 @@
 """A main program as its watchers see it: variables and labels, while it runs and after its end."""
 
 from urproto.primary.messages import ProgramThread
+from urscript.compiler import CompiledProgram
 from urscript.runtime import Runtime
 from urscript.values import Value
 
@@ -13,6 +14,11 @@ class ProgramView:
     def __init__(self, number: int, runtime: Runtime) -> None:
         self.number = number
         self._runtime = runtime
+
+    @property
+    def program(self) -> CompiledProgram:
+        """What runs, or ran."""
+        return self._runtime.program
 
     @property
     def running(self) -> bool:

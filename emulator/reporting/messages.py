@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-from emulator.lifecycle.errorcodes import error_text
+from urproto.errorcodes import error_text
 from urproto.modes import ReportLevel, SafetyMode
 from urproto.primary.messages import (
     NO_TIMESTAMP_US,
@@ -74,7 +74,7 @@ class MessageLog:
 
     def error(self, code: int, argument: int = 0, level: ReportLevel = ReportLevel.WARNING, text: str = "") -> None:
         """An entry C<code>A<argument> of the error log; the text comes from the table unless given."""
-        self.emit(ErrorCodeMessage(code=code, argument=argument, level=level, text=text or error_text(code)))
+        self.emit(ErrorCodeMessage(code=code, argument=argument, level=level, text=text or error_text(code, argument)))
 
     def compile_error(self, line: int, column: int, text: str) -> None:
         """A script did not compile; line and column count from 1. It belongs to no control cycle, and to no time."""

@@ -12,7 +12,7 @@ does not know of.
 
 import math
 from operator import sub, truediv
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from emulator.motion.torque import TorqueCommand
 from emulator.robot.drives import Drives
@@ -22,9 +22,11 @@ from emulator.robot.toolstate import ToolState
 from emulator.robot.vectors import ZERO6, Rows, cross, into, minus3, minus6, out_of, plus3, plus6, rate6, times6
 from emulator.snapshot import Snapshot, Vector3, Vector6
 from urproto.robots import RobotModel, kinematics_of
-from urproto.robots.dynamics import Dynamics
 from urproto.robots.pose import Pose, rotvec_to_matrix
 from urproto.versions import Series
+
+if TYPE_CHECKING:
+    from urproto.robots.dynamics import Dynamics
 
 __all__ = ["CURRENT_WINDOW_A", "Arm"]
 
@@ -45,6 +47,10 @@ class Arm:
     """
 
     def __init__(self, model: RobotModel, *, seed: int | None = None) -> None:
+        from urproto.robots.dynamics import (
+            Dynamics,
+        )  # Pinocchio: who has no arm, as a checker of scripts, need not wait
+
         self.model = model
         self.kinematics = kinematics_of(model)
         self.dynamics = Dynamics(model)
@@ -240,7 +246,7 @@ class Arm:
             self.drives.wake()
         return True
 
-    def _load(self, dynamics: Dynamics, payload: Payload) -> None:
+    def _load(self, dynamics: "Dynamics", payload: Payload) -> None:
         dynamics.set_payload(payload.mass, payload.cog, payload.inertia)
         dynamics.set_gravity(self._felt)
 

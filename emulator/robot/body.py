@@ -11,7 +11,6 @@ from typing import Final
 from emulator.snapshot import Vector6
 from urproto.robots import RobotModel
 from urproto.robots.drivetrain import joint_sizes
-from urproto.robots.dynamics import Dynamics
 
 __all__ = ["STEP_S", "Body"]
 
@@ -31,6 +30,8 @@ class Body:
     """
 
     def __init__(self, model: RobotModel, *, smooth: bool = False) -> None:
+        from urproto.robots.dynamics import Dynamics  # Pinocchio: a dynamic arm alone needs this one
+
         sizes = joint_sizes(model)
         self.dynamics = Dynamics(model)
         self.dynamics.set_rotor_inertia([size.rotor_kg_m2 for size in sizes])

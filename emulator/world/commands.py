@@ -15,9 +15,9 @@ from emulator.world.world import World
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["AddObject", "MountTool", "MoveObject", "PushTool", "ReleaseTool", "RemoveObject"]
+__all__ = ["HAND", "AddObject", "MountTool", "MoveObject", "PushTool", "ReleaseTool", "RemoveObject"]
 
-_HAND = "hand"
+HAND = "hand"
 
 
 class WorldCommand(Command):
@@ -46,7 +46,7 @@ class PushTool(WorldCommand):
     """Push the tool, until ``push`` is over or ReleaseTool of the same name comes."""
 
     push: Push
-    name: str = _HAND
+    name: str = HAND
 
     def change(self, world: World) -> None:
         world.push(self.name, replace(self.push))  # a push counts its time down: each has its own
@@ -56,7 +56,7 @@ class PushTool(WorldCommand):
 class ReleaseTool(WorldCommand):
     """Push no more."""
 
-    name: str = _HAND
+    name: str = HAND
 
     def change(self, world: World) -> None:
         if not world.release(self.name):

@@ -28,7 +28,7 @@ from urproto.robots import RobotModel
 if TYPE_CHECKING:
     from emulator.world.links import Links
 
-__all__ = ["WorldFileError", "WorldPlan", "read_thing", "read_world"]
+__all__ = ["WorldFileError", "WorldPlan", "describe_thing", "read_thing", "read_world"]
 
 _MATERIAL: Final = ("stiffness", "damping", "friction")
 
@@ -80,6 +80,19 @@ def read_world(path: Path) -> WorldPlan:
 def read_thing(name: str, description: Any, *, tool: bool = False) -> WorldObject:
     """One thing as a world file describes it; a tool has no material of its own. Raises ValueError."""
     return _thing(name, description, () if tool else _MATERIAL)
+
+
+def describe_thing(thing: WorldObject, *, tool: bool = False) -> dict[str, Any]:
+    """What ``read_thing`` makes the thing of."""
+    match thing.shape:
+        case Plane():
+            shape: dict[str, Any] = {"plane": {}}
+        case Box(size):
+            shape = {"box": list(size)}
+        case Sphere(radius):
+            shape = {"sphere": radius}
+    material = {} if tool else {name: getattr(thing, name) for name in _MATERIAL}
+    return {**shape, "pose": list(thing.pose), **material}
 
 
 def _plan(content: Any) -> WorldPlan:

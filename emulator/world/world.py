@@ -54,6 +54,11 @@ class World:
         """Everything that stands around, by name."""
         return MappingProxyType(self._things)
 
+    @property
+    def pushes(self) -> Mapping[str, Push]:
+        """Hands that push now, by name."""
+        return MappingProxyType(self._pushes)
+
     def add(self, name: str, thing: WorldObject) -> None:
         """Put a thing there. Raises WorldError when there is one of this name, or too many."""
         if name in self._things:

@@ -75,6 +75,22 @@ async def test_verbs_from_another_process_side(emulator: Emulator) -> None:
     assert await beside(use) == [{"safety_mode": "ROBOT_EMERGENCY_STOP"}, "ur3"]
 
 
+async def test_an_integer_answers_a_question_for_an_integer(emulator: Emulator) -> None:
+    def use() -> Any:
+        robot = RemoteControl(HOST, emulator.ports["control"])
+        robot.send_script(
+            'def ask():\n  global n = request_integer_from_primary_client("?")\n  while True:\n    sync()\n  end\nend\n'
+        )
+        robot.run_until("runtime_state == PLAYING")
+        robot.answer_popup(robot.popups()[0]["id"], 12)
+        robot.run_until("script_control_line > 2")
+        variables = robot.variables()
+        robot.close()
+        return variables
+
+    assert await beside(use) == {"n": "12"}
+
+
 async def test_the_description_is_openapi(emulator: Emulator) -> None:
     status, description = await beside(lambda: request(emulator, "/openapi.json"))
     assert status == 200

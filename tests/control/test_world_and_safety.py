@@ -169,3 +169,40 @@ def test_an_arm_without_brakes_sags(make) -> None:
 def test_an_ideal_arm_has_no_weight_to_lose(make) -> None:
     with pytest.raises(NotPossible, match="--arm dynamic"):
         make().inject_fault("lost_brake", joint=1)
+
+
+def test_the_world_is_told_as_it_was_described(make) -> None:
+    robot = make()
+    block = {"box": [0.1, 0.2, 0.3], "pose": [0.5, 0.1, 0.2, 0.0, 0.0, 1.0], "stiffness": 1e4, "damping": 5.0}
+    robot.add_object("block", block)
+    robot.add_object("ball", {"sphere": 0.05, "friction": 0.4})
+    robot.add_object("table", {"plane": {}, "pose": [0, 0, -1]})
+    told = robot.world()
+    assert told["objects"]["block"] == {**block, "friction": 0.0}
+    other = make()
+    for name, description in told["objects"].items():
+        other.add_object(name, description)
+    assert other.world() == told
+
+
+def test_the_world_tells_what_pushes_and_what_hangs_on_the_flange(make) -> None:
+    robot = make()
+    assert (robot.world()["push"], robot.world()["payload"]) == (None, None)
+    robot.push_tool((1.0, 2.0, 3.0, 0.0, 0.0, 0.0), "tool")
+    robot.mount_payload(0.5, (0.0, 0.0, 0.1))
+    robot.mount_tool({"sphere": 0.01})
+    told = robot.world()
+    assert told["push"] == {"wrench": [1.0, 2.0, 3.0, 0.0, 0.0, 0.0], "frame": "tool"}
+    assert told["payload"] == {"mass_kg": 0.5, "cog_m": [0.0, 0.0, 0.1]}
+    assert told["tool"] == {"sphere": 0.01, "pose": [0.0] * 6}
+
+
+def test_safety_devices_are_told(make) -> None:
+    robot = make()
+    assert not any(robot.safety_devices().values())
+    robot.open_safeguard()
+    robot.press_emergency_stop("system")
+    assert {name for name, active in robot.safety_devices().items() if active} == {
+        "safeguard",
+        "system_emergency_stop",
+    }

@@ -220,8 +220,10 @@ def test_a_robot_that_waits_freezes_the_trajectory_and_goes_on_gently(waiting):
         arm.cycle(actual_q=tuple(sent[-1][0]) if sent else REST)
     before = len(arm.driver.named("servoj"))
     stood = tuple(q - 0.05 for q in arm.driver.named("servoj")[-1][0])
-    arm.cycle(500, actual_q=stood, **waiting)
+    arm.cycle(100, actual_q=stood, actual_qd=(0.0,) * 5 + (-0.1,), **waiting)
     assert len(arm.driver.named("servoj")) == before
+    arm.cycle(400, actual_qd=REST)
+    assert [call[0] for call in arm.driver.named("servoj")[before:]] == [pytest.approx(stood)]  # when it stands, once
     assert arm.factor == 0.0
     assert arm.manager.controller(SCALED).progress == pytest.approx(0.5, abs=0.01)
     arm.cycle(safety_mode=SafetyMode.NORMAL, runtime_state=RuntimeState.PLAYING)

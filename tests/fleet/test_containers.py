@@ -13,6 +13,7 @@ import yaml
 
 from emulator.cli import ROBOT_OPTIONS, app, configure
 from emulator.config import PORTS
+from urproto.ports import PENDANT_PORT
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCKER = ROOT / "docker"
@@ -56,7 +57,8 @@ def exposed() -> set[int]:
 
 
 def test_the_image_exposes_the_ports_a_robot_has_without_accessories() -> None:
-    assert exposed() == {port for name, port in PORTS.items() if name not in ("tool line", "gripper")}
+    ports = {port for name, port in PORTS.items() if name not in ("tool line", "gripper")}
+    assert exposed() == ports | {PENDANT_PORT}
 
 
 def test_the_image_listens_to_other_machines() -> None:

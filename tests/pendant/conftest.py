@@ -62,7 +62,7 @@ class Rig:
             text=True,
         )
         assert self._pendant.stdout is not None
-        assert "Pendant" in self._pendant.stdout.readline()
+        assert "Teach pendant" in self._pendant.stdout.readline()
 
     @property
     def pendant_pid(self) -> int:

@@ -1,6 +1,12 @@
 """What a test with a robot leaves behind makes it fail, and nothing else does."""
 
+import re
+import socket
+from contextlib import ExitStack
+
 import pytest
+
+from urproto.testing.leaks import listening_sockets
 
 LEAVING = {
     "threads: forgotten": """
@@ -85,3 +91,21 @@ async def test_tasks(worker):
 def test_a_failure_is_reported_once(run_tests) -> None:
     source = using(LEAVING["threads: forgotten"]).replace("    leave()\n", "    leave()\n    assert False\n")
     run_tests(source).assert_outcomes(passed=1, failed=1)
+
+
+def test_of_all_that_is_open_only_tcp_servers_listen() -> None:
+    before = listening_sockets()
+    with ExitStack() as opened:
+        servers = [
+            opened.enter_context(socket.create_server((host, 0), family=family))
+            for host, family in (("127.0.0.1", socket.AF_INET), ("::1", socket.AF_INET6))
+        ]
+        opened.enter_context(socket.create_connection(servers[0].getsockname()[:2]))
+        opened.enter_context(socket.socket(type=socket.SOCK_DGRAM)).bind(("127.0.0.1", 0))
+        local = opened.enter_context(socket.socket(socket.AF_UNIX))
+        local.bind("")  # Linux chooses a name
+        local.listen()
+        found = listening_sockets() - before
+        ports = sorted(server.getsockname()[1] for server in servers)
+        assert sorted(int(re.match(r"port (\d+) \(socket:\[\d+\]\)$", one)[1]) for one in found) == ports
+    assert listening_sockets() == before

@@ -3,16 +3,19 @@
 import asyncio
 import json
 import math
+import queue
 import socket
 import struct
 import sys
+import threading
 
 import pytest
 import websockets
 from recording_rig import BEGAN_NS, moving_states
+from websockets.sync.server import serve
 
 from client.errors import MissingExtraError, RecordingError
-from client.recording.live import FoxgloveServer, PlotJugglerSender, address_of, datagrams
+from client.recording.live import FoxgloveServer, PlotJugglerSender, address_of, datagrams, plotjuggler
 from urproto.rtde.fields import OUTPUT_FIELDS
 
 PATIENCE_S = 20.0
@@ -49,6 +52,33 @@ def test_plotjuggler_gets_datagrams(states) -> None:
         sender.write(states[0], BEGAN_NS)
         sender.close()
         assert json.loads(receiver.recv(2048))["robot_mode"] == 7
+
+
+def test_plotjugglers_websocket_server_gets_whole_states(states) -> None:
+    got = queue.SimpleQueue()
+    with serve(lambda connection: [got.put(message) for message in connection], "127.0.0.1", 0) as server:
+        serving = threading.Thread(target=server.serve_forever)
+        serving.start()
+        sender = plotjuggler(f"ws://127.0.0.1:{server.socket.getsockname()[1]}")
+        sender.write(states[5], BEGAN_NS)
+        sender.write({"speed_scaling": math.nan}, BEGAN_NS)
+        first, second = (json.loads(got.get(timeout=PATIENCE_S)) for _ in range(2))
+        sender.close()
+        server.shutdown()
+        serving.join()
+    assert first["timestamp"] == pytest.approx(BEGAN_NS * 1e-9, abs=1e-6)
+    assert first["robot_time"] == states[5]["timestamp"]
+    assert tuple(first["actual_q"]) == states[5]["actual_q"]
+    assert list(second) == ["timestamp"]
+    with pytest.raises(RecordingError, match="takes no more"):
+        sender.write(states[5], BEGAN_NS)
+
+
+def test_a_plotjuggler_that_does_not_listen_is_told() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))  # and does not listen
+        with pytest.raises(RecordingError, match="start PlotJuggler's, protocol json, first"):
+            plotjuggler(f"ws://127.0.0.1:{taken.getsockname()[1]}")
 
 
 @pytest.mark.parametrize(

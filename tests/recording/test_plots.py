@@ -37,7 +37,7 @@ def test_only_what_was_recorded_is_drawn(states, tmp_path: Path) -> None:
     names = ("timestamp", "actual_q")
     few = [{name: state[name] for name in names} for state in states]
     draw(read(record(tmp_path / "few.npz", few)), tmp_path / "few.svg")
-    assert (_panels(tmp_path / "all.svg"), _panels(tmp_path / "few.svg")) == (5, 1)
+    assert (_panels(tmp_path / "all.svg"), _panels(tmp_path / "few.svg")) == (6, 1)
 
 
 def _panels(path: Path) -> int:

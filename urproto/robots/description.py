@@ -11,17 +11,17 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import atan2, cos, dist, hypot, pi, sin
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from urproto.joints import JOINT_NAMES as JOINTS
-from urproto.robots.calibration import Frame, chain_of
+from urproto.robots.calibration import Chain, Frame, chain_of
 from urproto.robots.meshes import MeshesMissing, PlacedMesh, mesh_file, placed_meshes
 from urproto.robots.model import DH, Link, RobotModel
-from urproto.robots.pose import Vec3
+from urproto.robots.pose import Pose, Vec3, matrix_to_rotvec, rpy_to_rotvec
 from urproto.robots.shapes import Capsule, capsules
 
-__all__ = ["JOINTS", "MeshesMissing", "urdf"]
+__all__ = ["JOINTS", "JointFrame", "MeshesMissing", "joint_frames", "urdf"]
 
 _LINKS: Final = (
     "base_link_inertia",
@@ -45,6 +45,33 @@ _VISUAL: Final = (".dae", ".glb", ".obj", ".stl")
 _COLLISION: Final = (".stl", ".obj", ".dae")
 
 
+class JointFrame(NamedTuple):
+    """A joint: its child link in its parent's frame, at angle 0 for one that moves, about the child's z axis."""
+
+    joint: str
+    parent: str
+    child: str
+    pose: Pose
+    moves: bool
+
+
+def joint_frames(model: RobotModel, prefix: str = "") -> list[JointFrame]:
+    """The joints of what `urdf` writes, with its names: six that move, from the base on, then the fixed ones."""
+    chain = zip(JOINTS, pairwise(_LINKS), _chain(model), strict=True)
+    moving = [
+        JointFrame(prefix + name, prefix + parent, prefix + child, (*position, *matrix_to_rotvec(axes)), True)
+        for name, (parent, child), (position, axes) in chain
+    ]
+    return moving + [
+        JointFrame(prefix + name, prefix + parent, prefix + child, (*_ZERO, *rpy_to_rotvec(*rpy)), False)
+        for name, parent, child, rpy in _FIXED
+    ]
+
+
+def _chain(model: RobotModel) -> Chain:
+    return chain_of(model.dh if model.calibration is None else model.calibration)
+
+
 def urdf(model: RobotModel, *, meshes: Path | None = None, prefix: str = "") -> str:
     """The description, of the calibrated arm if the model has a calibration.
 
@@ -62,8 +89,7 @@ def urdf(model: RobotModel, *, meshes: Path | None = None, prefix: str = "") -> 
                 shape(SubElement(link, kind), _GREY[i % 2] if kind == "visual" else None)
         if i > 0:
             _inertial(link, model.links[i - 1], model.dh, i - 1)
-    chain = chain_of(model.dh if model.calibration is None else model.calibration)
-    for i, ((parent, child), frame) in enumerate(zip(pairwise(_LINKS), chain, strict=True)):
+    for i, ((parent, child), frame) in enumerate(zip(pairwise(_LINKS), _chain(model), strict=True)):
         _moving_joint(root, model, i, prefix + parent, prefix + child, frame, prefix)
     for name, parent, child, rpy in _FIXED:
         if child not in _LINKS:

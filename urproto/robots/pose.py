@@ -24,6 +24,7 @@ __all__ = [
     "pose_sub",
     "pose_trans",
     "rotvec_to_matrix",
+    "rotvec_to_quaternion",
     "rotvec_to_rpy",
     "rpy_to_rotvec",
     "wrench_trans",
@@ -118,6 +119,12 @@ def rotvec_to_matrix(rx: float, ry: float, rz: float) -> Matrix3:
     xy, xz, yz = 2.0 * x * y, 2.0 * x * z, 2.0 * y * z
     wx, wy, wz = 2.0 * w * x, 2.0 * w * y, 2.0 * w * z
     return (1.0 - yy - zz, xy - wz, xz + wy, xy + wz, 1.0 - xx - zz, yz - wx, xz - wy, yz + wx, 1.0 - xx - yy)
+
+
+def rotvec_to_quaternion(rx: float, ry: float, rz: float) -> tuple[float, float, float, float]:
+    """Unit quaternion x, y, z, w (as ROS writes them) of a rotation vector [rad]."""
+    w, x, y, z = _quaternion(rx, ry, rz)
+    return (x, y, z, w)
 
 
 def matrix_to_rotvec(matrix: Sequence[float]) -> Vec3:

@@ -1,6 +1,7 @@
 """What a test leaves behind in its own process: threads and listening ports."""
 
 import os
+import socket
 import threading
 import time
 from dataclasses import dataclass, field
@@ -9,10 +10,10 @@ from typing import Final, Self
 
 __all__ = ["Belongings", "listening_sockets"]
 
-_TABLES: Final = ("/proc/net/tcp", "/proc/net/tcp6")
 _DESCRIPTORS: Final = Path("/proc/self/fd")
-_LISTENS: Final = "0A"  # state of a socket in these tables (proc_net_tcp)
-_PATIENCE_S: Final = 1.0  # guess: what a thread that was told to end may take to do so
+_INTERNET: Final = (socket.AF_INET, socket.AF_INET6)
+_PATIENCE_S: Final = 1.0  # guess: what a thread that was told to end may take to do so, or its port to be closed
+_LOOK_S: Final = 0.01
 
 
 @dataclass
@@ -37,12 +38,15 @@ class Belongings:
         return Belongings(set(threading.enumerate()) - self.threads, listening_sockets() - self.ports)
 
     def complaints(self) -> list[str]:
-        """One line for each kind of thing that is there and may not be; threads that are ending get a moment to."""
+        """One line for each kind of thing that is there and may not be; what is ending gets a moment to."""
         end = time.monotonic() + _PATIENCE_S
         for thread in set(threading.enumerate()) - self.threads:
             if thread is not threading.current_thread():
                 thread.join(max(end - time.monotonic(), 0.0))
         left = self.new()
+        while left.ports and time.monotonic() < end:
+            time.sleep(_LOOK_S)
+            left = self.new()
         threads = ", ".join(sorted(thread.name for thread in left.threads))
         ports = ", ".join(sorted(left.ports))
         return [f"{kind}: {names}" for kind, names in (("threads", threads), ("listening ports", ports)) if names]
@@ -51,20 +55,29 @@ class Belongings:
 def listening_sockets() -> set[str]:
     """TCP ports this process listens on, as the kernel numbers its sockets: "port 8080 (socket:[1234])".
 
-    Linux; empty elsewhere.
+    Linux; empty elsewhere. Every test asks twice, so the descriptors are asked: the kernel's table of all connections
+    of the machine takes it a hundred times as long to write.
     """
-    listening: dict[str, int] = {}
-    for table in map(Path, _TABLES):
-        rows = (line.split() for line in table.read_text().splitlines()[1:]) if table.exists() else ()
-        listening |= {f"socket:[{row[9]}]": int(row[1].rpartition(":")[2], 16) for row in rows if row[3] == _LISTENS}
-    return {f"port {listening[link]} ({link})" for link in _open_descriptors() if link in listening}
-
-
-def _open_descriptors() -> set[str]:
-    links = set()
+    found = set()
     for descriptor in os.listdir(_DESCRIPTORS) if _DESCRIPTORS.exists() else ():
         try:
-            links.add(os.readlink(_DESCRIPTORS / descriptor))
+            link = os.readlink(_DESCRIPTORS / descriptor)
+            port = _listening_port(int(descriptor)) if link.startswith("socket:") else None
         except OSError:  # closed meanwhile, as the listing's own descriptor is
             continue
-    return links
+        if port is not None:
+            found.add(f"port {port} ({link})")
+    return found
+
+
+def _listening_port(descriptor: int) -> int | None:
+    """Of a TCP server; None of any other socket. Raises OSError if it is none, or no longer."""
+    borrowed = socket.socket(fileno=descriptor)
+    try:
+        is_tcp = borrowed.family in _INTERNET and borrowed.type == socket.SOCK_STREAM
+        if not is_tcp or not borrowed.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+            return None
+        port: int = borrowed.getsockname()[1]
+        return port
+    finally:
+        borrowed.detach()

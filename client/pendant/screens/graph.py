@@ -1,9 +1,168 @@
-"""Graph."""
+"""Graph: diagrams of any RTDE outputs, live; paused, read with a cursor, exported."""
+
+from datetime import datetime
+from typing import Any
+
+from nicegui import ui
 
 from client.pendant.page import Page
+from client.pendant.plots import MOST_PANES, RATES_HZ, WINDOWS_S, Pane, Plots
+from client.pendant.screens.graph_picker import Picker
+from client.pendant.station import Station
 
 __all__ = ["build"]
 
 
 def build(page: Page) -> None:
     """Put it on the page."""
+    screen = _Graph(page)
+    page.live.on_show.append(screen.shown)
+    page.on_close.append(lambda: screen.plots.leave(for_good=True))
+
+
+class _Graph:
+    def __init__(self, page: Page) -> None:
+        self.page = page
+        self.plots = Plots(page.station.feeds)
+        self.picker = Picker(page, self.plots)
+        self._config: tuple[int, Any] = (-1, None)
+        self._elements: list[tuple[Pane, int, int]] = []  # ids of legend and canvas
+        with ui.column().classes("graph") as root:
+            with ui.row().classes("graph-bar"):
+                self._bar()
+            self._panes = ui.column().classes("panes")
+        self._build_panes()
+        self._root = root
+        page.live.bind(root, "plot", self._configuration)
+        page.live.stream(root, "samples", self.plots.take)
+
+    def shown(self, screen: str) -> None:
+        """The screen came into view, or went."""
+        if screen == "graph":
+            self.plots.look()
+        else:
+            self.plots.leave()
+
+    # controls
+
+    def _bar(self) -> None:
+        plots = self.plots
+        ui.select({s: f"{s} s" for s in WINDOWS_S}, value=plots.window_s, label="Window").props(
+            "dense outlined options-dense data-testid=window"
+        ).classes("graph-choice").on_value_change(lambda change: self._set("window_s", change.value))
+        ui.select({hz: f"{hz} Hz" for hz in RATES_HZ}, value=plots.rate_hz, label="Rate").props(
+            "dense outlined options-dense data-testid=rate"
+        ).classes("graph-choice").on_value_change(lambda change: self._set("rate_hz", change.value))
+        ui.toggle({False: "°, mm", True: "SI"}, value=False).props(
+            "dense no-caps unelevated data-testid=units"
+        ).classes("graph-units").on_value_change(lambda change: self._set("si", change.value))
+        self._pause = ui.button("Pause", icon="pause", on_click=self._toggle_pause).props(
+            "unelevated no-caps data-testid=graph-pause"
+        )
+        ui.button("Clear", icon="delete_sweep", on_click=plots.clear).props("flat no-caps data-testid=graph-clear")
+        self._add = ui.button("Diagram", icon="add", on_click=self._add_pane).props("flat no-caps data-testid=add-pane")
+        ui.space()
+        self.page.live.text(self._collected, "soft").props("data-testid=collected")
+        ui.button("CSV", icon="download", on_click=self._save_csv).props("flat no-caps data-testid=csv")
+        ui.button("PNG", icon="image").props("flat no-caps data-testid=png").on(
+            "click", js_handler="() => pendant.savePlots()"
+        )
+
+    def _set(self, name: str, value: Any) -> None:
+        setattr(self.plots, name, value)
+        self.plots.changed()
+
+    def _toggle_pause(self) -> None:
+        self._set("paused", not self.plots.paused)
+        self._pause.set_text("Go on" if self.plots.paused else "Pause")
+        self._pause.props(f"icon={'play_arrow' if self.plots.paused else 'pause'}")
+
+    def _collected(self, station: Station) -> str:
+        feed = self.plots.feed
+        if feed is None:
+            return ""
+        return feed.trouble or f"{self.plots.count} states at {feed.rate_hz:g} Hz"
+
+    async def _save_csv(self) -> None:
+        async def save() -> None:
+            ui.download.content(await self.plots.csv(), f"{self._file_name()}.csv", "text/csv")
+
+        with self._root:
+            await self.page.attempt(save)
+
+    def _file_name(self) -> str:
+        model = self.page.station.model
+        return f"{model.name if model else 'robot'}-{datetime.now():%Y%m%d-%H%M%S}"
+
+    # diagrams
+
+    def _add_pane(self) -> None:
+        pane = Pane()
+        self.plots.panes.append(pane)
+        self._build_panes()
+        self.picker.open(pane)
+
+    def _remove(self, pane: Pane) -> None:
+        self.plots.panes.remove(pane)
+        self._build_panes()
+
+    def _build_panes(self) -> None:
+        self._panes.clear()
+        self._elements = []
+        with self._panes:
+            for number, pane in enumerate(self.plots.panes):
+                self._build_pane(number, pane)
+        self._add.set_enabled(len(self.plots.panes) < MOST_PANES)
+        self.plots.changed()
+
+    def _build_pane(self, number: int, pane: Pane) -> None:
+        with ui.element("div").classes("panel pane").props(f"data-testid=pane-{number}"):
+            with ui.element("div").classes("pane-head"):
+                legend = ui.element("div").classes("legend")
+                ui.button(icon="tune", on_click=lambda: self.picker.open(pane)).props(
+                    f"flat dense round data-testid=choose-{number}"
+                ).tooltip("Choose signals")
+                self._lock(pane, number)
+                if len(self.plots.panes) > 1:
+                    ui.button(icon="close", on_click=lambda: self._remove(pane)).props(
+                        f"flat dense round data-testid=remove-{number}"
+                    ).tooltip("Remove this diagram")
+            canvas = ui.element("canvas").classes("plot")
+        self._elements.append((pane, legend.id, canvas.id))
+
+    def _lock(self, pane: Pane, number: int) -> None:
+        def toggle() -> None:
+            pane.auto = not pane.auto
+            button.props(f"icon={'height' if pane.auto else 'lock'}")
+            self.plots.changed()
+
+        button = ui.button(icon="height" if pane.auto else "lock", on_click=toggle)
+        button.props(f"flat dense round data-testid=auto-{number}").tooltip("Range: follows the signals, or stays")
+
+    def _configuration(self, station: Station) -> Any:
+        plots = self.plots
+        if self._config[0] != plots.version:
+            self._config = (plots.version, self._describe())
+        return self._config[1]
+
+    def _describe(self) -> dict[str, Any]:
+        plots = self.plots
+        panes = [
+            {
+                "legend": legend,
+                "canvas": canvas,
+                "auto": pane.auto,
+                "series": [
+                    {
+                        "key": one.key,
+                        "label": one.label,
+                        "unit": one.unit if plots.si else one.shown_unit,
+                        "factor": 1.0 if plots.si else one.factor,
+                        "steps": one.steps,
+                    }
+                    for one in pane.series
+                ],
+            }
+            for pane, legend, canvas in self._elements
+        ]
+        return {"panes": panes, "window": plots.window_s, "paused": plots.paused, "name": self._file_name()}

@@ -1,9 +1,84 @@
-"""Log."""
+"""Log: what happened, with severity and the text of its code."""
 
+from collections.abc import Callable, Iterable
+from datetime import datetime
+from typing import Final
+
+from nicegui import ui
+
+from client.pendant.events import SEVERITIES, Event, Severity
+from client.pendant.log_view import SHOWN, LogView, as_csv, as_text
 from client.pendant.page import Page
 
 __all__ = ["build"]
 
+_ICONS: Final[dict[Severity, str]] = {"info": "info", "warning": "warning", "error": "error"}
+_HEAD: Final = ("Time", "Uptime [s]", "", "Source", "Code", "Text")
+
 
 def build(page: Page) -> None:
     """Put it on the page."""
+    view = LogView(page.station.log)
+    with page.panel("Log", "log-panel"):
+        with ui.row().classes("log-tools"):
+            for severity in SEVERITIES:
+                _severity_button(view, severity)
+            _words(view)
+            ui.space()
+            page.live.text(lambda station: f"{view.waiting} new" if view.waiting else "", "log-waiting")
+            _pause_button(view)
+            _tool("clear_all", "Clear view", view.clear, "log-clear")
+            _tool("description", "Download as text", lambda: _download(view, as_text, "txt"), "log-text")
+            _tool("table_view", "Download as CSV", lambda: _download(view, as_csv, "csv"), "log-csv")
+        _lines(page, view)
+
+
+def _lines(page: Page, view: LogView) -> None:
+    with ui.element("div").classes("log-head log-line"):
+        for title in _HEAD:
+            ui.element("span").props(f'data-title="{title}"')
+    box = ui.element("div").classes("log-lines").props("data-testid=log-lines tabindex=0")
+    page.live.bind(box, "value", lambda _: view.change(page.live.connection))
+    ui.run_javascript(f"pendantLog.show({box.id}, {SHOWN})")
+
+
+def _severity_button(view: LogView, severity: Severity) -> None:
+    def switch() -> None:
+        view.severities ^= {severity}
+        button.classes(toggle="log-off")
+
+    button = ui.button(severity.capitalize(), icon=_ICONS[severity], color=None, on_click=switch)
+    button.props(f"no-caps unelevated data-testid=log-{severity}").classes(f"log-filter {severity}")
+
+
+def _words(view: LogView) -> None:
+    box = ui.input(placeholder="Filter").props("dense outlined clearable debounce=200 data-testid=log-words")
+    box.classes("log-words")
+    with box.add_slot("prepend"):
+        ui.icon("search")
+
+    def change() -> None:
+        view.words = box.value or ""
+
+    box.on_value_change(change)
+
+
+def _pause_button(view: LogView) -> None:
+    def switch() -> None:
+        view.paused = not view.paused
+        button.props(f"icon={'play_arrow' if view.paused else 'pause'}")
+        hint.set_text("Go on" if view.paused else "Pause")
+
+    button = ui.button(icon="pause", on_click=switch).props("flat round data-testid=log-pause")
+    with button:
+        hint = ui.tooltip("Pause")
+
+
+def _tool(icon: str, hint: str, click: Callable[[], object], mark: str) -> None:
+    with ui.button(icon=icon, on_click=click).props(f"flat round data-testid={mark}"):
+        ui.tooltip(hint)
+
+
+def _download(view: LogView, form: Callable[[Iterable[Event]], str], ending: str) -> None:
+    name = f"robot_log_{datetime.now():%Y-%m-%d_%H-%M-%S}.{ending}"
+    ui.download(form(view.matching()).encode(), name)

@@ -1,9 +1,132 @@
-"""Run."""
+"""Run: which program is loaded and how it goes, its variables, its text or tree, and a script of one's own."""
 
+from functools import partial
+
+from nicegui import ui
+
+from client import dashboard
 from client.pendant.page import Page
+from client.pendant.screens.run_editor import build_editor
+from client.pendant.screens.run_program import build_program
+from client.pendant.station import Station
+from client.pendant.variables import VariablesView
+from urproto.modes import RuntimeState
 
 __all__ = ["build"]
 
 
 def build(page: Page) -> None:
     """Put it on the page."""
+    with ui.element("div").classes("run-screen"):
+        with ui.column().classes("run-left"):
+            _control(page)
+            _variables(page)
+        with ui.card().classes("panel run-right"):
+            with ui.tabs().props("dense no-caps align=left").classes("run-tabs") as tabs:
+                ui.tab("program", "Program").props("data-testid=run-tab-program")
+                ui.tab("script", "Script editor").props("data-testid=run-tab-script")
+            with ui.tab_panels(tabs, value="program", animated=False, keep_alive=True).classes("run-panels"):
+                with ui.tab_panel("program").classes("run-panel"):
+                    build_program(page, lambda: tabs.set_value("script"))
+                with ui.tab_panel("script").classes("run-panel"):
+                    build_editor(page)
+
+
+# the loaded program
+
+
+def _control(page: Page) -> None:
+    station = page.station
+    with page.panel("Loaded program", "run-control"):
+        page.live.text(_loaded, "run-loaded").props("data-testid=run-loaded")
+        with ui.row().classes("run-load"):
+            box = ui.input(placeholder="Path below the programs folder").props("dense outlined data-testid=run-path")
+            box.classes("run-path")
+            choose = ui.button(icon="folder_open", on_click=lambda: _choose(page, load)).props("flat")
+            with choose.props("data-testid=run-choose"):
+                ui.tooltip("Programs of the emulator")
+            page.live.effect(lambda s: "programs" in s.behind.verbs and s.behind.available, choose.set_visibility)
+            ui.button("Load", on_click=lambda: load(box.value or "")).props("data-testid=run-load unelevated")
+        with ui.row().classes("run-state"):
+            state = page.live.text(_state, "chip run-chip")
+            page.live.bind(state.props("data-testid=run-state"), "state", _state_color)
+            page.live.text(_run_time, "run-time").props("data-testid=run-time")
+            ui.space()
+            _button("play_arrow", "Play", "run-play", page.doing(page.play))
+            _button("pause", "Pause", "run-pause", page.doing(lambda: station.ask(dashboard.PAUSE)))
+            _button("stop", "Stop", "run-stop", page.doing(lambda: station.ask(dashboard.STOP)))
+
+    async def load(path: str) -> None:
+        box.set_value(path)
+        await page.attempt(partial(_load, station, path.strip()), f"{path.strip()} is loaded")
+
+
+def _button(icon: str, text: str, mark: str, click: object) -> None:
+    with ui.button(icon=icon, on_click=click).props(f"round unelevated data-testid={mark}"):  # type: ignore[arg-type]
+        ui.tooltip(text)
+
+
+async def _load(station: Station, path: str) -> None:
+    if not path:
+        raise ValueError("give the path of a program below the robot's programs folder, for example job.urp")
+    await station.mover.give_back()
+    await station.ask(dashboard.load(path))
+    station.programs.look()
+
+
+async def _choose(page: Page, load: object) -> None:
+    """A list of the emulator's programs; a click loads one."""
+    found = list[str]()
+
+    async def ask() -> None:
+        found.extend(await page.station.programs.files(page.station))
+
+    if not await page.attempt(ask):
+        return
+    with ui.dialog(value=True) as dialog, ui.card().classes("run-files"):
+        ui.label("Programs").classes("panel-title")
+        if not found:
+            ui.label("The programs folder has no .urp or .script files.")
+        with ui.list().props("dense separator").classes("run-file-list"):
+            for name in found:
+                ui.item(name, on_click=lambda name=name: dialog.submit(name)).props("data-testid=run-file")
+        ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat").classes("self-end")
+    chosen = await dialog
+    dialog.delete()
+    if chosen:
+        await load(chosen)  # type: ignore[operator]
+
+
+def _loaded(station: Station) -> str:
+    return station.programs.loaded or "No program is loaded"
+
+
+_STATES = {RuntimeState.PLAYING: "good", RuntimeState.STOPPED: "", RuntimeState.PAUSED: "wait"}
+
+
+def _state(station: Station) -> str:
+    return station.runtime_state.name.capitalize()
+
+
+def _state_color(station: Station) -> str:
+    return _STATES.get(station.runtime_state, "wait")
+
+
+def _run_time(station: Station) -> str:
+    seconds = station.programs.run_time_s(station.values.get("timestamp", 0.0))
+    name = station.programs.running
+    if seconds is None:
+        return name
+    whole = int(seconds)
+    return f"{whole // 3600:02}:{whole // 60 % 60:02}:{whole % 60:02}  {name}"
+
+
+# variables
+
+
+def _variables(page: Page) -> None:
+    view = VariablesView(page.station.variables)
+    with page.panel("Variables", "run-variables"):
+        box = ui.element("div").classes("variables").props("data-testid=variables tabindex=0")
+        page.live.bind(box, "value", lambda _: view.change(page.live.connection))
+        ui.run_javascript(f"pendantRun.variables({box.id})")

@@ -2,6 +2,7 @@
 // What follows the robot on a page: see client/pendant/live.py. Changes are [element id, kind, value].
 const pendant = (() => {
   const followers = new Map(); // element id -> function of a value, for kinds that are not plain DOM
+  const receivers = {}; // kinds of single screens -> function of a value, an element id and the element, if it is there
   const waiting = new Map(); // changes whose element is not there yet, newest only
   const elements = new Map(); // found once, since those of a hidden screen are not in the document
   let socket = null;
@@ -28,6 +29,7 @@ const pendant = (() => {
     const [id, kind, value] = change;
     const target = element(id);
     const follower = followers.get(id);
+    if (receivers[kind]) return receivers[kind](value, id, target) !== false;
     if (appliers[kind] && target) appliers[kind](target, value);
     else if (!appliers[kind] && target && follower && follower(value, target) !== false) return true;
     else return false;
@@ -96,5 +98,5 @@ const pendant = (() => {
   });
   document.addEventListener("keyup", letGo);
 
-  return { follow, followers, context, say };
+  return { follow, followers, receivers, context, say };
 })();

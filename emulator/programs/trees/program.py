@@ -17,7 +17,16 @@ from emulator.programs.trees.writer import ExternalControlCode, TreeError, Write
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.work import Steps, run_to_end
 
-__all__ = ["NODES", "ExternalControlCode", "ProgramTree", "TreeError", "read_tree", "script_of", "script_steps"]
+__all__ = [
+    "NODES",
+    "ExternalControlCode",
+    "ProgramTree",
+    "TreeError",
+    "read_tree",
+    "script_of",
+    "script_steps",
+    "write_steps",
+]
 
 assert NODES, NODE_MODULES  # importing the modules has filled the table
 _ROOT: Final = "URProgram"
@@ -103,6 +112,18 @@ def script_steps(
     external_control: ExternalControlCode | None = None,
 ) -> Steps[str]:
     """`script_of` in pieces, for a control loop."""
+    writer = yield from write_steps(tree, installation, version=version, external_control=external_control)
+    return writer.text()
+
+
+def write_steps(
+    tree: ProgramTree,
+    installation: InstallationFile,
+    *,
+    version: PolyscopeVersion,
+    external_control: ExternalControlCode | None,
+) -> Steps[Writer]:
+    """Everything written that `script_of` puts together, with the labels of the nodes."""
     writer = Writer(tree, installation, version, external_control)
     children = tree.root.child("children")
     assert children is not None
@@ -112,4 +133,4 @@ def script_steps(
             yield from translate(writer, child)
     except DocumentError as error:
         raise TreeError(f"{tree.name}: {error}") from error
-    return writer.text()
+    return writer

@@ -38,7 +38,10 @@ class ExternalControlCode:
 
 
 class Writer:
-    """Collects the lines of a program by section, in the order PolyScope writes the sections."""
+    """Collects the lines of a program by section, in the order PolyScope writes the sections.
+
+    labels: what the nodes are called, by their line in the program tree.
+    """
 
     def __init__(
         self,
@@ -55,6 +58,7 @@ class Writer:
         self._sections: dict[str, list[str]] = {name: [] for name in SECTIONS}
         self._levels: dict[str, int] = dict.fromkeys(SECTIONS, 1)
         self._section = "main"
+        self.labels: dict[int, str] = {}
         self._numbers = tree.numbers()
         self._counters: dict[str, int] = {}
         self._once: set[str] = set()
@@ -89,6 +93,7 @@ class Writer:
     def label(self, element: Element, text: str, stop: str = "") -> None:
         """The mark by which a client sees where the program is. ``stop``: breakAfter or noBreak."""
         number = self._numbers.get(id(element), 0)
+        self.labels.setdefault(number, text)
         self.line(f"$ {number} {quoted(text)}" + (f' "{stop}"' if stop else ""))
 
     @contextmanager

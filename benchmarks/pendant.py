@@ -1,0 +1,114 @@
+"""What the teach pendant costs: itself, and the control loop beside it, with and without a browser that looks.
+
+The browser renders in software where the machine has no graphics, which takes far more than the pendant; it is a
+process of its own, on whatever computer the person sits at.
+"""
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+
+import jitter
+from table import Table
+
+SECONDS = 30.0
+_FLAGS = ("--no-sandbox", "--disable-background-networking", "--use-gl=angle", "--use-angle=swiftshader")
+_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+_PROGRAM = b"""def back_and_forth():
+  while True:
+    movej([0.5, -1.2, 0.4, -1.0, 0.3, 0.3])
+    movej([-0.5, -1.8, -0.4, -2.0, -0.3, -0.3])
+  end
+end
+"""
+
+
+def measure(seconds: float = SECONDS) -> Table:
+    """One row for each arm and what looks at it while it moves."""
+    rows = []
+    for number, model in enumerate(("ur3", "ur5e"), 1):
+        for what in ("nothing", "pendant", "pendant and browser"):
+            rows.append([model, what, *_run(model, f"127.78.{os.getpid() % 250 + 1}.{number}", what, seconds)])
+    note = (
+        f"An arm that moves for {seconds:g} s; the browser shows the Move screen. Share of a core: of the pendant's "
+        "process. Lateness and missed periods: of the emulator's control loop."
+    )
+    columns = ["arm", "beside it", "share of a core", "memory", "p50", "p99", "p99.9", "worst", "missed"]
+    return Table("Teach pendant", note, columns, rows)
+
+
+def _run(model: str, host: str, what: str, seconds: float) -> list[str]:
+    command = [sys.executable, __file__, "serve", model, host]
+    serve = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert serve.stdout is not None
+    json.loads(serve.stdout.readline())
+    pendant = _pendant(host) if what != "nothing" else nullcontext(0)
+    browser = _browser(host) if "browser" in what else nullcontext()
+    with socket.create_connection((host, 30001)) as primary, pendant as pid, browser:
+        primary.sendall(_PROGRAM)
+        cost = _cost(pid, seconds)
+    return [*cost, *jitter.result(serve)]
+
+
+def _cost(pid: int, seconds: float) -> list[str]:
+    if not pid:
+        time.sleep(seconds)
+        return ["", ""]
+    before = _cpu_s(pid)
+    time.sleep(seconds)
+    status = Path(f"/proc/{pid}/status").read_text()
+    (resident,) = (line.split()[1] for line in status.splitlines() if line.startswith("VmRSS:"))
+    return [f"{100 * (_cpu_s(pid) - before) / seconds:.1f} %", f"{int(resident) / 1024:.0f} MiB"]
+
+
+def _cpu_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
+
+
+@contextmanager
+def _pendant(host: str) -> Iterator[int]:
+    command = [sys.executable, "-u", "-m", "client", "pendant", "--robot-ip", host, "--host", host, "--with-parent"]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdin is not None
+    process.stdout.readline()
+    time.sleep(1.0)  # imports are not what is measured
+    yield process.pid
+    process.stdin.close()
+    process.wait()
+
+
+@contextmanager
+def _browser(host: str) -> Iterator[None]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=_FLAGS)
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.goto(f"http://{host}:6080/move")
+        page.wait_for_timeout(3000)  # loading is not what is measured
+        yield
+        browser.close()
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Measure, or be one of the measured processes."""
+    match arguments:
+        case ["serve", model, host]:
+            jitter.serve_at(model, host)
+        case [seconds]:
+            sys.stdout.write(measure(float(seconds)).markdown())
+        case _:
+            sys.stdout.write(measure().markdown())
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

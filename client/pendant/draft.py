@@ -1,0 +1,97 @@
+"""The script that is being written on the pendant, and what the robot says about it once it was sent."""
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from client.scripts import Script, prepare
+from urproto.errors import LocalProtocolError
+from urproto.primary.messages import (
+    NO_TIMESTAMP_US,
+    PROGRAM_STARTED,
+    PROGRAM_STOPPED,
+    KeyMessage,
+    RuntimeExceptionMessage,
+)
+
+__all__ = ["Draft", "ScriptError"]
+
+_START_S: Final = 5.0  # guess: a program of 50 kB starts within 0.2 s
+_MOST: Final = 2_000_000  # characters; a robot takes no more either (guess)
+
+Phase = Literal["", "sent", "running", "ended", "failed", "silent"]
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptError:
+    """Where a script did not compile, or failed, in the text as it was written; line and column from 1."""
+
+    line: int
+    column: int
+    text: str
+
+
+class Draft:
+    """One text for all browsers. author: the page that wrote it last. revision: counts what changed.
+
+    phase: of the script that was sent last, "" before the first; silent: it has not started, and nobody said why.
+    error: what is wrong with that script.
+    """
+
+    def __init__(self) -> None:
+        self.text = _EXAMPLE
+        self.author = ""
+        self.revision = 0
+        self.phase: Phase = ""
+        self.error: ScriptError | None = None
+        self.script: Script | None = None
+        self._sent_at_s = 0.0
+
+    def write(self, text: str, author: str = "") -> None:
+        """Somebody has written something else. Raises ValueError for what is too long."""
+        if len(text) > _MOST:
+            raise ValueError(f"a script of {len(text)} characters is too long: at most {_MOST} are possible")
+        if text != self.text:
+            self.text, self.author, self.revision = text, author, self.revision + 1
+
+    def sending(self, now_s: float) -> str:
+        """What to send: a program of its own. now_s: any clock. Raises ValueError when there is nothing."""
+        if not self.text.strip():
+            raise ValueError("there is no script to send")
+        try:
+            self.script = prepare(self.text)
+        except LocalProtocolError:  # a secondary program: only errors are heard of
+            self.script = Script("", self.text)
+        self._sent_at_s, self.phase, self.error = now_s, "sent", None
+        return self.script.text
+
+    def hear(self, message: object) -> None:
+        """Take note of what the robot says about the script."""
+        if isinstance(message, KeyMessage) and self.script is not None and message.text == self.script.name:
+            if message.title == PROGRAM_STARTED and self.phase in ("sent", "silent"):
+                self.phase = "running"
+            elif message.title == PROGRAM_STOPPED and self.phase == "running":
+                self.phase = "ended"
+        elif isinstance(message, RuntimeExceptionMessage) and self._is_about(message):
+            self._fail(message)
+
+    def look(self, now_s: float) -> None:
+        """Time goes by."""
+        if self.phase == "sent" and now_s - self._sent_at_s > _START_S:
+            self.phase = "silent" if self.script is not None and self.script.name else "ended"
+
+    def _is_about(self, message: RuntimeExceptionMessage) -> bool:
+        """Compile errors have no time; a script that runs meanwhile may be somebody else's."""
+        return self.phase == ("sent" if message.timestamp_us == NO_TIMESTAMP_US else "running")
+
+    def _fail(self, message: RuntimeExceptionMessage) -> None:
+        assert self.script is not None
+        line = min(self.script.line(message.line), self.text.count("\n") + 1)
+        self.error = ScriptError(line, message.column, self.script.message(message.text))
+        self.phase = "failed"
+
+
+_EXAMPLE: Final = """\
+def hello():
+  textmsg("the tool is at ", get_actual_tcp_pose())
+end
+"""

@@ -1,0 +1,123 @@
+"""Faults as a form: fields made from what the verb ``fault_kinds`` tells of a kind."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+__all__ = ["TIMING", "FaultField", "FaultKind", "arguments_of", "fault_kinds"]
+
+TIMING: Final = ("at", "after", "until", "lasting", "once", "probability", "seed")
+"""Arguments that every kind has, or every one that strikes on an occasion."""
+
+_HINTS: Final = {
+    "at": "uptime, s",
+    "after": "s from now",
+    "until": "uptime, s",
+    "lasting": "s",
+    "peer": "address or address:port; all",
+    "probability": "of a strike, 0 to 1",
+    "delay_s": "s",
+    "stop_above_rad": "rad; 0: no stop",
+}
+_ALL_PORTS: Final = "all ports"
+_SCRIPTS: Final = "scripts"  # the connections that programs open: docs/faults.md
+JOINTS: Final = {0: "base", 1: "shoulder", 2: "elbow", 3: "wrist 1", 4: "wrist 2", 5: "wrist 3"}
+
+
+@dataclass(frozen=True, slots=True)
+class FaultField:
+    """One argument. choices: value -> text, empty for what is typed. required: it has no default."""
+
+    name: str
+    type: Literal["text", "int", "float", "bool"]
+    default: Any
+    required: bool
+    choices: Mapping[Any, str]
+    hint: str = ""
+
+    @property
+    def timing(self) -> bool:
+        """It says when, not what."""
+        return self.name in TIMING
+
+    def read(self, shown: Any) -> Any:
+        """What is in the field, None when nothing is. Raises ValueError for what does not belong there."""
+        if shown is None or shown == "":
+            return None
+        if self.type == "bool" or self.choices:
+            return shown
+        try:
+            return _READERS[self.type](shown)
+        except (TypeError, ValueError) as error:
+            wanted = "a whole number" if self.type == "int" else "a number"
+            raise ValueError(f"{self.name} must be {wanted}, not {shown!r}.") from error
+
+
+@dataclass(frozen=True, slots=True)
+class FaultKind:
+    """occasion: on what it strikes, empty for what lasts."""
+
+    name: str
+    subject: str
+    text: str
+    occasion: str
+    fields: tuple[FaultField, ...]
+
+    @property
+    def title(self) -> str:
+        """For people."""
+        return self.name.replace("_", " ").capitalize().replace("rtde", "RTDE")
+
+
+def fault_kinds(told: Sequence[Mapping[str, Any]], ports: Sequence[str]) -> dict[str, FaultKind]:
+    """By name, from the results of the verbs ``fault_kinds`` and ``ports``."""
+    return {
+        kind["kind"]: FaultKind(
+            kind["kind"],
+            kind["subject"],
+            " ".join(kind["text"].replace("``", "").split()),
+            kind["occasion"],
+            tuple(_field(argument, ports) for argument in kind["arguments"]),
+        )
+        for kind in told
+    }
+
+
+def arguments_of(kind: FaultKind, shown: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments for ``inject_fault`` from what is in the fields: without those that are empty or at their default.
+
+    Raises ValueError with what is missing or wrong.
+    """
+    read = {field.name: field.read(shown.get(field.name)) for field in kind.fields}
+    missing = [field.name for field in kind.fields if field.required and read[field.name] is None]
+    if missing:
+        raise ValueError(f"{kind.title} needs {', '.join(missing)}.")
+    return {
+        field.name: read[field.name]
+        for field in kind.fields
+        if read[field.name] is not None and (field.required or read[field.name] != field.default)
+    }
+
+
+def _field(argument: Mapping[str, Any], ports: Sequence[str]) -> FaultField:
+    name, kind = argument["name"], argument["type"]
+    default, required = argument.get("default"), "default" not in argument
+    hint = _HINTS.get(name, "")
+    if name == "port" and kind == "str":
+        names = [*(port for port in ports if port != "control"), _SCRIPTS]
+        every = {} if required else {"": _ALL_PORTS}
+        return FaultField(name, "text", default, required, {**every, **{port: port for port in names}}, hint)
+    if name == "joint":
+        return FaultField(name, "int", default, required, JOINTS, hint)
+    if " or " in kind or kind not in ("str", "int", "float", "bool"):
+        return FaultField(name, "text", default, required, {word: word for word in kind.split(" or ")}, hint)
+    return FaultField(name, "text" if kind == "str" else kind, default, required, {}, hint)
+
+
+def _whole(shown: Any) -> int:
+    if float(shown) != int(float(shown)):
+        raise ValueError(shown)
+    return int(float(shown))
+
+
+_READERS: Final[Mapping[str, Callable[[Any], Any]]] = {"int": _whole, "float": float, "text": str}

@@ -1,0 +1,204 @@
+"""States that somebody looks at: beside the pendant's own few, any recipe, as often as wanted.
+
+Browsers that look at the same share a connection, which ends when nobody looks any more.
+"""
+
+import asyncio
+import math
+from array import array
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from client.errors import ClientError
+from client.rtde import RTDEClient
+from urproto.errors import ProtocolError, RobotRefused
+from urproto.rtde.fields import OUTPUT_FIELDS
+
+__all__ = ["Feed", "Feeds"]
+
+_AGAIN_S: Final = 0.5  # between attempts to reach the robot
+_MOST_NUMBERS: Final = 2_000_000  # kept of one feed: 16 MB, half an hour of twelve numbers at 90 Hz
+_LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
+
+OpenClient = Callable[[Sequence[str], float], RTDEClient]
+
+
+class Feed:
+    """States of one recipe, collected one row of numbers each; texts and gaps are NaN.
+
+    names: the RTDE outputs. values: the newest state, empty before the first and after a loss. rate_hz: at which they
+    come. trouble: why they do not. end: rows that ever came; those before ``begin`` were dropped, oldest first.
+    """
+
+    def __init__(self, names: Sequence[str], keeps: bool) -> None:
+        self.names = tuple(names)
+        self.values: Mapping[str, Any] = {}
+        self.rate_hz = 0.0
+        self.trouble = "connecting"
+        self.unavailable: frozenset[str] = frozenset()
+        self.begin = 0
+        self.width = sum(OUTPUT_FIELDS[name].type.count for name in names)
+        self._keeps = keeps
+        self._rows = array("d")
+        self._first = dict[str, int]()  # field -> its first column
+        column = 0
+        for name in names:
+            self._first[name] = column
+            column += OUTPUT_FIELDS[name].type.count
+
+    @property
+    def end(self) -> int:
+        """Number of the row that comes next."""
+        return self.begin + len(self._rows) // self.width
+
+    def column(self, name: str, index: int = 0) -> int:
+        """Where an element of a variable is in a row. Raises KeyError."""
+        return self._first[name] + index
+
+    def rows(self, begin: int, end: int) -> "array[float]":
+        """Rows one after the other, as far as they are kept."""
+        first = max(begin - self.begin, 0) * self.width
+        return self._rows[first : max(end - self.begin, 0) * self.width]
+
+    def row_at(self, time_s: float) -> int:
+        """The first row not older than that, by the robot's clock; a clock that was set back counts as older."""
+        column, low, high = self._first["timestamp"], self.begin, self.end
+        while low < high:
+            middle = (low + high) // 2
+            if self._rows[(middle - self.begin) * self.width + column] < time_s:
+                low = middle + 1
+            else:
+                high = middle
+        return low
+
+    def states(self, begin: int = 0) -> Iterator[dict[str, Any]]:
+        """All that is kept from a row on, as RTDE gave it; None for what was not asked for at that time."""
+        for row in range(max(self.begin, begin), self.end):
+            yield self._state(self.rows(row, row + 1))
+
+    def copy(self) -> "Feed":
+        """As it is now, for who needs longer to read it."""
+        other = Feed(self.names, True)
+        other.begin, other._rows = self.begin, self._rows[:]
+        return other
+
+    def take(self, values: Mapping[str, Any]) -> None:
+        """A new state."""
+        self.values = values
+        self.trouble = ""
+        if not self._keeps:
+            return
+        for name in self.names:
+            value = values.get(name)
+            if isinstance(value, tuple):
+                self._rows.extend(value)
+            elif value is None:
+                self._rows.extend([math.nan] * OUTPUT_FIELDS[name].type.count)
+            else:
+                self._rows.append(value)
+        if len(self._rows) > _MOST_NUMBERS:
+            self._drop(len(self._rows) // self.width // 8)
+
+    def inherit(self, other: "Feed") -> None:
+        """Go on where another feed is, with what both have."""
+        count = other.end - other.begin
+        self.begin = other.begin
+        self._rows = array("d", [math.nan]) * (count * self.width)
+        for name in set(self.names) & set(other.names):
+            for index in range(OUTPUT_FIELDS[name].type.count):
+                mine, its = self.column(name, index), other.column(name, index)
+                self._rows[mine :: self.width] = other._rows[its :: other.width]
+        if len(self._rows) > _MOST_NUMBERS:
+            self._drop((len(self._rows) - _MOST_NUMBERS) // self.width + 1)
+
+    def lose(self, trouble: str) -> None:
+        """The robot is gone."""
+        self.values = {}
+        self.trouble = trouble
+
+    def _drop(self, count: int) -> None:
+        del self._rows[: count * self.width]
+        self.begin += count
+
+    def _state(self, row: "array[float]") -> dict[str, Any]:
+        state = dict[str, Any]()
+        for name, first in self._first.items():
+            kind = OUTPUT_FIELDS[name].type
+            numbers = [_typed(value, kind.letter) for value in row[first : first + kind.count]]
+            state[name] = tuple(numbers) if kind.count > 1 else numbers[0]
+        return state
+
+
+def _typed(value: float, letter: str) -> Any:
+    if letter == "d":
+        return None if math.isnan(value) else value
+    if math.isnan(value):
+        return None
+    return bool(value) if letter == "?" else int(value)
+
+
+class Feeds:
+    """Those of one robot."""
+
+    def __init__(self, open_client: OpenClient) -> None:
+        self._open_client = open_client
+        self._feeds = dict[tuple[Any, ...], Feed]()
+        self._lookers = dict[int, int]()  # by id of a feed
+        self._tasks = dict[int, asyncio.Task[None]]()
+        self._lingering = dict[int, asyncio.TimerHandle]()
+
+    def look(self, names: Collection[str], rate_hz: float, keeps: bool = False, heir_of: Feed | None = None) -> Feed:
+        """Begin to look at these RTDE outputs, until ``leave``.
+
+        keeps: for who wants the rows too; a new feed goes on where that one was which it is heir of.
+        """
+        ordered = tuple(name for name in OUTPUT_FIELDS if name in names)
+        key = (ordered, rate_hz, keeps)
+        feed = self._feeds.get(key)
+        if feed is None:
+            feed = self._feeds[key] = Feed(ordered, keeps)
+            if heir_of is not None:
+                feed.inherit(heir_of)
+            self._tasks[id(feed)] = asyncio.create_task(self._follow(feed, rate_hz))
+        self._lookers[id(feed)] = self._lookers.get(id(feed), 0) + 1
+        if (ending := self._lingering.pop(id(feed), None)) is not None:
+            ending.cancel()
+        return feed
+
+    def leave(self, feed: Feed, linger_s: float = 0.0) -> None:
+        """Look no more. The last one to leave ends the connection, or lets it go on for a while."""
+        self._lookers[id(feed)] -= 1
+        if self._lookers[id(feed)]:
+            return
+        if linger_s:
+            self._lingering[id(feed)] = asyncio.get_running_loop().call_later(linger_s, self._end, feed)
+        else:
+            self._end(feed)
+
+    def __len__(self) -> int:
+        return len(self._feeds)
+
+    async def close(self) -> None:
+        """End all of them."""
+        tasks = list(self._tasks.values())
+        for feed in list(self._feeds.values()):
+            self._end(feed)
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    def _end(self, feed: Feed) -> None:
+        if (ending := self._lingering.pop(id(feed), None)) is not None:
+            ending.cancel()
+        self._tasks.pop(id(feed)).cancel()
+        del self._lookers[id(feed)]
+        self._feeds = {key: known for key, known in self._feeds.items() if known is not feed}
+
+    async def _follow(self, feed: Feed, rate_hz: float) -> None:
+        while True:
+            try:
+                async with self._open_client(feed.names, rate_hz) as client:
+                    feed.rate_hz, feed.unavailable = client.core.rate_hz, client.core.unavailable
+                    while True:
+                        feed.take(await client.receive())
+            except _LOST as error:
+                feed.lose(str(error))
+            await asyncio.sleep(_AGAIN_S)

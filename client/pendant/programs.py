@@ -1,0 +1,135 @@
+"""Which program is loaded and runs, and as much of its text as the robot tells."""
+
+import asyncio
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from client import dashboard
+from client.errors import ClientError
+from client.pendant.behind import BehindError
+from client.pendant.draft import Draft
+from urproto.errors import ProtocolError, RobotRefused
+from urproto.modes import RuntimeState
+from urproto.primary.messages import (
+    PROGRAM_STARTED,
+    PROGRAM_STOPPED,
+    KeyMessage,
+    ProgramThread,
+    ProgramThreadsMessage,
+)
+
+if TYPE_CHECKING:
+    from client.pendant.station import Station
+
+__all__ = ["NOTHING_SHOWN", "Node", "Programs", "ShownProgram"]
+
+_LOOK_AGAIN_S: Final = 2.0
+_LINE: Final = "script_control_line"
+_LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A node of a program tree. number: by which the program's labels name it."""
+
+    number: int
+    depth: int
+    text: str
+    suppressed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ShownProgram:
+    """text: its script. running: the lines and labels that the robot tells are of this program."""
+
+    text: str = ""
+    tree: tuple[Node, ...] = ()
+    running: bool = False
+
+
+NOTHING_SHOWN: Final = ShownProgram()
+
+
+class Programs:
+    """loaded: path of the loaded file, as the dashboard says. running: name of what runs or ran last.
+
+    shown: the program that runs, else the loaded one, if its text is known: an emulator tells all of it, of a robot's
+    only what was sent from here is. threads: where each thread stands, in programs that have labels.
+    """
+
+    def __init__(self) -> None:
+        self.draft = Draft()
+        self.loaded: str | None = None
+        self.running = ""
+        self.threads: tuple[ProgramThread, ...] = ()
+        self.shown = NOTHING_SHOWN
+        self._started_s: float | None = None
+        self._stopped_s: float | None = None
+        self._changed = asyncio.Event()
+
+    # what the robot tells by itself
+
+    def hear(self, message: object) -> None:
+        """Take note of what happens to programs."""
+        self.draft.hear(message)
+        if isinstance(message, ProgramThreadsMessage):
+            self.threads = message.threads
+        elif isinstance(message, KeyMessage) and message.title == PROGRAM_STARTED:
+            self.running, self.threads = message.text, ()
+            self._started_s, self._stopped_s = message.timestamp_us / 1e6, None
+            self.look()
+        elif isinstance(message, KeyMessage) and message.title == PROGRAM_STOPPED:
+            self._stopped_s, self.threads = message.timestamp_us / 1e6, ()
+            self.look()
+
+    def look(self) -> None:
+        """Something may be other than before: ask."""
+        self._changed.set()
+
+    def run_time_s(self, now_s: float) -> float | None:
+        """How long the program runs, or ran, by the robot's clock; None for one whose start nobody saw."""
+        if self._started_s is None:
+            return None
+        return max(0.0, (now_s if self._stopped_s is None else self._stopped_s) - self._started_s)
+
+    def line(self, station: "Station") -> int:
+        """Line of the shown script that is carried out, 0 when that is not known."""
+        if not self.shown.running or station.runtime_state is RuntimeState.STOPPED:
+            return 0
+        return int(station.values.get(_LINE, 0))
+
+    def tells_line(self, station: "Station") -> bool:
+        """Whether this robot's software tells the line at all."""
+        return _LINE not in station.unavailable
+
+    # what it tells when asked
+
+    async def follow(self, station: "Station") -> None:
+        """Ask again when something happened, and now and then, for ever."""
+        while True:
+            self._changed.clear()
+            if station.connected:
+                with suppress(*_LOST):
+                    self.loaded = await station.ask(dashboard.LOADED_PROGRAM)
+                with suppress(BehindError):
+                    self.shown = await self._look_at(station)
+            self.draft.look(asyncio.get_running_loop().time())
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._changed.wait(), _LOOK_AGAIN_S)
+
+    async def _look_at(self, station: "Station") -> ShownProgram:
+        if "program" in station.behind.verbs and station.behind.available:
+            return _shown(await station.behind.call("program"))
+        script = self.draft.script
+        if script is not None and script.name == self.running and self.draft.phase in ("running", "ended", "failed"):
+            return ShownProgram(script.text, running=self.draft.phase == "running")
+        return NOTHING_SHOWN
+
+    async def files(self, station: "Station") -> list[str]:
+        """Programs that can be loaded. Raises ClientError: robots do not tell."""
+        return list(await station.behind.call("programs"))
+
+
+def _shown(told: dict[str, Any]) -> ShownProgram:
+    return ShownProgram(told["text"], tuple(Node(**node) for node in told["tree"]), told["running"])

@@ -1,0 +1,146 @@
+"""The arm among the things that surround it; a ball at its tool that is dragged to push it."""
+
+from collections.abc import Mapping, Sequence
+from math import dist
+from typing import Any, Final
+
+from nicegui import ui
+
+from client.pendant.arm_scene import arm_scene
+from client.pendant.newest import Newest
+from client.pendant.page import Page
+from client.pendant.screens.simulation_arm import number, numbers
+from client.pendant.station import Station
+from urproto.robots.pose import rotvec_to_matrix
+
+__all__ = ["scene_panel"]
+
+_NAMES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+_UNITS: Final = ("N",) * 3 + ("Nm",) * 3
+_ZERO: Final = (0.0, 0.0, 0.0)
+_STEP_M: Final = 4  # digits
+
+
+def scene_panel(page: Page) -> None:
+    """Put it there."""
+    with ui.card().classes("panel sim-scene"):
+        with ui.element("div").classes("sim-view"):
+            scene = arm_scene(page)
+            with ui.element("div").classes("sim-overlay"):
+                ui.label("Drag the ball at the tool to push it, or a thing to move it (Shift: up and down)")
+                page.live.text(_measured, "sim-force").props("data-testid=measured-force")
+            holder = ui.element("div").classes("hidden").props("data-testid=sim-world")
+        keep = _wrench(page)
+    page.live.bind(holder, "points", _world)
+    ui.run_javascript(f"pendant.surroundings({holder.id}, {scene.id})")
+    pushing = Newest[Sequence[float] | None](lambda force: _push_or_release(page.station, force), page.complain)
+    moving = Newest[dict[str, Any]](lambda moved: page.station.behind.change("move_object", **moved), page.complain)
+    dragging = [False]
+
+    def push(force: Any) -> None:
+        force = force if _is_vector(force) else None
+        if force is not None or (dragging[0] and not keep.value):
+            pushing.want(force)
+        dragging[0] = force is not None
+
+    def move(said: Any) -> None:
+        if not isinstance(said, dict) or not _is_vector(said.get("position")):
+            return
+        thing = (_things(page.station) or {}).get(said.get("name"))
+        if thing is not None:
+            moving.want({"name": said["name"], "pose": [*said["position"], *thing["pose"][3:]]})
+
+    page.live.hear("push", push)
+    page.live.hear("move_thing", move)
+
+
+def _is_vector(said: Any) -> bool:
+    return isinstance(said, list) and len(said) == len(_ZERO) and all(isinstance(value, int | float) for value in said)
+
+
+def _wrench(page: Page) -> ui.checkbox:
+    """Numbers for those who want to push exactly so."""
+    behind = page.station.behind
+    with ui.element("div").classes("sim-six"):
+        fields = [number(name, unit, f"wrench-{name.lower()}") for name, unit in zip(_NAMES, _UNITS, strict=True)]
+    with ui.element("div").classes("sim-row"):
+        frame = ui.toggle({"base": "Base", "tool": "Tool"}, value="base").props("unelevated no-caps")
+        frame.props("data-testid=wrench-frame").tooltip("In whose axes the numbers are")
+
+        async def push() -> None:
+            await behind.change("push_tool", wrench=numbers(fields, "The wrench"), frame=frame.value)
+
+        ui.button("Push", icon="front_hand", on_click=page.doing(push)).props(
+            "unelevated no-caps data-testid=wrench-push"
+        ).classes("sim-button")
+        release = ui.button("Release", on_click=page.doing(lambda: behind.change("release_tool")))
+        release.props("outline no-caps data-testid=wrench-release").classes("sim-button")
+        keep = ui.checkbox("Keep pushing").props("dense data-testid=wrench-keep")
+        keep.tooltip("When the ball is let go, go on pushing until Release")
+
+    def show(pushed: Mapping[str, Any] | None) -> None:
+        release.set_enabled(pushed is not None)
+        if pushed is not None:
+            frame.set_value(pushed["frame"])
+            for field, value in zip(fields, pushed["wrench"], strict=True):
+                field.set_value(round(value, 1))
+
+    page.live.effect(_pushed, show)
+    return keep
+
+
+async def _push_or_release(station: Station, force: Sequence[float] | None) -> None:
+    if force is not None:
+        await station.behind.change("push_tool", wrench=[*force, *_ZERO], frame="base")
+    elif (await station.behind.call("world"))["push"] is not None:
+        await station.behind.change("release_tool")
+
+
+def _told(station: Station) -> Any:
+    return station.behind.watch("world").value if station.behind.available else None
+
+
+def _pushed(station: Station) -> Any:
+    world = _told(station)
+    return None if world is None else world["push"]
+
+
+def _things(station: Station) -> Any:
+    world = _told(station)
+    return None if world is None else world["objects"]
+
+
+def _world(station: Station) -> Any:
+    """For the browser: where the tool is, which force pushes it (base frame), what stands around."""
+    pose = station.values.get("actual_TCP_pose")
+    if pose is None:
+        return None
+    pushed = _pushed(station)
+    force = [0.0, 0.0, 0.0] if pushed is None else list(pushed["wrench"][:3])
+    if pushed is not None and pushed["frame"] == "tool":
+        m = rotvec_to_matrix(*pose[3:])
+        force = [sum(m[3 * row + column] * force[column] for column in range(3)) for row in range(3)]
+    return {"tool": [round(value, _STEP_M) for value in pose[:3]], "force": force, "things": _drawn(station)}
+
+
+_cache: dict[int, tuple[Any, Any]] = {}
+
+
+def _drawn(station: Station) -> Any:
+    """Things with rotations as matrices; made again only when there are others."""
+    things = _things(station)
+    known = _cache.get(id(station))
+    if known is None or known[0] is not things:
+        drawn = [
+            {"name": name, **thing, "rotation": list(rotvec_to_matrix(*thing["pose"][3:]))}
+            for name, thing in (things or {}).items()
+        ]
+        known = _cache[id(station)] = (things, drawn)
+    return known[1]
+
+
+def _measured(station: Station) -> str:
+    wrench = station.values.get("actual_TCP_force")
+    if wrench is None:
+        return ""
+    return f"Measured {dist(wrench[:3], _ZERO):.1f} N ({', '.join(f'{value:.1f}' for value in wrench[:3])})"

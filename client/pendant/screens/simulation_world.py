@@ -1,0 +1,153 @@
+"""Things around the arm: a list, a form to add one, numbers to move one."""
+
+from collections.abc import Mapping
+from functools import partial
+from math import degrees, radians
+from typing import Any, Final
+
+from nicegui import ui
+
+from client.pendant.page import Page
+from client.pendant.screens.simulation_arm import number, numbers
+from client.pendant.station import Station
+
+__all__ = ["described", "world_tab"]
+
+_MM: Final = 1e3
+_AXES: Final = ("x", "y", "z")
+_POSE: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
+_SHAPES: Final = {"box": "Box", "sphere": "Sphere", "plane": "Plane"}
+_FIRST_BOX_MM: Final = (100.0, 100.0, 100.0)
+_FIRST_RADIUS_MM: Final = 50.0
+_FIRST_POSE: Final = (350.0, 0.0, 50.0, 0.0, 0.0, 0.0)
+
+
+def world_tab(page: Page) -> None:
+    """Put it there."""
+    with ui.element("div").classes("sim-stack"):
+        _add_form(page)
+        ui.label("Objects").classes("panel-title")
+        rows = ui.element("div").classes("sim-rows").props("data-testid=objects")
+
+    fields: dict[str, list[ui.number]] = {}
+    sizes: dict[str, str] = {}
+
+    def show(objects: Mapping[str, Any] | None) -> None:
+        """Rows stay while only places change: somebody may be typing there."""
+        now = {name: _size(thing) for name, thing in (objects or {}).items()}
+        if now != sizes or not fields:
+            sizes.clear()
+            sizes.update(now)
+            fields.clear()
+            rows.clear()
+            with rows:
+                fields.update({name: _row(page, name, thing) for name, thing in (objects or {}).items()})
+                if not objects:
+                    ui.label("Nothing stands around the arm.").classes("init-hint")
+        for name, thing in (objects or {}).items():
+            for field, value in zip(fields[name], _shown(thing["pose"]), strict=True):
+                field.set_value(value)
+
+    page.live.effect(_objects, show)
+
+
+def _objects(station: Station) -> Any:
+    world = station.behind.watch("world").value if station.behind.available else None
+    return None if world is None else world["objects"]
+
+
+def described(shape: str, size_mm: list[float], pose: list[float], material: Mapping[str, float]) -> dict[str, Any]:
+    """As ``add_object`` wants it. pose: mm and degrees."""
+    sizes: dict[str, Any] = {
+        "plane": {},
+        "sphere": size_mm[0] / _MM if size_mm else 0.0,
+        "box": [value / _MM for value in size_mm],
+    }
+    return {shape: sizes[shape], "pose": _si(pose), **material}
+
+
+def _si(pose: list[float]) -> list[float]:
+    return [*(value / _MM for value in pose[:3]), *(radians(value) for value in pose[3:])]
+
+
+def _shown(pose_si: list[float]) -> list[float]:
+    return [*(round(_MM * value, 1) for value in pose_si[:3]), *(round(degrees(value), 1) for value in pose_si[3:])]
+
+
+def _pose_fields(pose: list[float] | tuple[float, ...], mark: str) -> list[ui.number]:
+    units = ("mm",) * 3 + ("°",) * 3
+    return [
+        number(name, unit, f"{mark}-{name.lower()}", value)
+        for name, unit, value in zip(_POSE, units, pose, strict=True)
+    ]
+
+
+def _add_form(page: Page) -> None:
+    with ui.element("div").classes("sim-row"):
+        name = ui.input("Name").props("outlined dense data-testid=object-name").classes("sim-grow")
+        shape = ui.toggle(_SHAPES, value="box").props("unelevated no-caps data-testid=object-shape")
+        add = ui.button("Add", icon="add").props("unelevated no-caps data-testid=object-add").classes("sim-button")
+    with ui.element("div").classes("sim-six"):
+        box = [
+            number(f"Size {axis}", "mm", f"size-{axis}", value)
+            for axis, value in zip(_AXES, _FIRST_BOX_MM, strict=True)
+        ]
+        radius = number("Radius", "mm", "radius", _FIRST_RADIUS_MM)
+        stiffness = number("Stiffness", "N/mm", "stiffness", 20.0)
+        damping = number("Damping", "N s/mm", "damping", 0.2, "%.2f")
+        friction = number("Friction", "", "friction", 0.0, "%.2f")
+    with ui.element("div").classes("sim-six"):
+        pose = _pose_fields(_FIRST_POSE, "pose")
+    for field in box:
+        field.bind_visibility_from(shape, "value", value="box")
+    radius.bind_visibility_from(shape, "value", value="sphere")
+
+    async def put() -> None:
+        sizes = {"box": box, "sphere": [radius], "plane": []}[shape.value]
+        k, d, mu = numbers([stiffness, damping, friction], "The material")
+        material = {"stiffness": _MM * k, "damping": _MM * d, "friction": mu}
+        thing = described(shape.value, numbers(sizes, "The size"), numbers(pose, "The pose"), material)
+        called = (name.value or "").strip() or _free_name(shape.value, _objects(page.station) or {})
+        await page.station.behind.change("add_object", name=called, description=thing)
+        name.set_value("")
+
+    add.on_click(page.doing(put))
+
+
+def _free_name(shape: str, taken: Mapping[str, Any]) -> str:
+    names = (shape if count == 1 else f"{shape} {count}" for count in range(1, len(taken) + 2))
+    return next(name for name in names if name not in taken)
+
+
+def _row(page: Page, name: str, thing: Mapping[str, Any]) -> list[ui.number]:
+    behind = page.station.behind
+    with ui.element("div").classes("sim-object").props("data-testid=object"):
+        with ui.element("div").classes("sim-row"):
+            ui.icon({"box": "check_box_outline_blank", "sphere": "circle"}.get(_shape(thing), "layers"))
+            ui.label(name).classes("sim-fault-kind")
+            ui.label(_size(thing)).classes("init-hint")
+            ui.space()
+            remove = page.doing(partial(behind.change, "remove_object", name=name))
+            ui.button(icon="delete", on_click=remove).props(f'flat round dense aria-label="Remove {name}"')
+        with ui.element("div").classes("sim-six"):
+            fields = _pose_fields(_shown(thing["pose"]), f"move-{name}")
+
+        async def move() -> None:
+            await behind.change("move_object", name=name, pose=_si(numbers(fields, "The pose")))
+
+        for field in fields:
+            field.on("change", page.doing(move))
+    return fields
+
+
+def _shape(thing: Mapping[str, Any]) -> str:
+    return next(shape for shape in _SHAPES if shape in thing)
+
+
+def _size(thing: Mapping[str, Any]) -> str:
+    shape = _shape(thing)
+    if shape == "plane":
+        return "solid below its x-y plane"
+    if shape == "sphere":
+        return f"radius {_MM * thing['sphere']:.0f} mm"
+    return " × ".join(f"{_MM * value:.0f}" for value in thing["box"]) + " mm"

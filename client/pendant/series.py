@@ -1,0 +1,121 @@
+"""What can be plotted: every number that RTDE gives, by itself. Vectors fall into elements, words of I/O into bits."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from urproto.rtde.fields import OUTPUT_FIELDS, Field, available_fields
+from urproto.rtde.types import FieldType
+from urproto.versions import PolyscopeVersion
+
+__all__ = ["PRESETS", "Series", "catalogue", "series"]
+
+_JOINTS: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
+_POSE: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
+_INERTIA: Final = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+_OF_TWO_KINDS: Final = (
+    "m rad",
+    "m/s rad/s",
+    "m/s2 rad/s2",
+    "N Nm",
+)  # three elements have the one unit, three the other
+_ON_SCREEN: Final = {  # unit -> what PolyScope shows, and how many of it make one
+    "rad": ("°", 57.29577951308232),
+    "rad/s": ("°/s", 57.29577951308232),
+    "rad/s2": ("°/s²", 57.29577951308232),
+    "m": ("mm", 1000.0),
+    "m/s": ("mm/s", 1000.0),
+    "m/s2": ("m/s²", 1.0),
+    "degC": ("°C", 1.0),
+    "kg m2": ("kg m²", 1.0),
+}
+_WIRES: Final = (  # of the words of digital signals: name, number of signals
+    *((f"D{{}}{index}", index) for index in range(8)),
+    *((f"C{{}}{index}", 8 + index) for index in range(8)),
+    *((f"T{{}}{index}", 16 + index) for index in range(2)),
+)
+_WORDS: Final = {"actual_digital_input_bits": "I", "actual_digital_output_bits": "O"}
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One number over time: an element ``index`` of an RTDE output, or one ``bit`` of it.
+
+    unit: as RTDE has it. shown_unit and factor: as a screen has it.
+    """
+
+    field: str
+    index: int
+    label: str
+    unit: str
+    shown_unit: str
+    factor: float
+    doc: str
+    bit: int | None = None
+    steps: bool = False
+
+    @property
+    def key(self) -> str:
+        """As in Python: ``actual_q[2]``; ``actual_digital_output_bits>>3`` for a bit."""
+        if self.bit is not None:
+            return f"{self.field}>>{self.bit}"
+        return f"{self.field}[{self.index}]" if OUTPUT_FIELDS[self.field].type.count > 1 else self.field
+
+
+def catalogue(version: PolyscopeVersion | None) -> dict[str, Series]:
+    """All that a controller of this version has, by key; of any version when that is not known."""
+    fields = OUTPUT_FIELDS if version is None else available_fields(OUTPUT_FIELDS, version)
+    return {series.key: series for field in fields.values() for series in _split(field)}
+
+
+def series(*keys: str) -> list[Series]:
+    """These of the catalogue. Raises KeyError."""
+    return [_EVERY[key] for key in keys]
+
+
+def _split(field: Field) -> Iterator[Series]:
+    count, steps = field.type.count, field.type.letter != "d"
+    names = _element_names(field)
+    for index in range(count):
+        unit = _unit(field, index)
+        shown, factor = _ON_SCREEN.get(unit, (unit, 1.0))
+        label = f"{field.name} {names[index]}" if count > 1 else field.name
+        yield Series(field.name, index, label, unit, shown, factor, field.doc, steps=steps)
+    for pattern, bit in _WIRES if field.name in _WORDS else ():
+        name = pattern.format(_WORDS[field.name])
+        yield Series(field.name, 0, name, "", "", 1.0, f"digital signal {name}", bit, steps=True)
+
+
+def _unit(field: Field, index: int) -> str:
+    if field.unit in _OF_TWO_KINDS:
+        return field.unit.split(" ")[index // 3]
+    return field.unit
+
+
+def _element_names(field: Field) -> tuple[str, ...]:
+    if field.type is FieldType.VECTOR3D or field.unit in _OF_TWO_KINDS:
+        return _POSE
+    return _INERTIA if field.name == "payload_inertia" else _JOINTS
+
+
+_EVERY: Final = catalogue(None)
+
+
+def _vector(name: str, count: int = 6) -> tuple[str, ...]:
+    return tuple(f"{name}[{index}]" for index in range(count))
+
+
+PRESETS: Final[dict[str, tuple[str, ...]]] = {
+    "Joint angles": _vector("actual_q"),
+    "Joint speeds": _vector("actual_qd"),
+    "Joint currents": _vector("actual_current"),
+    "Joint temperatures": _vector("joint_temperatures"),
+    "TCP position": _vector("actual_TCP_pose", 3),
+    "TCP speed": _vector("actual_TCP_speed", 3),
+    "TCP force": _vector("actual_TCP_force", 3),
+    "TCP torque": _vector("actual_TCP_force")[3:],
+    "Speed": ("speed_scaling", "target_speed_fraction"),
+    "Digital outputs": tuple(f"actual_digital_output_bits>>{bit}" for bit in range(8)),
+    "Digital inputs": tuple(f"actual_digital_input_bits>>{bit}" for bit in range(8)),
+}
+"""What is often wanted together, by name: keys."""

@@ -1,0 +1,44 @@
+"use strict";
+// The lines of the log: changes are [whether what is shown goes, rows to add], see client/pendant/log_view.py.
+const pendantLog = (() => {
+  const clock = new Intl.DateTimeFormat(undefined, {
+    hour: "2-digit",
+    minute: "2-digit",
+    second: "2-digit",
+    fractionalSecondDigits: 3,
+    hour12: false,
+  });
+
+  function cell(line, kind, text) {
+    const span = document.createElement("span");
+    span.className = kind;
+    span.textContent = text;
+    line.appendChild(span);
+  }
+
+  function row([time, uptime, severity, source, code, text]) {
+    const line = document.createElement("div");
+    line.className = `log-line ${severity}`;
+    cell(line, "log-time", clock.format(time));
+    cell(line, "log-uptime", uptime);
+    cell(line, "log-severity", "");
+    cell(line, "log-source", source);
+    cell(line, "log-code", code);
+    cell(line, "log-text", text);
+    return line;
+  }
+
+  function show(id, most) {
+    pendant.followers.set(id, (change, box) => {
+      if (!change) return;
+      const [anew, rows] = change;
+      const atEnd = anew || box.scrollHeight - box.scrollTop - box.clientHeight < 40;
+      if (anew) box.replaceChildren();
+      box.append(...rows.map(row));
+      while (box.childElementCount > most) box.firstElementChild.remove();
+      if (atEnd) box.scrollTop = box.scrollHeight;
+    });
+  }
+
+  return { show };
+})();

@@ -1,0 +1,198 @@
+"use strict";
+// What surrounds an arm: things that are dragged about, and a ball at its tool that is dragged to push it.
+(() => {
+  const N_PER_M = 300; // guess: a hand's width is 30 N
+  const MOST_N = 200; // guess
+  const ARROW_M_PER_N = 1 / N_PER_M;
+  const TELL_MS = 60;
+
+  class Surroundings {
+    constructor(THREE, view) {
+      this.THREE = THREE;
+      this.view = view;
+      this.things = new Map(); // name -> mesh
+      this.drag = null;
+      this.told = 0;
+      this.group = new THREE.Group();
+      this.ball = new THREE.Mesh(
+        new THREE.SphereGeometry(0.032, 24, 16),
+        new THREE.MeshPhongMaterial({ color: "#e0662f", transparent: true, opacity: 0.75, depthTest: false }),
+      );
+      this.ball.renderOrder = 2;
+      this.arrow = new THREE.ArrowHelper(new THREE.Vector3(0, 0, 1), new THREE.Vector3(), 0.1, 0xc62828, 0.05, 0.035);
+      this.arrow.visible = false;
+      for (const part of [this.arrow.line, this.arrow.cone]) {
+        part.material.depthTest = false;
+        part.renderOrder = 3;
+      }
+      this.group.add(this.ball, this.arrow);
+      view.scene.add(this.group);
+      for (const [type, handler] of [["pointerdown", this.down], ["pointermove", this.move], ["pointerup", this.up], ["pointercancel", this.up]])
+        view.$el.addEventListener(type, handler.bind(this), true);
+      window.addEventListener("blur", () => this.up());
+    }
+
+    show({ tool, force, things }) {
+      this.ball.position.set(...tool);
+      if (this.drag?.what !== "push") this.point(force);
+      const names = new Set(things.map((thing) => thing.name));
+      for (const [name, mesh] of this.things) if (!names.has(name)) this.remove(name, mesh);
+      for (const thing of things) this.put(thing);
+    }
+
+    point(force) {
+      const along = new this.THREE.Vector3(...force);
+      const size = along.length();
+      this.arrow.visible = size > 0.05;
+      if (!this.arrow.visible) return;
+      const length = size * ARROW_M_PER_N;
+      this.arrow.position.copy(this.ball.position);
+      this.arrow.setDirection(along.normalize());
+      this.arrow.setLength(length, Math.min(0.06, length * 0.5), 0.035);
+    }
+
+    put(thing) {
+      const shape = JSON.stringify([thing.box, thing.sphere]);
+      let mesh = this.things.get(thing.name);
+      if (mesh && mesh.userData.shape !== shape) this.remove(thing.name, mesh), (mesh = null);
+      if (!mesh) {
+        mesh = this.mesh(thing);
+        mesh.userData = { shape, name: thing.name };
+        this.things.set(thing.name, mesh);
+        this.group.add(mesh);
+      }
+      if (this.drag?.mesh === mesh) return;
+      const r = thing.rotation;
+      mesh.matrix.set(r[0], r[1], r[2], 0, r[3], r[4], r[5], 0, r[6], r[7], r[8], 0, 0, 0, 0, 1);
+      mesh.quaternion.setFromRotationMatrix(mesh.matrix);
+      mesh.position.set(...thing.pose.slice(0, 3));
+    }
+
+    mesh(thing) {
+      const T = this.THREE;
+      const geometry = thing.box
+        ? new T.BoxGeometry(...thing.box)
+        : thing.sphere
+          ? new T.SphereGeometry(thing.sphere, 32, 20)
+          : new T.PlaneGeometry(1.6, 1.6);
+      const flat = !thing.box && !thing.sphere;
+      const material = new T.MeshPhongMaterial({
+        color: flat ? "#8f9ba6" : "#c99a5b", transparent: true, opacity: flat ? 0.45 : 0.9, side: T.DoubleSide,
+      });
+      const mesh = new T.Mesh(geometry, material);
+      mesh.add(new T.LineSegments(new T.EdgesGeometry(geometry), new T.LineBasicMaterial({ color: "#6b4d22" })));
+      return mesh;
+    }
+
+    remove(name, mesh) {
+      this.things.delete(name);
+      mesh.removeFromParent();
+      mesh.geometry.dispose();
+    }
+
+    // dragging
+
+    ray(event) {
+      const box = this.view.renderer.domElement.getBoundingClientRect();
+      const at = new this.THREE.Vector2(
+        ((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2,
+      );
+      const caster = new this.THREE.Raycaster();
+      caster.setFromCamera(at, this.view.camera);
+      return caster;
+    }
+
+    down(event) {
+      if (event.button > 0 || this.drag) return;
+      const caster = this.ray(event);
+      const away = this.view.camera.getWorldDirection(new this.THREE.Vector3());
+      const pushed = caster.intersectObject(this.ball)[0];
+      const met = pushed ? null : caster.intersectObjects([...this.things.values()], false)[0];
+      if (!pushed && !met) return;
+      const normal = pushed ? away : event.shiftKey ? away.setZ(0).normalize() : new this.THREE.Vector3(0, 0, 1);
+      const start = pushed ? this.ball.position.clone() : met.point;
+      this.drag = {
+        what: pushed ? "push" : "move", mesh: met?.object, start, vertical: event.shiftKey, pointer: event.pointerId,
+        from: met?.object.position.clone(),
+        plane: new this.THREE.Plane().setFromNormalAndCoplanarPoint(normal, start),
+      };
+      this.view.controls.enabled = false;
+      this.view.$el.setPointerCapture(event.pointerId);
+      event.stopPropagation();
+      event.preventDefault();
+    }
+
+    move(event) {
+      if (!this.drag) {
+        const over = this.ray(event).intersectObjects([this.ball, ...this.things.values()], false).length > 0;
+        this.view.$el.style.cursor = over ? "grab" : "";
+        return;
+      }
+      event.stopPropagation();
+      const at = this.ray(event).ray.intersectPlane(this.drag.plane, new this.THREE.Vector3());
+      if (!at) return;
+      if (this.drag.what === "push") this.push(at);
+      else this.carry(at.sub(this.drag.start));
+    }
+
+    push(at) {
+      const force = at.sub(this.ball.position).multiplyScalar(N_PER_M).clampLength(0, MOST_N);
+      this.drag.force = force.toArray().map((value) => Math.round(value * 10) / 10);
+      this.point(this.drag.force);
+      this.tell({ push: this.drag.force });
+    }
+
+    carry(way) {
+      const { mesh, from, vertical } = this.drag;
+      mesh.position.copy(from);
+      if (vertical) mesh.position.z += way.z;
+      else mesh.position.add(way.setZ(0));
+      this.drag.moved = { move_thing: { name: mesh.userData.name, position: mesh.position.toArray() } };
+      this.tell(this.drag.moved);
+    }
+
+    tell(what, now = false) {
+      const time = performance.now();
+      if (!now && time - this.told < TELL_MS) return;
+      this.told = time;
+      pendant.say(what);
+    }
+
+    up(event) {
+      const drag = this.drag;
+      if (!drag) return;
+      event?.stopPropagation();
+      this.drag = null;
+      this.view.controls.enabled = true;
+      if (this.view.$el.hasPointerCapture?.(drag.pointer)) this.view.$el.releasePointerCapture(drag.pointer);
+      if (drag.what === "push") {
+        if (drag.force) this.tell({ push: drag.force }, true); // the newest may have been too soon to be told
+        this.tell({ push: null }, true);
+      } else if (drag.moved) this.tell(drag.moved, true);
+    }
+
+    // where something is on the screen, in pixels of the page
+    where(name) {
+      const mesh = name === undefined ? this.ball : this.things.get(name);
+      if (!mesh) return null;
+      const at = mesh.getWorldPosition(new this.THREE.Vector3()).project(this.view.camera);
+      const box = this.view.renderer.domElement.getBoundingClientRect();
+      return [box.left + ((at.x + 1) / 2) * box.width, box.top + ((1 - at.y) / 2) * box.height];
+    }
+  }
+
+  const known = new Map();
+  let THREE = null;
+
+  pendant.surroundings = async (id, scene) => {
+    pendant.followers.set(id, (value) => {
+      const view = getElement(scene);
+      if (!THREE || !view || !view.controls) return false;
+      if (!known.has(id) || known.get(id).view !== view) known.set(id, new Surroundings(THREE, view));
+      if (value) known.get(id).show(value);
+      return true;
+    });
+    pendant.where = (name) => known.get(id)?.where(name) ?? null;
+    THREE = (await import("nicegui-scene")).THREE;
+  };
+})();

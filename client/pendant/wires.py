@@ -1,0 +1,91 @@
+"""Switching a robot's outputs over its public ports.
+
+RTDE does it, with masks, so that only what is meant changes. Where another client holds these inputs, a program beside
+whatever runs does it instead. Either works with the arm switched off.
+"""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+from urproto.errors import RobotRefused
+from urproto.modes import AnalogDomain
+
+__all__ = ["CONFIGURABLE", "STANDARD", "TOOL", "Group", "Range", "analog_range", "set_analog", "set_digital"]
+
+
+class Robot(Protocol):
+    """What is needed of `client.pendant.station.Station`."""
+
+    async def write(self, **inputs: Any) -> None:
+        """RTDE inputs."""
+
+    async def say(self, *statements: str) -> None:
+        """Statements of a program."""
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Digital signals: bits of RTDE's words from ``first`` on. letter: of their names, as DI0."""
+
+    name: str
+    letter: str
+    first: int
+    count: int
+
+
+STANDARD: Final = Group("standard", "D", 0, 8)
+CONFIGURABLE: Final = Group("configurable", "C", 8, 8)
+TOOL: Final = Group("tool", "T", 16, 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Of an analog signal on the screen: mA or V; ``factor`` makes it from A or V."""
+
+    low: float
+    high: float
+    unit: str
+    factor: float
+
+    def ratio(self, shown: float) -> float:
+        """What is shown, as a share of the range. Raises ValueError outside."""
+        if not self.low <= shown <= self.high:
+            raise ValueError(f"{shown:g} {self.unit} is outside of {self.low:g} to {self.high:g} {self.unit}")
+        return (shown - self.low) / (self.high - self.low)
+
+
+def analog_range(domain: int) -> Range:
+    """Of the control box (User Manual: 4-20 mA or 0-10 V)."""
+    return Range(0.0, 10.0, "V", 1.0) if domain == AnalogDomain.VOLTAGE else Range(4.0, 20.0, "mA", 1000.0)
+
+
+async def set_digital(robot: Robot, group: Group, index: int, level: bool) -> None:
+    """Switch an output. Raises ClientError."""
+    bit = 1 << index
+    inputs = {f"{group.name}_digital_output_mask": bit, f"{group.name}_digital_output": bit if level else 0}
+    await _either(
+        lambda: robot.write(**inputs), lambda: robot.say(f"set_{group.name}_digital_out({index}, {bool(level)})")
+    )
+
+
+async def set_analog(robot: Robot, index: int, domain: AnalogDomain, ratio: float) -> None:
+    """Give an analog output a domain and a share of its range. Raises ClientError."""
+    inputs = {
+        "standard_analog_output_mask": 1 << index,
+        "standard_analog_output_type": domain << index,
+        f"standard_analog_output_{index}": ratio,
+    }
+    await _either(
+        lambda: robot.write(**inputs),
+        lambda: robot.say(
+            f"set_analog_outputdomain({index}, {domain:d})", f"set_standard_analog_out({index}, {ratio!r})"
+        ),
+    )
+
+
+async def _either(first: Callable[[], Awaitable[None]], else_: Callable[[], Awaitable[None]]) -> None:
+    try:
+        await first()
+    except RobotRefused:
+        await else_()

@@ -1,0 +1,193 @@
+"""A recorder in a process of its own, for programs that must not be late: a control loop.
+
+Writing a state takes some tenths of a millisecond, and now and then, when a chunk is compressed,
+several. A call here takes some microseconds: a thread hands what it is given to the process,
+which writes the file with `Recorder`. It finishes the file properly also when this program dies.
+"""
+
+import json
+import logging
+import pickle
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from queue import SimpleQueue
+from types import TracebackType
+from typing import IO, Any, BinaryIO, Final, NamedTuple, Self
+
+from client.errors import RecordingError
+from client.recording.files import Recorder, field_names
+from client.recording.recording import DEFAULT_FIELDS, Info
+
+__all__ = ["BackgroundRecorder", "work"]
+
+_READY: Final = b"ready\n"
+_ENDS_S: Final = 30.0  # guess: compressing an hour of npz takes less
+# isolated: a folder of the user's may have the name of a module; the search path is this program's
+_PROGRAM: Final = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from client.recording import background"
+_COMMAND: Final = ("-I", "-c", f"{_PROGRAM}; sys.exit(background.work(sys.stdin.buffer))")
+
+_logger = logging.getLogger(__name__)
+
+
+class _State(NamedTuple):
+    """Of a controller, as much of it as is recorded; its points are `_Point`."""
+
+    time_s: float
+    joint_names: tuple[str, ...]
+    reference: Any
+    feedback: Any
+    error: Any
+    output: Any
+
+
+class _Point(NamedTuple):
+    positions: tuple[float, ...]
+    velocities: tuple[float, ...]
+    accelerations: tuple[float, ...]
+    effort: tuple[float, ...]
+
+
+class BackgroundRecorder:
+    """As `Recorder`, for any thread; use it with ``with``, which also finishes the file.
+
+    A file that cannot be written any more is logged once, and told by `close`; what is recorded
+    goes on. Raises RecordingError.
+    """
+
+    def __init__(self, path: Path | str, names: Iterable[str] = DEFAULT_FIELDS, info: Info | None = None) -> None:
+        self.path = Path(path)
+        self.names = field_names(names)
+        self.count = 0
+        self._queue: SimpleQueue[Any] = SimpleQueue()
+        self._open = True
+        self._process = subprocess.Popen(
+            (sys.executable, *_COMMAND, json.dumps(sys.path)),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C is for this program, which then finishes the file
+        )
+        pipe = self._process.stdin
+        assert pipe
+        self._send(pipe, (str(self.path), self.names, dict(info or {})))
+        self._check_ready()
+        self._thread = threading.Thread(target=self._feed, args=(pipe,), name="recorder", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def write(self, values: Mapping[str, Any]) -> None:
+        """Add a state; more variables than the recording's do no harm."""
+        self._queue.put([values[name] for name in self.names])  # the first is the timestamp
+        self.count += 1
+
+    def write_controller(self, controller: str, state: Any) -> None:
+        """Add the state of a trajectory controller, as `Recorder.write_controller`."""
+        self._queue.put((controller, state))
+
+    def close(self) -> None:
+        """Finish the file. Raises RecordingError when something of it could not be written."""
+        if not self._open:
+            return
+        self._open = False
+        self._queue.put(None)
+        self._thread.join()
+        if self._wait():
+            raise self._failure()
+        self._hang_up()
+
+    def _check_ready(self) -> None:
+        assert self._process.stdout
+        if self._process.stdout.readline() != _READY:
+            raise self._failure()
+
+    def _feed(self, pipe: IO[bytes]) -> None:
+        try:
+            while (item := self._queue.get()) is not None:
+                self._send(pipe, _plain(*item) if isinstance(item[0], str) else item)
+            pipe.close()
+        except OSError:  # the process has ended
+            _logger.error("%s cannot be written any more", self.path)
+
+    def _send(self, pipe: IO[bytes], item: Any) -> None:
+        pickle.dump(item, pipe, protocol=pickle.HIGHEST_PROTOCOL)
+        if self._queue.empty():
+            pipe.flush()
+
+    def _wait(self) -> int:
+        try:
+            return self._process.wait(_ENDS_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            return self._process.wait()
+
+    def _failure(self) -> RecordingError:
+        """What the process said before it ended."""
+        assert self._process.stderr
+        said = self._process.stderr.read().decode(errors="replace").strip().splitlines()
+        self._wait()
+        self._hang_up()
+        return RecordingError(said[-1] if said else f"{self.path}: the process that writes it was ended")
+
+    def _hang_up(self) -> None:
+        for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
+            assert pipe
+            try:
+                pipe.close()
+            except OSError:  # what was still to be written to a process that has ended
+                continue
+
+
+def _plain(name: str, state: Any) -> tuple[str, _State]:
+    """A controller's state as the other process knows it."""
+    points = (_point(getattr(state, kind)) for kind in ("reference", "feedback", "error", "output"))
+    return name, _State(state.time_s, state.joint_names, *points)
+
+
+def _point(point: Any) -> _Point:
+    return _Point(point.positions, point.velocities, point.accelerations, point.effort)
+
+
+# the process
+
+
+def work(pipe: BinaryIO) -> int:
+    """Record what comes through a pipe until its end; the exit status."""
+    path, names, info = pickle.load(pipe)
+    try:
+        with Recorder(path, names, info) as recorder:
+            sys.stdout.buffer.write(_READY)
+            sys.stdout.buffer.flush()
+            for item in iter(_reading(pipe), None):
+                if isinstance(item[0], str):
+                    recorder.write_controller(*item)
+                else:
+                    recorder.write(dict(zip(recorder.names, item, strict=True)))
+    except RecordingError as error:
+        sys.stderr.write(f"{error}\n")
+        return 1
+    except OSError as error:
+        sys.stderr.write(f"cannot write {path}: {error.strerror}\n")
+        return 1
+    return 0
+
+
+def _reading(pipe: BinaryIO) -> Callable[[], Any]:
+    """The next item, None at the end: also when the last one was cut off because its sender died."""
+
+    def read() -> Any:
+        try:
+            return pickle.load(pipe)
+        except (EOFError, pickle.UnpicklingError):
+            return None
+
+    return read

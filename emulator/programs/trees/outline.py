@@ -1,0 +1,52 @@
+"""A program tree as a pendant shows it: what each node is called, and how deep it lies."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from emulator.programs.trees.document import Element
+from emulator.programs.trees.installation_file import InstallationFile
+from emulator.programs.trees.program import ExternalControlCode, ProgramTree, write_steps
+from urproto.versions import PolyscopeVersion
+from urscript.work import Steps
+
+__all__ = ["OutlineNode", "outline_steps"]
+
+_NODE_WORK: Final = 20  # guess [units of `urscript.work`]
+
+
+@dataclass(frozen=True, slots=True)
+class OutlineNode:
+    """number: line in the tree, by which the program's labels name it. suppressed: it is not carried out."""
+
+    number: int
+    depth: int
+    text: str
+    suppressed: bool = False
+
+
+def outline_steps(
+    tree: ProgramTree, installation: InstallationFile, version: PolyscopeVersion
+) -> Steps[list[OutlineNode]]:
+    """Every node, in order, in pieces for a control loop. Raises TreeError for a tree that cannot be run."""
+    writer = yield from write_steps(tree, installation, version=version, external_control=ExternalControlCode("", ""))
+    nodes = list[OutlineNode]()
+    waiting = [(tree.root, -1, False)]
+    numbers = tree.numbers()
+    while waiting:
+        element, depth, suppressed = waiting.pop()
+        suppressed |= element.tag == "SuppressedNode"
+        number = numbers.get(id(element))
+        if number is not None:
+            nodes.append(OutlineNode(number, depth, writer.labels.get(number) or _name(element), suppressed))
+            yield _NODE_WORK
+        deeper = depth + (element.tag == "children")
+        waiting.extend((child, deeper, suppressed) for child in reversed(element.children))
+    return nodes
+
+
+def _name(element: Element) -> str:
+    """Of a node that has no label: its name, or its kind in words."""
+    if element.tag == "SuppressedNode":
+        return "Suppressed"
+    words = "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in element.tag)
+    return element.attributes.get("name") or words.removesuffix(" node").strip().capitalize()

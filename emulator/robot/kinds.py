@@ -1,0 +1,12 @@
+"""The two kinds of arm, by name: what a command line needs to know of them."""
+
+from enum import StrEnum
+
+__all__ = ["ArmKind"]
+
+
+class ArmKind(StrEnum):
+    """What moves the arm: its targets, exactly, or torques."""
+
+    IDEAL = "ideal"
+    DYNAMIC = "dynamic"

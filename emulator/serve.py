@@ -1,0 +1,79 @@
+"""One emulator in the foreground of a terminal: its first screen, its ready line, its end."""
+
+import asyncio
+import json
+import logging
+import signal
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from emulator.app import Emulator
+from emulator.clock import claim_real_time
+from emulator.config import ConfigError, EmulatorConfig
+from emulator.pendant import Pendant
+from emulator.readiness import check_ready
+from emulator.welcome import first_screen, ready_line
+
+__all__ = ["serve", "write_ports"]
+
+
+async def serve(
+    config: EmulatorConfig, ports_file: Path | None, pendant_port: int | None = None, *, exit_when_ready: bool = False
+) -> None:
+    """Run it until it is stopped, or until every port answers. pendant_port: None for no pendant.
+
+    Raises ConfigError, NotReady, OSError.
+    """
+    console = Console(highlight=False)
+    emulator = Emulator(replace(config, faults=()))  # they begin once it has proven to be ready
+    if config.speed == 1.0:
+        logging.getLogger(__name__).info("granted by the system: %s", ", ".join(claim_real_time()))
+    async with emulator:
+        _stop_on_signals(emulator.stop)
+        console.print(first_screen(emulator))
+        await check_ready(config.host, emulator.ports, elsewhere={"control": config.host_of("control")})
+        if ports_file is not None:
+            write_ports(ports_file, emulator.ports)
+        emulator.inject(config.faults)
+        console.print(ready_line(emulator))
+        if pendant_port is not None:
+            await _with_pendant(emulator, pendant_port, console)
+        elif not exit_when_ready:
+            await emulator.stopped.wait()
+    console.print("Stopped.")
+
+
+async def _with_pendant(emulator: Emulator, port: int, console: Console) -> None:
+    """It comes up while the robot is at work already."""
+    async with Pendant(emulator, port) as pendant:
+        telling = asyncio.create_task(pendant.told())
+        telling.add_done_callback(lambda told: None if told.cancelled() else console.print(told.result()))
+        await emulator.stopped.wait()
+        telling.cancel()
+
+
+def _stop_on_signals(stop: Callable[[], None]) -> None:
+    """End cleanly on the first Ctrl-C; a second one interrupts."""
+    loop = asyncio.get_running_loop()
+
+    def stop_once(number: signal.Signals) -> None:
+        loop.remove_signal_handler(number)
+        stop()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if sys.platform != "win32":
+            loop.add_signal_handler(number, stop_once, number)
+
+
+def write_ports(path: Path, ports: object) -> None:
+    """Complete or not at all: others wait for the file."""
+    draft = path.with_name(f"{path.name}.part")
+    try:
+        draft.write_text(json.dumps(ports, indent=2) + "\n")
+        draft.replace(path)
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror}") from error

@@ -1,0 +1,120 @@
+"""What the codes of the controller's log mean, in our wording: a controller sends the code, seldom a text.
+
+Numbers, arguments and meaning: the error table of the vendor's public C++ libraries. Severity and text are shown to
+people only; drivers look at the code and the level.
+"""
+
+from typing import Final
+
+__all__ = ["error_text"]
+
+_JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
+
+_TEXTS: Final[dict[int, str]] = {
+    50: "The arm has no 48 V supply",
+    57: "The brakes could not be released",
+    58: "The encoder of a motor is not calibrated",
+    59: "A motor draws too much current",
+    60: "The arm returned too much energy",
+    61: "The arm at rest draws too much current",
+    62: "A joint is too warm",
+    71: "A joint failed its check at the start",
+    74: "A joint's encoder gave a warning",
+    75: "A joint's encoder reports an error",
+    100: "The robot changed mode",
+    101: "A real robot is connected",
+    102: "No real robot is connected: running in simulation",
+    103: "The safety control board does not communicate as it should",
+    104: "An empty command was sent to the robot",
+    111: "Something pulls the robot: check mounting and payload",
+    115: "The type of the robot is not known",
+    116: "The real-time part of the controller gave a warning",
+    117: "The safety control board could not be restarted",
+    150: "The arm is close to a joint limit",
+    151: "The arm is close to the tool orientation limit",
+    152: "The arm is close to a safety plane",
+    153: "The position deviates from the path",
+    154: "The position is in a singularity",
+    155: "The robot cannot hold its position: check the payload",
+    156: "Wrong payload or mounting, or the arm was pushed while freedrive began",
+    157: "A collision was detected",
+    158: "A collision was detected; the payload is set to 0 kg: is that right?",
+    159: "The position deviates from the path; the payload is set to 0 kg: is that right?",
+    160: "The arm was switched off: joints disagree",
+    161: "The arm was moved while it was off",
+    162: "The protective stop was probably caused by a wrong payload",
+    163: "More than 50 protective stops on one joint within eight hours",
+    164: "A wrist is close to a safety plane",
+    171: "A blend was skipped: the waypoint's radius is too small or overlaps the next",
+    172: "Illegal control mode",
+    173: "The joint torques are too high",
+    174: "The joint torques jumped too far",
+    191: "A safety limit was violated",
+    192: "The safety system found a fault",
+    193: "A joint reports a fault",
+    194: "A part of the robot has not booted, or is not ready",
+    195: "The conveyor is too fast to be followed",
+    196: "A movep is too fast",
+    197: "Blend radii overlap",
+    200: "The safety control board found a fault in its hardware",
+    201: "The safety control board is not set up as it should be",
+    202: "The safety configuration is not legal",
+    203: "The safety configuration that is shown is not the one in force",
+    204: "The path failed its check",
+    205: "The target speed does not match the target position",
+    206: "The target speed of a joint does not match its target position",
+    207: "The input of a fieldbus was disconnected",
+    209: "A protective stop was requested by the program",
+    210: "The socket is read-only: scripts need a port that takes them and, on e-Series, remote control",
+    211: "The operational mode changed",
+    212: "Names collide in the loaded program",
+    213: "The arm's calibration is missing or of another arm",
+    217: "A string begins with white space",
+    218: "A thread used too much time",
+    219: "A path offset moves too fast",
+    271: "The program computes without end: put sync() or sleep() into loops that do not move the robot",
+    309: "The keep-alive of the safety control board failed",
+    400: "The elbow is close to a safety plane",
+    403: "The tool flange is so close to the lower arm that it could clamp",
+}
+
+_ARGUMENTS: Final[dict[int, dict[int, str]]] = {
+    62: {1: "above 80 °C", 3: "loaded for long while it stood", 11: "above 85 °C, switched off"},
+    191: {
+        1: "joint position",
+        2: "joint speed",
+        3: "tool speed",
+        4: "tool position",
+        5: "tool orientation",
+        6: "power",
+        7: "joint torque",
+        8: "joint torque",
+        12: "momentum",
+        14: "it does not slow down for a stop",
+        15: "it moves while it has to stand",
+        16: "it takes too long to stop",
+        **{32 + number: f"speed of {name}" for number, name in enumerate(_JOINTS)},
+    },
+    195: {1: "joint speed", 2: "tool speed", 3: "momentum"},
+    204: {
+        1: "the target position jumped",
+        2: "target position and target speed do not agree",
+        3: "it would stop too abruptly",
+        4: "it did not stop in time",
+        5: "the program gave a target out of reach, or no number",
+        6: "the blend gave a target out of reach, or no number",
+        7: "it leads through a singularity",
+    },
+}
+_OF_JOINTS: Final = frozenset({153, 157, 158, 159, 163, 173, 174, 193, 206})  # arguments 0 to 5 are joints
+
+
+def error_text(code: int, argument: int | None = None) -> str:
+    """Text for an error code, with what its argument adds if one is given; unknown codes get a neutral one."""
+    text = _TEXTS.get(code, f"Error code C{code}")
+    if argument is None:
+        return text
+    if code in _OF_JOINTS and 0 <= argument < len(_JOINTS):
+        return f"{text}: {_JOINTS[argument]}"
+    detail = _ARGUMENTS.get(code, {}).get(argument)
+    return f"{text}: {detail}" if detail else text
