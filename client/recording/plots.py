@@ -78,7 +78,7 @@ def deviations(recording: Recording, kind: str = "q", controller: str | None = N
 
 def draw(
     recording: Recording,
-    path: Path,
+    path: Path | str,
     title: str = "",
     *,
     controller: str | None = None,
@@ -90,6 +90,7 @@ def draw(
     `Recording.tracking`. limit_rad: a line where the deviation from the path should stay below.
     Raises RecordingError.
     """
+    path = Path(path)
     if path.suffix.lower() not in FORMATS:
         raise RecordingError(f"{path} is none of the formats of pictures: {', '.join(FORMATS)}")
     with extra("plots", "drawing"):
