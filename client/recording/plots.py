@@ -242,8 +242,9 @@ def _draw_path_deviation(axes: "Axes", picture: _Picture) -> None:
 
 
 def _draw_speed(axes: "Axes", picture: _Picture) -> None:
-    for label, values in _speeds(picture.recording).items():
-        axes.plot(picture.recording.time_s, 100.0 * values, linewidth=1.2, label=label)
+    styles = (_DESIRED, _ACTUAL)  # they lie on each other, most of the time
+    for (label, values), style in zip(_speeds(picture.recording).items(), styles, strict=False):
+        axes.plot(picture.recording.time_s, 100.0 * values, color="black", label=label, **style)
     axes.set_ylabel("speed [%]")
     axes.set_ylim(-5.0, 110.0)
     axes.set_yticks((0, 50, 100))
