@@ -160,11 +160,11 @@ async def test_a_trajectory_moves_the_arm(robot, domain):
 async def test_commands_switch_controllers_when_the_arm_rests(robot, domain, caplog):
     async with bridged(robot, domain, SCALED) as lab, cyclone(domain) as peer:
         await peer.say("/forward_position_controller/commands", ARRAY, {"data": moved(0, 0, 0, 0, 0, 0.02)})
-        await lab.until(lambda: lab.distance(moved(0, 0, 0, 0, 0, 0.02)) < 0.003)
+        await lab.until(lambda: lab.distance(moved(0, 0, 0, 0, 0, 0.02)) < 0.003 and resting(lab))
         assert not lab.controller(SCALED).active
         there = moved(0.4, 0, 0, 0, 0, 0)
         await peer.say(f"/{SCALED}/joint_trajectory", TRAJECTORY, trajectory(JOINTS, (2.0, there)))
-        await lab.until(lambda: lab.distance(there) < 0.3)
+        await lab.until(lambda: lab.distance(there) < 0.3)  # on the way
         await peer.say("/forward_position_controller/commands", ARRAY, {"data": moved(0, 0, 0, 0, 0, 0)})
         await lab.until(lambda: lab.distance(there) < 0.005)
         assert "scaled_joint_trajectory_controller moves the arm: wait until it rests" in caplog.text
@@ -226,6 +226,10 @@ async def test_namespace_and_prefix(robot, domain):
         goal = trajectory(names, (0.5, there))
         await peer.say(f"/cell/left/{SCALED}/joint_trajectory", TRAJECTORY, goal)
         await lab.until(lambda: lab.distance(there) < 0.005)
+
+
+def resting(lab):
+    return max(map(abs, lab.driver.state["actual_qd"])) < 0.001
 
 
 async def told(lab, caplog, pattern):

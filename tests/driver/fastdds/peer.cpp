@@ -1,7 +1,8 @@
-// A participant of Fast DDS that hears a robot and moves it, as a node of ROS 2 would.
+// A participant of Fast DDS that hears a robot and moves it, as a node of ROS 2 would; on loopback alone.
 //
-// peer DOMAIN: tells the newest message of a topic for each line on its input, "TOPIC"; "go SECONDS Q1 ... Q6" sends
-// a trajectory, "garbage" a text under the trajectory's type. Latched topics are subscribed when they are asked for.
+// peer DOMAIN: for each line on its input, the name of a topic, it tells the next message (of latched topics the one
+// that is kept); "go SECONDS Q1 ... Q6" sends a trajectory; "garbage" sends a text that claims to be a trajectory, which
+// a participant can only do that has sent none. An answer with "!" says what has not happened in time.
 #include <condition_variable>
 #include <functional>
 #include <iostream>
@@ -30,6 +31,7 @@ using eprosima::fastrtps::rtps::IPLocator;
 using eprosima::fastrtps::rtps::Locator_t;
 
 static const auto PATIENCE = std::chrono::seconds(15);
+static const std::string TRAJECTORY = "rt/scaled_joint_trajectory_controller/joint_trajectory";
 
 // Something that other threads change and this one waits for.
 struct Event {
@@ -77,10 +79,10 @@ void reliable(Qos& qos, bool latched) {
 
 class Peer {
 public:
-    explicit Peer(int domain, bool loopback) {
+    explicit Peer(int domain) {
         DomainParticipantQos qos;
         auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-        if (loopback) udp->interfaceWhiteList.push_back("127.0.0.1");
+        udp->interfaceWhiteList.push_back("127.0.0.1");
         qos.transport().use_builtin_transports = false;
         qos.transport().user_transports.push_back(udp);
         Locator_t here;
@@ -97,11 +99,12 @@ public:
         DomainParticipantFactory::get_instance()->delete_participant(participant_);
     }
 
-    Topic* topic(const std::string& name, TypeSupport type) {
+    Topic* topic(const std::string& name, TypeSupport type, const std::string& type_name = "") {
         auto& found = topics_[name];
         if (found == nullptr) {
-            type.register_type(participant_);
-            found = participant_->create_topic(name, type.get_type_name(), TOPIC_QOS_DEFAULT);
+            const std::string known_as = type_name.empty() ? type.get_type_name() : type_name;
+            type.register_type(participant_, known_as);
+            found = participant_->create_topic(name, known_as, TOPIC_QOS_DEFAULT);
         }
         return found;
     }
@@ -127,13 +130,14 @@ public:
     }
 
     template <typename Message, typename Type>
-    bool send(const std::string& name, Message& message) {
+    bool send(const std::string& name, Message& message, const std::string& type_name = "") {
         auto& writer = writers_[name];
         if (writer == nullptr) {
             auto qos = DATAWRITER_QOS_DEFAULT;
             reliable(qos, false);
             listened_[name] = std::make_unique<Listened>();
-            writer = publisher_->create_datawriter(topic(name, TypeSupport(new Type())), qos, listened_[name].get());
+            Topic* about = topic(name, TypeSupport(new Type()), type_name);
+            writer = publisher_->create_datawriter(about, qos, listened_[name].get());
         }
         if (!listened_[name]->matched.wait([](int count) { return count > 0; })) return false;
         return writer->write(&message) &&
@@ -205,14 +209,20 @@ static bool answer(Peer& peer, const std::string& what, std::istream& rest, std:
                        "wrist_3_joint"});
         m.points().push_back(point);
         return peer.send<decltype(m), trajectory_msgs::msg::dds_::JointTrajectory_PubSubType>(
-            "rt/scaled_joint_trajectory_controller/joint_trajectory", m);
+            TRAJECTORY, m);
+    }
+    if (what == "garbage") {
+        std_msgs::msg::dds_::String_ m;
+        m.data("this is no trajectory");
+        return peer.send<decltype(m), std_msgs::msg::dds_::String_PubSubType>(
+            TRAJECTORY, m, "trajectory_msgs::msg::dds_::JointTrajectory_");
     }
     return false;
 }
 
 int main(int argc, char** argv) {
     if (argc < 2) return 2;
-    Peer peer(std::stoi(argv[1]), argc < 3);
+    Peer peer(std::stoi(argv[1]));
     std::string line;
     while (std::getline(std::cin, line)) {
         std::istringstream words(line);
