@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from rig import Rig
 
+pytestmark = pytest.mark.robot_speed(3)
+
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("[0-9][0-9]_*.py"))
 DEADLINE_S = 45.0
 MORE = {"09_thesis": (".", "1.5")}  # arguments behind the host: where to, and seconds a goal
