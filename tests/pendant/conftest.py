@@ -54,7 +54,13 @@ class Rig:
         self._pendant = subprocess.Popen(
             [
                 *(sys.executable, "-u", "-m", "client", "pendant", "--robot-ip", self.host, "--host", self.host),
-                *("--modbus-port", str(self.robot.ports["modbus"]), "--with-parent"),
+                *(
+                    "--modbus-port",
+                    str(self.robot.ports["modbus"]),
+                    "--poses",
+                    str(folder / "poses.json"),
+                    "--with-parent",
+                ),
             ],
             cwd=ROOT,
             stdin=subprocess.PIPE,
