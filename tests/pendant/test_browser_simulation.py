@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from playwright.sync_api import Locator, Page, expect
+
 from tests.pendant.conftest import ROOT, eventually
 
 

@@ -190,7 +190,7 @@ async def test_a_protective_stop_ends_freedrive_and_says_what_to_do(bench: Bench
     free = asyncio.create_task(bench.mover.start_freedrive())
     await bench.until(lambda: bench.free)
     bench.robot.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
-    with pytest.raises(MotionError, match="protective stop.*see Initialize"):
+    with pytest.raises(MotionError, match=r"protective stop.*see Initialize"):
         await free
     assert not bench.mover.freedrive
 
