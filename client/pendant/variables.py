@@ -11,7 +11,7 @@ _LONGEST: Final = 400  # characters of a value on the screen
 
 
 class Variables:
-    """values: by name, in the order of the program. revision: counts what was heard. names: all, in that order."""
+    """names: all, in the order of the program. values: by name. revision: counts what was heard; program: the names."""
 
     def __init__(self) -> None:
         self.names: list[str] = []
@@ -27,20 +27,18 @@ class Variables:
     def hear(self, message: object) -> None:
         """Take note of names, which come when a program starts, and of values."""
         if isinstance(message, GlobalVariableNames):
-            self.names[message.start_index :] = message.names
-            del self._values[message.start_index :]
-            self._is_another()
-        elif (
-            isinstance(message, GlobalVariableValues) and not message.values and not message.start_index and self.names
-        ):
-            self.names.clear()  # a program without variables has no names, but no values either
-            self._values.clear()
-            self._is_another()
-        elif isinstance(message, GlobalVariableValues) and message.start_index <= len(self._values):
-            self._values[message.start_index : message.start_index + len(message.values)] = message.values
-            self.revision += 1
+            self._rename(message.start_index, message.names)
+        elif isinstance(message, GlobalVariableValues):
+            start, values = message.start_index, message.values
+            if not values and not start and self.names:  # all that is heard of a program without variables
+                self._rename(0, ())
+            elif start <= len(self._values):
+                self._values[start : start + len(values)] = values
+                self.revision += 1
 
-    def _is_another(self) -> None:
+    def _rename(self, start: int, names: tuple[str, ...]) -> None:
+        self.names[start:] = names
+        del self._values[start:]
         self.revision += 1
         self.program += 1
 

@@ -119,7 +119,7 @@ def _run_time(station: Station) -> str:
     whole = int(seconds)
     verb = "ran" if station.runtime_state is RuntimeState.STOPPED else "runs"
     clock = f"{whole // 3600:02}:{whole // 60 % 60:02}:{whole % 60:02}"
-    return f"{station.programs.running} {verb}, {clock}"
+    return f"{station.programs.running or 'A program without a name'} {verb}, {clock}"
 
 
 # variables
