@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from playwright.sync_api import Page, expect
+from playwright.sync_api import TimeoutError as NotInTime
 
 from tests.pendant.conftest import ROOT, eventually
 
@@ -26,8 +27,13 @@ def at(open_page) -> Callable[..., Page]:
 
 
 def choose(page: Page, mark: str, text: str) -> None:
+    option = page.get_by_role("option", name=text, exact=True)
     page.get_by_test_id(mark).click()
-    page.get_by_role("option", name=text, exact=True).click()
+    try:
+        option.wait_for(timeout=5000)
+    except NotInTime:  # a busy machine's browser may miss a click on what it has just drawn
+        page.get_by_test_id(mark).click()
+    option.click()
 
 
 def where(page: Page, name: str = "") -> tuple[float, float]:
