@@ -36,7 +36,7 @@ def _header(page: Page, first: str) -> ui.tabs:
             for screen in SCREENS:
                 tab = ui.tab(screen.name, screen.title, screen.icon).props(f"data-testid=tab-{screen.name}")
                 if screen.only_emulated:
-                    page.live.effect(lambda station: station.behind.available, tab.set_visibility)
+                    page.show_if(tab, lambda station: station.behind.available or station.behind.locked)
         tabs.set_value(first)
         ui.space()
         page.live.text(_robot, "robot-name")

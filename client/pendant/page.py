@@ -121,6 +121,11 @@ class Page:
 
     # parts that look alike everywhere
 
+    def show_if(self, element: ui.element, read: Callable[[Station], bool]) -> None:
+        """Show an element only while it is true; from the beginning."""
+        element.set_visibility(read(self.station))
+        self.live.effect(read, element.set_visibility)
+
     @contextmanager
     def panel(self, title: str, classes: str = "") -> Iterator[ui.card]:
         """A box with a title."""

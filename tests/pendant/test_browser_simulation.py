@@ -1,12 +1,14 @@
 """Simulation, in a browser."""
 
+import re
 import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Page, expect
+from playwright.sync_api import TimeoutError as NotInTime
 
 from tests.pendant.conftest import ROOT, eventually
 
@@ -25,8 +27,13 @@ def at(open_page) -> Callable[..., Page]:
 
 
 def choose(page: Page, mark: str, text: str) -> None:
+    option = page.get_by_role("option", name=text, exact=True)
     page.get_by_test_id(mark).click()
-    page.get_by_role("option", name=text, exact=True).click()
+    try:
+        option.wait_for(timeout=5000)
+    except NotInTime:  # a busy machine's browser may miss a click on what it has just drawn
+        page.get_by_test_id(mark).click()
+    option.click()
 
 
 def where(page: Page, name: str = "") -> tuple[float, float]:
@@ -48,31 +55,22 @@ def test_a_fault_from_its_form_strikes_and_is_listed(rig, at):
     expect(page.get_by_test_id("faults")).to_contain_text("port dashboard")
 
 
-def test_a_fault_that_lasts_is_cleared(rig, at):
+def test_a_fault_is_refused_with_its_reason_and_one_that_lasts_is_cleared(rig, at):
     page = at()
+    choose(page, "fault-kind", "Arm: Encoder jump")
+    page.get_by_test_id("fault-inject").click()
+    expect(page.locator(".q-notification")).to_contain_text("needs joint, by_rad")
     choose(page, "fault-kind", "Bytes on their way: Stall")
     choose(page, "fault-port", "secondary")
     page.get_by_test_id("fault-inject").click()
-    eventually(lambda: "in force" in states(rig))
+    eventually(lambda: rig.control.faults()[-1]["state"] == "in force")
+    assert rig.control.faults()[-1]["arguments"] == {"port": "secondary"}
     page.locator("[data-testid^=fault-clear-]").click()
-    eventually(lambda: "in force" not in states(rig))
+    eventually(lambda: rig.control.faults()[-1]["state"] == "over")
     expect(page.locator("[data-testid^=fault-clear-]")).to_have_count(0)
 
 
-def states(rig) -> list[str]:
-    return [fault["state"] for fault in rig.control.faults()]
-
-
-def test_what_a_fault_needs_is_asked_for(rig, at):
-    page = at()
-    choose(page, "fault-kind", "Arm: Encoder jump")
-    before = len(rig.control.faults())
-    page.get_by_test_id("fault-inject").click()
-    expect(page.locator(".q-notification")).to_contain_text("needs joint, by_rad")
-    assert len(rig.control.faults()) == before
-
-
-def test_dragging_the_ball_pushes_the_tool_while_it_is_held(rig, at):
+def test_dragging_the_ball_pushes_the_tool_while_it_is_held_and_numbers_until_release(rig, at):
     page = at()
     x, y = where(page)
     page.mouse.move(x, y)
@@ -83,19 +81,15 @@ def test_dragging_the_ball_pushes_the_tool_while_it_is_held(rig, at):
     page.mouse.up()
     eventually(lambda: force(rig) == 0.0)
     assert rig.control.world()["push"] is None
+    page.get_by_test_id("wrench-fz").fill("12.5")
+    page.get_by_test_id("wrench-push").click()
+    eventually(lambda: (rig.control.world()["push"] or {}).get("wrench", [0] * 6)[2] == 12.5)
+    page.get_by_test_id("wrench-release").click()
+    eventually(lambda: rig.control.world()["push"] is None)
 
 
 def force(rig) -> float:
     return sum(value * value for value in rig.state("actual_TCP_force")[:3]) ** 0.5
-
-
-def test_a_push_by_numbers_lasts_until_it_is_released(rig, at):
-    page = at()
-    page.get_by_test_id("wrench-fz").fill("12.5")
-    page.get_by_test_id("wrench-push").click()
-    eventually(lambda: rig.control.world()["push"] == {"wrench": [0, 0, 12.5, 0, 0, 0], "frame": "base"})
-    page.get_by_test_id("wrench-release").click()
-    eventually(lambda: rig.control.world()["push"] is None)
 
 
 def test_paused_time_is_stepped_and_loses_nobody(rig, at):
@@ -139,15 +133,19 @@ def moved(before: list[float], now: list[float]) -> bool:
     return now[:2] != before[:2] and now[2:] == before[2:]
 
 
-@pytest.mark.parametrize(("mark", "bit"), [("di3", 1 << 3), ("ci7", 1 << 15), ("ti1", 1 << 17)])
-def test_inputs_are_switched(rig, at, mark, bit):
+def test_inputs_are_switched_and_driven(rig, at):
     page = at("inputs")
-    switch: Locator = page.get_by_test_id(mark)
-    switch.click()
-    expect(switch).to_have_attribute("data-state", "on")
-    assert rig.state("actual_digital_input_bits") & bit
-    switch.click()
-    expect(switch).to_have_attribute("data-state", "off")
+    for mark, bit in (("di3", 1 << 3), ("ci7", 1 << 15), ("ti1", 1 << 17)):
+        switch = page.get_by_test_id(mark)
+        switch.click()
+        expect(switch).to_have_attribute("data-state", "on")
+        assert rig.state("actual_digital_input_bits") & bit
+        switch.click()
+        expect(switch).to_have_attribute("data-state", "off")
+    page.get_by_test_id("analog-ai1").click()
+    expect(page.get_by_test_id("analog-text-ai1")).to_have_text(re.compile(r"[45]\.\d\d V"))
+    assert rig.state("standard_analog_input1") == pytest.approx(5.0, abs=0.5)
+    rig.control.set_analog_input(1, 0.0)
 
 
 def test_a_gate_opens_and_any_cause_can_be_tripped(rig, at):

@@ -130,7 +130,7 @@ def _way_out_button(page: Page) -> None:
     button.props("unelevated icon=lock_reset data-testid=unlock").classes("init-way-out")
     with button:
         page.live.text(reset_text)
-    page.live.effect(lambda station: bool(way_out(station)), button.set_visibility)
+    page.show_if(button, lambda station: bool(way_out(station)))
     page.live.effect(lambda station: bool(way_out(station)) and station.stops.unlock_in_s <= 0.0, button.set_enabled)
 
 
@@ -149,7 +149,7 @@ def _emergency_button(page: Page) -> None:
         ui.label("stop").classes("estop-text")
     button.on("click", page.doing(lambda: _press(page.station)))
     page.live.bind(button, "state", lambda station: "pressed" if _pressed(station) else "released")
-    page.live.effect(lambda station: station.behind.available, button.set_visibility)
+    page.show_if(button, lambda station: station.behind.available)
 
 
 def _pressed(station: Station) -> bool:
@@ -193,11 +193,11 @@ def _control(page: Page) -> None:
     with ui.element("div").classes("init-fact") as fact:
         ui.label("Control").classes("init-th")
         page.live.text(_controlled, "").props("data-testid=control-state")
-    page.live.effect(lambda s: s.remote_control.value is not None, fact.set_visibility)
+    page.show_if(fact, lambda s: s.remote_control.value is not None)
     with fact:
         button = ui.button(icon="swap_horiz", on_click=page.doing(lambda: _swap(station)))
         button.props("flat round dense size=sm data-testid=remote-control").tooltip("Remote or local control")
-    page.live.effect(lambda s: s.behind.available, button.set_visibility)
+    page.show_if(button, lambda s: s.behind.available)
 
 
 def _controlled(station: Station) -> str:

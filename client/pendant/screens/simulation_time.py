@@ -26,8 +26,8 @@ def time_panel(page: Page) -> None:
         pause.props("unelevated dense data-testid=time-pause").classes("sim-button")
         resume = ui.button("Resume", icon="play_arrow", on_click=page.doing(lambda: behind.change("resume_time")))
         resume.props("unelevated dense color=positive data-testid=time-resume").classes("sim-button")
-        live.effect(lambda station: not _paused(station), pause.set_visibility)
-        live.effect(_paused, resume.set_visibility)
+        page.show_if(pause, lambda station: not _paused(station))
+        page.show_if(resume, _paused)
         with ui.button_group().props("flat").classes("sim-steps"):
             for count in _STEPS:
                 _step_button(page, count)
