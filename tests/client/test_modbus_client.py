@@ -46,7 +46,7 @@ async def test_registers_and_coils_of_another_maker(other_makers_port: int) -> N
         assert await client.read_coils(0, 3) == (1, 0, 1)
         await client.write_coil(1, True)
         assert await client.read_coils(0, 3) == (1, 1, 1)
-        with pytest.raises(RobotRefused, match="READ_HOLDING_REGISTERS at 50: exception ILLEGAL"):
+        with pytest.raises(RobotRefused, match="READ_HOLDING_REGISTERS at 50': exception ILLEGAL"):
             await client.read_registers(50)
         assert await client.read_registers(3) == (103,)
 
@@ -58,7 +58,7 @@ async def test_a_robots_registers() -> None:
         async with ModbusClient(HOST, port) as client:
             await client.write_register(130, 77)
             assert emulator.controller.port_memory.general[2] == 77
-            with pytest.raises(RobotRefused, match="WRITE_REGISTER at 99: exception ILLEGAL_DATA_ADDRESS"):
+            with pytest.raises(RobotRefused, match="WRITE_REGISTER at 99': exception ILLEGAL_DATA_ADDRESS"):
                 await client.write_register(99, 1)
         assert await asyncio.to_thread(_blocking, port) == ((77,), (1,))
         assert emulator.controller.signals.digital_outputs == 1

@@ -1,8 +1,9 @@
 """Installation, in a browser."""
 
 import pytest
-from conftest import eventually
 from playwright.sync_api import expect
+
+from tests.pendant.conftest import eventually
 
 
 def test_a_tcp_is_saved_and_used(rig, open_page):

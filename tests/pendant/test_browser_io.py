@@ -1,11 +1,11 @@
 """I/O, in a browser: what is switched there is seen by other clients, and the other way round."""
 
 import pytest
-from conftest import eventually
 from playwright.sync_api import expect
 
 from client.modbus import BlockingModbusClient
 from client.rtde import BlockingRTDEClient
+from tests.pendant.conftest import eventually
 
 OUTPUTS = ["actual_digital_output_bits", "tool_output_voltage", "standard_analog_output1"]
 
