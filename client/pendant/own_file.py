@@ -13,12 +13,12 @@ __all__ = ["read", "write"]
 _T = TypeVar("_T")
 
 
-def read(path: Path, parse: Callable[[Any], _T], what: str) -> _T:
-    """What ``parse`` makes of the content, of {} without a file. Raises FileError, also for parse's ValueError."""
+def read(path: Path, parse: Callable[[Any], _T], what: str) -> _T | None:
+    """What ``parse`` makes of the content; None without a file. Raises FileError, also for parse's ValueError."""
     try:
         return parse(json.loads(path.read_text("utf-8")))
     except FileNotFoundError:
-        return parse({})
+        return None
     except OSError as error:
         raise FileError(path, error.strerror or str(error)) from error
     except (ValueError, AttributeError) as error:  # UnicodeError and JSONDecodeError are ValueErrors

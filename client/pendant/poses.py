@@ -57,7 +57,7 @@ class Poses:
 
     def _all(self) -> dict[str, dict[str, Joints]]:
         if self._read is None:
-            self._read = {} if self._path is None else own_file.read(self._path, _parsed, "poses")
+            self._read = {} if self._path is None else own_file.read(self._path, _parsed, "poses") or {}
         return self._read
 
     def _change(self, model: str, poses: dict[str, Joints]) -> None:

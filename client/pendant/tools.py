@@ -29,7 +29,7 @@ class Tools:
     def all(self) -> Mapping[str, Pose]:
         """By name, in the order of the names."""
         if self._read is None:
-            self._read = {} if self._path is None else own_file.read(self._path, _parsed, "TCPs")
+            self._read = {} if self._path is None else own_file.read(self._path, _parsed, "TCPs") or {}
         return self._read
 
     @property
