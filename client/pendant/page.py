@@ -101,8 +101,8 @@ class Page:
             with ui.row().classes("w-full justify-end"):
                 ui.button("Cancel", on_click=lambda: dialog.submit(False)).props("flat")
                 ui.button("It may move", on_click=lambda: dialog.submit(True)).props("data-testid=may-move")
+            dialog.on("hide", dialog.delete)  # deleted before, its veil may stay
         self.confirmed = bool(await dialog)
-        dialog.delete()
         return self.confirmed
 
     def _stop_when_let_go(self, held: Any) -> None:
