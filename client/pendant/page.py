@@ -111,9 +111,8 @@ class Page:
             with ui.row().classes("w-full justify-end"):
                 ui.button("Cancel", on_click=lambda: dialog.submit(False)).props("flat")
                 ui.button(yes, on_click=lambda: dialog.submit(True)).props(f"data-testid={mark}")
-        answer = bool(await dialog)
-        dialog.delete()
-        return answer
+            dialog.on("hide", dialog.delete)  # deleted before, its veil may stay
+        return bool(await dialog)
 
     def _stop_when_let_go(self, held: Any) -> None:
         if held is None:

@@ -10,7 +10,7 @@
 
   function paint(scene) {
     const { background, ground, grid } = colors();
-    scene.renderer.setClearColor(background);
+    scene.renderer.setClearColor(background); // seen with the ground's new colour
     for (const child of scene.scene.children) {
       if (child.object_id === "ground") {
         child.material.color.set(ground);
@@ -43,6 +43,7 @@
       object.updateMatrix();
       addMatrix(object);
       if (object.visible) add(1);
+      if (object.material?.color) add(object.material.color.getHex() + object.material.opacity);
     });
     scene.camera.updateMatrix();
     addMatrix(scene.camera);
@@ -63,14 +64,12 @@
   function render(id, scene) {
     const draw = scene.renderer.render.bind(scene.renderer);
     let last = null;
-    let at = 0;
     scene.renderer.render = (...what) => {
       if (!scene.$el.offsetParent) return;
       turn(id, scene);
       const now = looks(scene);
-      if (now === last && performance.now() - at < 1000) return; // colours, and meshes that have arrived
+      if (now === last) return;
       last = now;
-      at = performance.now();
       draw(...what);
     };
     new ResizeObserver(() => fit(scene)).observe(scene.$el);
