@@ -19,7 +19,7 @@ from typing import Any, Final, Self, TypeVar
 
 from client.controllers.configuration import ControllersFile
 from client.controllers.controller import LifecycleState
-from client.controllers.goals import FollowJointTrajectory, JointTrajectory, Result
+from client.controllers.goals import FollowJointTrajectory, JointTrajectory, JointTrajectoryPoint, Result
 from client.controllers.loop import RTDE_OUTPUTS, ControlLoop
 from client.controllers.manager import ControllerManager
 from client.controllers.recorded import DEFAULT_FIELDS, listen, recorded
@@ -102,8 +102,8 @@ class ControlledRobot(ControlLoop):
         targets = [stands | dict(zip(names, point.positions, strict=False)) for point in trajectory.points]
         moves = [points.movej([target[joint] for joint in stands]) for target in targets]
         Reach(link.configuration, (0.0,) * 6, tuple(stands.values())).check("the trajectory", moves)
-        times = [point.time_from_start_s for point in trajectory.points]
-        check_speeds([stands, *targets], [0.0, *times], link.configuration.qd_max)
+        start = JointTrajectoryPoint((), (0.0,) * len(names))
+        check_speeds([stands, *targets], [start, *trajectory.points], link.configuration.qd_max)
 
     def activate(self, *names: str) -> None:
         """Load, configure and activate controllers. Raises ControllerError."""
@@ -133,21 +133,27 @@ class ControlledRobot(ControlLoop):
 
 
 def check_speeds(
-    places: Sequence[Mapping[str, float]], times_s: Sequence[float], limits_rad_s: Sequence[float]
+    places: Sequence[Mapping[str, float]], points: Sequence[JointTrajectoryPoint], limits_rad_s: Sequence[float]
 ) -> None:
     """Raise MotionError when a way from one place to the next takes more than a joint's highest speed.
 
-    That is the mean speed: what is faster on the way is seen by the robot.
+    places: angles by joint, of the points. Ways from rest to rest are cubics, of others the mean speed counts.
     """
-    for (before, begin_s), (after, end_s) in pairwise(zip(places, times_s, strict=True)):
+    for (before, begin), (after, end) in pairwise(zip(places, points, strict=True)):
+        time_s = end.time_from_start_s - begin.time_from_start_s
+        factor = _SMOOTH if _rests(begin) and _rests(end) else 1.0
         for (joint, q), limit in zip(after.items(), limits_rad_s, strict=True):
-            way_rad, time_s = abs(q - before[joint]), end_s - begin_s
-            if limit > 0.0 and way_rad > limit * time_s:
+            way_rad = abs(q - before[joint])
+            if limit > 0.0 and factor * way_rad > limit * time_s:
                 raise MotionError(
                     "the trajectory",
                     f"{joint} has {time_s:g} s for {way_rad:.2f} rad, and its limit is {limit:.2f} rad/s: "
                     f"give it {math.ceil(20.0 * _SMOOTH * way_rad / limit) / 20.0:g} s or more",
                 )
+
+
+def _rests(point: JointTrajectoryPoint) -> bool:
+    return bool(point.velocities) and not any(point.velocities)
 
 
 class BlockingControlledRobot(Blocking[ControlledRobot]):
