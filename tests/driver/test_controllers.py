@@ -26,7 +26,7 @@ from client.controllers import (
     Tolerance,
 )
 from client.controllers.goal_files import read_goals
-from client.errors import ControllerError, OutOfReachError
+from client.errors import ControllerError, MotionError, OutOfReachError
 from client.recording import read
 
 SCALED = "scaled_joint_trajectory_controller"
@@ -308,6 +308,8 @@ def test_a_script_without_asyncio(tmp_path):
         arm.rest()
         with pytest.raises(OutOfReachError, match=r"base for 9\.1000 rad"):
             arm.follow(SCALED, way((9.0, moved(8.9, 0, 0, 0, 0, 0))))
+        with pytest.raises(MotionError, match=r"elbow_joint has 0\.1 s for 1\.00 rad, .* give it 0\.\d+ s or more"):
+            arm.follow(SCALED, way((3.0, moved(0.2, 0, 0, 0, 0, 0)), (3.1, moved(0.2, 0, 1.0, 0, 0, 0))))
         arm.switch(activate=["forward_velocity_controller"], deactivate=[SCALED])
         arm.command("forward_velocity_controller", [0.2, 0, 0, 0, 0, 0])
         arm.cycles(50)
