@@ -145,9 +145,13 @@ async def test_discovery_says_what_ros_looks_for(robot, domain):
 async def test_a_trajectory_moves_the_arm(robot, domain):
     async with bridged(robot, domain, SCALED) as lab, cyclone(domain) as peer:
         there = moved(0.3, -0.2, 0.2, 0.0, -0.3, 0.4)
-        order = (5, 3, 1, 0, 2, 4)
-        targets = [(t, [there[i] for i in order]) for t in (0.6, 1.2)]
-        goal = trajectory([JOINTS[i] for i in order], *targets)
+        goal = trajectory([JOINTS[i] for i in (5, 3, 1, 0, 2, 4)])
+        for step in range(1, 201):  # more than one packet takes
+            share = (1 - math.cos(math.pi * step / 200)) / 2
+            q = [a + share * (b - a) for a, b in zip(HOME, there, strict=True)]
+            goal["points"].append(
+                {"positions": [q[i] for i in (5, 3, 1, 0, 2, 4)], "time_from_start": ros_time(step * 0.008)}
+            )
         await peer.say(f"/{SCALED}/joint_trajectory", TRAJECTORY, goal)
         await lab.until(lambda: lab.distance(there) < 0.005)
         state = await peer.hear("/joint_states", "sensor_msgs/msg/JointState")

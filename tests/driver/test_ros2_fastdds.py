@@ -41,7 +41,7 @@ def run(*words, folder=None, text=""):
 
 
 @pytest.mark.parametrize("robot", ["ur5e"], indirect=True)
-async def test_both_ways(robot, program, caplog):
+async def test_both_ways(robot, program, capfd):
     with free_domain() as domain:
         async with bridged(robot, domain, SCALED) as lab:
             async with process(program, str(domain)) as peer:
@@ -53,6 +53,7 @@ async def test_both_ways(robot, program, caplog):
                 assert await stranger.line("robot_description") == f"robot_description {len(urdf(load_model('ur5e')))}"
                 assert await stranger.line("garbage") == "garbage"
                 assert (await stranger.line("joint_states")).startswith("joint_states ")
+            assert f"deserialization rt/{SCALED}/joint_trajectory" in capfd.readouterr().err  # CycloneDDS's own words
             assert lab.distance(there) < 0.005
             async with process(program, str(domain)) as third:
                 assert await third.line("go 0.7 " + " ".join(map(str, HOME))) == "go"
