@@ -111,6 +111,6 @@ async def _asked(title: str, text: str) -> str | None:
         with ui.row().classes("w-full justify-end"):
             ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat")
             ui.button("Rename", on_click=lambda: dialog.submit(box.value)).props("data-testid=pose-renamed")
+    dialog.on("hide", dialog.delete)
     answer: str | None = await dialog
-    dialog.delete()
     return answer
