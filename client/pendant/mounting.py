@@ -40,18 +40,21 @@ async def apply_tcp(station: Station, tcp: Sequence[float]) -> None:
     )
 
 
-async def apply_payload(station: Station, mass_kg: float, cog_m: Sequence[float]) -> None:
-    """Let the robot reckon with it from now on. Raises NotTakenError, ClientError."""
+async def apply_payload(station: Station, mass_kg: float, cog_m: Sequence[float]) -> bool:
+    """Let the robot reckon with it; whether it has told that it does, which old versions do not. Raises ClientError."""
     version = station.version
     name = "set_target_payload" if version is not None and _TARGET_PAYLOAD.covers(version) else "set_payload"
-    wanted = (mass_kg, *cog_m)
-    has = {"payload", "payload_cog"}.isdisjoint(station.unavailable)
+    script = f"{name}({float(mass_kg)!r}, {_list(cog_m)})"
+    if not station.unavailable.isdisjoint({"payload", "payload_cog"}):
+        await station.say(script)
+        return False
 
     def taken(now: Station) -> bool:
-        payload = (now.values.get("payload", math.nan), *now.values.get("payload_cog", (math.nan,) * 3))
-        return not has or same_tcp(payload, wanted)
+        mass, cog = now.values.get("payload"), now.values.get("payload_cog")
+        return mass is not None and cog is not None and same_tcp((mass, *cog), (mass_kg, *cog_m))
 
-    await take(station, lambda: station.say(f"{name}({float(mass_kg)!r}, {_list(cog_m)})"), taken, "this payload")
+    await take(station, lambda: station.say(script), taken, "this payload")
+    return True
 
 
 def gravity_of(tilt_rad: float, turn_rad: float) -> Vec3:

@@ -37,6 +37,11 @@ class Page:
         station.mover.on_error.append(self.complain)
         live.on_held.append(self._stop_when_let_go)
 
+    @property
+    def content(self) -> ui.element:
+        """Where dialogues are made: not among the elements of a screen."""
+        return self._content
+
     def close(self) -> None:
         """The browser is gone."""
         self.station.mover.on_error.remove(self.complain)

@@ -146,8 +146,10 @@ async def test_a_robot_that_does_not_take_it_is_told_on(monkeypatch: pytest.Monk
 )
 async def test_payload_in_the_words_of_the_version(version: tuple[int, int], function: str) -> None:
     robot: Any = Robot(version=PolyscopeVersion(*version))
-    await apply_payload(robot, 1.5, (0.0, 0.01, 0.04))
-    assert robot.said == [f"{function}(1.5, [0.0, 0.01, 0.04])"]
+    assert await apply_payload(robot, 1.5, (0.0, 0.01, 0.04))
+    robot.unavailable = frozenset({"payload", "payload_cog"})
+    assert not await apply_payload(robot, 1.5, (0.0, 0.01, 0.04))
+    assert robot.said == [f"{function}(1.5, [0.0, 0.01, 0.04])"] * 2
 
 
 async def test_mounting_is_checked_where_the_version_tells_it() -> None:

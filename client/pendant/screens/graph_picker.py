@@ -52,7 +52,7 @@ class Picker:
         self._pane = pane
         self._known = catalogue(self._page.station.version)
         self._table.rows = [
-            {"key": key, "label": one.label, "unit": one.unit, "doc": one.doc} for key, one in self._known.items()
+            {"key": key, "label": one.label, "unit": one.shown_unit, "doc": one.doc} for key, one in self._known.items()
         ]
         self._select([one.key for one in pane.series])
         self._dialog.open()

@@ -37,7 +37,7 @@ def build(page: Page, views: Views) -> None:
     async def touch(index: int) -> None:
         address = GENERAL_REGISTERS[index]
         now = registers.words[index] if registers.words else None
-        value = await ask_number(f"Modbus register {address}", now, whole=True)
+        value = await ask_number(page, f"Modbus register {address}", now, whole=True)
         if value is not None:
             await page.attempt(lambda: registers.write(address, word_of(value)))
 

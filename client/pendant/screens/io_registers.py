@@ -109,7 +109,7 @@ class _Registers:
             await self._write(bank, index, level)
             return
         name = bank.fields("input")[index]
-        value = await ask_number(name, values.get(name), whole=bank.kind == "int")
+        value = await ask_number(self.page, name, values.get(name), whole=bank.kind == "int")
         if value is not None:
             await self._write(bank, index, value)
 
@@ -186,9 +186,9 @@ def _seen(
     return see
 
 
-async def ask_number(name: str, value: float | None, whole: bool) -> float | None:
+async def ask_number(page: Page, name: str, value: float | None, whole: bool) -> float | None:
     """Ask a person for a number; None when there is none."""
-    with ui.dialog() as dialog, ui.card():
+    with page.content, ui.dialog() as dialog, ui.card():
         ui.label(name).classes("text-subtitle1")
         box = ui.number(value=value, precision=0 if whole else None).props(
             "autofocus outlined dense data-testid=number"

@@ -8,7 +8,7 @@
 
   // The element is there, with all that is in it.
   function ready(element) {
-    return element && element.lastElementChild && element.lastElementChild.lastElementChild;
+    return element && element.lastElementChild?.lastElementChild;
   }
 
   // A digit each; with [first, digits] the lamps are numbered, and null hides them.
