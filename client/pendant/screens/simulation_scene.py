@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from nicegui import ui
 
-from client.pendant.arm_scene import arm_scene
+from client.pendant.arm_scene import arm_scene, camera_buttons
 from client.pendant.newest import Newest
 from client.pendant.page import Page
 from client.pendant.screens.simulation_arm import number, numbers
@@ -26,8 +26,9 @@ def scene_panel(page: Page) -> None:
     with ui.card().classes("panel sim-scene"):
         with ui.element("div").classes("sim-view"):
             scene = arm_scene(page)
+            camera_buttons(page, scene)
             with ui.element("div").classes("sim-overlay"):
-                ui.label("Drag the ball to push the tool, a thing to move it (Shift: up and down)")
+                ui.label("Drag the ball to push the tool, things to move them (Shift: in height)")
                 page.live.text(_measured, "sim-force").props("data-testid=measured-force")
             holder = ui.element("div").classes("hidden").props("data-testid=surroundings")
         keep = _wrench(page)
