@@ -2,13 +2,15 @@
 
 The scene's axes are those of the robot's base. Joints are groups that turn about their z axes, each in the frame that
 its arm's calibration gives it; the browser turns them (static/screen_arm.js), so nothing else is sent when the arm
-moves. What others add to the scene stays when the arm changes.
+moves. They are found by their names, "joint 0" to "joint 5", as is "tcp". What others add to the scene stays when the
+arm changes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from math import hypot
+from pathlib import Path
 from typing import Any, Final
 
 from nicegui import ui
@@ -26,16 +28,19 @@ from urproto.robots.calibration import Chain, chain_of
 from urproto.robots.meshes import MeshesMissing
 from urproto.robots.pose import Matrix3, Vec3, rotvec_to_matrix
 
-__all__ = ["arm_scene", "camera_buttons", "chain"]
+__all__ = ["DrawnArm", "arm_scene", "camera_buttons", "chain"]
 
 _BACKGROUND: Final = "#e9edf1"
 _MESH_COLOR: Final = "#d9dde1"
+_ROD_COLOR: Final = "#8a949d"
+_ROD_M: Final = 0.005  # its radius
+_SHORTEST_ROD_M: Final = 0.005
 _AXES: Final = (("#d6453d", (1.0, 0.0, 0.0)), ("#3d9a4a", (0.0, 1.0, 0.0)), ("#2f6fd0", (0.0, 0.0, 1.0)))
-_VIEWS: Final[dict[str, tuple[str, str, Vec3]]] = {  # direction from the arm to the camera
+_VIEWS: Final[dict[str, tuple[str, str, Vec3]]] = {  # text or icon, hint, direction from the arm to the camera
     "reset": ("3d_rotation", "Reset the view", (0.66, -0.68, 0.32)),
-    "front": ("view_in_ar", "From the front: along -x", (1.0, 0.0, 0.02)),
-    "side": ("view_sidebar", "From the side: along y", (0.0, -1.0, 0.02)),
-    "top": ("vertical_align_bottom", "From above", (0.0, -0.001, 1.0)),
+    "front": ("Front", "From the front, along -x", (1.0, 0.0, 0.02)),
+    "side": ("Side", "From the side, along y", (0.0, -1.0, 0.02)),
+    "top": ("Top", "From above, x to the right", (0.0, -0.001, 1.0)),
 }
 _FOV_DEG: Final = 38.0
 _DISTANCE: Final = 3.3  # of the camera, in reaches
@@ -48,7 +53,7 @@ def arm_scene(page: Page) -> ui.scene:
     camera = ui.scene.perspective_camera(fov=_FOV_DEG, near=0.02, far=60.0)
     scene = ui.scene(grid=(4, 40), camera=camera, background_color=_BACKGROUND, fps=30).classes("arm")
     ui.run_javascript(f"pendant.dress({scene.id})")
-    arm = _ArmInScene(page, scene)
+    arm = DrawnArm(scene, page.station.meshes, page.complain)
     page.live.effect(lambda station: (station.model, station.core.kinematics), lambda known: arm.be(*known))
     page.live.effect(_tcp_offset, arm.set_tcp)
     page.live.bind(scene, "joints", lambda station: station.values.get("actual_q"))
@@ -58,13 +63,17 @@ def arm_scene(page: Page) -> ui.scene:
 def camera_buttons(page: Page, scene: ui.scene) -> None:
     """Where to look from."""
     with ui.row().classes("camera-buttons"):
-        for name, (icon, hint, direction) in _VIEWS.items():
+        for name, (label, hint, direction) in _VIEWS.items():
 
             def look(_: object, direction: Vec3 = direction) -> None:
                 if page.station.model is not None:
                     _look_from(scene, page.station.model, direction)
 
-            button = ui.button(icon=icon, on_click=look).props(f"flat dense data-testid=view-{name}")
+            button = ui.button(on_click=look, color=None).props(f"flat dense no-caps data-testid=view-{name}")
+            if name == "reset":
+                button.set_icon(label)
+            else:
+                button.set_text(label)
             button.tooltip(hint).props(f'aria-label="{hint}"')
 
 
@@ -79,70 +88,65 @@ def chain(model: RobotModel, kinematics: KinematicsInfo | None) -> Chain:
 
 
 @dataclass(slots=True)
-class _ArmInScene:
-    page: Page
+class DrawnArm:
+    """The arm in a scene. meshes: folder of the user's. complain: told when they cannot be used."""
+
     scene: ui.scene
-    root: Object3D | None = None
-    flange: Object3D | None = None
-    tcp: Object3D | None = None
-    offset: tuple[float, ...] = (0.0,) * 6
-    seen: bool = False
+    meshes: Path | None = None
+    complain: Callable[[str], None] = print
+    _model: RobotModel | None = None
+    _root: Object3D | None = None
+    _flange: Object3D | None = None
+    _tcp: Object3D | None = None
+    _offset: tuple[float, ...] = (0.0,) * 6
+    _seen: bool = False
 
     def be(self, model: RobotModel | None, kinematics: KinematicsInfo | None) -> None:
         """Another arm, or the same with another calibration."""
-        if self.root is not None:
-            self.root.delete()
-            self.root = self.flange = self.tcp = None
+        if self._root is not None:
+            self._root.delete()
+            self._root = self._flange = self._tcp = None
+        self._model = model
         if model is None:
             return
-        joints = list[str]()
-        with self.scene, self.scene.group() as self.root, ExitStack() as nested:
-            links = self._links(model)
+        links = self._links(model)
+        with self.scene, self.scene.group() as self._root, ExitStack() as nested:
             links[0](self.scene)
             _axes(self.scene, 0.16 * model.reach_m)
             for i, (position, axes) in enumerate(chain(model, kinematics)):
-                place = self.scene.group().move(*position)
-                place.rotate_R(_rows(axes))
-                nested.enter_context(place)
-                self.flange = nested.enter_context(self.scene.group())
-                joints.append(self.flange.id)
+                nested.enter_context(self.scene.group().move(*position).rotate_R(_rows(axes)))
+                self._flange = nested.enter_context(self.scene.group().with_name(f"joint {i}"))
                 links[i + 1](self.scene)
-        self.set_tcp(self.offset)
-        self._show(model, joints)
-
-    def _show(self, model: RobotModel, joints: Sequence[str]) -> None:
-        if not self.seen:
+        self.set_tcp(self._offset)
+        if not self._seen:
             _look_from(self.scene, model, _VIEWS["reset"][2], duration=0.0)
-            self.seen = True
-        self.scene.client.run_javascript(f"pendant.arm({self.scene.id}, {joints})")
+            self._seen = True
 
     def _links(self, model: RobotModel) -> "list[_Link]":
-        folder = self.page.station.meshes
-        if folder is not None:
+        if self.meshes is not None:
             try:
-                return [_Link(mesh=mesh) for mesh in served_meshes(folder, model)]
+                return [_Link(mesh=mesh) for mesh in served_meshes(self.meshes, model)]
             except MeshesMissing as error:
-                self.page.complain(str(error))
+                self.complain(str(error))
         return [_Link(parts) for parts in link_parts(model)]
 
     def set_tcp(self, offset: Sequence[float]) -> None:
-        """Put axes where the TCP is, and a line there from the flange."""
-        self.offset = tuple(offset)
-        if self.tcp is not None:
-            self.tcp.delete()
-            self.tcp = None
-        model = self.page.station.model
-        if self.flange is None or model is None:
+        """Put axes where the TCP is, flange to TCP (6,) [m, rotation vector], and a rod there from the flange."""
+        self._offset = tuple(offset)
+        if self._tcp is not None:
+            self._tcp.delete()
+            self._tcp = None
+        if self._flange is None or self._model is None:
             return
-        x, y, z, *turn = self.offset
-        with self.scene, self.flange, self.scene.group() as self.tcp:
-            rod = hypot(x, y, z)
-            if rod > 0.005:
-                stick = Lathe(((0.0, 0.0), (0.005, 0.0), (0.005, rod), (0.0, rod)))
-                stick.rotate_R(_rows(_along((x / rod, y / rod, z / rod)))).material("#8a949d", 0.7)
+        x, y, z, *turn = self._offset
+        with self.scene, self._flange, self.scene.group() as self._tcp:
+            length = hypot(x, y, z)
+            if length > _SHORTEST_ROD_M:
+                rod = Lathe(((0.0, 0.0), (_ROD_M, 0.0), (_ROD_M, length), (0.0, length)))
+                rod.rotate_R(_rows(_along((x / length, y / length, z / length)))).material(_ROD_COLOR, 0.7)
             with self.scene.group().move(x, y, z).with_name("tcp") as point:
                 point.rotate_R(_rows(rotvec_to_matrix(*turn)))
-                _axes(self.scene, 0.2 * model.reach_m)
+                _axes(self.scene, 0.2 * self._model.reach_m)
 
 
 @dataclass(frozen=True, slots=True)

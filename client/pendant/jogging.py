@@ -25,6 +25,9 @@ _MARGIN_RAD: Final = 0.004  # kept from a limit
 _DELAY_S: Final = 0.08  # guess: between what is known of the arm and what it then does, on a busy machine
 _TOOL_JOINTS: Final = 0.5  # of a joint's top speed: as fast as joints turn for a tool's motion (guess)
 _OFF: Final = 0.04  # share of a tool's motion that joints cannot follow; so near a singularity the arm rests (guess)
+_DECAY: Final = 3.0  # 1/s: the determinant of the Jacobian shrinks no faster, so a singularity is not reached (guess)
+_AHEAD_S: Final = 0.01
+_SINGULAR: Final = 1e-9  # m3
 _DAMPING: Final = 1e-3  # m or 1: singular values of the Jacobian below it count as none
 _SLOW: Final = 0.98  # less of what was asked for is called slowed
 
@@ -76,8 +79,7 @@ class Ramp:
                 for i, (now, there) in enumerate(zip(self.speeds, goal, strict=True))
             )
         else:
-            there = _vector_towards(self.speeds, self._scaled(goal, q_rad, pose_base_tcp), period_s)
-            self.speeds = self._scaled(there, q_rad, pose_base_tcp)
+            self.speeds = self._scaled(_vector_towards(self.speeds, goal, period_s), q_rad, pose_base_tcp)
         return self.speeds
 
     def _allowed(self, joint: int, speed: float, q_rad: Sequence[float]) -> float:
@@ -103,8 +105,14 @@ class Ramp:
         kinematics = self._bounds.kinematics
         if kinematics is None or not any(twist):
             return tuple(twist)
-        qd, off = _joint_speeds(kinematics.jacobian_at(q_rad, pose), twist)
+        jacobian = kinematics.jacobian_at(q_rad, pose)
+        qd, off = _joint_speeds(jacobian, twist)
         share = max(0.0, 1.0 - off / _OFF)
+        ahead = [angle + _AHEAD_S * speed for angle, speed in zip(q_rad, qd, strict=True)]
+        later = kinematics.jacobian_at(ahead, [a + _AHEAD_S * b for a, b in zip(pose, twist, strict=True)])
+        now = _determinant(jacobian)
+        decay = (1.0 - _determinant(later) / now) / _AHEAD_S if abs(now) > _SINGULAR else 0.0
+        share = min(share, _DECAY / max(decay, _DECAY))
         if share < _SLOW:
             self.slowed = "The joints cannot follow this way: the arm is stretched, or two axes are in line"
         for joint, speed in enumerate(qd):
@@ -157,6 +165,24 @@ def _joint_speeds(jacobian: Jacobian, twist: Sequence[float]) -> tuple[tuple[flo
         value - sum(a * b for a, b in zip(row, qd, strict=True)) for value, row in zip(twist, jacobian, strict=True)
     ]
     return qd, hypot(*missed) / hypot(*twist)
+
+
+def _determinant(jacobian: Jacobian) -> float:
+    rows = [list(row) for row in jacobian]
+    product = 1.0
+    for i in range(6):
+        best = max(range(i, 6), key=lambda k: abs(rows[k][i]))
+        if best != i:
+            rows[i], rows[best], product = rows[best], rows[i], -product
+        pivot = rows[i]
+        if pivot[i] == 0.0:
+            return 0.0
+        product *= pivot[i]
+        for row in rows[i + 1 :]:
+            factor = row[i] / pivot[i]
+            for j in range(i + 1, 6):
+                row[j] -= factor * pivot[j]
+    return product
 
 
 def _solved(matrix: list[list[float]], right: Sequence[float]) -> list[float]:

@@ -55,6 +55,7 @@ class Rig:
             [
                 *(sys.executable, "-u", "-m", "client", "pendant", "--robot-ip", self.host, "--host", self.host),
                 *("--modbus-port", str(self.robot.ports["modbus"]), "--with-parent"),
+                *("--tools", str(folder / "tools.json"), "--poses", str(folder / "poses.json")),
             ],
             cwd=ROOT,
             stdin=subprocess.PIPE,

@@ -104,7 +104,7 @@ async def _rename(page: Page, name: str) -> None:
 
 async def _asked(title: str, text: str) -> str | None:
     """What somebody types instead of a text; None if nothing."""
-    with ui.dialog() as dialog, ui.card():
+    with ui.dialog().on("hide", lambda: dialog.delete()) as dialog, ui.card():
         ui.label(title).classes("text-h6")
         box = ui.input(value=text).props("autofocus outlined dense data-testid=pose-new-name")
         box.on("keydown.enter", lambda: dialog.submit(box.value))
@@ -112,5 +112,4 @@ async def _asked(title: str, text: str) -> str | None:
             ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat")
             ui.button("Rename", on_click=lambda: dialog.submit(box.value)).props("data-testid=pose-renamed")
     answer: str | None = await dialog
-    dialog.delete()
     return answer

@@ -50,26 +50,18 @@ def joint_target(page: Page, settings: MoveSettings) -> None:
 
     page.live.effect(lambda station: station.model if "actual_q" in station.values else None, fit)
     with ui.row().classes("target-buttons"):
-        _button(page, "Take present", "my_location", take_present, "joints-present")
+        _button(page, "Present", "my_location", take_present, "joints-present")
         ui.space()
-        _go(page, "Move to angles", move, "joints-move")
+        _go(page, "Move", move, "joints-move")
 
 
 def pose_target(page: Page, settings: MoveSettings) -> None:
     """Six numbers, and what moves the TCP there: joints together, or in a straight line."""
+    fields = {}
     with ui.element("div").classes("target-grid pose-grid"):
-        numbers = []
-        for i in range(6):
-            if i < 3:
-                ui.label(_POSITIONS[i]).classes(f"jog-name axis-{'xyz'[i]}")
-            else:
-                page.live.text(partial(_turn, settings, i - 3), "jog-name")
-            number = ui.number(value=0.0, format="%.2f" if i < 3 else "%.4f", step=1 if i < 3 else 0.01)
-            numbers.append(number.props(f"dense outlined data-testid=target-pose-{i}"))
-            if i < 3:
-                ui.label("mm").classes("jog-unit")
-            else:
-                page.live.text(lambda _: "°" if settings.as_rpy else "rad", "jog-unit")
+        for i in (0, 3, 1, 4, 2, 5):
+            fields[i] = _pose_field(page, settings, i)
+    numbers = [fields[i] for i in range(6)]
 
     def show(pose: Pose) -> None:
         x, y, z, *turn = pose
@@ -103,13 +95,25 @@ def pose_target(page: Page, settings: MoveSettings) -> None:
 
     page.live.effect(lambda station: "actual_TCP_pose" in station.values, show_first)
     with ui.row().classes("target-buttons"):
-        _button(page, "Take present", "my_location", lambda: show(_tcp_pose(page)), "pose-present")
+        _button(page, "Present", "my_location", lambda: show(_tcp_pose(page)), "pose-present")
         ui.space()
         kind = ui.toggle({"j": "MoveJ", "l": "MoveL"}, value="j").props(
             "no-caps dense unelevated data-testid=pose-kind"
         )
         kind.classes("move-choice")
-        _go(page, "Move to pose", move, "pose-move")
+        _go(page, "Move", move, "pose-move")
+
+
+def _pose_field(page: Page, settings: MoveSettings, i: int) -> ui.number:
+    if i < 3:
+        ui.label(_POSITIONS[i]).classes(f"jog-name axis-{'xyz'[i]}")
+        number = ui.number(value=0.0, format="%.2f", step=1)
+        ui.label("mm").classes("jog-unit")
+    else:
+        page.live.text(partial(_turn, settings, i - 3), f"jog-name axis-{'xyz'[i - 3]}")
+        number = ui.number(value=0.0, format="%.4f", step=0.01)
+        page.live.text(lambda _: "°" if settings.as_rpy else "rad", "jog-unit")
+    return number.props(f"dense outlined data-testid=target-pose-{i}")
 
 
 def _turn(settings: MoveSettings, axis: int, _: Station) -> str:

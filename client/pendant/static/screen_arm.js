@@ -1,7 +1,7 @@
 "use strict";
 // The arm in a NiceGUI scene: see client/pendant/arm_scene.py.
 (() => {
-  const scenes = new Map(); // element id -> what its arm is made of
+  const scenes = new Map(); // element id -> its THREE scene, and the joints' angles
 
   const colors = () =>
     document.body.classList.contains("body--dark")
@@ -10,9 +10,12 @@
 
   function paint(scene) {
     const { background, ground, grid } = colors();
-    scene.renderer.setClearColor(background);
+    scene.renderer.setClearColor(background); // seen with the ground's new colour
     for (const child of scene.scene.children) {
-      if (child.object_id === "ground") child.material.color.set(ground);
+      if (child.object_id === "ground") {
+        child.material.color.set(ground);
+        child.material.specular.set("#000000");
+      }
       if (child.type === "GridHelper") child.material.opacity = grid;
     }
   }
@@ -40,27 +43,36 @@
       object.updateMatrix();
       addMatrix(object);
       if (object.visible) add(1);
+      if (object.material?.color) add(object.material.color.getHex() + object.material.opacity);
     });
     scene.camera.updateMatrix();
     addMatrix(scene.camera);
     return sum;
   }
 
+  // Keeps to the size of its place; in a narrow one it looks wider, so that the arm is in it.
+  function fit(scene) {
+    const { clientWidth, clientHeight } = scene.$el;
+    if (!clientWidth || !clientHeight) return;
+    const wide = Math.max(1, (0.75 * clientHeight) / clientWidth);
+    const half = (scene.cameraParams.fov * Math.PI) / 360;
+    scene.camera.fov = (360 / Math.PI) * Math.atan(Math.tan(half) * wide);
+    scene.resize();
+  }
+
   // Renders only what somebody sees, and only when it has changed: graphics may be slow, and batteries small.
   function render(id, scene) {
     const draw = scene.renderer.render.bind(scene.renderer);
     let last = null;
-    let at = 0;
     scene.renderer.render = (...what) => {
       if (!scene.$el.offsetParent) return;
       turn(id, scene);
       const now = looks(scene);
-      if (now === last && performance.now() - at < 1000) return; // colours, and meshes that have arrived
+      if (now === last) return;
       last = now;
-      at = performance.now();
       draw(...what);
     };
-    new ResizeObserver(() => scene.$el.clientWidth && scene.resize()).observe(scene.$el);
+    new ResizeObserver(() => fit(scene)).observe(scene.$el);
   }
 
   // A scene is made anew when its browser's graphics were lost.
@@ -75,20 +87,19 @@
     render(id, scene);
   }
 
+  // Joints are groups that are called "joint 0" and so on.
   function turn(id, scene) {
-    const { angles, joints } = scenes.get(id);
+    const { angles } = scenes.get(id);
     if (!angles) return;
-    joints.forEach((joint, i) => {
-      const mesh = scene.objects.get(joint)?.mesh;
-      if (mesh) mesh.rotation.z = angles[i];
+    scene.scene.traverse((object) => {
+      if (object.name.startsWith("joint ")) object.rotation.z = angles[object.name.slice(6)];
     });
   }
 
   pendant.dress = (id) => {
-    scenes.set(id, { scene: null, joints: [], angles: null });
+    scenes.set(id, { scene: null, angles: null });
     pendant.followers.set(id, (angles) => (scenes.get(id).angles = angles));
   };
-  pendant.arm = (id, joints) => (scenes.get(id).joints = joints);
 
   setInterval(() => [...scenes.keys()].forEach(dress), 200);
   new MutationObserver(() => [...scenes.keys()].forEach((id) => getElement(id)?.renderer && paint(getElement(id)))).observe(

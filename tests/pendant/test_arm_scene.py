@@ -1,0 +1,141 @@
+"""The arm in the scene is the arm: where it ends, and that it is whole."""
+
+import math
+import random
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from nicegui import Client, ui
+from nicegui.elements.scene import Object3D
+from nicegui.elements.scene.objects import Gltf, Stl
+from nicegui.page import page as ui_page
+
+from client.pendant.arm_scene import DrawnArm
+from client.pendant.arm_shapes import link_parts
+from client.pendant.lathe import Lathe
+from urproto.primary.state import KinematicsInfo
+from urproto.robots import DH, MODELS, Calibration, RobotModel, kinematics_of, load_model
+from urproto.robots.pose import rotvec_to_matrix
+
+GOLDEN = Path(__file__).resolve().parents[1] / "golden"
+TCP = (0.03, -0.05, 0.12, 0.4, -0.3, 0.9)
+
+
+@pytest.fixture
+def scene() -> Iterator[ui.scene]:
+    client = Client(ui_page(""), request=None)
+    with client:
+        yield ui.scene()
+    client.delete()
+
+
+def told(dh: DH) -> KinematicsInfo:
+    """What a robot with these parameters tells."""
+    return KinematicsInfo(checksum=(0,) * 6, dh_theta=dh.theta, dh_a=dh.a, dh_d=dh.d, dh_alpha=dh.alpha, status=0)
+
+
+def pose_of(thing: Object3D, q_rad: Sequence[float]) -> np.ndarray:
+    """Where it is in the scene when the browser turns the joints so."""
+    pose = np.eye(4)
+    while isinstance(thing, Object3D):
+        local = np.eye(4)
+        local[:3, :3] = thing.R
+        local[:3, 3] = (thing.x, thing.y, thing.z)
+        if thing.name is not None and thing.name.startswith("joint "):
+            angle = q_rad[int(thing.name[6:])]
+            assert np.allclose(local, np.eye(4)), "what the browser turns about z must not be turned otherwise"
+            local[:2, :2] = ((math.cos(angle), -math.sin(angle)), (math.sin(angle), math.cos(angle)))
+        pose, thing = local @ pose, thing.parent
+    return pose
+
+
+def transform(pose: Sequence[float]) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.array(rotvec_to_matrix(*pose[3:])).reshape(3, 3)
+    matrix[:3, 3] = pose[:3]
+    return matrix
+
+
+def named(scene: ui.scene, name: str) -> list[Object3D]:
+    return [thing for thing in scene.objects.values() if thing.name == name]
+
+
+def check(scene: ui.scene, model: RobotModel) -> None:
+    source = random.Random(model.name)
+    (tcp,) = named(scene, "tcp")
+    for _ in range(5):
+        q = tuple(source.uniform(-3, 3) for _ in range(6))
+        expected = transform(kinematics_of(model).forward(q, TCP))
+        np.testing.assert_allclose(pose_of(tcp, q), expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_tcp_of_every_model_is_where_its_kinematics_say(scene: ui.scene, name: str) -> None:
+    model = load_model(name)
+    arm = DrawnArm(scene)
+    arm.set_tcp(TCP)
+    arm.be(model, told(model.dh))
+    check(scene, model)
+
+
+@pytest.mark.parametrize("name", ["ur5", "ur5e"])
+def test_that_of_a_calibrated_arm_too_also_when_it_takes_the_place_of_another(scene: ui.scene, name: str) -> None:
+    content = yaml.safe_load((GOLDEN / f"calibration_{name}.yaml").read_text())
+    measured = Calibration.from_mapping(content, "file").dh
+    arm = DrawnArm(scene)
+    with scene:
+        others = scene.box()
+    arm.be(load_model("ur3"), None)
+    arm.be(load_model(name), told(measured))
+    arm.set_tcp(TCP)
+    check(scene, replace(load_model(name), calibration=measured))
+    assert others.id in scene.objects
+    arm.be(None, None)
+    assert list(scene.objects) == [others.id]
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_links_touch_and_are_solids(scene: ui.scene, name: str) -> None:
+    """Every link's parts lie around the axis of the joint before it, and a profile leads outwards around a solid."""
+    model = load_model(name)
+    links = link_parts(model)
+    assert len(links) == 7
+    for parts in links:
+        for part in parts:
+            radii, heights = zip(*part.profile, strict=True)
+            assert radii[0] == radii[-1] == 0.0
+            assert min(radii) >= 0.0
+            assert heights[0] < heights[-1]
+            assert math.isclose(math.hypot(*part.axis), 1.0)
+    tubes = [max(height for _, height in part.profile) for part in links[2] + links[3]]
+    assert abs(model.dh.a[1]) in tubes
+    assert abs(model.dh.a[2]) in tubes
+    assert max(height for part in links[6] if part.axis[2] for _, height in part.profile) == 0.0  # the flange
+
+
+def test_a_folder_of_meshes_takes_the_place_of_what_is_drawn(scene: ui.scene, tmp_path: Path) -> None:
+    complaints = list[str]()
+    arm = DrawnArm(scene, tmp_path, complaints.append)
+    arm.be(load_model("ur5e"), None)
+    assert "base" in complaints[0]
+    assert [thing for thing in scene.objects.values() if isinstance(thing, Lathe)]
+
+
+@pytest.mark.parametrize("layout", ["{mesh}.stl", "collision/{mesh}.stl", "ur5e/visual/{mesh}.glb"])
+def test_meshes_are_found_as_for_describe_or_in_a_folder_of_the_models_name(
+    scene: ui.scene, tmp_path: Path, layout: str
+) -> None:
+    for mesh in ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3"):
+        file = tmp_path / layout.format(mesh=mesh)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(b"")
+    complaints = list[str]()
+    DrawnArm(scene, tmp_path, complaints.append).be(load_model("ur5e"), None)
+    meshes = [thing for thing in scene.objects.values() if isinstance(thing, Stl | Gltf)]
+    assert not complaints
+    assert [thing.args[0].rsplit("/", 1)[1].split(".")[0] for thing in meshes][:3] == ["base", "shoulder", "upperarm"]
+    assert [thing.z for thing in meshes] == pytest.approx([0, 0, 0.138, 0.007, -0.127, -0.0997, -0.0989])

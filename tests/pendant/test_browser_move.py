@@ -1,0 +1,256 @@
+"""Move, in a browser: what is held there moves the arm, and what is let go or lost does not."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from math import degrees, dist
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from tests.pendant.conftest import ROOT, Rig, eventually
+from urproto.robots import kinematics_of, load_model
+from urproto.robots.pose import rotvec_to_matrix
+
+BENT = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
+Open = Callable[[str], Page]
+
+
+@pytest.fixture
+def bent(rig: Rig) -> Rig:
+    """An arm far from limits and singularities."""
+    eventually(lambda: not any(rig.state("target_qd")))
+    rig.control.set_joints(BENT)
+    return rig
+
+
+def q(rig: Rig) -> tuple[float, ...]:
+    return tuple(rig.state("actual_q"))
+
+
+def tcp(rig: Rig) -> tuple[float, ...]:
+    return tuple(rig.state("actual_TCP_pose"))
+
+
+def at_rest(rig: Rig) -> bool:
+    return not any(rig.state("target_qd"))
+
+
+@contextmanager
+def held(page: Page, mark: str) -> Iterator[None]:
+    page.get_by_test_id(mark).hover()
+    page.mouse.down()
+    yield
+    page.mouse.up()
+
+
+def typed(page: Page, marks: str, values: tuple[float, ...]) -> None:
+    for i, value in enumerate(values):
+        page.get_by_test_id(f"{marks}-{i}").fill(f"{value:.4f}")
+
+
+def test_what_a_joint_button_does_is_seen_by_a_client_we_did_not_write(bent: Rig, open_page: Open) -> None:
+    rtde_receive = pytest.importorskip("rtde_receive")
+    page = open_page("move")
+    watcher = rtde_receive.RTDEReceiveInterface(bent.host)
+    try:
+        with held(page, "joint-2-plus"):
+            eventually(lambda: watcher.getActualQ()[2] > BENT[2] + 0.05)
+            expect(page.get_by_test_id("doing")).to_have_text("Jogging")
+        eventually(lambda: not any(watcher.getTargetQd()))
+        there = watcher.getActualQ()
+        assert there[:2] == pytest.approx(BENT[:2], abs=1e-3)
+        assert there[3:] == pytest.approx(BENT[3:], abs=1e-3)
+        expect(page.get_by_test_id("angle-2")).to_have_text(f"{degrees(there[2]):.2f}")
+    finally:
+        watcher.disconnect()
+
+
+def test_the_tool_goes_along_its_own_axis(bent: Rig, open_page: Open) -> None:
+    page = open_page("move")
+    before = tcp(bent)
+    page.get_by_test_id("feature").get_by_text("Tool").click()
+    with held(page, "axis-z-minus"):
+        eventually(lambda: dist(tcp(bent)[:3], before[:3]) > 0.03)
+    eventually(lambda: at_rest(bent))
+    after = tcp(bent)
+    axis = rotvec_to_matrix(*before[3:])[2::3]
+    way = [b - a for a, b in zip(before[:3], after[:3], strict=True)]
+    along = sum(a * b for a, b in zip(axis, way, strict=True))
+    assert along == pytest.approx(-dist(before[:3], after[:3]), abs=1e-3)
+    assert after[3:] == pytest.approx(before[3:], abs=2e-3)
+
+
+def test_what_a_browser_calls_right_depends_on_its_camera(bent: Rig, open_page: Open) -> None:
+    page = open_page("move")
+    page.get_by_test_id("feature").get_by_text("View").click()
+    page.get_by_test_id("view-front").click()  # along -x: right is +y
+    page.wait_for_function("Math.abs(pendant.context.azimuth() - Math.PI / 2) < 0.01")
+    before = tcp(bent)
+    with held(page, "axis-x-plus"):
+        eventually(lambda: tcp(bent)[1] > before[1] + 0.02)
+    assert tcp(bent)[0] == pytest.approx(before[0], abs=2e-3)
+
+
+def test_typed_targets_are_reached_or_refused_in_degrees(bent: Rig, open_page: Open) -> None:
+    page = open_page("move")
+    typed(page, "target-joint", (0.0, 400.0))
+    page.get_by_test_id("joints-move").click()
+    expect(page.get_by_text("Shoulder cannot go to 400.00°")).to_be_visible()
+    assert q(bent) == pytest.approx(BENT, abs=1e-3)
+    goal = (20.0, -80.0, 85.0, -95.0, -85.0, 10.0)
+    typed(page, "target-joint", goal)
+    page.get_by_test_id("joints-move").click()
+    eventually(lambda: tuple(map(degrees, q(bent))) == pytest.approx(goal, abs=0.05))
+    expect(page.get_by_test_id("doing")).to_have_text("")
+    page.get_by_test_id("target-pose").click()
+    page.get_by_test_id("pose-present").click()
+    x, y, z, *turn = tcp(bent)
+    page.get_by_test_id("target-pose-2").fill(f"{1e3 * (z + 0.02):.2f}")
+    page.get_by_test_id("pose-kind").get_by_text("MoveL").click()
+    page.get_by_test_id("pose-move").click()
+    eventually(lambda: tcp(bent) == pytest.approx((x, y, z + 0.02, *turn), abs=1e-3))
+
+
+def test_a_move_is_stopped(bent: Rig, open_page: Open) -> None:
+    page = open_page("move")
+    page.get_by_test_id("target-poses").click()
+    page.get_by_test_id("go-Zero").click()
+    expect(page.get_by_test_id("doing")).to_have_text("Moving to Zero")
+    eventually(lambda: not at_rest(bent))
+    page.get_by_test_id("stop-moving").click()
+    eventually(lambda: at_rest(bent))
+    expect(page.get_by_test_id("doing")).to_have_text("")
+    assert dist(q(bent), (0.0,) * 6) > 0.5
+
+
+def test_freedrive_lasts_as_long_as_its_button_is_held(bent: Rig, open_page: Open) -> None:
+    page = open_page("move")
+    before = tcp(bent)
+    with held(page, "freedrive"):
+        expect(page.get_by_test_id("doing")).to_have_text("Freedrive")
+        bent.control.push_tool([0.0, 0.0, 40.0, 0.0, 0.0, 0.0])
+        eventually(lambda: tcp(bent)[2] > before[2] + 0.005)
+    expect(page.get_by_test_id("doing")).to_have_text("")
+    bent.control.release_tool()
+    page.get_by_test_id("freedrive-keep").click()
+    expect(page.get_by_test_id("doing")).to_have_text("Freedrive")
+    page.get_by_test_id("freedrive-keep").click()
+    expect(page.get_by_test_id("doing")).to_have_text("")
+
+
+def test_two_browsers_are_in_step_and_one_of_them_moves(bent: Rig, open_page: Open) -> None:
+    one, other = open_page("move"), open_page("move")
+    before = q(bent)
+    with held(one, "joint-0-plus"):
+        eventually(lambda: q(bent)[0] > before[0] + 0.05)
+        expect(other.get_by_test_id("doing")).to_have_text("Jogging")
+        other.get_by_test_id("joint-1-plus").dispatch_event("pointerdown")
+        expect(other.get_by_text("something else is under way")).to_be_visible()
+        there = q(bent)[0]
+        other.close()
+        eventually(lambda: q(bent)[0] > there + 0.05)
+    eventually(lambda: at_rest(bent))
+    assert q(bent)[1] == pytest.approx(before[1], abs=1e-3)
+
+
+def test_a_pose_that_one_saves_the_other_has(bent: Rig, open_page: Open) -> None:
+    one, other = open_page("move"), open_page("move")
+    for page in (one, other):
+        page.get_by_test_id("target-poses").click()
+    one.get_by_test_id("pose-name").fill("over the box")
+    one.get_by_test_id("pose-save").click()
+    expect(other.get_by_test_id("go-over the box")).to_be_visible()
+    other.get_by_test_id("menu-over the box").click()
+    other.get_by_test_id("pose-rename").click()
+    other.get_by_test_id("pose-new-name").fill("beside it")
+    other.get_by_test_id("pose-renamed").click()
+    expect(one.get_by_test_id("go-beside it")).to_be_visible()
+    saved = json.loads((bent.programs / "poses.json").read_text("utf-8"))
+    assert saved == {"ur3": {"beside it": pytest.approx(BENT, abs=1e-3)}}
+    one.get_by_test_id("menu-beside it").click()
+    one.get_by_test_id("pose-delete").click()
+    expect(other.get_by_test_id("go-beside it")).to_have_count(0)
+
+
+@pytest.mark.parametrize("lost", ["blur", "closed"])
+def test_the_arm_rests_when_the_page_is_left(bent: Rig, open_page: Open, lost: str) -> None:
+    page = open_page("move")
+    page.get_by_test_id("joint-0-minus").hover()
+    page.mouse.down()
+    eventually(lambda: not at_rest(bent))
+    if lost == "blur":
+        page.evaluate("window.dispatchEvent(new Event('blur'))")
+    else:
+        page.close()
+    eventually(lambda: at_rest(bent))
+
+
+def test_the_arm_in_the_scene_ends_where_the_robot_says(bent: Rig, open_page: Open) -> None:
+    page = open_page("move")
+    expected = [*kinematics_of(load_model("ur3")).forward(q(bent))]
+    read = """() => {
+      const scene = getElement(document.querySelector(".move-view .arm").id.slice(1)).scene;
+      scene.updateMatrixWorld(true);
+      return scene.getObjectByName("tcp")?.matrixWorld.elements;
+    }"""
+
+    def differs() -> float:
+        matrix: Any = page.evaluate(read)
+        if matrix is None:
+            return 1.0
+        axes = rotvec_to_matrix(*expected[3:])
+        shown = [matrix[4 * column + row] for row in range(3) for column in range(3)]
+        return max(dist(matrix[12:15], expected[:3]), dist(shown, axes))
+
+    eventually(lambda: differs() < 1e-3)
+
+
+@contextmanager
+def pendant_without_control_api(rig: Rig) -> Iterator[tuple["subprocess.Popen[str]", str]]:
+    """One that takes the emulator for a robot."""
+    port = 6081
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-u", "-m", "client", "pendant", "--robot-ip", rig.host, "--host", rig.host),
+            *("--port", str(port), "--control-port", "1", "--with-parent"),
+        ],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        process.stdout.readline()
+        yield process, f"http://{rig.host}:{port}/move"
+    finally:
+        process.stdin.close()
+        process.wait(10)
+        process.stdout.close()
+
+
+def test_a_robot_is_moved_after_a_question_and_rests_when_the_pendant_is_killed(bent: Rig, browser: Browser) -> None:
+    with pendant_without_control_api(bent) as (pendant, url):
+        context = browser.new_context(viewport={"width": 1280, "height": 800})
+        page = context.new_page()
+        page.goto(url)
+        expect(page.locator(".robot-name")).to_contain_text("UR3")
+        expect(page.get_by_test_id("angle-0")).not_to_have_text("\N{EN DASH}")
+        with held(page, "joint-0-plus"):
+            expect(page.get_by_test_id("may-move")).to_be_visible()
+        assert at_rest(bent)
+        page.get_by_test_id("may-move").click()
+        page.get_by_test_id("joint-0-plus").hover()
+        page.mouse.down()
+        eventually(lambda: not at_rest(bent))
+        pendant.send_signal(signal.SIGKILL)
+        eventually(lambda: at_rest(bent))
+        eventually(lambda: bent.state("runtime_state") == "STOPPED")
+        assert bent.state("safety_mode") == "NORMAL"
+        context.close()

@@ -1,0 +1,210 @@
+"""What a pendant's mover does to an arm: it moves while somebody says so, and nothing else does at that time."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+
+import pytest
+
+from client import AsyncRobot, MotionError, MotionStoppedError
+from client.pendant.jogging import Velocity
+from client.pendant.mover import Mover
+from emulator.app import Emulator
+from emulator.config import EmulatorConfig
+from emulator.controller import ControllerConfig
+from emulator.lifecycle.power import PowerEvent
+from emulator.lifecycle.safety import SafetyEvent
+from urproto.errors import RobotRefused
+from urproto.modes import ControlMode, RobotMode, RuntimeState
+from urproto.robots import load_model
+
+HOST = "127.0.0.1"
+START = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
+PATIENCE_S = 20.0
+BASE_LEFT = Velocity("joints", (0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
+UP = Velocity("tool", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0))
+WAITING = "def waiting():\n  while True:\n    sleep(0.1)\n  end\nend"
+
+
+class Bench:
+    """An emulator, and a mover for it; some say that they hold a button."""
+
+    def __init__(self, robot: Emulator) -> None:
+        self.robot = robot
+        options = {"robot_ports": robot.ports, "silence_s": 5.0, "frequency_hz": Mover.RATE_HZ}
+        self.mover = Mover(lambda: AsyncRobot(HOST, **options))
+        self.errors = list[str]()
+        self.mover.on_error.append(self.errors.append)
+
+    @property
+    def q(self) -> tuple[float, ...]:
+        return tuple(self.robot.controller.snapshot.actual_q)
+
+    @property
+    def at_rest(self) -> bool:
+        return not any(self.robot.controller.snapshot.target_qd)
+
+    @property
+    def free(self) -> bool:
+        return self.robot.controller.motion.control_mode is ControlMode.TEACH
+
+    @property
+    def moving(self) -> bool:
+        return not self.at_rest
+
+    async def until(self, condition: Callable[[], object]) -> None:
+        """Look at every control period until it holds."""
+        met: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+
+        def look(_: object) -> None:
+            if condition() and not met.done():
+                met.set_result(None)
+
+        forget = self.robot.controller.subscribe(look)
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                await met
+        finally:
+            forget()
+
+    async def held(self, velocity: Velocity, holder: object, condition: Callable[[], object]) -> None:
+        """Somebody holds a button until this is so, and lets it go no more than that."""
+
+        async def say() -> None:
+            while True:
+                self.mover.hold(velocity, holder)
+                await asyncio.sleep(0.05)
+
+        saying = asyncio.create_task(say())
+        try:
+            await self.until(condition)
+        finally:
+            saying.cancel()
+
+    async def idle(self) -> None:
+        """Nothing is under way any more."""
+        async with asyncio.timeout(PATIENCE_S):
+            while self.mover.doing:
+                await asyncio.sleep(0.01)
+
+
+@pytest.fixture
+async def bench() -> AsyncIterator[Bench]:
+    controller = ControllerConfig(model=load_model("ur5e"), initial_q=START, running=True)
+    async with Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True)) as robot:
+        bench = Bench(robot)
+        yield bench
+        await bench.mover.close()
+
+
+async def test_the_arm_moves_while_a_button_is_held_and_rests_when_it_is_let_go(bench: Bench) -> None:
+    await bench.held(BASE_LEFT, "me", lambda: bench.q[0] > START[0] + 0.1)
+    assert bench.mover.doing == "Jogging"
+    bench.mover.release("me")
+    await bench.until(lambda: bench.at_rest)
+    await bench.idle()
+    assert bench.q[0] < START[0] + 0.6
+    assert bench.q[1:] == pytest.approx(START[1:], abs=1e-3)
+    assert bench.errors == []
+
+
+async def test_it_rests_too_when_nothing_more_is_heard_of_the_button(bench: Bench) -> None:
+    await bench.held(UP, "me", lambda: bench.moving)
+    await bench.until(lambda: bench.at_rest)
+    await bench.idle()
+    assert bench.errors == []
+
+
+async def test_a_button_is_of_one_holder(bench: Bench) -> None:
+    await bench.held(BASE_LEFT, "me", lambda: bench.moving)
+    with pytest.raises(RobotRefused, match="Jogging"):
+        bench.mover.hold(UP, "somebody else")
+    bench.mover.release("somebody else")
+    bench.mover.hold(BASE_LEFT, "me")
+    assert bench.mover.doing == "Jogging"
+    with pytest.raises(RobotRefused, match="Jogging"):
+        await bench.mover.move_j(START)
+    bench.mover.release("me")
+    await bench.idle()
+
+
+async def test_another_kind_of_button_takes_over_without_letting_go(bench: Bench) -> None:
+    await bench.held(BASE_LEFT, "me", lambda: bench.moving)
+    await bench.held(UP, "me", lambda: bench.robot.controller.snapshot.actual_TCP_speed[2] > 0.05)
+    bench.mover.release("me")
+    await bench.idle()
+    assert bench.errors == []
+
+
+async def test_a_move_to_angles_can_be_stopped_and_nothing_comes_between(bench: Bench) -> None:
+    moving = asyncio.create_task(bench.mover.move_j((1.5, *START[1:]), "Moving to X"))
+    await bench.until(lambda: bench.moving)
+    assert bench.mover.doing == "Moving to X"
+    with pytest.raises(RobotRefused, match="Moving to X"):
+        bench.mover.hold(UP, "me")
+    with pytest.raises(RobotRefused, match="Moving to X"):
+        await bench.mover.move_j(START)
+    await bench.mover.stop()
+    with pytest.raises(MotionStoppedError):
+        await moving
+    assert bench.at_rest
+    assert bench.q[0] < 1.4
+    await bench.mover.move_j(START, speed_rad_s=2.0, acceleration_rad_s2=5.0)
+    assert bench.q == pytest.approx(START, abs=1e-3)
+
+
+async def test_stop_comes_before_a_move_that_has_not_begun_yet(bench: Bench) -> None:
+    moving = asyncio.create_task(bench.mover.move_j((1.5, *START[1:])))
+    while not bench.mover.doing:
+        await asyncio.sleep(0)
+    await bench.mover.stop()
+    with pytest.raises(MotionStoppedError):
+        await moving
+    assert bench.q == pytest.approx(START, abs=1e-3)
+
+
+async def test_somebody_elses_program_is_not_replaced(bench: Bench) -> None:
+    async with AsyncRobot(HOST, robot_ports=bench.robot.ports) as other:
+        await other.driver.robot.send_script(WAITING)
+        await bench.until(lambda: bench.robot.controller.programs.state is RuntimeState.PLAYING)
+        with pytest.raises(RobotRefused, match="a program is running"):
+            await bench.mover.move_j(START)
+        bench.mover.hold(UP, "me")
+        await bench.idle()
+        bench.mover.hold(UP, "me")  # as a browser says ten times a second
+        assert bench.mover.doing == ""
+        assert len(bench.errors) == 1
+        assert bench.robot.controller.programs.state is RuntimeState.PLAYING
+
+
+async def test_freedrive_lasts_until_it_is_ended(bench: Bench) -> None:
+    free = asyncio.create_task(bench.mover.start_freedrive())
+    await bench.until(lambda: bench.free)
+    assert bench.mover.freedrive
+    bench.mover.end_freedrive()
+    await free
+    assert not bench.mover.freedrive
+    assert not bench.free
+
+
+async def test_a_protective_stop_ends_freedrive_and_says_what_to_do(bench: Bench) -> None:
+    free = asyncio.create_task(bench.mover.start_freedrive())
+    await bench.until(lambda: bench.free)
+    bench.robot.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
+    with pytest.raises(MotionError, match=r"protective stop.*see Initialize"):
+        await free
+    assert not bench.mover.freedrive
+
+
+async def test_the_program_is_given_back(bench: Bench) -> None:
+    await bench.mover.move_j((START[0] + 0.05, *START[1:]))
+    assert bench.mover.has_slider
+    await bench.mover.give_back()
+    await bench.until(lambda: bench.robot.controller.programs.state is RuntimeState.STOPPED)
+    assert not bench.mover.has_slider
+
+
+async def test_without_brakes_released_nothing_moves(bench: Bench) -> None:
+    bench.robot.controller.power_event(PowerEvent.POWER_OFF)
+    await bench.until(lambda: bench.robot.controller.snapshot.robot_mode is not RobotMode.RUNNING)
+    with pytest.raises(RobotRefused, match="release the brakes"):
+        await bench.mover.move_j(START)

@@ -1,0 +1,88 @@
+"""Saved poses outlive the pendant, and nobody loses one by a name."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from client.errors import FileError
+from client.pendant.poses import BUILT_IN, Poses
+
+BOX = (0.1, -1.2, 1.3, -1.4, -1.5, 0.6)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "not there yet" / "poses.json"
+
+
+def test_they_are_there_again_and_of_their_model_only(path: Path) -> None:
+    poses = Poses(path)
+    assert poses.of("ur5e") == {}
+    poses.save("ur5e", "  over   the box ", BOX)
+    poses.save("ur5e", "a", BOX)
+    assert list(Poses(path).of("ur5e").items()) == [("a", BOX), ("over the box", BOX)]
+    assert Poses(path).of("ur3") == {}
+    assert poses.version == 2
+
+
+def test_saving_again_replaces_and_deleting_twice_is_no_error(path: Path) -> None:
+    poses = Poses(path)
+    poses.save("ur5e", "box", BOX)
+    poses.save("ur5e", "box", (0.0,) * 6)
+    assert poses.of("ur5e") == {"box": (0.0,) * 6}
+    poses.delete("ur5e", "box")
+    poses.delete("ur5e", "box")
+    assert Poses(path).of("ur5e") == {}
+
+
+def test_renaming_loses_nothing(path: Path) -> None:
+    poses = Poses(path)
+    poses.save("ur5e", "box", BOX)
+    poses.save("ur5e", "table", (0.0,) * 6)
+    with pytest.raises(ValueError, match="table"):
+        poses.rename("ur5e", "box", "table")
+    with pytest.raises(ValueError, match="any more"):
+        poses.rename("ur5e", "gone", "new")
+    poses.rename("ur5e", "box", "lid")
+    assert Poses(path).of("ur5e") == {"lid": BOX, "table": (0.0,) * 6}
+
+
+@pytest.mark.parametrize("name", ["", "   ", "x" * 61, *BUILT_IN])
+def test_names_that_cannot_be(path: Path, name: str) -> None:
+    with pytest.raises(ValueError, match="pose"):
+        Poses(path).save("ur5e", name, BOX)
+    assert not path.exists()
+
+
+def test_without_a_file_they_last_as_long_as_the_pendant() -> None:
+    poses = Poses(None)
+    poses.save("ur5e", "box", BOX)
+    assert poses.of("ur5e") == {"box": BOX}
+
+
+@pytest.mark.parametrize(
+    "content", [b"\xff", b"{", b"[]", b'{"ur5e": 1}', b'{"ur5e": {"box": [1, 2]}}', b'{"ur5e": {"a": [0,0,0,0,0,NaN]}}']
+)
+def test_a_file_that_has_no_poses_is_told_and_not_overwritten(path: Path, content: bytes) -> None:
+    path.parent.mkdir()
+    path.write_bytes(content)
+    poses = Poses(path)
+    with pytest.raises(FileError, match="no poses"):
+        poses.of("ur5e")
+    with pytest.raises(FileError):
+        poses.save("ur5e", "box", BOX)
+    assert path.read_bytes() == content
+
+
+def test_a_file_that_cannot_be_written_changes_nothing(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    poses = Poses(tmp_path / "file" / "poses.json")
+    with pytest.raises(FileError):
+        poses.save("ur5e", "box", BOX)
+    assert poses.version == 0
+
+
+def test_the_file_is_for_people_to_read(path: Path) -> None:
+    Poses(path).save("ur5e", "box", BOX)
+    assert json.loads(path.read_text("utf-8")) == {"ur5e": {"box": list(BOX)}}
