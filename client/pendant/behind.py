@@ -16,6 +16,7 @@ _LOOK_AGAIN_S: Final = 0.5
 _LOOK_EVERY_S: Final = 1.0
 _CATALOGUE: Final = ("describe", "fault_kinds", "ports", "safety_causes")
 _OF_TIME: Final = ("set_speed", "pause_time", "resume_time", "step")
+_MISSES: Final = 3  # in a row, and there is no emulator any more (guess)
 _OK: Final = 200
 _UNAUTHORIZED: Final = 401
 
@@ -106,14 +107,18 @@ class Behind:
 
     async def follow(self, dialogues: Dialogues) -> None:
         """Look whether there is an emulator, and which dialogues it shows, for ever."""
+        missed = _MISSES
         while self._port:
             try:
-                if not self.available:
+                if missed:
                     await self._find()
                 dialogues.are(await self.call("popups"))
                 await self.look_at_the_time()
+                missed = 0
             except BehindError:
-                self.available, self.time = False, {}
+                missed += 1
+                if missed >= _MISSES:
+                    self.available, self.time = False, {}
             await asyncio.sleep(_LOOK_AGAIN_S)
 
     async def _find(self) -> None:

@@ -37,8 +37,17 @@ def choose(page: Page, mark: str, text: str) -> None:
 
 
 def where(page: Page, name: str = "") -> tuple[float, float]:
-    """Of a thing or the ball at the tool, on the page."""
-    page.wait_for_function("name => typeof pendant.where == 'function' && pendant.where(name || undefined)", arg=name)
+    """Of a thing or the ball at the tool, on the page; once nothing moves there any more."""
+    page.wait_for_function(
+        """name => {
+            const at = typeof pendant.where == "function" && pendant.where(name || undefined);
+            const same = at && window.before && at.every((value, i) => Math.abs(value - window.before[i]) < 0.5);
+            window.before = at;
+            return same;
+        }""",
+        arg=name,
+        polling=400,
+    )
     x, y = page.evaluate("name => pendant.where(name || undefined)", name)
     return x, y
 

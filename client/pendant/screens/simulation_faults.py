@@ -94,7 +94,7 @@ def _input(field: FaultField) -> Any:
     if field.choices:
         return ui.select(dict(field.choices), label=label, value=field.default).props(mark + " options-dense")
     shown = "" if field.default is None else str(field.default)
-    box = ui.input(label, value=shown, placeholder=field.hint).props(mark)
+    box = ui.input(label, value=shown, placeholder=field.hint).props(f"{mark} stack-label")
     return box.classes("number") if field.type != "text" else box
 
 

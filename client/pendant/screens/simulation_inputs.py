@@ -96,6 +96,7 @@ def _analog(page: Page, analog: _Analog) -> None:
     def show(now: tuple[float, AnalogDomain]) -> None:
         value, domain = now
         slider._props["max"] = _MOST[domain]
+        slider.update()
         slider.set_value(value)
         choice.set_value(int(domain))
 

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from nicegui import ui
 
-from client.pendant.arm_scene import arm_scene
+from client.pendant.arm_scene import arm_scene, camera_buttons
 from client.pendant.newest import Newest
 from client.pendant.page import Page
 from client.pendant.screens.simulation_arm import number, numbers
@@ -18,7 +18,7 @@ __all__ = ["scene_panel"]
 _NAMES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 _UNITS: Final = ("N",) * 3 + ("Nm",) * 3
 _ZERO: Final = (0.0, 0.0, 0.0)
-_STEP_M: Final = 4  # digits
+_STEP_M: Final = 4  # digits: a tenth of a millimetre
 
 
 def scene_panel(page: Page) -> None:
@@ -26,12 +26,13 @@ def scene_panel(page: Page) -> None:
     with ui.card().classes("panel sim-scene"):
         with ui.element("div").classes("sim-view"):
             scene = arm_scene(page)
+            camera_buttons(page, scene)
             with ui.element("div").classes("sim-overlay"):
-                ui.label("Drag the ball to push the tool, a thing to move it (Shift: up and down)")
+                ui.label("Drag the ball to push the tool, things to move them (Shift: in height)")
                 page.live.text(_measured, "sim-force").props("data-testid=measured-force")
             holder = ui.element("div").classes("hidden").props("data-testid=surroundings")
         keep = _wrench(page)
-    page.live.bind(holder, "points", _world)
+    page.live.bind(holder, "points", _Surroundings().read)
     ui.run_javascript(f"pendant.surroundings({holder.id}, {scene.id})")
     pushing = Newest[Sequence[float] | None](lambda force: _push_or_release(page.station, force), page.complain)
     moving = Newest[dict[str, Any]](lambda moved: page.station.behind.change("move_object", **moved), page.complain)
@@ -110,33 +111,41 @@ def _things(station: Station) -> Any:
     return None if world is None else world["objects"]
 
 
-def _world(station: Station) -> Any:
+class _Surroundings:
     """For the browser: where the tool is, which force pushes it (base frame), what stands around."""
-    pose = station.values.get("actual_TCP_pose")
-    if pose is None:
-        return None
-    pushed = _pushed(station)
-    force = [0.0, 0.0, 0.0] if pushed is None else list(pushed["wrench"][:3])
-    if pushed is not None and pushed["frame"] == "tool":
-        m = rotvec_to_matrix(*pose[3:])
-        force = [sum(m[3 * row + column] * force[column] for column in range(3)) for row in range(3)]
-    return {"tool": [round(value, _STEP_M) for value in pose[:3]], "force": force, "things": _drawn(station)}
+
+    def __init__(self) -> None:
+        self._things: Any = None
+        self._drawn: list[dict[str, Any]] = []
+
+    def read(self, station: Station) -> dict[str, Any] | None:
+        """None before the first state."""
+        pose = station.values.get("actual_TCP_pose")
+        if pose is None:
+            return None
+        tool = [round(value, _STEP_M) for value in pose[:3]]
+        return {"tool": tool, "force": _force(_pushed(station), pose), "things": self._draw(_things(station))}
+
+    def _draw(self, things: Any) -> list[dict[str, Any]]:
+        """With rotations as matrices; made again only when there are others."""
+        if things is not self._things:
+            self._things = things
+            self._drawn = [
+                {"name": name, **thing, "rotation": list(rotvec_to_matrix(*thing["pose"][3:]))}
+                for name, thing in (things or {}).items()
+            ]
+        return self._drawn
 
 
-_cache: dict[int, tuple[Any, Any]] = {}
-
-
-def _drawn(station: Station) -> Any:
-    """Things with rotations as matrices; made again only when there are others."""
-    things = _things(station)
-    known = _cache.get(id(station))
-    if known is None or known[0] is not things:
-        drawn = [
-            {"name": name, **thing, "rotation": list(rotvec_to_matrix(*thing["pose"][3:]))}
-            for name, thing in (things or {}).items()
-        ]
-        known = _cache[id(station)] = (things, drawn)
-    return known[1]
+def _force(push: Mapping[str, Any] | None, pose: Sequence[float]) -> list[float]:
+    """In the base frame."""
+    if push is None:
+        return [*_ZERO]
+    force = push["wrench"][:3]
+    if push["frame"] == "base":
+        return list(force)
+    turned = rotvec_to_matrix(pose[3], pose[4], pose[5])
+    return [sum(turned[3 * row + column] * force[column] for column in range(3)) for row in range(3)]
 
 
 def _measured(station: Station) -> str:

@@ -1,0 +1,55 @@
+"""Simulation without a browser."""
+
+import json
+from math import pi
+from types import SimpleNamespace
+
+import pytest
+
+from client.pendant.screens.simulation_arm import read_document
+from client.pendant.screens.simulation_scene import _Surroundings
+from client.pendant.screens.simulation_world import described
+from emulator.world.file import read_thing
+
+
+def station(push=None, objects=None, pose=(0.1, 0.2, 0.3, 0.0, 0.0, pi / 2)):
+    world = SimpleNamespace(value={"push": push, "objects": objects or {}})
+    behind = SimpleNamespace(available=True, watch=lambda verb: world)
+    return SimpleNamespace(values={"actual_TCP_pose": pose}, behind=behind)
+
+
+@pytest.mark.parametrize(("frame", "force"), [("base", [10.0, 0.0, 0.0]), ("tool", [0.0, 10.0, 0.0])])
+def test_a_push_is_drawn_in_the_base_frame(frame, force) -> None:
+    robot = station({"wrench": [10.0, 0.0, 0.0, 0.0, 0.0, 0.0], "frame": frame})
+    assert _Surroundings().read(robot)["force"] == pytest.approx(force)
+
+
+def test_things_are_drawn_where_they_are() -> None:
+    drawn = _Surroundings().read(station(objects={"ball": {"sphere": 0.1, "pose": [1, 2, 3, 0, 0, pi]}}))
+    assert drawn["tool"] == [0.1, 0.2, 0.3]
+    (ball,) = drawn["things"]
+    assert (ball["name"], ball["sphere"]) == ("ball", 0.1)
+    assert ball["rotation"] == pytest.approx([-1, 0, 0, 0, -1, 0, 0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("shape", "size_mm", "size"), [("box", [100.0, 50.0, 20.0], [0.1, 0.05, 0.02]), ("sphere", [30.0], 0.03)]
+)
+def test_the_form_makes_what_the_emulator_takes(shape, size_mm, size) -> None:
+    pose = [100.0, 0.0, -50.0, 0.0, 180.0, 0.0]
+    description = described(shape, size_mm, pose, {"stiffness": 1e4, "damping": 10.0, "friction": 0.5})
+    assert description[shape] == pytest.approx(size)
+    thing = read_thing("it", description)
+    assert thing.pose == pytest.approx((0.1, 0.0, -0.05, 0.0, pi, 0.0))
+    assert (thing.stiffness, thing.friction) == (1e4, 0.5)
+
+
+def test_a_plane_has_no_size() -> None:
+    assert read_thing("it", described("plane", [], [0.0] * 6, {})).shape == read_thing("p", {"plane": {}}).shape
+
+
+def test_a_saved_state_is_read_and_nonsense_refused() -> None:
+    assert read_document(json.dumps({"format": 1}).encode()) == {"format": 1}
+    for nonsense in (b"\xff\xfe", b"[1]", b"{"):
+        with pytest.raises(ValueError, match="no saved state"):
+            read_document(nonsense)
