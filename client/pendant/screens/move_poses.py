@@ -104,12 +104,13 @@ async def _rename(page: Page, name: str) -> None:
 
 async def _asked(title: str, text: str) -> str | None:
     """What somebody types instead of a text; None if nothing."""
-    with ui.dialog().on("hide", lambda: dialog.delete()) as dialog, ui.card():
+    with ui.dialog() as dialog, ui.card():
         ui.label(title).classes("text-h6")
         box = ui.input(value=text).props("autofocus outlined dense data-testid=pose-new-name")
         box.on("keydown.enter", lambda: dialog.submit(box.value))
         with ui.row().classes("w-full justify-end"):
             ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat")
             ui.button("Rename", on_click=lambda: dialog.submit(box.value)).props("data-testid=pose-renamed")
+    dialog.on("hide", dialog.delete)
     answer: str | None = await dialog
     return answer
