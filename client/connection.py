@@ -25,7 +25,16 @@ from typing import Final, Generic, Literal, Self, TypeVar
 
 from client.errors import ClientError, ConnectionLostError, NoAnswerError, RobotUnreachableError
 
-__all__ = ["DEFAULT_TIMEOUT_S", "POLL", "AsyncConnection", "BlockingConnection", "Flow", "Reconnect", "TimeLimit"]
+__all__ = [
+    "DEFAULT_TIMEOUT_S",
+    "POLL",
+    "AsyncConnection",
+    "BlockingConnection",
+    "Connection",
+    "Flow",
+    "Reconnect",
+    "TimeLimit",
+]
 
 Result = TypeVar("Result")
 
@@ -108,16 +117,27 @@ class _Progress(Generic[Result]):
             self.result.append(end.value)
 
 
-class AsyncConnection:
+class Connection:
+    """Where a TCP connection leads, and what is said on it first; its two shells are below."""
+
+    def __init__(self, host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
+        self.host = host
+        self.port = port
+        self.timeout_s = timeout_s
+
+    def _opening(self) -> Flow[None]:
+        """What has to be said before a new connection can be used."""
+        yield from ()
+
+
+class AsyncConnection(Connection):
     """A TCP connection for asyncio programs; use it with ``async with``.
 
     Only one flow at a time may wait for bytes. Raises the errors of client.errors.
     """
 
     def __init__(self, host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        self.host = host
-        self.port = port
-        self.timeout_s = timeout_s
+        super().__init__(host, port, timeout_s)
         self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
 
     async def __aenter__(self) -> Self:
@@ -160,10 +180,6 @@ class AsyncConnection:
             return progress.result[0]
         finally:
             flow.close()
-
-    def _opening(self) -> Flow[None]:
-        """What has to be said before a new connection can be used."""
-        yield from ()
 
     async def _open(self) -> None:
         try:
@@ -224,13 +240,11 @@ class AsyncConnection:
             await asyncio.sleep(_RETRY_EVERY_S)
 
 
-class BlockingConnection:
+class BlockingConnection(Connection):
     """A TCP connection for scripts, notebooks and control loops; use it with ``with``."""
 
     def __init__(self, host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        self.host = host
-        self.port = port
-        self.timeout_s = timeout_s
+        super().__init__(host, port, timeout_s)
         self._socket: socket.socket | None = None
 
     def __enter__(self) -> Self:
@@ -267,10 +281,6 @@ class BlockingConnection:
             return progress.result[0]
         finally:
             flow.close()
-
-    def _opening(self) -> Flow[None]:
-        """What has to be said before a new connection can be used."""
-        yield from ()
 
     def _open(self) -> None:
         try:

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final, TypeVar
 
-from client.connection import DEFAULT_TIMEOUT_S, POLL, AsyncConnection, BlockingConnection, Flow, TimeLimit
+from client.connection import DEFAULT_TIMEOUT_S, POLL, AsyncConnection, BlockingConnection, Connection, Flow, TimeLimit
 from client.errors import NoAnswerError, ScriptFailedError
 from client.scripts import MAY_RUN, Script, ScriptResult, ScriptRun, mode_name, prepare
 from client.textcommands import (
@@ -288,23 +288,20 @@ def _program(mode: ModeData) -> str:
     return ", a program is running" if mode.program_running else ""
 
 
-class PrimaryClient(AsyncConnection):
+class _Primary(Connection):
+    """Of both shells."""
+
+    def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
+        super().__init__(host, port, timeout_s)
+        self.core = PrimaryCore()
+
+    def _opening(self) -> Flow[None]:
+        return self.core.opening()
+
+
+class PrimaryClient(_Primary, AsyncConnection):
     """The primary interface, for asyncio programs: ``await client.run(client.core....)``."""
 
-    def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        super().__init__(host, port, timeout_s)
-        self.core = PrimaryCore()
 
-    def _opening(self) -> Flow[None]:
-        return self.core.opening()
-
-
-class BlockingPrimaryClient(BlockingConnection):
+class BlockingPrimaryClient(_Primary, BlockingConnection):
     """The primary interface, for scripts and notebooks: ``client.run(client.core....)``."""
-
-    def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        super().__init__(host, port, timeout_s)
-        self.core = PrimaryCore()
-
-    def _opening(self) -> Flow[None]:
-        return self.core.opening()

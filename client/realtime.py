@@ -9,7 +9,7 @@ is better taken from there.
 
 from collections import deque
 
-from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Flow
+from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Connection, Flow
 from urproto.realtime import RealtimeDecoder, RealtimeState
 
 __all__ = ["PORT", "BlockingRealtimeClient", "RealtimeClient", "RealtimeCore"]
@@ -39,31 +39,28 @@ class RealtimeCore:
         return self._received.popleft()
 
 
-class RealtimeClient(AsyncConnection):
-    """The realtime interface, for asyncio programs."""
+class _Realtime(Connection):
+    """Of both shells."""
 
     def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         super().__init__(host, port, timeout_s)
         self.core = RealtimeCore()
+
+    def _opening(self) -> Flow[None]:
+        return self.core.opening()
+
+
+class RealtimeClient(_Realtime, AsyncConnection):
+    """The realtime interface, for asyncio programs."""
 
     async def receive(self) -> RealtimeState:
         """The next state, by variable name; in order, none skipped."""
         return await self.run(self.core.receive())
 
-    def _opening(self) -> Flow[None]:
-        return self.core.opening()
 
-
-class BlockingRealtimeClient(BlockingConnection):
+class BlockingRealtimeClient(_Realtime, BlockingConnection):
     """The realtime interface, for scripts and notebooks."""
-
-    def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        super().__init__(host, port, timeout_s)
-        self.core = RealtimeCore()
 
     def receive(self) -> RealtimeState:
         """The next state, by variable name; in order, none skipped."""
         return self.run(self.core.receive())
-
-    def _opening(self) -> Flow[None]:
-        return self.core.opening()

@@ -14,7 +14,7 @@ RobotRefused that names the variables. Options are those of RTDECore.
 from collections.abc import Iterable
 from typing import Any
 
-from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Flow
+from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Connection, Flow
 from client.recipes import Names, read_recipe
 from client.rtde_core import RTDECore, State
 
@@ -24,11 +24,8 @@ PORT = 30004
 _RECONNECT_S = 60.0  # guess: a controller boots in about a minute
 
 
-class RTDEClient(AsyncConnection):
-    """RTDE for asyncio programs. Entering connects, agrees on the recipes and starts.
-
-    One task may receive while others write.
-    """
+class _Recipes(Connection):
+    """What both shells agree on with the robot."""
 
     def __init__(
         self,
@@ -46,6 +43,16 @@ class RTDEClient(AsyncConnection):
         self.core = RTDECore(
             outputs, inputs, frequency_hz, ignore_unavailable=ignore_unavailable, reconnect_s=reconnect_s
         )
+
+    def _opening(self) -> Flow[None]:
+        return self.core.start()
+
+
+class RTDEClient(_Recipes, AsyncConnection):
+    """RTDE for asyncio programs. Entering connects, agrees on the recipes and starts.
+
+    One task may receive while others write.
+    """
 
     async def receive(self) -> State:
         """The next state, by variable name; in order, none skipped."""
@@ -75,29 +82,9 @@ class RTDEClient(AsyncConnection):
         """Come back after a loss, with the same recipes; paused if it was."""
         await self.run(self.core.reconnect(within_s))
 
-    def _opening(self) -> Flow[None]:
-        return self.core.start()
 
-
-class BlockingRTDEClient(BlockingConnection):
+class BlockingRTDEClient(_Recipes, BlockingConnection):
     """RTDE for scripts, notebooks and control loops."""
-
-    def __init__(
-        self,
-        host: str,
-        outputs: Names,
-        inputs: Iterable[Names] = (),
-        *,
-        frequency_hz: float | None = None,
-        ignore_unavailable: bool = False,
-        reconnect_s: float = 0.0,
-        port: int = PORT,
-        timeout_s: float = DEFAULT_TIMEOUT_S,
-    ) -> None:
-        super().__init__(host, port, timeout_s)
-        self.core = RTDECore(
-            outputs, inputs, frequency_hz, ignore_unavailable=ignore_unavailable, reconnect_s=reconnect_s
-        )
 
     def receive(self) -> State:
         """The next state, by variable name; in order, none skipped."""
@@ -126,6 +113,3 @@ class BlockingRTDEClient(BlockingConnection):
     def reconnect(self, within_s: float = _RECONNECT_S) -> None:
         """Come back after a loss, with the same recipes; paused if it was."""
         self.run(self.core.reconnect(within_s))
-
-    def _opening(self) -> Flow[None]:
-        return self.core.start()

@@ -49,11 +49,8 @@ def show(file: Path) -> None:
     assert deviation < ALLOWED_RAD
 
 
-for name, slider, goals, stop in (
-    ("full", 1.0, GOALS, False),
-    ("slow", 0.3, GOALS, False),
-    ("stop", 1.0, GOALS[:1], True),
-):
+RUNS = {"full": (GOALS, 1.0, False), "slow": (GOALS, 0.3, False), "stop": (GOALS[:1], 1.0, True)}
+for name, (goals, slider, stop) in RUNS.items():
     asyncio.run(drive([START], 1.0))
     (FOLDER / f"{name}.mcap").unlink(missing_ok=True)
     asyncio.run(drive(goals, slider, FOLDER / f"{name}.mcap", stop))

@@ -34,6 +34,13 @@ REAL_TIME = (
     "traffic",
 )  # folders of tests that the wall clock can disturb
 MORE_TRIES = 2
+CHUNK = 16  # tests that a worker gets at a time; a share of all that are left, pytest-xdist's own, leaves one idle
+# for minutes while the other has most of those in real time
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if getattr(config.option, "maxschedchunk", CHUNK) is None:
+        config.option.maxschedchunk = CHUNK
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

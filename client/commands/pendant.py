@@ -33,6 +33,9 @@ def pendant_command(
     poses: Annotated[
         Path | None, typer.Option(help="File of the saved poses, if it is not poses.json in your configuration folder.")
     ] = None,
+    tools: Annotated[
+        Path | None, typer.Option(help="File of the saved TCPs, if it is not tools.json in your configuration folder.")
+    ] = None,
     with_parent: Annotated[bool, typer.Option("--with-parent", hidden=True, help="End with standard input.")] = False,
     control_token: Annotated[
         str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="What an emulator's control API asks for.")
@@ -44,12 +47,21 @@ def pendant_command(
         from client.pendant.station import Station
     if with_parent:
         threading.Thread(target=_end_with_standard_input, name="parent watch", daemon=True).start()
-    station = Station(robot_ip, port_offset, control_port, modbus_port, control_token, meshes, poses or _own_poses())
+    station = Station(
+        robot_ip,
+        port_offset,
+        control_port,
+        modbus_port,
+        control_token,
+        meshes,
+        poses or _own_file("poses"),
+        tools or _own_file("tools"),
+    )
     serve(station, host, port, lambda: typer.echo(f"Teach pendant of {robot_ip}: http://{host}:{port}"))
 
 
-def _own_poses() -> Path:
-    return Path(typer.get_app_dir("ur-client")) / "poses.json"
+def _own_file(name: str) -> Path:
+    return Path(typer.get_app_dir("ur-client")) / f"{name}.json"
 
 
 def _end_with_standard_input() -> None:

@@ -120,6 +120,8 @@ def convert_command(
     check_free(target, overwrite)
     recording = convert(file, target)
     typer.echo(f"{target}: {len(recording)} states of {len(recording.values)} variables")
+    if recording.controllers:
+        typer.echo(f"without what controllers told ({', '.join(recording.controllers)}): it stays in {file}", err=True)
 
 
 def read_telling(path: Path) -> Recording:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, ClassVar, Final
 
-from client.controllers.calls import Call, Calls
+from client.controllers.calling import CallingController
+from client.controllers.calls import Call
 from client.controllers.controller import Controller, controller_type
 from client.controllers.parameters import without_effect
 
@@ -27,6 +28,7 @@ FORCE_MODE_COMMANDS: Final = (
     "force_mode/gain_scaling",
 )
 """What one start of force mode consists of."""
+_ANSWER: Final = "force_mode/force_mode_async_success"
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,28 +93,15 @@ class ForceModeParameters:
 
 
 @controller_type("ur_controllers/ForceModeController")
-class ForceModeController(Controller[ForceModeParameters]):
+class ForceModeController(CallingController[ForceModeParameters]):
     """Lets axes of a frame give way to forces; alone, or beside the passthrough trajectory controller."""
 
     parameters_type: ClassVar[type[Any]] = ForceModeParameters
 
-    def __init__(self, name: str, parameters: ForceModeParameters, update_rate_hz: float) -> None:
-        super().__init__(name, parameters, update_rate_hz)
-        self._calls = Calls(self.commands)
-
     @property
     def command_interfaces(self) -> tuple[str, ...]:
-        names = (*FORCE_MODE_COMMANDS, "force_mode/force_mode_async_success", "force_mode/disable_cmd")
+        names = (*FORCE_MODE_COMMANDS, _ANSWER, "force_mode/disable_cmd")
         return tuple(self.parameters.tf_prefix + name for name in names)
-
-    def on_activate(self, time_s: float) -> None:
-        self._calls = Calls(self.commands, self.parameters.tf_prefix)
-
-    def on_deactivate(self) -> None:
-        self._calls.end_all("the controller was deactivated")
-
-    def update(self, time_s: float, period_s: float) -> None:
-        self._calls.update(time_s)
 
     def start_force_mode(
         self,
@@ -133,7 +122,6 @@ class ForceModeController(Controller[ForceModeParameters]):
         speed_limits: of complying axes [m/s, rad/s]; deviation_limits: of the others [m, rad].
         Raises ControllerError.
         """
-        self.check_active()
         groups = (task_frame_base, selection, wrench, speed_limits, deviation_limits)
         if any(len(group) != 6 for group in groups):
             raise self.error("frame, selection, wrench and limits have six numbers each")
@@ -147,14 +135,11 @@ class ForceModeController(Controller[ForceModeParameters]):
             raise self.error("limits cannot be negative, and a selection is 0 or 1")
         values = (*task_frame_base, *selection, *wrench, type, *limits, damping_factor, gain_scaling)
         commands = {name: float(value) for name, value in zip(FORCE_MODE_COMMANDS, values, strict=True)}
-        return self._calls.send("start_force_mode", commands, "force_mode/force_mode_async_success")
+        return self._send("start_force_mode", commands, _ANSWER)
 
     def stop_force_mode(self) -> Call:
         """Hold the pose again. Raises ControllerError."""
-        self.check_active()
-        return self._calls.send(
-            "stop_force_mode", {"force_mode/disable_cmd": 1.0}, "force_mode/force_mode_async_success"
-        )
+        return self._send("stop_force_mode", {"force_mode/disable_cmd": 1.0}, _ANSWER)
 
 
 class ToolContactState(IntEnum):

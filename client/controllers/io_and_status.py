@@ -1,11 +1,12 @@
 """Inputs, outputs and modes of the robot, and what is set about it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
-from client.controllers.calls import Call, Calls
-from client.controllers.controller import Controller, controller_type
+from client.controllers.calling import CallingController
+from client.controllers.calls import Call
+from client.controllers.controller import controller_type
 from client.controllers.parameters import without_effect
 from client.controllers.topics import Topic
 
@@ -72,7 +73,7 @@ class GPIOParameters:
 
 
 @controller_type("ur_controllers/GPIOController")
-class GPIOController(Controller[GPIOParameters]):
+class GPIOController(CallingController[GPIOParameters]):
     """Tells inputs, outputs, modes and tool data when they change, and sets what can be set.
 
     Every setting gives a `Call`, which is answered when the robot has it, for outputs and the
@@ -88,7 +89,6 @@ class GPIOController(Controller[GPIOParameters]):
         self.robot_mode: Topic[int] = Topic("~/robot_mode")
         self.safety_mode: Topic[int] = Topic("~/safety_mode")
         self.program_running: Topic[bool] = Topic("~/robot_program_running")
-        self._calls = Calls(self.commands)
 
     @property
     def command_interfaces(self) -> tuple[str, ...]:
@@ -99,14 +99,8 @@ class GPIOController(Controller[GPIOParameters]):
         prefix = self.parameters.tf_prefix
         return (f"{prefix}gpio/*", f"{prefix}speed_scaling/*")
 
-    def on_activate(self, time_s: float) -> None:
-        self._calls = Calls(self.commands, self.parameters.tf_prefix)
-
-    def on_deactivate(self) -> None:
-        self._calls.end_all("the controller was deactivated")
-
     def update(self, time_s: float, period_s: float) -> None:
-        self._calls.update(time_s)
+        super().update(time_s, period_s)
         _tell(self.io_states, self._io_states())
         _tell(self.tool_data, self._tool_data())
         _tell(self.robot_mode, self._whole("gpio/robot_mode"))
@@ -181,10 +175,6 @@ class GPIOController(Controller[GPIOParameters]):
         """Let what the force sensor feels now be zero; e-Series."""
         name = "zero_ftsensor/zero_ftsensor"
         return self._send("zero_ftsensor", {f"{name}_cmd": 1.0}, f"{name}_async_success")
-
-    def _send(self, what: str, values: dict[str, float], answer: str, seen: Callable[[], bool] | None = None) -> Call:
-        self.check_active()
-        return self._calls.send(what, values, answer, seen)
 
     def _check_pin(self, pin: int, count: int, what: str) -> None:
         if not 0 <= pin < count:

@@ -9,27 +9,32 @@ with BlockingControlledRobot("192.168.1.10", make_ready=True) as robot:
     robot.command("forward_velocity_controller", [0, 0, 0, 0, 0, 0.1])
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, Final, Self, TypeVar
 
 from client.controllers.configuration import ControllersFile
 from client.controllers.controller import LifecycleState
-from client.controllers.goals import FollowJointTrajectory, JointTrajectory, Result
+from client.controllers.goals import FollowJointTrajectory, JointTrajectory, JointTrajectoryPoint, Result
 from client.controllers.loop import RTDE_OUTPUTS, ControlLoop
 from client.controllers.manager import ControllerManager
 from client.controllers.recorded import DEFAULT_FIELDS, listen, recorded
 from client.controllers.ur_states import JOINTS
 from client.driver import points
 from client.driver.blocking import Blocking, blocking
+from client.errors import MotionError
 from client.robot import AsyncRobot
 from client.robot.reach import Reach
 
 __all__ = ["BlockingControlledRobot", "ControlledRobot"]
 
 Answer = TypeVar("Answer")
+
+_SMOOTH: Final = 1.5  # a cubic from rest to rest is so much faster in the middle than in the mean
 
 
 class ControlledRobot(ControlLoop):
@@ -80,12 +85,15 @@ class ControlledRobot(ControlLoop):
             await self._opened.aclose()
 
     async def follow(self, name: str, goal: FollowJointTrajectory | JointTrajectory) -> Result:
-        """As `ControlLoop.follow`; points beyond the joints' limits are an OutOfReachError before anything moves."""
+        """As `ControlLoop.follow`; what is beyond the joints' limits is an error before anything moves.
+
+        Angles are an OutOfReachError, speeds a MotionError.
+        """
         self.check_reach(goal.trajectory if isinstance(goal, FollowJointTrajectory) else goal)
         return await super().follow(name, goal)
 
     def check_reach(self, trajectory: JointTrajectory) -> None:
-        """Raise OutOfReachError for the first point beyond the limits that the robot reports."""
+        """Raise OutOfReachError or MotionError for the first point beyond the limits that the robot reports."""
         link = self.driver.robot
         if link.configuration is None:
             return
@@ -94,6 +102,8 @@ class ControlledRobot(ControlLoop):
         targets = [stands | dict(zip(names, point.positions, strict=False)) for point in trajectory.points]
         moves = [points.movej([target[joint] for joint in stands]) for target in targets]
         Reach(link.configuration, (0.0,) * 6, tuple(stands.values())).check("the trajectory", moves)
+        start = JointTrajectoryPoint((), (0.0,) * len(names))
+        check_speeds([stands, *targets], [start, *trajectory.points], link.configuration.qd_max)
 
     def activate(self, *names: str) -> None:
         """Load, configure and activate controllers. Raises ControllerError."""
@@ -120,6 +130,30 @@ class ControlledRobot(ControlLoop):
     def do(self, work: Callable[[ControllerManager], Answer]) -> Answer:
         """Do anything else with the manager and its controllers, between two cycles."""
         return work(self.manager)
+
+
+def check_speeds(
+    places: Sequence[Mapping[str, float]], points: Sequence[JointTrajectoryPoint], limits_rad_s: Sequence[float]
+) -> None:
+    """Raise MotionError when a way from one place to the next takes more than a joint's highest speed.
+
+    places: angles by joint, of the points. Ways from rest to rest are cubics, of others the mean speed counts.
+    """
+    for (before, begin), (after, end) in pairwise(zip(places, points, strict=True)):
+        time_s = end.time_from_start_s - begin.time_from_start_s
+        factor = _SMOOTH if _rests(begin) and _rests(end) else 1.0
+        for (joint, q), limit in zip(after.items(), limits_rad_s, strict=True):
+            way_rad = abs(q - before[joint])
+            if limit > 0.0 and factor * way_rad > limit * time_s:
+                raise MotionError(
+                    "the trajectory",
+                    f"{joint} has {time_s:g} s for {way_rad:.2f} rad, and its limit is {limit:.2f} rad/s: "
+                    f"give it {math.ceil(20.0 * _SMOOTH * way_rad / limit) / 20.0:g} s or more",
+                )
+
+
+def _rests(point: JointTrajectoryPoint) -> bool:
+    return bool(point.velocities) and not any(point.velocities)
 
 
 class BlockingControlledRobot(Blocking[ControlledRobot]):

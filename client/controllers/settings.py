@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from client.controllers.calls import Call, Calls
+from client.controllers.calling import CallingController
+from client.controllers.calls import Call
 from client.controllers.controller import Controller, controller_type
 from client.controllers.parameters import without_effect
 
@@ -19,35 +20,21 @@ class SettingParameters:
     check_io_successful_retries: int = without_effect(10, "the answer is waited for in robot time")
 
 
-class _SettingController(Controller[SettingParameters]):
+class _SettingController(CallingController[SettingParameters]):
     """Base: a group of command interfaces with an answer."""
 
     parameters_type: ClassVar[type[Any]] = SettingParameters
     names: ClassVar[tuple[str, ...]] = ()
     answer: ClassVar[str] = ""
 
-    def __init__(self, name: str, parameters: SettingParameters, update_rate_hz: float) -> None:
-        super().__init__(name, parameters, update_rate_hz)
-        self._calls = Calls(self.commands)
-
     @property
     def command_interfaces(self) -> tuple[str, ...]:
         return tuple(self.parameters.tf_prefix + name for name in (*self.names, self.answer))
 
-    def on_activate(self, time_s: float) -> None:
-        self._calls = Calls(self.commands, self.parameters.tf_prefix)
-
-    def on_deactivate(self) -> None:
-        self._calls.end_all("the controller was deactivated")
-
-    def update(self, time_s: float, period_s: float) -> None:
-        self._calls.update(time_s)
-
-    def _send(self, what: str, values: Sequence[float]) -> Call:
-        self.check_active()
+    def _set(self, what: str, values: Sequence[float]) -> Call:
         if len(values) != len(self.names):
             raise self.error(f"{what} has {len(self.names)} numbers, not {len(values)}")
-        return self._calls.send(what, dict(zip(self.names, values, strict=True)), self.answer)
+        return self._send(what, dict(zip(self.names, values, strict=True)), self.answer)
 
 
 @controller_type("ur_controllers/GravityUpdateController")
@@ -59,7 +46,7 @@ class GravityUpdateController(_SettingController):
 
     def set_gravity(self, gravity_m_s2: Sequence[float]) -> Call:
         """Acceleration of the base (3,) in its frame: [0, 0, 9.82] for an upright arm. Raises ControllerError."""
-        return self._send("gravity", gravity_m_s2)
+        return self._set("gravity", gravity_m_s2)
 
 
 @controller_type("ur_controllers/FrictionModelController")
@@ -75,7 +62,7 @@ class FrictionModelController(_SettingController):
         """Shares of each joint's friction (6,), 0 to 1. Raises ControllerError."""
         if not all(0.0 <= share <= 1.0 for share in (*viscous, *coulomb)):
             raise self.error("friction is made up for by shares from 0 to 1")
-        return self._send("friction", (*viscous, *coulomb))
+        return self._set("friction", (*viscous, *coulomb))
 
 
 @controller_type("ur_controllers/URConfigurationController")

@@ -39,6 +39,11 @@ class Asked(Generic[Answer]):
             self._asking = asyncio.get_running_loop().create_task(self._keep_asking())
         return self._answer
 
+    @property
+    def last(self) -> Answer | None:
+        """As value, without a look."""
+        return self._answer
+
     def refresh(self) -> None:
         """Ask at once: something has been changed."""
         self._again.set()

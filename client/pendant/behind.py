@@ -68,6 +68,14 @@ class Behind:
             for asked in self._watched.values():
                 asked.refresh()
 
+    @property
+    def pace(self) -> str:
+        """How time goes by where it does not do so as for everybody else, "" otherwise."""
+        if self.time.get("paused", False):
+            return "time paused"
+        speed = self.time.get("speed", 1.0)
+        return "" if speed == 1.0 else f"time {speed:g}×" if speed else "time at its fastest"
+
     async def look_at_the_time(self) -> None:
         """Ask for ``time``. Raises BehindError."""
         before, self.time = self.time, await self.call("time")

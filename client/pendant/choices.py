@@ -52,10 +52,10 @@ async def take(
         raise NotTakenError(f"the robot did not take {what}: {reason}")
 
 
-async def happens(station: Station, condition: Callable[[Station], bool], within_s: float = _SOON_S) -> bool:
+async def happens(station: Station, condition: Callable[[Station], bool]) -> bool:
     """Whether it holds soon."""
     try:
-        async with asyncio.timeout(within_s):
+        async with asyncio.timeout(_SOON_S):
             while not condition(station):
                 await station.next_frame()
     except TimeoutError:

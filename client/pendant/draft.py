@@ -46,6 +46,11 @@ class Draft:
         self.script: Script | None = None
         self._sent_at_s = 0.0
 
+    @property
+    def is_somebodys(self) -> bool:
+        """Whether somebody would miss the text."""
+        return bool(self.text.strip()) and self.text != _EXAMPLE
+
     def write(self, text: str, author: str = "") -> None:
         """Somebody has written something else. Raises ValueError for what is too long."""
         if len(text) > _MOST:
@@ -66,7 +71,7 @@ class Draft:
 
     def hear(self, message: object) -> None:
         """Take note of what the robot says about the script."""
-        if isinstance(message, KeyMessage) and self.script is not None and message.text == self.script.name:
+        if isinstance(message, KeyMessage) and self.script is not None and message.text == (self.script.name or None):
             if message.title == PROGRAM_STARTED and self.phase in ("sent", "silent"):
                 self.phase = "running"
             elif message.title == PROGRAM_STOPPED and self.phase == "running":
@@ -86,10 +91,16 @@ class Draft:
     def _fail(self, message: RuntimeExceptionMessage) -> None:
         assert self.script is not None
         line = min(self.script.line(message.line), self.text.count("\n") + 1)
-        self.error = ScriptError(line, message.column, self.script.message(message.text))
+        self.error = ScriptError(line, message.column, _readable(self.script.message(message.text)))
         self.phase = "failed"
 
 
+def _readable(reported: str) -> str:
+    """Controllers repeat line and number after a word of their own when they cannot parse it."""
+    return _SYNTAX_ERROR if reported.startswith("syntax_error_on_line") else reported
+
+
+_SYNTAX_ERROR: Final = "Syntax error: the controller cannot make sense of this line, or of what is before it"
 _EXAMPLE: Final = """\
 def hello():
   textmsg("the tool is at ", get_actual_tcp_pose())

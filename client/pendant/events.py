@@ -143,6 +143,6 @@ _SAFETY_SEVERITY: Final[dict[int, Severity]] = {
 def _of_key(message: KeyMessage) -> _Told:
     happened = _OF_PROGRAMS.get(message.title)
     if happened is not None:
-        return _Told("program", "info", f"Program {message.text} {happened}")
+        return _Told("program", "info", f"Program {message.text or 'without a name'} {happened}")
     severity: Severity = "error" if "EXCEPTION" in message.title else "info"
     return _Told("program", severity, f"{message.title} {message.text}".rstrip())

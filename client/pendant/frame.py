@@ -36,7 +36,7 @@ def _header(page: Page, first: str) -> ui.tabs:
             for screen in SCREENS:
                 tab = ui.tab(screen.name, screen.title, screen.icon).props(f"data-testid=tab-{screen.name}")
                 if screen.only_emulated:
-                    page.live.effect(lambda station: station.behind.available, tab.set_visibility)
+                    page.show_if(tab, lambda station: station.behind.available or station.behind.locked)
         tabs.set_value(first)
         ui.space()
         page.live.text(_robot, "robot-name")
@@ -85,6 +85,7 @@ def _footer(page: Page, tabs: ui.tabs) -> None:
         live.bind(lamp, "state", _lamp)
         chip = live.text(lambda s: s.safety_mode.name.replace("_", " ").lower(), "chip")
         live.bind(chip, "state", lambda s: "good" if s.safety_mode in _GOOD_SAFETY else "bad")
+        live.text(lambda s: s.behind.pace, "chip pace").props("data-testid=pace")
         ui.space()
         live.text(lambda s: s.runtime_state.name.lower(), "program-state")
         _round("play_arrow", "play", page.doing(page.play))

@@ -18,7 +18,7 @@ from client.pendant.station import FRAME_HZ, Station
 
 __all__ = ["Held", "Live"]
 
-Kind = Literal["text", "state", "value", "joints", "points", "width", "bits", "cells", "plot", "samples"]
+Kind = Literal["text", "state", "value", "joints", "points", "width", "bits", "cells", "plot", "samples", "lines"]
 Read = Callable[[Station], Any]
 Take = Callable[[bool], Any]
 Held = Callable[[Mapping[str, Any] | None], None]
@@ -56,7 +56,6 @@ class _Stream:
 class Live:
     """Of one browser's page. screen: which one it shows; ``building``: which one its elements are made for now.
 
-    connection: counts its web sockets, one after the other, so that who sends only what is new can begin anew.
     on_held: told by the browser which jog button is held, several times a second, and None when it is let go.
     on_show: told which screen is in view, "" when the browser is gone.
     on_lost: told that the browser is gone, or not reachable for now.
@@ -69,7 +68,6 @@ class Live:
         self.page_id = page_id
         self.screen = ""
         self.building: str | None = None
-        self.connection = 0
         self.on_held: list[Held] = []
         self._listeners: dict[str, Callable[[Any], object]] = {}
         self.on_show: list[Callable[[str], None]] = []
@@ -109,7 +107,8 @@ class Live:
     def stream(self, element: ui.element, kind: Kind, take: Take) -> None:
         """Let a browser have all of something that goes on: ``take`` gives what came since it was last asked, or None.
 
-        It is told True when the browser has nothing yet.
+        It is told True when the browser has nothing yet. Of the kind lines, all wait for an element that is not there
+        yet; of others, the newest does.
         """
         self._streams.append(_Stream(element.id, kind, take, self.building))
 
@@ -125,7 +124,6 @@ class Live:
     async def serve(self, socket: WebSocket) -> None:
         """Send changes until the browser goes away. It may come back: then everything is sent again."""
         await socket.accept()
-        self.connection += 1
         for binding in self._bindings:
             binding.last = _NEVER
         for stream in self._streams:

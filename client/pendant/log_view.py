@@ -26,7 +26,6 @@ class LogView:
         self._cleared = 0  # number of the last event that is not shown any more
         self._seen = 0
         self._state: object = None
-        self._change: list[Any] | None = None
 
     def clear(self) -> None:
         """Show only what comes from now on; the log itself stays."""
@@ -41,24 +40,20 @@ class LogView:
         """All kept events that pass the filter, oldest first, also those cleared from view."""
         return [event for event in self._log.events if self._passes(event)]
 
-    def change(self, connection: int) -> list[Any] | None:
-        """[whether what is shown goes, lines to add] for a browser that has everything up to the last call.
+    def take(self, fresh: bool) -> list[Any] | None:
+        """[whether what is shown goes, lines to add] since this was last asked, None for nothing.
 
-        The same list as before when nothing is new. connection: a new one begins with nothing.
+        fresh: the browser has nothing yet.
         """
-        state = (connection, self._cleared, self.words, frozenset(self.severities))
-        if state != self._state:
+        state = (self._cleared, self.words, frozenset(self.severities))
+        if fresh or state != self._state:
             self._state, self._seen = state, self._log.count
-            self._change = [True, [_row(event) for event in self._newest()]]
-        elif not self.paused and self._seen != self._log.count:
-            self._add(self._log.since(self._seen))
-            self._seen = self._log.count
-        return self._change
-
-    def _add(self, events: list[Event]) -> None:
-        rows = [_row(event) for event in events if self._passes(event)]
-        if rows:
-            self._change = [len(rows) >= SHOWN, rows[-SHOWN:]]
+            return [True, [_row(event) for event in self._newest()]]
+        if self.paused or self._seen == self._log.count:
+            return None
+        rows = [_row(event) for event in self._log.since(self._seen) if self._passes(event)]
+        self._seen = self._log.count
+        return [len(rows) >= SHOWN, rows[-SHOWN:]] if rows else None
 
     def _newest(self) -> list[Event]:
         shown = (event for event in self._log.latest() if self._passes(event) and event.number > self._cleared)

@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Final
 
-from nicegui import ui
+from nicegui import background_tasks, ui
 
 from client import dashboard
 from client.errors import ClientError
@@ -77,6 +77,10 @@ class Page:
 
         return click
 
+    def soon(self, action: Action) -> None:
+        """Begin to do it, from where nothing can be waited for; what goes wrong is said."""
+        background_tasks.create(self.attempt(action))
+
     async def play(self) -> None:
         """Start or resume the program; a control program of ours gives way."""
         if not await self.may_move():
@@ -95,21 +99,31 @@ class Page:
         """Whether the arm may be moved from here: on a robot a person has to agree, once a page."""
         if self.agreed:
             return True
+        text = f"The arm at {self.station.robot_ip} is going to move. Is its workspace clear?"
+        self.confirmed = await self.confirm("This is a real robot", text, "It may move", "may-move")
+        return self.confirmed
+
+    async def confirm(self, title: str, text: str, yes: str, mark: str = "agree") -> bool:
+        """Ask whoever is at this browser. mark: the test id of the button that agrees."""
         with self._content, ui.dialog() as dialog, ui.card():
-            ui.label("This is a real robot").classes("text-h6")
-            ui.label(f"The arm at {self.station.robot_ip} is going to move. Is its workspace clear?")
+            ui.label(title).classes("text-h6")
+            ui.label(text)
             with ui.row().classes("w-full justify-end"):
                 ui.button("Cancel", on_click=lambda: dialog.submit(False)).props("flat")
-                ui.button("It may move", on_click=lambda: dialog.submit(True)).props("data-testid=may-move")
+                ui.button(yes, on_click=lambda: dialog.submit(True)).props(f"data-testid={mark}")
             dialog.on("hide", dialog.delete)  # deleted before, its veil may stay
-        self.confirmed = bool(await dialog)
-        return self.confirmed
+        return bool(await dialog)
 
     def _stop_when_let_go(self, held: Any) -> None:
         if held is None:
             self.station.mover.release(self)
 
     # parts that look alike everywhere
+
+    def show_if(self, element: ui.element, read: Callable[[Station], bool]) -> None:
+        """Show an element only while it is true; from the beginning."""
+        element.set_visibility(read(self.station))
+        self.live.effect(read, element.set_visibility)
 
     @contextmanager
     def panel(self, title: str, classes: str = "") -> Iterator[ui.card]:

@@ -1,13 +1,11 @@
 """Poses somebody has saved: joint angles by name, for each model of arm, in a file that all browsers share."""
 
-import json
-import os
 from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
-from client.errors import FileError
+from client.pendant import own_file
 from urproto.robots import Joints
 
 __all__ = ["BUILT_IN", "Poses"]
@@ -59,13 +57,13 @@ class Poses:
 
     def _all(self) -> dict[str, dict[str, Joints]]:
         if self._read is None:
-            self._read = {} if self._path is None else _loaded(self._path)
+            self._read = {} if self._path is None else own_file.read(self._path, _parsed, "poses") or {}
         return self._read
 
     def _change(self, model: str, poses: dict[str, Joints]) -> None:
         changed = self._all() | {model: poses}
         if self._path is not None:
-            _store(self._path, changed)
+            own_file.write(self._path, changed)
         self._read = changed
         self.version += 1
 
@@ -90,24 +88,5 @@ def _is_angle(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
 
 
-def _loaded(path: Path) -> dict[str, dict[str, Joints]]:
-    try:
-        content: Any = json.loads(path.read_text("utf-8"))
-        return {model: {name: _six(q) for name, q in poses.items()} for model, poses in content.items()}
-    except FileNotFoundError:
-        return {}
-    except OSError as error:
-        raise FileError(path, error.strerror or str(error)) from error
-    except (ValueError, AttributeError) as error:  # UnicodeError and JSONDecodeError are ValueErrors
-        raise FileError(path, f"these are no poses: {error}; move the file away") from error
-
-
-def _store(path: Path, poses: Mapping[str, Mapping[str, Joints]]) -> None:
-    """Whole or not at all: a new file takes the place of the old one."""
-    new = path.with_name(f"{path.name}.new")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        new.write_text(json.dumps(poses, indent=1) + "\n", "utf-8")
-        os.replace(new, path)
-    except OSError as error:
-        raise FileError(path, error.strerror or str(error)) from error
+def _parsed(content: Any) -> dict[str, dict[str, Joints]]:
+    return {model: {name: _six(q) for name, q in poses.items()} for model, poses in content.items()}

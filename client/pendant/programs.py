@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 __all__ = ["NOTHING_SHOWN", "Node", "Programs", "ShownProgram"]
 
-_LOOK_AGAIN_S: Final = 2.0
+_LOOK_AGAIN_S: Final = 1.0
+_LOADED_AGAIN_S: Final = 5.0  # each time is a connection to the dashboard, of which robots have few
 _LINE: Final = "script_control_line"
 _LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 
@@ -106,17 +107,35 @@ class Programs:
     # what it tells when asked
 
     async def follow(self, station: "Station") -> None:
-        """Ask again when something happened, and now and then, for ever."""
+        """Ask again when something happened, and now and then which program is loaded, for ever."""
+        asked_s, emulated = -_LOADED_AGAIN_S, None
+        clock = asyncio.get_running_loop().time
         while True:
-            self._changed.clear()
-            if station.connected:
+            if station.connected and (self._changed.is_set() or clock() - asked_s >= _LOADED_AGAIN_S):
+                asked_s = clock()
                 with suppress(*_LOST):
-                    self.loaded = await station.ask(dashboard.LOADED_PROGRAM)
-                with suppress(BehindError):
-                    self.shown = await self._look_at(station)
-            self.draft.look(asyncio.get_running_loop().time())
+                    await self._ask_loaded(station)
+            if self._changed.is_set() or station.behind.available != emulated:
+                self._changed.clear()
+                available = station.behind.available
+                emulated = available if await self._see(station) else None  # then once more
+            self.draft.look(clock())
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._changed.wait(), _LOOK_AGAIN_S)
+
+    async def _ask_loaded(self, station: "Station") -> None:
+        loaded = await station.ask(dashboard.LOADED_PROGRAM)
+        if loaded != self.loaded:
+            self.loaded = loaded
+            self.look()
+
+    async def _see(self, station: "Station") -> bool:
+        try:
+            self.shown = await self._look_at(station)
+        except (BehindError, KeyError, TypeError):  # gone, or an emulator of another version
+            self.shown = NOTHING_SHOWN
+            return False
+        return True
 
     async def _look_at(self, station: "Station") -> ShownProgram:
         if "program" in station.behind.verbs and station.behind.available:

@@ -1,6 +1,7 @@
 """One robot as a pendant knows it: what it says, and what can be asked of it. All browsers share it."""
 
 import asyncio
+import socket
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
@@ -22,13 +23,16 @@ from client.pendant.port_registers import PortRegisters
 from client.pendant.poses import Poses
 from client.pendant.programs import Programs
 from client.pendant.stops import Stops
+from client.pendant.tools import Tools
 from client.pendant.variables import Variables
 from client.primary import PrimaryClient, PrimaryCore
 from client.robot import AsyncRobot
 from client.rtde import RTDEClient
+from urproto.dashboard import NOT_IN_REMOTE_CONTROL
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.ports import CONTROL_API_PORT, CONTROLLER_PORTS
+from urproto.primary.messages import ErrorCodeMessage
 from urproto.primary.state import ConfigurationData
 from urproto.robots import RobotModel
 from urproto.versions import PolyscopeVersion
@@ -50,10 +54,12 @@ OUTPUTS: Final = (
     "standard_analog_input0", "standard_analog_input1", "standard_analog_output0", "standard_analog_output1",
     "tool_analog_input_types", "tool_analog_input0", "tool_analog_input1", "tool_output_voltage",
     "tool_output_current", "tool_temperature", "tool_mode", "actual_robot_voltage", "actual_robot_current",
-    "actual_main_voltage",
+    "actual_main_voltage", "target_gravity",
 )  # fmt: skip
 _SILENCE_S: Final = 1.0  # guess: a robot that says nothing for so long is lost
+_LONG_SILENCE_S: Final = 4.0  # guess: a collection would rather have a late state than a gap
 _REMOTE_EVERY_S: Final = 2.0
+_READ_ONLY_CODE: Final = 210  # of a script over a connection that was made in local control
 _AGAIN_S: Final = 0.5  # between attempts to reach it
 _LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 
@@ -65,7 +71,7 @@ class Station:
     log, variables, dialogues, stops, programs: collected from its messages and states. connected: the state comes.
     trouble: why it does not. behind: an emulator's control API, which a robot has not. remote_control: e-Series from
     5.6. frame: how many states came. feeds: states of other recipes. port_registers: what its Modbus server keeps for
-    anybody. meshes: folder of the user's. poses: those somebody saved.
+    anybody. meshes: folder of the user's. poses, tools: poses and TCPs that somebody saved.
     """
 
     def __init__(
@@ -77,6 +83,7 @@ class Station:
         token: str = "",
         meshes: Path | None = None,
         poses: Path | None = None,
+        tools: Path | None = None,
     ) -> None:
         self.robot_ip = robot_ip
         self.ports: Mapping[str, int] = {
@@ -102,11 +109,14 @@ class Station:
         self.behind = Behind(
             robot_ip, CONTROL_API_PORT + port_offset if control_port is None else control_port, token, self.wake
         )
-        self.remote_control = Asked(lambda: self.ask(dashboard.IS_IN_REMOTE_CONTROL), _REMOTE_EVERY_S, self.wake)
+        self.remote_control = Asked(self._ask_remote_control, _REMOTE_EVERY_S, self.wake)
+        self.tools = Tools(tools)
         self.feeds = Feeds(self._open_feed)
         self.port_registers = PortRegisters(robot_ip, self.ports["modbus"])
         self.mover = Mover(self._open_robot)
         self._primary: PrimaryClient | None = None
+        self._read_only = False  # the primary connection takes no scripts, another one may
+        self._sent = False  # a script, over this connection
         self._core = PrimaryCore()
         self._arm: ConfigurationData | None = None
         self._model: RobotModel | None = None
@@ -170,6 +180,16 @@ class Station:
         except ValueError:  # newer robots may have more
             return unknown
 
+    @property
+    def own_address(self) -> str:
+        """Of this machine, as the robot would reach it; empty when there is no way there."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # connecting sends nothing
+            try:
+                probe.connect((self.robot_ip, self.ports["rtde"]))
+            except OSError:
+                return ""
+            return str(probe.getsockname()[0])
+
     async def next_frame(self) -> None:
         """Wait until there is something new to show."""
         await self._news.wait()
@@ -177,14 +197,31 @@ class Station:
     # what can be asked of it
 
     async def ask(self, operation: Operation[Answer]) -> Answer:
-        """Do a dashboard operation. Raises RobotRefused when the robot says no, ClientError."""
-        async with DashboardClient(self.robot_ip, self.ports["dashboard"]) as board:
-            return await board.ask(operation)
+        """Do a dashboard operation. Raises RobotRefused when the robot says no, ClientError.
+
+        An e-Series robot in local control takes orders from its own pendant only; of an emulator, that is this one.
+        """
+        try:
+            async with DashboardClient(self.robot_ip, self.ports["dashboard"]) as board:
+                return await board.ask(operation)
+        except RobotRefused as refused:
+            if refused.answer != NOT_IN_REMOTE_CONTROL or not self.behind.available:
+                raise
+        return operation.answer(await self.behind.call("dashboard", line=operation.line))
+
+    async def _ask_remote_control(self) -> bool | None:
+        """None for a robot that knows no such thing. One that changes takes scripts of new connections only."""
+        if self.version is None or not dashboard.IS_IN_REMOTE_CONTROL.available.covers(self.version):
+            return None
+        before, remote = self.remote_control.last, await self.ask(dashboard.IS_IN_REMOTE_CONTROL)
+        self._read_only |= remote and before is False
+        return remote
 
     async def send_script(self, text: str) -> None:
         """Hand a script to the primary interface, whatever becomes of it. Raises ClientError."""
         if self._primary is None:
             raise RobotUnreachableError(self.robot_ip, self.ports["primary"], "its primary interface is not connected")
+        self._sent = True
         await self._primary.run(self._primary.core.send_script(text))
 
     async def say(self, *statements: str) -> None:
@@ -207,14 +244,14 @@ class Station:
     def _open_robot(self) -> AsyncRobot:
         return AsyncRobot(self.robot_ip, robot_ports=self.ports, frequency_hz=Mover.RATE_HZ)
 
-    def _open_feed(self, names: Sequence[str], rate_hz: float) -> RTDEClient:
+    def _open_feed(self, names: Sequence[str], rate_hz: float, timeout_s: float = _LONG_SILENCE_S) -> RTDEClient:
         return RTDEClient(
             self.robot_ip,
             names,
             frequency_hz=rate_hz,
             ignore_unavailable=True,
             port=self.ports["rtde"],
-            timeout_s=_SILENCE_S,
+            timeout_s=timeout_s,
         )
 
     # the connections
@@ -229,7 +266,7 @@ class Station:
             await asyncio.sleep(_AGAIN_S)
 
     async def _follow_states(self) -> None:
-        async with self._open_feed(OUTPUTS, FRAME_HZ) as client:
+        async with self._open_feed(OUTPUTS, FRAME_HZ, _SILENCE_S) as client:
             self.version, self.unavailable = client.core.version, client.core.unavailable
             while True:
                 self.values = await self._patiently(client.latest)
@@ -249,13 +286,15 @@ class Station:
     async def _follow_messages(self) -> None:
         async with PrimaryClient(self.robot_ip, self.ports["primary"]) as client:
             self._primary, self._core = client, client.core
-            while True:
+            self._read_only = self._sent = False
+            while not self._read_only:
                 message = await self._patiently(lambda: client.run(client.core.next_message()))
                 self.log.hear(message)
                 self.variables.hear(message)
                 self.dialogues.hear(message)
                 self.stops.hear(message)
                 self.programs.hear(message)
+                self._read_only |= self._sent and _says_read_only(message)
 
     async def _patiently(self, wait: Callable[[], Awaitable[Answer]]) -> Answer:
         """What comes next, however long time is paused."""
@@ -274,6 +313,10 @@ class Station:
         """Something other than the state is new: let the pages look."""
         news, self._news = self._news, asyncio.Event()
         news.set()
+
+
+def _says_read_only(message: object) -> bool:
+    return isinstance(message, ErrorCodeMessage) and message.code == _READ_ONLY_CODE
 
 
 async def _cancel(task: "asyncio.Task[Any]") -> None:

@@ -11,7 +11,7 @@ _LONGEST: Final = 400  # characters of a value on the screen
 
 
 class Variables:
-    """values: by name, in the order of the program. revision: counts what was heard. names: all, in that order."""
+    """names: all, in the order of the program. values: by name. revision: counts what was heard; program: the names."""
 
     def __init__(self) -> None:
         self.names: list[str] = []
@@ -27,13 +27,20 @@ class Variables:
     def hear(self, message: object) -> None:
         """Take note of names, which come when a program starts, and of values."""
         if isinstance(message, GlobalVariableNames):
-            self.names[message.start_index :] = message.names
-            del self._values[message.start_index :]
-            self.revision += 1
-            self.program += 1
-        elif isinstance(message, GlobalVariableValues) and message.start_index <= len(self._values):
-            self._values[message.start_index : message.start_index + len(message.values)] = message.values
-            self.revision += 1
+            self._rename(message.start_index, message.names)
+        elif isinstance(message, GlobalVariableValues):
+            start, values = message.start_index, message.values
+            if not values and not start and self.names:  # all that is heard of a program without variables
+                self._rename(0, ())
+            elif start <= len(self._values):
+                self._values[start : start + len(values)] = values
+                self.revision += 1
+
+    def _rename(self, start: int, names: tuple[str, ...]) -> None:
+        self.names[start:] = names
+        del self._values[start:]
+        self.revision += 1
+        self.program += 1
 
     def rows(self) -> list[tuple[str, str]]:
         """Kind and text of each value that has come, in the order of the names."""
@@ -45,30 +52,26 @@ class VariablesView:
 
     def __init__(self, variables: Variables) -> None:
         self._variables = variables
-        self._state: object = None
+        self._program = -1
         self._revision = -1
         self._rows: list[tuple[str, str]] = []
-        self._change: list[Any] | None = None
 
-    def change(self, connection: int) -> list[Any] | None:
-        """[names of a new program or None, {index: [kind, text]}] for a browser that has what was sent before.
+    def take(self, fresh: bool) -> list[Any] | None:
+        """[names of a new program or None, {index: [kind, text]}] since this was last asked, None for nothing.
 
-        The same list as before when nothing is new. connection: a new one begins with nothing.
+        fresh: the browser has nothing yet.
         """
         variables = self._variables
-        state = (connection, variables.program)
-        if state != self._state:
-            self._state, self._rows = state, variables.rows()
-            self._revision = variables.revision
-            self._change = [variables.names[:_MOST_SHOWN], dict(enumerate(self._rows))]
-        elif self._revision != variables.revision:
-            self._revision = variables.revision
-            before, self._rows = self._rows, variables.rows()
-            known = len(before)
-            changed = {i: row for i, row in enumerate(self._rows) if i >= known or row != before[i]}
-            if changed:
-                self._change = [None, changed]
-        return self._change
+        if not fresh and self._revision == variables.revision:
+            return None
+        anew = fresh or self._program != variables.program
+        before = [] if anew else self._rows
+        self._program, self._revision, self._rows = variables.program, variables.revision, variables.rows()
+        known = len(before)
+        changed = {i: row for i, row in enumerate(self._rows) if i >= known or row != before[i]}
+        if anew:
+            return [variables.names[:_MOST_SHOWN], changed]
+        return [None, changed] if changed else None
 
 
 def kind_of(value: Value) -> str:

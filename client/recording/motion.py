@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 
 _KNOTS_S: Final = 0.04  # apart where that is dense enough; guess
 _TOLERANCE_RAD: Final = 5e-4  # of the splines; guess: an arm follows its targets no better
-_GAP: Final = 10.0  # recorded periods without a state; guess
+_GAP: Final = 10.0  # recorded periods without a state, where speeds are not recorded; guess
+_GAP_S: Final = 0.1  # where they are: a spline between two states is then off by some mrad at most; guess
 _MOVED_RAD: Final = 2e-3  # within a gap; guess
 _NAMES: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 _DOING: Final = "the replay"
@@ -114,20 +115,21 @@ def joint_path(recording: Recording, speed: float = 1.0) -> JointPath:
     q = np.asarray(recording["target_q" if "target_q" in recording else "actual_q"], float)
     time_s = recording.time_s
     kept = np.concatenate(([True], np.diff(time_s) > 0.0))
-    time_s, q = time_s[kept] - time_s[kept][0], q[kept]
+    qd = _speeds(recording)
+    time_s, q, qd = time_s[kept] - time_s[kept][0], q[kept], None if qd is None else qd[kept]
     if len(time_s) < 3:
         raise RecordingError(f"{len(time_s)} states are no path: record at least a second of a motion")
     if not np.isfinite(q).all():
         raise RecordingError("the recorded joint angles are not all numbers")
-    _check_gaps(time_s, q)
-    path = _dense_enough(time_s, q)
+    _check_gaps(time_s, q, 0.0 if qd is None else _GAP_S)
+    path = _dense_enough(time_s, q, np.gradient(q, time_s, axis=0) if qd is None else qd)
     return JointPath(path.time_s / speed, path.q_rad, path.qd_rad_s * speed, speed)
 
 
-def _check_gaps(time_s: Array, q: Array) -> None:
+def _check_gaps(time_s: Array, q: Array, allowed_s: float) -> None:
     steps = np.diff(time_s)
     moved = np.max(np.abs(np.diff(q, axis=0)), axis=1)
-    gaps = np.flatnonzero((steps > _GAP * np.median(steps)) & (moved > _MOVED_RAD))
+    gaps = np.flatnonzero((steps > max(_GAP * float(np.median(steps)), allowed_s)) & (moved > _MOVED_RAD))
     if len(gaps):
         first = int(gaps[0])
         raise RecordingError(
@@ -136,8 +138,15 @@ def _check_gaps(time_s: Array, q: Array) -> None:
         )
 
 
-def _dense_enough(time_s: Array, q: Array) -> JointPath:
-    qd = np.gradient(q, time_s, axis=0)
+def _speeds(recording: Recording) -> Array | None:
+    """As they were asked of the joints: where states are missing, differences of angles are jerks."""
+    if "target_q" not in recording or "target_qd" not in recording:
+        return None
+    qd = np.array(recording["target_qd"], float)
+    return qd if np.isfinite(qd).all() else None
+
+
+def _dense_enough(time_s: Array, q: Array, qd: Array) -> JointPath:
     qd[[0, -1]] = 0.0
     stride = max(1, round(_KNOTS_S / float(np.median(np.diff(time_s)))))
     while True:

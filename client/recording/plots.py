@@ -78,7 +78,7 @@ def deviations(recording: Recording, kind: str = "q", controller: str | None = N
 
 def draw(
     recording: Recording,
-    path: Path,
+    path: Path | str,
     title: str = "",
     *,
     controller: str | None = None,
@@ -90,6 +90,7 @@ def draw(
     `Recording.tracking`. limit_rad: a line where the deviation from the path should stay below.
     Raises RecordingError.
     """
+    path = Path(path)
     if path.suffix.lower() not in FORMATS:
         raise RecordingError(f"{path} is none of the formats of pictures: {', '.join(FORMATS)}")
     with extra("plots", "drawing"):
@@ -241,8 +242,9 @@ def _draw_path_deviation(axes: "Axes", picture: _Picture) -> None:
 
 
 def _draw_speed(axes: "Axes", picture: _Picture) -> None:
-    for label, values in _speeds(picture.recording).items():
-        axes.plot(picture.recording.time_s, 100.0 * values, linewidth=1.2, label=label)
+    styles = (_DESIRED, _ACTUAL)  # they lie on each other, most of the time
+    for (label, values), style in zip(_speeds(picture.recording).items(), styles, strict=False):
+        axes.plot(picture.recording.time_s, 100.0 * values, color="black", label=label, **style)
     axes.set_ylabel("speed [%]")
     axes.set_ylim(-5.0, 110.0)
     axes.set_yticks((0, 50, 100))

@@ -85,7 +85,7 @@ class Participant:
 
     def __enter__(self) -> Self:
         with _explained(f"domain {self._domain.id}"):
-            self._dds.append(DDSDomain(self._domain.id, self._domain.config))
+            self._dds.append(_created(self._domain))
             self._participant = DomainParticipant(self._domain.id, Qos(Policy.Userdata(data=_ENCLAVE)))
             self._stop = GuardCondition(self._participant)
             self._waitset = WaitSet(self._participant)
@@ -265,6 +265,16 @@ def _qos(kind: MessageType, latched: bool, depth: int) -> Qos:
     else:
         policies.append(Policy.Durability.Volatile)
     return Qos(*policies)
+
+
+def _created(domain: Domain) -> DDSDomain:
+    *others, last = domain.configs
+    for config in others:
+        try:
+            return DDSDomain(domain.id, config)
+        except DDSException:  # CycloneDDS has written why
+            continue
+    return DDSDomain(domain.id, last)
 
 
 _POLICIES: Final = {2: "durability", 4: "deadline", 8: "liveliness", 11: "reliability", 23: "data representation"}

@@ -1,7 +1,8 @@
 """Where ROS 2 looks for others: a DDS domain, set up as rmw_cyclonedds does it from the same variables.
 
 Source: rcl (domain_id.c, localhost.c, discovery_options.c, init.c) and rmw_cyclonedds of 2024. What CYCLONEDDS_URI
-says comes last and so has the last word, as there.
+says comes last and so has the last word, as there. Other than there, nodes of this machine are looked for by loopback
+too: some of Fast DDS are nowhere else, and were not found otherwise (measured).
 """
 
 import os
@@ -16,6 +17,7 @@ __all__ = ["Domain", "read_domain"]
 
 _HIGHEST: Final = 232  # the last one whose UDP ports exist
 _PARTICIPANTS: Final = 32  # that are looked for on one machine; rmw_cyclonedds
+_NAMES_INTERFACES: Final = "NetworkInterface"
 _DEFAULT: Final = "SUBNET"
 _RANGES: Final = {
     "SUBNET": "every node of the network",
@@ -27,13 +29,14 @@ _RANGES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Domain:
-    """A domain, CycloneDDS's configuration for it, and in words who is found there.
+    """A domain, and in words who is found there.
 
+    configs: CycloneDDS's configuration for it; the first that fits this machine's network is to be taken.
     notes: what in the environment was not understood.
     """
 
     id: int
-    config: str
+    configs: tuple[str, ...]
     reach: str
     notes: tuple[str, ...] = ()
 
@@ -44,9 +47,13 @@ def read_domain(environment: Mapping[str, str] = os.environ, domain_id: int | No
     if not 0 <= number <= _HIGHEST:
         raise Ros2Error(f"{number} is no domain: they are numbered from 0 to {_HIGHEST}")
     reach, peers, notes = _reach(environment)
-    config = ",".join(part for part in (_config(reach, peers), environment.get("CYCLONEDDS_URI", "")) if part)
+    last_word = environment.get("CYCLONEDDS_URI", "")
+    configs = [
+        ",".join(part for part in (_config(reach, peers, interfaces), last_word) if part)
+        for interfaces in _interfaces(reach, last_word)
+    ]
     words = _RANGES[reach] + (f" and of {', '.join(peers)}" if peers else "")
-    return Domain(number, config, words, tuple(notes))
+    return Domain(number, tuple(configs), words, tuple(notes))
 
 
 def _domain_id(text: str) -> int:
@@ -76,10 +83,21 @@ def _reach(environment: Mapping[str, str]) -> tuple[str, list[str], list[str]]:
     return reach, peers, notes
 
 
-def _config(reach: str, peers: list[str]) -> str:
+def _interfaces(reach: str, last_word: str) -> list[str]:
+    """What to choose from."""
+    if reach != "LOCALHOST" or _NAMES_INTERFACES in last_word or last_word.startswith("file:"):
+        return [""]
+    loopback = f'<{_NAMES_INTERFACES} address="127.0.0.1" priority="0" multicast="false"/>'
+    usual = f'<{_NAMES_INTERFACES} autodetermine="true" priority="10"/>'
+    # a machine without a network: what is usual is loopback already, and twice would be an error
+    return [f"<Interfaces>{chosen}</Interfaces>" for chosen in (usual + loopback, loopback)]
+
+
+def _config(reach: str, peers: list[str], interfaces: str) -> str:
     if reach == "SYSTEM_DEFAULT":
         return ""
-    general = "" if reach == "SUBNET" else "<General><AllowMulticast>false</AllowMulticast></General>"
+    alone = "" if reach == "SUBNET" else "<AllowMulticast>false</AllowMulticast>"
+    general = f"<General>{interfaces}{alone}</General>" if interfaces or alone else ""
     if reach == "OFF":  # nobody else has this tag
         discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
     else:

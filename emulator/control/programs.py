@@ -1,16 +1,17 @@
 """Verbs about programs and what they say."""
 
 from collections.abc import Generator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from emulator import dashboard
 from emulator.control.base import ControlBase, Waiting
-from emulator.control.verbs import verb
+from emulator.control.verbs import BadArguments, verb
 from emulator.programs.compiling import Submission, in_periods
 from emulator.programs.listing import program_files
 from emulator.programs.trees.outline import OutlineNode, outline_steps
 from emulator.programs.trees.program import TreeError
+from emulator.programs.urcap import DriverAddress
 from urscript.work import Steps
 
 if TYPE_CHECKING:
@@ -58,6 +59,25 @@ class ProgramVerbs(ControlBase):
         """The last lines of the controller's log, oldest first."""
         history = self.controller.messages.history
         return list(history)[-lines:] if lines > 0 else []
+
+    @verb
+    def external_control(self) -> dict[str, str | int]:
+        """Where External Control nodes ask for their program when they are played: host and port of the driver."""
+        host, port = self.controller.external_control.complete
+        return {"host": host, "port": port}
+
+    @verb
+    def set_external_control(self, host: str | None = None, port: int | None = None) -> None:
+        """Fill in the URCap's page: where External Control nodes ask for their program from now on.
+
+        What is left out is the installation's, or else the URCap's own, 192.168.56.1 and 50002.
+        """
+        if host is not None and (not host.strip() or any(letter.isspace() for letter in host.strip())):
+            raise BadArguments(f"{host!r} is no host: give an address or a name")
+        if port is not None and not 0 < port < 65536:
+            raise BadArguments(f"there is no port {port}: they are 1 to 65535")
+        address = DriverAddress(None if host is None else host.strip(), port)
+        self.controller.config = replace(self.controller.config, external_control=address)
 
 
 def _answered(answer: str | Waiting[str | None] | None) -> Waiting[str]:

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from emulator.motion.faults import MotionFault
 from emulator.motion.frame_tracking import FrameTracking
 from emulator.motion.path_offset import OffsetFrame, PathOffset
-from emulator.motion.stepping import Move, Stepper
+from emulator.motion.stepping import Move
+from emulator.motion.stopping import StoppingStepper
 from emulator.motion.superposition import Kind, Source, Superposition
 from emulator.motion.vectors import ZERO, as_six
 from urproto.robots.pose import Pose
@@ -13,7 +14,7 @@ from urproto.robots.pose import Pose
 __all__ = ["DisplacingStepper"]
 
 
-class DisplacingStepper(Stepper):
+class DisplacingStepper(StoppingStepper):
     """A stepper whose path can be displaced."""
 
     def enable_path_offset(self) -> None:

@@ -50,7 +50,7 @@ class Motion(DisplacingStepper):
 
     def movej(self, q: Sequence[float], *, a: float = 1.4, v: float = 1.05, t: float = 0.0, r: float = 0.0) -> Move:
         """Joint line to q; ``a`` and ``v`` of the leading joint [rad/s2, rad/s]; t > 0 [s] overrides both; r [m]."""
-        fault = _not_usable("movej", (*q, t, r), a, v, t) or self._outside(as_six(q))
+        fault = _not_usable("movej", (*q, t, r), a, v, t) or self._limits.outside(as_six(q))
         if fault is not None:
             return self._refuse(fault)
         goal = as_six(q)
@@ -130,11 +130,7 @@ class Motion(DisplacingStepper):
         fastest = largest(qd)
         if fastest == 0.0:
             return None
-        duration = fastest / _HANDOVER_RAD_S2
-        for position, speed, low, high in zip(q, qd, self._q_min, self._q_max, strict=True):
-            room = high - position if speed > 0.0 else position - low
-            if speed:
-                duration = min(duration, 2.0 * max(room, 0.0) / abs(speed))
+        duration = min(fastest / _HANDOVER_RAD_S2, *self._limits.longest_stop(q, qd))
         return Coast(q, qd, duration) if duration > 0.0 else None
 
     def abort(self) -> None:
@@ -155,7 +151,7 @@ class Motion(DisplacingStepper):
     def servoj(self, q: Sequence[float], *, t: float, lookahead_time: float = 0.1, gain: float = 300.0) -> Move:
         """Follow q for t seconds of the program's time (one period at least), then keep heading for it."""
         numbers = (*q, t, lookahead_time, gain)
-        fault = bad_setpoint("servoj's target") if not all_finite(numbers) else self._outside(as_six(q))
+        fault = bad_setpoint("servoj's target") if not all_finite(numbers) else self._limits.outside(as_six(q))
         if fault is not None:
             return self._refuse(fault)
         servo = self._generator

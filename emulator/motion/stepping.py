@@ -11,14 +11,15 @@ from enum import Enum, auto
 
 from emulator.motion.compliance import Compliance, Pushing
 from emulator.motion.contact import Contact
-from emulator.motion.faults import MotionFault, joint_limit
+from emulator.motion.faults import MotionFault
 from emulator.motion.generator import Generator
 from emulator.motion.pacing import RAMP_RAD_S2, Excess, Pacer
 from emulator.motion.path_motion import PathMotion
 from emulator.motion.path_offset import OffsetSettings
+from emulator.motion.position_limits import PositionLimits
 from emulator.motion.reach import Reach
 from emulator.motion.speed import JointSpeed, ToolSpeed
-from emulator.motion.stops import JointStop, ToolStop, brake_together
+from emulator.motion.stops import brake_together
 from emulator.motion.superposition import Superposition
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, scaled, sub
 from emulator.motion.wrenchlimit import WrenchLimit
@@ -27,13 +28,11 @@ from urproto.robots.calibrated import kinematics_of
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Pose
 
-__all__ = ["Move", "Stepper"]
+__all__ = ["Holding", "Move", "Stepper"]
 
-_POSITION_TOLERANCE_RAD = 1e-9
 _SAME_SCALE = 1e-9
 _STEADY_S = 0.5  # Script Manual, is_steady
 _GOVERNED = (PathMotion, JointSpeed, ToolSpeed)  # streamed targets set their own pace
-_BRAKE_SHARE = 1.5  # of the highest acceleration is what the brakes slow a joint by (guess)
 _BRAKE_DAMPING = 0.25  # of force mode and freedrive once they end or pause: standing within 0.5 s (guess)
 
 
@@ -45,7 +44,9 @@ class Move:
     failed: MotionFault | None = None
 
 
-class _Mode(Enum):
+class Holding(Enum):
+    """What becomes of the movement in progress."""
+
     RUN = auto()
     PAUSE = auto()  # stand still on the path, go on later
     STOP = auto()  # stand still on the path, then forget it
@@ -70,10 +71,8 @@ class Stepper:
         self.wrench_limit: WrenchLimit | None = None  # tool_wrench_limit_set
         self.fault: MotionFault | None = None  # the last one
         self.displacement_lost: MotionFault | None = None  # the one that ended what was added to the path
-        self._q_min, self._q_max = model.position_limits
+        self._limits = PositionLimits(model, period_s)
         self._kinematics = kinematics_of(model)
-        # braking distance of a joint over the square of its move in one period
-        self._braking = as_six(1.0 / (2.0 * a * period_s**2) for a in model.qdd_max)
         self._reach = Reach(model, self._kinematics, ZERO)
         self._pacer = Pacer(model, period_s)
         self._excess: Excess | None = None
@@ -83,7 +82,7 @@ class Stepper:
         self._nominal_qd: Joints = ZERO
         self._added: Superposition | None = None  # what displaces the path
         self._compliance: Compliance | None = None
-        self._mode = _Mode.RUN
+        self._mode = Holding.RUN
         self._ramp = RAMP_RAD_S2
         self._refusal: MotionFault | None = None
         self._emergency: Generator | None = None  # braking after a fault: within the position limits by construction
@@ -133,12 +132,12 @@ class Stepper:
     @property
     def paused(self) -> bool:
         """Held by `pause` or a protective stop until `resume` (the arm may still be slowing down)."""
-        return self._mode is _Mode.PAUSE
+        return self._mode is Holding.PAUSE
 
     @property
     def stopping(self) -> bool:
         """Slowing down on the path, after which the movement is forgotten."""
-        return self._mode is _Mode.STOP
+        return self._mode is Holding.STOP
 
     @property
     def scale(self) -> float:
@@ -157,87 +156,20 @@ class Stepper:
         """The task frame of force mode in the base frame; zero without force mode."""
         return self._compliance.task.frame if self.control_mode is ControlMode.FORCE and self._compliance else ZERO
 
-    # pausing and stopping
-
-    def pause(self) -> None:
-        """Slow to a standstill on the path; `resume` goes on."""
-        self._mode, self._ramp = _Mode.PAUSE, RAMP_RAD_S2
-
-    def resume(self) -> None:
-        """Go on after `pause` or `protective_stop`."""
-        self._mode, self._ramp = _Mode.RUN, RAMP_RAD_S2
-
-    def safeguard_stop(self) -> None:
-        """As a protective stop, or as gently as a pause when transitions are soft."""
-        if self.hard_transitions:
-            self.protective_stop()
-        else:
-            self.pause()
-
-    def engage_brakes(self) -> None:
-        """Power is removed (stop category 0): brakes bring each joint to rest, and everything is forgotten."""
-        qd, qdd = self.qd, self.qdd
-        self.halt()
-        if qd != ZERO:
-            self.qd, self.qdd = qd, qdd
-            durations = (abs(speed) / (_BRAKE_SHARE * a) for speed, a in zip(self.qd, self.model.qdd_max, strict=True))
-            self._generator = self._emergency = self._brakes = JointStop(self.q, self.qd, as_six(durations))
-
-    @property
-    def braking(self) -> bool:
-        """The brakes are bringing the arm to rest."""
-        return self._brakes is not None and self._generator is self._brakes
-
     def govern(self, excess: Excess) -> None:
         """Let movements along a path be slowed down: ``excess`` tells how much too fast a step would be."""
         self._excess = excess
 
     def limit_positions(self, low: Joints, high: Joints) -> None:
         """Where the joints may go from now on [rad]."""
-        self._q_min, self._q_max = low, high
-
-    def mode_changed(self) -> None:
-        """Reduced mode begins or ends: the speed follows as quickly as the joints can, unless transitions are soft."""
-        if self.hard_transitions and self._mode is _Mode.RUN:
-            self._ramp = min(self.model.qdd_max)
-
-    def protective_stop(self) -> None:
-        """Stop on the path as quickly as the joints' acceleration limit allows; `resume` goes on."""
-        self._mode, self._ramp = _Mode.PAUSE, min(self.model.qdd_max)
-        self._hasten()
-
-    def stop(self, decel: float | None = None) -> None:
-        """Stop on the path, the leading joint slowing by ``decel`` [rad/s2], and end the movement."""
-        self._ramp = RAMP_RAD_S2 if decel is None else decel
-        if self._added is not None:
-            self._let_go()
-            self._generator = brake_together(self._nominal, self._nominal_qd, self._ramp)
-        self._mode = _Mode.STOP if self._generator is not None else _Mode.RUN
-        self._hasten()
-
-    def _hasten(self) -> None:
-        """A gentle stop of the program's becomes as quick as the one now asked for; who waits for it still does."""
-        stop = self._generator
-        if not isinstance(stop, JointStop | ToolStop) or stop is self._emergency:
-            return
-        speed = self._nominal_qd if self._beside else self.qd
-        if largest(speed) < stop.remaining_s * self._ramp:
-            self._generator = brake_together(self._nominal, speed, self._ramp)
-
-    def halt(self) -> None:
-        """Power is gone: stand still at once and forget everything."""
-        self._drop()
-        self._compliance = self._refusal = self._added = None
-        self._nominal, self._nominal_qd = self.q, ZERO
-        self.qd = self.qdd = ZERO
-        self._mode = _Mode.RUN
+        self._limits.low, self._limits.high = low, high
 
     def set_position(self, q: Joints) -> None:
         """Put the arm elsewhere. Raises ValueError while it moves, or outside the position limits."""
         position = as_six(q)
         if not self.idle:
             raise ValueError("the arm is moving: stop it before setting its position")
-        fault = self._outside(position)
+        fault = self._limits.outside(position)
         if fault is not None:
             raise ValueError(fault.text)
         self.q = self._nominal = position
@@ -269,7 +201,7 @@ class Stepper:
 
     def _next(self, fraction: float) -> tuple[Joints, bool]:
         """The next configuration, and whether the arm then stands."""
-        running = fraction if self._mode is _Mode.RUN else 0.0
+        running = fraction if self._mode is Holding.RUN else 0.0
         generator = self._generator
         nominal = self._proposal(generator, running) if generator is not None else None
         before, path = self._nominal, self._nominal if nominal is None else nominal
@@ -279,12 +211,12 @@ class Stepper:
         if self._compliance is not None:
             target = self._complied(self._compliance, here, target)
         if generator is None or generator is not self._emergency:
-            self._check(target)
+            self._limits.check(target, self.q)
         standing = True
         if generator is not None and nominal is not None:
             generator.commit(running * self.period_s)
             standing = self._account(generator)
-        elif self._mode is _Mode.STOP:
+        elif self._mode is Holding.STOP:
             self._drop()
         if self._compliance is None and self._added is None:
             self._nominal = target
@@ -304,7 +236,7 @@ class Stepper:
     def _displaced(self, added: Superposition, path: Joints) -> tuple[Joints, Joints]:
         """Where its sources take the path, before and after this period."""
         before = added.q
-        return before, added.advance(self._reach, path, None if self._mode is _Mode.RUN else self._ramp)
+        return before, added.advance(self._reach, path, None if self._mode is Holding.RUN else self._ramp)
 
     def _proposal(self, generator: Generator, running: float) -> Joints | None:
         if not generator.scaled:
@@ -312,7 +244,7 @@ class Stepper:
         speed = self._nominal_qd if self._beside else self.qd
         excess = self._excess if isinstance(generator, _GOVERNED) else None
         target = self._pacer.advance(generator, self._nominal, speed, running, self._ramp, excess)
-        if self._mode is _Mode.RUN and abs(self._pacer.scale - running) < _SAME_SCALE:
+        if self._mode is Holding.RUN and abs(self._pacer.scale - running) < _SAME_SCALE:
             self._ramp = RAMP_RAD_S2
         return target
 
@@ -330,8 +262,8 @@ class Stepper:
         if self._move is not None:
             self._move.ready = True
         self._move = None
-        if self._mode is _Mode.STOP:
-            self._mode = _Mode.RUN
+        if self._mode is Holding.STOP:
+            self._mode = Holding.RUN
 
     def _complied(self, compliance: Compliance, before: Joints, nominal: Joints) -> Joints:
         """What force mode or freedrive makes of the movement's way in this period."""
@@ -340,15 +272,9 @@ class Stepper:
             return self.q
         if self.actual_q is not None and self.actual_q != self.q:
             compliance.check(self.actual_q)
-        active = self._mode is _Mode.RUN
-        push = self.external_wrench if active else ZERO
-        gain = self.force_gain_scaling if active else 0.0
-        yielding = active and not compliance.released
-        damping = self.force_damping if yielding else max(self.force_damping, _BRAKE_DAMPING)
         try:
-            pushing = Pushing(push, self.contacts if active else ())
-            target = compliance.step(self.period_s, self.q, (before, nominal), pushing, damping, gain)
-            self._check(target)
+            target = self._yielded(compliance, (before, nominal))
+            self._limits.check(target, self.q)
         except MotionFault:
             if nominal != before:
                 raise
@@ -356,30 +282,14 @@ class Stepper:
             return self.q
         return target
 
-    def _check(self, target: Joints) -> None:
-        """Raise MotionFault when a joint could not stop before its position limit."""
-        if target == self.q:
-            return
-        for i, (now, before, low, high, braking) in enumerate(
-            zip(target, self.q, self._q_min, self._q_max, self._braking, strict=True)
-        ):
-            move = now - before
-            end = now + move * abs(move) * braking
-            if low <= now <= high and low <= end <= high:
-                continue
-            if (before > high and move <= 0.0) or (before < low and move >= 0.0):
-                continue  # outside already, as in recovery mode, and on its way back
-            margin = abs(move) + _POSITION_TOLERANCE_RAD  # the speed is the period's mean, not its end's
-            inside = low - _POSITION_TOLERANCE_RAD <= now <= high + _POSITION_TOLERANCE_RAD
-            if not (inside and low - margin <= end <= high + margin):
-                raise joint_limit(i, end, low, high)
-
-    def _outside(self, q: Joints) -> MotionFault | None:
-        for i, position in enumerate(q):
-            low, high = self._q_min[i], self._q_max[i]
-            if not low - _POSITION_TOLERANCE_RAD <= position <= high + _POSITION_TOLERANCE_RAD:
-                return joint_limit(i, position, low, high)
-        return None
+    def _yielded(self, compliance: Compliance, path: tuple[Joints, Joints]) -> Joints:
+        """Where it gives way to in this period; while the movement is held, nothing pushes."""
+        if self._mode is not Holding.RUN:
+            damping = max(self.force_damping, _BRAKE_DAMPING)
+            return compliance.step(self.period_s, self.q, path, Pushing(ZERO, ()), damping, 0.0)
+        pushing = Pushing(self.external_wrench, self.contacts)
+        damping = max(self.force_damping, _BRAKE_DAMPING) if compliance.released else self.force_damping
+        return compliance.step(self.period_s, self.q, path, pushing, damping, self.force_gain_scaling)
 
     def _fail(self, fault: MotionFault) -> None:
         self.fault = fault
@@ -391,16 +301,7 @@ class Stepper:
         self._drop()
         self._compliance = self._added = None
         self._nominal = self.q
-        self._generator = self._emergency = self._brake()
-
-    def _brake(self) -> JointStop:
-        """Each joint at its acceleration limit, harder only where the position limit is nearer than that."""
-        durations = []
-        for i, speed in enumerate(self.qd):
-            room = self._q_max[i] - self.q[i] if speed > 0.0 else self.q[i] - self._q_min[i]
-            natural = abs(speed) / self.model.qdd_max[i]
-            durations.append(min(natural, 2.0 * max(room, 0.0) / abs(speed)) if speed else 0.0)
-        return JointStop(self.q, self.qd, as_six(durations))
+        self._generator = self._emergency = self._limits.brake(self.q, self.qd)
 
     def _publish(self, q: Joints, standing: bool) -> None:
         qd = ZERO if standing else scaled(sub(q, self.q), 1.0 / self.period_s)
@@ -414,8 +315,8 @@ class Stepper:
         """Make this the movement in progress; whoever waited for the one before waits no longer."""
         if self._move is not None:
             self._move.ready = True
-        if self._mode is _Mode.STOP:
-            self._mode = _Mode.RUN
+        if self._mode is Holding.STOP:
+            self._mode = Holding.RUN
         start = self._start()
         if self._compliance is not None and self._compliance.released and self._added is None:
             self._compliance = None

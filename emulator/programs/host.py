@@ -140,3 +140,8 @@ class ProgramHost:
         """Take a dialogue back when the program ends."""
         self.dialogues = [*(earlier for earlier in self.dialogues if earlier.open), popup]
         return popup
+
+    def withdraw_dialogues(self) -> None:
+        """The program has ended: nobody waits for its dialogues any more."""
+        for popup in self.dialogues:
+            self.controller.popups.withdraw(popup)

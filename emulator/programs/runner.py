@@ -1,12 +1,9 @@
-"""Running programs: one main program, secondary programs beside it, and what happens between two.
+"""Running programs: one main program, secondary ones beside it (`emulator.programs.secondary`), what is between two.
 
 A new main program ends the running one. The old one's sockets close at once and the next
 program starts some control periods later: a driver that handles its listening socket before
 its connected ones would otherwise take the new connection for a second client. The last
 program submitted in that gap wins.
-
-A secondary program has one control period. It uses the sockets of the main program that
-runs, since the Script Manual allows it a single send but no time to open one.
 
 A program that does not compile changes nothing: the running one goes on. A long one is
 compiled over several periods (`emulator.programs.compiling`), during which the running one
@@ -17,9 +14,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from emulator.lifecycle.errorcodes import BUSY_PROTECTIVE_STOP
 from emulator.lifecycle.runstate import RunEvent, next_run_state
-from emulator.programs.busy import TOO_BUSY, busy_long, busy_too_long, describe
+from emulator.programs.busy import watch
 from emulator.programs.compiling import Compiling, Submission, WorkShare
 from emulator.programs.history import MotionHistory
 from emulator.programs.host import ProgramHost, StepHook
@@ -28,15 +24,15 @@ from emulator.programs.loading import LoadedProgram
 from emulator.programs.modbus import ModbusSignals
 from emulator.programs.outputs import RunstateOutputs
 from emulator.programs.player import Player
+from emulator.programs.secondary import SecondaryPrograms
 from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
 from emulator.programs.view import ProgramView
 from emulator.programs.watchdog import Watchdogs
 from emulator.snapshot import Snapshot
-from urproto.modes import ReportLevel, RuntimeState, SafetyMode
+from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED
-from urproto.versions import Series
 from urscript.compiler import CompiledProgram
-from urscript.runtime import Runtime, ScriptThread
+from urscript.runtime import Runtime
 from urscript.work import Steps, run_to_end
 
 if TYPE_CHECKING:
@@ -48,7 +44,6 @@ _SOCKET_GAP_S: Final = 0.012  # between closing sockets and the next program; th
 _FLAGS: Final = 32  # Script Manual, set_flag
 # Script Manual, modbus_set_runstate_dependent_choice: these, and runtime exceptions, end a program unscheduled
 _UNSCHEDULED_ENDS: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, SafetyMode.FAULT)
-_SECONDARY_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title seen on a real controller
 
 
 class Programs:
@@ -88,7 +83,7 @@ class Programs:
         self._host: ProgramHost | None = None
         self._ended = ""  # name of the program that is STOPPING
         self._next: CompiledProgram | None = None
-        self._secondary: list[CompiledProgram] = []
+        self._secondary = SecondaryPrograms(controller)
         self._not_before = 0  # step from which the next program may start
 
     # what is running
@@ -118,7 +113,7 @@ class Programs:
     @property
     def busy(self) -> bool:
         """True while a program runs, is paused, waits or is compiled."""
-        waiting = bool(self._next or self._secondary or self._compiling.waiting)
+        waiting = bool(self._next or self._secondary.waiting or self._compiling.waiting)
         return waiting or self.state is not RuntimeState.STOPPED
 
     @property
@@ -231,7 +226,7 @@ class Programs:
         self._share.new_period()
         self._settle()
         self._start_next()
-        self._run_secondary()
+        self._secondary.run(self._host)
         if self.state is RuntimeState.PLAYING:
             self._run_main()
 
@@ -304,23 +299,9 @@ class Programs:
         if main.error is not None:
             self._controller.messages.runtime_exception(main.error.line, main.error.column, main.error.message)
         if main.parked is not None:
-            self._watch_busy(main.parked)
+            watch(main, main.parked, self._controller)
         if main.finished and self._event(RunEvent.FINISH):
             self._end()
-
-    def _watch_busy(self, thread: ScriptThread) -> None:
-        """A thread computes on and on: say so, then end the program (CB3) or stop the arm (e-Series)."""
-        controller = self._controller
-        if busy_long(thread, controller.period_s):
-            argument, text = describe(thread)
-            controller.messages.error(218, argument, ReportLevel.INFO, text)
-        if not busy_too_long(thread, controller.period_s):
-            return
-        if controller.version.series is Series.E:
-            controller.protective_stop(BUSY_PROTECTIVE_STOP)
-        elif self._main is not None:
-            controller.messages.runtime_exception(*thread.position, TOO_BUSY)
-            self._main.stop()
 
     def _suspended(self, host: ProgramHost) -> bool:
         """True while a blocking popup holds the program; the arm waits on its path."""
@@ -332,26 +313,6 @@ class Programs:
         host.waiting_for = None
         self._controller.motion.resume()
         return False
-
-    def _run_secondary(self) -> None:
-        programs, self._secondary = self._secondary, []
-        for program in programs:
-            host = ProgramHost(self._controller, name=program.name, secondary=True)
-            if self._host is not None:
-                host.sockets = self._host.sockets
-            runtime = Runtime(program, host)
-            host.attach(runtime)
-            runtime.step()
-            if runtime.error is not None:
-                self._controller.messages.key(_SECONDARY_EXCEPTION, runtime.error.message)
-            elif not runtime.finished:
-                self._controller.messages.key(
-                    _SECONDARY_EXCEPTION, f"{program.name} takes physical time: Runtime is too much behind"
-                )
-            runtime.stop()
-            self._withdraw_dialogues(host)
-            if self._host is None:
-                host.sockets.close_all()
 
     # beginnings and ends
 
@@ -376,7 +337,7 @@ class Programs:
 
     def _accept(self, program: CompiledProgram) -> bool:
         if program.kind == "secondary":
-            self._secondary.append(program)
+            self._secondary.add(program)
             return True
         if not self._controller.may_play:
             self._refuse(program)
@@ -396,7 +357,7 @@ class Programs:
         if len(host.sockets):
             host.sockets.close_all()
             self._not_before = controller.step_count + host.frames(_SOCKET_GAP_S)
-        self._withdraw_dialogues(host)
+        host.withdraw_dialogues()
         self.watchdogs.clear()
         self.pause_codes.clear()
         controller.motion.end_force_mode()
@@ -406,10 +367,6 @@ class Programs:
         self.outputs.program_stopped(unscheduled=unscheduled)
         self.modbus.program_stopped(unscheduled=unscheduled)
         self._ended, self._main, self._host = host.name, None, None
-
-    def _withdraw_dialogues(self, host: ProgramHost) -> None:
-        for popup in host.dialogues:
-            self._controller.popups.withdraw(popup)
 
     def _event(self, event: RunEvent) -> bool:
         """Follow the run-state table; False when the event changes nothing."""

@@ -5,65 +5,47 @@ the new safety mode demands: stop categories, what becomes of the program, the l
 """
 
 from collections import deque
-from dataclasses import dataclass
-from math import hypot, remainder, tau
 from typing import TYPE_CHECKING, Final
 
 from emulator.lifecycle.errorcodes import StopCause
 from emulator.lifecycle.power import PowerEvent, PowerState
 from emulator.lifecycle.safety import STOP_CATEGORY, SafetyEvent, StopCategory
 from emulator.safety.causes import Cause
+from emulator.safety.conditions import Conditions
 from emulator.safety.configuration import (
     RECOVERY_LIMITS,
     LimitSet,
     SafetyConfiguration,
     SafetyInput,
-    SafetyOutput,
     elbow_radius,
     simulator_configuration,
 )
 from emulator.safety.geometry import Boundaries
 from emulator.safety.governor import TRANSITION_S, Governor, manual_limits, operational_positions
+from emulator.safety.outputs import output_levels
 from emulator.safety.signals import SafetyDevice, SafetyInputs, drive_outputs
+from emulator.safety.stops import StopMonitor, StopRecord
 from emulator.safety.supervision import Finding, Supervision
 from emulator.snapshot import Snapshot
 from urproto.modes import ControlMode, JointMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatusBits
-from urproto.versions import Availability, Series
+from urproto.versions import Availability
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["SafetyBoard", "StopRecord"]
+__all__ = ["SafetyBoard"]
 
-_TRIGGER_HYSTERESIS_M: Final = 0.02  # hardware manuals: both sets of limits are accepted there
 _STOPS_COUNTED_S: Final = 8 * 3600.0
 _MOST_STOPS: Final = 50  # dashboard manual, on C163
-_STOP_WITHIN_S: Final = 0.524  # CB3 manual: braking begins within 24 ms and takes 500 ms at most
-_REST_RAD_S: Final = 0.2  # CB3 manual: slower than this a joint counts as standing
-_MOVING_RAD_S: Final = 0.1  # user manual: output "robot moving"
-_HOME_RAD: Final = 0.0297  # 1.7 degrees: e-Series manual, safe home
 _ENABLING_BIT: Final = Availability.since(None, "5.25")
-_EMERGENCY_STOPS: Final = frozenset({SafetyEvent.ROBOT_EMERGENCY_STOP, SafetyEvent.SYSTEM_EMERGENCY_STOP})
 _HARD: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
-
-
-@dataclass(slots=True)
-class StopRecord:
-    """How the last stop went: category, how long it took and how far the tool travelled [m]."""
-
-    category: StopCategory
-    mode: SafetyMode
-    began_s: float
-    duration_s: float = 0.0
-    distance_m: float = 0.0
-    done: bool = False
 
 
 class SafetyBoard:
     """What the safety system of one controller knows beside its mode.
 
-    supply_lost: the arm has no 48 V. joint_at_fault: the joint to blame for a violation or fault. last_stop: how
-    the arm was stopped the last time. safety_popup: text of the dialogue of a stop, empty when it is closed.
+    supply_lost: the arm has no 48 V. joint_at_fault: the joint to blame for a violation or fault.
+    safety_popup: text of the dialogue of a stop, empty when it is closed.
     """
 
     def __init__(self, controller: "Controller") -> None:
@@ -74,20 +56,24 @@ class SafetyBoard:
         self.boundaries = Boundaries(self.configuration, elbow_radius(model))
         self.governor = Governor(model, controller.arm, controller.period_s, self.limits)
         self.supervision = Supervision(model, controller.period_s, self_collision=controller.config.self_collision)
+        self._conditions = Conditions(controller, self.configuration, self.inputs, self.boundaries, self.supervision)
+        self._stop_monitor = StopMonitor(controller)
         self.supply_lost = False
         self.joint_at_fault: int | None = None
-        self.last_stop: StopRecord | None = None
         self.safety_popup = ""
         self.freedrive_held = False
-        self._raised: set[SafetyEvent] = set()  # lasting conditions that inputs, positions and devices hold up
         self._operational_mode = ""
         self._power = PowerState.OFF
         self._stops: list[deque[float]] = [deque(maxlen=_MOST_STOPS + 1) for _ in range(6)]
         self._lenient_until_s = 0.0  # both sets of limits count until then
-        self._beyond_trigger = False
         self._resume = False  # the program was playing when the safeguard opened
         self._checksum = self.configuration.checksum
         self._positions_apply()
+
+    @property
+    def last_stop(self) -> StopRecord | None:
+        """How the arm was stopped the last time; None if it never was."""
+        return self._stop_monitor.last
 
     # limits in force
 
@@ -104,7 +90,7 @@ class SafetyBoard:
         """Manual mode, with an enabling device that has to be held."""
         controller = self._controller
         wired = self.inputs.assigned(SafetyInput.ENABLING_DEVICE)
-        known = wired or SafetyEvent.ENABLING_RELEASED in self._raised
+        known = wired or SafetyEvent.ENABLING_RELEASED in self._conditions.raised
         return known and controller.operational_mode == "MANUAL"
 
     def _limits_changed(self) -> None:
@@ -128,30 +114,33 @@ class SafetyBoard:
         if controller.power.state is not self._power:
             self._power = controller.power.state
             if self._power in (PowerState.IDLE, PowerState.RUNNING):
-                self._look_where_it_stands()
+                self._conditions.look_where_it_stands()
 
     def judge(self, *, changed: bool) -> None:
         """The arm, after it has moved. ``changed``: it is not as it was in the last period."""
         controller = self._controller
-        self._follow_stop()
+        if self._stop_monitor.follow():
+            self.trip(Cause.STOP_TIME_VIOLATION)
         if (changed or self.supervision.pending) and controller.power.running:
             self._supervise()
         if not controller.safety.power_allowed and controller.standing:
             controller.power.handle(PowerEvent.POWER_OFF)
         if self.configuration.outputs:
-            drive_outputs(controller.signals, self.configuration.outputs, self._output_levels())
+            drive_outputs(
+                controller.signals, self.configuration.outputs, output_levels(controller, self.configuration.safe_home)
+            )
 
     def _supervise(self) -> None:
         controller, arm = self._controller, self._controller.arm
         if self.boundaries.triggers:
-            self._follow_triggers()
+            self._conditions.follow_triggers()
         safety = controller.safety
         if safety.stopped:
             self.supervision.forget()
             return
         mode = safety.mode
         if mode is SafetyMode.RECOVERY:
-            self._look_where_it_stands()
+            self._conditions.look_where_it_stands()
         stiff = controller.motion.control_mode is ControlMode.POSITION
         finding = self.supervision.protective_stop(arm, self.boundaries, mode, stiff=stiff)
         if controller.time_s >= self._lenient_until_s:
@@ -228,8 +217,6 @@ class SafetyBoard:
         else:
             self._controller.input_actions.forget("button", 0)
 
-    # inputs
-
     def _follow_inputs(self) -> None:
         controller, inputs = self._controller, self.inputs
         if inputs.assigned(SafetyInput.OPERATIONAL_MODE):
@@ -237,74 +224,10 @@ class SafetyBoard:
         if inputs.assigned(SafetyInput.FREEDRIVE) and inputs.high(SafetyInput.FREEDRIVE) is not self.freedrive_held:
             self.hold_freedrive(not self.freedrive_held)
         switched = controller.operational_mode != self._operational_mode
-        self._operational_mode = mode = controller.operational_mode
-        self._emergency_stops()
-        e_series = controller.model.series is Series.E
-        self._safeguard(
-            (SafetyEvent.SAFEGUARD_OPEN, SafetyEvent.SAFEGUARD_CLOSED),
-            inputs.active(SafetyDevice.SAFEGUARD),
-            SafetyInput.SAFEGUARD_RESET,
-        )
-        self._safeguard(
-            (SafetyEvent.AUTOMATIC_SAFEGUARD_OPEN, SafetyEvent.AUTOMATIC_SAFEGUARD_CLOSED),
-            inputs.active(SafetyDevice.AUTOMATIC_SAFEGUARD) and mode == "AUTOMATIC" and e_series,
-            SafetyInput.AUTOMATIC_SAFEGUARD_RESET,
-        )
-        self._hold(
-            (SafetyEvent.ENABLING_RELEASED, SafetyEvent.ENABLING_HELD),
-            inputs.active(SafetyDevice.ENABLING_DEVICE) and mode == "MANUAL" and e_series,
-        )
-        self._follow_reduced()
+        self._operational_mode = controller.operational_mode
+        self._conditions.follow_inputs()
         if switched and inputs.assigned(SafetyInput.ENABLING_DEVICE):
             self._limits_changed()
-
-    def _emergency_stops(self) -> None:
-        """The robot's own counts more than the system's; one released while the other is held leaves the other."""
-        held = [
-            event
-            for event, device in (
-                (SafetyEvent.ROBOT_EMERGENCY_STOP, SafetyDevice.EMERGENCY_STOP),
-                (SafetyEvent.SYSTEM_EMERGENCY_STOP, SafetyDevice.SYSTEM_EMERGENCY_STOP),
-            )
-            if self.inputs.active(device)
-        ]
-        before = self._raised & _EMERGENCY_STOPS
-        if set(held) == before:
-            return
-        self._raised = self._raised - _EMERGENCY_STOPS | set(held)
-        if before - set(held):
-            self._controller.safety_event(SafetyEvent.EMERGENCY_STOP_RELEASED)
-        for event in held:
-            self._controller.safety_event(event)
-
-    def _safeguard(self, events: tuple[SafetyEvent, SafetyEvent], opened: bool, reset: SafetyInput) -> None:
-        """A safeguard with a reset input stays open until that rises while it is closed."""
-        waits = self.inputs.assigned(reset) and not self.inputs.rose(reset)
-        self._hold(events, opened or (events[0] in self._raised and waits))
-
-    def _hold(self, events: tuple[SafetyEvent, SafetyEvent], wanted: bool) -> None:
-        begun, ended = events
-        if wanted is (begun in self._raised):
-            return
-        (self._raised.add if wanted else self._raised.discard)(begun)
-        self._controller.safety_event(begun if wanted else ended)
-
-    def _follow_reduced(self) -> None:
-        wanted = self.inputs.active(SafetyDevice.REDUCED_MODE) or self._beyond_trigger
-        self._hold((SafetyEvent.REDUCED, SafetyEvent.NOT_REDUCED), wanted)
-
-    def _follow_triggers(self) -> None:
-        hysteresis = -_TRIGGER_HYSTERESIS_M if self._beyond_trigger else 0.0
-        self._beyond_trigger = self.boundaries.beyond_trigger(self._controller.arm, hysteresis)
-        self._follow_reduced()
-
-    def _look_where_it_stands(self) -> None:
-        """Outside the limits of normal or reduced operation the arm can only be moved back."""
-        reduced = SafetyEvent.REDUCED in self._raised
-        limits = self.configuration.reduced if reduced else self.configuration.normal
-        mode = SafetyMode.REDUCED if reduced else SafetyMode.NORMAL
-        outside = self.supervision.outside(self._controller.arm, limits, self.boundaries, mode)
-        self._hold((SafetyEvent.OUTSIDE_LIMITS, SafetyEvent.INSIDE_LIMITS), outside)
 
     # what a safety mode demands
 
@@ -328,7 +251,7 @@ class SafetyBoard:
         elif before is not SafetyMode.SAFEGUARD_STOP:
             self._resume = False
         self.safety_popup = mode.name
-        self.last_stop = StopRecord(category, mode, controller.time_s)
+        self._stop_monitor.begin(category, mode)
         if category is StopCategory.POWER_REMOVED:
             programs.stop(mode.name)
             controller.motion.engage_brakes()
@@ -345,36 +268,13 @@ class SafetyBoard:
     def _release(self, before: SafetyMode) -> None:
         """A paused program waits until somebody resumes it; after a safeguard stop nobody has to."""
         self.safety_popup = ""
-        if self.last_stop is not None:
-            self.last_stop.done = True  # also one that was released before the arm stood: it may move again
+        self._stop_monitor.end()
         if before in _HARD:
             self.restarted()
         if self._controller.power.report.powered and self._controller.safety.mode is not SafetyMode.RECOVERY:
-            self._look_where_it_stands()
+            self._conditions.look_where_it_stands()
         if before is SafetyMode.SAFEGUARD_STOP and self._resume and self._controller.safety.programs_allowed:
             self._controller.programs.resume()
-
-    def _follow_stop(self) -> None:
-        stop, controller = self.last_stop, self._controller
-        if stop is None or stop.done:
-            return
-        stop.duration_s = controller.time_s - stop.began_s
-        stop.distance_m += hypot(*controller.arm.tcp_speed[:3]) * controller.period_s
-        stop.done = controller.standing
-        if stop.done:
-            controller.messages.note(
-                f"{stop.mode.name}: stop category {stop.category.value} took {stop.duration_s:.3f} s, "
-                f"the tool travelled {stop.distance_m:.3f} m"
-            )
-        elif stop.duration_s > _STOP_WITHIN_S and self._stops_too_slowly(stop):
-            stop.done = True
-            self.trip(Cause.STOP_TIME_VIOLATION)
-
-    def _stops_too_slowly(self, stop: StopRecord) -> bool:
-        """Asked when a stop should be over: the arm still moves, and neither its brakes nor a soft stop are at work."""
-        controller = self._controller
-        monitored = stop.category is not StopCategory.POWER_REMOVED and controller.motion.hard_transitions
-        return monitored and max(map(abs, controller.arm.qd)) > _REST_RAD_S
 
     # what others see
 
@@ -385,7 +285,7 @@ class SafetyBoard:
         snapshot.safety_mode = safety.mode
         snapshot.safety_status = safety.status
         bits = safety.status_bits
-        if SafetyEvent.ENABLING_RELEASED in self._raised and _ENABLING_BIT.covers(controller.version):
+        if SafetyEvent.ENABLING_RELEASED in self._conditions.raised and _ENABLING_BIT.covers(controller.version):
             bits |= SafetyStatusBits.ENABLING_INPUT_ACTIVE
         snapshot.safety_status_bits = bits
         if self.joint_at_fault is not None and safety.mode in _HARD:
@@ -396,21 +296,3 @@ class SafetyBoard:
     def robot_status_bits(self) -> int:
         """Bits of the robot status that belong to the pendant's buttons."""
         return int(RobotStatusBits.TEACH_BUTTON) if self.freedrive_held else 0
-
-    def _output_levels(self) -> dict[SafetyOutput, bool]:
-        """User manual, safety outputs: low is the safe level, and after a violation or fault all are low."""
-        controller, arm, safety = self._controller, self._controller.arm, self._controller.safety
-        if safety.mode in _HARD:
-            return dict.fromkeys(SafetyOutput, False)
-        home, q = self.configuration.safe_home, arm.q
-        reduced = safety.mode is SafetyMode.REDUCED
-        return {
-            SafetyOutput.SYSTEM_EMERGENCY_STOP: safety.mode is not SafetyMode.ROBOT_EMERGENCY_STOP,
-            SafetyOutput.ROBOT_MOVING: max(map(abs, arm.qd)) <= _MOVING_RAD_S,
-            SafetyOutput.ROBOT_NOT_STOPPING: safety.stopped,
-            SafetyOutput.REDUCED_MODE: not reduced,
-            SafetyOutput.NOT_REDUCED_MODE: reduced,
-            SafetyOutput.SAFE_HOME: home is not None
-            and controller.power.report.powered
-            and all(abs(remainder(a - b, tau)) <= _HOME_RAD for a, b in zip(q, home, strict=True)),
-        }

@@ -33,9 +33,9 @@ if sys.platform != "linux":  # several emulators at once need the loopback addre
     collect_ignore_glob = ["test_*"]
 
 PATIENCE_S = 60.0
-EMULATED = {
-    "ur3": ["--model", "ur3"],
-    "ur5e": ["--model", "ur5e", "--polyscope", "5.22", "--remote-control"],
+EMULATED = {  # their time goes faster than ours: most of these cases wait for brakes and for stops to be unlocked
+    "ur3": ["--model", "ur3", "--speed", "4"],
+    "ur5e": ["--model", "ur5e", "--polyscope", "5.22", "--remote-control", "--speed", "2"],
 }
 PROGRAM = "conformance.urp"
 PROGRAM_SCRIPT = "def conformance():\n  while True:\n    sync()\n  end\nend\n"

@@ -223,3 +223,17 @@ class TestSnapshots:
 def test_results_are_plain(robot: VirtualRobot) -> None:
     for name in ("state", "describe", "time", "save", "log", "popups", "variables"):
         msgspec.json.encode(VERBS[name].call(robot, {}))
+
+
+def test_the_page_of_external_control(robot: VirtualRobot) -> None:
+    assert robot.external_control() == {"host": "192.168.56.1", "port": 50002}
+    robot.set_external_control("10.0.0.7")
+    assert robot.external_control() == {"host": "10.0.0.7", "port": 50002}
+    robot.set_external_control(" driver.local ", 6000)
+    assert robot.external_control() == {"host": "driver.local", "port": 6000}
+    for host, port in (("", None), ("a b", None), ("ok", 0), ("ok", 65536)):
+        with pytest.raises(BadArguments):
+            robot.set_external_control(host, port)
+    assert robot.external_control() == {"host": "driver.local", "port": 6000}
+    robot.set_external_control()
+    assert robot.external_control() == {"host": "192.168.56.1", "port": 50002}

@@ -15,12 +15,15 @@ from driver_rig import Pair, emulator
 
 from emulator.app import Emulator
 
+# Robot seconds in a second: the driver keeps step with the robot, not with the clock on the wall.
+SPEED = {"ur3": 3.0, "ur5e": 2.0}
+
 
 @pytest.fixture(params=["ur3", "ur5e"])
 async def robot(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator[Emulator]:
     """A running emulator: a UR3 of the CB3 series and a UR5e, or what the test is parametrised with."""
     model, _, version = str(request.param).partition(" ")
-    async with emulator(model, version or None, tmp_path) as running:
+    async with emulator(model, version or None, tmp_path, SPEED[model]) as running:
         yield running
 
 

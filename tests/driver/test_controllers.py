@@ -4,6 +4,7 @@ import asyncio
 import math
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -25,7 +26,8 @@ from client.controllers import (
     Tolerance,
 )
 from client.controllers.goal_files import read_goals
-from client.errors import ControllerError, OutOfReachError
+from client.errors import ControllerError, MotionError, OutOfReachError
+from client.recording import read
 
 SCALED = "scaled_joint_trajectory_controller"
 PASSTHROUGH = "passthrough_trajectory_controller"
@@ -298,19 +300,23 @@ async def test_cb3_robots_have_no_tool_contact():
             bench.manager.activate("tool_contact_controller")
 
 
-def test_a_script_without_asyncio():
-    with emulator_thread("ur3") as robot, BlockingControlledRobot(HOST, robot_ports=robot.ports) as arm:
+def test_a_script_without_asyncio(tmp_path):
+    file = tmp_path / "run.mcap"
+    with emulator_thread("ur3") as robot, BlockingControlledRobot(HOST, robot_ports=robot.ports, record=file) as arm:
         arm.activate(SCALED, "joint_state_broadcaster")
         assert arm.follow(SCALED, way((0.5, moved(0.1, 0, 0, 0, 0, 0)))).error_code is ErrorCode.SUCCESSFUL
         arm.rest()
         with pytest.raises(OutOfReachError, match=r"base for 9\.1000 rad"):
             arm.follow(SCALED, way((9.0, moved(8.9, 0, 0, 0, 0, 0))))
+        with pytest.raises(MotionError, match=r"elbow_joint has 0\.1 s for 1\.00 rad, .* give it 0\.\d+ s or more"):
+            arm.follow(SCALED, way((3.0, moved(0.2, 0, 0, 0, 0, 0)), (3.1, moved(0.2, 0, 1.0, 0, 0, 0))))
         arm.switch(activate=["forward_velocity_controller"], deactivate=[SCALED])
         arm.command("forward_velocity_controller", [0.2, 0, 0, 0, 0, 0])
         arm.cycles(50)
         state = arm.do(lambda manager: manager.controller("joint_state_broadcaster").topic.latest)
         assert state.velocity[0] == pytest.approx(0.2, abs=0.02)
         assert state.position[0] > HOME[0] + 0.12
+    assert max(read(file).tracking(SCALED).actual_q[:, 0]) > HOME[0] + 0.09
 
 
 # from the shell
@@ -346,8 +352,29 @@ async def test_the_goals_of_a_file_one_after_the_other(robot, target, tmp_path, 
     assert [line.split(":")[:2] for line in lines] == [["there", " SUCCESSFUL"], ["back", " SUCCESSFUL"]]
     assert max(abs(a - b) for a, b in zip(robot.controller.snapshot.actual_q, HOME, strict=True)) < 0.01
     file.write_text(GOALS.format(there=list(there), back=list(HOME), low=1.0, high=2.0))
-    with pytest.raises(ControllerError, match=r"shoulder_pan_joint is at 0\.\d+ rad, not between 1 and 2"):
+    with pytest.raises(ControllerError, match=r"is at 0\.\d+ rad, not between 1 and 2; .* --positions \"1\.500,-1\.4"):
         await publish(target, read_goals(file), 0.7, 1)
+
+
+@ON_CB3
+async def test_goals_record_what_was_desired_and_what_was(robot, target, tmp_path, capsys):
+    there = moved(0.3, 0.0, 0.2, 0.0, 0.0, 0.0)
+    (file := tmp_path / "goals.yaml").write_text(
+        GOALS.format(there=list(there), back=list(HOME), low=HOME[0] - 0.1, high=HOME[0] + 0.1)
+    )
+    recorded = replace(target, record=tmp_path / "run.mcap", speed_slider=0.5)
+    await publish(recorded, read_goals(file), 0.7, 1)
+    assert robot.controller.snapshot.target_speed_fraction == 0.5
+    found = read(tmp_path / "run.mcap")
+    tracking = found.tracking(SCALED)
+    assert tracking.joints == JOINTS
+    assert len(tracking.time_s) > 2 * 0.7 / 0.5 / robot.controller.period_s * 0.5  # a busy machine skips some
+    assert max(tracking.desired_q[:, 0]) == pytest.approx(there[0], abs=1e-3)
+    assert max(tracking.actual_q[:, 0]) == pytest.approx(there[0], abs=1e-2)
+    assert tracking.largest_path_deviation < 0.02
+    assert float(found["target_speed_fraction"][-1]) == 0.5
+    assert found.info["polyscope"].startswith("3.")
+    assert "recording into" in capsys.readouterr().err
 
 
 @ON_E_SERIES

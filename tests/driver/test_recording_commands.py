@@ -80,6 +80,33 @@ def test_a_signal_finishes_the_file(emulator, tmp_path: Path, suffix: str, numbe
     assert np.all(steps > 0.0)
 
 
+def test_ctrl_c_stops_the_arm_softly_and_finishes_the_recording(emulator, tmp_path: Path) -> None:
+    file = tmp_path / "goal.mcap"
+    with Robot(emulator.host) as robot:
+        robot.make_ready()
+        robot.move_j(HOME, speed_rad_s=1.0)
+    positions = ("--positions", "1.6,-1.4,1.5,-1.7,-1.5,0.1", "--time", "6")
+    command = (sys.executable, "-c", "from client.cli import main; main()", "goal", *positions)
+    process = subprocess.Popen([*command, "--record", str(file), "--robot-ip", emulator.host], stderr=subprocess.PIPE)
+    try:
+        emulator.control.run_until("actual_qd[0] > 0.15", PATIENCE_S)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=PATIENCE_S)
+    finally:
+        process.kill()
+        process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130
+    assert b"stopped" in said
+    found = read(file)
+    assert "cut_off" not in found.info
+    speeds = found["target_qd"][:, 0]
+    assert 0.15 < max(speeds) < 0.4
+    assert speeds[-1] == pytest.approx(0.0, abs=1e-6)  # it came to rest before the recording ended
+    assert found["actual_q"][-1][0] < 1.5
+    braking = -np.diff(speeds) / np.diff(found["timestamp"])
+    assert max(braking) < 10.0  # rad/s2
+
+
 def test_what_is_asked_for_is_recorded(emulator, tmp_path: Path) -> None:
     file = tmp_path / "run.csv"
     fields = ("--fields", "actual_q,robot_mode", "--fields", "payload")

@@ -54,13 +54,8 @@ class Rig:
         self._pendant = subprocess.Popen(
             [
                 *(sys.executable, "-u", "-m", "client", "pendant", "--robot-ip", self.host, "--host", self.host),
-                *(
-                    "--modbus-port",
-                    str(self.robot.ports["modbus"]),
-                    "--poses",
-                    str(folder / "poses.json"),
-                    "--with-parent",
-                ),
+                *("--modbus-port", str(self.robot.ports["modbus"]), "--with-parent"),
+                *("--tools", str(folder / "tools.json"), "--poses", str(folder / "poses.json")),
             ],
             cwd=ROOT,
             stdin=subprocess.PIPE,

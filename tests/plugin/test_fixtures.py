@@ -93,25 +93,25 @@ def test_an_emulator_that_crashes_is_noticed(run_tests) -> None:
     result.stdout.fnmatch_lines(["*the emulator ended with status -6*"])
 
 
-def test_eight_workers_have_eight_robots_at_once(run_tests, pytester: pytest.Pytester) -> None:
+def test_four_workers_have_four_robots_at_once(run_tests, pytester: pytest.Pytester) -> None:
     result = run_tests(
         """
         import pathlib, time, pytest
         HERE = pathlib.Path(__file__).parent
 
-        @pytest.mark.parametrize("number", range(8))
+        @pytest.mark.parametrize("number", range(4))
         def test_it(ur_emulator, number):
             (HERE / f"{ur_emulator.host}.robot").touch()
             deadline = time.monotonic() + 80
-            while len(list(HERE.glob("*.robot"))) < 8:
+            while len(list(HERE.glob("*.robot"))) < 4:
                 assert time.monotonic() < deadline, list(HERE.glob("*.robot"))
                 time.sleep(0.05)
             assert ur_emulator.ports["rtde"] == 30004
             assert ur_emulator.state(["robot_mode"]) == {"robot_mode": "POWER_OFF"}
         """,
-        "-n", "8", "--maxschedchunk", "1",
+        "-n", "4", "--maxschedchunk", "1",
     )  # fmt: skip
-    result.assert_outcomes(passed=8)
+    result.assert_outcomes(passed=4)
 
 
 class TestNamesakes:

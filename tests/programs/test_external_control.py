@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from tree_rig import Arm
 
 from emulator.commands import DashboardLine, ScriptUnit
+from emulator.control.programs import ProgramVerbs
 from emulator.programs.sockets import MemorySocket, MemorySockets
 from emulator.programs.trees.installation_file import read_installation
 from emulator.programs.urcap import DriverAddress, ProgramRequest, split_program
@@ -370,6 +371,18 @@ def test_where_the_driver_is_asked_for(tmp_path):
         assert robot.ask("load installation cell.installation").startswith("Loading installation")
         _, driver = robot.play()
         assert driver.state == "open"
+
+
+class _Behind(ProgramVerbs):
+    def _wait(self, steps):
+        raise AssertionError("it takes no time")
+
+
+def test_an_address_from_the_control_api_counts_from_the_next_play_on(tmp_path):
+    robot = Robot(tmp_path, driver=("10.0.0.8", 7000))
+    _Behind(robot.controller).set_external_control("10.0.0.8", 7000)
+    _, driver = robot.play()
+    assert driver.state == "open"
 
 
 @pytest.mark.parametrize(

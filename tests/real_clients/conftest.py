@@ -21,6 +21,7 @@ if sys.platform != "linux":  # many robots at once need the loopback addresses o
 
 HANG_S = 60.0  # no test takes longer; a hanging client call ends when its program is stopped
 DEFAULT_MODEL = "ur3"
+RESET_SPEED = 8.0
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -49,9 +50,15 @@ def emulators(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulators]:
 
 @pytest.fixture
 def rig(request: pytest.FixtureRequest, emulators: Emulators) -> Iterator[Rig]:
-    """A robot at rest in START_Q; a UR3 unless the test is parametrised with another model."""
+    """A robot at rest in START_Q; a UR3 unless the test is parametrised with another model.
+
+    Its time goes as ours, or as much faster as the marker ``robot_speed`` says, where a test mostly waits for the arm.
+    """
     rig = emulators.get(getattr(request, "param", DEFAULT_MODEL))
+    rig.process.set_speed(RESET_SPEED)
     rig.reset()
+    marker = request.node.get_closest_marker("robot_speed")
+    rig.process.set_speed(marker.args[0] if marker else 1.0)
     guard = threading.Timer(HANG_S, rig.process.dashboard, ["stop"])
     guard.start()
     yield rig

@@ -7,17 +7,22 @@ from pathlib import Path
 import pytest
 from rig import Rig
 
+pytestmark = pytest.mark.robot_speed(3)
+
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("[0-9][0-9]_*.py"))
 DEADLINE_S = 45.0
+MORE = {"09_thesis": (".", "1.5")}  # arguments behind the host: where to, and seconds a goal
+SLOW_S = {"09_thesis": 100.0}  # at 30 % of the speed slider, in real time
 PAGE = Path(__file__).parents[2] / "docs" / "client.md"
 PROGRAMS = [block.split("```")[0] for block in PAGE.read_text().split("```python\n")[1:]]
 PAGE_HOST = '"192.168.1.10"'
 FREE_PORTS = "reverse_port=0, sender_port=0, trajectory_port=0, command_port=0"
 
 
-def run(example: Path, host: str) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, str(example), host]
-    return subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+def run(example: Path, host: str, folder: Path) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, str(example), host, *MORE.get(example.stem, ())]
+    deadline_s = SLOW_S.get(example.stem, DEADLINE_S)
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=deadline_s, check=False)
 
 
 def test_the_examples_are_found_and_short() -> None:
@@ -27,8 +32,8 @@ def test_the_examples_are_found_and_short() -> None:
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)
-def test_example(rig: Rig, example: Path) -> None:
-    done = run(example, rig.host)
+def test_example(rig: Rig, example: Path, tmp_path: Path) -> None:
+    done = run(example, rig.host, tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout
 
@@ -38,7 +43,7 @@ def test_program_of_the_client_page(rig: Rig, text: str, tmp_path: Path) -> None
     assert PAGE_HOST in text
     here = text.replace(f"URDriver({PAGE_HOST}", f"URDriver({PAGE_HOST}, {FREE_PORTS}")
     (program := tmp_path / "page.py").write_text(here.replace(PAGE_HOST, f'"{rig.host}"'))
-    done = run(program, rig.host)
+    done = run(program, rig.host, tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
 
 

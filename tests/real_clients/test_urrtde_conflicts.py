@@ -6,6 +6,8 @@ from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
+pytestmark = pytest.mark.robot_speed(4)
+
 IN_USE = "input registers are already in use"
 
 

@@ -12,6 +12,8 @@ from rtde_receive import RTDEReceiveInterface
 from urproto.robots import load_model
 from urproto.robots.kinematics import Kinematics
 
+pytestmark = pytest.mark.robot_speed(3)
+
 BASE = [0.0] * 6
 ALONG_Z = [0, 0, 1, 0, 0, 0]
 DOWN = [0.0, 0.0, -1.0, 0.0, 0.0, 0.0]

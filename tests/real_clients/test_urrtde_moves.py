@@ -9,6 +9,8 @@ from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 from track import profile_time
 
+pytestmark = pytest.mark.robot_speed(4)
+
 both_series = pytest.mark.parametrize("rig", ["ur3", "ur3e"], indirect=True)
 
 TIME_S = 0.03  # the watch sees 125 Hz; profiles are rounded to whole control periods

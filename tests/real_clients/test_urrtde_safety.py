@@ -7,6 +7,8 @@ from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 from track import profile_time
 
+pytestmark = pytest.mark.robot_speed(4)
+
 both_series = pytest.mark.parametrize("rig", ["ur3", "ur3e"], indirect=True)
 
 UNLOCK_AFTER_S = 5.0

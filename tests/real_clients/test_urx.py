@@ -11,6 +11,7 @@ from rig import START_Q, Rig
 from urx.robotiq_two_finger_gripper import Robotiq_Two_Finger_Gripper
 
 pytestmark = [
+    pytest.mark.robot_speed(3),
     pytest.mark.parametrize("rig", ["ur3 3.4"], indirect=True),
     pytest.mark.filterwarnings("ignore:notifyAll:DeprecationWarning"),  # its threads call the old name
 ]

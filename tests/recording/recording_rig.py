@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from client.recording import DEFAULT_FIELDS, Recorder, Recording
 from emulator.control.control import VirtualRobot
 from emulator.controller import ControllerConfig
+from urproto.joints import JOINT_NAMES
 from urproto.robots import load_model
 from urproto.rtde.fields import OUTPUT_FIELDS
 
@@ -44,3 +46,12 @@ def array(states: Sequence[Mapping[str, Any]], name: str) -> Any:
 
 def recording(time_s: Any, q: Any, **more: Any) -> Recording:
     return Recording({"timestamp": np.asarray(time_s), "target_q": np.asarray(q), **more})
+
+
+def controller_state(time_s: float, actual: float, desired: float) -> SimpleNamespace:
+    """Of all joints, which are at one angle and should be at another."""
+    points = {
+        name: SimpleNamespace(positions=(q,) * 6, velocities=(9.0,) * 6, accelerations=(), effort=())
+        for name, q in (("reference", desired), ("feedback", actual), ("error", desired - actual), ("output", desired))
+    }
+    return SimpleNamespace(time_s=time_s, joint_names=JOINT_NAMES, **points)

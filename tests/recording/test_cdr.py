@@ -18,6 +18,9 @@ STANDARD = (
     "std_msgs/msg/Float64",
     "std_msgs/msg/Bool",
     "std_msgs/msg/String",
+    "std_msgs/msg/Float64MultiArray",
+    "tf2_msgs/msg/TFMessage",
+    "trajectory_msgs/msg/JointTrajectory",
     "trajectory_msgs/msg/JointTrajectoryPoint",
     "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
 )

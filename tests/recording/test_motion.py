@@ -88,6 +88,18 @@ def test_a_recording_that_ends_in_motion_asks_for_a_jerk(arm) -> None:
         joint_path(recording(TIME_S[:60], swing(1.0)[:60])).check(arm)
 
 
+def test_some_states_that_are_missing_make_no_jerk(states, arm) -> None:
+    missing = {*range(100, 111), *range(150, 190), 301, 303, 305, *range(600, 630)}  # up to 80 ms
+    few = [state for number, state in enumerate(states) if number not in missing]
+    path = joint_path(type(recording(TIME_S, TIME_S))({name: array(few, name) for name in few[0]}))
+    path.check(arm)
+    time_s = array(states, "timestamp") - states[0]["timestamp"]
+    assert np.max(np.abs(path.at(time_s) - array(states, "target_q"))) < 2e-3
+    whole = joint_path(type(recording(TIME_S, TIME_S))({name: array(states, name) for name in states[0]}))
+    fastest = [max(np.abs(part).max() for part in one._accelerations()) for one in (path, whole)]
+    assert fastest[0] < 1.2 * fastest[1]
+
+
 def test_a_gap_in_a_motion_is_no_path() -> None:
     time_s, q = np.delete(TIME_S, range(100, 140)), np.delete(swing(0.5), range(100, 140), axis=0)
     with pytest.raises(RecordingError, match=r"0\.33 s are missing from 0\.79 s on"):

@@ -8,10 +8,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from recording_rig import record, recording
+from recording_rig import controller_state, record, recording
+from typer.testing import CliRunner
 
+from client.cli import app
 from client.errors import MissingExtraError, RecordingError
-from client.recording import deviations, draw, read
+from client.recording import Recorder, deviations, draw, read
 
 
 def test_deviations_are_of_each_joint() -> None:
@@ -43,6 +45,28 @@ def test_only_what_was_recorded_is_drawn(states, tmp_path: Path) -> None:
 def _panels(path: Path) -> int:
     groups = ElementTree.parse(path).iter("{http://www.w3.org/2000/svg}g")
     return sum(group.get("id", "").startswith("axes_") for group in groups)
+
+
+def test_what_a_controller_desired_is_drawn_and_the_stop(states, tmp_path: Path) -> None:
+    stopped = [{**state, "safety_mode": 3 if 300 < number < 500 else 1} for number, state in enumerate(states)]
+    file = tmp_path / "run.mcap"
+    with Recorder(file, stopped[0]) as recorder:
+        for state in stopped:
+            recorder.write(state)
+            recorder.write_controller("mine", controller_state(state["timestamp"], 0.1, 0.2))
+    draw(read(file), str(tmp_path / "run.svg"), "two stops", limit_rad=0.02)
+    text = (tmp_path / "run.svg").read_text()
+    assert "desired by: mine" in text
+    assert "protective stop" in text
+    assert "largest 0.1000 rad" in text
+    draw(read(file), tmp_path / "robot.svg", controller="robot")
+    text = (tmp_path / "robot.svg").read_text()
+    assert "desired by: robot" in text
+    assert "largest 0.0000 rad" in text
+    result = CliRunner().invoke(app, ["plot", str(file), "-o", str(tmp_path / "run.html"), "--limit", "0.02"])
+    assert "desired by: mine" in result.output
+    assert "largest deviation from the path: 0.24495 rad" in result.output  # of six joints
+    assert "largest deviation from the path: 0.24495 rad" in (tmp_path / "run.html").read_text()
 
 
 def test_a_page_needs_nothing_else(states, tmp_path: Path) -> None:

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from kinematics_oracle import product_of_links, transform
 
-from urproto.robots import DH, Calibration, Joints, Kinematics, RobotModel, kinematics_of, load_model
+from urproto.robots import Calibration, Joints, Kinematics, RobotModel, kinematics_of, load_model
 from urproto.robots.dynamics import Dynamics
-from urproto.robots.pose import Pose, pose_sub, rotvec_to_matrix
+from urproto.robots.pose import Pose, pose_sub
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 FREE = ((-math.inf,) * 6, (math.inf,) * 6)
@@ -28,22 +29,6 @@ def model(request: pytest.FixtureRequest) -> RobotModel:
 def configurations(count: int, seed: int) -> list[Joints]:
     source = random.Random(seed)
     return [tuple(source.uniform(-3, 3) for _ in range(6)) for _ in range(count)]  # type: ignore[misc]  # six
-
-
-def transform(pose: Pose) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.array(rotvec_to_matrix(*pose[3:])).reshape(3, 3)
-    matrix[:3, 3] = pose[:3]
-    return matrix
-
-
-def product_of_links(dh: DH, q: Joints) -> np.ndarray:
-    total = np.eye(4)
-    for a, d, alpha, theta, angle in zip(dh.a, dh.d, dh.alpha, dh.theta, q, strict=True):
-        s, c, sa, ca = math.sin(theta + angle), math.cos(theta + angle), math.sin(alpha), math.cos(alpha)
-        link = ((c, -s * ca, s * sa, a * c), (s, c * ca, -c * sa, a * s), (0, sa, ca, d), (0, 0, 0, 1))
-        total = total @ np.array(link)
-    return total
 
 
 def apart(one: Pose, other: Pose) -> float:

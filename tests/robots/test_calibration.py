@@ -9,6 +9,7 @@ import pytest
 import yaml
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from kinematics_oracle import product_of_links
 
 from urproto.robots import DH, Calibration, CalibrationError, Joints, calibration_hash, load_model
 from urproto.robots.calibration import LINKS, chain_of, dh_of
@@ -70,16 +71,6 @@ def measured(number: int) -> tuple[str, DH]:
         return tuple(x + y for x, y in zip(one, other, strict=True))  # type: ignore[return-value]  # six
 
     return name, DH(plus(nominal.a, a), plus(nominal.d, d), plus(nominal.alpha, alpha), plus(nominal.theta, theta))
-
-
-def product_of_links(dh: DH, q: Joints) -> np.ndarray:
-    """Forward kinematics as the Denavit-Hartenberg definition reads."""
-    total = np.eye(4)
-    for a, d, alpha, theta, angle in zip(dh.a, dh.d, dh.alpha, dh.theta, q, strict=True):
-        s, c, sa, ca = math.sin(theta + angle), math.cos(theta + angle), math.sin(alpha), math.cos(alpha)
-        link = ((c, -s * ca, s * sa, a * c), (s, c * ca, -c * sa, a * s), (0, sa, ca, d), (0, 0, 0, 1))
-        total = total @ np.array(link)
-    return total
 
 
 def urdf_product(content: dict, q: Joints) -> np.ndarray:

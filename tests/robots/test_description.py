@@ -14,9 +14,9 @@ import pytest
 import yaml
 
 from urproto.robots import MODELS, Calibration, RobotModel, kinematics_of, load_model
-from urproto.robots.description import JOINTS, MeshesMissing, urdf
+from urproto.robots.description import JOINTS, MeshesMissing, joint_frames, urdf
 from urproto.robots.dynamics import Dynamics
-from urproto.robots.pose import rotvec_to_matrix
+from urproto.robots.pose import pose_trans, rotvec_to_matrix
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 Q = (0.3, -1.2, 1.4, -0.7, 2.0, -2.5)
@@ -87,6 +87,18 @@ def test_limits(model: RobotModel) -> None:
     assert tuple(built.lowerPositionLimit)[:5] == pytest.approx(model.q_min[:5])
     kind = ElementTree.fromstring(urdf(model)).find("joint[@name='wrist_3_joint']").get("type")  # type: ignore[union-attr]
     assert kind == ("continuous" if model.wrist3_unlimited else "revolute")
+
+
+def test_frames_are_those_of_the_description(model: RobotModel) -> None:
+    built = pin.buildModelFromXML(urdf(model, prefix="left_"))
+    data = built.createData()
+    pin.framesForwardKinematics(built, data, configuration(built))
+    angles = dict(zip((f"left_{joint}" for joint in JOINTS), Q, strict=True))
+    for joint, parent, child, pose, moves in joint_frames(model, "left_"):
+        turned = pose_trans(pose, (0.0, 0.0, 0.0, 0.0, 0.0, angles[joint] if moves else 0.0))
+        place = data.oMf[built.getFrameId(parent)].inverse() * data.oMf[built.getFrameId(child)]
+        assert place.translation == pytest.approx(np.array(turned[:3]), abs=1e-9)
+        assert place.rotation.flatten() == pytest.approx(np.array(rotvec_to_matrix(*turned[3:])), abs=1e-9)
 
 
 @pytest.mark.skipif(CHECK_URDF is None, reason="check_urdf is not installed")

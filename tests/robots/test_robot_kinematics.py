@@ -8,10 +8,11 @@ from math import pi
 import numpy as np
 import pytest
 import ur_analytic_ik
+from kinematics_oracle import product_of_links, transform
 
-from urproto.robots import DH, MODELS, Joints, load_model
+from urproto.robots import MODELS, Joints, load_model
 from urproto.robots.kinematics import Kinematics
-from urproto.robots.pose import Pose, pose_inv, pose_sub, pose_trans, rotvec_to_matrix
+from urproto.robots.pose import Pose, pose_inv, pose_sub, pose_trans
 
 FREE = ((-math.inf,) * 6, (math.inf,) * 6)
 LIMITS = ((-2 * pi,) * 6, (2 * pi,) * 6)
@@ -42,24 +43,6 @@ def singular_configurations(count: int, seed: int) -> list[Joints]:
         chosen = source.sample(range(6), source.randint(1, 6))
         found.append(tuple(source.choice(SINGULAR_ANGLES) if i in chosen else angle for i, angle in enumerate(q)))
     return found  # type: ignore[return-value]  # six each
-
-
-def transform(pose: Pose) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.array(rotvec_to_matrix(*pose[3:])).reshape(3, 3)
-    matrix[:3, 3] = pose[:3]
-    return matrix
-
-
-def product_of_links(dh: DH, q: Joints) -> np.ndarray:
-    """Forward kinematics as the Denavit-Hartenberg definition reads."""
-    total = np.eye(4)
-    for a, d, alpha, angle in zip(dh.a, dh.d, dh.alpha, q, strict=True):
-        s, c, sa, ca = math.sin(angle), math.cos(angle), math.sin(alpha), math.cos(alpha)
-        total = total @ np.array(
-            ((c, -s * ca, s * sa, a * c), (s, c * ca, -c * sa, a * s), (0, sa, ca, d), (0, 0, 0, 1))
-        )
-    return total
 
 
 def pose_error(one: Pose, other: Pose) -> float:

@@ -47,15 +47,10 @@ class _Graph:
 
     def _bar(self) -> None:
         plots = self.plots
-        ui.select({s: f"{s} s" for s in WINDOWS_S}, value=plots.window_s, label="Window").props(
-            "dense outlined options-dense data-testid=window"
-        ).classes("graph-choice").on_value_change(lambda change: self._set("window_s", change.value))
-        ui.select({hz: f"{hz} Hz" for hz in RATES_HZ}, value=plots.rate_hz, label="Rate").props(
-            "dense outlined options-dense data-testid=rate"
-        ).classes("graph-choice").on_value_change(lambda change: self._set("rate_hz", change.value))
-        ui.toggle({False: "°, mm", True: "SI"}, value=False).props(
-            "dense no-caps unelevated data-testid=units"
-        ).classes("graph-units").on_value_change(lambda change: self._set("si", change.value))
+        for name, unit, choices in (("window_s", "s", WINDOWS_S), ("rate_hz", "Hz", RATES_HZ)):
+            texts = {value: f"{value} {unit}" if value == choices[-1] else str(value) for value in choices}
+            self._toggle(name, texts)
+        self._toggle("si", {False: "°, mm", True: "SI"})
         self._pause = ui.button("Pause", icon="pause", on_click=self._toggle_pause).props(
             "unelevated no-caps data-testid=graph-pause"
         )
@@ -67,6 +62,11 @@ class _Graph:
         ui.button("PNG", icon="image").props("flat no-caps data-testid=png").on(
             "click", js_handler="() => pendant.savePlots()"
         )
+
+    def _toggle(self, name: str, texts: dict[Any, str]) -> None:
+        toggle = ui.toggle(texts, value=getattr(self.plots, name)).classes("graph-choice")
+        toggle.props(f"dense no-caps unelevated data-testid={name}")
+        toggle.on_value_change(lambda change: self._set(name, change.value))
 
     def _set(self, name: str, value: Any) -> None:
         setattr(self.plots, name, value)

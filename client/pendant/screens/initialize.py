@@ -48,11 +48,6 @@ _STOPPED_HARD: Final = frozenset(
         SafetyMode.FAULT,
     }
 )
-_VERBS: Final = {
-    dashboard.POWER_ON.line: "power_on",
-    dashboard.BRAKE_RELEASE.line: "release_brakes",
-    dashboard.POWER_OFF.line: "power_off",
-}
 
 
 def stage(mode: RobotMode) -> int:
@@ -106,17 +101,9 @@ def _progress(now: int, number: int) -> str:
 def _button(
     page: Page, text: str, icon: str, operation: Operation[None], mark: str, wanted: Callable[[Station], bool]
 ) -> None:
-    button = ui.button(text, icon=icon, on_click=page.doing(lambda: switch(page.station, operation)))
+    button = ui.button(text, icon=icon, on_click=page.doing(lambda: page.station.ask(operation)))
     button.props(f"unelevated stack size=lg data-testid={mark}").classes(f"init-button {mark}")
     page.live.effect(wanted, button.set_enabled)
-
-
-async def switch(station: Station, operation: Operation[None]) -> None:
-    """Over the dashboard; an emulator in local control has this for its pendant. Raises RobotRefused, ClientError."""
-    if station.behind.available and station.remote_control.value is False:
-        await station.behind.change(_VERBS[operation.line])
-    else:
-        await station.ask(operation)
 
 
 def _wants_power(station: Station) -> bool:

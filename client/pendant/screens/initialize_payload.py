@@ -18,8 +18,8 @@ def payload_panel(page: Page) -> None:
     """Mass and centre of gravity: fields that follow the robot when it has others, and a button that sets them."""
     with page.panel("Active payload", "init-payload"):
         with ui.element("div").classes("init-payload-fields"):
-            mass = _field("Mass", "kg", "payload-mass", "%.3f").props("min=0 step=0.1")
-            cog = [_field(axis, "mm", f"payload-{axis.lower()}", "%.1f").props("step=1") for axis in _AXES]
+            mass = _field("Mass", "kg", "payload-mass", "%.3f", least=0.0, step=0.1)
+            cog = [_field(axis, "mm", f"payload-{axis.lower()}", "%.1f") for axis in _AXES]
             ui.button("Set", on_click=page.doing(lambda: _set(page.station, [mass, *cog]), "The payload is set")).props(
                 "unelevated data-testid=payload-set"
             )
@@ -32,8 +32,10 @@ def payload_panel(page: Page) -> None:
     page.live.effect(_active, show)
 
 
-def _field(name: str, unit: str, mark: str, form: str) -> ui.number:
-    field = ui.number(name, format=form).props(f"outlined dense hide-bottom-space suffix={unit} data-testid={mark}")
+def _field(name: str, unit: str, mark: str, form: str, least: float | None = None, step: float = 1.0) -> ui.number:
+    field = ui.number(name, format=form, min=least, step=step).props(
+        f"outlined dense hide-bottom-space suffix={unit} data-testid={mark}"
+    )
     return field.classes("number")
 
 

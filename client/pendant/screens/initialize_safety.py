@@ -35,6 +35,8 @@ _ADVICE: Final = {
     SafetyMode.IMMI_SAFEGUARD_STOP: _GATES,
     SafetyMode.PROFISAFE_SAFEGUARD_STOP: _GATES,
     SafetyMode.PROFISAFE_AUTOMATIC_MODE_SAFEGUARD_STOP: _GATES,
+    SafetyMode.SAFETY_API_SAFEGUARD_STOP: _GATES,
+    SafetyMode.PROFISAFE_WAITING_FOR_PARAMETERS: "The PROFIsafe controller has not sent its parameters yet.",
     SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP: _HELD,
     SafetyMode.TP_THREE_POSITION_ENABLING_STOP: _HELD,
     SafetyMode.SYSTEM_EMERGENCY_STOP: "Release the emergency stop of the other machine, then ON and START.",
@@ -60,7 +62,7 @@ def safety_panel(page: Page) -> None:
                 live.text(lambda station: _title(station.safety_mode), "init-safety-mode").props(
                     "data-testid=safety-mode"
                 )
-                live.text(cause, "init-cause").props("data-testid=stop-cause")
+                live.text(cause, "init-cause").props("data-testid=safety-cause")
                 live.text(lambda station: advice(station.safety_mode), "init-hint")
             _emergency_button(page)
         _way_out_button(page)
@@ -128,18 +130,13 @@ def _way_out_button(page: Page) -> None:
     button.props("unelevated icon=lock_reset data-testid=unlock").classes("init-way-out")
     with button:
         page.live.text(reset_text)
-    page.live.effect(lambda station: bool(way_out(station)), button.set_visibility)
+    page.show_if(button, lambda station: bool(way_out(station)))
     page.live.effect(lambda station: bool(way_out(station)) and station.stops.unlock_in_s <= 0.0, button.set_enabled)
 
 
 async def _lead_out(station: Station) -> None:
     restart = way_out(station) == "restart"
-    if station.behind.available and station.remote_control.value is False:
-        await station.behind.change("restart_safety" if restart else "unlock_protective_stop")
-    elif restart:
-        await station.ask(dashboard.RESTART_SAFETY)
-    else:
-        await station.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
+    await station.ask(dashboard.RESTART_SAFETY if restart else dashboard.UNLOCK_PROTECTIVE_STOP)
 
 
 # buttons and gates
@@ -152,7 +149,7 @@ def _emergency_button(page: Page) -> None:
         ui.label("stop").classes("estop-text")
     button.on("click", page.doing(lambda: _press(page.station)))
     page.live.bind(button, "state", lambda station: "pressed" if _pressed(station) else "released")
-    page.live.effect(lambda station: station.behind.available, button.set_visibility)
+    page.show_if(button, lambda station: station.behind.available)
 
 
 def _pressed(station: Station) -> bool:
@@ -196,11 +193,11 @@ def _control(page: Page) -> None:
     with ui.element("div").classes("init-fact") as fact:
         ui.label("Control").classes("init-th")
         page.live.text(_controlled, "").props("data-testid=control-state")
-    page.live.effect(lambda s: s.remote_control.value is not None, fact.set_visibility)
+    page.show_if(fact, lambda s: s.remote_control.value is not None)
     with fact:
         button = ui.button(icon="swap_horiz", on_click=page.doing(lambda: _swap(station)))
         button.props("flat round dense size=sm data-testid=remote-control").tooltip("Remote or local control")
-    page.live.effect(lambda s: s.behind.available, button.set_visibility)
+    page.show_if(button, lambda s: s.behind.available)
 
 
 def _controlled(station: Station) -> str:

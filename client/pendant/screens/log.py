@@ -38,7 +38,7 @@ def _lines(page: Page, view: LogView) -> None:
         for title in _HEAD:
             ui.element("span").props(f'data-title="{title}"')
     box = ui.element("div").classes("log-lines").props("data-testid=log-lines tabindex=0")
-    page.live.bind(box, "value", lambda _: view.change(page.live.connection))
+    page.live.stream(box, "lines", view.take)
     ui.run_javascript(f"pendantLog.show({box.id}, {SHOWN})")
 
 

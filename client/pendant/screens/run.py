@@ -39,6 +39,7 @@ def _control(page: Page) -> None:
     station = page.station
     with page.panel("Loaded program", "run-control"):
         page.live.text(_loaded, "run-loaded").props("data-testid=run-loaded")
+        page.live.text(_run_time, "run-time").props("data-testid=run-time")
         with ui.row().classes("run-load"):
             box = ui.input(placeholder="Path below the programs folder").props("dense outlined data-testid=run-path")
             box.classes("run-path")
@@ -50,7 +51,6 @@ def _control(page: Page) -> None:
         with ui.row().classes("run-state"):
             state = page.live.text(_state, "chip run-chip")
             page.live.bind(state.props("data-testid=run-state"), "state", _state_color)
-            page.live.text(_run_time, "run-time").props("data-testid=run-time")
             ui.space()
             _button("play_arrow", "Play", "run-play", page.doing(page.play))
             _button("pause", "Pause", "run-pause", page.doing(lambda: station.ask(dashboard.PAUSE)))
@@ -114,11 +114,12 @@ def _state_color(station: Station) -> str:
 
 def _run_time(station: Station) -> str:
     seconds = station.programs.run_time_s(station.values.get("timestamp", 0.0))
-    name = station.programs.running
     if seconds is None:
-        return name
+        return ""
     whole = int(seconds)
-    return f"{whole // 3600:02}:{whole // 60 % 60:02}:{whole % 60:02}  {name}"
+    verb = "ran" if station.runtime_state is RuntimeState.STOPPED else "runs"
+    clock = f"{whole // 3600:02}:{whole // 60 % 60:02}:{whole % 60:02}"
+    return f"{station.programs.running or 'A program without a name'} {verb}, {clock}"
 
 
 # variables
@@ -128,5 +129,5 @@ def _variables(page: Page) -> None:
     view = VariablesView(page.station.variables)
     with page.panel("Variables", "run-variables"):
         box = ui.element("div").classes("variables").props("data-testid=variables tabindex=0")
-        page.live.bind(box, "value", lambda _: view.change(page.live.connection))
+        page.live.stream(box, "lines", view.take)
         ui.run_javascript(f"pendantRun.variables({box.id})")

@@ -8,7 +8,7 @@ from nicegui import events, ui
 from client.pendant.draft import Draft, ScriptError
 from client.pendant.page import Page
 
-__all__ = ["build_editor"]
+__all__ = ["build_editor", "replace_draft"]
 
 _PHASES: Final = {
     "": "",
@@ -29,7 +29,7 @@ def build_editor(page: Page) -> None:
         ui.button("Send", icon="send", on_click=page.doing(lambda: _send(page))).props(
             "no-caps unelevated data-testid=script-send"
         )
-        _opener(page, draft)
+        _opener(page)
         ui.button("Save", icon="save_alt", on_click=lambda: ui.download(draft.text.encode(), "pendant.script")).props(
             "flat no-caps data-testid=script-save"
         )
@@ -49,6 +49,23 @@ def build_editor(page: Page) -> None:
     ui.run_javascript(f"pendantRun.editor({editor.id})")
 
 
+async def replace_draft(page: Page, text: str) -> bool:
+    """Put another text into the editor, after asking if somebody's text would be lost; whether that was done."""
+    draft = page.station.programs.draft
+    if (
+        draft.is_somebodys
+        and draft.text != text
+        and not await page.confirm(
+            "Replace the script?",
+            "The text in the editor is replaced. Save it first if you want to keep it.",
+            "Replace",
+        )
+    ):
+        return False
+    draft.write(text)
+    return True
+
+
 async def _send(page: Page) -> None:
     if not await page.may_move():
         return
@@ -58,11 +75,11 @@ async def _send(page: Page) -> None:
     await station.send_script(text)
 
 
-def _opener(page: Page, draft: Draft) -> None:
+def _opener(page: Page) -> None:
     """A button that reads a file of the browser's machine."""
 
     async def take(upload: events.UploadEventArguments) -> None:
-        await page.attempt(lambda: _open(draft, upload))
+        await page.attempt(lambda: _open(page, upload))
         picker.reset()
 
     picker = ui.upload(on_upload=take, auto_upload=True, max_file_size=2_000_000).classes("hidden")
@@ -71,9 +88,9 @@ def _opener(page: Page, draft: Draft) -> None:
     ui.button("Open", icon="folder_open", on_click=lambda: picker.run_method("pickFiles")).props("flat no-caps")
 
 
-async def _open(draft: Draft, upload: events.UploadEventArguments) -> None:
+async def _open(page: Page, upload: events.UploadEventArguments) -> None:
     data = await upload.file.read()
-    draft.write(data.decode("utf-8", "replace").removeprefix("\ufeff").replace("\r\n", "\n"))
+    await replace_draft(page, data.decode("utf-8", "replace").removeprefix("\ufeff").replace("\r\n", "\n"))
 
 
 def _write(page: Page, draft: Draft, text: str, author: str) -> None:

@@ -7,6 +7,7 @@ from nicegui import ui
 
 from client.pendant.page import Page
 from client.pendant.programs import ShownProgram
+from client.pendant.screens.run_editor import replace_draft
 from client.pendant.station import Station
 
 __all__ = ["build_program"]
@@ -85,6 +86,6 @@ def _note(station: Station, tree: bool) -> str:
     return ""
 
 
-def _copy(page: Page, edit: Callable[[], object]) -> None:
-    page.station.programs.draft.write(page.station.programs.shown.text)
-    edit()
+async def _copy(page: Page, edit: Callable[[], object]) -> None:
+    if await replace_draft(page, page.station.programs.shown.text):
+        edit()

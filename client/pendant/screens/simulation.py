@@ -37,18 +37,30 @@ def build(page: Page) -> None:
         scene_panel(page)
         with ui.card().classes("panel sim-tools"):
             _tools(page)
-    page.live.effect(lambda station: station.behind.available, present.set_visibility)
-    page.live.effect(lambda station: not station.behind.available, absent.set_visibility)
+    page.show_if(present, lambda station: station.behind.available)
+    page.show_if(absent, lambda station: not station.behind.available)
 
 
 def _tools(page: Page) -> None:
     with ui.tabs().props("dense no-caps align=justify").classes("sim-tabs") as tabs:
         for name, title, _ in _TABS:
             ui.tab(name, title).props(f"data-testid=sim-{name}")
-    with ui.tab_panels(tabs, value=_TABS[0][0], animated=False).classes("sim-panels"):
-        for name, _, put in _TABS:
-            with ui.tab_panel(name).classes("sim-panel"):
+    with ui.tab_panels(tabs, value=_TABS[0][0], animated=False).classes("sim-panels") as panels:
+        unbuilt = {name: (put, ui.tab_panel(name).classes("sim-panel")) for name, _, put in _TABS}
+    screen = page.live.building
+
+    def show(name: str) -> None:
+        """A tab is built when somebody wants to see it first."""
+        if name in unbuilt:
+            put, panel = unbuilt.pop(name)
+            page.live.building = screen
+            with panel:
                 put(page)
+            page.live.building = None
+
+    show(_TABS[0][0])
+    page.live.building = screen
+    panels.on_value_change(lambda change: show(change.value))
 
 
 def _why_absent(station: Station) -> str:

@@ -45,7 +45,7 @@ def _row(page: Page, name: str, peers: Sequence[str]) -> None:
                 if name != "control":
                     drop = partial(behind.change, "inject_fault", kind="drop_connection", port=name, peer=peer)
                     ui.button(icon="link_off", on_click=page.doing(drop)).props(
-                        f'flat round dense size=sm aria-label="Drop {peer}"'
-                    ).tooltip("End this connection")
+                        f'flat round dense size=sm aria-label="Drop {peer}" title="End this connection"'
+                    )
         if not peers:
             ui.label("–").classes("init-th")

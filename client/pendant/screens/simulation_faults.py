@@ -88,7 +88,7 @@ class _Form:
 
 def _input(field: FaultField) -> Any:
     mark = f"outlined dense hide-bottom-space data-testid=fault-{field.name}"
-    label = field.name.replace("_", " ") + (" *" if field.required else "")
+    label = field.name + (" *" if field.required else "")
     if field.type == "bool":
         return ui.checkbox(label, value=bool(field.default)).props(f"dense data-testid=fault-{field.name}")
     if field.choices:
@@ -133,7 +133,8 @@ def _row(page: Page, fault: Mapping[str, Any]) -> None:
                 ui.label(fault["problem"]).classes("sim-problem")
         ui.label(fault["state"]).classes("sim-chip")
         strikes = fault["strikes"]
-        ui.label(f"{strikes}×").classes("sim-strikes").tooltip(f"struck {strikes} time{'' if strikes == 1 else 's'}")
+        times = f"struck {strikes} time{'' if strikes == 1 else 's'}"
+        ui.label(f"{strikes}×").classes("sim-strikes").props(f'title="{times}"')
         if over:
             ui.element("span").classes("sim-no-button")
         else:

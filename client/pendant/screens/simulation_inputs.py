@@ -95,7 +95,7 @@ def _analog(page: Page, analog: _Analog) -> None:
 
     def show(now: tuple[float, AnalogDomain]) -> None:
         value, domain = now
-        slider.props(f"max={_MOST[domain]}")
+        slider._props["max"] = _MOST[domain]
         slider.set_value(value)
         choice.set_value(int(domain))
 

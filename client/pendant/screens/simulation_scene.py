@@ -27,9 +27,9 @@ def scene_panel(page: Page) -> None:
         with ui.element("div").classes("sim-view"):
             scene = arm_scene(page)
             with ui.element("div").classes("sim-overlay"):
-                ui.label("Drag the ball at the tool to push it, or a thing to move it (Shift: up and down)")
+                ui.label("Drag the ball to push the tool, a thing to move it (Shift: up and down)")
                 page.live.text(_measured, "sim-force").props("data-testid=measured-force")
-            holder = ui.element("div").classes("hidden").props("data-testid=sim-world")
+            holder = ui.element("div").classes("hidden").props("data-testid=surroundings")
         keep = _wrench(page)
     page.live.bind(holder, "points", _world)
     ui.run_javascript(f"pendant.surroundings({holder.id}, {scene.id})")

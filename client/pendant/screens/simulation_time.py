@@ -9,7 +9,7 @@ from nicegui import ui
 from client.pendant.page import Page
 from client.pendant.station import Station
 
-__all__ = ["pace_text", "time_panel"]
+__all__ = ["time_panel"]
 
 _SLOWEST, _FASTEST = 0.1, 10.0
 _STEPS: Final = (1, 10, 125)
@@ -21,13 +21,13 @@ def time_panel(page: Page) -> None:
     with ui.card().classes("panel sim-time"):
         ui.icon("schedule").classes("sim-time-icon")
         live.text(_clock, "sim-clock").props("data-testid=sim-clock")
-        live.bind(live.text(pace_text, "sim-pace").props("data-testid=sim-pace"), "state", _pace_state)
+        live.bind(live.text(_pace, "sim-pace").props("data-testid=sim-pace"), "state", _pace_state)
         pause = ui.button("Pause", icon="pause", on_click=page.doing(lambda: behind.change("pause_time")))
         pause.props("unelevated dense data-testid=time-pause").classes("sim-button")
         resume = ui.button("Resume", icon="play_arrow", on_click=page.doing(lambda: behind.change("resume_time")))
         resume.props("unelevated dense color=positive data-testid=time-resume").classes("sim-button")
-        live.effect(lambda station: not _paused(station), pause.set_visibility)
-        live.effect(_paused, resume.set_visibility)
+        page.show_if(pause, lambda station: not _paused(station))
+        page.show_if(resume, _paused)
         with ui.button_group().props("flat").classes("sim-steps"):
             for count in _STEPS:
                 _step_button(page, count)
@@ -72,12 +72,8 @@ def _speed_of(station: Station) -> float:
     return float(station.behind.time.get("speed", 1.0))
 
 
-def pace_text(station: Station) -> str:
-    """For people."""
-    if _paused(station):
-        return "paused"
-    speed = _speed_of(station)
-    return f"{speed:g}× real time" if speed else "as fast as it goes"
+def _pace(station: Station) -> str:
+    return station.behind.pace or "real time"
 
 
 def _pace_state(station: Station) -> str:

@@ -3,7 +3,7 @@
 const pendant = (() => {
   const followers = new Map(); // element id -> function of a value, for kinds that are not plain DOM
   const receivers = {}; // kinds of single screens -> function of a value, an element id and the element, if it is there
-  const waiting = new Map(); // changes whose element is not there yet, newest only
+  const waiting = new Map(); // changes whose element is not there yet: newest only, but all lines
   const elements = new Map(); // found once, since those of a hidden screen are not in the document
   let socket = null;
   let held = null;
@@ -39,14 +39,19 @@ const pendant = (() => {
   function take(changes) {
     for (const change of changes) {
       const key = `${change[0]} ${change[1]}`;
-      waiting.delete(key);
-      if (!apply(change)) waiting.set(key, change);
+      const queue = (change[1] === "lines" && waiting.get(key)) || [];
+      queue.push(change);
+      waiting.set(key, queue);
+      work(queue, key);
     }
   }
 
-  setInterval(() => {
-    for (const [key, change] of waiting) if (apply(change)) waiting.delete(key);
-  }, 100);
+  function work(queue, key) {
+    while (queue.length && apply(queue[0])) queue.shift();
+    if (!queue.length) waiting.delete(key);
+  }
+
+  setInterval(() => waiting.forEach(work), 100);
 
   function follow(page) {
     const scheme = location.protocol === "https:" ? "wss" : "ws";

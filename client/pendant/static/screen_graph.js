@@ -4,6 +4,7 @@
 (() => {
   const KEPT = 80000; // rows
   const BACK_S = 0.5; // a clock that goes back so far is another one
+  const GAP_S = 0.3; // between two states is a hole in the line
   const COLORS = ["#2f7fb8", "#d9542b", "#2e9e5b", "#8e5cc2", "#c79a00", "#17a2b0", "#d1498b", "#7a8b2a", "#5b6ee1", "#a0522d", "#607d8b", "#e07b39"];
   const MARGIN = { left: 66, right: 10, top: 8, bottom: 20 };
 
@@ -211,6 +212,10 @@
     const ys = [];
     if (last - first <= 2 * area.width) {
       for (let row = first; row < last; row++) {
+        if (row > first && time(row) - time(row - 1) > GAP_S) {
+          xs.push(xs.at(-1));
+          ys.push(NaN);
+        }
         xs.push(area.left + (time(row) - view.left) * scale);
         ys.push(data[row * width + place] * series.factor);
       }
@@ -218,6 +223,10 @@
     }
     let row = first;
     while (row < last) {
+      if (row > first && time(row) - time(row - 1) > GAP_S) {
+        xs.push(xs.at(-1));
+        ys.push(NaN);
+      }
       const x = Math.floor((time(row) - view.left) * scale);
       let low = Infinity;
       let high = -Infinity;

@@ -6,9 +6,14 @@
     if (name.textContent !== text) name.textContent = text;
   }
 
+  // The element is there, with all that is in it.
+  function ready(element) {
+    return element && element.lastElementChild && element.lastElementChild.lastElementChild;
+  }
+
   // A digit each; with [first, digits] the lamps are numbered, and null hides them.
   pendant.receivers.bits = (value, id, row) => {
-    if (!row) return false;
+    if (!ready(row)) return false;
     row.hidden = value === null;
     if (value === null) return true;
     const [first, levels] = typeof value === "string" ? [null, value] : value;
@@ -22,7 +27,7 @@
 
   // [first, texts]: numbered from first on; null hides the table.
   pendant.receivers.cells = (value, id, table) => {
-    if (!table) return false;
+    if (!ready(table)) return false;
     table.hidden = value === null;
     if (value === null) return true;
     const [first, texts] = value;

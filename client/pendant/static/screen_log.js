@@ -30,7 +30,6 @@ const pendantLog = (() => {
 
   function show(id, most) {
     pendant.followers.set(id, (change, box) => {
-      if (!change) return;
       const [anew, rows] = change;
       const atEnd = anew || box.scrollHeight - box.scrollTop - box.clientHeight < 40;
       if (anew) box.replaceChildren();

@@ -13,7 +13,6 @@ const pendantRun = (() => {
   function variables(id) {
     let rows = [];
     pendant.followers.set(id, (change, box) => {
-      if (!change) return;
       const [names, values] = change;
       if (names) rows = names.map((name) => variable(name));
       if (names) box.replaceChildren(...rows.map((row) => row.line));

@@ -1,9 +1,9 @@
 "use strict";
 // What surrounds an arm: things that are dragged about, and a ball at its tool that is dragged to push it.
 (() => {
-  const N_PER_M = 300; // guess: a hand's width is 30 N
-  const MOST_N = 200; // guess
-  const ARROW_M_PER_N = 1 / N_PER_M;
+  const N_PER_M = 120; // guess: a hand's width is 12 N
+  const MOST_N = 150; // guess
+  const HEAD_M = 0.06;
   const TELL_MS = 60;
 
   class Surroundings {
@@ -19,12 +19,13 @@
         new THREE.MeshPhongMaterial({ color: "#e0662f", transparent: true, opacity: 0.75, depthTest: false }),
       );
       this.ball.renderOrder = 2;
-      this.arrow = new THREE.ArrowHelper(new THREE.Vector3(0, 0, 1), new THREE.Vector3(), 0.1, 0xc62828, 0.05, 0.035);
+      const red = new THREE.MeshBasicMaterial({ color: "#c62828", depthTest: false, transparent: true, opacity: 0.9 });
+      this.shaft = new THREE.Mesh(new THREE.CylinderGeometry(0.008, 0.008, 1, 12), red);
+      this.head = new THREE.Mesh(new THREE.ConeGeometry(0.024, HEAD_M, 20), red);
+      this.shaft.renderOrder = this.head.renderOrder = 3;
+      this.arrow = new THREE.Group();
+      this.arrow.add(this.shaft, this.head);
       this.arrow.visible = false;
-      for (const part of [this.arrow.line, this.arrow.cone]) {
-        part.material.depthTest = false;
-        part.renderOrder = 3;
-      }
       this.group.add(this.ball, this.arrow);
       view.scene.add(this.group);
       for (const [type, handler] of [["pointerdown", this.down], ["pointermove", this.move], ["pointerup", this.up], ["pointercancel", this.up]])
@@ -45,10 +46,13 @@
       const size = along.length();
       this.arrow.visible = size > 0.05;
       if (!this.arrow.visible) return;
-      const length = size * ARROW_M_PER_N;
+      const length = size / N_PER_M;
+      const shaft = Math.max(0.001, length - HEAD_M);
       this.arrow.position.copy(this.ball.position);
-      this.arrow.setDirection(along.normalize());
-      this.arrow.setLength(length, Math.min(0.06, length * 0.5), 0.035);
+      this.arrow.quaternion.setFromUnitVectors(new this.THREE.Vector3(0, 1, 0), along.normalize());
+      this.shaft.scale.y = shaft;
+      this.shaft.position.y = shaft / 2;
+      this.head.position.y = length - HEAD_M / 2;
     }
 
     put(thing) {
@@ -80,7 +84,8 @@
         color: flat ? "#8f9ba6" : "#c99a5b", transparent: true, opacity: flat ? 0.45 : 0.9, side: T.DoubleSide,
       });
       const mesh = new T.Mesh(geometry, material);
-      mesh.add(new T.LineSegments(new T.EdgesGeometry(geometry), new T.LineBasicMaterial({ color: "#6b4d22" })));
+      if (!thing.sphere)
+        mesh.add(new T.LineSegments(new T.EdgesGeometry(geometry), new T.LineBasicMaterial({ color: "#6b4d22" })));
       return mesh;
     }
 

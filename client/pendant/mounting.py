@@ -1,0 +1,86 @@
+"""Tool, load and mounting of an arm: what to tell a robot, and what it says it has."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from client.pendant.choices import take
+from client.pendant.station import Station
+from urproto.robots.pose import Pose, Vec3
+from urproto.versions import Availability
+
+__all__ = ["apply_gravity", "apply_payload", "apply_tcp", "gravity_of", "same_tcp", "tcp_of", "tilt_of"]
+
+GRAVITY: Final = 9.82  # m/s2, as PolyScope writes it
+_SAME: Final = 1e-6
+_TARGET_PAYLOAD: Final = Availability.since(None, "5.10")
+
+
+def tcp_of(station: Station) -> Pose | None:
+    """The TCP in effect, in the flange frame; over the primary interface where RTDE has none."""
+    tcp = station.values.get("tcp_offset")
+    if tcp is not None:
+        return tcp  # type: ignore[no-any-return]
+    state = station.core.state if station.connected else None
+    return None if state is None or state.cartesian is None else state.cartesian.tcp_offset
+
+
+def same_tcp(a: Sequence[float] | None, b: Sequence[float]) -> bool:
+    """Whether they are equal but for rounding on the way."""
+    return a is not None and all(abs(x - y) < _SAME for x, y in zip(a, b, strict=True))
+
+
+async def apply_tcp(station: Station, tcp: Sequence[float]) -> None:
+    """Use it from now on. Raises NotTakenError, ClientError."""
+    await take(
+        station,
+        lambda: station.say(f"set_tcp(p{_list(tcp)})"),
+        lambda now: same_tcp(tcp_of(now), tcp),
+        "this TCP",
+    )
+
+
+async def apply_payload(station: Station, mass_kg: float, cog_m: Sequence[float]) -> None:
+    """Let the robot reckon with it from now on. Raises NotTakenError, ClientError."""
+    version = station.version
+    name = "set_target_payload" if version is not None and _TARGET_PAYLOAD.covers(version) else "set_payload"
+    wanted = (mass_kg, *cog_m)
+    has = {"payload", "payload_cog"}.isdisjoint(station.unavailable)
+
+    def taken(now: Station) -> bool:
+        payload = (now.values.get("payload", math.nan), *now.values.get("payload_cog", (math.nan,) * 3))
+        return not has or same_tcp(payload, wanted)
+
+    await take(station, lambda: station.say(f"{name}({float(mass_kg)!r}, {_list(cog_m)})"), taken, "this payload")
+
+
+def gravity_of(tilt_rad: float, turn_rad: float) -> Vec3:
+    """What the base feels [m/s2] of an arm tilted about x, then turned about z, as PolyScope does (signs: guess)."""
+    across, along = GRAVITY * math.sin(tilt_rad), GRAVITY * math.cos(tilt_rad)
+    return (across * math.sin(turn_rad) + 0.0, across * math.cos(turn_rad) + 0.0, along + 0.0)
+
+
+def tilt_of(gravity: Sequence[float]) -> tuple[float, float]:
+    """Tilt and turn [rad] of an arm whose base feels that; the turn of one that stands or hangs is 0."""
+    x, y, z = gravity
+    across = math.hypot(x, y)
+    return math.atan2(across, z), math.atan2(x, y) if across > _SAME else 0.0
+
+
+async def apply_gravity(station: Station, gravity: Sequence[float]) -> bool:
+    """Mount the arm so; whether the robot has told that it has it, which few versions do. Raises ClientError."""
+    script = f"set_gravity({_list(gravity)})"
+    if "target_gravity" in station.unavailable:
+        await station.say(script)
+        return False
+    await take(
+        station,
+        lambda: station.say(script),
+        lambda now: same_tcp(now.values.get("target_gravity"), gravity),
+        "this mounting",
+    )
+    return True
+
+
+def _list(values: Sequence[float]) -> str:
+    return f"[{', '.join(repr(float(value)) for value in values)}]"

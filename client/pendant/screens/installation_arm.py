@@ -1,0 +1,173 @@
+"""What the robot is: model, software, calibration, limits, safety."""
+
+import asyncio
+import math
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from nicegui import ui
+
+from client import dashboard
+from client.calibration import calibration_of, is_nominal, write_calibration
+from client.operations import Operation
+from client.pendant.page import Page
+from client.pendant.station import Station
+from client.pendant.views import Views
+from client.scripts import mode_name
+from urproto.errors import RobotRefused
+from urproto.modes import ControllerBox
+from urproto.primary.state import ConfigurationData, KinematicsInfo
+from urproto.robots import Calibration, CalibrationError
+
+__all__ = ["build"]
+
+_JOINTS: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
+_HEADS: Final = ("Joint", "From", "To", "Speed", "Acceleration")
+
+
+def build(page: Page, views: Views) -> None:
+    """Put it on the page."""
+    with page.panel("Robot", "installation-panel"), ui.element("div").classes("facts"):
+        _fact(page, "Model", lambda s: s.model.title if s.model else "-")
+        _fact(page, "Serial number", _asked(page, views, dashboard.SERIAL_NUMBER, str)).props("data-testid=serial")
+        _fact(page, "PolyScope", lambda s: str(s.version or "-"))
+        _fact(page, "Series", lambda s: s.version.series.value if s.version else "-")
+        _fact(page, "Controller box", lambda s: _arm(s, lambda arm: mode_name(ControllerBox, arm.controller_box)))
+        _fact(page, "Masterboard", lambda s: _arm(s, lambda arm: str(arm.masterboard_version)))
+        _fact(page, "Robot type", lambda s: _arm(s, lambda arm: f"{arm.robot_type}, sub type {arm.sub_type}"))
+        _fact(page, "Address", lambda s: s.robot_ip)
+        _fact(page, "Reach", lambda s: f"{1000 * s.model.reach_m:.0f} mm" if s.model else "-")
+        _fact(page, "Payload", lambda s: f"{s.model.payload_max_kg:g} kg" if s.model else "-")
+    with ui.column().classes("installation-column"):
+        with page.panel("Joint limits", "installation-panel"):
+            table = ui.element("div").classes("limits")
+            page.live.effect(lambda station: station.core.configuration, lambda arm: _limits(table, arm))
+        _calibration(page)
+    with page.panel("Safety", "installation-panel"):
+        with ui.element("div").classes("facts"):
+            _fact(page, "Safety mode", lambda s: s.safety_mode.name.replace("_", " ").capitalize())
+            _fact(page, "Checksum", lambda s: _board(s, lambda board: f"{board.safety_checksum:08X}")).props(
+                "data-testid=checksum"
+            )
+            _fact(page, "Reduced mode", lambda s: _board(s, lambda board: "yes" if board.reduced_mode else "no"))
+            mode = _asked(page, views, dashboard.OPERATIONAL_MODE, lambda mode: mode.value.lower())
+            _fact(page, "Operational mode", mode)
+            remote = _asked(page, views, dashboard.IS_IN_REMOTE_CONTROL, lambda on: "remote" if on else "local")
+            _fact(page, "Control", remote)
+        ui.label(
+            "Safety limits, planes and safety I/O are not published by a robot: they are on its own teach pendant, "
+            "and the checksum there must be this one."
+        ).classes("soft")
+
+
+def _fact(page: Page, name: str, read: Callable[[Station], str]) -> ui.element:
+    ui.label(name)
+    return page.live.text(read)
+
+
+def _arm(station: Station, read: Callable[[ConfigurationData], str]) -> str:
+    arm = station.core.configuration
+    return "-" if arm is None else read(arm)
+
+
+def _board(station: Station, read: Callable[[Any], str]) -> str:
+    state = station.core.state
+    return "-" if state is None or state.masterboard is None else read(state.masterboard)
+
+
+def _asked(page: Page, views: Views, operation: Operation[Any], text: Callable[[Any], str]) -> Callable[[Station], str]:
+    """What the dashboard answers, asked for whenever somebody begins to look."""
+    known = ["-"]
+
+    async def ask() -> None:
+        try:
+            known[0] = text(await page.station.ask(operation))
+        except RobotRefused:
+            known[0] = "not told by this version"
+
+    page.live.effect(
+        lambda station: station.connected and views.looked_at == "arm",
+        lambda looking: page.soon(ask) if looking else None,
+    )
+    return lambda station: known[0]
+
+
+# limits
+
+
+def _limits(table: ui.element, arm: ConfigurationData | None) -> None:
+    table.clear()
+    if arm is None:
+        return
+    with table:
+        for head in _HEADS:
+            ui.label(head).classes("soft")
+        rows = zip(_JOINTS, arm.q_min, arm.q_max, arm.qd_max, arm.qdd_max, strict=True)
+        for name, low, high, speed, acceleration in rows:
+            ui.label(name)
+            ui.label(f"{math.degrees(low):.0f}°")
+            ui.label(f"{math.degrees(high):.0f}°")
+            ui.label(f"{math.degrees(speed):.0f}°/s")
+            ui.label(f"{math.degrees(acceleration):.0f}°/s²")
+
+
+# calibration
+
+
+def _calibration(page: Page) -> None:
+    with page.panel("Calibration", "installation-panel"):
+        with ui.element("div").classes("facts"):
+            _fact(page, "Kinematics", _remembered(_kind)).props("data-testid=calibration")
+            _fact(page, "Hash", _remembered(lambda calibration, arm: calibration.hash)).props("data-testid=hash")
+
+        async def save() -> None:
+            kinematics = page.station.core.kinematics
+            if kinematics is None:
+                raise ValueError("this robot has not told its calibration")
+            content = await asyncio.to_thread(_file, calibration_of(kinematics))
+            ui.download.content(content, "my_robot_calibration.yaml")
+
+        ui.button("Download", icon="download", on_click=page.doing(save)).props(
+            "flat no-caps data-testid=calibration-file"
+        ).tooltip("As ROS's ur_description wants it: my_robot_calibration.yaml")
+
+
+def _kind(calibration: Calibration, arm: ConfigurationData) -> str:
+    return "nominal" if is_nominal(calibration, arm) else "calibrated"
+
+
+def _remembered(read: Callable[[Calibration, ConfigurationData], str]) -> Callable[[Station], str]:
+    """Worked out again only when the robot says something new."""
+    last: list[tuple[KinematicsInfo | None, ConfigurationData | None]] = []
+    text = ["-"]
+
+    def see(station: Station) -> str:
+        said = (station.core.kinematics, station.core.configuration)
+        if not last or last[0][0] is not said[0] or last[0][1] is not said[1]:
+            last[:] = [said]
+            text[0] = _told(*said, read)
+        return text[0]
+
+    return see
+
+
+def _told(
+    kinematics: KinematicsInfo | None,
+    arm: ConfigurationData | None,
+    read: Callable[[Calibration, ConfigurationData], str],
+) -> str:
+    if kinematics is None or arm is None:
+        return "-"
+    try:
+        return read(calibration_of(kinematics), arm)
+    except CalibrationError as error:
+        return str(error)
+
+
+def _file(calibration: Calibration) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "calibration.yaml")
+        write_calibration(path, calibration)
+        return path.read_bytes()

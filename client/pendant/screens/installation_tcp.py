@@ -1,0 +1,172 @@
+"""Tool centre points: the one in effect, and those somebody has saved."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from nicegui import ui
+
+from client.errors import FileError
+from client.pendant.mounting import apply_tcp, same_tcp, tcp_of
+from client.pendant.page import Page
+from client.pendant.station import Station
+from urproto.robots.pose import Pose, rotvec_to_rpy, rpy_to_rotvec
+
+__all__ = ["build"]
+
+_DEG: Final = 57.29577951308232
+_MM: Final = 1000.0
+_VECTOR: Final = "vector"
+_RPY: Final = "rpy"
+_NAMES: Final = {_VECTOR: ("RX", "RY", "RZ"), _RPY: ("Roll", "Pitch", "Yaw")}
+_FLANGE: Final = "Flange"  # the TCP that every arm has
+
+
+def build(page: Page) -> None:
+    """Put it on the page."""
+    with page.panel("Tool centre point", "tcp-panel"):
+        _Editor(page)
+
+
+class _Editor:
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._form = _VECTOR
+        self._in_effect()
+        ui.separator()
+        with ui.row().classes("tcp-head"):
+            self._name = ui.input("Name").props("dense outlined data-testid=tcp-name").classes("tcp-name")
+            ui.toggle({_VECTOR: "Rotation vector [rad]", _RPY: "RPY [°]"}, value=_VECTOR).props(
+                "dense no-caps unelevated data-testid=tcp-form"
+            ).on_value_change(lambda change: self._turn(change.value))
+        with ui.element("div").classes("six"):
+            self._boxes = [_number(f"tcp-{index}") for index in range(6)]
+        self._label()
+        with ui.row().classes("tcp-buttons"):
+            ui.button("Use it", on_click=lambda: self._use(self._entered)).props("no-caps data-testid=tcp-use")
+            ui.button("Save", on_click=self._save).props("outline no-caps data-testid=tcp-save")
+            ui.button("Take the one in effect", on_click=self._take_over).props("flat no-caps")
+        self._list = ui.element("div").classes("tcp-list")
+        page.live.effect(lambda station: station.tools.version, lambda _: self._fill())
+        ui.label("Counts until a program or an installation sets another one.").classes("soft")
+
+    # the one in effect
+
+    def _in_effect(self) -> None:
+        live = self._page.live
+        with ui.element("div").classes("six now"):
+            for index, name in enumerate(("X", "Y", "Z", "RX", "RY", "RZ")):
+                with ui.element("div").classes("now-value"):
+                    ui.label(name)
+                    live.text(_element(index)).props(f"data-testid=tcp-now-{index}")
+        with ui.row().classes("items-center"):
+            ui.label("In effect:").classes("soft")
+            live.text(_known_as, "tcp-known").props("data-testid=tcp-now")
+
+    # the form
+
+    def _entered(self) -> Pose:
+        """Raises ValueError when a number is missing."""
+        values = [box.value for box in self._boxes]
+        if any(value is None for value in values):
+            raise ValueError("a TCP has six numbers: fill in all of them")
+        x, y, z = (value / _MM for value in values[:3])
+        a, b, c = values[3:]
+        return (x, y, z, *(rpy_to_rotvec(a / _DEG, b / _DEG, c / _DEG) if self._form == _RPY else (a, b, c)))
+
+    def _show(self, tcp: Sequence[float]) -> None:
+        rotation: Sequence[float] = tcp[3:]
+        if self._form == _RPY:
+            rotation = [_DEG * angle for angle in rotvec_to_rpy(*tcp[3:])]
+        for box, value in zip(self._boxes, (*(_MM * value for value in tcp[:3]), *rotation), strict=True):
+            box.set_value(round(value, 6) + 0.0)
+
+    def _label(self) -> None:
+        for box, name in zip(self._boxes, ("X [mm]", "Y [mm]", "Z [mm]", *_NAMES[self._form]), strict=True):
+            box.props(f'label="{name}"')
+
+    def _turn(self, form: str) -> None:
+        try:
+            entered = self._entered()
+        except ValueError:
+            entered = None
+        self._form = form
+        self._label()
+        if entered is not None:
+            self._show(entered)
+
+    def _take_over(self) -> None:
+        tcp = tcp_of(self._page.station)
+        if tcp is not None:
+            self._show(tcp)
+
+    # what becomes of it
+
+    async def _use(self, tcp: Callable[[], Sequence[float]]) -> None:
+        async def use() -> None:
+            await apply_tcp(self._page.station, tcp())
+
+        await self._page.attempt(use, "TCP in use")
+
+    async def _save(self) -> None:
+        async def save() -> None:
+            self._page.station.tools.save(self._name.value or "", self._entered())
+
+        await self._page.attempt(save, "saved")
+
+    def _fill(self) -> None:
+        self._list.clear()
+        with self._list:
+            for name, tcp in {_FLANGE: (0.0,) * 6, **self._saved()}.items():
+                self._row(name, tcp)
+
+    def _saved(self) -> dict[str, Pose]:
+        try:
+            return dict(self._page.station.tools.all)
+        except FileError as error:
+            self._page.complain(str(error))
+            return {}
+
+    def _row(self, name: str, tcp: Sequence[float]) -> None:
+        with ui.element("div").classes("tcp-row") as row:
+            pick = ui.element("button").classes("tcp-pick").props("type=button")
+            pick.on("click", lambda: self._edit(name, tcp))
+            with pick:
+                ui.label(name)
+                ui.label(", ".join(f"{_MM * value:.1f}" for value in tcp[:3]) + " mm").classes("soft")
+            ui.button("Use", on_click=lambda: self._use(lambda: tcp)).props("flat dense no-caps")
+            if name != _FLANGE:
+                ui.button(icon="delete", on_click=lambda: self._delete(name)).props("flat dense round")
+        row.props["data-testid"] = f"tcp {name}"
+
+    def _edit(self, name: str, tcp: Sequence[float]) -> None:
+        self._name.set_value("" if name == _FLANGE else name)
+        self._show(tcp)
+
+    async def _delete(self, name: str) -> None:
+        async def delete() -> None:
+            self._page.station.tools.delete(name)
+
+        await self._page.attempt(delete)
+
+
+def _number(mark: str) -> ui.number:
+    return ui.number(value=0.0).props(f"dense outlined hide-bottom-space data-testid={mark}")
+
+
+def _element(index: int) -> Callable[[Station], str]:
+    def read(station: Station) -> str:
+        tcp = tcp_of(station)
+        if tcp is None:
+            return "-"
+        return f"{_MM * tcp[index] + 0.0:.2f} mm" if index < 3 else f"{tcp[index] + 0.0:.4f} rad"
+
+    return read
+
+
+def _known_as(station: Station) -> Any:
+    """The name under which it was saved."""
+    tcp = tcp_of(station)
+    if same_tcp(tcp, (0.0,) * 6):
+        return _FLANGE
+    known = station.tools.known
+    return next((name for name, saved in known.items() if same_tcp(tcp, saved)), "one that is not saved here")

@@ -1,0 +1,59 @@
+"""Where the joints may go, and whether they could still stop before the end of that."""
+
+from math import inf
+
+from emulator.motion.faults import MotionFault, joint_limit
+from emulator.motion.stops import JointStop
+from emulator.motion.vectors import Joints, as_six
+from urproto.robots.model import RobotModel
+
+__all__ = ["PositionLimits"]
+
+_TOLERANCE_RAD = 1e-9
+
+
+class PositionLimits:
+    """low, high: of each joint [rad], those of the model until others are used."""
+
+    def __init__(self, model: RobotModel, period_s: float) -> None:
+        self.low, self.high = model.position_limits
+        self._qdd_max = model.qdd_max
+        # braking distance of a joint over the square of its move in one period
+        self._braking = as_six(1.0 / (2.0 * a * period_s**2) for a in model.qdd_max)
+
+    def check(self, target: Joints, before: Joints) -> None:
+        """Raise MotionFault when a joint that moves like this in a period could not stop before its limit."""
+        if target == before:
+            return
+        for i, (now, was, low, high, braking) in enumerate(
+            zip(target, before, self.low, self.high, self._braking, strict=True)
+        ):
+            move = now - was
+            end = now + move * abs(move) * braking
+            if low <= now <= high and low <= end <= high:
+                continue
+            if (was > high and move <= 0.0) or (was < low and move >= 0.0):
+                continue  # outside already, as in recovery mode, and on its way back
+            margin = abs(move) + _TOLERANCE_RAD  # the speed is the period's mean, not its end's
+            inside = low - _TOLERANCE_RAD <= now <= high + _TOLERANCE_RAD
+            if not (inside and low - margin <= end <= high + margin):
+                raise joint_limit(i, end, low, high)
+
+    def outside(self, q: Joints) -> MotionFault | None:
+        """What is wrong with standing here; None if nothing is."""
+        for i, (position, low, high) in enumerate(zip(q, self.low, self.high, strict=True)):
+            if not low - _TOLERANCE_RAD <= position <= high + _TOLERANCE_RAD:
+                return joint_limit(i, position, low, high)
+        return None
+
+    def brake(self, q: Joints, qd: Joints) -> JointStop:
+        """Each joint at its acceleration limit, harder only where the position limit is nearer than that."""
+        times = zip(self.longest_stop(q, qd), qd, self._qdd_max, strict=True)
+        return JointStop(q, qd, as_six(min(longest, abs(speed) / a) for longest, speed, a in times))
+
+    def longest_stop(self, q: Joints, qd: Joints) -> Joints:
+        """How long each joint may take to brake evenly to rest before its limit [s]; inf for one at rest."""
+        return as_six(
+            2.0 * max(high - position if speed > 0.0 else position - low, 0.0) / abs(speed) if speed else inf
+            for position, speed, low, high in zip(q, qd, self.low, self.high, strict=True)
+        )

@@ -1,0 +1,111 @@
+"""Lasting conditions: what inputs, devices and the arm's position hold up, each a cause of a safety mode."""
+
+from typing import TYPE_CHECKING, Final
+
+from emulator.lifecycle.safety import SafetyEvent
+from emulator.safety.configuration import SafetyConfiguration, SafetyInput
+from emulator.safety.geometry import Boundaries
+from emulator.safety.signals import SafetyDevice, SafetyInputs
+from emulator.safety.supervision import Supervision
+from urproto.modes import SafetyMode
+from urproto.versions import Series
+
+if TYPE_CHECKING:
+    from emulator.controller import Controller
+
+__all__ = ["Conditions"]
+
+_TRIGGER_HYSTERESIS_M: Final = 0.02  # hardware manuals: both sets of limits are accepted there
+_EMERGENCY_STOPS: Final = frozenset({SafetyEvent.ROBOT_EMERGENCY_STOP, SafetyEvent.SYSTEM_EMERGENCY_STOP})
+
+
+class Conditions:
+    """raised: the events of conditions that have begun and not ended."""
+
+    def __init__(
+        self,
+        controller: "Controller",
+        configuration: SafetyConfiguration,
+        inputs: SafetyInputs,
+        boundaries: Boundaries,
+        supervision: Supervision,
+    ) -> None:
+        self._controller = controller
+        self._configuration = configuration
+        self._inputs = inputs
+        self._boundaries = boundaries
+        self._supervision = supervision
+        self._beyond_trigger = False
+        self.raised: set[SafetyEvent] = set()
+
+    def follow_inputs(self) -> None:
+        """Inputs, devices or the operational mode have changed."""
+        inputs, mode = self._inputs, self._controller.operational_mode
+        e_series = self._controller.model.series is Series.E
+        self._emergency_stops()
+        self._safeguard(
+            (SafetyEvent.SAFEGUARD_OPEN, SafetyEvent.SAFEGUARD_CLOSED),
+            inputs.active(SafetyDevice.SAFEGUARD),
+            SafetyInput.SAFEGUARD_RESET,
+        )
+        self._safeguard(
+            (SafetyEvent.AUTOMATIC_SAFEGUARD_OPEN, SafetyEvent.AUTOMATIC_SAFEGUARD_CLOSED),
+            inputs.active(SafetyDevice.AUTOMATIC_SAFEGUARD) and mode == "AUTOMATIC" and e_series,
+            SafetyInput.AUTOMATIC_SAFEGUARD_RESET,
+        )
+        self._hold(
+            (SafetyEvent.ENABLING_RELEASED, SafetyEvent.ENABLING_HELD),
+            inputs.active(SafetyDevice.ENABLING_DEVICE) and mode == "MANUAL" and e_series,
+        )
+        self._follow_reduced()
+
+    def _emergency_stops(self) -> None:
+        """The robot's own counts more than the system's; one released while the other is held leaves the other."""
+        held = [
+            event
+            for event, device in (
+                (SafetyEvent.ROBOT_EMERGENCY_STOP, SafetyDevice.EMERGENCY_STOP),
+                (SafetyEvent.SYSTEM_EMERGENCY_STOP, SafetyDevice.SYSTEM_EMERGENCY_STOP),
+            )
+            if self._inputs.active(device)
+        ]
+        before = self.raised & _EMERGENCY_STOPS
+        if set(held) == before:
+            return
+        self.raised = self.raised - _EMERGENCY_STOPS | set(held)
+        if before - set(held):
+            self._controller.safety_event(SafetyEvent.EMERGENCY_STOP_RELEASED)
+        for event in held:
+            self._controller.safety_event(event)
+
+    def _safeguard(self, events: tuple[SafetyEvent, SafetyEvent], opened: bool, reset: SafetyInput) -> None:
+        """A safeguard with a reset input stays open until that rises while it is closed."""
+        waits = self._inputs.assigned(reset) and not self._inputs.rose(reset)
+        self._hold(events, opened or (events[0] in self.raised and waits))
+
+    def _hold(self, events: tuple[SafetyEvent, SafetyEvent], wanted: bool) -> None:
+        """Raise or end a condition, given by what happens when it begins and ends."""
+        begun, ended = events
+        if wanted is (begun in self.raised):
+            return
+        (self.raised.add if wanted else self.raised.discard)(begun)
+        self._controller.safety_event(begun if wanted else ended)
+
+    def _follow_reduced(self) -> None:
+        """Reduced mode as long as an input or a trigger plane wants it."""
+        wanted = self._inputs.active(SafetyDevice.REDUCED_MODE) or self._beyond_trigger
+        self._hold((SafetyEvent.REDUCED, SafetyEvent.NOT_REDUCED), wanted)
+
+    def follow_triggers(self) -> None:
+        """Look on which side of the planes the arm is that trigger reduced mode."""
+        hysteresis = -_TRIGGER_HYSTERESIS_M if self._beyond_trigger else 0.0
+        self._beyond_trigger = self._boundaries.beyond_trigger(self._controller.arm, hysteresis)
+        self._follow_reduced()
+
+    def look_where_it_stands(self) -> None:
+        """Outside the limits of normal or reduced operation the arm can only be moved back."""
+        reduced = SafetyEvent.REDUCED in self.raised
+        limits = self._configuration.reduced if reduced else self._configuration.normal
+        mode = SafetyMode.REDUCED if reduced else SafetyMode.NORMAL
+        outside = self._supervision.outside(self._controller.arm, limits, self._boundaries, mode)
+        self._hold((SafetyEvent.OUTSIDE_LIMITS, SafetyEvent.INSIDE_LIMITS), outside)

@@ -1,0 +1,66 @@
+"""An emulator's control API as a pendant sees it."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from client.pendant.behind import Behind
+from client.pendant.dialogues import Dialogues
+
+
+@asynccontextmanager
+async def server(status: int, answers: dict[str, object]) -> AsyncIterator[int]:
+    """Answers every request on a port: /verbs with the names, a verb with its result."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        head = await reader.readuntil(b"\r\n\r\n")
+        path = head.split()[1].decode()
+        lengths = [line.split(b":")[1] for line in head.split(b"\r\n") if line.lower().startswith(b"content-length")]
+        await reader.readexactly(int(lengths[0]) if lengths else 0)
+        content = [{"name": verb} for verb in answers]
+        told = content if path == "/verbs" else {"result": answers.get(path.rpartition("/")[2])}
+        body = json.dumps(told if status == 200 else {"error": "no"}).encode()
+        lines = (f"HTTP/1.1 {status} X", "Connection: close", f"Content-Length: {len(body)}", "", "")
+        writer.write("\r\n".join(lines).encode() + body)
+        await writer.drain()
+        writer.close()
+
+    listening = await asyncio.start_server(serve, "127.0.0.1", 0)
+    async with listening:
+        yield listening.sockets[0].getsockname()[1]
+
+
+async def found(status: int, answers: dict[str, object], **also: object) -> Behind:
+    """After it has looked."""
+    news = asyncio.Event()
+    async with server(status, answers) as port, asyncio.timeout(20.0):
+        behind = Behind("127.0.0.1", port, "", news.set)
+        following = asyncio.create_task(behind.follow(Dialogues()))
+        while not (behind.locked or behind.time):
+            await asyncio.sleep(0)
+        following.cancel()
+        await asyncio.gather(following, return_exceptions=True)
+        behind.still = await behind.stands_still()  # type: ignore[attr-defined]
+        await behind.close()
+    return behind
+
+
+TIME = {"time_s": 1.0, "period_s": 0.008, "speed": 1.0, "paused": False}
+
+
+def test_one_that_wants_a_token_is_told_from_none() -> None:
+    behind = asyncio.run(found(401, {}))
+    assert (behind.available, behind.locked) == (False, True)
+
+
+def test_what_stays_the_same_is_asked_for_once() -> None:
+    behind = asyncio.run(found(200, {"popups": [], "time": TIME, "ports": {"rtde": 30004}, "fault_kinds": []}))
+    assert (behind.available, behind.locked) == (True, False)
+    assert behind.catalogue == {"ports": {"rtde": 30004}, "fault_kinds": []}
+    assert (behind.pace, behind.still) == ("", False)
+
+
+def test_paused_time_is_known() -> None:
+    behind = asyncio.run(found(200, {"popups": [], "time": {**TIME, "paused": True}}))
+    assert (behind.pace, behind.still) == ("time paused", True)

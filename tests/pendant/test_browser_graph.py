@@ -1,0 +1,64 @@
+"""Graph, in a browser: what is drawn, and the files that come out."""
+
+from pathlib import Path
+
+from playwright.sync_api import expect
+
+from client.recording.tables import read_csv
+from client.rtde import BlockingRTDEClient
+from tests.pendant.conftest import eventually
+
+COLORED = """() => {
+  const canvas = document.querySelector(".plot");
+  const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  let count = 0;
+  for (let i = 0; i < data.length; i += 4)
+    if (Math.max(data[i], data[i + 1], data[i + 2]) - Math.min(data[i], data[i + 1], data[i + 2]) > 60) count++;
+  return count;
+}"""
+
+
+def saved(page, button: str, folder: Path) -> Path:
+    with page.expect_download() as download:
+        page.get_by_test_id(button).click()
+    file = folder / download.value.suggested_filename
+    download.value.save_as(file)
+    return file
+
+
+def test_a_plot_is_drawn_and_saved(rig, open_page, tmp_path):
+    page = open_page("graph")
+    page.get_by_test_id("rate_hz").get_by_text("125 Hz").click()
+    eventually(lambda: page.evaluate(COLORED) > 100)
+    wanted = dict[float, tuple[float, ...]]()
+    rig.control.send_script("def move():\n  movej([0.3, -1.2, 0.4, -1, 0.3, 0.3], a=4, v=2)\nend\n")
+    with BlockingRTDEClient(rig.host, ["timestamp", "actual_q", "actual_TCP_force"]) as other:
+        for _ in range(60):
+            state = other.receive()
+            wanted[state["timestamp"]] = state["actual_q"], state["actual_TCP_force"]
+    page.get_by_test_id("graph-pause").click()
+    expect(page.get_by_test_id("graph-pause")).to_have_text("Go on")
+    recording = read_csv(saved(page, "csv", tmp_path))
+    got = {state["timestamp"]: (state["actual_q"], state["actual_TCP_force"]) for state in recording.states()}
+    assert len(wanted.keys() & got.keys()) == 60
+    assert {time: got[time] for time in wanted} == wanted
+    picture = saved(page, "png", tmp_path)
+    assert picture.suffix == ".png"
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert picture.stat().st_size > 5000
+
+
+def test_signals_are_searched_and_chosen(rig, open_page):
+    page = open_page("graph")
+    page.get_by_test_id("choose-1").click()
+    page.get_by_test_id("signal-search").fill("tool_temperature")
+    row = page.locator(".signals tbody tr", has_text="tool_temperature")
+    expect(row).to_contain_text("temperature of the tool board")
+    row.locator(".q-checkbox").click()
+    page.get_by_test_id("signals-show").click()
+    entry = page.locator(".legend-entry[data-key='tool_temperature']")
+    expect(entry).to_contain_text("°C")
+    temperature = rig.state("tool_temperature")
+    eventually(lambda: abs(float(entry.locator("b").inner_text() or 0) - temperature) < 0.5)
+    entry.click()
+    expect(entry).to_have_attribute("data-state", "hidden")

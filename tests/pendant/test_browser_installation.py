@@ -1,0 +1,39 @@
+"""Installation, in a browser."""
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.pendant.conftest import eventually
+
+
+def test_a_tcp_is_saved_and_used(rig, open_page):
+    page, other = open_page("installation"), open_page("installation")
+    page.get_by_test_id("tcp-name").fill('gripper "x"')
+    page.get_by_test_id("tcp-2").fill("152.5")
+    page.get_by_test_id("tcp-save").click()
+    row = other.get_by_test_id('tcp gripper "x"')
+    expect(row).to_contain_text("152.5 mm")
+    row.get_by_role("button", name="Use").click()
+    eventually(lambda: rig.state("tcp_offset") == pytest.approx([0, 0, 0.1525, 0, 0, 0]))
+    expect(page.get_by_test_id("tcp-now-2")).to_have_text("152.50 mm")
+    expect(page.get_by_test_id("tcp-now")).to_have_text('gripper "x"')
+    page.get_by_test_id("tcp Flange").get_by_role("button", name="Use").click()
+    eventually(lambda: rig.state("tcp_offset") == [0] * 6)
+
+
+def test_payload_external_control_and_what_the_arm_is(rig, open_page):
+    page = open_page("installation")
+    page.get_by_test_id("payload-mass").fill("0.5")
+    page.get_by_test_id("payload-cz").fill("40")
+    page.get_by_test_id("payload-use").click()
+    expect(page.get_by_test_id("payload-now")).to_have_text("In effect: 0.500 kg at 0.0, 0.0, 40.0 mm")
+    assert rig.state("payload_cog") == pytest.approx([0, 0, 0.04])
+    expect(page.get_by_test_id("driver-port")).to_have_value("50002")
+    page.get_by_test_id("driver-host").fill("10.1.2.3")
+    page.get_by_test_id("driver-port").fill("50102")
+    page.get_by_test_id("driver-save").click()
+    eventually(lambda: rig.control.external_control() == {"host": "10.1.2.3", "port": 50102})
+    page.get_by_test_id("installation-arm").click()
+    expect(page.get_by_test_id("serial")).to_have_text(rig.control.describe()["serial_number"])
+    expect(page.get_by_test_id("calibration")).to_have_text("nominal")
+    expect(page.get_by_test_id("hash")).to_contain_text("calib_")

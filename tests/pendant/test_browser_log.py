@@ -1,0 +1,35 @@
+"""Log, in a browser."""
+
+from pathlib import Path
+
+from playwright.sync_api import expect
+
+FLOOD = 'def flood():\n  i = 0\n  while i < 5000:\n    i = i + 1\n    textmsg("message ", i)\n  end\nend\n'
+
+
+def test_a_stop_is_there_with_code_and_text_and_texts_are_no_markup(rig, open_page):
+    page = open_page("log")
+    page.get_by_test_id("log-clear").click()
+    rig.control.send_script('textmsg("<b>bold</b><img src=x onerror=alert(1)>")')
+    expect(page.get_by_text("<b>bold</b><img src=x onerror=alert(1)>")).to_be_visible()
+    rig.control.protective_stop(code=153, argument=2)
+    page.get_by_test_id("stop-hide").click()
+    line = page.locator(".log-lines .log-line", has_text="C153A2")
+    expect(line).to_contain_text("The position deviates from the path: elbow")
+    expect(page.locator(".log-lines .warning")).to_have_count(2)
+    page.get_by_test_id("log-words").fill("elbow")
+    expect(page.locator(".log-lines .log-line")).to_have_count(1)
+    with page.expect_download() as download:
+        page.get_by_test_id("log-csv").click()
+    assert download.value.suggested_filename.endswith(".csv")
+    assert "C153A2,The position deviates" in Path(download.value.path()).read_text()
+
+
+def test_five_thousand_messages_leave_the_page_alive(rig, open_page):
+    page = open_page("log")
+    rig.control.send_script(FLOOD)
+    expect(page.get_by_text("message 5000", exact=True)).to_be_visible()
+    expect(page.locator(".log-lines .log-line")).to_have_count(500)
+    page.get_by_test_id("tab-run").click()
+    expect(page.get_by_test_id("run-state")).to_be_visible()
+    expect(page.get_by_test_id("run-time")).to_contain_text("flood")

@@ -1,0 +1,218 @@
+"""Simulation, in a browser."""
+
+import re
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+
+import pytest
+from playwright.sync_api import Page, expect
+from playwright.sync_api import TimeoutError as NotInTime
+
+from tests.pendant.conftest import ROOT, eventually
+
+
+@pytest.fixture
+def at(open_page) -> Callable[..., Page]:
+    """Opens the screen, with one of its tabs in view."""
+
+    def open_(tab: str = "") -> Page:
+        page = open_page("simulation")
+        if tab:
+            page.get_by_test_id(f"sim-{tab}").click()
+        return page
+
+    return open_
+
+
+def choose(page: Page, mark: str, text: str) -> None:
+    option = page.get_by_role("option", name=text, exact=True)
+    page.get_by_test_id(mark).click()
+    try:
+        option.wait_for(timeout=5000)
+    except NotInTime:  # a busy machine's browser may miss a click on what it has just drawn
+        page.get_by_test_id(mark).click()
+    option.click()
+
+
+def where(page: Page, name: str = "") -> tuple[float, float]:
+    """Of a thing or the ball at the tool, on the page."""
+    page.wait_for_function("name => typeof pendant.where == 'function' && pendant.where(name || undefined)", arg=name)
+    x, y = page.evaluate("name => pendant.where(name || undefined)", name)
+    return x, y
+
+
+def test_a_fault_from_its_form_strikes_and_is_listed(rig, at):
+    page = at()
+    expect(page.get_by_test_id("fault-text")).to_contain_text("End the connections")
+    choose(page, "fault-port", "dashboard")
+    with socket.create_connection((rig.host, rig.robot.ports["dashboard"]), 20.0) as client:
+        assert client.recv(100)
+        page.get_by_test_id("fault-inject").click()
+        with pytest.raises(ConnectionResetError):
+            client.recv(100)
+    expect(page.get_by_test_id("faults")).to_contain_text("port dashboard")
+
+
+def test_a_fault_is_refused_with_its_reason_and_one_that_lasts_is_cleared(rig, at):
+    page = at()
+    choose(page, "fault-kind", "Arm: Encoder jump")
+    page.get_by_test_id("fault-inject").click()
+    expect(page.locator(".q-notification")).to_contain_text("needs joint, by_rad")
+    choose(page, "fault-kind", "Bytes on their way: Stall")
+    choose(page, "fault-port", "secondary")
+    page.get_by_test_id("fault-inject").click()
+    eventually(lambda: rig.control.faults()[-1]["state"] == "in force")
+    assert rig.control.faults()[-1]["arguments"] == {"port": "secondary"}
+    page.locator("[data-testid^=fault-clear-]").click()
+    eventually(lambda: rig.control.faults()[-1]["state"] == "over")
+    expect(page.locator("[data-testid^=fault-clear-]")).to_have_count(0)
+
+
+def test_dragging_the_ball_pushes_the_tool_while_it_is_held_and_numbers_until_release(rig, at):
+    page = at()
+    x, y = where(page)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 30, y, steps=3)
+    eventually(lambda: force(rig) > 5.0)
+    expect(page.get_by_test_id("measured-force")).not_to_contain_text("Measured 0.0 N")
+    page.mouse.up()
+    eventually(lambda: force(rig) == 0.0)
+    assert rig.control.world()["push"] is None
+    page.get_by_test_id("wrench-fz").fill("12.5")
+    page.get_by_test_id("wrench-push").click()
+    eventually(lambda: (rig.control.world()["push"] or {}).get("wrench", [0] * 6)[2] == 12.5)
+    page.get_by_test_id("wrench-release").click()
+    eventually(lambda: rig.control.world()["push"] is None)
+
+
+def force(rig) -> float:
+    return sum(value * value for value in rig.state("actual_TCP_force")[:3]) ** 0.5
+
+
+def test_paused_time_is_stepped_and_loses_nobody(rig, at):
+    page = at()
+    try:
+        page.get_by_test_id("time-pause").click()
+        expect(page.get_by_test_id("pace")).to_have_text("time paused")
+        before = rig.control.time()
+        page.get_by_test_id("time-step-10").click()
+        after = before["time_s"] + 10 * before["period_s"]
+        expect(page.get_by_test_id("sim-clock")).to_have_text(f"{after:.3f} s")
+        assert rig.control.time()["time_s"] == pytest.approx(after)
+        page.wait_for_timeout(1500)  # longer than a robot that runs may be silent
+        expect(page.locator(".lost")).to_be_hidden()
+        page.get_by_test_id("time-resume").click()
+        expect(page.get_by_test_id("pace")).to_be_hidden()
+        assert not rig.control.time()["paused"]
+    finally:
+        rig.control.resume_time()
+
+
+def test_things_are_added_dragged_and_removed(rig, at):
+    page = at("world")
+    add = page.get_by_test_id("object-add")
+    add.click()
+    expect(page.get_by_test_id("object")).to_have_count(1)
+    before = rig.control.world()["objects"]["box"]
+    assert before["box"] == [0.1, 0.1, 0.1]
+    x, y = where(page, "box")
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 25, y + 10, steps=3)
+    page.mouse.up()
+    eventually(lambda: moved(before["pose"], rig.control.world()["objects"]["box"]["pose"]))
+    page.get_by_label("Remove box").click()
+    eventually(lambda: rig.control.objects() == [])
+
+
+def moved(before: list[float], now: list[float]) -> bool:
+    """Along the ground and no other way."""
+    return now[:2] != before[:2] and now[2:] == before[2:]
+
+
+def test_inputs_are_switched_and_driven(rig, at):
+    page = at("inputs")
+    for mark, bit in (("di3", 1 << 3), ("ci7", 1 << 15), ("ti1", 1 << 17)):
+        switch = page.get_by_test_id(mark)
+        switch.click()
+        expect(switch).to_have_attribute("data-state", "on")
+        assert rig.state("actual_digital_input_bits") & bit
+        switch.click()
+        expect(switch).to_have_attribute("data-state", "off")
+    page.get_by_test_id("analog-ai1").click()
+    expect(page.get_by_test_id("analog-text-ai1")).to_have_text(re.compile(r"[45]\.\d\d V"))
+    assert rig.state("standard_analog_input1") == pytest.approx(5.0, abs=0.5)
+    rig.control.set_analog_input(1, 0.0)
+
+
+def test_a_gate_opens_and_any_cause_can_be_tripped(rig, at):
+    page = at("safety")
+    gate = page.get_by_test_id("device-safeguard")
+    gate.click()
+    expect(gate).to_have_attribute("data-state", "alarm")
+    assert rig.state("safety_mode") == "SAFEGUARD_STOP"
+    gate.click()
+    expect(gate).to_have_attribute("data-state", "off")
+    page.get_by_test_id("reset_safeguard").click()
+    eventually(lambda: rig.state("safety_mode") == "NORMAL")
+    page.get_by_test_id("trip").click()
+    eventually(lambda: rig.state("safety_mode") == "PROTECTIVE_STOP")
+
+
+def test_the_state_is_saved_and_restored(rig, at, tmp_path):
+    page = at("arm")
+    with page.expect_download() as download:
+        page.get_by_test_id("save-state").click()
+    file = tmp_path / "state.json"
+    download.value.save_as(file)
+    before = rig.state("actual_q")
+    page.get_by_test_id("q0").fill("45")
+    page.get_by_test_id("put-arm").click()
+    eventually(lambda: rig.state("actual_q")[0] == pytest.approx(0.7854, abs=1e-3))
+    page.get_by_test_id("restore-upload").locator("input[type=file]").set_input_files(file)
+    eventually(lambda: rig.state("actual_q") == pytest.approx(before))
+
+
+def test_who_is_connected_is_told(rig, at):
+    page = at("connections")
+    with socket.create_connection((rig.host, rig.robot.ports["realtime"])) as client:
+        host, port = client.getsockname()
+        expect(page.get_by_test_id("connections")).to_contain_text(f"{host}:{port}")
+    expect(page.get_by_test_id("connections")).not_to_contain_text(f"{host}:{port}")
+
+
+@pytest.fixture
+def without_control(rig) -> Iterator[str]:
+    """A pendant that finds no control API, as with a robot."""
+    pendant = subprocess.Popen(
+        [
+            *(sys.executable, "-u", "-m", "client", "pendant", "--robot-ip", rig.host, "--host", rig.host),
+            *("--port", "6081", "--control-port", "0", "--with-parent"),
+        ],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert pendant.stdin is not None
+    assert pendant.stdout is not None
+    assert "Teach pendant" in pendant.stdout.readline()
+    yield f"http://{rig.host}:6081"
+    pendant.stdin.close()
+    pendant.wait(10)
+    pendant.stdout.close()
+
+
+def test_a_robot_has_no_such_screen(without_control, browser):
+    page = browser.new_page()
+    page.goto(f"{without_control}/initialize")
+    expect(page.locator(".robot-name")).to_contain_text("UR3")
+    expect(page.get_by_test_id("tab-initialize")).to_be_visible()
+    expect(page.get_by_test_id("tab-simulation")).to_be_hidden()
+    expect(page.get_by_test_id("estop")).to_be_hidden()
+    page.goto(f"{without_control}/simulation")
+    expect(page.get_by_test_id("simulation-absent")).to_contain_text("no control API")
+    page.close()

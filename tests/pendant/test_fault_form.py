@@ -1,0 +1,62 @@
+"""Faults as a form: every kind that the emulator tells of, and back to arguments it takes."""
+
+import pytest
+
+from client.pendant.fault_form import FaultField, FaultKind, arguments_of, fault_kinds
+from emulator.faults.catalogue import kinds, make_fault
+
+PORTS = ["dashboard", "rtde", "control"]
+TOLD = {kind["kind"]: kind for kind in kinds()}
+
+
+@pytest.fixture
+def forms() -> dict[str, FaultKind]:
+    return fault_kinds(list(TOLD.values()), PORTS)
+
+
+def as_shown(field: FaultField) -> object:
+    """What stands in a field that nobody has touched, or that somebody had to fill in."""
+    if field.required:
+        return next(iter(field.choices)) if field.choices else {"text": "word", "int": "3", "float": "0.25"}[field.type]
+    if field.type == "bool" or field.choices:
+        return field.default
+    return "" if field.default is None else str(field.default)
+
+
+@pytest.mark.parametrize("name", TOLD)
+def test_the_form_of_every_kind_makes_that_fault(forms, name) -> None:
+    form = forms[name]
+    arguments = arguments_of(form, {field.name: as_shown(field) for field in form.fields})
+    assert set(arguments) == {field.name for field in form.fields if field.required}
+    assert make_fault(name, arguments).kind == name
+
+
+@pytest.mark.parametrize("name", TOLD)
+def test_every_default_of_a_field_with_choices_is_one_of_them(forms, name) -> None:
+    for field in forms[name].fields:
+        assert not field.choices or field.required or field.default in field.choices
+
+
+def test_what_was_changed_is_told_in_its_type(forms) -> None:
+    shown = {"port": "rtde", "direction": "both", "delay_s": "0.05", "lasting": "2", "seed": "7", "once": True}
+    arguments = arguments_of(forms["delay"], shown)
+    assert arguments == {**shown, "delay_s": 0.05, "lasting": 2.0, "seed": 7}
+    assert isinstance(arguments["seed"], int)
+
+
+def test_the_default_port_is_all_of_them_and_the_control_api_is_none(forms) -> None:
+    port = next(field for field in forms["stall"].fields if field.name == "port")
+    assert list(port.choices) == ["", "dashboard", "rtde", "scripts"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "shown", "complaint"),
+    [
+        ("encoder_jump", {}, "needs joint, by_rad"),
+        ("encoder_jump", {"joint": 1, "by_rad": "much"}, "by_rad must be a number, not 'much'"),
+        ("delay", {"delay_s": "0.1", "seed": "1.5"}, "seed must be a whole number"),
+    ],
+)
+def test_what_is_missing_or_wrong_is_told(forms, kind, shown, complaint) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        arguments_of(forms[kind], shown)

@@ -1,0 +1,134 @@
+"""States that several look at: rows kept, connections shared, ended and inherited."""
+
+import asyncio
+from collections.abc import Sequence
+from typing import Any
+
+from client.errors import ConnectionLostError
+from client.pendant.feeds import Feed, Feeds
+
+Q = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+
+
+def state(time_s: float, **values: Any) -> dict[str, Any]:
+    return {"timestamp": time_s, **values}
+
+
+def test_rows_are_the_states_that_came() -> None:
+    feed = Feed(("timestamp", "actual_q", "robot_mode"), keeps=True)
+    states = [state(8.0 + i, actual_q=tuple(i + q for q in Q), robot_mode=7) for i in range(3)]
+    for one in states:
+        feed.take(one)
+    assert (feed.begin, feed.end, feed.width) == (0, 3, 8)
+    assert list(feed.states()) == states
+    assert list(feed.states(2)) == states[2:]
+    assert isinstance(next(feed.states())["robot_mode"], int)
+    assert list(feed.rows(1, 2)) == [9.0, *(1 + q for q in Q), 7.0]
+    assert feed.column("actual_q", 5) == 6
+    assert [feed.row_at(time_s) for time_s in (0.0, 8.5, 9.0, 11.0)] == [0, 1, 1, 3]
+
+
+def test_what_a_robot_does_not_have_is_a_gap() -> None:
+    feed = Feed(("timestamp", "actual_q", "payload", "robot_mode"), keeps=True)
+    feed.take(state(1.0))
+    assert next(feed.states()) == state(1.0, actual_q=(None,) * 6, payload=None, robot_mode=None)
+
+
+def test_an_heir_goes_on_with_what_both_have() -> None:
+    before = Feed(("timestamp", "actual_q"), keeps=True)
+    before.take(state(1.0, actual_q=Q))
+    heir = Feed(("timestamp", "speed_scaling", "actual_q"), keeps=True)
+    heir.inherit(before)
+    heir.take(state(2.0, actual_q=Q, speed_scaling=0.5))
+    assert list(heir.states()) == [
+        state(1.0, actual_q=Q, speed_scaling=None),
+        state(2.0, actual_q=Q, speed_scaling=0.5),
+    ]
+
+
+def test_the_oldest_rows_go_when_there_are_too_many(monkeypatch) -> None:
+    monkeypatch.setattr("client.pendant.feeds._MOST_NUMBERS", 160)
+    feed = Feed(("timestamp", "speed_scaling"), keeps=True)
+    for i in range(1000):
+        feed.take(state(float(i), speed_scaling=1.0))
+        assert feed.end == i + 1
+        assert feed.end - feed.begin <= 81
+    times = [one["timestamp"] for one in feed.states()]
+    assert times == [float(i) for i in range(feed.begin, 1000)]
+    assert list(feed.rows(0, feed.begin + 1)) == [float(feed.begin), 1.0]
+    assert next(feed.copy().states()) == next(feed.states())
+
+
+class Client:
+    """An RTDE connection that says what the test puts there."""
+
+    def __init__(self, names: Sequence[str], rate_hz: float, opened: list["Client"]) -> None:
+        self.names, self.rate_hz = names, rate_hz
+        self.core = self
+        self.unavailable: frozenset[str] = frozenset()
+        self.said: asyncio.Queue[Any] = asyncio.Queue()
+        self.open = False
+        opened.append(self)
+
+    async def __aenter__(self) -> "Client":
+        self.open = True
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self.open = False
+
+    async def receive(self) -> Any:
+        said = await self.said.get()
+        if isinstance(said, Exception):
+            raise said
+        return said
+
+
+async def until(condition) -> None:
+    async with asyncio.timeout(10):
+        while not condition():
+            await asyncio.sleep(0)
+
+
+async def test_who_looks_at_the_same_shares_a_connection_which_ends_with_the_last() -> None:
+    opened = list[Client]()
+    feeds = Feeds(lambda names, rate: Client(names, rate, opened))  # type: ignore[arg-type, return-value]
+    first = feeds.look(["actual_q", "timestamp"], 50.0)
+    second = feeds.look(["timestamp", "actual_q"], 50.0)
+    other = feeds.look(["timestamp"], 50.0)
+    await until(lambda: len(opened) == 2)
+    assert first is second
+    assert len(feeds) == 2
+    opened[0].said.put_nowait(state(1.0, actual_q=Q))
+    await until(lambda: first.values)
+    feeds.leave(first)
+    await asyncio.sleep(0)
+    assert opened[0].open
+    feeds.leave(second)
+    await until(lambda: not opened[0].open)
+    assert len(feeds) == 1
+    feeds.leave(other, linger_s=60.0)
+    assert feeds.look(["timestamp"], 50.0) is other
+    feeds.leave(other, linger_s=0.001)
+    await until(lambda: not opened[1].open)
+    assert len(feeds) == 0
+
+
+async def test_a_lost_robot_is_told_and_tried_again(monkeypatch) -> None:
+    monkeypatch.setattr("client.pendant.feeds._AGAIN_S", 0.0)
+    opened = list[Client]()
+    feeds = Feeds(lambda names, rate: Client(names, rate, opened))  # type: ignore[arg-type, return-value]
+    feed = feeds.look(["timestamp"], 10.0, keeps=True)
+    await until(lambda: opened)
+    opened[0].said.put_nowait(state(1.0))
+    await until(lambda: feed.values)
+    assert not feed.trouble
+    opened[0].said.put_nowait(ConnectionLostError("robot", 30004))
+    await until(lambda: len(opened) == 2)
+    assert "30004" in feed.trouble
+    assert not feed.values
+    opened[1].said.put_nowait(state(2.0))
+    await until(lambda: feed.end == 2)
+    assert not feed.trouble
+    await feeds.close()
+    assert not opened[1].open

@@ -1,0 +1,149 @@
+"""The log of a pendant: what becomes of messages, and what one browser is sent of them."""
+
+import csv
+import io
+from typing import Any
+
+import pytest
+
+from client.pendant.events import EventLog
+from client.pendant.log_view import SHOWN, LogView, as_csv, as_text
+from urproto.modes import ReportLevel, SafetyMode
+from urproto.primary.messages import (
+    NO_TIMESTAMP_US,
+    PROGRAM_STARTED,
+    ErrorCodeMessage,
+    KeyMessage,
+    ProgramThreadsMessage,
+    RuntimeExceptionMessage,
+    SafetyModeMessage,
+    TextMessage,
+)
+
+
+def say(log: EventLog, text: str, level: ReportLevel | None = None) -> None:
+    log.hear(TextMessage(text=text) if level is None else ErrorCodeMessage(code=1, level=level, text=text))
+
+
+def texts(change: list[Any] | None) -> list[str]:
+    assert change is not None
+    return [row[-1] for row in change[1]]
+
+
+@pytest.mark.parametrize(
+    ("message", "severity", "code", "text"),
+    [
+        (ErrorCodeMessage(code=153, argument=2, level=2), "warning", "C153A2", "deviates from the path: elbow"),
+        (ErrorCodeMessage(code=153, argument=2, level=2, text="its own"), "warning", "C153A2", "its own"),
+        (ErrorCodeMessage(code=191, argument=3, level=3), "error", "C191A3", "violated: tool speed"),
+        (ErrorCodeMessage(code=204, argument=99, level=131), "error", "C204A99", "The path failed its check"),
+        (ErrorCodeMessage(code=4711, level=129), "info", "C4711A0", "Error code C4711"),
+        (SafetyModeMessage(safety_mode=SafetyMode.PROTECTIVE_STOP), "warning", "", "protective stop"),
+        (SafetyModeMessage(safety_mode=SafetyMode.FAULT), "error", "", "fault"),
+        (SafetyModeMessage(safety_mode=200), "warning", "", "200"),
+        (RuntimeExceptionMessage(line=3, column=7, text="oh"), "error", "", "line 3, column 7: oh"),
+        (KeyMessage(title=PROGRAM_STARTED, text="go"), "info", "", "Program go started"),
+        (KeyMessage(title="SECONDARY_PROGRAM_EXCEPTION_XXX", text="late"), "error", "", "late"),
+    ],
+)
+def test_messages_have_severity_code_and_the_codes_text(message: object, severity: str, code: str, text: str):
+    log = EventLog()
+    log.hear(message)
+    (event,) = log.events
+    assert (event.severity, event.code) == (severity, code)
+    assert text in event.text
+
+
+def test_what_nobody_wants_to_read_is_no_event_and_compile_errors_have_no_time():
+    log = EventLog()
+    log.hear(ProgramThreadsMessage(threads=()))
+    log.hear(object())
+    assert log.count == 0
+    log.hear(RuntimeExceptionMessage(timestamp_us=NO_TIMESTAMP_US, line=1, column=1, text="x"))
+    log.hear(TextMessage(timestamp_us=2_500_000, text="x"))
+    assert [event.uptime_s for event in log.events] == [None, 2.5]
+
+
+def test_the_log_is_bounded_and_knows_what_came_since():
+    log = EventLog()
+    for number in range(12_000):
+        say(log, str(number))
+    assert (len(log.events), log.count) == (10_000, 12_000)
+    assert [event.text for event in log.since(11_998)] == ["11998", "11999"]
+    assert len(log.since(0)) == 10_000
+    assert log.since(12_000) == []
+
+
+def test_a_browser_gets_each_line_once():
+    log = EventLog()
+    view = LogView(log)
+    say(log, "one")
+    assert texts(view.take(True)) == ["one"]
+    assert view.take(False) is None
+    say(log, "two")
+    say(log, "three")
+    change = view.take(False)
+    assert change is not None
+    assert change[0] is False
+    assert texts(change) == ["two", "three"]
+    anew = view.take(True)
+    assert anew is not None
+    assert anew[0] is True
+    assert texts(anew) == ["one", "two", "three"]
+
+
+def test_a_flood_is_cut_to_what_is_shown():
+    log = EventLog()
+    view = LogView(log)
+    view.take(True)
+    for number in range(5_000):
+        say(log, str(number))
+    change = view.take(False)
+    assert change is not None
+    assert (change[0], len(change[1]), texts(change)[-1]) == (True, SHOWN, "4999")
+
+
+def test_filters_apply_to_what_was_and_to_what_comes():
+    log = EventLog()
+    view = LogView(log)
+    say(log, "Gripper closed")
+    say(log, "gripper lost", ReportLevel.FAULT)
+    say(log, "hot", ReportLevel.WARNING)
+    view.words = "GRIPPER"
+    assert texts(view.take(False)) == ["Gripper closed", "gripper lost"]
+    view.severities.discard("info")
+    assert texts(view.take(False)) == ["gripper lost"]
+    view.words = "c1a0 hot"
+    assert texts(view.take(False)) == ["hot"]
+    say(log, "cold", ReportLevel.WARNING)
+    say(log, "hot again", ReportLevel.WARNING)
+    assert texts(view.take(False)) == ["hot again"]
+    assert [event.text for event in view.matching()] == ["hot", "hot again"]
+
+
+def test_pause_holds_back_and_clear_empties_the_view_only():
+    log = EventLog()
+    view = LogView(log)
+    say(log, "before")
+    view.take(True)
+    view.paused = True
+    say(log, "meanwhile")
+    assert view.take(False) is None
+    assert view.waiting == 1
+    view.paused = False
+    assert texts(view.take(False)) == ["meanwhile"]
+    view.clear()
+    assert texts(view.take(False)) == []
+    say(log, "after")
+    assert texts(view.take(False)) == ["after"]
+    assert [event.text for event in view.matching()] == ["before", "meanwhile", "after"]
+
+
+def test_downloads_have_everything_a_line_each():
+    log = EventLog()
+    say(log, 'quoted "text", with\na line', ReportLevel.WARNING)
+    (row,) = csv.DictReader(io.StringIO(as_csv(log.events)))
+    assert (row["severity"], row["code"], row["text"]) == ("warning", "C1A0", 'quoted "text", with\na line')
+    assert row["time"].endswith("+00:00")
+    (line,) = as_text(log.events).splitlines()
+    assert 'warning controller C1A0     quoted "text", with a line' in line

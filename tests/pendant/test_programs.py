@@ -1,0 +1,169 @@
+"""Programs, variables and a script's errors as a pendant keeps them."""
+
+import pytest
+
+from client.pendant.draft import Draft
+from client.pendant.programs import Programs
+from client.pendant.variables import Variables, VariablesView, kind_of, shown
+from urproto.primary.messages import (
+    NO_TIMESTAMP_US,
+    PROGRAM_STARTED,
+    PROGRAM_STOPPED,
+    KeyMessage,
+    ProgramThread,
+    ProgramThreadsMessage,
+    RuntimeExceptionMessage,
+)
+from urproto.primary.program_state import GlobalVariableNames, GlobalVariableValues, MatrixValue, PoseValue, Value
+
+
+def happened(title: str, name: str, at_s: float = 1.0) -> KeyMessage:
+    return KeyMessage(timestamp_us=round(at_s * 1e6), title=title, text=name)
+
+
+def compile_error(line: int, text: str = "x") -> RuntimeExceptionMessage:
+    return RuntimeExceptionMessage(timestamp_us=NO_TIMESTAMP_US, line=line, column=2, text=text)
+
+
+def runtime_error(line: int) -> RuntimeExceptionMessage:
+    return RuntimeExceptionMessage(timestamp_us=5_000_000, line=line, column=2, text="x")
+
+
+class TestDraft:
+    @pytest.fixture
+    def draft(self) -> Draft:
+        draft = Draft()
+        draft.write("def go():\n  sync()\nend\n", "me")
+        return draft
+
+    def test_a_program_is_followed_to_its_end(self, draft: Draft):
+        assert draft.sending(0.0) == "def go():\n  sync()\nend\n"
+        draft.hear(happened(PROGRAM_STOPPED, "go"))  # the one before, of the same name
+        phases = [draft.phase]
+        for message in (happened(PROGRAM_STARTED, "other"), happened(PROGRAM_STARTED, "go")):
+            draft.hear(message)
+            phases.append(draft.phase)
+        draft.look(100.0)
+        draft.hear(happened(PROGRAM_STOPPED, "go"))
+        assert [*phases, draft.phase] == ["sent", "sent", "running", "ended"]
+        assert draft.error is None
+
+    def test_compile_errors_name_the_line_as_it_was_written(self):
+        draft = Draft()
+        draft.write("a = 1\nb = = 2\n")  # bare statements: they get a line before them
+        assert draft.sending(0.0).startswith("def script_")
+        draft.hear(compile_error(3, "syntax_error_on_line:3:b = = 2:"))
+        assert draft.phase == "failed"
+        assert draft.error is not None
+        assert (draft.error.line, draft.error.text[:12]) == (2, "Syntax error")
+        draft.sending(1.0)
+        assert draft.error is None
+
+    def test_errors_of_others_are_not_marked_here(self, draft: Draft):
+        draft.hear(compile_error(1))
+        draft.sending(0.0)
+        draft.hear(runtime_error(2))  # of what ran before
+        assert draft.error is None
+        draft.hear(happened(PROGRAM_STARTED, "go"))
+        draft.hear(compile_error(2))  # of what another client sends meanwhile
+        assert draft.error is None
+        draft.hear(runtime_error(2))
+        assert draft.phase == "failed"
+        draft.hear(happened(PROGRAM_STOPPED, "go"))
+        assert draft.phase == "failed"
+
+    def test_a_script_that_does_not_start_is_told(self, draft: Draft):
+        draft.sending(10.0)
+        draft.look(14.0)
+        assert draft.phase == "sent"
+        draft.look(16.0)
+        assert draft.phase == "silent"
+
+    def test_secondary_programs_are_sent_as_they_are(self):
+        draft = Draft()
+        draft.write("sec out():\n  set_digital_out(1, True)\nend\n")
+        assert draft.sending(0.0) == draft.text
+        draft.hear(happened(PROGRAM_STARTED, ""))  # of bare statements that another client sent
+        assert draft.phase == "sent"
+        draft.look(6.0)
+        assert draft.phase == "ended"
+
+    def test_nothing_is_not_sent_and_too_much_is_not_kept(self, draft: Draft):
+        with pytest.raises(ValueError, match="too long"):
+            draft.write("x" * 3_000_000)
+        assert draft.text.startswith("def go")
+        draft.write(" \n")
+        with pytest.raises(ValueError, match="no script"):
+            draft.sending(0.0)
+
+    def test_an_error_beyond_the_text_is_marked_at_its_end(self, draft: Draft):
+        draft.sending(0.0)
+        draft.hear(compile_error(99))
+        assert draft.error is not None
+        assert draft.error.line == 4
+
+
+def test_a_programs_time_goes_from_its_start_to_its_end():
+    programs = Programs()
+    assert programs.run_time_s(50.0) is None
+    programs.hear(happened(PROGRAM_STARTED, "go", 10.0))
+    programs.hear(ProgramThreadsMessage(threads=(ProgramThread(3, "Wait", "go"),)))
+    assert (programs.running, programs.run_time_s(12.5)) == ("go", 2.5)
+    assert programs.threads[0].label == "Wait"
+    programs.hear(happened(PROGRAM_STOPPED, "go", 14.0))
+    assert (programs.run_time_s(99.0), programs.threads) == (4.0, ())
+
+
+def told(variables: Variables, *values: Value, start: int = 0) -> None:
+    variables.hear(GlobalVariableValues(start_index=start, values=values))
+
+
+class TestVariables:
+    @pytest.fixture
+    def variables(self) -> Variables:
+        variables = Variables()
+        variables.hear(GlobalVariableNames(names=("a", "b", "c")))
+        told(variables, 1, 2.5)
+        return variables
+
+    def test_only_what_changed_travels(self, variables: Variables):
+        view = VariablesView(variables)
+        assert view.take(True) == [["a", "b", "c"], {0: ("int", "1"), 1: ("float", "2.5")}]
+        told(variables, 1, 2.5)
+        assert view.take(False) is None
+        told(variables, 1, 3.5, None)
+        assert view.take(False) == [None, {1: ("float", "3.5"), 2: ("", "-")}]
+        told(variables, "late", start=2)
+        assert view.take(False) == [None, {2: ("string", '"late"')}]
+
+    def test_a_new_browser_and_a_new_program_begin_anew(self, variables: Variables):
+        view = VariablesView(variables)
+        view.take(True)
+        again = view.take(True)
+        assert again is not None
+        assert again[0] == ["a", "b", "c"]
+        variables.hear(GlobalVariableNames(names=("x",)))
+        assert view.take(False) == [["x"], {}]
+        told(variables)  # as of a program without variables
+        assert view.take(False) == [[], {}]
+        told(variables)
+        assert view.take(False) is None
+
+    @pytest.mark.parametrize(
+        ("value", "kind", "text"),
+        [
+            (True, "bool", "True"),
+            (-3, "int", "-3"),
+            (0.10000000149011612, "float", "0.1"),
+            ("<b>", "string", '"<b>"'),
+            (PoseValue((0.1, -0.25, 0.5, 0, 3.14159, 0)), "pose", "p[0.1000, -0.2500, 0.5000, 0.0000, 3.1416, 0.0000]"),
+            ((1, "x", (True,)), "list", '[1, "x", [True]]'),
+            (MatrixValue(((1, 2), (3, 4))), "matrix", "[[1, 2], [3, 4]]"),
+            (None, "", "-"),
+        ],
+    )  # fmt: skip
+    def test_values_are_shown_as_scripts_have_them(self, value: Value, kind: str, text: str):
+        assert (kind_of(value), shown(value)) == (kind, text)
+
+    def test_a_long_value_is_cut(self):
+        assert len(shown("x" * 5000)) == 400

@@ -1,0 +1,106 @@
+"""A recorder in a process of its own: the same file, and an end in order whoever dies."""
+
+import logging
+import os
+import select
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from recording_rig import INFO, controller_state
+
+from client.errors import RecordingError
+from client.recording import BackgroundRecorder, read
+
+PATIENCE_S = 30.0
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".csv", ".npz"])
+def test_everything_is_in_the_file(states, tmp_path: Path, suffix: str) -> None:
+    file = tmp_path / f"run{suffix}"
+    with BackgroundRecorder(file, states[0], INFO) as recorder:
+        for state in states:
+            recorder.write({**state, "more": 1})
+    assert recorder.count == len(states)
+    found = read(file)
+    assert list(found.states()) == states
+    assert suffix == ".csv" or found.info["robot"] == INFO["robot"]
+
+
+def test_states_of_controllers_go_beside(states, tmp_path: Path) -> None:
+    with BackgroundRecorder(tmp_path / "run.mcap", states[0]) as recorder:
+        for state in states[:50]:
+            recorder.write(state)
+            recorder.write_controller("mine", controller_state(state["timestamp"], 0.1, 0.2))
+    found = read(tmp_path / "run.mcap").tracking()
+    assert (found.source, len(found.time_s)) == ("mine", 50)
+    assert found.desired_q == pytest.approx(0.2)
+
+
+def test_a_file_that_cannot_be_written_is_told_at_once(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"cannot write .*: No such file or directory"):
+        BackgroundRecorder(tmp_path / "nowhere" / "run.csv")
+    with pytest.raises(RecordingError, match="none of the formats"):
+        BackgroundRecorder(tmp_path / "run.txt")
+    with pytest.raises(RecordingError, match="actual_q"):
+        BackgroundRecorder(tmp_path / "run.csv", ["actual_qq"])
+
+
+def test_what_goes_wrong_later_harms_nobody_until_the_end(states, tmp_path: Path, caplog) -> None:
+    recorder = BackgroundRecorder(tmp_path / "run.mcap", states[0])
+    recorder.write(states[0])
+    os.kill(recorder._process.pid, signal.SIGKILL)
+    recorder._process.wait(PATIENCE_S)
+    with caplog.at_level(logging.CRITICAL):
+        for _ in range(100):
+            recorder.write(states[0])
+        with pytest.raises(RecordingError, match="was ended"):
+            recorder.close()
+    recorder.close()  # again does no harm
+
+
+def test_controllers_in_a_format_without_them_are_an_error_of_the_end(states, tmp_path: Path) -> None:
+    recorder = BackgroundRecorder(tmp_path / "run.csv", states[0])
+    recorder.write_controller("mine", controller_state(1.0, 0.1, 0.2))
+    with pytest.raises(RecordingError, match=r"only \.mcap files hold states of controllers"):
+        recorder.close()
+
+
+PROGRAM = """
+import os, sys, time
+from client.recording import BackgroundRecorder
+recorder = BackgroundRecorder(sys.argv[1], ["actual_q"])
+for number in range(200):
+    recorder.write({"timestamp": 0.002 * number, "actual_q": (0.1,) * 6})
+while not recorder._queue.empty():
+    time.sleep(0.01)
+print(recorder._process.pid, flush=True)
+os.kill(os.getpid(), 9)
+"""
+
+
+def wait_for_end(pid: int) -> None:
+    """Of a process that is nobody's child."""
+    try:
+        process = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return
+    try:
+        assert select.select([process], [], [], PATIENCE_S)[0]
+    finally:
+        os.close(process)
+
+
+@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="processes of others can be waited for on Linux only")
+def test_the_file_ends_in_order_when_its_program_does_not(tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(file)], capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    wait_for_end(int(done.stdout))
+    found = read(file)
+    assert "cut_off" not in found.info
+    assert len(found) > 100  # the last few may have died with it
