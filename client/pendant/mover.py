@@ -18,9 +18,11 @@ from client.robot import AsyncRobot
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.modes import RobotMode, RuntimeState
 
-__all__ = ["Mover"]
+__all__ = ["STALE_S", "Mover"]
 
-_STALE_S: Final = 0.4  # a button that has not been heard of for so long is no longer held
+STALE_S: Final = 0.4
+"""A button that has not been heard of for so long is no longer held."""
+
 _IDLE_S: Final = 10.0  # then the control program ends
 _LATE_S: Final = 0.1  # between two speeds; after 0.2 s without one the control program ends
 _ENDING_S: Final = 0.5  # guess: a program that has ended is said to run for no longer
@@ -134,7 +136,7 @@ class Mover:
         held = self._held
         if held is None or held.of != of:
             return None
-        if asyncio.get_running_loop().time() - self._held_at > _STALE_S:
+        if asyncio.get_running_loop().time() - self._held_at > STALE_S:
             self._held = None
             return None
         return held.values

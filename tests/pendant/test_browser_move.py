@@ -141,6 +141,10 @@ def test_freedrive_lasts_as_long_as_its_button_is_held(bent: Rig, open_page: Ope
     expect(page.get_by_test_id("doing")).to_have_text("Freedrive")
     page.get_by_test_id("freedrive-keep").click()
     expect(page.get_by_test_id("doing")).to_have_text("")
+    with held(page, "freedrive"):
+        expect(page.get_by_test_id("doing")).to_have_text("Freedrive")
+        page.evaluate(FROZEN)
+        expect(page.get_by_test_id("doing")).to_have_text("")
 
 
 def test_two_browsers_are_in_step_and_one_of_them_moves(bent: Rig, open_page: Open) -> None:
@@ -177,7 +181,10 @@ def test_a_pose_that_one_saves_the_other_has(bent: Rig, open_page: Open) -> None
     expect(other.get_by_test_id("go-beside it")).to_have_count(0)
 
 
-@pytest.mark.parametrize("lost", ["blur", "closed"])
+FROZEN = "for (let i = 0; i < 1e5; i++) clearInterval(i)"  # the page says nothing more, its socket stays
+
+
+@pytest.mark.parametrize("lost", ["blur", "closed", "frozen"])
 def test_the_arm_rests_when_the_page_is_left(bent: Rig, open_page: Open, lost: str) -> None:
     page = open_page("move")
     page.get_by_test_id("joint-0-minus").hover()
@@ -185,6 +192,8 @@ def test_the_arm_rests_when_the_page_is_left(bent: Rig, open_page: Open, lost: s
     eventually(lambda: not at_rest(bent))
     if lost == "blur":
         page.evaluate("window.dispatchEvent(new Event('blur'))")
+    elif lost == "frozen":
+        page.evaluate(FROZEN)
     else:
         page.close()
     eventually(lambda: at_rest(bent))

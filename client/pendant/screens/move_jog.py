@@ -10,6 +10,7 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.pendant.jogging import JOINT_TITLES, Velocity
+from client.pendant.mover import STALE_S
 from client.pendant.page import MISTAKES, Page
 from client.pendant.screens.move_settings import FEATURES, JOINT_TOP, LINE_TOP, MoveSettings
 from client.pendant.station import Station
@@ -34,6 +35,7 @@ class JogPanels:
         self._dead = False  # it is, but this press has failed
         self._asking: asyncio.Task[Any] | None = None
         self._freeing: asyncio.Task[Any] | None = None
+        self._heard_at = 0.0
         page.live.on_held.append(self._held)
 
     # the panels
@@ -114,6 +116,7 @@ class JogPanels:
 
     def _held(self, held: Mapping[str, Any] | None) -> None:
         mover = self._page.station.mover
+        self._heard_at = asyncio.get_running_loop().time()
         if held is None:
             if self._freeing is not None:
                 mover.end_freedrive()
@@ -152,10 +155,18 @@ class JogPanels:
         return Velocity("tool", tuple(speeds))
 
     async def _free(self) -> None:
+        watching = asyncio.create_task(self._end_when_silent())
         try:
             await self._page.attempt(self._page.station.mover.start_freedrive)
         finally:
+            watching.cancel()
             self._freeing = None
+
+    async def _end_when_silent(self) -> None:
+        now = asyncio.get_running_loop().time
+        while now() - self._heard_at < STALE_S:
+            await asyncio.sleep(STALE_S / 8)
+        self._page.station.mover.end_freedrive()
 
     async def _toggle_freedrive(self) -> None:
         mover = self._page.station.mover

@@ -93,7 +93,11 @@ const pendant = (() => {
     event.preventDefault();
     hold(JSON.parse(button.dataset.hold));
   });
-  for (const end of ["pointerup", "pointercancel", "blur", "contextmenu"]) window.addEventListener(end, letGo);
+  for (const end of ["pointerup", "pointercancel", "blur"]) window.addEventListener(end, letGo);
+  window.addEventListener("contextmenu", (event) => {
+    if (event.target.closest && event.target.closest("[data-hold]")) event.preventDefault(); // a long touch means hold
+    else letGo();
+  });
   document.addEventListener("visibilitychange", () => document.hidden && letGo());
   document.addEventListener("keydown", (event) => {
     const button = event.target.closest && event.target.closest("[data-hold]");
