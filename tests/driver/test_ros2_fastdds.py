@@ -3,6 +3,7 @@
 import math
 import shutil
 import subprocess
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -47,8 +48,7 @@ async def test_both_ways(robot, program, capfd):
             async with process(program, str(domain)) as peer:
                 await hears(lab, peer)
                 there = [q + 0.1 for q in HOME]
-                assert await peer.line("go 0.7 " + " ".join(map(str, there))) == "go"
-                await lab.until(lambda: lab.distance(there) < 0.005)
+                await goes(lab, peer, there)
             async with process(program, str(domain)) as stranger:  # and whoever comes late hears what is kept
                 assert await stranger.line("robot_description") == f"robot_description {len(urdf(load_model('ur5e')))}"
                 assert await stranger.line("garbage") == "garbage"
@@ -56,8 +56,16 @@ async def test_both_ways(robot, program, capfd):
             assert f"deserialization rt/{SCALED}/joint_trajectory" in capfd.readouterr().err  # CycloneDDS's own words
             assert lab.distance(there) < 0.005
             async with process(program, str(domain)) as third:
-                assert await third.line("go 0.7 " + " ".join(map(str, HOME))) == "go"
-                await lab.until(lambda: lab.distance() < 0.005)
+                await goes(lab, third, HOME)
+
+
+async def goes(lab, peer, there):
+    """A trajectory arrives, and the arm does too."""
+    for _ in range(3):  # the first message may come before the reader knows its writer, and is lost: DDS, volatile
+        assert await peer.line("go 0.7 " + " ".join(map(str, there))) == "go"
+        with suppress(AssertionError):
+            return await lab.until(lambda: lab.distance(there) < 0.005)
+    raise AssertionError(f"the arm is {lab.distance(there)} rad away")
 
 
 async def hears(lab, peer):
