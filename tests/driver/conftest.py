@@ -1,4 +1,4 @@
-"""A driver and an emulator in the same process, in real time, on free ports of the loopback interface."""
+"""A driver and an emulator in the same process, on free ports of the loopback interface; time goes faster than ours."""
 
 import sys
 from collections.abc import AsyncIterator, Callable
