@@ -13,7 +13,7 @@ emulator: $(VENV)/.base
 
 test: $(VENV)/.dev
 	tests/system_packages.sh
-	$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup $(ARGS)
 
 # Ten thousand random programs in virtual time, some minutes; the tests run a few of them.
 soak: $(VENV)/.dev

@@ -18,7 +18,8 @@ from playwright.sync_api import Browser, Page, Playwright, expect, sync_playwrig
 
 from urproto.testing.process import EmulatorProcess
 
-ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = [
     *("--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"),
@@ -40,6 +41,13 @@ def eventually(condition: Callable[[], object], within_s: float = SOON_S) -> Non
     while not condition():
         assert time.monotonic() < deadline, "it did not happen in time"
         time.sleep(0.02)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """One worker has the browser: two would draw at the same time, on machines without graphics."""
+    for item in items:
+        if item.path.parent == HERE and item.path.name.startswith("test_browser_"):
+            item.add_marker(pytest.mark.xdist_group("browser"))
 
 
 class Rig:
