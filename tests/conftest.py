@@ -28,6 +28,7 @@ REAL_TIME = (
     "faults",
     "fleet",
     "packaging",
+    "pendant",
     "plugin",
     "real_clients",
     "servers",
