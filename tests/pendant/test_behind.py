@@ -49,18 +49,18 @@ async def found(status: int, answers: dict[str, object], **also: object) -> Behi
 TIME = {"time_s": 1.0, "period_s": 0.008, "speed": 1.0, "paused": False}
 
 
-def test_one_that_wants_a_token_is_told_from_none() -> None:
-    behind = asyncio.run(found(401, {}))
+async def test_one_that_wants_a_token_is_told_from_none() -> None:
+    behind = await found(401, {})
     assert (behind.available, behind.locked) == (False, True)
 
 
-def test_what_stays_the_same_is_asked_for_once() -> None:
-    behind = asyncio.run(found(200, {"popups": [], "time": TIME, "ports": {"rtde": 30004}, "fault_kinds": []}))
+async def test_what_stays_the_same_is_asked_for_once() -> None:
+    behind = await found(200, {"popups": [], "time": TIME, "ports": {"rtde": 30004}, "fault_kinds": []})
     assert (behind.available, behind.locked) == (True, False)
     assert behind.catalogue == {"ports": {"rtde": 30004}, "fault_kinds": []}
     assert (behind.pace, behind.still) == ("", False)
 
 
-def test_paused_time_is_known() -> None:
-    behind = asyncio.run(found(200, {"popups": [], "time": {**TIME, "paused": True}}))
+async def test_paused_time_is_known() -> None:
+    behind = await found(200, {"popups": [], "time": {**TIME, "paused": True}})
     assert (behind.pace, behind.still) == ("time paused", True)

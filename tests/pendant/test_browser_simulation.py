@@ -5,12 +5,15 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import pytest
 from playwright.sync_api import Page, expect
 from playwright.sync_api import TimeoutError as NotInTime
 
 from tests.pendant.conftest import ROOT, eventually
+
+_TRIES = 3
 
 
 @pytest.fixture
@@ -19,6 +22,7 @@ def at(open_page) -> Callable[..., Page]:
 
     def open_(tab: str = "") -> Page:
         page = open_page("simulation")
+        page.wait_for_function("typeof pendant.where == 'function' && pendant.where()")  # the arm is drawn
         if tab:
             page.get_by_test_id(f"sim-{tab}").click()
         return page
@@ -27,12 +31,14 @@ def at(open_page) -> Callable[..., Page]:
 
 
 def choose(page: Page, mark: str, text: str) -> None:
+    """A busy machine's browser may miss a click on what it has just drawn."""
     option = page.get_by_role("option", name=text, exact=True)
-    page.get_by_test_id(mark).click()
-    try:
-        option.wait_for(timeout=5000)
-    except NotInTime:  # a busy machine's browser may miss a click on what it has just drawn
-        page.get_by_test_id(mark).click()
+    for _ in range(_TRIES):
+        if not option.is_visible():
+            page.get_by_test_id(mark).click()
+        with suppress(NotInTime):
+            option.wait_for(timeout=10_000)
+            break
     option.click()
 
 
