@@ -1,7 +1,7 @@
 """What an arm looks like, made up from its model's numbers: housings at the joints, tubes between them, caps, a flange.
 
-Every part is turned on a lathe: a profile around an axis. Where two joints' housings meet, how thick they are and how
-long the tubes are follows from the model; radii, rims and colours are made up (guess: as photographs look).
+Every part is turned on a lathe: a profile around an axis. Where two joints' housings meet and how long the tubes are
+follows from the model, how thick they are is measured; rims, caps and colours are made up (guess: as photographs look).
 """
 
 from collections.abc import Sequence
@@ -25,10 +25,28 @@ _Z: Final[Vec3] = (0.0, 0.0, 1.0)
 _MINUS_Y: Final[Vec3] = (0.0, -1.0, 0.0)
 _MINUS_Z: Final[Vec3] = (0.0, 0.0, -1.0)
 
+# Radii [m] of shoulder, elbow, wrists and foot, measured on ur_description's collision meshes (2.4.5)
+_UR5E: Final = (0.060, 0.058, 0.0395, 0.0755)
+_UR10E: Final = (0.0765, 0.058, 0.047, 0.095)
+_UR20: Final = (0.090, 0.0755, 0.0503, 0.1225)
+_RADII: Final = {
+    "ur3": (0.0455, 0.0375, 0.032, 0.064),
+    "ur3e": (0.047, 0.0375, 0.032, 0.064),
+    "ur5": (0.0595, 0.058, 0.0385, 0.0735),
+    "ur5e": _UR5E,
+    "ur7e": _UR5E,
+    "ur10": (0.0755, 0.060, 0.0455, 0.075),
+    "ur10e": _UR10E,
+    "ur12e": _UR10E,
+    "ur16e": _UR10E,
+    "ur20": _UR20,
+    "ur30": _UR20,
+}
+
 _ROUNDING: Final = 0.12  # of a radius
 _STEPS: Final = 3  # in a rounded edge
 _RIM: Final = 0.07  # of a radius: half the width of the dark ring between two joints
-_TUBE: Final = (0.80, 0.68)  # of the shoulder's radius: upper arm, forearm
+_TUBE: Final = (0.80, 0.80)  # of the joints' radii: upper arm, forearm
 
 Profile = tuple[tuple[float, float], ...]
 
@@ -52,16 +70,19 @@ def link_parts(model: RobotModel) -> tuple[tuple[Part, ...], ...]:
 
 
 class _Arm:
-    """big: radius and half the height of shoulder and elbow housings; small: those of the wrists [m]."""
+    """Radii of the joints' housings and of the foot [m], and where the housings end.
+
+    half: half of the way from the upper arm's plane to the forearm's, where the elbow's housings meet.
+    """
 
     def __init__(self, model: RobotModel) -> None:
         self.d1, _, _, self.d4, self.d5, self.d6 = model.dh.d
         self.a2, self.a3 = model.dh.a[1:3]
         self.upper, self.fore = tube_offsets(model)
-        self.big = (self.upper - self.fore) / 2
+        self.half = (self.upper - self.fore) / 2
         self.wrist_1 = (self.d4 - self.fore) / 2  # half of the way from forearm to wrist 1
-        self.small = min(self.wrist_1, self.d5 / 2)
-        self.plate = min(max(self.d6 - self.small, 0.3 * self.small), self.small)  # thickness of wrist 3
+        self.shoulder, self.elbow, self.wrist, self.foot = _RADII.get(model.name) or _radii(self.half)
+        self.plate = min(max(self.d6 - self.wrist, 0.3 * self.wrist), 1.2 * self.wrist)  # thickness of wrist 3
 
     def links(self) -> tuple[tuple[Part, ...], ...]:
         return (
@@ -77,70 +98,76 @@ class _Arm:
     @property
     def _seam(self) -> float:
         """Where the shoulder turns on the base, above the table."""
-        return max(self.d1 - 1.05 * self.big, 0.35 * self.big)
+        return max(self.d1 - 1.05 * self.shoulder, 0.35 * self.shoulder)
 
     def _base(self) -> tuple[Part, ...]:
-        big, top = self.big, self._seam
-        foot = min(0.3 * big, 0.5 * top)
+        radius, top = self.shoulder, self._seam
+        plate = min(0.3 * radius, 0.5 * top)
         return (
-            _drum(1.28 * big, 0.0, foot, _DARK),
-            _drum(1.12 * big, 0.4 * foot, top, _LIGHT),
-            _rim(big, top),
+            _drum(self.foot, 0.0, plate, _DARK),
+            _drum((radius + self.foot) / 2, 0.4 * plate, top, _LIGHT),
+            _rim(radius, top),
         )
 
     def _shoulder(self) -> tuple[Part, ...]:
-        big = self.big
-        inner = self.upper - big  # where the upper arm turns on it
+        radius = self.shoulder
+        inner = self.upper - self.half  # where the upper arm turns on it
         return (
-            _drum(big, self._seam - self.d1, 0.0, _LIGHT),
-            *_housing(big, -big, inner, _MINUS_Y, caps=(True, False)),
-            _rim(big, inner, _MINUS_Y),
+            _drum(radius, self._seam - self.d1, 0.0, _LIGHT),
+            *_housing(radius, -1.05 * radius, inner, _MINUS_Y, caps=(True, False)),
+            _rim(radius, inner, _MINUS_Y),
         )
 
     def _upper_arm(self) -> tuple[Part, ...]:
-        big, z, length = self.big, self.upper, abs(self.a2)
+        half, z, length = self.half, self.upper, abs(self.a2)
         there: Vec3 = (self.a2, 0.0, 0.0)
+        tube = (_TUBE[0] * self.shoulder, _TUBE[0] * (self.shoulder + self.elbow) / 2)
         return (
-            *_housing(big, z - big, z + big, _Z, caps=(False, True)),
-            *_tube(_TUBE[0] * big, _TUBE[0] * big, length, (0.0, 0.0, z), big),
-            *_housing(0.97 * big, z - big, z + big, _Z, there, caps=(False, True)),
-            _rim(0.97 * big, z - big, _Z, there),
+            *_housing(self.shoulder, z - half, z + 1.05 * self.shoulder, _Z, caps=(False, True)),
+            *_tube(*tube, length, (0.0, 0.0, z), self.shoulder),
+            *_housing(self.elbow, z - half, z + 1.05 * self.elbow, _Z, there, caps=(False, True)),
+            _rim(self.elbow, z - half, _Z, there),
         )
 
     def _forearm(self) -> tuple[Part, ...]:
-        big, small, z, length = self.big, self.small, self.fore, abs(self.a3)
+        radius, z, length = self.elbow, self.fore, abs(self.a3)
         there: Vec3 = (self.a3, 0.0, 0.0)
         outer = z + self.wrist_1
         return (
-            *_housing(0.97 * big, -z - big, -z + big, _MINUS_Z, caps=(False, True)),
-            *_tube(_TUBE[1] * big, 0.86 * small, length, (0.0, 0.0, z), big),
-            *_housing(small, -outer, small - z, _MINUS_Z, there, caps=(False, True)),
-            _rim(small, outer, _Z, there),
+            *_housing(radius, -z - self.half, 1.05 * radius - z, _MINUS_Z, caps=(False, True)),
+            *_tube(_TUBE[1] * radius, 0.86 * self.wrist, length, (0.0, 0.0, z), radius),
+            *_housing(self.wrist, -outer, 1.1 * self.wrist - z, _MINUS_Z, there, caps=(False, True)),
+            _rim(self.wrist, outer, _Z, there),
         )
 
     def _first_wrist(self) -> tuple[Part, ...]:
-        small, seam = self.small, self.d5 / 2
+        radius, seam = self.wrist, self.d5 / 2
         return (
-            *_housing(small, -self.wrist_1, small, _Z, caps=(False, True)),
-            _drum(small, 0.0, seam, _LIGHT, axis=_MINUS_Y),
-            _rim(small, seam, _MINUS_Y),
+            *_housing(radius, -self.wrist_1, 1.15 * radius, _Z, caps=(False, True)),
+            _drum(radius, 0.0, seam, _LIGHT, axis=_MINUS_Y),
+            _rim(radius, seam, _MINUS_Y),
         )
 
     def _second_wrist(self) -> tuple[Part, ...]:
-        small = self.small
+        radius = self.wrist
         return (
-            *_housing(small, -self.d5 / 2, small, _Z, caps=(False, True)),
-            _drum(0.94 * small, 0.0, self.d6 - self.plate, _LIGHT, axis=_Y),
+            *_housing(radius, -self.d5 / 2, 1.15 * radius, _Z, caps=(False, True)),
+            _drum(0.94 * radius, 0.0, self.d6 - self.plate, _LIGHT, axis=_Y),
         )
 
     def _third_wrist(self) -> tuple[Part, ...]:
-        small, plate = self.small, self.plate
-        nub = 0.17 * small
+        radius, plate = self.wrist, self.plate
+        nub = 0.17 * radius
         return (
-            _drum(0.88 * small, -plate, -0.25 * plate, _LIGHT),
-            _drum(0.80 * small, -0.25 * plate, 0.0, _DARK),
-            _drum(nub, 0.8 * small, small, _DARK, (0.0, 0.0, -0.6 * plate), _Y),
+            _drum(0.94 * radius, -plate, -0.25 * plate, _LIGHT),
+            _drum(0.84 * radius, -0.25 * plate, 0.0, _DARK),
+            _drum(nub, 0.85 * radius, 1.06 * radius, _DARK, (0.0, 0.0, -0.6 * plate), _Y),
         )
+
+
+def _radii(half: float) -> tuple[float, float, float, float]:
+    """Guess, for models whose meshes nobody has published."""
+    return 0.9 * half, 0.76 * half, 0.56 * half, 1.18 * half
 
 
 def _housing(

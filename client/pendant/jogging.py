@@ -114,7 +114,7 @@ class Ramp:
         decay = (1.0 - _determinant(later) / now) / _AHEAD_S if abs(now) > _SINGULAR else 0.0
         share = min(share, _DECAY / max(decay, _DECAY))
         if share < _SLOW:
-            self.slowed = "The joints cannot follow this way: the arm is stretched, or two axes are in line"
+            self.slowed = "Near a singularity: the joints cannot follow this way"
         for joint, speed in enumerate(qd):
             top = min(self._braked(joint, speed, q_rad), _TOOL_JOINTS * self._bounds.qd_max[joint])
             if abs(speed) * share > top:
