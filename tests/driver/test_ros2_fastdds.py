@@ -3,7 +3,6 @@
 import math
 import shutil
 import subprocess
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -51,9 +50,15 @@ async def test_both_ways(robot, program, capfd):
                 await goes(lab, peer, there)
             async with process(program, str(domain)) as stranger:  # and whoever comes late hears what is kept
                 assert await stranger.line("robot_description") == f"robot_description {len(urdf(load_model('ur5e')))}"
-                assert await stranger.line("garbage") == "garbage"
+                errors = ""
+
+                def complained():
+                    nonlocal errors
+                    errors += capfd.readouterr().err
+                    return f"deserialization rt/{SCALED}/joint_trajectory" in errors  # CycloneDDS's own words
+
+                await again(lab, lambda: stranger.line("garbage"), "garbage", complained)
                 assert (await stranger.line("joint_states")).startswith("joint_states ")
-            assert f"deserialization rt/{SCALED}/joint_trajectory" in capfd.readouterr().err  # CycloneDDS's own words
             assert lab.distance(there) < 0.005
             async with process(program, str(domain)) as third:
                 await goes(lab, third, HOME)
@@ -61,11 +66,25 @@ async def test_both_ways(robot, program, capfd):
 
 async def goes(lab, peer, there):
     """A trajectory arrives, and the arm does too."""
-    for _ in range(3):  # the first message may come before the reader knows its writer, and is lost: DDS, volatile
-        assert await peer.line("go 0.7 " + " ".join(map(str, there))) == "go"
-        with suppress(AssertionError):
-            return await lab.until(lambda: lab.distance(there) < 0.005)
-    raise AssertionError(f"the arm is {lab.distance(there)} rad away")
+    trajectory = "go 0.7 " + " ".join(map(str, there))
+    controller = lab.controller(SCALED)
+    await again(lab, lambda: peer.line(trajectory), "go", lambda: controller.progress < 1.0)
+    await lab.until(lambda: lab.distance(there) < 0.005)
+
+
+async def again(lab, say, answer, arrived):
+    """Say it until it has arrived.
+
+    What a writer of Fast DDS sends in the moment in which it finds a volatile reader of CycloneDDS is lost more often
+    than not: the reader begins behind the first heartbeat it hears.
+    """
+    for _ in range(20):
+        assert await say() == answer
+        for _ in range(10):
+            await lab.periods(20)
+            if arrived():
+                return
+    raise AssertionError(f"{answer} never arrived")
 
 
 async def hears(lab, peer):
