@@ -1,7 +1,7 @@
 """A real browser on a pendant of its own, which is connected to an emulator of its own.
 
-One emulator, one pendant and one browser serve all tests of a worker; each test has a page of its own, and finds
-the robot as it leaves ``Rig.reset``.
+One emulator and one pendant serve all tests of a worker, one browser those of a module; each test has a page of its
+own, and finds the robot as it leaves ``Rig.reset``.
 """
 
 import os
@@ -97,13 +97,13 @@ class Rig:
         self.robot.dispose()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # while it runs there is an event loop in this thread, and asynchronous tests cannot
 def playwright() -> Iterator[Playwright]:
     with sync_playwright() as running:
         yield running
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser(playwright: Playwright) -> Iterator[Browser]:
     browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
     yield browser
