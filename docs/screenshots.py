@@ -1,0 +1,78 @@
+"""Takes the pictures of docs/pendant.md: an emulator, its pendant, and a browser that looks at every screen.
+
+python docs/screenshots.py        # wants Chromium, and the extras pendant and test
+"""
+
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from subprocess import PIPE, Popen
+
+from playwright.sync_api import Page, sync_playwright
+
+from urproto.testing.process import EmulatorProcess
+
+IMAGES = Path(__file__).with_name("images")
+SIZE = {"width": 1280, "height": 800}
+FLAGS = ["--no-sandbox", "--disable-background-networking", "--use-gl=angle", "--use-angle=swiftshader"]
+DARK = ("graph", "simulation")
+SETTLE_MS = 2500
+PROGRAM = """def pick_and_place():
+  picks = 0
+  above = [0.6, -1.3, 1.4, -1.7, -1.57, 0.3]
+  bin = [-0.6, -1.2, 1.2, -1.6, -1.57, 0.0]
+  while True:
+    movej(above, a=1.2, v=0.6)
+    set_standard_digital_out(2, True)
+    picks = picks + 1
+    movej(bin, a=1.2, v=0.6)
+    set_standard_digital_out(2, False)
+    textmsg("picked ", picks)
+  end
+end
+"""
+
+
+def main() -> None:
+    """Start everything, look at every screen."""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "pick_and_place.script").write_text(PROGRAM)
+        with EmulatorProcess(["--model", "ur5e", "--running", "--programs", folder]) as robot:
+            robot.dashboard("load pick_and_place.script")
+            robot.dashboard("play")
+            robot.add_object("table", {"box": [0.8, 0.5, 0.04], "pose": [0.0, -0.55, -0.02, 0.0, 0.0, 0.0]})
+            with _pendant(robot, folder) as url, sync_playwright() as playwright:
+                browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+                for screen in ("graph", "initialize", "run", "move", "io", "log", "installation", "simulation"):
+                    scheme = "dark" if screen in DARK else "light"
+                    _look(browser.new_page(viewport=SIZE, color_scheme=scheme), url, screen)  # type: ignore[arg-type]
+                browser.close()
+
+
+def _look(page: Page, url: str, screen: str) -> None:
+    page.goto(f"{url}/{screen}")
+    page.wait_for_timeout(SETTLE_MS * (4 if screen == "graph" else 1))
+    target = IMAGES / f"pendant_{screen}.png"
+    page.screenshot(path=target)
+    sys.stdout.write(f"{target}: {target.stat().st_size // 1000} kB\n")
+    page.close()
+
+
+@contextmanager
+def _pendant(robot: EmulatorProcess, folder: str) -> Iterator[str]:
+    words = ["--robot-ip", robot.host, "--host", robot.host, "--modbus-port", str(robot.ports["modbus"])]
+    words += ["--poses", f"{folder}/poses.json", "--tools", f"{folder}/tools.json", "--with-parent"]
+    process = Popen([sys.executable, "-u", "-m", "client", "pendant", *words], stdin=PIPE, stdout=PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdin is not None
+    process.stdout.readline()
+    yield f"http://{robot.host}:6080"
+    process.stdin.close()
+    process.wait()
+
+
+if __name__ == "__main__":
+    main()
