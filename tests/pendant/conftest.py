@@ -105,11 +105,7 @@ class Rig:
         self.robot.dispose()
 
 
-<<<<<<< HEAD
 @pytest.fixture(scope="module")
-=======
-@pytest.fixture(scope="module")  # while it runs there is an event loop in this thread, and asynchronous tests cannot
->>>>>>> pio
 def playwright() -> Iterator[Playwright]:
     """An event loop is running as long as it is there: no asynchronous test can run then."""
     with sync_playwright() as running:
