@@ -1,12 +1,28 @@
 #!/bin/sh
-# What the tests need of the system beside Python: a browser for those of the teach pendant. As root on Debian or
-# Ubuntu it is installed; elsewhere this says what is missing, and those tests are left out.
+# What the tests need of the system beside Python: a browser for those of the teach pendant, Fast DDS and its compiler
+# of types for those of the ROS 2 bridge. As root on Debian or Ubuntu they are installed; elsewhere this says what is
+# missing, and those tests are left out.
 set -eu
-for browser in chromium chromium-browser google-chrome; do
-    if command -v "$browser" >/dev/null; then exit 0; fi
-done
+
+missing=""
+need() { # package, commands of which one shows that it is there
+    package=$1
+    shift
+    for command in "$@"; do
+        if command -v "$command" >/dev/null; then return; fi
+    done
+    missing="$missing $package"
+}
+need chromium chromium chromium-browser google-chrome
+need g++ g++
+need fastddsgen fastddsgen
+if [ ! -e /usr/include/fastdds/dds/domain/DomainParticipant.hpp ]; then missing="$missing libfastrtps-dev"; fi
+
+if [ -z "$missing" ]; then exit 0; fi
 if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
-    echo "installing Chromium for the tests of the teach pendant"
-    apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium >/dev/null && exit 0
+    echo "installing for the tests:$missing"
+    export DEBIAN_FRONTEND=noninteractive
+    # shellcheck disable=SC2086 # a list of packages
+    apt-get update -qq && apt-get install -y -qq --no-install-recommends $missing >/dev/null && exit 0
 fi
-echo "Chromium is missing: the tests of the teach pendant in a browser are left out. Debian: apt install chromium" >&2
+echo "missing, so some tests are left out:$missing (Debian: apt install$missing)" >&2

@@ -15,9 +15,9 @@ __all__ = ["build"]
 def build(page: Page, views: Views) -> None:
     """Put it on the page: to be filled in on an emulator, explained on a robot."""
     with page.panel("External Control", "installation-panel driver-panel"):
-        with ui.element("div") as emulated:
+        with ui.column().classes("gap-2") as emulated:
             _form(page, views)
-        with ui.element("div") as real:
+        with ui.column().classes("gap-2") as real:
             _explanation(page)
         ui.label("A program with an External Control node asks there for what it is to do when it is played.").classes(
             "soft"
