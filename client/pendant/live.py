@@ -7,6 +7,7 @@ sees, and a slow browser skips frames.
 
 import asyncio
 import json
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Literal
@@ -25,6 +26,9 @@ Held = Callable[[Mapping[str, Any] | None], None]
 
 _FRAME_S: Final = 1.0 / FRAME_HZ
 _NEVER: Final = object()
+_NONSENSE: Final = 1007  # the status of web sockets for data that cannot be read
+
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
@@ -122,7 +126,7 @@ class Live:
     # the web socket
 
     async def serve(self, socket: WebSocket) -> None:
-        """Send changes until the browser goes away. It may come back: then everything is sent again."""
+        """Send changes until the browser goes away or talks nonsense. It may come back: then everything is sent again."""
         await socket.accept()
         for binding in self._bindings:
             binding.last = _NEVER
@@ -132,8 +136,11 @@ class Live:
         try:
             while True:
                 self._hear(json.loads(await socket.receive_text()))
-        except (WebSocketDisconnect, json.JSONDecodeError, RuntimeError):
+        except (WebSocketDisconnect, RuntimeError):
             pass
+        except (ValueError, KeyError, TypeError) as error:
+            _logger.warning("a browser was disconnected, since it says what makes no sense: %r", error)
+            await socket.close(_NONSENSE)
         finally:
             self._lose()
             sending.cancel()

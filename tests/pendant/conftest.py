@@ -6,20 +6,20 @@ own, and finds the robot as it leaves ``Rig.reset``.
 
 import os
 import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, Playwright, expect, sync_playwright
 
+from tests.pendant.pendants import pendant
 from urproto.testing.process import EmulatorProcess
 
 HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = [
     *("--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"),
@@ -59,19 +59,9 @@ class Rig:
         self.control: Any = self.robot.control
         self.programs = folder
         self.url = f"http://{self.host}:6080"
-        self._pendant = subprocess.Popen(
-            [
-                *(sys.executable, "-u", "-m", "client", "pendant", "--robot-ip", self.host, "--host", self.host),
-                *("--modbus-port", str(self.robot.ports["modbus"]), "--with-parent"),
-                *("--tools", str(folder / "tools.json"), "--poses", str(folder / "poses.json")),
-            ],
-            cwd=ROOT,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert self._pendant.stdout is not None
-        assert "Teach pendant" in self._pendant.stdout.readline()
+        options = ("--modbus-port", str(self.robot.ports["modbus"]), "--tools", str(folder / "tools.json"))
+        self._opened = ExitStack()
+        self._pendant = self._opened.enter_context(pendant(self.host, *options, "--poses", str(folder / "poses.json")))
 
     @property
     def pendant_pid(self) -> int:
@@ -96,11 +86,7 @@ class Rig:
         return self.control.state([name])[name]
 
     def close(self) -> None:
-        assert self._pendant.stdin is not None
-        assert self._pendant.stdout is not None
-        self._pendant.stdin.close()
-        self._pendant.wait(10)
-        self._pendant.stdout.close()
+        self._opened.close()
         self.robot.stop()
         self.robot.dispose()
 

@@ -3,7 +3,6 @@
 import json
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import degrees, dist
@@ -12,7 +11,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.pendant.conftest import ROOT, Rig, eventually
+from tests.pendant.conftest import Rig, eventually
+from tests.pendant.pendants import pendant
 from urproto.robots import kinematics_of, load_model
 from urproto.robots.pose import rotvec_to_matrix
 
@@ -222,26 +222,8 @@ def test_the_arm_in_the_scene_ends_where_the_robot_says(bent: Rig, open_page: Op
 @contextmanager
 def pendant_without_control_api(rig: Rig) -> Iterator[tuple["subprocess.Popen[str]", str]]:
     """One that takes the emulator for a robot."""
-    port = 6081
-    process = subprocess.Popen(
-        [
-            *(sys.executable, "-u", "-m", "client", "pendant", "--robot-ip", rig.host, "--host", rig.host),
-            *("--port", str(port), "--control-port", "1", "--with-parent"),
-        ],
-        cwd=ROOT,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdin is not None
-    assert process.stdout is not None
-    try:
-        process.stdout.readline()
-        yield process, f"http://{rig.host}:{port}/move"
-    finally:
-        process.stdin.close()
-        process.wait(10)
-        process.stdout.close()
+    with pendant(rig.host, "--port", "6081", "--control-port", "0") as process:
+        yield process, f"http://{rig.host}:6081/move"
 
 
 def test_a_robot_is_moved_after_a_question_and_rests_when_the_pendant_is_killed(bent: Rig, browser: Browser) -> None:

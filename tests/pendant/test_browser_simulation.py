@@ -2,8 +2,6 @@
 
 import re
 import socket
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
@@ -11,7 +9,8 @@ import pytest
 from playwright.sync_api import Page, expect
 from playwright.sync_api import TimeoutError as NotInTime
 
-from tests.pendant.conftest import ROOT, eventually
+from tests.pendant.conftest import eventually
+from tests.pendant.pendants import pendant
 
 _TRIES = 3
 
@@ -202,23 +201,8 @@ def test_who_is_connected_is_told(rig, at):
 @pytest.fixture
 def without_control(rig) -> Iterator[str]:
     """A pendant that finds no control API, as with a robot."""
-    pendant = subprocess.Popen(
-        [
-            *(sys.executable, "-u", "-m", "client", "pendant", "--robot-ip", rig.host, "--host", rig.host),
-            *("--port", "6081", "--control-port", "0", "--with-parent"),
-        ],
-        cwd=ROOT,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert pendant.stdin is not None
-    assert pendant.stdout is not None
-    assert "Teach pendant" in pendant.stdout.readline()
-    yield f"http://{rig.host}:6081"
-    pendant.stdin.close()
-    pendant.wait(10)
-    pendant.stdout.close()
+    with pendant(rig.host, "--port", "6081", "--control-port", "0"):
+        yield f"http://{rig.host}:6081"
 
 
 def test_a_robot_has_no_such_screen(without_control, browser):

@@ -1,0 +1,33 @@
+"""Pendants in processes of their own."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@contextmanager
+def pendant(host: str, *options: str) -> Iterator["subprocess.Popen[str]"]:
+    """One of the robot on this address, at the same address, once browsers may come; it may be killed meanwhile."""
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-u", "-m", "client", "pendant", "--robot-ip", host, "--host", host),
+            *("--with-parent", *options),
+        ],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        assert "Teach pendant" in process.stdout.readline()
+        yield process
+    finally:
+        process.stdin.close()
+        process.wait(10)
+        process.stdout.close()

@@ -1,0 +1,61 @@
+"""What a browser may say over the web socket of its page."""
+
+from typing import Any
+
+import pytest
+from fastapi import WebSocketDisconnect
+
+from client.pendant.live import Live
+from client.pendant.station import Station
+
+
+class Socket:
+    """A browser that says these texts and goes away."""
+
+    def __init__(self, *texts: str) -> None:
+        self.texts = list(texts)
+        self.closed: list[int] = []
+        self.sent: list[str] = []
+
+    async def accept(self) -> None:
+        pass
+
+    async def receive_text(self) -> str:
+        if not self.texts:
+            raise WebSocketDisconnect(1001)
+        return self.texts.pop(0)
+
+    async def send_text(self, text: str) -> None:
+        self.sent.append(text)
+
+    async def close(self, code: int) -> None:
+        self.closed.append(code)
+
+
+@pytest.fixture
+def live() -> Live:
+    return Live(Station("127.0.0.1"), "a page")
+
+
+async def test_what_is_held_is_told_and_let_go_when_the_browser_leaves(live: Live) -> None:
+    heard: list[Any] = []
+    live.on_held.append(heard.append)
+    await live.serve(Socket('{"held": {"kind": "joint"}}', '{"held": 3}', '{"other": 1}', "[]"))  # type: ignore[arg-type]
+    assert heard == [{"kind": "joint"}, None, None]
+
+
+@pytest.mark.parametrize("text", ["", "{", "nonsense", '{"held": ', "\x00"])
+async def test_nonsense_ends_the_connection_and_lets_go(live: Live, text: str) -> None:
+    heard: list[Any] = []
+    live.on_held.append(heard.append)
+    socket = Socket('{"held": {}}', text, '{"held": {}}')
+    await live.serve(socket)  # type: ignore[arg-type]
+    assert socket.closed == [1007]
+    assert heard == [{}, None]
+
+
+async def test_a_handler_that_cannot_use_it_ends_the_connection_too(live: Live) -> None:
+    live.hear("camera", lambda value: value["azimuth"] if value is not None else None)
+    socket = Socket('{"camera": 3}')
+    await live.serve(socket)  # type: ignore[arg-type]
+    assert socket.closed == [1007]
