@@ -126,7 +126,7 @@ class Live:
     # the web socket
 
     async def serve(self, socket: WebSocket) -> None:
-        """Send changes until the browser goes away or talks nonsense. It may come back: then everything is sent again."""
+        """Send changes until the browser goes away or talks nonsense. When it comes back everything is sent again."""
         await socket.accept()
         for binding in self._bindings:
             binding.last = _NEVER
