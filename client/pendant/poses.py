@@ -5,7 +5,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
-from client.pendant import own_file
+from client.pendant.own_file import OwnFile, checked_name
 from urproto.robots import Joints
 
 __all__ = ["BUILT_IN", "Poses"]
@@ -17,24 +17,24 @@ BUILT_IN: Final[Mapping[str, Joints]] = {
 }
 """PolyScope's home position, and every joint at zero. They cannot be changed."""
 
-_LONGEST_NAME: Final = 60
-
 
 class Poses:
     """Those in a JSON file ``{"ur5e": {"above the box": [six angles in rad]}}``, or without one in memory only.
 
-    Read when asked for the first time, written whole at every change. Raises FileError when that does not work, and
-    ValueError for names that cannot be. version: counts the changes.
+    Raises FileError when the file cannot be read or written, and ValueError for names that cannot be.
     """
 
     def __init__(self, path: Path | None) -> None:
-        self._path = path
-        self._read: dict[str, dict[str, Joints]] | None = None
-        self.version = 0
+        self._saved = OwnFile(path, _parsed, "poses")
+
+    @property
+    def version(self) -> int:
+        """Counts the changes."""
+        return self._saved.version
 
     def of(self, model: str) -> dict[str, Joints]:
         """The saved ones by name, in the order of the names."""
-        return dict(sorted(self._all().get(model, {}).items()))
+        return dict(sorted(self._saved.content.get(model, {}).items()))
 
     def save(self, model: str, name: str, q_rad: Sequence[float]) -> None:
         """Under a name; another pose of this name is replaced."""
@@ -55,23 +55,12 @@ class Poses:
             raise ValueError(f"there is a pose {new!r} already: delete it first, or take another name")
         self._change(model, {new if name == old else name: q for name, q in poses.items()})
 
-    def _all(self) -> dict[str, dict[str, Joints]]:
-        if self._read is None:
-            self._read = {} if self._path is None else own_file.read(self._path, _parsed, "poses") or {}
-        return self._read
-
     def _change(self, model: str, poses: dict[str, Joints]) -> None:
-        changed = self._all() | {model: poses}
-        if self._path is not None:
-            own_file.write(self._path, changed)
-        self._read = changed
-        self.version += 1
+        self._saved.change({**self._saved.content, model: poses})
 
 
 def _checked(name: str) -> str:
-    name = " ".join(name.split())
-    if not name or len(name) > _LONGEST_NAME:
-        raise ValueError(f"the name of a pose has 1 to {_LONGEST_NAME} characters")
+    name = checked_name(name, "a pose")
     if name in BUILT_IN:
         raise ValueError(f"{name} is a pose that every arm has: take another name")
     return name
