@@ -56,7 +56,7 @@ def arm_scene(page: Page) -> ui.scene:
     arm = DrawnArm(scene, page.station.meshes, page.complain)
     page.live.effect(lambda station: (station.model, station.core.kinematics), lambda known: arm.be(*known))
     page.live.effect(_tcp_offset, arm.set_tcp)
-    page.live.bind(scene, "joints", lambda station: station.values.get("actual_q"))
+    page.live.bind(scene, "value", lambda station: station.values.get("actual_q"))
     return scene
 
 

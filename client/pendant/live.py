@@ -15,16 +15,15 @@ from typing import Any, ClassVar, Final, Literal
 from fastapi import WebSocket, WebSocketDisconnect
 from nicegui import ui
 
-from client.pendant.station import FRAME_HZ, Station
+from client.pendant.station import Station
 
 __all__ = ["Held", "Live"]
 
-Kind = Literal["text", "state", "value", "joints", "points", "width", "bits", "cells", "plot", "samples", "lines"]
+Kind = Literal["text", "state", "value", "width", "bits", "cells", "plot", "samples", "lines"]
 Read = Callable[[Station], Any]
 Take = Callable[[bool], Any]
 Held = Callable[[Mapping[str, Any] | None], None]
 
-_FRAME_S: Final = 1.0 / FRAME_HZ
 _NEVER: Final = object()
 _NONSENSE: Final = 1007  # the status of web sockets for data that cannot be read
 
@@ -98,8 +97,8 @@ class Live:
         """Let something of an element follow the robot.
 
         text: its content. state: its attribute data-state, for style sheets. width: percent, of a bar. value: given to
-        the element's own method ``follow`` in the browser, as are joints and points; see static/pendant.js. The kinds
-        of single screens are in static/screen_*.js.
+        the function that ``pendant.followers`` has for the element in the browser, see static/pendant.js. The kinds of
+        single screens are in static/screen_*.js.
         """
         self._bindings.append(_Binding(element.id, kind, read, self.building))
         return element

@@ -1,7 +1,6 @@
 """Serves the pendant: pages, the web sockets beside them, and who may come in."""
 
 import asyncio
-import logging
 import os
 import socket
 from collections.abc import Callable
@@ -30,8 +29,6 @@ _SCRIPTS: Final = ("pendant.js", *sorted(path.name for path in _STATIC.glob("scr
 _FORBIDDEN: Final = 403
 _LOOK_AGAIN_S: Final = 0.05
 
-_logger = logging.getLogger(__name__)
-
 
 def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> None:
     """Serve one robot's pendant until the process is told to end. ready: called when browsers may come.
@@ -40,11 +37,12 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
     """
     os.environ.pop("PYTEST_CURRENT_TEST", None)  # of a test that started this process: NiceGUI would test itself
     opened = AsyncExitStack()
+    telling = set[asyncio.Task[None]]()  # the loop alone would not keep it
     _check_free(host, port)
 
     async def start() -> None:
         await opened.enter_async_context(station)
-        asyncio.get_running_loop().create_task(_when_open(host, port, ready))
+        telling.add(asyncio.create_task(_when_open(host, port, ready)))
 
     app.on_startup(start)
     app.on_shutdown(opened.aclose)

@@ -38,7 +38,7 @@ def build_program(page: Page, edit: Callable[[], object]) -> None:
     box = ui.element("div").classes("program-text").props("data-testid=program-text tabindex=0")
     live.bind(box, "value", _Content(page, shows_tree).read)
     marks = ui.element("span").classes("hidden")
-    live.bind(marks, "points", lambda s: _marks(s, shows_tree(s.programs.shown)))
+    live.bind(marks, "value", lambda s: _marks(s, shows_tree(s.programs.shown)))
     ui.run_javascript(f"pendantRun.program({box.id}, {marks.id})")
 
 

@@ -32,7 +32,7 @@ def scene_panel(page: Page) -> None:
                 page.live.text(_measured, "sim-force").props("data-testid=measured-force")
             holder = ui.element("div").classes("hidden").props("data-testid=surroundings")
         keep = _wrench(page)
-    page.live.bind(holder, "points", _Surroundings().read)
+    page.live.bind(holder, "value", _Surroundings().read)
     ui.run_javascript(f"pendant.surroundings({holder.id}, {scene.id})")
     pushing = Newest[Sequence[float] | None](lambda force: _push_or_release(page.station, force), page.complain)
     moving = Newest[dict[str, Any]](lambda moved: page.station.behind.change("move_object", **moved), page.complain)

@@ -20,20 +20,17 @@ const pendant = (() => {
   }
 
   const appliers = {
-    text: (target, value) => (target.textContent = value),
-    state: (target, value) => (target.dataset.state = value),
-    width: (target, value) => (target.style.width = `${value}%`),
+    text: (value, target) => void (target.textContent = value),
+    state: (value, target) => void (target.dataset.state = value),
+    width: (value, target) => void (target.style.width = `${value}%`),
   };
 
-  function apply(change) {
-    const [id, kind, value] = change;
+  // Whether it could be shown: the element may not be there yet, or not be ready.
+  function apply([id, kind, value]) {
     const target = element(id);
-    const follower = followers.get(id);
     if (receivers[kind]) return receivers[kind](value, id, target) !== false;
-    if (appliers[kind] && target) appliers[kind](target, value);
-    else if (!appliers[kind] && target && follower && follower(value, target) !== false) return true;
-    else return false;
-    return true;
+    const show = appliers[kind] || followers.get(id);
+    return target && show && show(value, target) !== false;
   }
 
   function take(changes) {
