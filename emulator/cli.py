@@ -208,10 +208,8 @@ def _run(
     log_to_stderr(log_level)
     with mistakes_in_one_line():
         config = configure(**robot)
-        if exit_when_ready or no_pendant or config.ephemeral_ports:
-            asyncio.run(serve(config, ports_file, exit_when_ready=exit_when_ready))
-        else:
-            asyncio.run(serve(config, ports_file, pendant_port))
+        without = exit_when_ready or no_pendant or config.ephemeral_ports
+        asyncio.run(serve(config, ports_file, None if without else pendant_port, exit_when_ready=exit_when_ready))
 
 
 @contextmanager

@@ -22,7 +22,7 @@ __all__ = ["serve", "write_ports"]
 
 
 async def serve(
-    config: EmulatorConfig, ports_file: Path | None, pendant_port: int | None = None, *, exit_when_ready: bool = False
+    config: EmulatorConfig, ports_file: Path | None, pendant_port: int | None, *, exit_when_ready: bool
 ) -> None:
     """Run it until it is stopped, or until every port answers. pendant_port: None for no pendant.
 

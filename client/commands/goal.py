@@ -43,8 +43,7 @@ def goal_command(
 ) -> None:
     """Move the arm to joint angles, smoothly and at rest there; Ctrl-C stops it softly."""
     q = tuple(radians(angle) for angle in _angles(positions)) if degrees else _angles(positions)
-    if not time > 0.0:
-        raise typer.BadParameter(f"--time has to be above 0 s, not {time}")
+    _check_time(time)
     target = _target(robot_ip, port_offset, controllers, make_ready, record, overwrite, speed_slider)
     point = JointTrajectoryPoint(q, (0.0,) * len(q), time_from_start_s=time)
     run(go(target, controller, JointTrajectory(JOINTS, (point,))))
@@ -65,8 +64,7 @@ def publish_goals_command(
     port_offset: PortOffset = 0,
 ) -> None:
     """Send the goals of a file one after the other, each when the one before is reached; Ctrl-C stops softly."""
-    if not time > 0.0:
-        raise typer.BadParameter(f"--time has to be above 0 s, not {time}")
+    _check_time(time)
     try:
         goals = read_goals(file, node)
     except (OSError, UnicodeDecodeError) as error:
@@ -77,6 +75,11 @@ def publish_goals_command(
         goals = replace(goals, controller=controller)
     target = _target(robot_ip, port_offset, controllers, make_ready, record, overwrite, speed_slider)
     run(publish(target, goals, time, rounds))
+
+
+def _check_time(time_s: float) -> None:
+    if not time_s > 0.0:
+        raise typer.BadParameter(f"--time has to be above 0 s, not {time_s}")
 
 
 def _target(
