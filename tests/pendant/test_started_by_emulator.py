@@ -1,7 +1,6 @@
 """``python -m emulator`` brings a pendant along, and takes it away again."""
 
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.servers.test_cli import read_until
 from urproto.testing.addresses import claim_address
 
 DEADLINE_S = 40.0
@@ -31,17 +31,6 @@ def emulator(*arguments: str) -> Iterator[tuple["subprocess.Popen[str]", str]]:
         process.kill()
         process.communicate()
         address.release()
-
-
-def read_until(process: "subprocess.Popen[str]", text: str) -> str:
-    assert process.stdout is not None
-    seen = ""
-    while text not in seen:
-        readable, _, _ = select.select([process.stdout], [], [], DEADLINE_S)
-        line = process.stdout.readline() if readable else ""
-        assert line, f"{text!r} did not come: {seen}"
-        seen += line
-    return seen
 
 
 def answers(url: str) -> bool:
