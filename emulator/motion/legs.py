@@ -18,6 +18,7 @@ __all__ = ["TOOL_LIMITS", "JointLeg", "Leg", "ToolLeg", "mark_after_start", "mar
 TOOL_LIMITS = Limits(1.5, 15.0)
 
 _BISECTIONS = 20  # 2**-20 of half a leg
+_NO_WAY_M = 1e-9  # a tool path shorter than this leads nowhere: rounding of the pose that the arm has already
 
 
 class Leg(Protocol):
@@ -82,7 +83,7 @@ class ToolLeg:
 
     def __init__(self, reach: Reach, length: float, wanted: Limits, duration_s: float = 0.0) -> None:
         self.reach = reach
-        self.length = length
+        self.length = length = length if length > _NO_WAY_M else 0.0
         self.limits = choose_limits(length, wanted, TOOL_LIMITS, duration_s)
         self.profile = Profile.plan(0.0, length, self.limits)
 
