@@ -6,6 +6,7 @@ and rad of the leading joint for joint paths.
 
 from typing import Protocol
 
+from emulator.motion.faults import MotionFault, path_out_of_reach
 from emulator.motion.profile import Limits, Profile, choose_limits
 from emulator.motion.reach import Reach
 from emulator.motion.vectors import Joints, Vec3, largest, lerp, norm3, sub
@@ -92,7 +93,11 @@ class ToolLeg:
         raise NotImplementedError
 
     def joints(self, s: float, near: Joints) -> Joints:
-        return self.reach.joints(self.pose(s), near)
+        pose = self.pose(s)
+        try:
+            return self.reach.joints(pose, near)
+        except MotionFault:
+            raise path_out_of_reach(pose, self.goal()) from None
 
     def point(self, s: float) -> Vec3:
         pose = self.pose(s)

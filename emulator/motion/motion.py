@@ -189,7 +189,7 @@ class Motion(DisplacingStepper):
             wanted = scaled(wanted, 1.0 / excess)
         speed = self._generator
         if not (isinstance(speed, JointSpeed) and self._streaming):
-            speed = JointSpeed(self._start()[1])
+            speed = JointSpeed(*self._start())
             self._take_over()
         speed.command(wanted, min(a, *self.model.qdd_max), t)
         return self._install(speed)

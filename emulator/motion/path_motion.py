@@ -47,7 +47,7 @@ class PathMotion:
         self._proposed = (t, None)
         return self.leg.joints(self.profile.position(t), q)
 
-    def commit(self, clock_s: float) -> None:
+    def commit(self) -> None:
         self._t, self._blend = self._proposed
 
     @property
