@@ -58,16 +58,18 @@ class Draft:
         if text != self.text:
             self.text, self.author, self.revision = text, author, self.revision + 1
 
-    def sending(self, now_s: float) -> str:
-        """What to send: a program of its own. now_s: any clock. Raises ValueError when there is nothing."""
+    def prepared(self) -> Script:
+        """What to send: a program, or a secondary program, which has no name. Raises ValueError for an empty text."""
         if not self.text.strip():
-            raise ValueError("there is no script to send")
+            raise ValueError("The editor is empty: there is no script to send.")
         try:
-            self.script = prepare(self.text)
+            return prepare(self.text)
         except LocalProtocolError:  # a secondary program: only errors are heard of
-            self.script = Script("", self.text)
-        self._sent_at_s, self.phase, self.error = now_s, "sent", None
-        return self.script.text
+            return Script("", self.text)
+
+    def sending(self, script: Script, now_s: float) -> None:
+        """That is being sent. now_s: any clock."""
+        self.script, self._sent_at_s, self.phase, self.error = script, now_s, "sent", None
 
     def hear(self, message: object) -> None:
         """Take note of what the robot says about the script."""

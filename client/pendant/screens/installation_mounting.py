@@ -107,7 +107,7 @@ def _limit(station: Station) -> str:
 def _mounting(station: Station) -> str:
     angles = _tilt(station)
     if angles is None:
-        return "This version does not tell how it is mounted"
+        return "This version does not tell how it is mounted" if station.connected else "-"
     return f"In effect: tilt {angles[0]:.1f}°, turn {angles[1]:.1f}°"
 
 

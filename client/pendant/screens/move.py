@@ -8,6 +8,7 @@ from client.pendant.screens.move_jog import JogPanels
 from client.pendant.screens.move_poses import saved_poses
 from client.pendant.screens.move_settings import MoveSettings
 from client.pendant.screens.move_target import joint_target, pose_target
+from client.pendant.situation import Action
 from client.pendant.station import Station
 
 __all__ = ["build"]
@@ -17,7 +18,7 @@ def build(page: Page) -> None:
     """Put it on the page."""
     settings = MoveSettings(page)
     jog = JogPanels(page, settings)
-    with ui.element("div").classes("move"):
+    with ui.element("div").classes("move") as screen:
         with ui.element("div").classes("move-side"):
             jog.tool()
             jog.by_hand()
@@ -28,6 +29,7 @@ def build(page: Page) -> None:
         with ui.element("div").classes("move-side"):
             jog.joints()
             _targets(page, settings)
+    page.live.bind(screen, "state", lambda station: "free" if station.situation.may(Action.MOVE) else "blocked")
 
 
 def _targets(page: Page, settings: MoveSettings) -> None:
@@ -52,13 +54,17 @@ def _stop(page: Page) -> None:
 
 
 def _status(page: Page) -> None:
-    """What moves the arm, and why slowly."""
+    """What moves the arm, and why slowly, or why nothing may."""
     with ui.element("div").classes("move-status"):
         chip = page.live.text(lambda station: station.mover.doing, "chip move-doing")
         chip.props("data-testid=doing")
         page.live.bind(chip, "state", _kind)
-        slowed = page.live.text(lambda station: station.mover.slowed, "move-slowed")
+        slowed = page.live.text(_obstacle, "move-slowed")
         slowed.props("data-testid=slowed")
+
+
+def _obstacle(station: Station) -> str:
+    return station.mover.slowed or station.situation.why_not(Action.MOVE)
 
 
 def _kind(station: Station) -> str:

@@ -13,6 +13,7 @@ from client.pendant.jogging import JOINT_TITLES, Velocity
 from client.pendant.mover import STALE_S
 from client.pendant.page import MISTAKES, Page
 from client.pendant.screens.move_settings import FEATURES, JOINT_TOP, LINE_TOP, MoveSettings
+from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.robots import Joints
 from urproto.robots.pose import rotvec_to_rpy
@@ -88,7 +89,9 @@ class JogPanels:
                     "no-caps unelevated data-testid=freedrive"
                 )
                 hold.props["data-hold"] = json.dumps({"freedrive": True})
-                keep = ui.button(icon="lock_open", color=None, on_click=self._toggle_freedrive).props("unelevated")
+                keep = ui.button(icon="lock_open", color=None, on_click=page.doing(self._toggle_freedrive)).props(
+                    "unelevated"
+                )
                 keep.props("data-testid=freedrive-keep").tooltip("Freedrive until pressed again")
             for button in (hold, keep):
                 button.classes("hand")
@@ -129,6 +132,8 @@ class JogPanels:
                 self._page.complain(str(error))
 
     def _press(self, held: Mapping[str, Any]) -> None:
+        if not self._down:
+            self._page.station.situation.require(Action.MOVE)
         if not self._page.agreed:
             self._dead = True
             self._asking = asyncio.create_task(self._page.may_move())

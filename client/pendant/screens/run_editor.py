@@ -7,6 +7,7 @@ from nicegui import events, ui
 
 from client.pendant.draft import Draft, ScriptError
 from client.pendant.page import Page
+from client.pendant.situation import Action
 
 __all__ = ["build_editor", "replace_draft"]
 
@@ -67,12 +68,15 @@ async def replace_draft(page: Page, text: str) -> bool:
 
 
 async def _send(page: Page) -> None:
-    if not await page.may_move():
-        return
     station = page.station
-    await station.mover.give_back()
-    text = station.programs.draft.sending(asyncio.get_running_loop().time())
-    await station.send_script(text)
+    draft, script = station.programs.draft, station.programs.draft.prepared()
+    if script.name:  # it may move the arm, and takes the place of what does
+        station.situation.require(Action.SEND)
+        if not await page.may_move():
+            return
+        await station.mover.give_back()
+    draft.sending(script, asyncio.get_running_loop().time())
+    await station.send_script(script.text)
 
 
 def _opener(page: Page) -> None:
