@@ -1,4 +1,4 @@
-"""Initialize without a browser: why the arm stands, what the button that leads on says, what is told of the safeguard."""
+"""Initialize without a browser: why the arm stands, what the button that leads on says, how the safeguard is."""
 
 from types import SimpleNamespace
 from typing import Any

@@ -127,7 +127,7 @@ def test_what_is_refused_is_raised_with_its_reason() -> None:
 
 # as an emulator does
 
-MOVING = "def far():\n  while True:\n    movej([1.0, -1.0, 0.5, -1.0, 0.3, 0.2])\n    movej([0, -1, 1, 0, 0, 0])\n  end\nend\n"
+MOVING = "def far():\n  while True:\n    movej([1, -1, 0.5, -1, 0, 0])\n    movej([0, -1, 1, 0, 0, 0])\n  end\nend\n"
 LINES = {
     Action.PLAY: "play",
     Action.PAUSE: "pause",
