@@ -16,6 +16,7 @@ from client.errors import ClientError, NoAnswerError, RobotUnreachableError
 from client.operations import Operation
 from client.pendant.asked import Asked
 from client.pendant.behind import Behind
+from client.pendant.checking import keep_checking
 from client.pendant.dialogues import Dialogues
 from client.pendant.events import EventLog
 from client.pendant.feeds import Feeds
@@ -140,6 +141,7 @@ class Station:
                 self._messages(),
                 self.behind.follow(self.dialogues),
                 self.programs.follow(self),
+                keep_checking(self.programs.draft, lambda: self.version, self.log.note),
             ):
                 opening.push_async_callback(_cancel, asyncio.create_task(work))
             self._running = opening.pop_all()
@@ -329,6 +331,7 @@ class Station:
             except _LOST as error:
                 self.log.note(f"no messages: {error}")
             self._primary = None
+            self.variables.forget()
             await asyncio.sleep(_AGAIN_S)
 
     async def _follow_messages(self) -> None:

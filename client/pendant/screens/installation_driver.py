@@ -23,7 +23,7 @@ def build(page: Page, views: Views) -> None:
             "soft"
         )
     page.live.effect(_can_be_set, emulated.set_visibility)
-    page.live.effect(lambda station: not _can_be_set(station), real.set_visibility)
+    page.live.effect(lambda station: station.connected and not _can_be_set(station), real.set_visibility)
 
 
 def _can_be_set(station: Station) -> bool:

@@ -236,6 +236,6 @@ def _share(joint: int, station: Station) -> float:
 def _nearness(joint: int, station: Station) -> str:
     q, model = station.values.get("actual_q"), station.model
     if q is None or model is None:
-        return "far"
+        return "unknown"
     low, high = model.position_limits
     return "near" if q[joint] - low[joint] < _NEAR or high[joint] - q[joint] < _NEAR else "far"
