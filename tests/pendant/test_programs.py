@@ -120,6 +120,27 @@ def test_a_programs_time_goes_from_its_start_to_its_end():
 def told(variables: Variables, *values: Value, start: int = 0) -> None:
     variables.hear(GlobalVariableValues(start_index=start, values=values))
 
+    def test_the_checker_says_better_why_a_script_does_not_start(self, draft: Draft):
+        diagnosis = ScriptError(2, 3, "function 'sinc' is not known; did you mean 'sync'?")
+        draft.sending(draft.prepared(), 0.0)
+        draft.hear(compile_error(2, "compile_error_name_not_found:sinc:"))
+        assert [problem.told for problem in draft.problems] == ["start"]
+        draft.checked(draft.revision, (diagnosis,))
+        assert draft.problems == (diagnosis,)
+        draft.write("def go():\n  sync()\n  a = [1][2]\nend\n")
+        draft.checked(draft.revision - 1, ())  # of a text that is another by now
+        assert draft.problems == (diagnosis,)
+        draft.checked(draft.revision, ())
+        assert draft.problems == ()
+
+    def test_what_a_running_script_did_wrong_is_told_beside_what_the_checker_says(self, draft: Draft):
+        warning = ScriptError(1, 1, "shadows", severity="warning")
+        draft.checked(draft.revision, (warning,))
+        draft.sending(draft.prepared(), 0.0)
+        draft.hear(happened(PROGRAM_STARTED, "go"))
+        draft.hear(runtime_error(2))
+        assert [(problem.line, problem.told) for problem in draft.problems] == [(2, "run"), (1, "check")]
+
 
 class TestVariables:
     @pytest.fixture
