@@ -38,8 +38,8 @@ def _header(page: Page, first: str) -> ui.tabs:
         page.live.text(_robot, "robot-name")
         dark = ui.dark_mode(None)
         ui.button(icon="contrast", on_click=lambda: dark.set_value(not dark.value)).props(
-            "flat round dense color=white"
-        )
+            'flat round dense color=white aria-label="Dark or light"'
+        ).tooltip("Dark or light")
     return tabs
 
 
@@ -93,7 +93,7 @@ def _speed_slider(page: Page) -> None:
     ui.icon("speed").classes("text-white")
     slider = (
         ui.slider(min=0, max=100, step=1)
-        .props("label dense color=white")
+        .props('label dense color=white aria-label="Speed slider"')
         .classes("speed-slider")
         .props("data-testid=speed")
     )

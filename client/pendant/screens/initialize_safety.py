@@ -174,7 +174,9 @@ def _control(page: Page) -> None:
     page.show_if(fact, lambda s: s.connected and s.remote_control.value is not None)
     with fact:
         button = ui.button(icon="swap_horiz", on_click=page.doing(lambda: _swap(station)))
-        button.props("flat round dense size=sm data-testid=remote-control").tooltip("Remote or local control")
+        button.props(
+            "flat round dense size=sm data-testid=remote-control aria-label='Remote or local control'"
+        ).tooltip("Remote or local control")
     page.show_if(button, lambda s: s.behind.available)
 
 

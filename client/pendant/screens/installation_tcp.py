@@ -111,7 +111,7 @@ class _Editor:
         async def save() -> None:
             self._page.station.tools.save(self._name.value or "", self._entered())
 
-        await self._page.attempt(save, "saved")
+        await self._page.attempt(save, "Saved")
 
     def _fill(self) -> None:
         self._list.clear()

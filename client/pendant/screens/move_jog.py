@@ -53,7 +53,7 @@ class JogPanels:
                     self._page.live.text(partial(self._axis_name, i), f"jog-name axis-{'xyz'[i % 3]}")
                     self._page.live.text(partial(self._coordinate, i), "jog-value").props(f"data-testid=tcp-{i}")
                     self._page.live.text(partial(self._coordinate_unit, i), "jog-unit")
-                    _hold_buttons("axis", i, _AXES[i].lower())
+                    _hold_buttons("axis", i, _AXES[i].lower(), _AXES[i])
 
     def joints(self) -> None:
         """One row each: where it is within its limits, its angle, its buttons."""
@@ -68,7 +68,7 @@ class JogPanels:
                         live.bind(bar, "state", partial(_nearness, i))
                     live.text(partial(_angle, i), "jog-value").props(f"data-testid=angle-{i}")
                     ui.label("°").classes("jog-unit")
-                    _hold_buttons("joint", i, str(i))
+                    _hold_buttons("joint", i, str(i), title)
 
     def by_hand(self) -> None:
         """How fast everything here goes; freedrive."""
@@ -92,7 +92,8 @@ class JogPanels:
                 keep = ui.button(icon="lock_open", color=None, on_click=page.doing(self._toggle_freedrive)).props(
                     "unelevated"
                 )
-                keep.props("data-testid=freedrive-keep").tooltip("Freedrive until pressed again")
+                keep.props('data-testid=freedrive-keep aria-label="Freedrive until pressed again"')
+                keep.tooltip("Freedrive until pressed again")
             for button in (hold, keep):
                 button.classes("hand")
                 page.live.bind(button, "state", lambda station: "on" if station.mover.freedrive else "off")
@@ -192,11 +193,11 @@ def _choice(options: Mapping[str, str], settings: MoveSettings, what: str) -> No
     toggle.props(f"no-caps dense unelevated data-testid={what}").classes("move-choice")
 
 
-def _hold_buttons(kind: str, index: int, mark: str) -> None:
+def _hold_buttons(kind: str, index: int, mark: str, title: str) -> None:
     for sign, icon, name in ((-1, "remove", "minus"), (1, "add", "plus")):
         button = (
             ui.button(icon=icon, color=None)
-            .props(f"unelevated dense data-testid={kind}-{mark}-{name}")
+            .props(f'unelevated dense data-testid={kind}-{mark}-{name} aria-label="{title} {name}, while held"')
             .classes("jog-button")
         )
         button.props["data-hold"] = json.dumps({kind: index, "sign": sign})

@@ -46,7 +46,7 @@ def _control(page: Page) -> None:
             box = ui.input(placeholder="Path below the programs folder").props("dense outlined data-testid=run-path")
             box.classes("run-path")
             choose = ui.button(icon="folder_open", on_click=lambda: _choose(page, load)).props("flat")
-            with choose.props("data-testid=run-choose"):
+            with choose.props('data-testid=run-choose aria-label="Programs of the emulator"'):
                 ui.tooltip("Programs of the emulator")
             page.live.effect(lambda s: "programs" in s.behind.verbs and s.behind.available, choose.set_visibility)
             ui.button("Load", on_click=lambda: load(box.value or "")).props("data-testid=run-load unelevated")
