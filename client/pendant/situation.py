@@ -233,7 +233,7 @@ def _headline(known: Known, mode: _Mode, safety: str, advice: str) -> tuple[str,
         return mode.title, mode.hint, mode.tone
     title = mode.title if known.safety_mode is SafetyMode.NORMAL else safety
     if known.moved_here:
-        return title, "The arm is moved from this pendant.", "busy"
+        return title, "The pendant's own program is running, which moves the arm from here.", "busy"
     if known.runtime_state in _STOPPED:
         return title, mode.hint, "ready"
     return title, _PROGRAMS[known.runtime_state], "busy" if _is_playing(known) else "ready"
@@ -277,7 +277,7 @@ def _way_out(known: Known) -> Action | None:
 def _program(known: Known) -> str:
     if not known.connected:
         return "–"
-    return "Moved from here" if known.moved_here else known.runtime_state.name.capitalize()
+    return "Pendant control" if known.moved_here else known.runtime_state.name.capitalize()
 
 
 # why not

@@ -173,6 +173,17 @@ def test_a_move_is_stopped(bent: Rig, open_page: Open) -> None:
     assert dist(q(bent), (0.0,) * 6) > 0.5
 
 
+def test_stop_ends_a_program_too(bent: Rig, open_page: Open) -> None:
+    bent.control.send_script("def far():\n  while True:\n    sync()\n  end\nend\n")
+    page = open_page("move")
+    expect(page.get_by_test_id("slowed")).to_have_text("A program is running: stop it first.")
+    expect(page.get_by_test_id("joints-move")).to_be_disabled()
+    page.get_by_test_id("stop-moving").click()
+    eventually(lambda: bent.state("runtime_state") == "STOPPED")
+    expect(page.get_by_test_id("slowed")).to_have_text("")
+    expect(page.get_by_test_id("joints-move")).to_be_enabled()
+
+
 def test_freedrive_lasts_as_long_as_its_button_is_held(bent: Rig, open_page: Open) -> None:
     page = open_page("move")
     before = tcp(bent)

@@ -48,9 +48,17 @@ def _targets(page: Page, settings: MoveSettings) -> None:
 
 
 def _stop(page: Page) -> None:
-    button = ui.button("Stop", icon="back_hand", color=None, on_click=page.doing(page.station.mover.stop))
+    """Of whatever moves the arm: a motion from here, or a program."""
+
+    async def stop() -> None:
+        station = page.station
+        await station.mover.stop()
+        if not station.mover.in_charge and station.situation.may(Action.STOP):
+            await page.stop()
+
+    button = ui.button("Stop", icon="back_hand", color=None, on_click=page.doing(stop))
     button.classes("move-stop").props("unelevated no-caps data-testid=stop-moving")
-    page.live.bind(button, "state", lambda station: "moving" if station.mover.doing else "rest")
+    page.live.bind(button, "state", lambda station: "moving" if _moves(station) else "rest")
 
 
 def _status(page: Page) -> None:
@@ -61,6 +69,10 @@ def _status(page: Page) -> None:
         page.live.bind(chip, "state", _kind)
         slowed = page.live.text(_obstacle, "move-slowed")
         slowed.props("data-testid=slowed")
+
+
+def _moves(station: Station) -> bool:
+    return bool(station.mover.doing) or station.situation.may(Action.PAUSE)
 
 
 def _obstacle(station: Station) -> str:
