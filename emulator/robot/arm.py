@@ -155,16 +155,14 @@ class Arm:
     ) -> tuple[Vector6, Vector6]:
         """Where direct torque takes the joints in a period, and how fast they then are.
 
-        A dynamic arm answers by what it does: where it is now, one period on. An ideal one has no friction, and keeps
-        to the limits of speed and acceleration.
+        A dynamic arm answers by what it does: where it is now, one period on. An ideal one comes to rest and stands:
+        the vendor's simulated arm does not move to torques either (comment in the official library's example).
         """
         if self.drives is not None:
             body = self.drives.body
             return _onwards(body.q, body.qd, period_s), body.qd
-        push = plus6(self._pressed(plus6(self.wrench, self._misjudged)), self.dynamics.gravity_torques(q))
-        qdd = self.dynamics.forward_dynamics(q, qd, plus6(command.torque, push))
-        qdd = _within(qdd, self.model.qdd_max)
-        speed = _within(_onwards(qd, qdd, period_s), self.model.qd_max)
+        braking = _within(_onwards(ZERO6, qd, -1.0 / period_s), self.model.qdd_max)
+        speed = _onwards(qd, braking, period_s)
         return _onwards(q, speed, period_s), speed
 
     # one period
