@@ -11,6 +11,7 @@ goes on too; whatever stops the main program then also drops the one being compi
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -210,6 +211,24 @@ class Programs:
         self._note(reason)
         self._end()
         return True
+
+    def abandon(self) -> None:
+        """Be without a program, however broken the running one is: for the guard under the tick."""
+        main, host = self._main, self._host
+        self._ended, self._main, self._host, self._next = self.name, None, None, None
+        self.state, self._not_before = RuntimeState.STOPPED, 0
+        self._secondary.waiting.clear()
+        self.watchdogs.clear()
+        self.pause_codes.clear()
+        for leave in (
+            self._compiling.abandon,
+            self._player.drop,
+            self.interpreter.program_ended,
+            *((main.stop,) if main is not None else ()),
+            *((host.sockets.close_all, host.withdraw_dialogues) if host is not None else ()),
+        ):
+            with suppress(Exception):
+                leave()
 
     # once a control period
 

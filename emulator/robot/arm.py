@@ -204,6 +204,19 @@ class Arm:
         self._update_torques()
         return True
 
+    def recover(self, q: Vector6) -> None:
+        """Stand at q without power, whatever was computed before: the next ``update`` begins anew."""
+        self.target_q = self.q = q
+        self.target_qd = self.target_qdd = self.qd = self.qdd = ZERO6
+        self.wrench = self.link_torque = self.tcp_force = self.measured_force = self.ft_raw_wrench = ZERO6
+        self.target_torque = self.actual_torque = self.own_torque = self.base_wrench = ZERO6
+        self.target_current = self.actual_current = self.control_output = self.friction_W = ZERO6
+        self._force_bias = self._misjudged = ZERO6
+        self._payload = self._gravity = None
+        self._known = self._driven = False
+        if self.drives is not None:
+            self.drives.place(q)
+
     def publish(self, snapshot: Snapshot) -> None:
         """Write what ``update`` found to a snapshot."""
         actual, target = self._tool, self._target_tool
