@@ -51,7 +51,7 @@ from urproto.modes import ReportLevel, RobotStatusBits
 from urproto.robots import RobotModel
 from urproto.robots.pose import Pose
 from urproto.rtde.fields import OUTPUT_FIELDS
-from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+from urproto.versions import DEFAULT_VERSION, Availability, PolyscopeVersion, Series
 
 __all__ = ["Controller", "ControllerConfig"]
 
@@ -59,6 +59,8 @@ _ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 # As found in program files of the vendor's simulators; clients want digits only, starting with 20.
 _NEW_YEAR_2024_S: Final = 1_704_067_200.0
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
+# an ideal arm is a simulator's; earlier ones report other currents and temperatures (the versions: guess)
+_LATE_SIMULATOR: Final = Availability.since("3.10", "5.4")
 _MOST: Final = 1e7  # rad, rad/s, A, Nm, m, N: no arm reaches that (guess)
 
 
@@ -127,7 +129,8 @@ class Controller:
         self.popups = Popups(self.messages, lambda: self.time_s, config.popup_auto_close_s)
         self.registers = Registers()
         self.port_memory: PortMemory = PortMemory()
-        self.signals = Signals()
+        early = not config.dynamic and not _LATE_SIMULATOR.covers(self.version)
+        self.signals = Signals(early_simulator=early)
         self.encoders = Encoders(self.period_s, config.encoder_speeds)
         self.rtde_inputs: dict[str, Any] = {}  # last value of every RTDE input by name
         self.rtde_refreshed: dict[str, int] = {}  # step at which it came
@@ -143,7 +146,7 @@ class Controller:
         self.ft_input = ForceInput()
         self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
         self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
-        self.electrics = Electrics()
+        self.electrics = Electrics(early_simulator=early)
         self.motion = Motion(self.model, self.period_s, config.initial_q or self.model.home_q)
         self.safety_board = SafetyBoard(self)
         self.motion.govern(self.safety_board.governor.excess)

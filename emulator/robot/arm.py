@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["CURRENT_WINDOW_A", "Arm"]
 
-CURRENT_WINDOW_A: Final[Vector6] = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5)  # of collision detection (guess)
+CURRENT_WINDOW_A: Final[Vector6] = (4.0, 4.0, 4.0, 2.0, 2.0, 2.0)  # of collision detection (guess)
 _MOST_PUSH: Final = 3.0  # times a joint's torque limit: more from outside would break it (guess)
 _LOST_RAD_S: Final = 1e4  # no body moves like that, unless its payload has an inertia that none can have
 _STANDING_RAD_S: Final = 0.005  # slower than this is as good as standing (guess)
