@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["CURRENT_WINDOW_A", "Arm"]
 
-CURRENT_WINDOW_A: Final[Vector6] = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5)  # of collision detection (guess)
+CURRENT_WINDOW_A: Final[Vector6] = (4.0, 4.0, 4.0, 2.0, 2.0, 2.0)  # of collision detection (guess)
 _MOST_PUSH: Final = 3.0  # times a joint's torque limit: more from outside would break it (guess)
 _LOST_RAD_S: Final = 1e4  # no body moves like that, unless its payload has an inertia that none can have
 _STANDING_RAD_S: Final = 0.005  # slower than this is as good as standing (guess)
@@ -201,6 +201,19 @@ class Arm:
         self._update_sensors(installation)
         self._update_torques()
         return True
+
+    def recover(self, q: Vector6) -> None:
+        """Stand at q without power, whatever was computed before: the next ``update`` begins anew."""
+        self.target_q = self.q = q
+        self.target_qd = self.target_qdd = self.qd = self.qdd = ZERO6
+        self.wrench = self.link_torque = self.tcp_force = self.measured_force = self.ft_raw_wrench = ZERO6
+        self.target_torque = self.actual_torque = self.own_torque = self.base_wrench = ZERO6
+        self.target_current = self.actual_current = self.control_output = self.friction_W = ZERO6
+        self._force_bias = self._misjudged = ZERO6
+        self._payload = self._gravity = None
+        self._known = self._driven = False
+        if self.drives is not None:
+            self.drives.place(q)
 
     def publish(self, snapshot: Snapshot) -> None:
         """Write what ``update`` found to a snapshot."""

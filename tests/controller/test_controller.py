@@ -467,3 +467,23 @@ def test_at_rest_everything_but_time_energy_and_temperature_is_bit_stable(ready)
         ready.tick()
         changed = {name for name, value in vars(ready.now).items() if value != first[name]}
         assert changed - SLOWLY == {"step", "timestamp", "actual_robot_energy_consumed"}
+
+
+@pytest.mark.parametrize("model", ["ur3", "ur5e"])
+def test_every_interface_can_see_that_a_program_resumes(make, model):
+    """Also one that looks ten times a second; the program goes on only then, and the arm at once."""
+    rig = make(model, running=True)
+    rig.script(LONG_MOVE)
+    rig.until(is_state(RuntimeState.PLAYING))
+    rig.seconds(0.3)
+    rig.controller.programs.pause()
+    rig.until(is_state(RuntimeState.PAUSED))
+    rig.controller.programs.resume()
+    states = [rig.tick() for _ in range(round(0.3 / rig.controller.period_s))]
+    resuming = [state for state in states if state.runtime_state is RuntimeState.RESUMING]
+    assert len(resuming) * rig.controller.period_s == pytest.approx(0.1, abs=2 * rig.controller.period_s)
+    assert len(resuming) >= 0.1 / rig.controller.period_s - 1
+    assert resuming[0] is states[0]
+    assert all(state.program_running and not state.program_paused for state in states)
+    assert any(resuming[-1].actual_qd)
+    assert states[-1].runtime_state is RuntimeState.PLAYING
