@@ -6,15 +6,14 @@ from pathlib import Path
 
 from emulator.programs.sockets import ScriptNetwork
 from emulator.robot.kinds import ArmKind
-from urscript.commands import Command
+from urscript.commands import Command, add_controller_options
 
 __all__ = ["COMMAND"]
 
 
 def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", help="a file of scripts; - is standard input")
-    parser.add_argument("--model", default="ur3", help="the arm, for example ur3 or ur5e (default ur3)")
-    parser.add_argument("--polyscope", help="PolyScope version (default: the usual one of the arm's series)")
+    add_controller_options(parser)
     parser.add_argument(
         "--speed",
         type=_speed,

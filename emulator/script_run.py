@@ -6,13 +6,13 @@ from argparse import Namespace
 
 from emulator.batch import Batch
 from emulator.clock import Clock, FastClock, RealClock
-from emulator.config import ConfigError, choose_model, choose_version, read_surroundings
+from emulator.config import read_surroundings
 from emulator.controller import Controller, ControllerConfig
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.programs.sockets import ScriptNetwork
 from emulator.robot.kinds import ArmKind
 from emulator.servers.script_sockets import NetworkSockets
-from urscript.commands import SUCCESS, TROUBLE, USAGE_ERROR
+from urscript.commands import SUCCESS, TROUBLE, USAGE_ERROR, chosen_controller
 from urscript.errors import CompileError
 from urscript.files import ScriptFile
 
@@ -22,11 +22,10 @@ __all__ = ["run"]
 def run(options: Namespace) -> int:
     """Compile and run the file; the exit status."""
     try:
-        model = choose_model(options.model)
-        version = choose_version(options.polyscope, model)
+        model, version = chosen_controller(options)
         world = read_surroundings(options.world)
         file = ScriptFile.read(options.file)
-    except ConfigError as error:
+    except ValueError as error:
         return _usage_error(str(error))
     except OSError as error:
         return _usage_error(f"{options.file}: {error.strerror}")

@@ -61,15 +61,16 @@ def is_secondary(text: str) -> bool:
     return _SECONDARY.match(normalize(text)) is not None
 
 
-def parse(source: str, errors: list[CompileError] | None = None) -> Steps[Program]:
+def parse(source: str, errors: list[CompileError] | None = None, *, statements: bool = False) -> Steps[Program]:
     """The syntax tree of one normalized program.
 
     Raises CompileError for text that is not one program: ``def name(): … end``,
-    ``sec name(): … end``, or statements. With `errors`, errors are added there instead,
-    and what did not parse is missing in the tree.
+    ``sec name(): … end``, or statements; with `statements` they may begin with a def. With `errors`,
+    errors are added there instead, and what did not parse is missing in the tree.
     """
     tokens = yield from tokenize(source)
-    return (yield from _Parser(source, tokens, errors).program())
+    parser = _Parser(source, tokens, errors)
+    return (yield from parser.statements() if statements else parser.program())
 
 
 def parse_statements(source: str) -> Steps[Program]:

@@ -491,12 +491,48 @@ FILES = [
     ("def f():\n  x = 1\n  end\n  y = x\n  movej(y)\nend\n", [(6, 1)]),
     ('def f():\n  textmsg("a)\n  y = 2\n  textmsg("b")\nend\n', [(4, 12)]),
     ("# comment\n\nx = nope()\ny = norm(1, other)\n", [(3, 5), (4, 5), (4, 13)]),
-    ("def f(a):\n  break\n  thread t(b):\n    x = nope\n  end\nend\n", [(1, 7), (2, 3), (3, 12), (4, 9)]),
+    ("def f(1):\n  break\n  thread t(b):\n    x = nope\n  end\nend\n", [(1, 7), (2, 3), (3, 12), (4, 9)]),
     ("def a():\n  x = nope\nend\ndef b():\n  y = (\nend\n", [(2, 7), (6, 1)]),
     ("if True:\n" * 80 + "end\n" * 80, [(62, 1)]),
     ("while True:\n" * 30 + "end\n" * 30, [(21, 1)]),
     ("x = 1\nif x > 1 sync() end\ny = nope\n", [(2, 10), (3, 5)]),
 ]
+
+
+# text, whether it is that of a Script node and not programs one after the other
+MEANINGS = [
+    ("def f(a):\n  return a\nend\n", True),  # a program has no parameters
+    ("def f():\n  sync()\nend\nf()\nnorm(1)\n", True),
+    ("def f():\n  g()\nend\ndef g():\n  sync()\nend\n", True),
+    ("thread t():\n  sync()\nend\nhandle = run t()\n", True),
+    ("def f():\n  sync()\nend\nx = 1\nnorm(x)\n", True),
+    ("def f():\n  sync()\nend\n", False),
+    ("def f():\n  f()\nend\n", True),
+    ('def f():\n  x = 1\nend\nsec g():\n  x = 2\nend\nstr_len("x f()")\n# f()\n', False),
+    ("x = 1\ndef f():\n  return x\nend\nf()\n", False),  # one program as it stands
+]
+
+
+@pytest.mark.parametrize(("text", "is_node"), MEANINGS)
+def test_what_a_file_is_meant_as(text, is_node):
+    file = ScriptFile("my tools.script", text.encode())
+    assert file.inlined == is_node
+    assert not file.problems(LIBRARY_SET, NEWEST)
+    if is_node:
+        assert [unit.text for unit in file.units] == [f"def my_tools(): {text}\nend\n"]
+
+
+def test_errors_in_the_text_of_a_script_node_are_where_they_are_in_the_file(compiled):
+    text = "# tools\ndef f(a):\n  return nope\nend\nf(1)\nend\n"
+    file = ScriptFile("f", text.encode())
+    problems = file.problems(LIBRARY_SET, NEWEST)
+    assert [(problem.line, problem.column) for problem in problems] == [(3, 10), (6, 1)]
+    file = ScriptFile("f", b"def f(a): return b end\nf(1)\n")
+    (unit,) = file.units
+    with pytest.raises(CompileError) as caught:
+        compiled(unit.text)
+    assert [file.located(caught.value, unit).column] == [18]
+    assert [problem.column for problem in file.problems(LIBRARY_SET, NEWEST)] == [18]
 
 
 @pytest.mark.parametrize(("text", "places"), FILES)
