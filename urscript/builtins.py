@@ -197,6 +197,10 @@ class LibrarySet:
             self._available[version] = {n: b for n, b in self._builtins.items() if b.availability.covers(version)}
         return self._available[version]
 
+    def elsewhere(self, version: PolyscopeVersion) -> dict[str, Availability]:
+        """The built-ins that only controllers of other versions have, and which."""
+        return {n: b.availability for n, b in self._builtins.items() if not b.availability.covers(version)}
+
 
 def _describe(
     library: Library,

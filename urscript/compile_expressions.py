@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from urproto.versions import Availability, PolyscopeVersion
+from urscript import hints
 from urscript.analysis import FunctionPlan
 from urscript.arguments import BindingError, Slot, bind_arguments
 from urscript.builtins import Builtin
@@ -80,6 +82,8 @@ class Unit:
     builtins: Mapping[str, Builtin]
     plans: Mapping[str, FunctionPlan]
     kinds: Kinds
+    elsewhere: Mapping[str, Availability]  # functions of other versions
+    version: PolyscopeVersion
     structs: bool  # this version has struct()
     fixed_lists: bool  # this version cannot resize a list variable
     stepped: bool = False  # every statement asks the host first
@@ -87,10 +91,11 @@ class Unit:
     errors: list[CompileError] = field(default_factory=list)
     warnings: list[CallWarning] = field(default_factory=list)
 
-    def name_not_found(self, name: str, node: Node, kind: str, candidates: Callable[[], list[str]]) -> None:
-        """Note the error; a program can hold thousands, so only some are explained."""
-        hint = _suggestion(name, candidates()) if len(self.errors) < _MOST_HINTS else ""
-        message = f"{kind} '{name}' is not known{hint}"
+    def name_not_found(self, name: str, node: Node, kind: str, hint: str, candidates: Callable[[], list[str]]) -> None:
+        """Note the error; a program can hold thousands, so only in some of them other names are looked for."""
+        if not hint and len(self.errors) < _MOST_HINTS:
+            hint = _suggestion(name, candidates())
+        message = f"{kind} '{name}' is not known" + (f"; {hint}" if hint else "")
         self.errors.append(CompileError.name_not_found(name, message, node.line, node.column, self.source))
 
 
@@ -101,8 +106,9 @@ _MAX_CANDIDATES = 2000
 def _suggestion(name: str, candidates: list[str]) -> str:
     if len(name) > _MAX_CANDIDATES or len(candidates) > _MAX_CANDIDATES:
         return ""
-    close = difflib.get_close_matches(name, candidates, n=1)
-    return f"; did you mean '{close[0]}'?" if close else ""
+    by_small_letters = {candidate.lower(): candidate for candidate in candidates}
+    close = difflib.get_close_matches(name.lower(), by_small_letters, n=1)
+    return f"did you mean '{by_small_letters[close[0]]}'?" if close else ""
 
 
 class ExpressionCompiler:
@@ -176,9 +182,37 @@ class ExpressionCompiler:
         if name in unit.program.damaged:
             return
         if kind == "variable":
-            unit.name_not_found(name, node, kind, lambda: [*unit.program.globals, *scope.locals, *scope.assigned])
+            candidates = [*unit.program.globals, *scope.locals, *scope.assigned]
+            unit.name_not_found(name, node, kind, self._variable_hint(name), lambda: candidates)
         else:
-            unit.name_not_found(name, node, kind, lambda: [*unit.plans, *unit.builtins])
+            hint = self._function_hint(name, kind)
+            unit.name_not_found(name, node, kind, hint, lambda: [*unit.plans, *unit.builtins])
+
+    def _variable_hint(self, name: str) -> str:
+        """What a name that is no variable here is instead."""
+        unit = self.unit
+        if name in unit.plans or name in unit.builtins:
+            return f"it is a function: {name}() calls it"
+        if name in hints.VARIABLES:
+            return hints.VARIABLES[name]
+        owner = next((n for n, f in unit.program.functions.items() if name in f.scope.locals | f.scope.assigned), None)
+        return f"it is local to '{owner}', where 'global {name} = ...' would let all see it" if owner else ""
+
+    def _function_hint(self, name: str, kind: str) -> str:
+        """What a name that cannot be called, or run, is instead."""
+        unit = self.unit
+        plan = unit.plans.get(name)
+        if plan is not None:
+            a_thread = plan.definition.scope.is_thread
+            return f"it is a thread: 'run {name}()' starts it" if a_thread else f"it is a function: {name}() calls it"
+        if kind == "thread" and name in unit.builtins:
+            return f"it is a function: {name}() calls it"
+        availability = unit.elsewhere.get(name)
+        if availability is not None:
+            return f"PolyScope {unit.version.short} does not have it ({availability})"
+        if self.known(name):
+            return f"it is a variable: {name}[0] is an element of it"
+        return hints.FUNCTIONS.get(name, "")
 
     # leaves
 

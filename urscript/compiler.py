@@ -138,7 +138,10 @@ def find_problems(
             warnings = unit.warnings
     except CompileError as error:
         errors.append(error)
-    problems: list[ScriptError] = [*errors, *(ScriptWarning(w.message, w.line, w.column, source) for w in warnings)]
+    problems: list[ScriptError] = [
+        *(error.at_its_cause() for error in errors),
+        *(ScriptWarning(w.message, w.line, w.column, source) for w in warnings),
+    ]
     once = {(problem.line, problem.column, problem.message): problem for problem in problems}
     return [once[place] for place in sorted(once)]
 
@@ -186,12 +189,13 @@ def _parsed(
     builtins = libraries.available(version)
     plans = plan_functions(program, builtins, known={})
     kinds = yield from infer_kinds(program, builtins)
-    return make_unit(program, source, builtins, plans, version, kinds)
+    return make_unit(program, source, libraries, builtins, plans, version, kinds)
 
 
 def make_unit(
     program: Program,
     source: str,
+    libraries: LibrarySet,
     builtins: Mapping[str, Builtin],
     plans: Mapping[str, FunctionPlan],
     version: PolyscopeVersion,
@@ -204,6 +208,8 @@ def make_unit(
         builtins,
         plans,
         kinds or Kinds(program, builtins, {}),
+        libraries.elsewhere(version) | ({} if STRUCT.covers(version) else {"struct": STRUCT}),
+        version,
         structs=STRUCT.covers(version),
         fixed_lists=not RESIZABLE_LISTS.covers(version),
     )

@@ -10,9 +10,10 @@ Lines and columns count from 1, and line 1 is the first line with code (the ``de
 is how the controller counts.
 """
 
+from dataclasses import dataclass
 from typing import ClassVar, Self
 
-__all__ = ["CompileError", "RuntimeFault", "ScriptError", "ScriptRuntimeError", "ScriptWarning"]
+__all__ = ["Cause", "CompileError", "RuntimeFault", "ScriptError", "ScriptRuntimeError", "ScriptWarning"]
 
 
 class RuntimeFault(Exception):  # noqa: N818  # becomes an error only with a place in a script
@@ -54,21 +55,41 @@ class ScriptError(Exception):
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """Where a mistake was made that is noticed elsewhere, and what it is."""
+
+    line: int
+    column: int
+    text: str
+
+
 class CompileError(ScriptError):
     """The program was not started.
 
     ``wire`` is the text a controller puts into its runtime exception message, as seen on real
-    ones: ``syntax_error_on_line:3:end:`` and ``compile_error_name_not_found:foo:``.
+    ones: ``syntax_error_on_line:3:end:`` and ``compile_error_name_not_found:foo:``. Line and column are
+    where a controller notices the mistake, ``cause`` is where it was made, when that is elsewhere.
     """
 
-    def __init__(self, message: str, line: int, column: int, source: str, wire: str) -> None:
+    def __init__(
+        self, message: str, line: int, column: int, source: str, wire: str, cause: Cause | None = None
+    ) -> None:
         super().__init__(message, line, column, source)
         self.wire = wire
+        self.cause = cause
+
+    def at_its_cause(self) -> "CompileError":
+        """The error where the author has to look."""
+        cause = self.cause
+        if cause is None:
+            return self
+        return CompileError(f"syntax error: {cause.text}", cause.line, cause.column, self.source, self.wire)
 
     @classmethod
-    def syntax(cls, message: str, line: int, column: int, source: str) -> Self:
+    def syntax(cls, message: str, line: int, column: int, source: str, cause: Cause | None = None) -> Self:
         """A text that does not parse; the wire text quotes the line where parsing failed."""
-        error = cls(message, line, column, source, "")
+        error = cls(message, line, column, source, "", cause)
         error.wire = f"syntax_error_on_line:{line}:{error.source_line}:"
         return error
 

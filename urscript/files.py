@@ -23,6 +23,7 @@ from urscript.work import Steps, run_to_end
 
 __all__ = ["FileUnit", "ScriptFile", "inlined", "is_inlined", "split_steps"]
 
+_ENDED_BEFORE: Final = "the program ended before this"
 _CLOSING: Final = ("end", "else", "elif")
 _SIGNATURE: Final = re.compile(r"\s*(def|thread)\s+(\w+)\s*\(\s*([^)]?)")
 _WORD: Final = re.compile(r'"[^"]*"|#[^\n]*|([A-Za-z_]\w*)\s*([=(]?)(?!=)')
@@ -149,16 +150,36 @@ class ScriptFile:
         if self.inlined:
             return self._problems_inlined(libraries, version)
         found: list[ScriptError] = []
-        outside: list[ScriptError] = []  # in lines behind the last block
-        for unit in self.units:
+        last: list[ScriptError] = []  # of the last block
+        outside: list[ScriptError] = []  # in lines behind it
+        block: FileUnit | None = None
+        began = 0
+        places = self._places() if len(self.units) > 1 else [(None, 0)]
+        for unit, (_, position) in zip(self.units, places, strict=False):
             problems = [self.located(problem, unit) for problem in find_problems(unit.text, libraries, version)]
             if unit.block:
-                found += outside
-                outside = []
-            elif unit._stray_end:
+                found += last + outside
+                block, last, outside, began = unit, problems, [], position
+                continue
+            if unit._stray_end:
                 outside = [problem for problem in outside if not _is_unknown_name(problem)]
+                explained = block and self._explained(
+                    block, self.text[began : position + len(unit.text)], libraries, version
+                )
+                if explained:
+                    last, outside = explained, []
+                    continue
             outside += problems
-        return found + outside
+        return found + last + outside
+
+    def _explained(
+        self, block: FileUnit, text: str, libraries: LibrarySet, version: PolyscopeVersion
+    ) -> list[ScriptError]:
+        """What is wrong with a block that was meant to be all of a text; nothing if that cannot be told."""
+        problems = find_problems(text, libraries, version)
+        if any(_ENDED_BEFORE in problem.message for problem in problems):
+            return []
+        return [self.located(problem, block) for problem in problems]
 
     def _problems_inlined(self, libraries: LibrarySet, version: PolyscopeVersion) -> list[ScriptError]:
         whole = self._program(self.text, 0, block=False)
