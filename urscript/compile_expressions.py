@@ -13,6 +13,7 @@ from urscript.arguments import BindingError, Slot, bind_arguments
 from urscript.builtins import Builtin
 from urscript.errors import CompileError
 from urscript.inference import FLOAT, INT, VECTOR, Kinds, KindSet, arithmetic, is_local, is_number
+from urscript.literals import call_problems
 from urscript.number_code import ARITHMETIC_HELPERS, element, number_arithmetic
 from urscript.pycode import (
     LOAD,
@@ -252,6 +253,8 @@ class ExpressionCompiler:
         left, right = self.expression(node.left), self.expression(node.right)
         kinds = self.kind(node.left), self.kind(node.right)
         if operator in ARITHMETIC_HELPERS:
+            if operator == "+" and _is_text(node.left) != _is_text(node.right):
+                self._warn_of_sum(node, kinds)
             self._kinds[id(node)] = kind = arithmetic(operator, *kinds)
             if is_number(kind):
                 return number_arithmetic(node, kind, left, right, place)
@@ -265,6 +268,21 @@ class ExpressionCompiler:
         if numbers or isinstance(node.left, Constant) or isinstance(node.right, Constant):
             return _compare(left, ast.Eq() if operator == "==" else ast.NotEq(), right, place)
         return call("_eq" if operator == "==" else "_ne", place, left, right)
+
+    def _constant_behind(self, node: Expression) -> Expression:
+        """What a global variable that is assigned once was given; anything else as it is."""
+        if isinstance(node, Name) and not self.is_local(node.name):
+            return self.unit.kinds.constants.get(node.name, node)
+        return node
+
+    def _warn_of_sum(self, node: Binary, kinds: tuple[KindSet, KindSet]) -> None:
+        """A text and what can only be a number or a list are not added."""
+        other, kind = (node.right, kinds[1]) if _is_text(node.left) else (node.left, kinds[0])
+        if is_number(kind) or kind == VECTOR or isinstance(other, (Constant, ListLiteral, PoseLiteral)):
+            message = (
+                "Type error: a text is only added to a text: str_cat() joins any two values, to_str() makes a text"
+            )
+            self.unit.warnings.append(CallWarning(message, node.line, node.column))
 
     def kind(self, node: Expression) -> KindSet:
         """What an expression may give; known at once for arithmetic that is compiled."""
@@ -332,6 +350,8 @@ class ExpressionCompiler:
             arguments = [self.expression(a) for a in [*node.arguments, *[value for _, value in node.keywords]]]
         else:
             bound = bind_arguments(node, [Slot(p.names, p.required) for p in builtin.parameters])
+            for message, argument in call_problems(builtin, bound, self._constant_behind):
+                self.unit.warnings.append(CallWarning(message, argument.line, argument.column))
             arguments = [load("_omitted", place) if a is None else self.expression(a) for a in bound]
         if builtin.takes_scope:
             arguments.insert(0, load("_locals", place))
@@ -395,6 +415,10 @@ def _compare(left: ast.expr, operator: ast.cmpop, right: ast.expr, place: Place)
 
 def _is_number(node: Expression) -> bool:
     return isinstance(node, Constant) and node.value.__class__ in (int, float)
+
+
+def _is_text(node: Expression) -> bool:
+    return isinstance(node, Constant) and node.value.__class__ is str
 
 
 def _is_truth(node: Expression) -> bool:

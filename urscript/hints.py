@@ -84,6 +84,7 @@ _SIGNS: Final[Mapping[str, str]] = {
     "\u00d7": "write '*'",
     "\u00b0": "angles are in radians: d2r(90)",
     "\u00a0": "this is a non-breaking space: write a plain one",
+    **dict.fromkeys(["{{", "{%", "{#"], "this is a template, whose values are not filled in"),
     "@": "URScript has no decorators",
     "?": "URScript has no conditional expression: use if",
 }

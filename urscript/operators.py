@@ -182,7 +182,10 @@ def pos(value: Value) -> Value:
 
 def _refuse(sign: str, *operands: Value) -> NoReturn:
     found = " and ".join(f"'{type_name(operand)}'" for operand in operands)
-    raise RuntimeFault(f"Type error: operator {sign} cannot be used with {found}")
+    texts = sum(operand.__class__ is str for operand in operands)
+    joined = sign == "+" and texts == 1 and all(operand.__class__ in _SCALARS for operand in operands)
+    hint = "; str_cat() joins any two values" if joined else ""
+    raise RuntimeFault(f"Type error: operator {sign} cannot be used with {found}{hint}")
 
 
 _only_floats = frozenset([float]).issuperset

@@ -195,6 +195,48 @@ def test_a_controller_reports_where_it_noticed_and_the_check_where_it_is():
     assert problems(text)[0][:2] == (3, 5)
 
 
+# a line in a program where `a` is 1; column, what is said
+WARNINGS = [
+    ("movej([0, -1.57, 0, 0, 0])", 9, "expected type 'Pose or List of 6 numbers' but found a list of 5"),
+    ('movej("home")', 9, "expected type 'Pose or List of 6 numbers' but found 'Const String'"),
+    ("sleep(True)", 9, "expected type 'Num' but found 'Bool'"),
+    ("movej([0, -90, 90, 0, 0, 0])", 9, "joint angles are in radians, and -90 looks like degrees"),
+    ("servoj([0, 0, 0, 0, 0, 180])", 10, "joint angles are in radians, and 180 looks like degrees"),
+    ("movej([0, 0, 0, 0, 0, 0], v=60)", 31, "movej moves with rad/s, and v=60 looks like degrees"),
+    ("movel(p[400, -200, 300, 0, 3.14, 0])", 9, "in metres, and 400 looks like millimetres"),
+    ("set_tcp(p[0, 0, 150, 0, 0, 0])", 11, "in metres, and 150 looks like millimetres"),
+    ("movel(p[0.4, 0, 0, 0, 180, 0])", 9, "a vector in radians, and 180 looks like degrees"),
+    ("movel(p[0.4, 0, 0, 0, 3.1, 0], v=250)", 36, "movel moves with m/s, and v=250 looks like millimetres"),
+    ("b = [0, 90, 0, 0, 0, 0] movej(b)", 33, "joint angles are in radians, and 90 looks like degrees"),
+    ('b = "text" + 3', 14, "str_cat() joins any two values"),
+    ('b = a + "text"', 9, "str_cat() joins any two values"),
+]
+
+
+@pytest.mark.parametrize(("line", "column", "hint"), WARNINGS)
+def test_a_call_that_cannot_be_meant_is_warned_of(line, column, hint):
+    ((at, where, message),) = problems(inside(line))
+    assert (at, where) == (3, column)
+    assert hint in message
+    compile_script(inside(line), LIBRARY_SET, NEWEST)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "movej([0, -d2r(90), d2r(90), 0, 0, 6.3])",
+        "movej(p[0.4, -0.2, 0.3, 0, 3.14, 0], v=3.1)",
+        "movel(p[1.3, 0, 0, 0, 6.2, 0], a=10, v=3)",
+        "b = p[400, 0, 0, 0, 0, 0] b[0] = b[0] / 1000 movel(b)",  # assigned to again
+        "speedj([90, 0, 0, 0, 0, 0], 1, 1)",
+        'b = "text" + to_str(3)',
+        "set_gravity([0, 0, 9.82])",
+    ],
+)
+def test_what_may_be_meant_is_not_warned_of(line):
+    assert problems(inside(line)) == []
+
+
 def test_words_of_other_languages_are_free_to_be_names():
     words = sorted({*hints.VARIABLES, *hints.FUNCTIONS, *hints.END_WORDS, *hints.FOREIGN_BLOCKS, "var", "int", "case"})
     functions = "".join(f"  def {word}(x):\n    return x\n  end\n" for word in words)

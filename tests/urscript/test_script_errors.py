@@ -285,7 +285,7 @@ FAULTS = [
         'def f():\n  x = [1] + ["a"]\nend',
         2,
         11,
-        "Type error: operator + cannot be used with 'Int' and 'Const String'",
+        "Type error: operator + cannot be used with 'Int' and 'Const String'; str_cat() joins any two values",
         "5.22",
     ),
     (
