@@ -143,9 +143,16 @@ class ExpressionCompiler:
         self.size += 1
         return self._handlers[node.__class__](node, place_of(node))
 
+    def operand(self, node: Expression) -> ast.expr:
+        """As `expression`, for code that refuses a variable without a value itself."""
+        if isinstance(node, Name) and self.known(node.name):
+            self.size += 1
+            return self.variable(node.name, place_of(node))
+        return self.expression(node)
+
     def condition(self, node: Expression) -> ast.expr:
         """Python for an expression used as a condition: a Python bool."""
-        code = self.expression(node)
+        code = self.operand(node)
         return code if _is_truth(node) else call("_truth", place_of(node), code)
 
     # names
@@ -223,11 +230,16 @@ class ExpressionCompiler:
     def _name(self, node: Name, place: Place) -> ast.expr:
         if not self.known(node.name):
             self.name_not_found(node.name, node, "variable")
-        return self.variable(node.name, place)
+        value = self.variable(node.name, place)
+        if self.is_local(node.name):
+            return value  # Python itself knows when it has none
+        has_none = _compare(value, ast.Is(), load("_unset", place), place)
+        return ast.IfExp(has_none, call("_without_value", place, constant(node.name, place)), value, **place)
 
     def _list(self, node: ListLiteral, place: Place) -> ast.expr:
         items = [self.expression(item) for item in node.items]
-        if all(isinstance(item, Constant) for item in node.items):
+        texts = any(_is_text(item) for item in node.items)
+        if all(isinstance(item, Constant) for item in node.items) and not (texts and self.unit.fixed_lists):
             return ast.List(elts=items, ctx=ast.Load(), **place)
         return call("_list", place, *items)
 
@@ -240,8 +252,8 @@ class ExpressionCompiler:
         if node.operator == "not":
             return ast.UnaryOp(op=ast.Not(), operand=self.condition(node.operand), **place)
         if node.operator == "-" and self.kind(node.operand) == FLOAT:
-            return ast.UnaryOp(op=ast.USub(), operand=self.expression(node.operand), **place)
-        return call("_neg" if node.operator == "-" else "_pos", place, self.expression(node.operand))
+            return ast.UnaryOp(op=ast.USub(), operand=self.operand(node.operand), **place)
+        return call("_neg" if node.operator == "-" else "_pos", place, self.operand(node.operand))
 
     def _binary(self, node: Binary, place: Place) -> ast.expr:
         operator = node.operator
@@ -250,7 +262,7 @@ class ExpressionCompiler:
             return ast.BoolOp(op=_LOGIC[operator](), values=values, **place)
         if operator == "xor":
             return _compare(self.condition(node.left), ast.IsNot(), self.condition(node.right), place)
-        left, right = self.expression(node.left), self.expression(node.right)
+        left, right = self.operand(node.left), self.operand(node.right)
         kinds = self.kind(node.left), self.kind(node.right)
         if operator in ARITHMETIC_HELPERS:
             if operator == "+" and _is_text(node.left) != _is_text(node.right):
@@ -290,8 +302,8 @@ class ExpressionCompiler:
         return self.unit.kinds.expression(self.scope, node) if known is None else known
 
     def _index(self, node: Index, place: Place) -> ast.expr:
-        positions = [self.expression(position) for position in node.positions]
-        target = self.expression(node.target)
+        positions = [self.operand(position) for position in node.positions]
+        target = self.operand(node.target)
         if len(positions) == 2:
             return call("_cell", place, target, *positions)
         of_vector = isinstance(node.target, Name) and self.kind(node.target) == VECTOR
@@ -393,7 +405,9 @@ class ExpressionCompiler:
             else:
                 return None
             target = target.target
-        root = self._name(target, place)
+        if not self.known(target.name):
+            self.name_not_found(target.name, target, "variable")
+        root = self.variable(target.name, place)
         if not self.is_local(target.name):
             self.stored_globals.add(f"v_{target.name}")
         if len(path) == 1:

@@ -135,6 +135,35 @@ RUNTIME_ERRORS = [
         17,
         "A variable is used before it has a value",
     ),
+    # a variable without a value goes nowhere: not into texts, functions, results, other variables
+    *(
+        (
+            f"def f():\n  def g(a):\n    {use}\n  end\n  g(1)\n  late = 2\nend",
+            3,
+            column,
+            "Variable 'late' is used before it",
+        )
+        for use, column in [
+            ("textmsg(late)", 13),
+            ('textmsg("late ", late)', 22),
+            ("x = to_str(late)", 16),
+            ("local x = late", 15),
+            ("global x = late", 16),
+            ("return late", 12),
+            ("g(late)", 7),
+            ("x = struct(a=late)", 18),
+            ("x = [late]", 10),
+            ("x = p[late,0,0,0,0,0]", 11),
+            ("a[0] = late", 12),
+            ("kill late", 10),
+        ]
+    ),
+    (
+        "def f():\n  thread t():\n    textmsg(late)\n  end\n  run t()\n  sync()\n  late = 2\nend",
+        3,
+        13,
+        "Variable 'late'",
+    ),
     ('def f():\n  x = to_num("junk")\nend', 2, 7, '"junk" is not a number'),
     ('def f():\n  x = str_at("error", 100)\nend', 2, 7, "outside a string of 5 bytes"),
     ("def f():\n  x = sqrt(-1)\nend", 2, 7, "must be non-negative"),
@@ -313,8 +342,8 @@ FAULTS = [
     (
         "def f():\n  def g():\n    return [late]\n  end\n  g()\n  late = 2\nend",
         3,
-        12,
-        "A variable is used before it has a value",
+        13,
+        "Variable 'late' is used before it has a value",
         "5.22",
     ),
     (
@@ -339,8 +368,8 @@ FAULTS = [
     (
         "def f():\n  def g():\n    x = late\n  end\n  x = [1]\n  g()\n  late = 2\nend",
         3,
-        5,
-        "A variable is used before it has a value",
+        9,
+        "Variable 'late' is used before it has a value",
         "5.22",
     ),
     (
@@ -448,11 +477,34 @@ FAULTS = [
         "5.22",
     ),
     (
-        "def f():\n  x = transpose([1])\nend",
+        'def f():\n  x = transpose("a")\nend',
         2,
         7,
-        "Type error: argument 'm' of transpose expected type 'Matrix' but found 'List'",
+        "Type error: argument 'm' of transpose expected type 'Matrix' but found 'Const String'",
         "5.22",
+    ),
+    ("def f():\n  sleep(1/0)\nend", 2, 3, "argument 't' of sleep must be finite: it is inf", "5.22"),
+    (
+        "def f():\n  movej([0,0,0/0,0,0,0])\nend",
+        2,
+        3,
+        "argument 'q' of movej must be finite, no number beyond 1e+12: it is [0,0,nan,0,0,0]",
+        "5.22",
+    ),
+    ('def f():\n  x = to_num("9999999999")\nend', 2, 7, 'to_num: "9999999999" is out of range', "5.22"),
+    (
+        'def f():\n  x = "a"\n  y = [1, x]\nend',
+        3,
+        7,
+        "Type error: a list cannot hold a 'Const String' before PolyScope 5.15",
+        "5.14",
+    ),
+    (
+        'def f():\n  x = ["a"]\nend',
+        2,
+        7,
+        "Type error: a list cannot hold a 'Const String' before PolyScope 5.15",
+        "3.15.8",
     ),
     (
         "def f():\n  popup_missing = 1\n  x = integer_to_binary_list(True)\nend",
