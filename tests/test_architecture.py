@@ -69,7 +69,7 @@ MAY_TOUCH_OUTSIDE = (
     *FOR_TESTS,
 )
 # a module of the standard library that brings sockets along -> what of it may be used: the parts without
-CODECS = {"xmlrpc": {"Fault", "Unmarshaller"}}
+CODECS = {"xmlrpc": {"Fault", "Unmarshaller", "dumps", "loads"}}
 LONGEST_FILE = 600
 
 
