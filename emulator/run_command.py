@@ -35,7 +35,7 @@ def _arguments(parser: ArgumentParser) -> None:
         help="ideal (the default): exactly where its targets are; dynamic: moved by torques, with friction",
     )
     parser.add_argument("--seed", type=int, default=0, help="of a dynamic arm's measurement noise")
-    parser.add_argument("--joints", metavar="Q1,...,Q6", help="joint angles to start from [rad]")
+    parser.add_argument("--joints", nargs=6, metavar="Q", help="six joint angles to start from [rad]")
     parser.add_argument(
         "--input",
         action="append",

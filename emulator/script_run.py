@@ -5,7 +5,7 @@ import math
 import re
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, TypeAlias
 
 from emulator.batch import Batch, Stimulus
@@ -109,11 +109,9 @@ def _stimulus(text: str, known: Mapping[str, tuple[int, Setter]]) -> Stimulus:
     return Stimulus(_number(match[4] or "0"), lambda controller: set_it(controller, number, value))
 
 
-def _joints(text: str, model: RobotModel) -> Joints:
+def _joints(texts: Sequence[str], model: RobotModel) -> Joints:
     """Six joint angles [rad] that the arm can have. Raises ValueError."""
-    angles = [_number(part) for part in text.strip("[] ").split(",")]
-    if len(angles) != 6:
-        raise ValueError(f"--joints takes six angles [rad], not {len(angles)}")
+    angles = [_number(text) for text in texts]
     lowest, highest = model.position_limits
     for number, (angle, low, high) in enumerate(zip(angles, lowest, highest, strict=True)):
         if not low <= angle <= high:
