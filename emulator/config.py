@@ -22,6 +22,7 @@ from emulator.safety.files import load_safety_file
 from emulator.safety.installation import SafetySettingsError
 from emulator.services import POLYSCOPE_X
 from emulator.world.file import WorldFileError, WorldPlan, read_world
+from urproto import robots
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
 from urproto.robots import (
@@ -62,9 +63,7 @@ _FIRST_VERSION: Final = {"interpreter": INTERPRETER_MODE}  # the other ports are
 _LAST_PORT: Final = 65535
 _LOOPBACK: Final = "127.0.0.1"
 _FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder can count (Script Manual)
-_POLYSCOPE_X_MAJOR: Final = 10
-_MAJOR: Final = {Series.CB3: 3, Series.E: 5}
-_NEWEST_CB3_MINOR: Final = 15  # the CB3 line ended with 3.15
+_POLYSCOPE_X: Final = "10."
 
 
 class ConfigError(ValueError):
@@ -183,21 +182,11 @@ def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
 
     Raises ConfigError when the text is no version or the arm never ran it.
     """
-    if text is None:
-        return DEFAULT_VERSION[model.series]
     try:
-        version = PolyscopeVersion.parse(text)
+        return robots.choose_version(text, model)
     except ValueError as error:
-        raise ConfigError(str(error)) from error
-    major = _MAJOR[model.series]
-    newer_than_any = model.series is Series.CB3 and version.minor > _NEWEST_CB3_MINOR
-    if version.major != major or newer_than_any:
-        known = "3.0 to 3.15" if model.series is Series.CB3 else "5.x"
-        why = f" ({POLYSCOPE_X.reason})" if version.major == _POLYSCOPE_X_MAJOR else ""
-        raise ConfigError(
-            f"{model.title} is a {model.series.value} arm: its PolyScope version is {known}, not {text}{why}"
-        )
-    return version
+        polyscope_x = text is not None and text.startswith(_POLYSCOPE_X)
+        raise ConfigError(f"{error} ({POLYSCOPE_X.reason})" if polyscope_x else str(error)) from error
 
 
 def read_initial_positions(path: Path | None, model: RobotModel) -> Joints:

@@ -13,7 +13,7 @@ from urscript.values import Bool, Joints, Matrix, Num, Pose, PoseArg, PoseOrJoin
 
 __all__ = ["LIBRARY"]
 
-LIBRARY = Library("kinematics", host=True)
+LIBRARY = Library("kinematics", host=True, physical=True)
 
 # Work of a calculation beyond that of any call [meter units of about 50 ns], from measuring.
 _FORWARD: Final = 30

@@ -13,7 +13,7 @@ from urscript.values import Any_, Bool, Int, Joints, Num, Pose, PoseOrJoints, St
 
 __all__ = ["LIBRARY"]
 
-LIBRARY = Library("motion", host=True)
+LIBRARY = Library("motion", host=True, physical=True)
 
 
 @LIBRARY.builtin()

@@ -114,6 +114,14 @@ def test_errors_in_a_script_of_functions_and_calls_are_on_the_lines_of_the_file(
     assert [error.line for error in errors] == [5]
 
 
+def test_a_script_of_several_programs_is_one_program_of_functions_and_says_so(arm):
+    (arm.folder / "two.script").write_text("def one():\n  sync()\nend\ndef other():\n  sync()\nend\n")
+    assert arm.ask("load two.script").startswith("Loading program")
+    assert arm.ask("play") == "Starting program"
+    (arm.folder / "beside.script").write_text("def one():\n  sync()\nend\nsec other():\n  x = 1\nend\n")
+    assert arm.ask("load beside.script").startswith("Error while loading program")
+
+
 @pytest.mark.parametrize(
     "text", ['def one():\n  textmsg("said")\nend\n', 'textmsg("said")\nsync()\n', '# no\ntextmsg("said")']
 )

@@ -5,6 +5,7 @@ Everything model-specific in the project comes from here. A new arm is a new fil
 """
 
 import re
+import sys
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 from urproto.robots.pose import Vec3
-from urproto.versions import Series
+from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
 __all__ = ["DH", "MODELS", "START_Q", "Joints", "Link", "RobotModel", "UnknownModel", "load_model"]
 
@@ -196,3 +197,21 @@ def load_model(name: str) -> RobotModel:
     if name not in MODELS:
         raise UnknownModel(name)
     return RobotModel.from_toml((_DATA / f"{name}.toml").read_text(encoding="utf-8"), name)
+
+
+_RUNS: Final = {Series.CB3: (3, 15, "3.0 to 3.15"), Series.E: (5, sys.maxsize, "5.x")}
+"""Major version, newest minor and both in words; the CB3 line ended with 3.15."""
+
+
+def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
+    """The PolyScope version of an arm, the usual one of its series when no text is given.
+
+    Raises ValueError when the text is no version, or that of one the arm never ran.
+    """
+    if text is None:
+        return DEFAULT_VERSION[model.series]
+    version = PolyscopeVersion.parse(text)
+    major, newest, known = _RUNS[model.series]
+    if version.major != major or version.minor > newest:
+        raise ValueError(f"{model.title} is a {model.series.value} arm: its PolyScope version is {known}, not {text}")
+    return version
