@@ -43,9 +43,9 @@ THIRD_PARTY = {
         "emulator.fleet.command",
         "client.cli",
         "client.commands",
-        "urscript.cli",
+        "urproto.commandline",
     ),
-    "rich": ("emulator", "client", "urscript.cli"),
+    "rich": ("emulator", "client", "urproto.commandline"),
 }
 URSCRIPT_SEES = ("urproto.robots.pose", "urproto.versions")
 # what runs whole emulators for tests may name the emulator, for type checkers
@@ -54,6 +54,7 @@ FOR_TESTS = ("urproto.pytest_plugin", "urproto.testing")
 OUTSIDE_WORLD = {"asyncio", "http", "socket", "threading", "select", "time", "selectors", "datetime"}
 MAY_TOUCH_OUTSIDE = (
     "emulator.clock",
+    "emulator.logs",
     "emulator.app",
     "emulator.cli",
     "emulator.pendant",
