@@ -19,6 +19,7 @@ import typer
 
 from emulator.logs import LogLevel, log_to_stderr
 from emulator.programs.sockets import ScriptNetwork
+from emulator.realtime import RealTime
 from emulator.robot.kinds import ArmKind
 from urproto.commandline import Deferred, application, completing, load_from, version_of
 from urproto.ports import PENDANT_PORT
@@ -88,6 +89,12 @@ def configure(
     ] = ArmKind.IDEAL,
     seed: Annotated[int, typer.Option(help="Of a dynamic arm's measurement noise.")] = 0,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
+    realtime: Annotated[
+        RealTime,
+        typer.Option(
+            help="Priority over other processes and locked memory (Linux): as granted; demanded; or not asked for."
+        ),
+    ] = RealTime.AUTO,
     encoder0_speed: Annotated[float, typer.Option(help="Ticks per second of a conveyor at encoder 0.")] = 0.0,
     encoder1_speed: Annotated[float, typer.Option(help="Ticks per second of a conveyor at encoder 1.")] = 0.0,
     tool_device: Annotated[
@@ -148,6 +155,7 @@ def configure(
         port_offset=port_offset,
         ephemeral_ports=ephemeral_ports,
         speed=speed,
+        realtime=realtime,
         script_network=script_network,
         modbus_unit_port=modbus_unit_port,
         tool_device=tool_device,
@@ -195,10 +203,10 @@ def _run(
     if context.invoked_subcommand is not None:
         _refuse_options_before(context)
         return
-    from emulator.serve import serve
-
     log_to_stderr(log_level)
     with mistakes_in_one_line():
+        from emulator.serve import serve
+
         config = configure(**robot)
         without = exit_when_ready or no_pendant or config.ephemeral_ports
         asyncio.run(serve(config, ports_file, None if without else pendant_port, exit_when_ready=exit_when_ready))
@@ -229,10 +237,13 @@ def mistakes_in_one_line() -> Iterator[None]:
     """Turn what the user can mend into one line on standard error and exit status 2."""
     from emulator.config import ConfigError
     from emulator.readiness import NotReady
+    from emulator.realtime import RealTimeRefused
 
     try:
         yield
     except ConfigError as error:
+        _fail(str(error))
+    except RealTimeRefused as error:
         _fail(str(error))
     except NotReady as error:
         _fail(f"not ready: {error}")

@@ -55,6 +55,7 @@ OUTSIDE_WORLD = {"asyncio", "http", "socket", "threading", "select", "time", "se
 MAY_TOUCH_OUTSIDE = (
     "emulator.clock",
     "emulator.logs",
+    "emulator.realtime",
     "emulator.app",
     "emulator.cli",
     "emulator.pendant",

@@ -176,7 +176,8 @@ def completed(shell: str, words: list[str]) -> str:
     function = f"_{program.replace('-', '_')}_completion"
     if shell == "bash":
         listed = " ".join(words)
-        code = f'{source}\nCOMP_WORDS=({listed}); COMP_CWORD={len(words) - 1}; {function} {program}; echo "${{COMPREPLY[@]}}"'
+        asked = f"COMP_WORDS=({listed}); COMP_CWORD={len(words) - 1}; {function} {program}"
+        code = f'{source}\n{asked}; echo "${{COMPREPLY[@]}}"'
     elif shell == "fish":
         code = f"{source}\ncomplete --do-complete '{' '.join(words)}'"
     else:  # its completion needs a terminal: what the function asks for is asked for
@@ -198,9 +199,7 @@ def test_an_early_ctrl_c_ends_in_silence(command: str, tmp_path: Path) -> None:
     (tmp_path / "x").write_text("sleep(60)\n")
     environment = os.environ | {"UR_ROBOT_IP": "127.0.0.1"}
     chance = random.Random(1)
-    begin = (
-        "import sys\nprint('begun', flush=True)\nfrom urproto.entry import {}\nsys.argv = {}\n{}()"  # as pip does it
-    )
+    begin = "import sys\nprint('begun', flush=True)\nfrom urproto.entry import {}\nsys.argv = {}\n{}()"
     words = command.split()
     entry = words[0].replace("-", "_")
     for _ in range(4):
