@@ -63,7 +63,9 @@ def configure(
     port_offset: Annotated[int, typer.Option(help="Added to each of the usual ports.")] = 0,
     ephemeral_ports: Annotated[bool, typer.Option("--ephemeral-ports", help="Take free ports instead.")] = False,
     programs: Annotated[Path | None, typer.Option(help="Folder that the dashboard's load looks in.")] = None,
-    initial_positions: Annotated[Path | None, typer.Option(help="YAML file: joint names to radians.")] = None,
+    initial_positions: Annotated[
+        Path | None, typer.Option(help="YAML file: joint names to radians (default: URSim's).")
+    ] = None,
     calibration: Annotated[
         Path | None, typer.Option(help="YAML file: an arm's calibration, as ur-client calibration writes it.")
     ] = None,
@@ -133,7 +135,7 @@ def configure(
     controller = ControllerConfig(
         model=robot,
         version=checked.choose_version(polyscope, robot),
-        initial_q=checked.read_initial_positions(initial_positions, robot) if initial_positions else None,
+        initial_q=checked.read_initial_positions(initial_positions, robot),
         running=running,
         programs_dir=checked.read_programs_dir(programs),
         remote_control=remote_control,

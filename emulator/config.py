@@ -25,7 +25,15 @@ from emulator.services import POLYSCOPE_X
 from emulator.world.file import WorldFileError, WorldPlan, read_world
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
-from urproto.robots import Calibration, CalibrationError, RobotModel, UnknownModel, calibration_hash, load_model
+from urproto.robots import (
+    START_Q,
+    Calibration,
+    CalibrationError,
+    RobotModel,
+    UnknownModel,
+    calibration_hash,
+    load_model,
+)
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
@@ -197,12 +205,14 @@ def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
     return version
 
 
-def read_initial_positions(path: Path, model: RobotModel) -> Joints:
-    """Joint angles [rad] from a YAML file of joint names, such as ur_description's.
+def read_initial_positions(path: Path | None, model: RobotModel) -> Joints:
+    """Joint angles [rad] from a YAML file of joint names, such as ur_description's; without one where arms start.
 
     Raises ConfigError when the file is unreadable, does not name exactly the six joints, or
     has an angle the arm cannot take.
     """
+    if path is None:
+        return START_Q
     content = read_yaml(path)
     if not isinstance(content, dict) or set(content) != set(JOINT_NAMES):
         raise ConfigError(f"{path} must give radians for each of {', '.join(JOINT_NAMES)}, and nothing else")

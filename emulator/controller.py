@@ -45,7 +45,7 @@ from emulator.snapshot import Snapshot, Vector6
 from emulator.world.file import WorldPlan
 from emulator.world.world import World
 from urproto.modes import ReportLevel, RobotStatusBits
-from urproto.robots import RobotModel
+from urproto.robots import START_Q, RobotModel
 from urproto.robots.pose import Pose
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -62,8 +62,8 @@ _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
 class ControllerConfig:
     """What a controller is born with.
 
-    version: None takes the default of the model's series. initial_q: [rad], None takes the
-    model's. running: start with the brakes released. uptime_s: clients wait for 40 s of it.
+    version: None takes the default of the model's series. initial_q: where the arm
+    stands [rad]. running: start with the brakes released. uptime_s: clients wait for 40 s of it.
     programs_dir: where ``load`` looks and reports are written. external_control: where the driver
     hands out the program of External Control nodes, before what the installation says. remote_control: what
     ``is in remote control`` answers; commands are accepted either way, as by a simulator, unless
@@ -80,7 +80,7 @@ class ControllerConfig:
 
     model: RobotModel
     version: PolyscopeVersion | None = None
-    initial_q: Vector6 | None = None
+    initial_q: Vector6 = START_Q
     running: bool = False
     uptime_s: float = 41.0
     programs_dir: Path | None = None
@@ -139,7 +139,7 @@ class Controller:
         self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
         self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
         self.electrics = Electrics()
-        self.motion = Motion(self.model, self.period_s, config.initial_q or self.model.home_q)
+        self.motion = Motion(self.model, self.period_s, config.initial_q)
         self.safety_board = SafetyBoard(self)
         self.motion.govern(self.safety_board.governor.excess)
         self.tool_line = ToolLine(self.period_s)

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final, TypeAlias, TypeVar
 
 from emulator.motion import Motion, Move
+from emulator.motion.vectors import Joints, as_six
 from emulator.programs.sockets import SocketTable
 from emulator.programs.watchdog import Watchdog, WatchdogAction
 from urscript.errors import RuntimeFault
@@ -71,6 +72,17 @@ class ProgramHost:
     def arm(self) -> "Arm":
         """The measured arm."""
         return self.controller.arm
+
+    @property
+    def target_q(self) -> Joints:
+        """Where the arm is to be as the program goes on [rad]."""
+        return self.motion.program_q
+
+    @property
+    def actual_q(self) -> Joints:
+        """Where the arm is as the program goes on [rad]."""
+        measured, target, now = self.arm.q, self.motion.program_q, self.motion.q
+        return measured if target == now else as_six(q + a - b for q, a, b in zip(measured, target, now, strict=True))
 
     @property
     def programs(self) -> "Programs":

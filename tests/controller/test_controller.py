@@ -8,7 +8,7 @@ from emulator.lifecycle.errorcodes import SCRIPT_PROTECTIVE_STOP
 from emulator.lifecycle.safety import SafetyEvent
 from urproto.modes import ControlMode, JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage, RuntimeExceptionMessage, SafetyModeMessage
-from urproto.robots import load_model
+from urproto.robots import START_Q, load_model
 
 LONG_MOVE = "def far():\n  movej([1.0, -1.0, 0.5, -1.0, 0.3, 0.2], a=1.0, v=0.5)\nend\n"
 ZERO6 = (0.0,) * 6
@@ -24,7 +24,7 @@ def is_state(state):
 def test_a_new_controller_needs_only_a_model():
     controller = Controller(ControllerConfig(model=load_model("ur3")))
     assert controller.snapshot.robot_mode is RobotMode.POWER_OFF
-    assert controller.snapshot.actual_q == (0.0, -1.57, 0.0, -1.57, 0.0, 0.0)
+    assert controller.snapshot.actual_q == START_Q
     assert controller.tick() is controller.snapshot
 
 
