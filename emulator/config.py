@@ -17,6 +17,7 @@ from emulator.faults.fault import Fault, FaultError
 from emulator.ports import PORTS
 from emulator.programs.sockets import ScriptNetwork
 from emulator.programs.urcap import DriverAddress
+from emulator.realtime import RealTime
 from emulator.safety.configuration import SafetyConfiguration, factory_configuration
 from emulator.safety.files import load_safety_file
 from emulator.safety.installation import SafetySettingsError
@@ -76,6 +77,7 @@ class EmulatorConfig:
 
     host: an address of this machine. port_offset is added to each of the usual ports;
     ephemeral_ports takes free ones instead. speed: simulated seconds per second.
+    realtime: what the process that runs it asks of the system.
     script_network: where the sockets and remote procedure calls of scripts may lead.
     modbus_unit_port: where the Modbus units listen that programs add signals of (URScript
     names no port). tool_device: what is connected to the tool's serial line of an e-Series
@@ -90,6 +92,7 @@ class EmulatorConfig:
     port_offset: int = 0
     ephemeral_ports: bool = False
     speed: float = 1.0
+    realtime: RealTime = RealTime.AUTO
     script_network: ScriptNetwork = ScriptNetwork.ANY
     modbus_unit_port: int = 502
     tool_device: str | None = None
@@ -101,6 +104,8 @@ class EmulatorConfig:
     def __post_init__(self) -> None:
         if not 0.0 < self.speed < math.inf:
             raise ConfigError(f"the speed must be a positive number, not {self.speed}")
+        if self.realtime is RealTime.ON and self.speed != 1.0:
+            raise ConfigError(f"--realtime on is for real time, and the speed is {self.speed:g}: leave one of them out")
         if self.tool_device is not None and self._version.series is not Series.E:
             raise ConfigError(f"{self.controller.model.title} has no serial line at its tool: e-Series arms do")
         most = _LAST_PORT - max(PORTS[name] for name in self._port_names)
