@@ -79,7 +79,7 @@ class RTDECore:
         self._protocol = 1
         self._decoder = codec.RTDEDecoder()
         self._replies: deque[codec.Reply] = deque()
-        self._arrived: deque[bytes] = deque()  # data of states
+        self._arrived: deque[bytes] = deque()  # payloads of data packages
         self.running = False
 
     # what a client does
@@ -187,7 +187,7 @@ class RTDECore:
             raise LocalProtocolError("the data exchange is paused: resume it to receive states")
 
     def _read(self, data: bytes) -> State:
-        self.state = dict(zip(self._outputs.names, self._outputs.unpack(data), strict=True))
+        self.state = self._outputs.values(data, 0 if self._protocol == 1 else 1)  # after the recipe id
         return self.state
 
     # writing
@@ -241,10 +241,11 @@ class RTDECore:
     def _take(self, data: bytes) -> None:
         """Sort what arrived: states, texts, replies."""
         for package in self._decoder.feed(data):
+            if package.type == codec.PackageType.DATA_PACKAGE:  # hundreds a second, so it is left as it is until read
+                self._arrived.append(package.payload)
+                continue
             reply = codec.decode_reply(package, self._protocol)
-            if isinstance(reply, codec.OutputData):
-                self._arrived.append(reply.data)
-            elif isinstance(reply, codec.TextMessage):
+            if isinstance(reply, codec.TextMessage):
                 self.messages.append(reply)
             else:
                 self._replies.append(reply)
