@@ -39,13 +39,14 @@ def measure() -> Table:
             _best(partial(_decode, RTDEDecoder(), package, recipe)),
             _best(partial(bare.unpack, package)),
         )
-        rows.append([name, str(len(names)), f"{len(package)} B", *(text for time_s in times for text in _columns(time_s))])
-    columns = ["recipe", "variables", "package", "encode", "packages/s", "decode", "packages/s", "struct", "packages/s"]
+        columns = [text for time_s in times for text in _columns(time_s)]
+        rows.append([name, str(len(names)), f"{len(package)} B", *columns])
+    heads = ["recipe", "variables", "package", "encode", "packages/s", "decode", "packages/s", "struct", "packages/s"]
     about = (
-        f"Best of {BLOCKS} blocks of {PACKAGES} data packages, one thread. Decoding is all a client does, from the bytes "
-        "of a segment to values by name; struct does no more than make numbers of the same bytes."
+        f"Best of {BLOCKS} blocks of {PACKAGES} data packages, one thread. Decoding is all a client does, from the "
+        "bytes of a segment to values by name; struct does no more than make numbers of the same bytes."
     )
-    return Table("RTDE codec", about, columns, rows)
+    return Table("RTDE codec", about, heads, rows)
 
 
 def _decode(decoder: RTDEDecoder, segment: bytes, recipe: Recipe) -> Mapping[str, object]:
