@@ -17,6 +17,7 @@ import asyncio
 import socket
 import time
 from collections.abc import Callable, Generator
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
@@ -40,6 +41,8 @@ Result = TypeVar("Result")
 
 DEFAULT_TIMEOUT_S = 5.0  # for connecting and for each flow; guess: ample for a dashboard "load"
 _LONGEST_WAIT_S = 86400.0  # an infinite timeout becomes this: sockets take no infinity
+_LEAST_WAIT_S = 1e-6  # a socket that does not wait at all is told apart by 0
+_LOOKS = 2  # of the event loop at its sockets: a callback that is due may be in front of the first one
 _RETRY_EVERY_S = 0.5  # between attempts to connect again; guess: a controller takes a minute to boot
 _CHUNK = 65536  # bytes per read
 
@@ -84,11 +87,8 @@ class _Progress(Generic[Result]):
 
     @property
     def left_s(self) -> float:
-        """Time left, at least a little. Raises TimeoutError when there is none."""
-        left = self._deadline - time.monotonic()
-        if left <= 0:
-            raise TimeoutError
-        return min(left, _LONGEST_WAIT_S)
+        """Time left. When it has run out still so much that one looks at what has arrived."""
+        return min(max(self._deadline - time.monotonic(), _LEAST_WAIT_S), _LONGEST_WAIT_S)
 
     def answer(self, data: bytes) -> None:
         """Hand the flow what it wanted."""
@@ -207,12 +207,23 @@ class AsyncConnection(Connection):
         reader, writer = self._streams
         if wanted is POLL:
             return await self._poll(reader)
-        async with asyncio.timeout(left_s):
-            if isinstance(wanted, bytes):
+        if isinstance(wanted, bytes):
+            async with asyncio.timeout(left_s):
                 writer.write(wanted)
                 await writer.drain()
                 return b""
-            return self._not_ended(await reader.read(_CHUNK))
+        try:
+            async with asyncio.timeout(left_s):
+                return self._not_ended(await reader.read(_CHUNK))
+        except TimeoutError:
+            return await self._last_look(reader)
+
+    async def _last_look(self, reader: asyncio.StreamReader) -> bytes:
+        """What came while this program was too busy to look. Raises TimeoutError when that is nothing."""
+        for _ in range(_LOOKS):
+            if data := await self._poll(reader):
+                return data
+        raise TimeoutError
 
     async def _poll(self, reader: asyncio.StreamReader) -> bytes:
         await asyncio.sleep(0)  # lets the loop look at the socket
@@ -266,6 +277,12 @@ class BlockingConnection(Connection):
         if self._socket is not None:
             self._socket.close()
             self._socket = None
+
+    def shut_down(self) -> None:
+        """End the conversation, for any thread: one that waits for bytes gets ConnectionLostError."""
+        if (connected := self._socket) is not None:
+            with suppress(OSError):  # it has ended already
+                connected.shutdown(socket.SHUT_RDWR)
 
     def run(self, flow: Flow[Result], timeout_s: float | None = None) -> Result:
         """Run a flow to its end, within ``timeout_s`` [s] or else the connection's."""

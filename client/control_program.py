@@ -20,6 +20,11 @@ __all__ = ["PROGRAM_NAME", "ControlProgram", "ToolCommunication"]
 PROGRAM_NAME: Final = "external_control"
 _POLYSCOPE_X: Final = 10
 
+GONE_TEXT: Final = "External Control: the driver is gone"
+"""What the program says (textmsg) before it ends because nothing came from its driver."""
+LATE_TEXT: Final = "External Control: a setpoint is late"
+"""What it says when it brings the arm to rest for that reason; it goes on."""
+
 # Shares of the joint friction that direct torque control makes up for by default (the client library's)
 _VISCOUS: Final = "[0.9, 0.9, 0.8, 0.9, 0.9, 0.9]"
 _COULOMB: Final = "[0.8, 0.8, 0.7, 0.8, 0.8, 0.8]"
@@ -112,6 +117,8 @@ class ControlProgram:
             "FT_INPUT": "ft_rtde_input_enable" if _has_ft_rtde_input(version) else "enable_external_ft_sensor",
             "GAIN_SCALING": _GAIN_SCALING if _at_least(version, "5.0") else "",
             "TARGET_PAYLOAD": _INERTIA if _at_least(version, "5.10") else _NO_INERTIA,
+            "GONE": GONE_TEXT,
+            "LATE": LATE_TEXT,
             "HOST": self.host,
             "REVERSE_PORT": str(self.reverse_port),
             "TRAJECTORY_PORT": str(self.trajectory_port),

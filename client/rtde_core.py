@@ -128,6 +128,15 @@ class RTDECore:
         packages = [self._input_package(index, values) for index in self._inputs.covering(values)]
         yield b"".join(packages)
 
+    def add_inputs(self, names: Names) -> Flow[None]:
+        """Agree on another input recipe; a connection without outputs may do so at any time."""
+        recipe = self._inputs.add(names)
+        try:
+            yield from self._set_up_inputs(recipe)
+        except BaseException:
+            self._inputs.recipes.remove(recipe)
+            raise
+
     def say(self, text: str, source: str = "", level: codec.MessageLevel = codec.MessageLevel.INFO) -> Flow[None]:
         """Write a line to the controller's log; text and source are cut at 255 bytes."""
         yield codec.ClientMessage(text, source, level).encode(self._protocol)
