@@ -229,6 +229,7 @@ class LateSetpointError(MotionError):
             f"{why}. The arm is at rest and the program goes on. Look for what keeps this machine busy "
             "(ur-client doctor), and allow real-time priority",
         )
+        self.late = why
 
 
 class SafetyStopError(MotionError):

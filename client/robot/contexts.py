@@ -1,19 +1,30 @@
 """What lasts as long as a with block: servoing, velocities, freedrive, force mode."""
 
+import asyncio
+import logging
 from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from contextlib import asynccontextmanager
 from typing import Any, Final
 
+from client.driver.core import MOVABLE
+from client.driver.reverse import StreamStatistics
 from client.driver.timeouts import LONGEST_REAL_TIME_S
-from client.errors import MotionError, MotionStoppedError, ProgramEndedError, ProgramNotRunningError
+from client.errors import (
+    ClientError,
+    LateSetpointError,
+    MotionError,
+    MotionStoppedError,
+    ProgramEndedError,
+    ProgramNotRunningError,
+)
 from client.robot.core import RobotCore
 from client.robot.state import RobotState
 
 __all__ = ["Contexts", "Follow"]
 
-Follow = Callable[[Sequence[float]], Coroutine[Any, Any, RobotState]]
-"""Send one setpoint (6,), wait for the next state, return that."""
+_logger = logging.getLogger(__name__)
 
+_MANY: Final = 0.01  # guess: so many control periods without a setpoint are worth a warning
 _SETTLE_STATES: Final = 3  # guess: a command beside the motion is read within one control period
 _SLOW: Final = (0.1, 0.1, 0.1, 0.17, 0.17, 0.17)  # m/s, rad/s where it complies, m, rad elsewhere; guess: slow
 
@@ -22,7 +33,7 @@ class Contexts(RobotCore):
     """The arm obeys one of these at a time; leaving the block brings it to rest. Errors are those of the moves."""
 
     @asynccontextmanager
-    async def servo_j(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator[Follow]:
+    async def servo_j(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator["Follow"]:
         """Follow joint angles, one set in every control period.
 
             with robot.servo_j() as follow:
@@ -36,19 +47,19 @@ class Contexts(RobotCore):
             yield follow
 
     @asynccontextmanager
-    async def servo_pose(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator[Follow]:
+    async def servo_pose(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator["Follow"]:
         """As servo_j with poses base to TCP (6,) [m, rotation vector]."""
         async with self._stream("servo_pose", lambda pose: self.driver.servo_pose(pose, timeout_s)) as follow:
             yield follow
 
     @asynccontextmanager
-    async def velocity_j(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator[Follow]:
+    async def velocity_j(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator["Follow"]:
         """As servo_j with joint speeds (6,) [rad/s]; they are reached at once, so ramps are the caller's."""
         async with self._stream("velocity_j", lambda qd_rad_s: self.driver.speedj(qd_rad_s, timeout_s)) as follow:
             yield follow
 
     @asynccontextmanager
-    async def velocity_l(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator[Follow]:
+    async def velocity_l(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator["Follow"]:
         """As velocity_j with velocities of the TCP in the base frame (6,) [m/s, rad/s]."""
         async with self._stream("velocity_l", lambda velocity: self.driver.speedl(velocity, timeout_s)) as follow:
             yield follow
@@ -96,23 +107,69 @@ class Contexts(RobotCore):
         if not self.moving:
             await self._come_to_rest()
 
+    @property
+    def stream(self) -> StreamStatistics:
+        """How the setpoints of the present or the last such block went out: sent, skipped, late, longest gap."""
+        return self.driver.reverse.stream
+
     @asynccontextmanager
-    async def _stream(self, doing: str, send: Callable[[Sequence[float]], None]) -> AsyncIterator[Follow]:
+    async def _stream(self, doing: str, send: Callable[[Sequence[float]], None]) -> AsyncIterator["Follow"]:
         async with self._holding(doing):
-            stops, popups = self._stops, self.driver.robot.popups
-            popups.clear()
+            self.driver.robot.popups.clear()
+            yield Follow(self, doing, send)
+            if why := self.driver.reverse.take_late():
+                raise LateSetpointError(doing, why)
+            stream = self.stream
+            level = logging.WARNING if stream.skipped > _MANY * stream.sent else logging.INFO
+            _logger.log(level, "%s: %s", doing, stream)
 
-            async def follow(setpoint: Sequence[float]) -> RobotState:
-                if self._stops != stops:
-                    raise MotionStoppedError(doing, "stop() was called")
-                if popups:
-                    raise MotionError(doing, popups[-1].text)
-                self._check_safety(doing)
-                try:
-                    send(setpoint)
-                except (ProgramNotRunningError, ProgramEndedError):
-                    raise await self._explanation(doing) from None
-                await self._next_state(doing)
-                return self.state
 
-            yield follow
+class Follow:
+    """Send one setpoint (6,), wait for a state that was not seen yet, return that."""
+
+    def __init__(self, robot: Contexts, doing: str, send: Callable[[Sequence[float]], None]) -> None:
+        self._robot = robot
+        self._doing = doing
+        self._send = send
+        self._stops = robot._stops
+        self._feed = robot.driver.robot.feed
+        self._seen = self._feed.count
+
+    async def __call__(self, setpoint: Sequence[float]) -> RobotState:
+        """From the event loop."""
+        if not self._put(setpoint):
+            raise await self._robot._explanation(self._doing)
+        if self._feed.count > self._seen:
+            await asyncio.sleep(0)
+        else:
+            await self._robot._next_state(self._doing)
+        self._seen = self._feed.count
+        return self._robot.state
+
+    def from_thread(self, call: Callable[[Coroutine[Any, Any, Any]], Any], setpoint: Sequence[float]) -> RobotState:
+        """From a thread, past the event loop; ``call`` runs a coroutine in it and waits."""
+        if not self._put(setpoint):
+            raise call(self._robot._explanation(self._doing))
+        try:
+            self._feed.wait(self._seen, self._robot.driver.config.silence_s)
+        except ClientError:
+            raise self._robot._unreachable(self._doing) from None
+        self._seen = self._feed.count
+        return self._robot.state
+
+    def _put(self, setpoint: Sequence[float]) -> bool:
+        """Send it; False when there is a trouble to be explained."""
+        robot = self._robot
+        if robot._stops != self._stops:
+            raise MotionStoppedError(self._doing, "stop() was called")
+        if popups := robot.driver.robot.popups:
+            raise MotionError(self._doing, popups[-1].text)
+        if robot.driver.robot.safety_mode not in MOVABLE:
+            return False
+        try:
+            self._send(setpoint)
+        except LateSetpointError as late:
+            raise LateSetpointError(self._doing, late.late) from None
+        except (ProgramNotRunningError, ProgramEndedError):
+            return False
+        return True

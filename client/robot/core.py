@@ -5,6 +5,7 @@ from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager, suppress
 from types import TracebackType
 from typing import Any, Final
+from weakref import WeakKeyDictionary
 
 from client.errors import ClientError, MotionStoppedError, ProgramEndedError, ProgramNotRunningError
 from client.robot.readiness import Readiness
@@ -28,6 +29,9 @@ class RobotCore(Readiness):
         self._doing = ""  # of the motion, or of the context that has the arm
         self._has_context = False
         self._stops = 0  # how often stop() was called
+        self._awaited: asyncio.Task[None] | None = None  # the last motion whose caller waits: nobody may replace it
+        self._replaced: WeakKeyDictionary[asyncio.Task[None], str] = WeakKeyDictionary()
+        self._rolling = False  # a stream of speeds goes on as another one
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -65,17 +69,19 @@ class RobotCore(Readiness):
 
     # before a motion
 
-    async def _ready(self, doing: str) -> None:
+    async def _ready(self, doing: str, *, rolling: bool = False) -> None:
         """The program runs and nobody has the arm, or else the error that says why not.
 
-        The caller must take the arm before it awaits anything.
+        A motion that nobody waits for is replaced. The caller must take the arm before it awaits anything.
         """
         stops = self._stops
+        if not self._has_context:
+            await self._replace(doing, rolling=rolling)
         await self._check_free(doing)
         self._trouble.clear()
         if self._silent:
             raise self._unreachable(doing)
-        self._check_safety(doing)
+        await self._refuse_in_stop(doing)
         if self.driver.robot.robot_mode is not RobotMode.RUNNING:
             mode = self.driver.robot.robot_mode.name
             raise RobotRefused(doing, f"its mode is {mode}", "make_ready() powers it on and releases the brakes")
@@ -83,7 +89,7 @@ class RobotCore(Readiness):
             raise RobotRefused(doing, "its program is paused", "resume it on the robot, or make_ready() starts it anew")
         if self.driver.program_running:
             self._started = True
-        elif self._started:
+        elif self._started and (not self.driver.lost_why or self.driver.pulse.bitten):
             raise await self._explanation(doing)
         else:
             await self._start(doing)
@@ -94,6 +100,24 @@ class RobotCore(Readiness):
     async def _check_free(self, doing: str) -> None:
         self._check_nobody_moves(doing)
         await self.wait_done()  # a failure that nobody was told
+
+    async def _replace(self, doing: str, *, rolling: bool) -> None:
+        """End a motion that goes on by itself, since its owner wants another one instead.
+
+        rolling: speeds that replace speeds do so without a stop in between.
+        """
+        motion = self._motion
+        if motion is None or motion.done() or motion is self._awaited:
+            return
+        self._motion, self._rolling = None, rolling
+        self._replaced[motion] = f"{doing} replaced it"
+        try:
+            await _cancelled(motion)
+        finally:
+            self._rolling = False
+        if self.driver.program_running and self.driver.reverse.mode is ControlMode.FORWARD:
+            with suppress(ClientError, LocalProtocolError):  # none under way, or it ended otherwise
+                await self.driver.trajectory_result(_REST_S)
 
     def _check_nobody_moves(self, doing: str) -> None:
         if self.moving or self._has_context:
@@ -107,6 +131,7 @@ class RobotCore(Readiness):
         motion = self._motion = asyncio.create_task(self._guarded(work))
         if not wait:
             return
+        self._awaited = motion
         try:
             await self.wait_done()
         except asyncio.CancelledError:
@@ -128,7 +153,7 @@ class RobotCore(Readiness):
         if self._motion is motion:
             self._motion = None
         if motion.cancelled():
-            raise MotionStoppedError(doing, "stop() was called")
+            raise MotionStoppedError(doing, self._replaced.get(motion, "stop() was called"))
         motion.result()
 
     async def stop(self) -> None:

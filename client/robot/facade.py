@@ -1,10 +1,14 @@
 """The two shells of the facade."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, contextmanager
+from functools import partial, update_wrapper
+from typing import Any, Concatenate, ParamSpec
 
 from client.driver.blocking import Blocking, blocking, blocking_context
-from client.robot.contexts import Contexts
+from client.driver.realtime import real_time
+from client.driver.reverse import StreamStatistics
+from client.robot.contexts import Contexts, Follow
 from client.robot.moves import Moves
 from client.robot.settings import Settings
 from client.robot.state import RobotState
@@ -19,6 +23,34 @@ class AsyncRobot(Moves, Contexts, Settings):
 
     The driver's ports are any free ones unless they are given, as a firewall may demand.
     """
+
+
+Given = ParamSpec("Given")
+
+
+def _streaming(
+    method: Callable[Concatenate[AsyncRobot, Given], AbstractAsyncContextManager[Follow]],
+) -> Callable[Concatenate[Any, Given], AbstractContextManager[Callable[[Sequence[float]], RobotState]]]:
+    """The blocking form of a stream of setpoints: the caller's thread sends them itself, with real-time priority."""
+
+    @contextmanager
+    def enter(
+        self: Blocking[AsyncRobot], /, *args: Given.args, **kwargs: Given.kwargs
+    ) -> Iterator[Callable[[Sequence[float]], RobotState]]:
+        context = method(self.inner, *args, **kwargs)
+        follow = self.call(context.__aenter__())
+        try:
+            with real_time(self.inner.driver.config.realtime):
+                yield partial(follow.from_thread, self.call)
+        except BaseException as error:
+            if not self.call(context.__aexit__(type(error), error, error.__traceback__)):
+                raise
+        else:
+            self.call(context.__aexit__(None, None, None))
+
+    update_wrapper(enter, method)
+    enter.__dict__.pop("__wrapped__", None)  # it is no coroutine function
+    return enter
 
 
 class Robot(Blocking[AsyncRobot]):
@@ -44,10 +76,10 @@ class Robot(Blocking[AsyncRobot]):
     speed_j = blocking(AsyncRobot.speed_j)
     speed_l = blocking(AsyncRobot.speed_l)
 
-    servo_j = blocking_context(AsyncRobot.servo_j)
-    servo_pose = blocking_context(AsyncRobot.servo_pose)
-    velocity_j = blocking_context(AsyncRobot.velocity_j)
-    velocity_l = blocking_context(AsyncRobot.velocity_l)
+    servo_j = _streaming(AsyncRobot.servo_j)
+    servo_pose = _streaming(AsyncRobot.servo_pose)
+    velocity_j = _streaming(AsyncRobot.velocity_j)
+    velocity_l = _streaming(AsyncRobot.velocity_l)
     freedrive = blocking_context(AsyncRobot.freedrive)
     force_mode = blocking_context(AsyncRobot.force_mode)
 
@@ -79,6 +111,11 @@ class Robot(Blocking[AsyncRobot]):
         Raises RobotRefused while the robot has not told its geometry, or for one that is not known here.
         """
         return self.inner.tcp_pose_at(q_rad)
+
+    @property
+    def stream(self) -> StreamStatistics:
+        """How the setpoints of the present or the last such block went out: sent, skipped, late, longest gap."""
+        return self.inner.stream
 
     @property
     def moving(self) -> bool:

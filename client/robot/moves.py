@@ -27,13 +27,14 @@ class Moves(RobotCore):
 
     Joint angles are (6,) [rad], base to wrist 3; poses are base to TCP (6,) [m, rotation
     vector]. With ``wait=False`` a call returns when the motion has begun; see `wait_done`,
-    `moving`, `wait_for` and `stop`. One motion at a time: another call raises LocalProtocolError.
+    `moving`, `wait_for` and `stop`. The next motion replaces such a one: the arm slows down and goes on
+    from there. While another caller waits for a motion a second one raises LocalProtocolError.
 
     Raises OutOfReachError before anything moves, for the first target that is; ProtectiveStopError
     and SafetyStopError with what the robot reports; MotionStoppedError when somebody stopped it;
     ProgramEndedError; RobotRefused in a mode in which it cannot move; RobotUnreachableError.
-    The control program is started if it has not been; one that has ended meanwhile is not
-    started again without `make_ready`: somebody may have had a reason.
+    The control program is started if it has not been, and again if it has ended because this machine was
+    late; one that has ended otherwise is not started again without `make_ready`: somebody may have had a reason.
     """
 
     async def move_j(
@@ -161,7 +162,9 @@ class Moves(RobotCore):
         if result is TrajectoryResult.FAILURE:
             raise MotionError(doing, "its points did not reach the robot in time: look at the network")
         if result is TrajectoryResult.CANCELED and not popups:
-            await self._hear(lambda: bool(popups))
+            await self._hear(lambda: bool(popups or self.driver.lost_why))
+        if result is TrajectoryResult.CANCELED and self.driver.lost_why:
+            raise await self._explanation(doing)
         if result is TrajectoryResult.CANCELED and popups:
             raise MotionError(doing, popups[-1].text)
         if result is TrajectoryResult.CANCELED:
@@ -170,7 +173,7 @@ class Moves(RobotCore):
     async def _keep_sending(self, doing: str, send: Callable[[], None], duration_s: float, wait: bool) -> None:
         if not duration_s > 0.0:
             raise LocalProtocolError(f"the duration of {doing} is above 0 s, not {duration_s}")
-        await self._ready(doing)
+        await self._ready(doing, rolling=True)
         send()  # raises here what cannot be sent
         await self._launch(doing, partial(self._sending, doing, send, duration_s), wait)
 
@@ -181,6 +184,6 @@ class Moves(RobotCore):
                 send()
                 await self._next_state(doing)
         finally:
-            if self.driver.program_running:
+            if self.driver.program_running and not self._rolling:
                 self.driver.idle()
         await self._come_to_rest()

@@ -3,11 +3,13 @@
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from client.driver.core import MOVABLE
 from client.robot.core import RobotCore
 from client.robot.readiness import LOCAL_CONTROL
 from client.robot.state import RobotState, check_signal
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import to_words
+from urproto.modes import RobotMode
 
 __all__ = ["Settings"]
 
@@ -34,11 +36,12 @@ class Settings(RobotCore):
 
     async def set_tcp(self, pose_flange_tcp: Sequence[float]) -> None:
         """Flange to TCP (6,) [m, rotation vector]; not while a motion is under way."""
-        await self._check_free("set_tcp")
+        if self.moving or self._has_context:
+            await self._check_free("set_tcp")
         to_words(pose_flange_tcp)
         if len(pose_flange_tcp) != 6:
             raise LocalProtocolError(f"a pose has 6 numbers, not {len(pose_flange_tcp)}")
-        if self.driver.program_running:
+        if self.driver.program_running and self._obeys:
             self.driver.set_tcp(pose_flange_tcp)
         else:
             await self._say(f"set_tcp(p[{', '.join(str(float(value)) for value in pose_flange_tcp)}])")
@@ -56,13 +59,22 @@ class Settings(RobotCore):
         try:
             await self.wait_for(done, _EFFECT_S)
         except TimeoutError:
+            await self._refuse_in_stop(what)
             raise RobotRefused(what, *await self._why_no_effect()) from None
 
+    @property
+    def _obeys(self) -> bool:
+        """The control program executes commands: it is not held by a pause or a stop."""
+        return not self._paused and self.driver.robot.safety_mode in MOVABLE
+
     async def _why_no_effect(self) -> tuple[str, str]:
-        if await self._in_local_control():
-            return LOCAL_CONTROL
-        failure = self.driver.robot.take_script_error()
+        link = self.driver.robot
+        failure = link.take_script_error()
         why = str(failure) if failure else self._reported()
+        if not why and await self._in_local_control():
+            return LOCAL_CONTROL
+        if not why and link.robot_mode is not RobotMode.RUNNING:
+            return f"its mode is {link.robot_mode.name}", "make_ready() powers it on and releases the brakes"
         return f"{why or 'nothing changed'} within {_EFFECT_S:g} s", "look at the pendant and its log"
 
     def _tcp_is(self, pose_flange_tcp: Sequence[float]) -> bool:
