@@ -17,9 +17,9 @@ from client.controllers.passthrough import PASSTHROUGH, Transfer
 from client.controllers.ur_commands import ArmDriver, Spawn, URCommands
 from client.controllers.ur_states import JOINTS, URStates
 from client.driver import points
-from client.driver.gates import GATES
 from client.driver.timeouts import LONGEST_REAL_TIME_S
 from client.errors import ClientError, ControllerError
+from client.gates import GATES
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
 from urproto.modes import RobotMode, RuntimeState, SafetyMode

@@ -12,12 +12,12 @@ from client.control_program import GONE_TEXT, LATE_TEXT, ControlProgram
 from client.driver.calibration import calibration_problem
 from client.driver.config import DriverConfig
 from client.driver.endpoint import Endpoint, Peer
-from client.driver.gates import require
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.reverse import Pulse, ReverseEndpoint
 from client.driver.robot import RobotLink, cancel
 from client.driver.sender import ScriptSender
 from client.errors import ClientError, ProgramNotRunningError
+from client.gates import require
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import ControlMode
 from urproto.modes import RobotMode, RuntimeState, SafetyMode

@@ -2,10 +2,11 @@
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from contextlib import asynccontextmanager
 from typing import Any, Final
 
+from client.control_program import SPEED_ACCELERATION
 from client.driver.core import MOVABLE
 from client.driver.reverse import StreamStatistics
 from client.driver.timeouts import LONGEST_REAL_TIME_S
@@ -17,15 +18,15 @@ from client.errors import (
     ProgramEndedError,
     ProgramNotRunningError,
 )
-from client.robot.core import RobotCore
+from client.robot.core import SETTLE_STATES, RobotCore
 from client.robot.state import RobotState
 
 __all__ = ["Contexts", "Follow"]
 
 _logger = logging.getLogger(__name__)
 
+_AS_IT_IS: Final[Mapping[str, float | None]] = {}
 _MANY: Final = 0.01  # guess: so many control periods without a setpoint are worth a warning
-_SETTLE_STATES: Final = 3  # guess: a command beside the motion is read within one control period
 _SLOW: Final = (0.1, 0.1, 0.1, 0.17, 0.17, 0.17)  # m/s, rad/s where it complies, m, rad elsewhere; guess: slow
 
 
@@ -33,41 +34,81 @@ class Contexts(RobotCore):
     """The arm obeys one of these at a time; leaving the block brings it to rest. Errors are those of the moves."""
 
     @asynccontextmanager
-    async def servo_j(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator["Follow"]:
+    async def servo_j(
+        self,
+        timeout_s: float = LONGEST_REAL_TIME_S,
+        *,
+        lookahead_s: float | None = None,
+        gain: float | None = None,
+    ) -> AsyncIterator["Follow"]:
         """Follow joint angles, one set in every control period.
 
             with robot.servo_j() as follow:
                 while not done:
                     state = follow(next_target(state))     # (6,) [rad]; paces the loop
 
-        timeout_s: without a target for so long (at most 0.2 s) the robot stops by itself and
-        ends the program. Targets too far away are ignored by the robot: MotionError says so.
+        timeout_s: without a target for so long (at most 0.2 s) the robot stops the arm, and the next
+        target is a LateSetpointError; the program goes on. lookahead_s (0.03 to 0.2, longer is smoother)
+        and gain (100 to 2000, higher is stiffer): of servoj, None for those of the configuration. Targets
+        too far away are ignored by the robot: MotionError says so. `stream` tells how it went.
         """
-        async with self._stream("servo_j", lambda q_rad: self.driver.servoj(q_rad, timeout_s)) as follow:
+        tuning = {"lookahead_s": lookahead_s, "gain": gain}
+        async with self._stream("servo_j", lambda q_rad: self.driver.servoj(q_rad, timeout_s), tuning) as follow:
             yield follow
 
     @asynccontextmanager
-    async def servo_pose(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator["Follow"]:
+    async def servo_pose(
+        self,
+        timeout_s: float = LONGEST_REAL_TIME_S,
+        *,
+        lookahead_s: float | None = None,
+        gain: float | None = None,
+    ) -> AsyncIterator["Follow"]:
         """As servo_j with poses base to TCP (6,) [m, rotation vector]."""
-        async with self._stream("servo_pose", lambda pose: self.driver.servo_pose(pose, timeout_s)) as follow:
+        tuning = {"lookahead_s": lookahead_s, "gain": gain}
+        async with self._stream("servo_pose", lambda pose: self.driver.servo_pose(pose, timeout_s), tuning) as follow:
             yield follow
 
     @asynccontextmanager
-    async def velocity_j(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator["Follow"]:
-        """As servo_j with joint speeds (6,) [rad/s]; they are reached at once, so ramps are the caller's."""
-        async with self._stream("velocity_j", lambda qd_rad_s: self.driver.speedj(qd_rad_s, timeout_s)) as follow:
+    async def velocity_j(
+        self, timeout_s: float = LONGEST_REAL_TIME_S, *, acceleration_rad_s2: float = SPEED_ACCELERATION
+    ) -> AsyncIterator["Follow"]:
+        """As servo_j with joint speeds (6,) [rad/s]; by default they are reached at once, so ramps are the caller's."""
+        tuning = {"acceleration": acceleration_rad_s2}
+        async with self._stream("velocity_j", lambda qd: self.driver.speedj(qd, timeout_s), tuning) as follow:
             yield follow
 
     @asynccontextmanager
-    async def velocity_l(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator["Follow"]:
+    async def velocity_l(
+        self, timeout_s: float = LONGEST_REAL_TIME_S, *, acceleration_m_s2: float = SPEED_ACCELERATION
+    ) -> AsyncIterator["Follow"]:
         """As velocity_j with velocities of the TCP in the base frame (6,) [m/s, rad/s]."""
-        async with self._stream("velocity_l", lambda velocity: self.driver.speedl(velocity, timeout_s)) as follow:
+        tuning = {"acceleration": acceleration_m_s2}
+        async with self._stream("velocity_l", lambda xd: self.driver.speedl(xd, timeout_s), tuning) as follow:
             yield follow
 
     @asynccontextmanager
-    async def freedrive(self) -> AsyncIterator[None]:
-        """Let the arm be moved by hand, and hold it where it is left."""
+    async def direct_torque(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator["Follow"]:
+        """As servo_j with joint torques (6,) [Nm] on top of what gravity needs; from 5.23 on.
+
+        How much friction the robot makes up for: `URDriver.set_friction_scales` (5.25.1), `set_friction_compensation`.
+        """
+        async with self._stream("direct_torque", lambda torque_Nm: self.driver.torque(torque_Nm, timeout_s)) as follow:
+            yield follow
+
+    @asynccontextmanager
+    async def freedrive(
+        self, axes: Sequence[int] = (1,) * 6, frame_base: Sequence[float] = (0.0,) * 6
+    ) -> AsyncIterator[None]:
+        """Let the arm be moved by hand, and hold it where it is left.
+
+        axes: 1 for those (6,) that are free, of a frame given in the base frame (6,) [m, rotation vector]; fewer
+        than all from 5.10 on.
+        """
         async with self._holding("freedrive"):
+            self.driver.set_freedrive_axes(axes, frame_base)
+            for _ in range(SETTLE_STATES):
+                await self._next_state("freedrive")
             self.driver.start_freedrive()
             yield
 
@@ -95,7 +136,7 @@ class Contexts(RobotCore):
         self.driver.start_force_mode(
             task_frame_base, selection, wrench, kind, limits, damping=damping, gain_scaling=gain_scaling
         )
-        for _ in range(_SETTLE_STATES):
+        for _ in range(SETTLE_STATES):
             await self._next_state("force_mode")
         try:
             yield
@@ -113,8 +154,11 @@ class Contexts(RobotCore):
         return self.driver.reverse.stream
 
     @asynccontextmanager
-    async def _stream(self, doing: str, send: Callable[[Sequence[float]], None]) -> AsyncIterator["Follow"]:
+    async def _stream(
+        self, doing: str, send: Callable[[Sequence[float]], None], tuning: Mapping[str, float | None] = _AS_IT_IS
+    ) -> AsyncIterator["Follow"]:
         async with self._holding(doing):
+            await self._tune(doing, **tuning)
             self.driver.robot.popups.clear()
             yield Follow(self, doing, send)
             if why := self.driver.reverse.take_late():

@@ -9,7 +9,7 @@ from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
 
-__all__ = ["OUTPUTS", "SIGNALS", "RobotState", "check_signal"]
+__all__ = ["MORE_OUTPUTS", "OUTPUTS", "SIGNALS", "RobotState", "check_signal"]
 
 OUTPUTS: Final = (
     "actual_q",
@@ -21,6 +21,37 @@ OUTPUTS: Final = (
     "actual_digital_input_bits",
     "actual_digital_output_bits",
 )
+MORE_OUTPUTS: Final = (
+    "target_q",
+    "target_qdd",
+    "target_current",
+    "target_moment",
+    "actual_current",
+    "joint_control_output",
+    "target_TCP_pose",
+    "target_TCP_speed",
+    "joint_temperatures",
+    "actual_execution_time",
+    "joint_mode",
+    "actual_tool_accelerometer",
+    "speed_scaling",
+    "actual_momentum",
+    "actual_main_voltage",
+    "actual_robot_voltage",
+    "actual_robot_current",
+    "actual_joint_voltage",
+    "standard_analog_input0",
+    "standard_analog_input1",
+    "standard_analog_output0",
+    "standard_analog_output1",
+    "robot_status_bits",
+    "safety_status_bits",
+    "ft_raw_wrench",
+    "payload",
+    "payload_cog",
+    "payload_inertia",
+)
+"""What ur_rtde receives by default too; where a version lacks one, it is missing from `RobotState.values`."""
 _AT_REST_RAD_S: Final = 1e-4  # guess: far below any motion, above rounding
 
 SIGNALS: Final = 18

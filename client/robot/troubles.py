@@ -16,7 +16,7 @@ from client.errors import (
     SafetyStopError,
     ScriptFailedError,
 )
-from client.robot.state import OUTPUTS, RobotState
+from client.robot.state import MORE_OUTPUTS, OUTPUTS, RobotState
 from urproto.modes import ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 from urproto.robots import Joints
@@ -47,7 +47,8 @@ class Troubles:
     def __init__(self, host: str, **options: Any) -> None:
         free = _FREE_PORTS if options.get("headless", True) else {}
         outputs = tuple(dict.fromkeys((*OUTPUTS, *options.pop("outputs", ()))))
-        self.driver = URDriver(host, **(free | options), outputs=outputs)
+        more = {"outputs_if_any": MORE_OUTPUTS}
+        self.driver = URDriver(host, **(free | more | options), outputs=outputs)
         self._started = False  # the program runs as far as the caller was told
         self._trouble = asyncio.Event()
         self._last_words: object = None  # the state after which the robot fell silent
