@@ -15,8 +15,9 @@ nothing is written twice.
 
 import asyncio
 import socket
+import struct
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
@@ -299,6 +300,28 @@ class BlockingConnection(Connection):
         finally:
             flow.close()
 
+    def chunks(self, silence_s: float) -> Iterator[bytes]:
+        """What arrives from now on, as it does; NoAnswerError when nothing comes for so long."""
+        if self._socket is None:
+            raise ConnectionLostError(self.host, self.port)
+        receive = self._socket.recv
+        # the system's own time limit: with Python's, each read would be preceded by a wait
+        self._socket.settimeout(None)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _time_value(silence_s))
+        while True:
+            try:
+                data = receive(_CHUNK)
+            except BlockingIOError as error:
+                raise NoAnswerError(self.host, self.port, silence_s) from error
+            except OSError as error:
+                raise ConnectionLostError(self.host, self.port) from error
+            yield self._not_ended(data)
+
+    def _not_ended(self, data: bytes) -> bytes:
+        if not data:
+            raise ConnectionLostError(self.host, self.port)
+        return data
+
     def _open(self) -> None:
         try:
             self._socket = socket.create_connection((self.host, self.port), self.timeout_s)
@@ -328,9 +351,7 @@ class BlockingConnection(Connection):
             data = self._socket.recv(_CHUNK)
         except BlockingIOError:  # nothing there to poll
             return b""
-        if not data:
-            raise ConnectionLostError(self.host, self.port)
-        return data
+        return self._not_ended(data)
 
     def _reconnect(self, how: Reconnect) -> None:
         self.close()
@@ -343,6 +364,12 @@ class BlockingConnection(Connection):
                 if time.monotonic() + _RETRY_EVERY_S > until:
                     raise
             time.sleep(_RETRY_EVERY_S)
+
+
+def _time_value(seconds: float) -> bytes:
+    """A C timeval; 0 would be for ever."""
+    micros = max(1, round(seconds * 1e6))
+    return struct.pack("@ll", *divmod(micros, 1_000_000))
 
 
 def _reason(error: OSError) -> str:

@@ -199,6 +199,13 @@ class RTDECore:
         self.state = self._outputs.values(data, 0 if self._protocol == 1 else 1)  # after the recipe id
         return self.state
 
+    def take(self, data: bytes) -> list[State]:
+        """The states that these bytes from the robot complete, for who reads the connection himself."""
+        self._take(data)
+        states = [self._read(arrived) for arrived in self._arrived]
+        self._arrived.clear()
+        return states
+
     # writing
 
     def _input_package(self, index: int, values: State) -> bytes:

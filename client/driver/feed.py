@@ -102,9 +102,8 @@ class StateFeed:
         while not self._closing.is_set():
             assert self._client is not None
             try:
-                client = self._client
-                while True:
-                    self._take(client.run(client.core.receive(), self._silence_s))
+                for state in self._client.states(self._silence_s):
+                    self._take(state)
             except (ClientError, RemoteProtocolError) as error:
                 if not self._closing.is_set():
                     _logger.error("the robot's state is lost: %s", error)
