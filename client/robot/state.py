@@ -125,7 +125,7 @@ class RobotState:
     @property
     def at_rest(self) -> bool:
         """No joint is meant to move."""
-        return max(map(abs, self.values["target_qd"])) < _AT_REST_RAD_S
+        return bool(max(map(abs, self.values["target_qd"])) < _AT_REST_RAD_S)
 
     def digital_in(self, number: int) -> bool:
         """Level of a digital input, numbered as `SIGNALS` says."""
