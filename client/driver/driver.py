@@ -87,7 +87,7 @@ class BlockingURDriver(Blocking[URDriver]):
     set_friction_scales = blocking(URDriver.set_friction_scales)
 
     def next_state(self) -> Mapping[str, Any]:
-        """The RTDE state after the newest one. Raises NoAnswerError from a silent robot."""
+        """The RTDE state after the newest one."""
         feed = self.inner.robot.feed
         return feed.wait(feed.count, self.inner.config.silence_s)
 
