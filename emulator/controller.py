@@ -19,7 +19,7 @@ from typing import Any, Final
 from emulator.commands import Command
 from emulator.devices.robotiq import Gripper, GripperModel
 from emulator.devices.tool_line import ToolLine
-from emulator.guard import MOVING, PUBLISHING, Guard
+from emulator.guard import MOVING, PUBLISHING, Guard, plausible
 from emulator.io.baselight import BaseLight
 from emulator.io.encoders import Encoders
 from emulator.io.ftinput import ForceInput
@@ -61,7 +61,6 @@ _NEW_YEAR_2024_S: Final = 1_704_067_200.0
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
 # an ideal arm is a simulator's; earlier ones report other currents and temperatures (the versions: guess)
 _LATE_SIMULATOR: Final = Availability.since("3.10", "5.4")
-_MOST: Final = 1e7  # rad, rad/s, A, Nm, m, N: no arm reaches that (guess)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,6 +133,7 @@ class Controller:
         self.encoders = Encoders(self.period_s, config.encoder_speeds)
         self.rtde_inputs: dict[str, Any] = {}  # last value of every RTDE input by name
         self.rtde_refreshed: dict[str, int] = {}  # step at which it came
+        self.rtde_refused: set[str] = set()  # inputs that came with values which are none, and were told of
         self.installation = Installation()
         self.world_model = WorldModel()
         self.base_light = BaseLight()
@@ -292,7 +292,9 @@ class Controller:
         return self.config.external_control.over(DriverAddress.of(self.installation.file))
 
     def set_tcp(self, tcp_offset: Pose) -> None:
-        """Use another TCP (flange to TCP) from now on, within this period."""
+        """Use another TCP (flange to TCP) from now on, within this period. Raises ValueError for an absurd one."""
+        if not plausible(*tcp_offset):
+            raise ValueError(f"no tool has its TCP at {list(tcp_offset)}")
         self.installation.tcp = tcp_offset
         self.motion.tcp_offset = tcp_offset
 
@@ -339,7 +341,7 @@ class Controller:
             wrench = self.ft_input.wrench_base(self.arm)
         if self.world is not None:
             wrench = self.world.act(self, wrench)
-        if wrench != _ZERO6 and not sum(map(abs, wrench)) < _MOST:
+        if wrench != _ZERO6 and not plausible(*wrench):
             wrench = _ZERO6  # nothing pushes like that
         self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled
         motion = self.motion
@@ -377,7 +379,7 @@ class Controller:
             ("TCP force", arm.tcp_force),
             ("force sensor", arm.ft_raw_wrench),
         ):
-            if not sum(map(abs, values)) < _MOST:  # also what is no number
+            if not plausible(*values):
                 raise ArithmeticError(f"the {name} left all bounds: {values}")
         self.last_good_q = arm.q
 

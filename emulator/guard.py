@@ -22,13 +22,19 @@ from emulator.safety.causes import Cause
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["MOVING", "PUBLISHING", "Guard", "Novelty", "Problem", "place_of"]
+__all__ = ["MOVING", "PUBLISHING", "Guard", "Novelty", "Problem", "place_of", "plausible"]
 
+_MOST: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: no arm reaches that, and nothing it carries (guess)
 MOVING: Final = "moving the arm"
 PUBLISHING: Final = "publishing"
 _MOST_REMEMBERED: Final = 20  # kinds of failures that are told in full, and saved (guess)
 
 _logger = logging.getLogger(__name__)
+
+
+def plausible(*numbers: float) -> bool:
+    """Whether numbers in SI units could be of an arm, or of something near it: finite, and not absurd."""
+    return all(-_MOST < number < _MOST for number in numbers)
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,9 +59,9 @@ class PowerTimings:
     """
 
     controller_boot_s: float = 0.0  # 0: the controller is up when the emulator is
-    joint_boot_s: float = 0.8
-    power_on_s: float = 0.2
-    brake_release_s: float = 0.9
+    joint_boot_s: float = 0.7
+    power_on_s: float = 0.3
+    brake_release_s: float = 1.0
 
 
 REPORTS: Final[dict[PowerState, PowerReport]] = {

@@ -173,8 +173,17 @@ def test_default_timings_are_those_of_a_simulator(make):
         if snapshot.robot_mode is RobotMode.IDLE:
             controller.post(DashboardLine("brake release"))
     start = times[RobotMode.BOOTING]
-    assert 1.0 <= times[RobotMode.IDLE] - start <= 4.0
-    assert 1.0 <= times[RobotMode.RUNNING] - times[RobotMode.IDLE] <= 6.0
+    assert 0.5 <= times[RobotMode.IDLE] - start <= 4.0
+    assert 0.5 <= times[RobotMode.RUNNING] - times[RobotMode.IDLE] <= 6.0
+
+
+def test_brakes_are_released_in_the_time_that_suites_for_simulators_give(make):
+    """ur_rtde's own suite waits 3 s after brake release of an arm that is off, the official C++ library's 2.3 s."""
+    controller = Controller(ControllerConfig(model=load_model("ur5e")))
+    controller.post(DashboardLine("brake release"))
+    for _ in range(round(2.2 / controller.period_s)):
+        controller.tick()
+    assert controller.snapshot.robot_mode is RobotMode.RUNNING
 
 
 def test_power_off_stops_arm_and_program_at_once(ready):
