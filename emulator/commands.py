@@ -35,6 +35,7 @@ __all__ = [
     "RTDEInputs",
     "RefusedScript",
     "ScriptUnit",
+    "ServingFailed",
     "ToolBytes",
 ]
 
@@ -201,3 +202,14 @@ class ToolBytes(Command):
         while controller.tool_line.full:
             yield
         controller.tool_line.send(self.data)
+
+
+@dataclass(frozen=True, slots=True)
+class ServingFailed(Command):
+    """A server could not tell its clients about a control period."""
+
+    server: str
+    error: Exception
+
+    def apply(self, controller: "Controller") -> None:
+        controller.guard.caught(f"serving the port {self.server!r}", self.error)

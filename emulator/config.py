@@ -17,6 +17,7 @@ from emulator.faults.fault import Fault, FaultError
 from emulator.ports import PORTS
 from emulator.programs.sockets import ScriptNetwork
 from emulator.programs.urcap import DriverAddress
+from emulator.realtime import RealTime
 from emulator.safety.configuration import SafetyConfiguration, factory_configuration
 from emulator.safety.files import load_safety_file
 from emulator.safety.installation import SafetySettingsError
@@ -25,7 +26,15 @@ from emulator.world.file import WorldFileError, WorldPlan, read_world
 from urproto import robots
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
-from urproto.robots import Calibration, CalibrationError, RobotModel, UnknownModel, calibration_hash, load_model
+from urproto.robots import (
+    START_Q,
+    Calibration,
+    CalibrationError,
+    RobotModel,
+    UnknownModel,
+    calibration_hash,
+    load_model,
+)
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
@@ -68,6 +77,7 @@ class EmulatorConfig:
 
     host: an address of this machine. port_offset is added to each of the usual ports;
     ephemeral_ports takes free ones instead. speed: simulated seconds per second.
+    realtime: what the process that runs it asks of the system.
     script_network: where the sockets and remote procedure calls of scripts may lead.
     modbus_unit_port: where the Modbus units listen that programs add signals of (URScript
     names no port). tool_device: what is connected to the tool's serial line of an e-Series
@@ -82,6 +92,7 @@ class EmulatorConfig:
     port_offset: int = 0
     ephemeral_ports: bool = False
     speed: float = 1.0
+    realtime: RealTime = RealTime.AUTO
     script_network: ScriptNetwork = ScriptNetwork.ANY
     modbus_unit_port: int = 502
     tool_device: str | None = None
@@ -93,6 +104,8 @@ class EmulatorConfig:
     def __post_init__(self) -> None:
         if not 0.0 < self.speed < math.inf:
             raise ConfigError(f"the speed must be a positive number, not {self.speed}")
+        if self.realtime is RealTime.ON and self.speed != 1.0:
+            raise ConfigError(f"--realtime on is for real time, and the speed is {self.speed:g}: leave one of them out")
         if self.tool_device is not None and self._version.series is not Series.E:
             raise ConfigError(f"{self.controller.model.title} has no serial line at its tool: e-Series arms do")
         most = _LAST_PORT - max(PORTS[name] for name in self._port_names)
@@ -181,12 +194,14 @@ def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
         raise ConfigError(f"{error} ({POLYSCOPE_X.reason})" if polyscope_x else str(error)) from error
 
 
-def read_initial_positions(path: Path, model: RobotModel) -> Joints:
-    """Joint angles [rad] from a YAML file of joint names, such as ur_description's.
+def read_initial_positions(path: Path | None, model: RobotModel) -> Joints:
+    """Joint angles [rad] from a YAML file of joint names, such as ur_description's; without one where arms start.
 
     Raises ConfigError when the file is unreadable, does not name exactly the six joints, or
     has an angle the arm cannot take.
     """
+    if path is None:
+        return START_Q
     content = read_yaml(path)
     if not isinstance(content, dict) or set(content) != set(JOINT_NAMES):
         raise ConfigError(f"{path} must give radians for each of {', '.join(JOINT_NAMES)}, and nothing else")

@@ -18,7 +18,7 @@ from emulator.programs.sockets import ScriptNetwork
 from emulator.robot.kinds import ArmKind
 from emulator.script_peers import Peers, StubPeers, read_peers
 from emulator.servers.script_sockets import NetworkSockets
-from urproto.robots import RobotModel
+from urproto.robots import START_Q, RobotModel
 from urproto.robots.model import Joints
 from urscript.commands import SUCCESS, TROUBLE, USAGE_ERROR, chosen_controller
 from urscript.errors import CompileError
@@ -34,7 +34,7 @@ def run(options: Namespace) -> int:
     try:
         model, version = chosen_controller(options)
         world = read_surroundings(options.world)
-        joints = None if options.joints is None else _joints(options.joints, model)
+        joints = START_Q if options.joints is None else _joints(options.joints, model)
         stimuli = [_stimulus(text, _INPUTS) for text in options.input]
         stimuli += [_stimulus(text, _REGISTERS) for text in options.register]
         peers = {} if options.peers is None else read_peers(options.peers)

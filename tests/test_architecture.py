@@ -43,9 +43,9 @@ THIRD_PARTY = {
         "emulator.fleet.command",
         "client.cli",
         "client.commands",
-        "urscript.cli",
+        "urproto.commandline",
     ),
-    "rich": ("emulator", "client", "urscript.cli"),
+    "rich": ("emulator", "client", "urproto.commandline"),
 }
 URSCRIPT_SEES = ("urproto.robots.pose", "urproto.versions")
 URSCRIPT_COMMANDS_SEE = (*URSCRIPT_SEES, "urproto.robots")  # which arm means which version
@@ -55,6 +55,8 @@ FOR_TESTS = ("urproto.pytest_plugin", "urproto.testing")
 OUTSIDE_WORLD = {"asyncio", "http", "socket", "threading", "select", "time", "selectors", "datetime"}
 MAY_TOUCH_OUTSIDE = (
     "emulator.clock",
+    "emulator.logs",
+    "emulator.realtime",
     "emulator.app",
     "emulator.cli",
     "emulator.pendant",

@@ -51,7 +51,7 @@ def test_messages_come_with_the_robot_time_and_the_state_last(go: Go) -> None:
     assert lines[0].endswith("s] begin 1")
     times = [float(line.split()[1]) for line in lines[:2]]
     assert times[1] - times[0] == pytest.approx(0.504, abs=0.009)
-    assert lines[-4] == "joints  [0.0000, -1.5700, 0.0000, -1.5700, 0.0000, 0.0000] rad"
+    assert lines[-4] == "joints  [-1.6007, -1.7271, -2.2030, -0.8080, 1.5951, -0.0310] rad"
     assert lines[-3].startswith("TCP     p[")
     assert lines[-1] == "result  finished"
 
@@ -66,11 +66,11 @@ def test_moves_end_where_they_should_on_the_arm_that_was_asked_for(go: Go) -> No
 
 def test_what_stands_around_the_arm_pushes_back(go: Go, tmp_path: Path) -> None:
     world = tmp_path / "world.yaml"
-    world.write_text("objects: {table: {plane: {}, pose: [0, 0, 0.2], stiffness: 10000}}")
+    world.write_text("objects: {table: {plane: {}, pose: [0, 0, 0.1], stiffness: 10000}}")
     program = """def press():
       movej([0, -1.5, 1.5, -1.57, -1.57, 0], a=4, v=3)
       place = get_actual_tcp_pose()
-      place[2] = 0.198
+      place[2] = 0.098
       movel(place)
       sync()
       textmsg("pressed with ", floor(force() + 0.5))
@@ -281,9 +281,8 @@ def test_a_script_reaches_no_network_that_was_forbidden(go: Go) -> None:
 
 
 def test_a_run_begins_at_the_joints_it_is_told(go: Go) -> None:
-    status, out = go(
-        "textmsg(get_actual_joint_positions())", "--joints", *["-0.5", "-1.2", "1.1", "-1.5", "-1.5", "0.25"]
-    )
+    joints = ["-0.5", "-1.2", "1.1", "-1.5", "-1.5", "0.25"]
+    status, out = go("textmsg(get_actual_joint_positions())", "--joints", *joints)
     assert status == 0
     assert "joints  [-0.5000, -1.2000, 1.1000, -1.5000, -1.5000, 0.2500] rad" in out
 

@@ -17,10 +17,16 @@ from typing import Any, Final, Self
 from urproto.robots.pose import Vec3
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
-__all__ = ["DH", "MODELS", "Joints", "Link", "RobotModel", "UnknownModel", "load_model"]
+__all__ = ["DH", "MODELS", "START_Q", "Joints", "Link", "RobotModel", "UnknownModel", "load_model"]
 
 Joints = tuple[float, float, float, float, float, float]
 """One number for each joint: base, shoulder, elbow, wrist 1, wrist 2, wrist 3."""
+
+START_Q: Final[Joints] = (-1.6007, -1.7271, -2.2030, -0.8080, 1.5951, -0.0310)
+"""Where an emulated arm stands at first [rad]: as URSim's does, tool down, away from singularities.
+
+Recorded from URSim with a UR5 (hermajul/ur-rtde); that it starts the other arms there too is a guess.
+"""
 
 _DATA: Final = Path(__file__).parent / "data"
 
@@ -77,7 +83,6 @@ class RobotModel:
     v_tool_default: float  # m/s, of movel
     a_tool_default: float  # m/s2
     eq_radius: float  # m, weighs tool rotation against translation
-    home_q: Joints  # rad, where an emulated arm starts
     torque_constants: Joints  # Nm/A
     links: tuple[Link, ...]  # shoulder, upper arm, forearm, wrist 1, wrist 2, wrist 3
     calibration: DH | None = None  # what was measured of one arm; None for a nominal one
@@ -117,7 +122,6 @@ class RobotModel:
             v_tool_default=motion.number("v_tool_m_s"),
             a_tool_default=motion.number("a_tool_m_s2"),
             eq_radius=motion.number("eq_radius_m"),
-            home_q=motion.joints("home_q_rad"),
             torque_constants=table.sub("electrics").joints("torque_constants_Nm_A"),
             links=tuple(_link(link) for link in links),
         )
