@@ -281,9 +281,8 @@ def test_a_script_reaches_no_network_that_was_forbidden(go: Go) -> None:
 
 
 def test_a_run_begins_at_the_joints_it_is_told(go: Go) -> None:
-    status, out = go(
-        "textmsg(get_actual_joint_positions())", "--joints", *["-0.5", "-1.2", "1.1", "-1.5", "-1.5", "0.25"]
-    )
+    joints = ["-0.5", "-1.2", "1.1", "-1.5", "-1.5", "0.25"]
+    status, out = go("textmsg(get_actual_joint_positions())", "--joints", *joints)
     assert status == 0
     assert "joints  [-0.5000, -1.2000, 1.1000, -1.5000, -1.5000, 0.2500] rad" in out
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from client.control_program import ControlProgram
 from emulator.builtins import LIBRARIES
 from urproto.versions import PolyscopeVersion
 from urscript import CompileError, LibrarySet, compile_script, hints
@@ -247,3 +248,10 @@ def test_words_of_other_languages_are_free_to_be_names():
 @pytest.mark.parametrize("path", sorted((ROOT / "examples").rglob("*.script")), ids=lambda path: path.name)
 def test_examples_give_no_hint(path):
     assert ScriptFile.read(str(path)).problems(LIBRARY_SET, NEWEST) == []
+
+
+@pytest.mark.parametrize("version", ["3.15.8", "5.9.4", "5.22"])
+def test_our_control_program_gives_no_hint(version):
+    polyscope = PolyscopeVersion.parse(version)
+    text = ControlProgram(host="10.0.0.1").render(polyscope)
+    assert ScriptFile("control.script", text.encode()).problems(LIBRARY_SET, polyscope) == []

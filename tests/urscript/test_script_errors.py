@@ -521,7 +521,13 @@ FAULTS = [
         "5.22",
     ),
     ("def f():\n  x = 5 % 0\nend", 2, 9, "Division by zero: % with an integer 0 on its right", "5.22"),
-    ("def f():\n  x = [1]\n  x.append(2)\nend", 3, 5, "Type error: 'List' has no method 'append'", "5.14"),
+    (
+        "def f():\n  x = [1]\n  x.append(2)\nend",
+        3,
+        5,
+        "Type error: 'List' has no method 'append' before PolyScope 5.15",
+        "5.14",
+    ),
     ("def f():\n  x = [1]\n  x = [1,2]\nend", 3, 3, "Resizing of 'List' is not supported", "5.14"),
 ]
 
