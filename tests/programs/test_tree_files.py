@@ -35,7 +35,9 @@ def refused(arm):
 
 def test_load_play_and_what_is_loaded(arm):
     arm.save("sub/my tool.urp", main(sleep(0.2)))
-    assert arm.ask("load sub/my tool.urp") == "Loading program: /programs/sub/my tool.urp"
+    assert (
+        arm.ask("load sub/my tool.urp") == "Loading program: /programs/sub/my tool.urp, /programs/default.installation"
+    )
     assert arm.ask("get loaded program") == "Loaded program: /programs/sub/my tool.urp"
     assert arm.ask("isProgramSaved") == "true my tool.urp"
     assert arm.ask("programState") == "STOPPED my tool.urp"
@@ -101,7 +103,7 @@ def test_a_script_of_functions_and_calls_is_played_as_in_a_script_node(arm):
         '# for a Script node\n\ndef first():\n  textmsg("first")\nend\ndef second():\n  textmsg("second")\nend\n'
         "first()\nsecond()"
     )
-    assert arm.ask("load 2 tools.script") == "Loading program: /programs/2 tools.script"
+    assert arm.ask("load 2 tools.script") == "Loading program: /programs/2 tools.script, /programs/default.installation"
     assert arm.ask("play") == "Starting program"
     arm.until(lambda: arm.texts == ["first", "second"])
 

@@ -10,7 +10,7 @@ from emulator.app import make_servers
 from emulator.controller import Controller, ControllerConfig
 from emulator.servers.primary import PrimaryServer
 from urproto.primary.framing import PrimaryDecoder
-from urproto.primary.messages import KeyMessage, ProgramThread, ProgramThreadsMessage
+from urproto.primary.messages import KeyMessage, ProgramThread, ProgramThreadsMessage, UnknownMessage
 from urproto.primary.program_state import GlobalVariableNames, GlobalVariableValues, MatrixValue, PoseValue
 from urproto.primary.state import RobotStateData
 from urproto.robots import load_model
@@ -46,7 +46,9 @@ class Robot:
         while data:
             size = int.from_bytes(data[:4], "big")
             assert size <= LEGAL_SIZE
-            messages += decoder.feed(data[:size])
+            messages += (
+                m for m in decoder.feed(data[:size]) if not isinstance(m, UnknownMessage)
+            )  # behind the version
             data = data[size:]
         assert not [message for message in messages if getattr(message, "error", None)]
         return messages
