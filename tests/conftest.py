@@ -24,6 +24,7 @@ REAL_TIME = (
     "conformance",
     "control",
     "decoding",
+    "docs",
     "driver",
     "faults",
     "fleet",
