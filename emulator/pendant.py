@@ -19,7 +19,7 @@ __all__ = ["Pendant"]
 _ANY: Final = "0.0.0.0"
 _LOCALHOST: Final = "127.0.0.1"
 _MISSING: Final = (
-    "No teach pendant: its packages are not installed. In the folder of the repository, pip install '.[pendant]' brings "
+    "No teach pendant: its packages are not installed. In the folder of ur-emulator, pip install '.[pendant]' brings "
     "them; --no-pendant leaves this line out."
 )
 _FAILED: Final = "No pendant: its process ended; the lines above say why. --pendant-port chooses another port."
