@@ -109,7 +109,9 @@ class MissingExtraError(RecordingError):
     """``what`` needs packages that are not installed; the ``extra`` of this project brings them."""
 
     def __init__(self, what: str, extra: str) -> None:
-        super().__init__(f"{what} needs packages that are not installed: pip install 'ur-emulator[{extra}]'")
+        super().__init__(
+            f"{what} needs packages that are not installed: in the folder of ur-emulator, pip install '.[{extra}]'"
+        )
         self.extra = extra
 
 

@@ -19,7 +19,8 @@ __all__ = ["Pendant"]
 _ANY: Final = "0.0.0.0"
 _LOCALHOST: Final = "127.0.0.1"
 _MISSING: Final = (
-    "No pendant: pip install 'ur-emulator[pendant]' brings one for the browser, --no-pendant says no more."
+    "No teach pendant: its packages are not installed. In the folder of ur-emulator, pip install '.[pendant]' brings "
+    "them; --no-pendant leaves this line out."
 )
 _FAILED: Final = "No pendant: its process ended; the lines above say why. --pendant-port chooses another port."
 _GOODBYE_S: Final = 3.0  # guess: how long a clean end may take

@@ -32,7 +32,7 @@ NOT_EMULATED: Final = (
         "a fieldbus",
         "its registers by RTDE or Modbus",
     ),
-    MissingService("SSH and SFTP", "TCP 22", "there is no Linux to log in to", "the folder of --programs-dir"),
+    MissingService("SSH and SFTP", "TCP 22", "there is no Linux to log in to", "the folder of --programs"),
     MissingService(
         "Screen of the teach pendant",
         "VNC 5900, HTTP 6080 (simulators)",

@@ -25,6 +25,7 @@ REAL_TIME = (
     "conformance",
     "control",
     "decoding",
+    "docs",
     "driver",
     "faults",
     "fleet",

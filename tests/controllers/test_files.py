@@ -169,7 +169,7 @@ def test_a_goal_file(tmp_path):
 def test_the_example_is_read():
     goals = read_goals(Path(__file__).parents[2] / "examples" / "goals.yaml")
     assert not goals.notes
-    assert [goal.name for goal in goals.goals] == ["turn", "bend", "back"]
+    assert [goal.name for goal in goals.goals] == ["up", "turn", "bend", "back"]
     assert goals.joints == JOINTS
     goals.check_start(dict(zip(JOINTS, (0, -1.57, 0, -1.57, 0, 0), strict=True)))
 

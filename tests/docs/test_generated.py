@@ -7,7 +7,7 @@ import pytest
 
 from urproto.robots import MODELS
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 GENERATED = runpy.run_path(str(ROOT / "docs" / "generate.py"))["pages"]()
 
 

@@ -1,0 +1,190 @@
+"""What the pages tell a reader to type is typed, in their order, where they say.
+
+Each page has a network of its own, in which the robots it presumes are emulators at the addresses it names, and the
+usual ports are free. Nothing outside can be reached from there, so what fetches packages is not run.
+"""
+
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+import yaml
+
+sys.path.insert(0, str(Path(__file__).parent))  # the helper beside this file; importlib mode does not add its folder
+
+from pages import LANGUAGES, PAGES, ROOT, Block, blocks, indented, robots
+
+ELSEWHERE = {
+    ROOT / "docs" / "thesis.md": {"sh", "shell", "python"},  # tests/driver/test_thesis_page.py
+    ROOT / "docs" / "client.md": {"python"},  # tests/real_clients/test_examples.py
+}
+DEADLINE_S = 120.0
+SCRIPTS = Path(sys.executable).parent
+NAMESPACE = """
+import fcntl, os, socket, struct, sys, time
+socket_ = socket.socket()
+for number, host in enumerate(["127.0.0.1", *sys.argv[1:]]):
+    name = b"lo" if number == 0 else b"lo:%d" % number
+    if number:
+        fcntl.ioctl(socket_, 0x8916, struct.pack("16sH2s4s8x", name, socket.AF_INET, b"", socket.inet_aton(host)))
+    flags = struct.unpack("16sH14x", fcntl.ioctl(socket_, 0x8913, struct.pack("16sH14x", name, 0)))[1]
+    fcntl.ioctl(socket_, 0x8914, struct.pack("16sH14x", name, flags | 1))
+print("up", flush=True)
+time.sleep(1e6)
+"""  # its loopback interface, with further addresses: SIOCSIFADDR, SIOCGIFFLAGS, SIOCSIFFLAGS
+
+
+def runs(page: Path) -> list[Block]:
+    """What of a page is done here."""
+    done_elsewhere = ELSEWHERE.get(page, set())
+    return [block for block in blocks(page) if not block.reason and block.language not in done_elsewhere]
+
+
+def is_done(block: Block) -> bool:
+    return bool(block.file) or block.language in ("sh", "shell", "python")
+
+
+READY = ("Ready:", "Ctrl-C ends it", "Teach pendant of", " active")  # what commands say once they are at work
+RUN = [page for page in PAGES if any(map(is_done, runs(page)))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_block_says_what_it_is(page: Path) -> None:
+    assert not indented(page), f"{page.name}: code in lines {indented(page)} has no fence"
+    assert page.read_text().count("\n```") + page.read_text().startswith("```") == 2 * len(blocks(page))
+    for block in blocks(page):
+        assert block.language in LANGUAGES, f"{block.place}: {block.language!r} is no language of ours"
+        if block.note:
+            known = block.reason or block.file or block.stays or block.note.startswith("robot: ")
+            assert known, f"{block.place}: what is {block.note!r}?"
+        if block.language == "yaml":
+            yaml.safe_load(block.code)
+        if block.language == "python":
+            compile(block.code, block.place, "exec", flags=0x2000)  # ast.PyCF_ALLOW_TOP_LEVEL_AWAIT
+
+
+def test_what_is_installed_can_be_had() -> None:
+    """From a copy of the repository, as the package is on no index; with extras that there are."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    found = 0
+    for page in PAGES:
+        for arguments in re.findall(r"pip install ([^\n`#]+)", page.read_text()):
+            found += 1
+            for word in shlex.split(arguments):
+                assert not word.startswith("ur-emulator"), f"{page.name}: {word} is on no index"
+                if "[" in word:
+                    assert set(word.split("[")[1].rstrip("].,;:").split(",")) <= extras.keys(), (page.name, word)
+    assert found > 5
+
+
+@pytest.fixture
+def network(request: pytest.FixtureRequest) -> Iterator[list[str]]:
+    """The command prefix that runs something in the page's network."""
+    if sys.platform != "linux" or os.geteuid() != 0 or not (shutil.which("unshare") and shutil.which("nsenter")):
+        pytest.skip("networks of their own are made by administrators of Linux (unshare, nsenter)")
+    hosts = [robot.host for robot in robots(request.param) if not robot.host.startswith("127.")]
+    command = ["unshare", "--net", sys.executable, "-c", NAMESPACE, *hosts]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as holder:
+        assert holder.stdout is not None
+        assert holder.stderr is not None
+        try:
+            if holder.stdout.readline() != "up\n":
+                pytest.skip(f"no network of its own: {holder.stderr.read()[-200:]}")
+            yield ["nsenter", "--target", str(holder.pid), "--net", "--"]
+        finally:
+            holder.kill()
+
+
+@pytest.mark.timeout(2 * DEADLINE_S)
+@pytest.mark.parametrize(
+    ("network", "page"), [(page, page) for page in RUN], indirect=["network"], ids=[page.stem for page in RUN]
+)
+def test_a_reader_gets_along(network: list[str], page: Path, tmp_path: Path) -> None:
+    for name in ("examples", "docker", "tests"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    with ExitStack() as reader:
+        for robot in robots(page):
+            reader.enter_context(
+                Terminal(network, f"ur-emulator --host {robot.host} --no-pendant {' '.join(robot.options)}", tmp_path)
+            )
+        for block in runs(page):
+            if block.file:
+                (tmp_path / block.file).write_text(block.code)
+            elif block.stays:
+                reader.enter_context(Terminal(network, block.code, tmp_path))
+            elif block.language in ("sh", "shell"):
+                do(block, [*network, "bash", "-euc", block.code], tmp_path)
+            elif block.language == "python":
+                do(block, [*network, sys.executable, "-c", block.code], tmp_path)
+
+
+def environment() -> dict[str, str]:
+    return {
+        **{name: value for name, value in os.environ.items() if not name.startswith(("UR_", "PYTEST_"))},
+        "PATH": f"{SCRIPTS}:{os.environ['PATH']}",
+        "PYTHONPATH": str(ROOT),
+        "MPLBACKEND": "agg",
+    }
+
+
+def do(block: Block, command: list[str], folder: Path) -> None:
+    with (folder / ".output").open("w+") as output:  # a file: what stays in the background must not be waited for
+        done = subprocess.run(
+            command,
+            cwd=folder,
+            env=environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            timeout=DEADLINE_S,
+            check=False,
+        )
+        output.seek(0)
+        assert done.returncode == 0, f"{block.place}\n{block.code}\n{output.read()}"
+
+
+class Terminal:
+    """Another terminal, in which something goes on until the page is done. An emulator is waited for."""
+
+    def __init__(self, network: list[str], code: str, folder: Path) -> None:
+        self._command = [*network, "bash", "-euc", code]
+        self._code = code
+        self._folder = folder
+
+    def __enter__(self) -> "Terminal":
+        self._output = (self._folder / f".terminal{time.monotonic_ns()}").open("w+")
+        self._process = subprocess.Popen(
+            self._command,
+            cwd=self._folder,
+            env=environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        deadline = time.monotonic() + DEADLINE_S
+        while not any(word in Path(self._output.name).read_text() for word in READY):
+            assert self._process.poll() is None, f"{self._code}\n{Path(self._output.name).read_text()}"
+            assert time.monotonic() < deadline, f"{self._code}\n{Path(self._output.name).read_text()}"
+            time.sleep(0.05)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.killpg(self._process.pid, signal.SIGINT)
+        try:
+            self._process.wait(10.0)
+        finally:
+            if self._process.poll() is None:
+                os.killpg(self._process.pid, signal.SIGKILL)
+                self._process.wait()
+            self._output.close()
