@@ -14,6 +14,7 @@ import latency
 import pendant
 import rtde_codec
 import startup
+import streaming
 import tick_rate
 import urscript_speed
 
@@ -35,6 +36,7 @@ def main() -> None:
         jitter.measure(seconds),
         fleet.measure(),
         latency.measure(),
+        streaming.measure(),
         pendant.measure(),
         tick_rate.measure(),
         tick_rate.measure_dynamics(),

@@ -36,6 +36,8 @@ class DriverConfig:
     keep_alive_s: how often the driver says that it is alive while it has nothing to say;
     keep_alive_timeout_s: how long the program waits for that. silence_s: a robot whose state
     does not come for so long counts as frozen, and its program is disconnected.
+    hang_s: an event loop that hangs for so long ends the control program; 0 never does. While it hangs for less the
+    program is kept alive, and a motion goes on.
     restart: start the control program again when it ended only because this machine was late; the arm rests until
     somebody moves it.
     realtime: real-time priority for the threads that feed the robot: "auto" where it is allowed, "on" or else an
@@ -61,6 +63,7 @@ class DriverConfig:
     keep_alive_timeout_s: float = KEEP_ALIVE_TIMEOUT_S
     silence_s: float = 1.0
     start_timeout_s: float = 5.0
+    hang_s: float = 10.0
     restart: bool = True
     realtime: RealTime = "auto"
     calibration: Calibration | str | None = None

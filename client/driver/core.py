@@ -31,6 +31,7 @@ MOVABLE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 _STOP_LINE: Final = "stop program"
 _END_TIMEOUT_S: Final = 2.0  # guess: a ramp to rest from full speed takes 0.8 s
 
+_BREATH_S: Final = 0.1
 _SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within this
 
 _logger = logging.getLogger(__name__)
@@ -49,7 +50,9 @@ class DriverCore:
         self.sender = ScriptSender(self.program_text, config.sender_port)
         self.trajectory = TrajectoryEndpoint(config.trajectory_port)
         self.commands = ScriptCommandEndpoint(config.command_port)
-        self.pulse = Pulse(self.reverse, config.keep_alive_s, config.keep_alive_timeout_s, config.realtime)
+        self.pulse = Pulse(
+            self.reverse, config.keep_alive_s, config.keep_alive_timeout_s, config.realtime, config.hang_s
+        )
         self._own_address = ""
         self._has_played = False  # the robot's state shows that the program runs
         self._lost_why = ""  # the driver's own fault that the last program ended, if it was
@@ -77,6 +80,7 @@ class DriverCore:
             self.robot.on_silence.append(self._robot_is_silent)
             self.robot.on_text.append(self._heard)
             opening.enter_context(self.pulse)
+            opening.push_async_callback(cancel, asyncio.create_task(self._breathe()))
             self._open = opening.pop_all()
         return self
 
@@ -159,6 +163,7 @@ class DriverCore:
         self._check_modes()
         await self._end_old_program()
         self._lost_why = self.pulse.bitten = ""
+        self.pulse.breathe()
         self.robot.forget_errors()
         if self.config.headless:
             await self.robot.send_script(self._program().render_headless(self.version))
@@ -282,6 +287,11 @@ class DriverCore:
         _logger.error("the robot is not connected to port %d: its program is ended", endpoint.port)
         if self.reverse.connected:
             self.reverse.stop()
+
+    async def _breathe(self) -> None:
+        while True:
+            self.pulse.breathe()
+            await asyncio.sleep(_BREATH_S)
 
     # late, or lost
 

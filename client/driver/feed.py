@@ -114,10 +114,10 @@ class StateFeed:
         self.state = state
         self.count += 1
         self.silent = False
-        if self._waiting:
+        self._on_state(state)
+        if self._waiting:  # last: who wakes up then need not wait for this thread
             with self._news:
                 self._news.notify_all()
-        self._on_state(state)
 
     def _fall_silent(self) -> None:
         self.silent = True

@@ -175,12 +175,19 @@ class ReverseEndpoint(Endpoint):
 class Pulse:
     """Says that the driver lives, in a thread that does nothing else; use it with ``with``.
 
-    every_s: how often; timeout_s: how long the program waits for the next time. With a watchdog
-    it says so only as long as the owner kicks: a program of its own that hangs is no reason for
-    the arm to go on.
+    every_s: how often; timeout_s: how long the program waits for the next time. Two things end the program: a
+    watchdog that is not kicked, if the owner has set one, and an event loop that has hung for ``hang_s``, which
+    `breathe` tells it has not. A thread that goes on by itself is no reason for the arm to.
     """
 
-    def __init__(self, reverse: ReverseEndpoint, every_s: float, timeout_s: float, realtime: RealTime = "auto") -> None:
+    def __init__(
+        self,
+        reverse: ReverseEndpoint,
+        every_s: float,
+        timeout_s: float,
+        realtime: RealTime = "auto",
+        hang_s: float = 0.0,
+    ) -> None:
         self._reverse = reverse
         self._every_s = every_s
         self._timeout_s = timeout_s
@@ -188,6 +195,8 @@ class Pulse:
         self._ended = threading.Event()
         self._watchdog_s = 0.0
         self._kicked_s = 0.0
+        self._hang_s = hang_s
+        self._breathed_s = time.monotonic()
         self.bitten = ""  # why the watchdog ended the program, until the next one starts
         self._thread = threading.Thread(target=self._work, name="driver's pulse", daemon=True)
 
@@ -210,6 +219,10 @@ class Pulse:
         """The owner lives too."""
         self._kicked_s = time.monotonic()
 
+    def breathe(self) -> None:
+        """The event loop lives."""
+        self._breathed_s = time.monotonic()
+
     def _work(self) -> None:
         try:
             real_time_thread(self._realtime)
@@ -226,15 +239,24 @@ class Pulse:
         if not self._reverse.connected:
             return due_s
         now = time.monotonic()
-        if self._watchdog_s and now - self._kicked_s > self._watchdog_s:
-            late_s = now - self._kicked_s
-            self.bitten = f"the watchdog was not kicked for {late_s:.2f} s, and waits {self._watchdog_s:g} s"
-            self._watchdog_s = 0.0
-            _logger.error("%s: the control program is ended", self.bitten)
-            self._reverse.stop()
+        if why := self._hangs(now):
+            if not self.bitten:
+                self.bitten = why
+                self._watchdog_s = 0.0  # who starts the program again sets it again
+                _logger.error("%s: the control program is ended", why)
+                self._reverse.stop()
             return due_s
         self._reverse.end_late_stream()
         if now < due_s:
             return due_s
         self._reverse.continue_mode(self._timeout_s)
         return now + self._every_s
+
+    def _hangs(self, now: float) -> str:
+        """Why the arm should not go on."""
+        if self._watchdog_s and now - self._kicked_s > self._watchdog_s:
+            late_s = now - self._kicked_s
+            return f"the watchdog was not kicked for {late_s:.2f} s, and waits {self._watchdog_s:g} s"
+        if self._hang_s and now - self._breathed_s > self._hang_s:
+            return f"the event loop of this program has hung for {now - self._breathed_s:.1f} s"
+        return ""

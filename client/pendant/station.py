@@ -59,6 +59,7 @@ OUTPUTS: Final = (
     "tool_output_current", "tool_temperature", "tool_mode", "actual_robot_voltage", "actual_robot_current",
     "actual_main_voltage", "target_gravity",
 )  # fmt: skip
+_HANG_S: Final = 1.0  # guess: a page that hangs for longer is no longer in the hand of whoever holds its button
 _SILENCE_S: Final = 1.0  # guess: a robot that says nothing for so long is lost
 _LONG_SILENCE_S: Final = 4.0  # guess: a collection would rather have a late state than a gap
 _REMOTE_EVERY_S: Final = 2.0
@@ -285,7 +286,8 @@ class Station:
             await self.write(speed_slider_mask=1, speed_slider_fraction=fraction)
 
     def _open_robot(self) -> AsyncRobot:
-        return AsyncRobot(self.robot_ip, robot_ports=self.ports, frequency_hz=Mover.RATE_HZ)
+        options = {"frequency_hz": Mover.RATE_HZ, "hang_s": _HANG_S, "restart": False}
+        return AsyncRobot(self.robot_ip, robot_ports=self.ports, **options)
 
     def _open_feed(self, names: Sequence[str], rate_hz: float, timeout_s: float = _LONG_SILENCE_S) -> RTDEClient:
         return RTDEClient(

@@ -261,3 +261,12 @@ async def test_torques_and_freedrive_along_one_axis(lab):
         await lab.until(lambda: lab.snapshot.actual_TCP_pose[2] > begin[2] + 0.02)
         lab.robot.controller.external_wrench = (0.0,) * 6
     assert arm.tcp_pose[:2] == pytest.approx(begin[:2], abs=1e-3)
+
+
+async def test_an_event_loop_that_hangs_ends_the_program(lab, monkeypatch):
+    await lab.arm.move_j(turned(1.5), speed_rad_s=0.3, wait=False)
+    monkeypatch.setattr(lab.driver.pulse, "_hang_s", 0.3)
+    monkeypatch.setattr(lab.driver.pulse, "breathe", lambda: None)
+    with pytest.raises(ProgramEndedError, match=r"event loop .* has hung"):
+        await lab.arm.wait_done(10)
+    await lab.until(lambda: lab.at_rest)
