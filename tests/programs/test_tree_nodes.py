@@ -177,14 +177,14 @@ def test_setting_outputs(arm):
     arm.start(
         main(
             tag("Set", pin("digital_out[4]"), tag("digitalValue", "1"), type="DigitalOutput"),
-            tag("Set", pin("analog_out[1]"), tag("analogValue", "0.25"), type="AnalogOutput"),
+            tag("Set", pin("analog_out[1]"), tag("analogValue", "12.0"), type="AnalogOutput"),
             tag("Set", pin("config_out[0]"), expression("1 < 2"), type="ExpressionOutput"),
             sleep(1.0),
         )
     )
     arm.seconds(0.5)
     assert arm.controller.snapshot.actual_digital_output_bits == 0b1_0001_0000
-    assert arm.controller.signals.analog_output_ratios[1] == 0.25
+    assert arm.controller.signals.analog_output_ratios[1] == 0.5  # of 4 to 20 mA
 
 
 def test_popups_hold_the_program_and_may_end_it(arm):
