@@ -31,6 +31,7 @@ __all__ = [
 
 assert NODES, NODE_MODULES  # importing the modules has filled the table
 _ROOT: Final = "URProgram"
+_OLD_ROOT: Final = "gui.program.ProgramRootNode"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +51,11 @@ class ProgramTree:
     def __init__(
         self, root: Element, name: str, twin: TwinScript = NO_TWIN, folder: ProgramsFolder | None = None
     ) -> None:
+        if root.tag == _OLD_ROOT:
+            raise TreeError(
+                "it was saved by PolyScope 3.1 or before (seen: 1.7 to 3.1), whose files hold the controller's own "
+                "objects and are not read; load and save it with a newer PolyScope"
+            )
         if root.tag != _ROOT or root.child("children") is None:
             raise TreeError(f"<{root.tag}> is no PolyScope program")
         self.root = root

@@ -15,6 +15,7 @@ __all__ = ["DIRECTION", "Move", "circle_move", "move_of"]
 
 DIRECTION: Final = "gui.program.direction.MoveDirectionNode"
 
+_JOINTS: Final = "JointAngles"
 _NO_TCP: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -69,7 +70,8 @@ def waypoint(writer: Writer, element: Element) -> None:
     """A place to move to: fixed, relative or in a variable, with its own speed, time or blend."""
     way = move_of(element)
     writer.label(element, _shown_name(element), "breakAfter")
-    _set_tcp(writer, way)
+    if not (way.kind == "MoveJ" and way.element.get("positionType") == _JOINTS):  # joints need no TCP
+        _set_tcp(writer, way)
     target = _target(writer, element, way)
     own = element.child("motionParameters")
     time = own.get("nextMotionTime") if own else ""
@@ -124,7 +126,7 @@ def _target(writer: Writer, element: Element, way: Move) -> str:
     pose, joints = writer.waypoint(element)
     if way.kind != "MoveJ":
         return _of_flange(way, _followed(writer, element, way, pose))
-    if way.element.get("positionType") == "JointAngles" or way.optimove:
+    if way.element.get("positionType") == _JOINTS or way.optimove:
         return joints
     of_tcp = way.element.get("useActiveTCP") == "true"
     if not way.element.get("positionType") and not of_tcp:  # before 5.0 such a MoveJ went to the joints taught
