@@ -104,7 +104,7 @@ class Stepper:
 
     @property
     def target_waypoint(self) -> Pose:
-        """Where the movement in progress, or the last one, goes."""
+        """Where the movement in progress goes; without one, or when a stop has ended it, where the path is."""
         goal = self._goal.goal() if self._goal is not None else None
         return goal if goal is not None else self._reach.pose(self.path_q)
 
@@ -337,8 +337,7 @@ class Stepper:
         if generator is not self._generator:
             self._nominal, self._nominal_qd = start
             self._generator = generator
-            if generator.goal() is not None:
-                self._goal = generator
+            self._goal = generator if generator.goal() is not None else None
         self._move = Move()
         return self._move
 

@@ -18,10 +18,14 @@ from tree_rig import (
     pin,
     say,
     tag,
+    urp,
     waypoint,
 )
 
 from emulator.io.signals import STANDARD
+from emulator.programs.trees.document import read_document
+from emulator.programs.trees.installation_file import InstallationFile
+from emulator.programs.trees.program import ProgramTree, script_of
 from urproto.modes import SafetyMode
 from urproto.robots import load_model
 from urproto.robots.kinematics import Kinematics
@@ -41,8 +45,8 @@ def flange(q):
     return Kinematics(load_model("ur5e").dh).forward(q)
 
 
-def distance_of(until="DISTANCE", **attributes):
-    return tag("Until", tag("Distance", "0.05"), tag("motionParameters", blendRadius="0.0"), type=until, **attributes)
+def distance_of(until="DISTANCE", blend="0.0", **attributes):
+    return tag("Until", tag("Distance", "0.05"), tag("motionParameters", blendRadius=blend), type=until, **attributes)
 
 
 @pytest.mark.parametrize("kind", ["MoveJ", "MoveL", "MoveP"])
@@ -107,19 +111,95 @@ def test_a_variable_feature_takes_its_waypoints_along(arm):
 
 
 def test_the_tcp_of_a_move_and_of_a_set(arm):
-    tcps = '<tcp name="TCP" offset="0, 0, 0.1, 0, 0, 0"/><tcp name="Long" offset="0, 0, 0.3, 0, 0, 0"/>'
+    tcps = '<tcp name="TCP" offset="0, 0, 0.1, 0, 0, 0"/><tcp name="Long" offset="0, 0, 0.02, 0, 0, 0"/>'
     (arm.folder / "cell.installation").write_text(installation(tcps=tcps))
     long = tag("tcp", referencedName="Long")
     tell = line('textmsg("", get_tcp_offset()[2])')
     arm.play(
         tell,
-        move(waypoint(ASIDE), tcp=long, positionType="JointAngles"),
+        move(waypoint(ASIDE), tcp=long),
         tell,
         tag("Set", tag("tcp", referencedName="TCP"), type="NoAction"),
         tell,
         installation="cell",
     )
-    assert arm.texts == ["0.1", "0.3", "0.1"]
+    assert arm.texts == ["0.1", "0.02", "0.1"]
+
+
+def written(*nodes):
+    """URScript of a robot program of these nodes: its lines that move, stop or set the TCP."""
+    tree = ProgramTree(read_document(urp(main(*nodes))), "tree")
+    file = InstallationFile(tcp=(0.0,) * 6, tcps={"Long": (0.0, 0.0, 0.3, 0.0, 0.0, 0.0)})
+    words = ("move", "stop", "set_tcp", "if CONTACT")
+    lines = [text.strip() for text in script_of(tree, file).splitlines()]
+    return [text for text in lines if text.startswith(words) and not text.startswith("move_thread")][1:]
+
+
+def test_polyscope_sets_the_tcp_of_a_move_before_each_waypoint_but_not_for_joint_angles():
+    """Seen in 770 waypoints of public pairs."""
+    long = tag("tcp", referencedName="Long")
+    two = (waypoint(ASIDE), waypoint(BACK, "Waypoint_2"))
+    assert [text.split("(")[0] for text in written(move(*two, tcp=long))] == ["set_tcp", "movej"] * 2
+    assert [text.split("(")[0] for text in written(move(*two, tcp=long, positionType="JointAngles"))] == ["movej"] * 2
+
+
+def test_a_move_without_the_active_tcp_and_without_another_moves_the_flange():
+    """Seen in a public pair: the pose is taken on by the offset of the TCP in use."""
+    assert "pose_trans(Waypoint_1_p, get_tcp_offset())" in written(move(waypoint(ASIDE), useActiveTCP="false"))[0]
+
+
+def test_before_5_0_a_movej_goes_to_the_pose_with_the_active_tcp_and_else_to_the_joints():
+    """Seen in public pairs of 3.10 to 3.15."""
+    old = {"positionType": ""}
+    assert "get_inverse_kin" in written(move(waypoint(ASIDE), **old))[0]
+    assert "get_inverse_kin" not in written(move(waypoint(ASIDE), useActiveTCP="false", **old))[0]
+
+
+@pytest.mark.parametrize(
+    ("after", "blend"),
+    [
+        ((), "0.02"),
+        ((move(waypoint(ASIDE, "next"), kind="MoveL"),), "0.0"),
+        ((move(waypoint(ASIDE, "next"), kind="MoveP"),), "0.02"),
+        ((move(tag(DIRECTION, children(distance_of()), selectedDirection="ZPlus"), kind="MoveL"),), "0.02"),
+        ((say("between"), move(waypoint(ASIDE, "next"), kind="MoveL")), "0.02"),
+    ],
+    ids=["the end", "MoveL", "MoveP", "a Direction", "something between"],
+)
+def test_a_path_keeps_its_blend_unless_a_move_of_another_kind_follows(after, blend):
+    """Seen in 700 MoveP of public pairs."""
+    first, *_ = written(move(waypoint(BACK), kind="MoveP", blendRadius="0.02"), *after)
+    assert first.endswith(f"r={blend})")
+
+
+def test_how_a_direction_moves_and_stops():
+    """The Move's acceleration stops when the Until gives none; a distance is looked at last, and may blend; MoveP
+    moves by movep (all seen in public pairs). No retraction: guess."""
+
+    def direction(*untils, kind="MoveL", **attributes):
+        node = tag(DIRECTION, children(*untils), selectedDirection="ZPlus", **attributes)
+        return written(move(node, kind=kind, acceleration=0.5))
+
+    contact = tag("Until", type="TOOL_CONTACT_DETECTION", retraction="0.001")
+    lines = direction(distance_of(), contact, toolParams="0.01, 0.8")
+    assert lines == ["movel(target, a=0.8, v=0.01)", "stopl(0.5)", "movel(contact_pose, a=0.5, v=0.1)"]
+    assert direction(tag("Until", type="TOOL_CONTACT_DETECTION", retraction="NONE"))[1:] == ["stopl(0.5)"]
+    assert direction(distance_of(), kind="MoveP")[0].startswith("movep(target")
+    blended = distance_of(blend="0.05", distanceNodeType="BLEND")
+    assert direction(blended)[0].endswith(", r=0.05)")
+
+
+def test_a_direction_starts_where_the_one_before_was_stopped(arm):
+    """get_target_waypoint is the pose of the path again once a movement has been stopped."""
+
+    def until(condition):
+        return children(tag("Until", expression(condition), type="EXPRESSION"))
+
+    z = arm.pose[2]
+    up = tag(DIRECTION, until(f"get_actual_tcp_pose()[2] > {z + 0.03}"), selectedDirection="ZPlus")
+    down = tag(DIRECTION, until(f"get_actual_tcp_pose()[2] < {z - 0.01}"), selectedDirection="ZMinus")
+    arm.play(move(up, down, kind="MoveL"))
+    assert arm.pose[2] < z - 0.01
 
 
 def test_an_arc(arm):

@@ -1,7 +1,7 @@
 """Node types of program trees, by what the robot does when it plays them."""
 
 import pytest
-from tree_rig import Arm, assign, children, expression, line, main, pin, say, sleep, tag
+from tree_rig import Arm, assign, children, expression, installation, line, main, pin, say, sleep, tag
 
 from emulator.io.signals import STANDARD
 from emulator.reporting.popups import Popup
@@ -129,7 +129,7 @@ def test_switch(arm, value, texts):
     cases = (
         tag("Case", children(say("one")), caseValue="1"),
         tag("Case", children(say("two")), caseValue="2"),
-        tag("Case", children(say("other"))),
+        tag("Case", children(say("other")), caseValue="2147483647"),  # the default case (seen)
     )
     arm.play(tag("Switch", expression(value), children(*cases)))
     assert arm.texts == texts
@@ -177,14 +177,46 @@ def test_setting_outputs(arm):
     arm.start(
         main(
             tag("Set", pin("digital_out[4]"), tag("digitalValue", "1"), type="DigitalOutput"),
-            tag("Set", pin("analog_out[1]"), tag("analogValue", "0.25"), type="AnalogOutput"),
+            tag("Set", pin("analog_out[1]"), tag("analogValue", "12.0"), type="AnalogOutput"),
             tag("Set", pin("config_out[0]"), expression("1 < 2"), type="ExpressionOutput"),
             sleep(1.0),
         )
     )
     arm.seconds(0.5)
     assert arm.controller.snapshot.actual_digital_output_bits == 0b1_0001_0000
-    assert arm.controller.signals.analog_output_ratios[1] == 0.25
+    assert arm.controller.signals.analog_output_ratios[1] == 0.5  # of 4 to 20 mA
+
+
+def test_the_payload_of_a_name_and_a_pulse_and_volts(arm):
+    """As in a public program of 5.11: 4 V of 10 are 0.4, and the program goes on during a pulse."""
+    payload = tag(
+        "Payload", name="full", mass="2.5", centerOfGravity="0, 0, 0.1", inertiaParameters="0.1, 0.1, 0.1, 0, 0, 0"
+    )
+    domains = tag("IOs", tag("analogOutputDomain", value="0, 1"))
+    (arm.folder / "cell.installation").write_text(installation(tag("PayloadSettings", payload), domains))
+    pulse = tag("SingleDigitalPulseActionState", pin("digital_out[3]"), hiPulseInSeconds="0.2")
+    arm.start(
+        main(
+            tag("SetPayload", workpieceName="full"),
+            tag("Set", pin("analog_out[1]"), tag("analogValue", "4.0"), type="AnalogOutput"),
+            tag("Set", pulse, type="SingleDigitalPulseActionState"),
+            line('textmsg("", get_target_payload())'),
+            sleep(1.0),
+        ),
+        installation="cell",
+    )
+    arm.seconds(0.15)
+    assert arm.texts == ["2.5"]
+    assert arm.controller.snapshot.actual_digital_output_bits == 0b1000
+    assert arm.controller.signals.analog_output_ratios[1] == 0.4
+    arm.seconds(0.3)
+    assert arm.controller.snapshot.actual_digital_output_bits == 0
+
+
+def test_a_payload_the_installation_lacks_is_named(arm):
+    arm.save("tree.urp", main(tag("SetPayload", workpieceName="gone")))
+    assert arm.ask("load tree.urp") == "Error while loading program: tree.urp"
+    assert "'gone'" in arm.texts[-1]
 
 
 def test_popups_hold_the_program_and_may_end_it(arm):

@@ -3,9 +3,6 @@
 from pathlib import Path, PurePosixPath
 from typing import Final
 
-from emulator.programs.trees.document import Element, read_steps
-from urscript.work import Steps
-
 __all__ = ["ROOTS", "ProgramsFolder"]
 
 ROOTS: Final = ("/ursim/programs", "/programs", "/root/programs")  # where clients and files believe the folder is
@@ -49,13 +46,6 @@ class ProgramsFolder:
         if path is None or path.stat().st_size > _LARGEST:
             return None
         return path.read_bytes().decode("utf-8", "replace").removeprefix("\ufeff")
-
-    def program(self, name: str) -> Steps[Element | None]:
-        """Root of a program file, None when there is none. Raises DocumentError."""
-        path = self.find(name)
-        if path is None:
-            return None
-        return (yield from read_steps(path.read_bytes()))
 
 
 def _relative(name: str) -> PurePosixPath | None:

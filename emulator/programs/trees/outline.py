@@ -30,17 +30,10 @@ def outline_steps(
     """Every node, in order, in pieces for a control loop. Raises TreeError for a tree that cannot be run."""
     writer = yield from write_steps(tree, installation, version=version, external_control=ExternalControlCode("", ""))
     nodes = list[OutlineNode]()
-    waiting = [(tree.root, -1, False)]
-    numbers = tree.numbers()
-    while waiting:
-        element, depth, suppressed = waiting.pop()
-        suppressed |= element.tag == "SuppressedNode"
-        number = numbers.get(id(element))
-        if number is not None:
-            nodes.append(OutlineNode(number, depth, writer.labels.get(number) or _name(element), suppressed))
-            yield _NODE_WORK
-        deeper = depth + (element.tag == "children")
-        waiting.extend((child, deeper, suppressed) for child in reversed(element.children))
+    for line in tree.lines:
+        text = writer.labels.get(line.number) or _name(line.element)
+        nodes.append(OutlineNode(line.number, line.depth, text, line.suppressed))
+        yield _NODE_WORK
     return nodes
 
 

@@ -60,7 +60,7 @@ def pin_reading(writer: "Writer", pin: Element | None) -> str:
     """URScript that reads an input, or what an output is set to."""
     kind, number = resolve_pin(writer, pin)
     if kind == "modbus":
-        return f"modbus_get_signal_status({quoted(number)}, False)"
+        return f"modbus_get_signal_status({quoted(number)})"
     return PINS[kind][0].format(number)
 
 
@@ -69,7 +69,7 @@ def pin_writing(writer: "Writer", pin: Element | None, value: str) -> str:
     kind, number = resolve_pin(writer, pin)
     if kind == "modbus":
         call = "modbus_set_output_signal" if value in ("True", "False") else "modbus_set_output_register"
-        return f"{call}({quoted(number)}, {value}, False)"
+        return f"{call}({quoted(number)}, {value})"
     if not PINS[kind][1]:
         raise DocumentError(f"{pin_name(pin)} is an input and cannot be set")
     return PINS[kind][1].format(number, value)

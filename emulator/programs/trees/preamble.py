@@ -1,16 +1,11 @@
 """What stands before every program: the settings and variables of the installation."""
 
-from typing import Final
-
-from emulator.programs.trees.installation_file import PayloadSetting
 from emulator.programs.trees.naming import identifier, quoted
 from emulator.programs.trees.numbers import list_text, pose_text
 from emulator.programs.trees.writer import Writer
 from urproto.versions import Series
 
 __all__ = ["write_preamble"]
-
-_PAYLOAD_WITH_INERTIA: Final = (5, 10)  # first version whose programs say set_target_payload
 
 
 def write_preamble(writer: Writer) -> None:
@@ -50,17 +45,9 @@ def _tool(writer: Writer) -> None:
     if file.tcp is not None:
         writer.line(f"set_tcp({pose_text(file.tcp)})")
     if file.payload is not None:
-        _payload(writer, file.payload)
+        writer.line(writer.payload(file.payload))
     if file.gravity is not None:
         writer.line(f"set_gravity({list_text(file.gravity)})")
-
-
-def _payload(writer: Writer, payload: PayloadSetting) -> None:
-    modern = writer.version.series is Series.E and (writer.version.major, writer.version.minor) >= _PAYLOAD_WITH_INERTIA
-    if modern and payload.inertia is not None:
-        writer.line(f"set_target_payload({payload.mass}, {list_text(payload.cog)}, {list_text(payload.inertia)})")
-    else:
-        writer.line(f"set_payload({payload.mass}, {list_text(payload.cog)})")
 
 
 def _modbus(writer: Writer) -> None:

@@ -1,6 +1,6 @@
 """A program tree, and the URScript it is run as."""
 
-from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -8,11 +8,12 @@ from typing import Final
 from emulator.programs.trees.document import DocumentError, Element, read_steps
 from emulator.programs.trees.folder import ProgramsFolder
 from emulator.programs.trees.installation_file import InstallationFile
+from emulator.programs.trees.naming import quoted
 from emulator.programs.trees.nodes import NODE_MODULES
 from emulator.programs.trees.nodes.urcaps import is_external_control
 from emulator.programs.trees.preamble import write_preamble
 from emulator.programs.trees.registry import NODES, translate
-from emulator.programs.trees.twin import TwinBlock, urcap_blocks
+from emulator.programs.trees.twin import NO_TWIN, TwinScript, read_twin
 from emulator.programs.trees.writer import ExternalControlCode, TreeError, Writer
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.work import Steps, run_to_end
@@ -30,14 +31,31 @@ __all__ = [
 
 assert NODES, NODE_MODULES  # importing the modules has filled the table
 _ROOT: Final = "URProgram"
+_OLD_ROOT: Final = "gui.program.ProgramRootNode"
+
+
+@dataclass(frozen=True, slots=True)
+class TreeLine:
+    """A node. number: its line in the program tree, from 1, by which labels name it. suppressed: left out."""
+
+    number: int
+    depth: int
+    element: Element
+    suppressed: bool
 
 
 class ProgramTree:
-    """A PolyScope program. ``name``: as PolyScope shows it, without ``.urp``. ``twin``: text of the
-    ``.script`` saved beside it, which holds the code of URCap nodes; empty without one.
-    ``folder``: where the files it names are looked for."""
+    """A PolyScope program. ``name``: as PolyScope shows it, without ``.urp``. ``twin``: the ``.script``
+    saved beside it, which holds the code of URCap nodes. ``folder``: where the files it names are looked for."""
 
-    def __init__(self, root: Element, name: str, twin: str = "", folder: ProgramsFolder | None = None) -> None:
+    def __init__(
+        self, root: Element, name: str, twin: TwinScript = NO_TWIN, folder: ProgramsFolder | None = None
+    ) -> None:
+        if root.tag == _OLD_ROOT:
+            raise TreeError(
+                "it was saved by PolyScope 3.1 or before (seen: 1.7 to 3.1), whose files hold the controller's own "
+                "objects and are not read; load and save it with a newer PolyScope"
+            )
         if root.tag != _ROOT or root.child("children") is None:
             raise TreeError(f"<{root.tag}> is no PolyScope program")
         self.root = root
@@ -52,29 +70,72 @@ class ProgramTree:
         return (relative or alone, alone)
 
     @cached_property
-    def urcap_blocks(self) -> list[TwinBlock]:
-        """Code of URCap nodes in the script beside the program."""
-        return urcap_blocks(self.twin)
+    def changed_since_twin(self) -> str:
+        """Where the program is another than when the script beside it was saved, in words; empty when it is the same.
+
+        What people have named shows it: other labels depend on the language of the pendant.
+        """
+        for line in self.lines:
+            label = self.twin.labels.get(line.number)
+            name = quoted(_given_name(line.element))[1:-1]
+            if label is not None and line.suppressed:
+                return f"line {line.number} is suppressed in the program and {label!r} in the script"
+            if label is not None and name and label != name:
+                return f"line {line.number} is {name!r} in the program and {label!r} in the script"
+        last = max(self.twin.labels, default=0)
+        if last > len(self.lines):
+            return f"the program has {len(self.lines)} lines and the script {last}"
+        return ""
 
     @cached_property
     def needs_external_control(self) -> bool:
         """Whether it has External Control nodes, for whose text a driver must be asked."""
-        return any(is_external_control(element) for element in self.active())
+        return any(is_external_control(line.element) for line in self.lines if not line.suppressed)
 
-    def active(self) -> Iterator[Element]:
-        """Every node that is not suppressed, in the order of the tree."""
-        waiting = [self.root]
+    @cached_property
+    def lines(self) -> list["TreeLine"]:
+        """Every node, in the order in which PolyScope shows and numbers them.
+
+        A subprogram is written where the file first mentions it, which may be in a Call; its lines are where the
+        subprogram itself stands in the tree.
+        """
+        lines = list[TreeLine]()
+        seen = set[int]()
+        waiting = [(child, 0, False) for child in reversed(_nodes(self.root))]
         while waiting:
-            element = waiting.pop()
-            if element.tag == "SuppressedNode":
+            element, depth, suppressed = waiting.pop()
+            if id(element) in seen:
                 continue
-            yield element
-            waiting.extend(reversed(element.children))
+            seen.add(id(element))
+            suppressed |= element.tag == "SuppressedNode"
+            lines.append(TreeLine(len(lines) + 1, depth, element, suppressed))
+            waiting.extend((child, depth + 1, suppressed) for child in reversed(_nodes(element)))
+        return lines
 
+    @cached_property
     def numbers(self) -> dict[int, int]:
         """The line of each node in the program tree, by the identity of its element."""
-        tree = (element for element in self.root.walk() if element.parent and element.parent.tag == "children")
-        return {id(element): number for number, element in enumerate(tree, 1)}
+        return {id(line.element): line.number for line in self.lines}
+
+    def called(self, name: str) -> Steps["ProgramTree | None"]:
+        """The program file that this one calls by a name; None without it. Raises DocumentError or TreeError."""
+        path = self.folder.find(name)
+        return (yield from read_tree_steps(path, self.folder)) if path else None
+
+
+def _given_name(element: Element) -> str:
+    """What people have called a node, which its label shows as it is; empty for other nodes."""
+    if element.tag == "Waypoint" and element.get("type") == "Variable":
+        variable = element.child("variable")
+        return variable.get("name") if variable else ""
+    return element.get("name") if element.tag in ("Waypoint", "Folder", "SubProgram", "Thread") else ""
+
+
+def _nodes(element: Element) -> list[Element]:
+    """The nodes directly below a node; a suppressed one is wrapped, which is no line of its own."""
+    node = element.child("suppressedNode") if element.tag == "SuppressedNode" else element
+    children = node.child("children") if node else None
+    return [child.resolved() for child in children or ()]
 
 
 def read_tree(path: Path, folder: ProgramsFolder | None = None) -> ProgramTree:
@@ -84,12 +145,11 @@ def read_tree(path: Path, folder: ProgramsFolder | None = None) -> ProgramTree:
 
 def read_tree_steps(path: Path, folder: ProgramsFolder | None = None) -> Steps[ProgramTree]:
     """`read_tree` in pieces, for a control loop."""
-    twin = path.with_suffix(".script")
-    text = twin.read_bytes().decode("utf-8", "replace").removeprefix("\ufeff") if twin.is_file() else ""
+    beside = path.with_suffix(".script")
+    text = beside.read_bytes().decode("utf-8", "replace").removeprefix("\ufeff") if beside.is_file() else ""
+    twin = yield from read_twin(text)
     root = yield from read_steps(path.read_bytes())
-    tree = ProgramTree(root, path.stem, text, folder)
-    yield len(tree.urcap_blocks)
-    return tree
+    return ProgramTree(root, path.stem, twin, folder)
 
 
 def script_of(
@@ -131,6 +191,7 @@ def write_steps(
         write_preamble(writer)
         for child in children:
             yield from translate(writer, child)
+        writer.write_timers()
     except DocumentError as error:
         raise TreeError(f"{tree.name}: {error}") from error
     return writer

@@ -8,9 +8,9 @@ from emulator.programs.trees.document import Element
 from emulator.programs.trees.writer import TreeError, Writer
 from urscript.work import Steps
 
-__all__ = ["NODES", "NodeType", "node", "refused", "translate", "translate_children"]
+__all__ = ["NODES", "NodeType", "node", "translate", "translate_children"]
 
-Status = Literal["supported", "partial", "refused"]
+Status = Literal["supported", "partial"]
 Translation: TypeAlias = Callable[[Writer, Element], Steps[None] | None]
 
 
@@ -22,7 +22,7 @@ class NodeType:
     doc: str
     status: Status
     note: str
-    translation: Translation | None
+    translation: Translation
 
 
 _NODE_WORK: Final = 50  # guess [units of `urscript.work`]
@@ -40,18 +40,11 @@ def node(tag: str, *, status: Status = "supported", note: str = "") -> Callable[
     return register
 
 
-def refused(tag: str, reason: str) -> None:
-    """Register a node type whose programs are not loaded."""
-    NODES[tag] = NodeType(tag, reason, "refused", reason, None)
-
-
 def translate(writer: Writer, element: Element) -> Steps[None]:
     """Write the URScript of a node and of those in it. Raises TreeError for one that cannot be run."""
     kind = NODES.get(element.tag)
     if kind is None:
         raise TreeError(f"node <{element.tag}> is not known")
-    if kind.translation is None:
-        raise TreeError(f"node <{element.tag}> is not emulated: {kind.note}")
     with writer.node(element.tag):
         steps = kind.translation(writer, element)
         if steps is not None:

@@ -1,53 +1,60 @@
-"""The code of URCap nodes, out of the script that PolyScope saved beside a program.
+"""The script that PolyScope saved beside a program, from which the code of URCap nodes comes.
 
-PolyScope puts it between ``# begin: URCap Program Node`` and ``# end: URCap Program Node``, with
-the URCap's name in the next comment; blocks lie in each other when nodes do.
+PolyScope puts a node's code between ``# begin: URCap Program Node`` and ``# end: URCap Program Node``: the URCap
+and the type of the node in comments, then the node's label, whose number is its line in the program tree. Nodes
+that lie in the node have blocks within. ``$ 7 "text"`` marks every other node as well, so it shows whether the script
+was saved with the program as it is now.
 """
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
-__all__ = ["TwinBlock", "UrcapCode", "urcap_blocks"]
+from urscript.work import Steps
+
+__all__ = ["NO_TWIN", "TwinBlock", "TwinScript", "read_twin"]
 
 _MARK: Final = ": URCap "
 _HEAD: Final = 3  # lines of a block that may describe it
 _BEGIN: Final = re.compile(r"\s*# begin: URCap (Program|Installation) Node\s*$")
-_END: Final = re.compile(r"\s*# end: URCap (Program|Installation) Node\s*$")
+_END: Final = re.compile(r"(?:.*\s)?# end: URCap (Program|Installation) Node\s*$")
 _SOURCE: Final = re.compile(r"\s*#\s*Source: (.*)$")
+_TYPE: Final = re.compile(r"\s*#\s*Type: (.*)$")
+_LABEL: Final = re.compile(r'\s*\$ (\d+) "(.*?)"(?: "(?:breakAfter|noBreak)")?\s*$')
 _DEFINES: Final = re.compile(r"\s*(?:(?:def|thread)\s+(\w+)\s*\(|(?:global\s+)?(\w+)\s*=[^=])")
 _WORD: Final = re.compile(r"\w+")
-_TYPE: Final = re.compile(r"\s*#\s*Type: (.*)$")
+_LINES_AT_ONCE: Final = 200  # well under a millisecond
+_PIECE_WORK: Final = 100  # guess [units of `urscript.work`]
 
 
 @dataclass(slots=True)
 class TwinBlock:
-    """Code of one node. source: URCap's name, version and developer; type: name of the node type; empty
-    for an installation node. ``inner``: how many blocks lie in it."""
+    """Code of one node. source: URCap's name, version and developer; type: name of the node type.
+    ``number``: its line in the program tree; 0 for an installation node, and for text that only looks like a block."""
 
     kind: str
-    source: str
-    type: str
-    lines: list[str]
-    inner: int = 0
+    source: str = ""
+    type: str = ""
+    number: int = 0
+    lines: list[str] = field(default_factory=list)
+    nests: bool = False  # a block in it has begun
 
 
-class UrcapCode:
-    """The blocks of a script: of installation nodes, and of program nodes in their order."""
+@dataclass(slots=True)
+class TwinScript:
+    """What the script says of the program tree. ``labels``: what the nodes are called, by their line."""
 
-    def __init__(self, blocks: list[TwinBlock]) -> None:
-        self.installation = [block for block in blocks if block.kind == "Installation"]
-        self._program = [block for block in blocks if block.kind == "Program"]
-        self._taken: set[int] = set()
+    blocks: list[TwinBlock]
+    labels: dict[int, str]
 
-    def take(self, urcap: str, node_type: str) -> list[str] | None:
-        """Code of the next node of a URCap, None when there is none left. Those in it are taken along."""
-        for index, block in enumerate(self._program):
-            if index not in self._taken and block.type == node_type and block.source.startswith(urcap):
-                self._taken.update(range(index, index + 1 + block.inner))
-                return block.lines
-        return None
+    def code(self, number: int, urcap: str, node_type: str) -> list[str] | None:
+        """Code of the URCap's node at a line of the program tree, None when the script does not have it."""
+        found = {
+            tuple(block.lines): block
+            for block in self.blocks
+            if block.number == number and block.type == node_type and block.source.startswith(urcap)
+        }
+        return next(iter(found.values())).lines if len(found) == 1 else None
 
     def used_by(self, program: str) -> list[str]:
         """Code of the installation nodes, if a program uses a name of it.
@@ -55,34 +62,38 @@ class UrcapCode:
         PolyScope writes it into every program; here a URCap that the program does not need would
         only fail for want of its server.
         """
-        lines = [line for block in self.installation for line in block.lines]
+        lines = [line for block in self.blocks if block.kind == "Installation" for line in block.lines]
         names = {match[1] or match[2] for line in lines if (match := _DEFINES.match(line))}
         return lines if names & set(_WORD.findall(program)) else []
 
 
-def urcap_blocks(script: str) -> list[TwinBlock]:
-    """The URCap blocks of a script."""
-    return list(_blocks(script.splitlines())) if _MARK in script else []
+NO_TWIN: Final = TwinScript([], {})
 
 
-def _blocks(lines: list[str]) -> Iterator[TwinBlock]:
-    found: list[TwinBlock] = []
+def read_twin(script: str) -> Steps[TwinScript]:
+    """Blocks and labels of a script, in pieces for a control loop."""
+    twin = TwinScript([], {})
     open_blocks: list[TwinBlock] = []
-    for line in lines:
+    for index, line in enumerate(script.splitlines()):
+        if index % _LINES_AT_ONCE == 0:
+            yield _PIECE_WORK
         marked = _MARK in line
         if marked and (begin := _BEGIN.match(line)):
-            block = TwinBlock(begin[1], "", "", [])
             for outer in open_blocks:
-                outer.inner += 1
-            open_blocks.append(block)
-            found.append(block)
+                outer.nests = True
+            open_blocks.append(TwinBlock(begin[1]))
+            twin.blocks.append(open_blocks[-1])
+        elif "$" in line and (label := _LABEL.match(line)):
+            twin.labels.setdefault(int(label[1]), label[2])
+            if open_blocks and not open_blocks[-1].nests and open_blocks[-1].kind == "Program":
+                open_blocks[-1].number = open_blocks[-1].number or int(label[1])
         elif open_blocks:
             _describe(open_blocks[-1], line)
         for block in open_blocks:
             block.lines.append(line)
         if open_blocks and marked and _END.match(line):
             open_blocks.pop()
-    yield from found
+    return twin
 
 
 def _describe(block: TwinBlock, line: str) -> None:

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Final
 from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.naming import identifier, quoted
 from emulator.programs.trees.numbers import list_text, pose_text, taught_pose
-from emulator.programs.trees.twin import UrcapCode
-from urproto.versions import PolyscopeVersion
+from urproto.versions import PolyscopeVersion, Series
 
 if TYPE_CHECKING:
-    from emulator.programs.trees.installation_file import InstallationFile
+    from emulator.programs.trees.installation_file import InstallationFile, PayloadSetting
     from emulator.programs.trees.program import ProgramTree
 
 __all__ = ["BASE", "NO_POSE", "TOOL", "ExternalControlCode", "TreeError", "Writer"]
 
 _MAX_DEPTH: Final = 60  # as many blocks as a script may nest
 _MAX_SIZE: Final = 8 << 20  # bytes of script; the largest public one has 1.4 MB
+_PAYLOAD_WITH_INERTIA: Final = (5, 10)  # first version whose programs say set_target_payload
 BASE: Final = "Joint_0_name"  # PolyScope's names of the features every installation has
 TOOL: Final = "Joint_6_name"
 NO_POSE: Final = "p[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]"
@@ -40,7 +40,7 @@ class ExternalControlCode:
 class Writer:
     """Collects the lines of a program by section, in the order PolyScope writes the sections.
 
-    labels: what the nodes are called, by their line in the program tree.
+    labels: what the nodes are called, by their line in the program tree. timers: variables that count seconds.
     """
 
     def __init__(
@@ -54,12 +54,13 @@ class Writer:
         self.version = version
         self.installation = installation
         self.external_control = external_control
-        self.urcap_code = UrcapCode(tree.urcap_blocks)
         self._sections: dict[str, list[str]] = {name: [] for name in SECTIONS}
         self._levels: dict[str, int] = dict.fromkeys(SECTIONS, 1)
         self._section = "main"
         self.labels: dict[int, str] = {}
-        self._numbers = tree.numbers()
+        self.timers: list[str] = []
+        self._trees = [tree]
+        self._numbers = dict(tree.numbers)
         self._counters: dict[str, int] = {}
         self._once: set[str] = set()
         self._depth = 0
@@ -92,7 +93,7 @@ class Writer:
 
     def label(self, element: Element, text: str, stop: str = "") -> None:
         """The mark by which a client sees where the program is. ``stop``: breakAfter or noBreak."""
-        number = self._numbers.get(id(element), 0)
+        number = self.number(element)
         self.labels.setdefault(number, text)
         self.line(f"$ {number} {quoted(text)}" + (f' "{stop}"' if stop else ""))
 
@@ -137,7 +138,22 @@ class Writer:
 
     def number(self, element: Element) -> int:
         """Line of a node in the program tree."""
-        return self._numbers.get(id(element), 0)
+        return self._numbers.get(id(element.resolved()), 0)
+
+    def adopt(self, tree: "ProgramTree") -> None:
+        """Take in a program file that is called; its lines are counted on from those before."""
+        last = max(self._numbers.values(), default=0)
+        self._numbers.update({key: last + number for key, number in tree.numbers.items()})
+        self._trees.append(tree)
+
+    def home(self, element: Element) -> "ProgramTree":
+        """The program file that a node is in."""
+        return next((tree for tree in self._trees if id(element.resolved()) in tree.numbers), self.tree)
+
+    @staticmethod
+    def line_in(tree: "ProgramTree", element: Element) -> int:
+        """Line of a node in its program file."""
+        return tree.numbers[id(element.resolved())]
 
     # what nodes refer to
 
@@ -171,6 +187,15 @@ class Writer:
             return identifier(name)
         return pose_text(self.installation.features[name])
 
+    def payload(self, setting: "PayloadSetting") -> str:
+        """URScript that sets a payload of the installation."""
+        mass, cog = setting.mass, list_text(setting.cog)
+        version = self.version
+        modern = version.series is Series.E and (version.major, version.minor) >= _PAYLOAD_WITH_INERTIA
+        if modern and setting.inertia is not None:
+            return f"set_target_payload({mass}, {cog}, {list_text(setting.inertia)})"
+        return f"set_payload({mass}, {cog})"
+
     def tcp(self, reference: Element | None) -> str:
         """URScript of a TCP offset. Raises DocumentError for one the installation lacks."""
         name = "" if reference is None else reference.get("referencedName")
@@ -178,9 +203,24 @@ class Writer:
             raise DocumentError(f"the installation {self.installation.name} has no TCP called {name!r}")
         return pose_text(self.installation.tcps[name])
 
+    def write_timers(self) -> None:
+        """One thread counts for all timers, as PolyScope has it."""
+        if not self.timers:
+            return
+        with self.into("timers"):
+            for name in self.timers:
+                self.line(f"global {name}=0")
+                self.line(f"global {name}_is_counting=False")
+            with self.block("thread Timer_Thread():"), self.block("while (True):"):
+                for name in self.timers:
+                    with self.block(f"if ({name}_is_counting):"):
+                        self.line(f"{name} = {name} + get_steptime()")
+                self.line("sync()")
+            self.line("run Timer_Thread()")
+
     def text(self) -> str:
         """The whole program."""
         program = [line for name in SECTIONS[1:] for line in self._sections[name]]
         lines = [f"def {identifier(self.tree.name)}():", *self._sections[SECTIONS[0]]]
-        lines += self.urcap_code.used_by("\n".join(program))
+        lines += self.tree.twin.used_by("\n".join(program))
         return "\n".join([*lines, *program, "end", ""])

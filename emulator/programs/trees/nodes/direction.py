@@ -5,14 +5,14 @@ from typing import Final
 from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.expressions import expression_label, expression_text
 from emulator.programs.trees.naming import truth
-from emulator.programs.trees.nodes.moves import move_of
+from emulator.programs.trees.nodes.moves import DIRECTION, move_of
 from emulator.programs.trees.nodes.waits import analog_condition, child_text
 from emulator.programs.trees.pins import pin_reading
 from emulator.programs.trees.registry import node, translate_children
 from emulator.programs.trees.writer import Writer
 from urscript.work import Steps
 
-__all__: list[str] = []
+__all__ = ["write_direction_function"]
 
 _AXES: Final = {
     "XPlus": ("X+", "[1.0, 0.0, 0.0]"),
@@ -23,29 +23,28 @@ _AXES: Final = {
     "ZMinus": ("Z-", "[0.0, 0.0, -1.0]"),
 }
 _FAR: Final = "1000.0"  # m; without a distance PolyScope moves that far
-_DECELERATION: Final = "3.0"  # m/s2, of the stop when the file gives none
+_NO_RETRACTION: Final = "NONE"
+_BLEND: Final = "BLEND"
 _RETREAT_SPEED: Final = "0.1"  # m/s
 _FUNCTION: Final = "calculate_point_to_move_towards"  # PolyScope's name: other lines of programs call it
 
 
-@node("gui.program.direction.MoveDirectionNode", status="partial", note="an Until of a distance with a blend stops")
+@node(DIRECTION)
 def direction(writer: Writer, element: Element) -> Steps[None]:
     """Move along an axis or a vector until a distance, a contact, an input or an expression ends it."""
     untils = [child for child in element.child("children") or () if child.tag == "Until"]
-    distances = [until for until in untils if until.get("type") == "DISTANCE"]
+    untils.sort(key=lambda until: until.get("type") == "DISTANCE")  # PolyScope looks at the distance last
+    distance = untils[-1] if untils and untils[-1].get("type") == "DISTANCE" else None
     shown, vector = _direction(writer, element)
-    number = writer.count("direction")
-    _write_function(writer)
+    number = writer.number(element)
+    write_direction_function(writer)
     writer.label(element, f"Direction: {shown}")
-    distance = child_text(distances[0], "Distance") if distances else _FAR
-    _write_thread(writer, element, number, f"{vector}, {distance}")
+    _write_thread(writer, element, number, vector, distance)
     writer.line(f"move_thread_flag_{number} = 0")
     writer.line(f"move_thread_han_{number} = run move_thread_{number}()")
     with writer.block("while (True):"):
         for until in untils:
             yield from _until(writer, until, number)
-        if not distances:
-            _at_the_end(writer, number)
         writer.line("sync()")
 
 
@@ -60,7 +59,7 @@ def _direction(writer: Writer, element: Element) -> tuple[str, str]:
     return axis
 
 
-def _write_function(writer: Writer) -> None:
+def write_direction_function(writer: Writer) -> None:
     """The pose that lies in a direction of a feature, seen from where the arm is."""
     if not writer.once("direction function"):
         return
@@ -73,9 +72,15 @@ def _write_function(writer: Writer) -> None:
         writer.line("return pose_add(get_target_waypoint(), pose_sub(pose_trans(feature, step), feature))")
 
 
-def _write_thread(writer: Writer, element: Element, number: int, where: str) -> None:
-    """The movement is a thread, so that it can be ended."""
+def _write_thread(writer: Writer, element: Element, number: int, vector: str, distance: Element | None) -> None:
+    """The movement is a thread, so that it can be ended. Without a distance it goes on as long as nothing ends it."""
     way = move_of(element)
+    call = "movep" if way.kind == "MoveP" else "movel"  # also under MoveJ
+    far = _FAR if distance is None else child_text(distance, "Distance")
+    blend = ""
+    if distance is not None and distance.get("distanceNodeType") == _BLEND:
+        motion = distance.child("motionParameters")
+        blend = f", r={motion.get('blendRadius')}" if motion else ""
     own = [part.strip() for part in element.get("toolParams").split(",")]
     speed, acceleration = own if len(own) == 2 else reversed(way.speeds(None))
     reference = element.child("feature")
@@ -84,17 +89,10 @@ def _write_thread(writer: Writer, element: Element, number: int, where: str) -> 
     with writer.block(f"thread move_thread_{number}():"):
         writer.line("enter_critical")
         writer.line(f"move_thread_flag_{number} = 1")
-        writer.line(f"local target={_FUNCTION}({feature}, {where})")
-        writer.line(f"movel(target, a={acceleration}, v={speed})")
+        writer.line(f"local target={_FUNCTION}({feature}, {vector}, {far})")
+        writer.line(f"{call}(target, a={acceleration}, v={speed}{blend})")
         writer.line(f"move_thread_flag_{number} = 2")
         writer.line("exit_critical")
-
-
-def _at_the_end(writer: Writer, number: int) -> None:
-    """The arm stands although nothing has ended the movement."""
-    with writer.block(f"if (move_thread_flag_{number} > 1):"):
-        writer.line(f"join move_thread_han_{number}")
-        writer.line("break")
 
 
 def _until(writer: Writer, until: Element, number: int) -> Steps[None]:
@@ -114,7 +112,7 @@ def _until(writer: Writer, until: Element, number: int) -> Steps[None]:
             writer.line(f"join move_thread_han_{number}")
         else:
             writer.line(f"kill move_thread_han_{number}")
-            writer.line(f"stopl({until.get('decelerationAcceleration') or _DECELERATION})")
+            writer.line(f"stopl({_deceleration(writer, until)})")
         yield from _actions(writer, until, kind)
 
 
@@ -134,25 +132,39 @@ def _condition(writer: Writer, until: Element, kind: str) -> str:
     raise DocumentError(f"an Until of type {kind!r}, which is not known")
 
 
+def _deceleration(writer: Writer, until: Element) -> str:
+    """Of the stop [m/s2]: a number or an expression of the Until's (its element is a guess), else the Move's."""
+    for child in until:
+        if "eceleration" in child.tag and child.children:
+            return expression_text(writer, child)
+    given = until.get("decelerationAcceleration") or until.get("deceleration")
+    return given or move_of(until).speeds(None)[0]
+
+
 def _contact(writer: Writer, until: Element, number: int) -> Steps[None]:
-    """Stop at a contact, go back to where it happened and a little further."""
-    stop = until.get("decelerationAcceleration") or _DECELERATION
+    """Stop at a contact, go back to where it happened and a little further, or stay."""
+    stop = _deceleration(writer, until)
     back = until.get("retraction") or "0.0"
     writer.line("local contact_direction=get_target_tcp_speed()")
     writer.line("local contact_steps=tool_contact(direction=contact_direction)")
     with writer.block("if (contact_steps > 0):"):
         writer.line(f"kill move_thread_han_{number}")
         writer.line(f"stopl({stop})")
-        writer.line("local contact_pose=get_forward_kin(get_actual_joint_positions_history(contact_steps))")
-        writer.line("local contact_axis=[contact_direction[0], contact_direction[1], contact_direction[2]]")
-        with writer.block("if (norm(contact_axis) > 1e-6):"):
-            writer.line("contact_axis = normalize(contact_axis)")
-            writer.line(
-                "contact_pose = pose_sub(contact_pose, "
-                f"p[contact_axis[0] * {back}, contact_axis[1] * {back}, contact_axis[2] * {back}, 0, 0, 0])"
-            )
-        writer.line(f"movel(contact_pose, a={stop}, v={_RETREAT_SPEED})")
+        if back != _NO_RETRACTION:
+            _write_retraction(writer, stop, back)
         yield from _actions(writer, until, "TOOL_CONTACT_DETECTION")
+
+
+def _write_retraction(writer: Writer, stop: str, back: str) -> None:
+    writer.line("local contact_pose=get_forward_kin(get_actual_joint_positions_history(contact_steps))")
+    writer.line("local contact_axis=[contact_direction[0], contact_direction[1], contact_direction[2]]")
+    with writer.block("if (norm(contact_axis) > 1e-6):"):
+        writer.line("contact_axis = normalize(contact_axis)")
+        writer.line(
+            "contact_pose = pose_sub(contact_pose, "
+            f"p[contact_axis[0] * {back}, contact_axis[1] * {back}, contact_axis[2] * {back}, 0, 0, 0])"
+        )
+    writer.line(f"movel(contact_pose, a={stop}, v={_RETREAT_SPEED})")
 
 
 @node("Until")

@@ -1,12 +1,16 @@
 """Branches, loops and timers."""
 
+from typing import Final
+
 from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.expressions import expression_label, expression_text, variable_name
 from emulator.programs.trees.registry import node, translate_children
 from emulator.programs.trees.writer import Writer
 from urscript.work import Steps
 
-__all__: list[str] = []
+__all__ = ["count_time"]
+
+_DEFAULT_CASE: Final = "2147483647"
 
 
 @node("If")
@@ -14,21 +18,39 @@ def branch(writer: Writer, element: Element) -> Steps[None]:
     """If with the ElseIf and Else nodes behind it; the expression may be checked continuously."""
     if element.get("type") != "If":
         return  # written with its If
-    chain = [element, *_others(element)]
-    if any(part.get("checkContinuously") == "true" for part in chain):
-        yield from _continuous(writer, chain)
+    yield from _branches(writer, [element, *_others(element)])
+
+
+def _branches(writer: Writer, chain: list[Element]) -> Steps[None]:
+    """Branches in their order. One that is left as soon as its expression is false leads on to the next, so those
+    behind it lie in a branch of their own."""
+    if _is_continuous(chain[0]):
+        yield from _watched(writer, chain[0], chain[1:])
         return
-    for part in chain:
+    if chain[0].get("type") == "Else":
+        writer.label(chain[0], "Else")
+        yield from translate_children(writer, chain[0])
+        return
+    for index, part in enumerate(chain):
+        if index and (_is_continuous(part) or part.get("type") == "Else"):
+            writer.line("else:")
+            with writer.indented():
+                yield from _branches(writer, chain[index:])
+            break
         expression = part.child("expression")
-        if part is element:
-            writer.label(part, f"If {expression_label(writer, expression)}")
-        word = {"If": "if", "ElseIf": "elif"}.get(part.get("type"))
-        writer.line(f"{word} ({expression_text(writer, expression)}):" if word else "else:")
+        label = f"{part.get('type')} {expression_label(writer, expression)}"
+        if not index:
+            writer.label(part, label)
+        writer.line(f"{'elif' if index else 'if'} ({expression_text(writer, expression)}):")
         with writer.indented():
-            if part is not element:
-                writer.label(part, f"{part.get('type')} {expression_label(writer, expression)}".strip())
+            if index:
+                writer.label(part, label)
             yield from translate_children(writer, part)
     writer.line("end")
+
+
+def _is_continuous(part: Element) -> bool:
+    return part.get("checkContinuously") == "true"
 
 
 def _others(element: Element) -> list[Element]:
@@ -44,36 +66,12 @@ def _others(element: Element) -> list[Element]:
     return found
 
 
-def _continuous(writer: Writer, chain: list[Element]) -> Steps[None]:
-    """Branches of which at least one is left as soon as its expression is false.
-
-    The body is a thread, which is killed. A branch that was left or not taken leads on to the next.
-    """
-    part, rest = chain[0], chain[1:]
+def _watched(writer: Writer, part: Element, rest: list[Element]) -> Steps[None]:
+    """The body is a thread, which is killed when the expression is false; its flag says how it ended."""
     expression = expression_text(writer, part.child("expression"))
-    writer.label(part, f"{part.get('type')} {expression_label(writer, part.child('expression'))}".strip())
-    if part.get("type") == "Else":
-        yield from translate_children(writer, part)
-        return
     number = writer.number(part)
+    writer.label(part, f"{part.get('type')} {expression_label(writer, part.child('expression'))}")
     writer.line(f"global thread_flag_{number}=0")
-    if part.get("checkContinuously") == "true":
-        yield from _watched(writer, part, expression, number)
-    else:
-        writer.line(f"if ({expression}):")
-        with writer.indented():
-            yield from translate_children(writer, part)
-            writer.line(f"thread_flag_{number} = 1")
-        writer.line("else:")
-        with writer.indented():
-            writer.line(f"thread_flag_{number} = 2")
-        writer.line("end")
-    if rest:
-        with writer.block(f"if (thread_flag_{number} == 2):"):
-            yield from _continuous(writer, rest)
-
-
-def _watched(writer: Writer, part: Element, expression: str, number: int) -> Steps[None]:
     with writer.block(f"thread Thread_if_{number}():"):
         yield from translate_children(writer, part)
         writer.line(f"thread_flag_{number} = 1")
@@ -93,6 +91,9 @@ def _watched(writer: Writer, part: Element, expression: str, number: int) -> Ste
     with writer.indented():
         writer.line(f"thread_flag_{number} = 2")
     writer.line("end")
+    if rest:
+        with writer.block(f"if (thread_flag_{number} == 2):"):
+            yield from _branches(writer, rest)
 
 
 @node("Loop")
@@ -144,8 +145,8 @@ def switch(writer: Writer, element: Element) -> Steps[None]:
     name = f"switch_{writer.count('switch')}"
     writer.label(element, f"Switch {expression_label(writer, element.child('expression'))}")
     writer.line(f"{name} = {expression_text(writer, element.child('expression'))}")
-    numbered = [case for case in cases if case.get("caseValue")]
-    default = [case for case in cases if not case.get("caseValue")]
+    default = [case for case in cases if case.get("caseValue") in ("", _DEFAULT_CASE)]
+    numbered = [case for case in cases if case not in default]
     for index, case in enumerate(numbered):
         writer.line(f"{'elif' if index else 'if'} ({case.get('caseValue')} == {name}):")
         with writer.indented():
@@ -154,11 +155,16 @@ def switch(writer: Writer, element: Element) -> Steps[None]:
     if default and numbered:
         writer.line("else:")
         with writer.indented():
-            yield from translate_children(writer, default[0])
+            yield from _default_case(writer, default[0])
     if numbered:
         writer.line("end")
     elif default:
-        yield from translate_children(writer, default[0])
+        yield from _default_case(writer, default[0])
+
+
+def _default_case(writer: Writer, case: Element) -> Steps[None]:
+    writer.label(case, "Default Case")
+    yield from translate_children(writer, case)
 
 
 @node("Case")
@@ -170,8 +176,7 @@ def case(writer: Writer, element: Element) -> None:
 @node("Timer")
 def timer(writer: Writer, element: Element) -> None:
     """Start, stop or reset a variable that counts seconds."""
-    name = variable_name(element.child("variable"))
-    _count_time(writer, name)
+    name = count_time(writer, element)
     action = element.get("action")
     writer.label(element, f"{name}: {action}")
     if action in ("Start", "Stop"):
@@ -182,15 +187,9 @@ def timer(writer: Writer, element: Element) -> None:
         raise DocumentError(f"a Timer cannot be told to {action!r}")
 
 
-def _count_time(writer: Writer, name: str) -> None:
-    """One thread for each timer, written once."""
-    if not writer.once(f"timer {name}"):
-        return
-    with writer.into("timers"):
-        writer.line(f"global {name}=0")
-        writer.line(f"global {name}_is_counting=False")
-        with writer.block(f"thread Timer_Thread_{name}():"), writer.block("while (True):"):
-            with writer.block(f"if ({name}_is_counting):"):
-                writer.line(f"{name} = {name} + get_steptime()")
-            writer.line("sync()")
-        writer.line(f"run Timer_Thread_{name}()")
+def count_time(writer: Writer, element: Element) -> str:
+    """See to it that the thread of all timers counts a Timer's variable, whose name is returned."""
+    name = variable_name(element.child("variable"))
+    if name not in writer.timers:
+        writer.timers.append(name)
+    return name

@@ -11,8 +11,11 @@ from emulator.programs.trees.registry import node, translate_children
 from emulator.programs.trees.writer import BASE, NO_POSE, TOOL, Writer
 from urscript.work import Steps
 
-__all__ = ["Move", "circle_move", "move_of"]
+__all__ = ["DIRECTION", "Move", "circle_move", "move_of"]
 
+DIRECTION: Final = "gui.program.direction.MoveDirectionNode"
+
+_JOINTS: Final = "JointAngles"
 _NO_TCP: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -23,6 +26,11 @@ class Move:
     element: Element
     kind: str
     optimove: bool
+
+    @property
+    def of_flange(self) -> bool:
+        """Whether the flange is moved, and not the TCP."""
+        return self.element.get("useActiveTCP") == "false" and self.element.child("tcp") is None
 
     @property
     def call(self) -> str:
@@ -54,8 +62,6 @@ def move_of(element: Element) -> Move:
 def move(writer: Writer, element: Element) -> Steps[None]:
     """A way through waypoints: MoveJ, MoveL or MoveP, with an own TCP or feature."""
     writer.label(element, element.get("motionType"))
-    if element.get("useActiveTCP") == "false" and element.child("tcp"):
-        writer.line(f"set_tcp({writer.tcp(element.child('tcp'))})")
     yield from translate_children(writer, element)
 
 
@@ -64,14 +70,23 @@ def waypoint(writer: Writer, element: Element) -> None:
     """A place to move to: fixed, relative or in a variable, with its own speed, time or blend."""
     way = move_of(element)
     writer.label(element, _shown_name(element), "breakAfter")
+    if not (way.kind == "MoveJ" and way.element.get("positionType") == _JOINTS):  # joints need no TCP
+        _set_tcp(writer, way)
     target = _target(writer, element, way)
     own = element.child("motionParameters")
     time = own.get("nextMotionTime") if own else ""
     if time and way.kind != "MoveP" and not way.optimove:
-        writer.line(f"{way.call}({target}, t={time}{_blend(element, way)})")
+        writer.line(f"{way.call}({target}, t={time}{_blend(writer, element, way)})")
         return
     acceleration, speed = way.speeds(element)
-    writer.line(f"{way.call}({target}, a={acceleration}, v={speed}{_blend(element, way)})")
+    writer.line(f"{way.call}({target}, a={acceleration}, v={speed}{_blend(writer, element, way)})")
+
+
+def _set_tcp(writer: Writer, way: Move) -> None:
+    """PolyScope sets the TCP of a Move before each of its waypoints."""
+    tcp = way.element.child("tcp")
+    if way.element.get("useActiveTCP") == "false" and tcp:
+        writer.line(f"set_tcp({writer.tcp(tcp)})")
 
 
 def _shown_name(element: Element) -> str:
@@ -80,19 +95,21 @@ def _shown_name(element: Element) -> str:
     return element.get("name") or "Waypoint"
 
 
-def _blend(element: Element, way: Move) -> str:
+def _blend(writer: Writer, element: Element, way: Move) -> str:
     own = element.child("motionParameters")
     radius = own.get("blendRadius") if own else ""
     if way.kind == "MoveP":
-        return f", r={_path_blend(element, way, radius)}"
+        return f", r={_path_blend(writer, element, way, radius)}"
     return f", r={radius}" if radius and float(radius) > 0.0 else ""
 
 
-def _path_blend(element: Element, way: Move, own: str) -> str:
-    """A path's blend, except at its last waypoint, where it ends."""
-    siblings = element.parent.children if element.parent else []
-    last = [sibling for sibling in siblings if sibling.tag in ("Waypoint", "CircleMove")][-1:]
-    if last and last[0] is element:
+def _path_blend(writer: Writer, point: Element, way: Move, own: str) -> str:
+    """A path's blend. It ends, without one, where the next line of the tree is a Move of another kind; not if that
+    begins with a Direction, and not if anything else is between (seen in 700 MoveP of public pairs)."""
+    tree = writer.home(point)
+    after = [line.element for line in tree.lines[writer.line_in(tree, point) :][:2]]
+    moves_on = bool(after) and after[0].tag == "Move" and after[0].get("motionType") != "MoveP"
+    if moves_on and not (len(after) > 1 and after[1].tag == DIRECTION):
         return "0.0"
     return own or way.element.get("blendRadius") or "0.0"
 
@@ -101,21 +118,27 @@ def _target(writer: Writer, element: Element, way: Move) -> str:
     """What the move's first argument is."""
     kind = element.get("type")
     if kind == "Variable":
-        return _in_feature(writer, way, variable_name(element.child("variable")))
+        return _of_flange(way, _in_feature(writer, way, variable_name(element.child("variable"))))
     if kind == "Relative":
         return _relative(writer, element)
     if kind and kind != "Fixed":
         raise DocumentError(f"a waypoint of type {kind!r}, which is not known")
     pose, joints = writer.waypoint(element)
     if way.kind != "MoveJ":
-        return _followed(writer, element, way, pose)
-    if way.element.get("positionType") == "JointAngles" or way.optimove:
+        return _of_flange(way, _followed(writer, element, way, pose))
+    if way.element.get("positionType") == _JOINTS or way.optimove:
         return joints
-    if not way.element.get("positionType"):  # before 5.0 MoveJ went to the joints taught
+    of_tcp = way.element.get("useActiveTCP") == "true"
+    if not way.element.get("positionType") and not of_tcp:  # before 5.0 such a MoveJ went to the joints taught
         position = element.child("position")
         assert position is not None
         return list_text(taught_pose(position)[0])
-    return f"get_inverse_kin({_followed(writer, element, way, pose)}, qnear={joints})"
+    return f"get_inverse_kin({_of_flange(way, _followed(writer, element, way, pose))}, qnear={joints})"
+
+
+def _of_flange(way: Move, pose: str) -> str:
+    """Where the TCP has to be when the pose is one for the flange (seen with MoveJ; with variables it is a guess)."""
+    return f"pose_trans({pose}, get_tcp_offset())" if way.of_flange else pose
 
 
 def _in_feature(writer: Writer, way: Move, pose: str) -> str:
@@ -158,10 +181,11 @@ def circle_move(writer: Writer, element: Element) -> None:
     writer.label(element, "CircleMove")
     writer.label(points[0], _shown_name(points[0]), "noBreak")
     writer.label(points[1], _shown_name(points[1]), "breakAfter")
+    _set_tcp(writer, way)
     via, end = (_target(writer, point, way) for point in points)
     acceleration, speed = way.speeds(points[1])
     own = points[1].child("motionParameters")
-    blend = _path_blend(element, way, own.get("blendRadius") if own else "")
+    blend = _path_blend(writer, points[1], way, own.get("blendRadius") if own else "")
     mode = ", mode=1" if element.get("OrientationMode") == "FIXED" else ""
     writer.line(f"movec({via}, {end}, a={acceleration}, v={speed}, r={blend}{mode})")
 

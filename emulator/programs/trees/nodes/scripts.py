@@ -81,13 +81,13 @@ def _body(writer: Writer, element: Element) -> Steps[Element]:
     name = child_text(element, "programFile")
     if own is not None and element.get("keepSynchronizedWithDisk") != "true":
         return element
-    root = (yield from writer.tree.folder.program(name)) if name else None
-    if root is None:
+    tree = (yield from writer.tree.called(name)) if name else None
+    if tree is None:
         if own is None:
             raise DocumentError(f"the subprogram {name or element.get('name')} is not in the programs folder")
         return element
-    children = root.child("children")
-    main = children.child("MainProgram") if children else None
+    main = next((line.element for line in tree.lines if line.element.tag == "MainProgram"), None)
     if main is None:
         raise DocumentError(f"{name} has no robot program")
+    writer.adopt(tree)
     return main

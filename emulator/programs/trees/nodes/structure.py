@@ -63,16 +63,20 @@ def thread(writer: Writer, element: Element) -> Steps[None]:
 
 @node("Event")
 def event(writer: Writer, element: Element) -> Steps[None]:
-    """Done whenever its expression is true, beside the robot program."""
-    number = writer.count("event")
-    suffix = f"_{number}" if number > 1 else ""
+    """Done whenever its expression is true, beside the robot program; one thread looks at all events in turn."""
+    if not writer.once("events"):
+        return
+    events = [
+        line.element for line in writer.home(element).lines if line.element.tag == "Event" and not line.suppressed
+    ]
     with writer.into("threads"):
-        with writer.block(f"thread EventThread{suffix}():"), writer.block("while (True):"):
-            with writer.block(f"if ({expression_text(writer, element.child('expression'))}):"):
-                writer.label(element, "Event")
-                yield from translate_children(writer, element)
+        with writer.block("thread EventThread():"), writer.block("while (True):"):
+            for each in events:
+                with writer.block(f"if ({expression_text(writer, each.child('expression'))}):"):
+                    writer.label(each, "Event")
+                    yield from translate_children(writer, each)
             writer.line("sync()")
-        writer.line(f"eventThread{suffix} = run EventThread{suffix}()")
+        writer.line("eventThread = run EventThread()")
 
 
 @node("Folder")

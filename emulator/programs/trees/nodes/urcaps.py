@@ -3,6 +3,9 @@
 from typing import Final
 
 from emulator.programs.trees.document import Element
+from emulator.programs.trees.nodes.direction import write_direction_function
+from emulator.programs.trees.nodes.flow import count_time
+from emulator.programs.trees.nodes.moves import DIRECTION
 from emulator.programs.trees.registry import node
 from emulator.programs.trees.writer import TreeError, Writer
 
@@ -28,13 +31,34 @@ def contributed(writer: Writer, element: Element) -> None:
         _external_control(writer, element)
         return
     urcap, kind = element.get("strategyURCapName"), element.get("strategyProgramNodeType")
-    lines = writer.urcap_code.take(urcap, kind)
+    tree = writer.home(element)
+    lines = tree.twin.code(writer.line_in(tree, element), urcap, kind)
     if lines is None:
         raise TreeError(
             f"the node {kind!r} is one of the URCap {urcap!r}, which is not installed here; "
-            f"save the program with PolyScope and put {writer.tree.name}.script, which holds its code, beside it"
+            f"save the program with PolyScope and put {tree.name}.script, which holds its code, beside it"
+        )
+    if tree.changed_since_twin:
+        raise TreeError(
+            f"the node {kind!r} is one of the URCap {urcap!r}, whose code would come from {tree.name}.script; that was "
+            f"not saved with the program as it is now: {tree.changed_since_twin}. Save the program with PolyScope again"
         )
     writer.raw(lines)
+    _prepare(writer, element)
+
+
+def _prepare(writer: Writer, element: Element) -> None:
+    """What the code of the nodes below uses, which PolyScope writes elsewhere into the script."""
+    for inner in (child.resolved() for child in element.child("children") or ()):
+        if inner.tag == "SuppressedNode":
+            continue
+        if inner.tag == "Waypoint" and inner.child("position") and inner.get("type") != "Relative":
+            writer.waypoint(inner)
+        elif inner.tag == DIRECTION:
+            write_direction_function(writer)
+        elif inner.tag == "Timer":
+            count_time(writer, inner)
+        _prepare(writer, inner)
 
 
 def _external_control(writer: Writer, element: Element) -> None:

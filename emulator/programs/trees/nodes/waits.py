@@ -3,7 +3,7 @@
 from typing import Final
 
 from emulator.programs.trees.document import DocumentError, Element
-from emulator.programs.trees.expressions import expression_text
+from emulator.programs.trees.expressions import expression_label, expression_text
 from emulator.programs.trees.naming import truth
 from emulator.programs.trees.pins import pin_name, pin_reading
 from emulator.programs.trees.registry import node
@@ -24,19 +24,25 @@ def wait(writer: Writer, element: Element) -> None:
     elif kind == "NoWait":
         writer.label(element, "Wait")
     else:
-        condition = _condition(writer, element, kind)
-        writer.label(element, f"Wait {condition}")
-        with writer.block(f"while (not({condition})):"):
+        label, waiting = _condition(writer, element, kind)
+        writer.label(element, f"Wait {label}")
+        with writer.block(f"while ({waiting}):"):
             writer.line("sync()")
 
 
-def _condition(writer: Writer, element: Element, kind: str) -> str:
+def _condition(writer: Writer, element: Element, kind: str) -> tuple[str, str]:
+    """How it is shown, and URScript that is true until it is met."""
     if kind == "Condition":
-        return expression_text(writer, element.child("expression"))
+        expression = element.child("expression")
+        return expression_label(writer, expression), f"not({expression_text(writer, expression)})"
     if kind == "DigitalInput":
-        return f"{pin_reading(writer, element.child('pin'))} == {truth(child_text(element, 'digitalValue'))}"
+        wanted = truth(child_text(element, "digitalValue"))
+        other = "False" if wanted == "True" else "True"
+        pin = element.child("pin")
+        return f"{pin_name(pin)}={wanted}", f"{pin_reading(writer, pin)} == {other}"
     if kind == "AnalogInput":
-        return analog_condition(writer, element)
+        condition = analog_condition(writer, element)
+        return condition, f"not({condition})"
     raise DocumentError(f"a Wait of type {kind!r}, which is not known")
 
 
