@@ -23,9 +23,10 @@ import jitter
 from table import Table
 
 from emulator.app import Emulator
-from emulator.clock import ClockStatistics, RealClock, claim_real_time
+from emulator.clock import ClockStatistics, RealClock
 from emulator.config import EmulatorConfig
 from emulator.controller import ControllerConfig
+from emulator.realtime import claim_real_time
 from urproto.robots import load_model
 
 SECONDS = 10.0

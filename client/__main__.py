@@ -1,6 +1,8 @@
-"""``python -m client``, and the command ``ur-client``."""
+"""``python -m client``, and what the command ``ur-client`` calls."""
 
-from client.cli import main
+from urproto.entry import ur_client as main
+
+__all__ = ["main"]
 
 if __name__ == "__main__":
     main()

@@ -2,18 +2,18 @@
 
 import sys
 from collections.abc import Mapping
-from typing import Final
+from typing import Annotated, Final
 
 import typer
 
-from client.commands.deferred import Deferred, load_from
+from urproto.commandline import Deferred, application, load_from, version_of
 
 __all__ = ["app", "main"]
 
 _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     "dashboard": ("dashboard:dashboard_command", "Send one dashboard command and print the answer."),
     "state": ("state:state_command", "Print what the robot is doing right now."),
-    "send": ("send:send_command", "Send a script; a program is waited for until it runs."),
+    "send": ("send:send_command", "Send a script and wait until it runs."),
     "decode": (
         "decode:decode_command",
         "Print a captured stream of any controller port, one line a message.",
@@ -77,15 +77,14 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     "controllers": ("controllers:controllers_app", "Controllers as of ros2_control."),
 }  # name: where it is below client.commands, and the beginning of its own help: listing it does not load it
 
-app = typer.Typer(
-    help=__doc__,
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # units in help texts are no markup
-)
+app = application(__doc__, no_args_is_help=True)
 for _name, (_place, _help) in _COMMANDS.items():
     app.command(_name, cls=Deferred, help=_help)(load_from(f"client.commands.{_place}"))
+
+
+@app.callback()
+def _options(*, version: Annotated[bool, version_of("ur-client")] = False) -> None:
+    pass
 
 
 def main() -> None:

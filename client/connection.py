@@ -15,8 +15,10 @@ nothing is written twice.
 
 import asyncio
 import socket
+import struct
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
@@ -40,6 +42,8 @@ Result = TypeVar("Result")
 
 DEFAULT_TIMEOUT_S = 5.0  # for connecting and for each flow; guess: ample for a dashboard "load"
 _LONGEST_WAIT_S = 86400.0  # an infinite timeout becomes this: sockets take no infinity
+_LEAST_WAIT_S = 1e-6  # a socket that does not wait at all is told apart by 0
+_LOOKS = 2  # of the event loop at its sockets: a callback that is due may be in front of the first one
 _RETRY_EVERY_S = 0.5  # between attempts to connect again; guess: a controller takes a minute to boot
 _CHUNK = 65536  # bytes per read
 
@@ -84,11 +88,8 @@ class _Progress(Generic[Result]):
 
     @property
     def left_s(self) -> float:
-        """Time left, at least a little. Raises TimeoutError when there is none."""
-        left = self._deadline - time.monotonic()
-        if left <= 0:
-            raise TimeoutError
-        return min(left, _LONGEST_WAIT_S)
+        """Time left. When it has run out still so much that one looks at what has arrived."""
+        return min(max(self._deadline - time.monotonic(), _LEAST_WAIT_S), _LONGEST_WAIT_S)
 
     def answer(self, data: bytes) -> None:
         """Hand the flow what it wanted."""
@@ -207,12 +208,23 @@ class AsyncConnection(Connection):
         reader, writer = self._streams
         if wanted is POLL:
             return await self._poll(reader)
-        async with asyncio.timeout(left_s):
-            if isinstance(wanted, bytes):
+        if isinstance(wanted, bytes):
+            async with asyncio.timeout(left_s):
                 writer.write(wanted)
                 await writer.drain()
                 return b""
-            return self._not_ended(await reader.read(_CHUNK))
+        try:
+            async with asyncio.timeout(left_s):
+                return self._not_ended(await reader.read(_CHUNK))
+        except TimeoutError:
+            return await self._last_look(reader)
+
+    async def _last_look(self, reader: asyncio.StreamReader) -> bytes:
+        """What came while this program was too busy to look. Raises TimeoutError when that is nothing."""
+        for _ in range(_LOOKS):
+            if data := await self._poll(reader):
+                return data
+        raise TimeoutError
 
     async def _poll(self, reader: asyncio.StreamReader) -> bytes:
         await asyncio.sleep(0)  # lets the loop look at the socket
@@ -267,6 +279,12 @@ class BlockingConnection(Connection):
             self._socket.close()
             self._socket = None
 
+    def shut_down(self) -> None:
+        """End the conversation, for any thread: one that waits for bytes gets ConnectionLostError."""
+        if (connected := self._socket) is not None:
+            with suppress(OSError):  # it has ended already
+                connected.shutdown(socket.SHUT_RDWR)
+
     def run(self, flow: Flow[Result], timeout_s: float | None = None) -> Result:
         """Run a flow to its end, within ``timeout_s`` [s] or else the connection's."""
         try:
@@ -281,6 +299,28 @@ class BlockingConnection(Connection):
             return progress.result[0]
         finally:
             flow.close()
+
+    def chunks(self, silence_s: float) -> Iterator[bytes]:
+        """What arrives from now on, as it does; NoAnswerError when nothing comes for so long."""
+        if self._socket is None:
+            raise ConnectionLostError(self.host, self.port)
+        receive = self._socket.recv
+        # the system's own time limit: with Python's, each read would be preceded by a wait
+        self._socket.settimeout(None)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _time_value(silence_s))
+        while True:
+            try:
+                data = receive(_CHUNK)
+            except BlockingIOError as error:
+                raise NoAnswerError(self.host, self.port, silence_s) from error
+            except OSError as error:
+                raise ConnectionLostError(self.host, self.port) from error
+            yield self._not_ended(data)
+
+    def _not_ended(self, data: bytes) -> bytes:
+        if not data:
+            raise ConnectionLostError(self.host, self.port)
+        return data
 
     def _open(self) -> None:
         try:
@@ -311,9 +351,7 @@ class BlockingConnection(Connection):
             data = self._socket.recv(_CHUNK)
         except BlockingIOError:  # nothing there to poll
             return b""
-        if not data:
-            raise ConnectionLostError(self.host, self.port)
-        return data
+        return self._not_ended(data)
 
     def _reconnect(self, how: Reconnect) -> None:
         self.close()
@@ -326,6 +364,12 @@ class BlockingConnection(Connection):
                 if time.monotonic() + _RETRY_EVERY_S > until:
                     raise
             time.sleep(_RETRY_EVERY_S)
+
+
+def _time_value(seconds: float) -> bytes:
+    """A C timeval; 0 would be for ever."""
+    micros = max(1, round(seconds * 1e6))
+    return struct.pack("@ll", *divmod(micros, 1_000_000))
 
 
 def _reason(error: OSError) -> str:

@@ -12,6 +12,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Final
 
+from client.gates import GATES
 from urproto.errors import LocalProtocolError
 from urproto.versions import PolyscopeVersion, Series
 
@@ -19,6 +20,13 @@ __all__ = ["PROGRAM_NAME", "ControlProgram", "ToolCommunication"]
 
 PROGRAM_NAME: Final = "external_control"
 _POLYSCOPE_X: Final = 10
+
+SPEED_ACCELERATION: Final = 40.0  # rad/s2 or m/s2, of speeds that are streamed: the client library's
+DECELERATION: Final = 4.0  # rad/s2, of coming to rest: the client library's
+GONE_TEXT: Final = "External Control: the driver is gone"
+"""What the program says (textmsg) before it ends because nothing came from its driver."""
+LATE_TEXT: Final = "External Control: a setpoint is late"
+"""What it says when it brings the arm to rest for that reason; it goes on."""
 
 # Shares of the joint friction that direct torque control makes up for by default (the client library's)
 _VISCOUS: Final = "[0.9, 0.9, 0.8, 0.9, 0.9, 0.9]"
@@ -44,6 +52,57 @@ _OPTIMOVE: Final = """  elif kind == 4:
   elif kind == 13:
     optimovel(target, a=a, v=v, r=r)"""
 _GAIN_SCALING: Final = "force_mode_set_gain_scaling(words[28] / ec_scale)"
+_CONTACT_DETECTION: Final = """thread ec_detect():
+  while ec_detecting:
+    if tool_contact(direction=ec_direction) > 0:
+      ec_touched = True
+    end
+    sync()
+  end
+end
+
+def ec_detect_contact(words):
+  kill ec_detector
+  ec_detecting = words[1] == 104
+  if ec_detecting:
+    ec_touched = False
+    ec_direction = ec_six(words, 2)
+    ec_detector = run ec_detect()
+  end
+end"""
+_NO_CONTACT_DETECTION: Final = """def ec_detect_contact(words):
+  ec_detecting = False
+end"""
+_QUESTIONS: Final = {
+    "inverse_kin": """  elif question == 1:
+    if get_inverse_kin_has_solution(ec_pose(ec_first), near, tcp=tcp):
+      ec_answer_six(get_inverse_kin(ec_pose(ec_first), near, tcp=tcp))
+    else:
+      ec_begin_answer(0)
+    end
+  elif question == 2:
+    ec_answer_truth(get_inverse_kin_has_solution(ec_pose(ec_first), near, tcp=tcp))""",
+    "contact": """  elif question == 11:
+    ec_answer_truth(ec_touched)
+  elif question == 12:
+    ec_answer_six(get_actual_joint_positions_history(number))
+  elif question == 14:
+    ec_answer(tool_contact(direction=ec_first))""",
+    "target_waypoint": """  elif question == 13:
+    ec_answer_six(get_target_waypoint())""",
+    "freedrive_axes": """  elif question == 15:
+    ec_answer(get_freedrive_status())""",
+    "dynamics": """  elif question == 16:
+    ec_answer_matrix(get_jacobian(q, tcp))
+  elif question == 17:
+    ec_answer_matrix(get_jacobian_time_derivative(q, qd, tcp))
+  elif question == 18:
+    ec_answer_matrix(get_mass_matrix(q, number == 1))
+  elif question == 19:
+    ec_answer_six(get_coriolis_and_centrifugal_torques(q, qd))
+  elif question == 20:
+    ec_answer_six(get_target_joint_accelerations())""",
+}
 _INERTIA: Final = "set_target_payload(words[2] / ec_scale, ec_three(words, 3), ec_six(words, 6), words[12] / ec_scale)"
 _NO_INERTIA: Final = "set_payload(words[2] / ec_scale, ec_three(words, 3))"
 
@@ -84,10 +143,7 @@ class ControlProgram:
     tool_communication: ToolCommunication | None = None
 
     def __post_init__(self) -> None:
-        if not 0.03 <= self.servoj_lookahead_s <= 0.2:
-            raise LocalProtocolError(f"the lookahead of servoj is 0.03 to 0.2 s, not {self.servoj_lookahead_s}")
-        if not 100 <= self.servoj_gain <= 2000:
-            raise LocalProtocolError(f"the gain of servoj is 100 to 2000, not {self.servoj_gain}")
+        check_servo_parameters(self.servoj_lookahead_s, self.servoj_gain)
         if '"' in self.host or not self.host.isprintable() or not self.host:
             raise LocalProtocolError(f"{self.host!r} is no address")
 
@@ -106,12 +162,29 @@ class ControlProgram:
     def _places(self, version: PolyscopeVersion) -> dict[str, str]:
         return {
             "BEGIN": self._begin(),
-            "SERVOJ": f"lookahead_time={self.servoj_lookahead_s}, gain={self.servoj_gain}",
+            "LOOKAHEAD": str(self.servoj_lookahead_s),
+            "GAIN": str(self.servoj_gain),
+            "ACCELERATION": str(SPEED_ACCELERATION),
+            "DECELERATION": str(DECELERATION),
+            "QUESTIONS": "\n".join(lines for gate, lines in _QUESTIONS.items() if not GATES[gate].refusal(version)),
+            "ACTIVE_TCP": "" if GATES["tcp_offset"].refusal(version) else "tcp = get_tcp_offset()",
+            "CONTACT_DETECTION": _NO_CONTACT_DETECTION if GATES["contact"].refusal(version) else _CONTACT_DETECTION,
+            "END_DETECTION": "" if GATES["contact"].refusal(version) else "kill ec_detector",
+            "FREEDRIVE": (
+                "freedrive_mode()"
+                if GATES["freedrive_axes"].refusal(version)
+                else "freedrive_mode(freeAxes=ec_free_axes, feature=ec_free_frame)"
+            ),
+            "GAIN_SCALING_ALONE": "force_mode_set_gain_scaling(words[3] / ec_scale)"
+            if _at_least(version, "5.0")
+            else "",
             "TORQUE": _torque(version),
             "OPTIMOVE": _OPTIMOVE if _at_least(version, "5.21", "10.8") else "",
             "FT_INPUT": "ft_rtde_input_enable" if _has_ft_rtde_input(version) else "enable_external_ft_sensor",
             "GAIN_SCALING": _GAIN_SCALING if _at_least(version, "5.0") else "",
             "TARGET_PAYLOAD": _INERTIA if _at_least(version, "5.10") else _NO_INERTIA,
+            "GONE": GONE_TEXT,
+            "LATE": LATE_TEXT,
             "HOST": self.host,
             "REVERSE_PORT": str(self.reverse_port),
             "TRAJECTORY_PORT": str(self.trajectory_port),
@@ -124,6 +197,14 @@ class ControlProgram:
         lines = [] if self.tool_voltage is None else [f"set_tool_voltage({self.tool_voltage})"]
         lines += [] if self.tool_communication is None else [self.tool_communication.script]
         return "\n".join(lines)
+
+
+def check_servo_parameters(lookahead_s: float, gain: float) -> None:
+    """Raise LocalProtocolError for what servoj does not take."""
+    if not 0.03 <= lookahead_s <= 0.2:
+        raise LocalProtocolError(f"the lookahead of servoj is 0.03 to 0.2 s, not {lookahead_s}")
+    if not 100 <= gain <= 2000:
+        raise LocalProtocolError(f"the gain of servoj is 100 to 2000, not {gain}")
 
 
 @cache

@@ -17,6 +17,7 @@ ClientError
 └── MotionError              the arm did not do what it was asked to
     ├── OutOfReachError      a target beyond the joints' limits, or without joint angles
     ├── MotionStoppedError   somebody stopped the arm
+    ├── LateSetpointError    the robot did, since this machine was late
     └── SafetyStopError      the robot did, for safety
         └── ProtectiveStopError
 
@@ -37,6 +38,7 @@ __all__ = [
     "DeviceError",
     "FileError",
     "GoalRejectedError",
+    "LateSetpointError",
     "MissingExtraError",
     "MotionError",
     "MotionStoppedError",
@@ -216,6 +218,18 @@ class OutOfReachError(MotionError):
 
 class MotionStoppedError(MotionError):
     """Somebody stopped the arm on the way; the program still runs, the next motion may follow."""
+
+
+class LateSetpointError(MotionError):
+    """The next setpoint came too late, so the robot has stopped the arm; the program still runs."""
+
+    def __init__(self, doing: str, why: str) -> None:
+        super().__init__(
+            doing,
+            f"{why}. The arm is at rest and the program goes on. Look for what keeps this machine busy "
+            "(ur-client doctor), and allow real-time priority",
+        )
+        self.late = why
 
 
 class SafetyStopError(MotionError):

@@ -7,7 +7,7 @@ the reply patterns of the official C++ client.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from urproto import dashboard as wire
 from urproto.dashboard import OperationalMode, ProgramState, UserRole
@@ -44,11 +44,13 @@ __all__ = [
     "UNLOCK_PROTECTIVE_STOP",
     "USER_ROLE",
     "VERSION",
+    "WORDS",
     "Operation",
     "add_to_log",
     "command",
     "generate_flight_report",
     "generate_support_file",
+    "judged",
     "load",
     "load_installation",
     "popup",
@@ -245,6 +247,50 @@ def generate_support_file(directory: str) -> Operation[str]:
     )
 
 
+# Any line
+
+_WITHOUT_ARGUMENT: Final = {row.line.lower(): row for row in tuple(globals().values()) if isinstance(row, Operation)}
+_WITH_ARGUMENT: Final[dict[str, Callable[[str], Operation[str] | Operation[None]]]] = {
+    "load installation": load_installation,
+    "load": load,
+    "popup": popup,
+    "addToLog": add_to_log,
+    "generate flight report": generate_flight_report,
+    "generate support file": generate_support_file,
+}
+_REFUSALS: Final = ("could not understand", "failed", "error", "file not found", "cannot", "command is not allowed")
+
+_ROLES_AND_MODES: Final = {"setUserRole", "set operational mode"}  # refusals of them begin with "Failed"
+
+WORDS: Final = (
+    *sorted({row.line for row in _WITHOUT_ARGUMENT.values()} | _WITH_ARGUMENT.keys() | _ROLES_AND_MODES, key=str.lower),
+)
+"""The commands by their words, in alphabetical order; arguments go behind them."""
+
+
 def command(line: str) -> Operation[str]:
     """Any line; the answer is whatever the robot says."""
     return Operation(line, str)
+
+
+def judged(line: str) -> Operation[str]:
+    """Any line; the answer is what the robot says, unless that is no answer of success."""
+    known = _known(line.strip())
+
+    def read(reply: str) -> str:
+        if known is not None:
+            known.answer(reply)
+        elif reply.lower().startswith(_REFUSALS):
+            raise RobotRefused(line, reply, _UNKNOWN if wire.is_not_understood(reply) else "")
+        return reply
+
+    return Operation(line, read, timeout_s=known.timeout_s if known is not None else None)
+
+
+def _known(line: str) -> Operation[Any] | None:
+    if (row := _WITHOUT_ARGUMENT.get(line.lower())) is not None:
+        return row
+    for words, of in _WITH_ARGUMENT.items():
+        if line.lower().startswith(f"{words.lower()} "):
+            return of(line[len(words) :].strip())
+    return None

@@ -66,6 +66,7 @@ Found = TypeVar("Found")
 
 _KEPT: Final = 100  # of each kind of message; older ones are dropped
 _START_S: Final = 5.0  # guess: a program of 50 kB starts within 0.2 s
+_STATES_OF_A_SECONDARY: Final = 3  # after which nothing more is heard of it (guess; an error comes within a period)
 _READ_ONLY: Final = 210  # error code of a script port while the robot is in local control
 _LOCAL: Final = "switch the robot to Remote Control on its teach pendant, then connect again"
 
@@ -138,6 +139,14 @@ class PrimaryCore:
         """Send a script and wait for nothing: right for ``sec`` programs and bare statements."""
         yield text.encode("utf-8", "replace") + b"\n"
 
+    def send_secondary(self, text: str) -> Flow[None]:
+        """Send a ``sec`` program. ScriptFailedError for an error that is reported with the states that follow."""
+        yield from self._catch_up()
+        run = ScriptRun(Script("", text))
+        yield from self.send_script(text)
+        for _ in range(_STATES_OF_A_SECONDARY):
+            yield from self._last_words(run)
+
     def run_script(self, text: str) -> Flow[str]:
         """Send a ``def`` program and wait until it runs; its name.
 
@@ -163,14 +172,25 @@ class PrimaryCore:
         not start within ``start_timeout_s`` or has not ended after ``timeout_s``. After the
         last two, and a protective stop, the program may still be there: see STOP_PROGRAM.
         """
+        run = yield from self.start(text, name, timeout_s=start_timeout_s)
+        return (yield from self.finish(run, timeout_s=timeout_s))
+
+    def start(self, text: str, name: str | None = None, *, timeout_s: float = _START_S) -> Flow[ScriptRun]:
+        """The first half of ``execute``: until the program runs. `ScriptRun.script` has its name."""
         script = prepare(text, name)
         yield from self._catch_up()
         self._check_ready(script)
         run = ScriptRun(script)
         yield from self.send_script(script.text)
-        yield from self._within(start_timeout_s, self._until(run, PROGRAM_STARTED), run, "it has not started after")
+        yield from self._within(timeout_s, self._until(run, PROGRAM_STARTED), run, "it has not started after")
+        return run
+
+    def finish(self, run: ScriptRun, *, timeout_s: float = float("inf")) -> Flow[ScriptResult]:
+        """The second half of ``execute``: until the program has ended."""
         yield from self._within(timeout_s, self._until(run, PROGRAM_STOPPED), run, "it is still running after")
         yield from self._last_words(run)
+        if self.state and self.state.mode and self.state.mode.robot_mode != RobotMode.RUNNING:
+            raise run.failed(f"it was ended with the arm; {self._condition}")
         return run.result()
 
     # power and program
@@ -233,7 +253,7 @@ class PrimaryCore:
             if isinstance(message, KeyMessage) and message.title == title:
                 return message.text
 
-    def _until(self, run: "ScriptRun", title: str) -> Flow[None]:
+    def _until(self, run: ScriptRun, title: str) -> Flow[None]:
         while True:
             message = yield from self.next_message()
             _refuse_read_only(message, run.script.name)
@@ -241,7 +261,7 @@ class PrimaryCore:
             if isinstance(message, KeyMessage) and (message.title, message.text) == (title, run.script.name):
                 return
 
-    def _last_words(self, run: "ScriptRun") -> Flow[None]:
+    def _last_words(self, run: ScriptRun) -> Flow[None]:
         """Messages about the end may follow it: the next state comes after them."""
         while True:
             message = yield from self.next_message()
@@ -249,7 +269,7 @@ class PrimaryCore:
             if isinstance(message, RobotStateData):
                 return
 
-    def _within(self, seconds: float, flow: Flow[None], run: "ScriptRun", complaint: str) -> Flow[None]:
+    def _within(self, seconds: float, flow: Flow[None], run: ScriptRun, complaint: str) -> Flow[None]:
         yield TimeLimit(seconds)
         try:
             yield from flow

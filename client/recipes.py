@@ -57,8 +57,13 @@ class InputRecipes:
     """
 
     def __init__(self, recipes: Iterable[Names]) -> None:
-        self.recipes = tuple(Recipe.of(variable_names(names), INPUT_FIELDS) for names in recipes)
+        self.recipes = [Recipe.of(variable_names(names), INPUT_FIELDS) for names in recipes]
         self._last: dict[str, Any] = {}
+
+    def add(self, names: Names) -> Recipe:
+        """One more."""
+        self.recipes.append(Recipe.of(variable_names(names), INPUT_FIELDS))
+        return self.recipes[-1]
 
     def exactly(self, names: Collection[str]) -> int:
         """Index of the recipe that has exactly these variables. Raises LocalProtocolError."""

@@ -11,7 +11,7 @@ Variables and their types are those of urproto.rtde.fields. A recipe the robot r
 RobotRefused that names the variables. Options are those of RTDECore.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Connection, Flow
@@ -93,6 +93,15 @@ class BlockingRTDEClient(_Recipes, BlockingConnection):
     def latest(self) -> State:
         """The newest state that has arrived; waits when none came since the last one."""
         return self.run(self.core.latest())
+
+    def states(self, silence_s: float) -> Iterator[State]:
+        """Every state from now on, with as little work for each as can be: for a thread that does nothing else.
+
+        Raises NoAnswerError when nothing comes for ``silence_s``, ConnectionLostError.
+        """
+        yield from self.core.take(b"")
+        for data in self.chunks(silence_s):
+            yield from self.core.take(data)
 
     def send(self, **values: Any) -> None:
         """Write inputs; the names must be exactly those of one input recipe."""

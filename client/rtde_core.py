@@ -79,7 +79,7 @@ class RTDECore:
         self._protocol = 1
         self._decoder = codec.RTDEDecoder()
         self._replies: deque[codec.Reply] = deque()
-        self._arrived: deque[bytes] = deque()  # data of states
+        self._arrived: deque[bytes] = deque()  # payloads of data packages
         self.running = False
 
     # what a client does
@@ -127,6 +127,15 @@ class RTDECore:
         """Write any inputs of the recipes; their other variables keep the last value (see InputRecipes)."""
         packages = [self._input_package(index, values) for index in self._inputs.covering(values)]
         yield b"".join(packages)
+
+    def add_inputs(self, names: Names) -> Flow[None]:
+        """Agree on another input recipe; a connection without outputs may do so at any time."""
+        recipe = self._inputs.add(names)
+        try:
+            yield from self._set_up_inputs(recipe)
+        except BaseException:
+            self._inputs.recipes.remove(recipe)
+            raise
 
     def say(self, text: str, source: str = "", level: codec.MessageLevel = codec.MessageLevel.INFO) -> Flow[None]:
         """Write a line to the controller's log; text and source are cut at 255 bytes."""
@@ -187,8 +196,15 @@ class RTDECore:
             raise LocalProtocolError("the data exchange is paused: resume it to receive states")
 
     def _read(self, data: bytes) -> State:
-        self.state = dict(zip(self._outputs.names, self._outputs.unpack(data), strict=True))
+        self.state = self._outputs.values(data, 0 if self._protocol == 1 else 1)  # after the recipe id
         return self.state
+
+    def take(self, data: bytes) -> list[State]:
+        """The states that these bytes from the robot complete, for who reads the connection himself."""
+        self._take(data)
+        states = [self._read(arrived) for arrived in self._arrived]
+        self._arrived.clear()
+        return states
 
     # writing
 
@@ -241,10 +257,11 @@ class RTDECore:
     def _take(self, data: bytes) -> None:
         """Sort what arrived: states, texts, replies."""
         for package in self._decoder.feed(data):
+            if package.type == codec.PackageType.DATA_PACKAGE:  # hundreds a second, so it is left as it is until read
+                self._arrived.append(package.payload)
+                continue
             reply = codec.decode_reply(package, self._protocol)
-            if isinstance(reply, codec.OutputData):
-                self._arrived.append(reply.data)
-            elif isinstance(reply, codec.TextMessage):
+            if isinstance(reply, codec.TextMessage):
                 self.messages.append(reply)
             else:
                 self._replies.append(reply)

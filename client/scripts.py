@@ -16,7 +16,7 @@ from urproto.primary.framing import PrimaryMessage
 from urproto.primary.messages import ErrorCodeMessage, RuntimeExceptionMessage, SafetyModeMessage, TextMessage
 from urproto.primary.state import RobotStateData
 
-__all__ = ["MAY_RUN", "Script", "ScriptResult", "ScriptRun", "mode_name", "prepare"]
+__all__ = ["MAY_RUN", "Script", "ScriptResult", "ScriptRun", "is_secondary", "mode_name", "prepare"]
 
 MAY_RUN: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED, SafetyMode.RECOVERY)
 _GRAVE: Final = (ReportLevel.VIOLATION, ReportLevel.FAULT, ReportLevel.CRITICAL_FAULT)
@@ -61,6 +61,12 @@ def prepare(text: str, name: str | None = None) -> Script:
             "send it with send_script"
         )
     return Script(head[2], text)
+
+
+def is_secondary(text: str) -> bool:
+    """Whether it is a ``sec`` program."""
+    head = _HEAD.match(text)
+    return head is not None and head[1] == "sec"
 
 
 def _wrapped(text: str, name: str) -> Script:

@@ -14,8 +14,7 @@ from typing import Any
 import typer.main
 
 from client import cli as client_cli
-from client.commands.deferred import Deferred
-from emulator import check, ctl
+from emulator import check
 from emulator import cli as emulator_cli
 from emulator.builtins import LIBRARIES
 from emulator.config import PORTS
@@ -25,7 +24,6 @@ from emulator.control.verbs import verbs_of
 from emulator.dashboard import COMMANDS
 from emulator.faults.catalogue import SUBJECTS, kinds
 from emulator.faults.fault import Fault
-from emulator.fleet import command as fleet
 from emulator.lifecycle.power import POWER_TABLE
 from emulator.lifecycle.runstate import RUN_TABLE
 from emulator.lifecycle.safety import SAFETY_TABLE
@@ -34,6 +32,7 @@ from emulator.run_command import COMMAND as RUN
 from emulator.safety.causes import CAUSES
 from emulator.services import NOT_EMULATED
 from emulator.textcommands import TEXT_COMMANDS
+from urproto.commandline import Deferred
 from urproto.robots import MODELS, load_model
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field
 from urproto.versions import Availability
@@ -116,8 +115,6 @@ def command_line() -> str:
     parts = ["# Command line", NOTICE]
     apps = (
         ("ur-emulator", emulator_cli.app),
-        ("ur-emulator fleet", fleet.app),
-        ("ur-emulator ctl", ctl.app),
         ("ur-emulator-check", check.app),
         ("ur-client", client_cli.app),
     )
@@ -215,7 +212,7 @@ def _commands(words: str, command: Any) -> Iterable[tuple[str, Any]]:
     if isinstance(command, Deferred):
         command = command.load()
     subcommands = getattr(command, "commands", {})
-    if not subcommands:
+    if not subcommands or command.invoke_without_command:
         yield words, command
     for name, subcommand in subcommands.items():
         yield from _commands(f"{words} {name}", subcommand)

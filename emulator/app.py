@@ -23,6 +23,7 @@ from emulator.devices.tool_line import SerialDevice
 from emulator.faults.fault import Fault, FaultError, FaultImpossible
 from emulator.faults.injector import FaultInjector
 from emulator.faults.reboot import rebooted, show_gone
+from emulator.guard import Novelty
 from emulator.reporting.primary_state import robot_state
 from emulator.reporting.program_state import ProgramReporter
 from emulator.servers.base import PortServer
@@ -82,6 +83,7 @@ class Emulator:
         self._running = AsyncExitStack()
         self._box = AsyncExitStack()  # what is there while the controller is on
         self._power = PowerSwitch()
+        self._novelty = Novelty()
 
     @property
     def ports(self) -> dict[str, int]:
@@ -106,7 +108,7 @@ class Emulator:
             starting.callback(self.faults.clear_all)
             starting.callback(self.clock.close)
             self.inject(self.config.faults)
-            self.clock.start(self._tick)
+            self.clock.start(self._period)
             self._running = starting.pop_all()
         return self
 
@@ -219,6 +221,14 @@ class Emulator:
             except OSError as error:
                 _logger.warning("%s", error)
                 await asyncio.sleep(_LISTEN_AGAIN_S)
+
+    def _period(self) -> None:
+        """The controller has a guard of its own; this one is for the machine around it."""
+        try:
+            self._tick()
+        except Exception as error:
+            if self._novelty.of(error):
+                _logger.exception("a control period failed outside of the controller")
 
     def _tick(self) -> None:
         power = self._power

@@ -9,7 +9,8 @@ Nobody has to look after it: blocking popups are closed (the controller's
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 from emulator.controller import Controller
@@ -28,17 +29,28 @@ from urscript.errors import ScriptError
 from urscript.files import FileUnit, ScriptFile
 from urscript.runtime import ScriptThread
 
-__all__ = ["Batch"]
+__all__ = ["Batch", "Stimulus"]
 
 _SECONDARY_FAILED: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"
+
+
+@dataclass(frozen=True, slots=True)
+class Stimulus:
+    """Something that happens to the controller at a time [s] of the run."""
+
+    at_s: float
+    apply: Callable[[Controller], None]
 
 
 class Batch:
     """One run. The programs of the file must compile for the controller's version.
 
-    say: called with every line of the report. trace: also report every statement that is
-    executed. timeout_s: most robot time [s]. ``done``: nothing more happens. ``failure``: why
-    the run did not end well, empty when it did. ``time_s``: robot time since the beginning [s].
+    say: called with every line of the report. trace: also report every statement that is executed.
+    timeout_s: most robot time [s]. answers: to the questions of the programs, in their order, as an
+    operator would type them. stimuli: what happens from outside meanwhile.
+
+    ``done``: nothing more happens. ``failure``: why the run did not end well, empty when it did.
+    ``time_s``: robot time since the beginning [s].
     """
 
     def __init__(
@@ -49,6 +61,8 @@ class Batch:
         *,
         trace: bool = False,
         timeout_s: float | None = None,
+        answers: Sequence[str] = (),
+        stimuli: Sequence[Stimulus] = (),
     ) -> None:
         self.done = False
         self.failure = ""
@@ -57,6 +71,8 @@ class Batch:
         self._say = say
         self._timeout_s = timeout_s
         self._began_s = controller.time_s
+        self._answers = deque(answers)
+        self._stimuli = deque(sorted(stimuli, key=lambda stimulus: stimulus.at_s))
         self._waiting = deque(file.units)
         self._main: FileUnit | None = None  # submitted last
         self._secondary: FileUnit | None = None  # as above
@@ -82,6 +98,8 @@ class Batch:
         """One control period. Does nothing once the run is over."""
         if self.done:
             return
+        while self._stimuli and self._stimuli[0].at_s <= self.time_s:
+            self._stimuli.popleft().apply(self._controller)
         self._submit()
         for message in self._controller.tick().messages:
             self._reporters.get(message.__class__, lambda _: None)(message)
@@ -126,8 +144,16 @@ class Batch:
         self._report(f"{kind} {message.title}: {message.text}{continued}")
 
     def _question(self, message: RequestValueMessage) -> None:
-        self._report(f"question: {message.text}")
-        self.failure = "the program asks the operator for a value, and nobody is there to answer"
+        if not self._answers:
+            self._report(f"question: {message.text}")
+            self.failure = "the program asks the operator for a value, and nobody is there to answer: --answer does"
+            return
+        answer = self._answers.popleft()
+        self._report(f"question: {message.text} (answered {answer})")
+        try:
+            self._controller.popups.answer_typed(answer)
+        except ValueError as error:
+            self.failure = f"the answer {answer!r} was not taken: {error}"
 
     def _key(self, message: KeyMessage) -> None:
         if message.title == _SECONDARY_FAILED:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -19,6 +19,7 @@ from emulator.control.verbs import BadArguments, NotPossible
 from emulator.namesakes import Namesake, find_namesakes, installation
 from emulator.ports import PORTS
 from emulator.readiness import Finding, find_out, run_script
+from urproto.commandline import AsJson, application, print_json, version_of
 
 __all__ = ["app", "main"]
 
@@ -54,7 +55,7 @@ _REFUSED: Final = (
 )
 _SILENT: Final = ("no answer in time", "wrong address, a firewall, or a controller that hangs")
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+app = application()
 
 
 def main() -> None:
@@ -76,9 +77,11 @@ def _check(
         bool, typer.Option("--run-script", help="Also let the robot run a script that only writes to its log.")
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print what is wrong only.")] = False,
+    as_json: AsJson = False,
     install: Annotated[
         bool, typer.Option("--install", help="Look at this installation instead: who else has our packages' names.")
     ] = False,
+    version: Annotated[bool, version_of("ur-emulator-check")] = False,
 ) -> None:
     """Do what clients do on every port of a robot, emulated or real, and say which part does not answer."""
     if install:
@@ -94,7 +97,7 @@ def _check(
         if not any(map(plan.is_wrong, findings)) or time.monotonic() >= deadline:
             break
         time.sleep(_PAUSE_S)
-    raise typer.Exit(_report(findings, plan, quiet=quiet))
+    raise typer.Exit(_report(findings, plan, quiet=quiet, as_json=as_json))
 
 
 @dataclass(frozen=True)
@@ -152,15 +155,26 @@ async def _look(plan: _Plan, timeout_s: float, *, script: bool) -> list[Finding]
     return findings
 
 
-def _report(findings: Sequence[Finding], plan: _Plan, *, quiet: bool) -> int:
+def _report(findings: Sequence[Finding], plan: _Plan, *, quiet: bool, as_json: bool) -> int:
     """Print it; the exit status."""
     wrong = [finding for finding in findings if plan.is_wrong(finding)]
-    if all(isinstance(finding.error, OSError) for finding in findings):
+    nothing = all(isinstance(finding.error, OSError) for finding in findings)
+    if as_json:
+        print_json([_as_object(finding, plan) for finding in (wrong if quiet else findings)])
+    elif nothing:
         typer.echo(f"nothing of a robot is reachable on {plan.host}: {_causes(wrong[0])}")
+    else:
+        for finding in wrong if quiet else findings:
+            typer.echo(_line(finding, plan))
+    if nothing:
         return _UNREACHABLE
-    for finding in wrong if quiet else findings:
-        typer.echo(_line(finding, plan))
     return _FAILED if wrong else 0
+
+
+def _as_object(finding: Finding, plan: _Plan) -> dict[str, Any]:
+    found = "failed" if plan.is_wrong(finding) else "ok" if finding.error is None else "absent"
+    text = finding.text if finding.error is None else _causes(finding)
+    return {"server": finding.name, "port": finding.port, "found": found, "text": text}
 
 
 def _line(finding: Finding, plan: _Plan) -> str:

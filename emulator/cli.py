@@ -5,23 +5,23 @@ has an ``emulator`` of its own it runs that one. The console script does not.
 """
 
 import asyncio
-import logging
+import os
+import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from enum import StrEnum
 from functools import wraps
-from importlib.metadata import version as distribution_version
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn
 
 import typer
-from rich.console import Console
-from rich.logging import RichHandler
 
+from emulator.logs import LogLevel, log_to_stderr
 from emulator.programs.sockets import ScriptNetwork
+from emulator.realtime import RealTime
 from emulator.robot.kinds import ArmKind
+from urproto.commandline import Deferred, application, completing, load_from, version_of
 from urproto.ports import PENDANT_PORT
 
 if TYPE_CHECKING:
@@ -29,9 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ROBOT_OPTIONS",
-    "LogLevel",
     "configure",
-    "log_to_stderr",
     "main",
     "mistakes_in_one_line",
     "with_robot_options",
@@ -39,16 +37,7 @@ __all__ = [
 
 _USAGE_ERROR = 2
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-
-
-class LogLevel(StrEnum):
-    """How much is logged, on standard error."""
-
-    DEBUG = "debug"
-    INFO = "info"
-    WARNING = "warning"
-    ERROR = "error"
+app = application()
 
 
 def main() -> None:
@@ -56,15 +45,17 @@ def main() -> None:
     app()
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"ur-emulator {distribution_version('ur-emulator')}")
-        raise typer.Exit
+def _models() -> Iterable[str]:
+    from urproto.robots import MODELS  # only a shell that completes a model's name waits for it
+
+    return MODELS
 
 
 def configure(
     *,
-    model: Annotated[str, typer.Option(help="The arm, for example ur3 or ur5e.")] = "ur3",
+    model: Annotated[
+        str, typer.Option(help="The arm, for example ur3 or ur5e.", autocompletion=completing(_models))
+    ] = "ur3",
     polyscope: Annotated[str | None, typer.Option(help="PolyScope version to report, for example 3.15.8.")] = None,
     host: Annotated[
         str, typer.Option(envvar="UR_EMULATOR_HOST", help="Address to listen on; 0.0.0.0 lets other machines in.")
@@ -72,7 +63,9 @@ def configure(
     port_offset: Annotated[int, typer.Option(help="Added to each of the usual ports.")] = 0,
     ephemeral_ports: Annotated[bool, typer.Option("--ephemeral-ports", help="Take free ports instead.")] = False,
     programs: Annotated[Path | None, typer.Option(help="Folder that the dashboard's load looks in.")] = None,
-    initial_positions: Annotated[Path | None, typer.Option(help="YAML file: joint names to radians.")] = None,
+    initial_positions: Annotated[
+        Path | None, typer.Option(help="YAML file: joint names to radians (default: URSim's).")
+    ] = None,
     calibration: Annotated[
         Path | None, typer.Option(help="YAML file: an arm's calibration, as ur-client calibration writes it.")
     ] = None,
@@ -98,6 +91,12 @@ def configure(
     ] = ArmKind.IDEAL,
     seed: Annotated[int, typer.Option(help="Of a dynamic arm's measurement noise.")] = 0,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
+    realtime: Annotated[
+        RealTime,
+        typer.Option(
+            help="Priority over other processes and locked memory (Linux): as granted; demanded; or not asked for."
+        ),
+    ] = RealTime.AUTO,
     encoder0_speed: Annotated[float, typer.Option(help="Ticks per second of a conveyor at encoder 0.")] = 0.0,
     encoder1_speed: Annotated[float, typer.Option(help="Ticks per second of a conveyor at encoder 1.")] = 0.0,
     tool_device: Annotated[
@@ -136,7 +135,7 @@ def configure(
     controller = ControllerConfig(
         model=robot,
         version=checked.choose_version(polyscope, robot),
-        initial_q=checked.read_initial_positions(initial_positions, robot) if initial_positions else None,
+        initial_q=checked.read_initial_positions(initial_positions, robot),
         running=running,
         programs_dir=checked.read_programs_dir(programs),
         remote_control=remote_control,
@@ -158,6 +157,7 @@ def configure(
         port_offset=port_offset,
         ephemeral_ports=ephemeral_ports,
         speed=speed,
+        realtime=realtime,
         script_network=script_network,
         modbus_unit_port=modbus_unit_port,
         tool_device=tool_device,
@@ -188,28 +188,50 @@ def with_robot_options(*, without: Sequence[str] = ()) -> Callable[[Callable[...
     return decorate
 
 
-@app.command()
+@app.callback(invoke_without_command=True, subcommand_metavar="[COMMAND [ARGS]...]")
 @with_robot_options()
 def _run(
     robot: Mapping[str, Any],
     *,
+    context: typer.Context,
     ports_file: Annotated[Path | None, typer.Option(help="Write the ports here as JSON once ready.")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
     no_pendant: Annotated[bool, typer.Option("--no-pendant", help="Start no teach pendant.")] = False,
     pendant_port: Annotated[int, typer.Option(help="Where browsers find the teach pendant.")] = PENDANT_PORT,
-    version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
-    ] = False,
+    version: Annotated[bool, version_of("ur-emulator")] = False,
 ) -> None:
     """Stand in for a Universal Robots controller on this machine. Not for validating safety."""
-    from emulator.serve import serve
-
+    if context.invoked_subcommand is not None:
+        _refuse_options_before(context)
+        return
     log_to_stderr(log_level)
     with mistakes_in_one_line():
+        from emulator.serve import serve
+
         config = configure(**robot)
         without = exit_when_ready or no_pendant or config.ephemeral_ports
         asyncio.run(serve(config, ports_file, None if without else pendant_port, exit_when_ready=exit_when_ready))
+
+
+def _refuse_options_before(context: typer.Context) -> None:
+    """They would be without effect: each command has its own."""
+    for name in context.params:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            option = f"--{name.replace('_', '-')}"
+            raise typer.BadParameter(f"{option} belongs behind {context.invoked_subcommand}, or is no option of it")
+
+
+def _fleet() -> Any:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read on import; a process with threads must not fork
+    return load_from("emulator.fleet.command:app")()
+
+
+app.command("fleet", cls=Deferred, help="Run many robots on this machine, each on an address of its own.")(_fleet)
+app.command("ctl", cls=Deferred, help="Use the control API of a running emulator: inputs, buttons, faults, time.")(
+    load_from("emulator.ctl:app")
+)
 
 
 @contextmanager
@@ -217,23 +239,25 @@ def mistakes_in_one_line() -> Iterator[None]:
     """Turn what the user can mend into one line on standard error and exit status 2."""
     from emulator.config import ConfigError
     from emulator.readiness import NotReady
+    from emulator.realtime import RealTimeRefused
 
     try:
         yield
     except ConfigError as error:
         _fail(str(error))
+    except RealTimeRefused as error:
+        _fail(str(error))
     except NotReady as error:
         _fail(f"not ready: {error}")
     except OSError as error:
         _fail(error.strerror or str(error))
-    except KeyboardInterrupt:  # where the event loop cannot handle signals
-        pass
-
-
-def log_to_stderr(level: LogLevel) -> None:
-    """Log of this process, from this level on."""
-    handler = RichHandler(console=Console(stderr=True), show_path=False, rich_tracebacks=False)
-    logging.basicConfig(level=level.value.upper(), format="%(message)s", datefmt="%X", handlers=[handler])
+    except ImportError as error:
+        if ".so" not in str(error):  # else it is a library of the system that a package did not bring
+            raise
+        _fail(f"{error}. Pinocchio needs the OpenMP runtime: apt install libgomp1 (Debian), dnf install libgomp")
+    except KeyboardInterrupt:
+        if sys.platform != "win32":  # there the event loop cannot handle signals, and this is how it ends
+            raise
 
 
 def _fail(message: str) -> NoReturn:

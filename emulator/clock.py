@@ -15,7 +15,6 @@ On Linux a timerfd in the event loop wakes the tick. Measured on a two-core mach
 import asyncio
 import contextlib
 import ctypes
-import gc
 import logging
 import math
 import os
@@ -25,7 +24,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
-__all__ = ["Clock", "ClockStatistics", "FastClock", "RealClock", "StepClock", "claim_real_time"]
+__all__ = ["Clock", "ClockStatistics", "FastClock", "RealClock", "StepClock"]
 
 Tick = Callable[[], object]
 
@@ -373,30 +372,3 @@ def _checked(result: int) -> int:
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number))
     return result
-
-
-def claim_real_time() -> list[str]:
-    """Ask the system for punctual wake-ups of this process; returns what was granted.
-
-    For a process that is nothing but an emulator: the scheduling class and the frozen heap
-    concern the whole process.
-    """
-    gc.collect()
-    gc.freeze()
-    granted = ["frozen heap"]
-    if sys.platform == "linux":
-        if _set_timer_slack():
-            granted.append("timer slack")
-        with contextlib.suppress(OSError):  # needs CAP_SYS_NICE or a limit
-            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(1))
-            granted.append("SCHED_FIFO")
-    return granted
-
-
-def _set_timer_slack() -> bool:
-    """Let timers fire when they are due instead of up to 50 us later."""
-    set_timer_slack, slack_ns = 29, 1  # PR_SET_TIMERSLACK of prctl(2)
-    try:
-        return bool(ctypes.CDLL(None).prctl(set_timer_slack, slack_ns, 0, 0, 0) == 0)
-    except (OSError, AttributeError):
-        return False

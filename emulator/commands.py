@@ -8,11 +8,11 @@ applying it raised.
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from math import isfinite
 from typing import TYPE_CHECKING, Any, Literal
 
 from emulator import dashboard, textcommands
 from emulator.devices.gripper_requests import GripperSession
+from emulator.guard import plausible
 from emulator.io import inputs, modbus_requests
 from emulator.lifecycle.errorcodes import READ_ONLY_SOCKET
 from emulator.mailbox import deliver
@@ -35,6 +35,7 @@ __all__ = [
     "RTDEInputs",
     "RefusedScript",
     "ScriptUnit",
+    "ServingFailed",
     "ToolBytes",
 ]
 
@@ -152,7 +153,7 @@ class MountPayload(Command):
         if payload is None:
             return
         numbers = (payload.mass, *payload.cog, *payload.inertia)
-        if not all(map(isfinite, numbers)) or min(payload.mass, *payload.inertia[:3]) < 0.0:
+        if not plausible(*numbers) or min(payload.mass, *payload.inertia[:3]) < 0.0:
             raise ValueError(
                 f"{payload} cannot hang on a flange: mass and moments of inertia are 0 or more, and finite"
             )
@@ -201,3 +202,14 @@ class ToolBytes(Command):
         while controller.tool_line.full:
             yield
         controller.tool_line.send(self.data)
+
+
+@dataclass(frozen=True, slots=True)
+class ServingFailed(Command):
+    """A server could not tell its clients about a control period."""
+
+    server: str
+    error: Exception
+
+    def apply(self, controller: "Controller") -> None:
+        controller.guard.caught(f"serving the port {self.server!r}", self.error)

@@ -17,14 +17,24 @@ from emulator.faults.fault import Fault, FaultError
 from emulator.ports import PORTS
 from emulator.programs.sockets import ScriptNetwork
 from emulator.programs.urcap import DriverAddress
+from emulator.realtime import RealTime
 from emulator.safety.configuration import SafetyConfiguration, factory_configuration
 from emulator.safety.files import load_safety_file
 from emulator.safety.installation import SafetySettingsError
 from emulator.services import POLYSCOPE_X
 from emulator.world.file import WorldFileError, WorldPlan, read_world
+from urproto import robots
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
-from urproto.robots import Calibration, CalibrationError, RobotModel, UnknownModel, calibration_hash, load_model
+from urproto.robots import (
+    START_Q,
+    Calibration,
+    CalibrationError,
+    RobotModel,
+    UnknownModel,
+    calibration_hash,
+    load_model,
+)
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
@@ -54,9 +64,7 @@ _FIRST_VERSION: Final = {"interpreter": INTERPRETER_MODE}  # the other ports are
 _LAST_PORT: Final = 65535
 _LOOPBACK: Final = "127.0.0.1"
 _FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder can count (Script Manual)
-_POLYSCOPE_X_MAJOR: Final = 10
-_MAJOR: Final = {Series.CB3: 3, Series.E: 5}
-_NEWEST_CB3_MINOR: Final = 15  # the CB3 line ended with 3.15
+_POLYSCOPE_X: Final = "10."
 
 
 class ConfigError(ValueError):
@@ -69,6 +77,7 @@ class EmulatorConfig:
 
     host: an address of this machine. port_offset is added to each of the usual ports;
     ephemeral_ports takes free ones instead. speed: simulated seconds per second.
+    realtime: what the process that runs it asks of the system.
     script_network: where the sockets and remote procedure calls of scripts may lead.
     modbus_unit_port: where the Modbus units listen that programs add signals of (URScript
     names no port). tool_device: what is connected to the tool's serial line of an e-Series
@@ -83,6 +92,7 @@ class EmulatorConfig:
     port_offset: int = 0
     ephemeral_ports: bool = False
     speed: float = 1.0
+    realtime: RealTime = RealTime.AUTO
     script_network: ScriptNetwork = ScriptNetwork.ANY
     modbus_unit_port: int = 502
     tool_device: str | None = None
@@ -94,6 +104,8 @@ class EmulatorConfig:
     def __post_init__(self) -> None:
         if not 0.0 < self.speed < math.inf:
             raise ConfigError(f"the speed must be a positive number, not {self.speed}")
+        if self.realtime is RealTime.ON and self.speed != 1.0:
+            raise ConfigError(f"--realtime on is for real time, and the speed is {self.speed:g}: leave one of them out")
         if self.tool_device is not None and self._version.series is not Series.E:
             raise ConfigError(f"{self.controller.model.title} has no serial line at its tool: e-Series arms do")
         most = _LAST_PORT - max(PORTS[name] for name in self._port_names)
@@ -175,29 +187,21 @@ def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
 
     Raises ConfigError when the text is no version or the arm never ran it.
     """
-    if text is None:
-        return DEFAULT_VERSION[model.series]
     try:
-        version = PolyscopeVersion.parse(text)
+        return robots.choose_version(text, model)
     except ValueError as error:
-        raise ConfigError(str(error)) from error
-    major = _MAJOR[model.series]
-    newer_than_any = model.series is Series.CB3 and version.minor > _NEWEST_CB3_MINOR
-    if version.major != major or newer_than_any:
-        known = "3.0 to 3.15" if model.series is Series.CB3 else "5.x"
-        why = f" ({POLYSCOPE_X.reason})" if version.major == _POLYSCOPE_X_MAJOR else ""
-        raise ConfigError(
-            f"{model.title} is a {model.series.value} arm: its PolyScope version is {known}, not {text}{why}"
-        )
-    return version
+        polyscope_x = text is not None and text.startswith(_POLYSCOPE_X)
+        raise ConfigError(f"{error} ({POLYSCOPE_X.reason})" if polyscope_x else str(error)) from error
 
 
-def read_initial_positions(path: Path, model: RobotModel) -> Joints:
-    """Joint angles [rad] from a YAML file of joint names, such as ur_description's.
+def read_initial_positions(path: Path | None, model: RobotModel) -> Joints:
+    """Joint angles [rad] from a YAML file of joint names, such as ur_description's; without one where arms start.
 
     Raises ConfigError when the file is unreadable, does not name exactly the six joints, or
     has an angle the arm cannot take.
     """
+    if path is None:
+        return START_Q
     content = read_yaml(path)
     if not isinstance(content, dict) or set(content) != set(JOINT_NAMES):
         raise ConfigError(f"{path} must give radians for each of {', '.join(JOINT_NAMES)}, and nothing else")

@@ -7,6 +7,8 @@
 A tick latches what was posted since the last one, gives every script thread its frame,
 advances the motion by one period, moves the arm, judges it, and publishes one snapshot.
 There is no clock in here: time is the number of ticks.
+
+A tick never raises: what its stages raise ends in the guard (`emulator.guard`).
 """
 
 from collections.abc import Callable
@@ -17,6 +19,7 @@ from typing import Any, Final
 from emulator.commands import Command
 from emulator.devices.robotiq import Gripper, GripperModel
 from emulator.devices.tool_line import ToolLine
+from emulator.guard import MOVING, PUBLISHING, Guard, plausible
 from emulator.io.baselight import BaseLight
 from emulator.io.encoders import Encoders
 from emulator.io.ftinput import ForceInput
@@ -28,7 +31,7 @@ from emulator.lifecycle.errorcodes import StopCause
 from emulator.lifecycle.power import Power, PowerEvent, PowerState, PowerTimings
 from emulator.lifecycle.safety import Safety, SafetyEvent
 from emulator.lifecycle.speed import Speed
-from emulator.mailbox import Mailbox, Reply, deliver
+from emulator.mailbox import Mailbox, Reply
 from emulator.motion import Motion, MotionFault
 from emulator.programs.runner import Programs
 from emulator.programs.trees.installation_file import InstallationFile
@@ -45,10 +48,10 @@ from emulator.snapshot import Snapshot, Vector6
 from emulator.world.file import WorldPlan
 from emulator.world.world import World
 from urproto.modes import ReportLevel, RobotStatusBits
-from urproto.robots import RobotModel
+from urproto.robots import START_Q, RobotModel
 from urproto.robots.pose import Pose
 from urproto.rtde.fields import OUTPUT_FIELDS
-from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+from urproto.versions import DEFAULT_VERSION, Availability, PolyscopeVersion, Series
 
 __all__ = ["Controller", "ControllerConfig"]
 
@@ -56,14 +59,16 @@ _ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 # As found in program files of the vendor's simulators; clients want digits only, starting with 20.
 _NEW_YEAR_2024_S: Final = 1_704_067_200.0
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
+# an ideal arm is a simulator's; earlier ones report other currents and temperatures (the versions: guess)
+_LATE_SIMULATOR: Final = Availability.since("3.10", "5.4")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerConfig:
     """What a controller is born with.
 
-    version: None takes the default of the model's series. initial_q: [rad], None takes the
-    model's. running: start with the brakes released. uptime_s: clients wait for 40 s of it.
+    version: None takes the default of the model's series. initial_q: where the arm
+    stands [rad]. running: start with the brakes released. uptime_s: clients wait for 40 s of it.
     programs_dir: where ``load`` looks and reports are written. external_control: where the driver
     hands out the program of External Control nodes, before what the installation says. remote_control: what
     ``is in remote control`` answers; commands are accepted either way, as by a simulator, unless
@@ -80,7 +85,7 @@ class ControllerConfig:
 
     model: RobotModel
     version: PolyscopeVersion | None = None
-    initial_q: Vector6 | None = None
+    initial_q: Vector6 = START_Q
     running: bool = False
     uptime_s: float = 41.0
     programs_dir: Path | None = None
@@ -117,15 +122,18 @@ class Controller:
         self.user_role = "NONE"
         self.operational_mode = "NONE"
         self.remote_control = config.remote_control  # the pendant's switch
+        self.reports_dir: Path | None = None  # where reports go without a programs directory; made when needed
 
         self.messages = MessageLog(self._time_us)
         self.popups = Popups(self.messages, lambda: self.time_s, config.popup_auto_close_s)
         self.registers = Registers()
         self.port_memory: PortMemory = PortMemory()
-        self.signals = Signals()
+        early = not config.dynamic and not _LATE_SIMULATOR.covers(self.version)
+        self.signals = Signals(early_simulator=early)
         self.encoders = Encoders(self.period_s, config.encoder_speeds)
         self.rtde_inputs: dict[str, Any] = {}  # last value of every RTDE input by name
         self.rtde_refreshed: dict[str, int] = {}  # step at which it came
+        self.rtde_refused: set[str] = set()  # inputs that came with values which are none, and were told of
         self.installation = Installation()
         self.world_model = WorldModel()
         self.base_light = BaseLight()
@@ -138,8 +146,8 @@ class Controller:
         self.ft_input = ForceInput()
         self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
         self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
-        self.electrics = Electrics()
-        self.motion = Motion(self.model, self.period_s, config.initial_q or self.model.home_q)
+        self.electrics = Electrics(early_simulator=early)
+        self.motion = Motion(self.model, self.period_s, config.initial_q)
         self.safety_board = SafetyBoard(self)
         self.motion.govern(self.safety_board.governor.excess)
         self.tool_line = ToolLine(self.period_s)
@@ -149,6 +157,8 @@ class Controller:
         self.on_tick: list[Callable[[], None]] = []
         self.falsifiers: list[Callable[[Snapshot], None]] = []
 
+        self.guard = Guard(self)
+        self.last_good_q = self.motion.q  # where the arm was in the last period in which its state made sense
         self._mailbox = Mailbox(self)
         self._subscribers: list[Callable[[Snapshot], None]] = []
         self._own_sensor = self.model.series is Series.E
@@ -156,6 +166,16 @@ class Controller:
         self._arm_changed = False
         self._falsified = False
         self._fault: MotionFault | None = None
+        self._stages: tuple[tuple[str, Callable[[], None]], ...] = (
+            ("letting faults act", self._call_hooks),
+            ("carrying out commands", self._mailbox.carry_out),
+            ("advancing timers", self._advance_timers),
+            ("reading inputs", self._latch_inputs),
+            ("running the program", self.programs.step),
+            (MOVING, self._move_arm),
+            ("advancing the tool", self._advance_tool),
+            ("judging safety", self._judge),
+        )
         self.snapshot = Snapshot(target_execution_time=1000.0 * self.period_s)
         self._move_arm()
         self._publish()
@@ -194,23 +214,23 @@ class Controller:
         return lambda: self._subscribers.remove(callback)
 
     def tick(self) -> Snapshot:
-        """One control period; returns its snapshot."""
+        """One control period; returns its snapshot. Raises nothing."""
         self.step_count += 1
-        for step in tuple(self.on_tick):
-            step()
-        self._mailbox.carry_out()
-        self._advance_timers()
-        self.safety_board.latch()
-        if self.encoders.enabled:
-            self.encoders.advance(self.signals.digital_inputs)
-        self.input_actions.advance(self)
-        self.programs.step()
-        self._move_arm()
-        self._advance_tool()
-        self._judge()
-        self._publish()
+        for name, stage in self._stages:
+            try:
+                stage()
+            except Exception as error:
+                self.guard.caught(name, error)
+        try:
+            self._publish()
+        except Exception as error:
+            self.guard.caught(PUBLISHING, error)
+            self._publish_least()
         for callback in tuple(self._subscribers):
-            deliver(callback, self.snapshot)
+            try:
+                callback(self.snapshot)
+            except Exception as error:
+                self.guard.listener_failed(callback, error)
         return self.snapshot
 
     # doors for programs, commands and faults
@@ -272,7 +292,9 @@ class Controller:
         return self.config.external_control.over(DriverAddress.of(self.installation.file))
 
     def set_tcp(self, tcp_offset: Pose) -> None:
-        """Use another TCP (flange to TCP) from now on, within this period."""
+        """Use another TCP (flange to TCP) from now on, within this period. Raises ValueError for an absurd one."""
+        if not plausible(*tcp_offset):
+            raise ValueError(f"no tool has its TCP at {list(tcp_offset)}")
         self.installation.tcp = tcp_offset
         self.motion.tcp_offset = tcp_offset
 
@@ -290,7 +312,21 @@ class Controller:
         self.set_tcp(self.installation.tcp)
         self.safety_board.compare(self.installation.name, self.installation.file.safety)
 
+    def forget_movement(self) -> None:
+        """For the guard: what this period computed of the arm is neither judged nor published."""
+        self._fault, self._arm_changed = None, False
+
     # the tick's steps
+
+    def _call_hooks(self) -> None:
+        for step in tuple(self.on_tick):
+            step()
+
+    def _latch_inputs(self) -> None:
+        self.safety_board.latch()
+        if self.encoders.enabled:
+            self.encoders.advance(self.signals.digital_inputs)
+        self.input_actions.advance(self)
 
     def _advance_timers(self) -> None:
         self.power.advance(self.period_s)
@@ -305,6 +341,8 @@ class Controller:
             wrench = self.ft_input.wrench_base(self.arm)
         if self.world is not None:
             wrench = self.world.act(self, wrench)
+        if wrench != _ZERO6 and not plausible(*wrench):
+            wrench = _ZERO6  # nothing pushes like that
         self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled
         motion = self.motion
         if driven or motion.braking:
@@ -316,6 +354,8 @@ class Controller:
         self._arm_changed = self.arm.update(
             targets, self.installation, wrench, self.period_s, driven=driven, torque=motion.torque
         )
+        if self._arm_changed:
+            self._check_arm()
         if not driven and self.arm.standing:
             motion.stand_at(self.arm.q)
         power_changed = self.power.state is not self._power_seen
@@ -325,6 +365,23 @@ class Controller:
         self.electrics.advance(
             self.arm, self.period_s, powered=self.power.report.powered, changed=self._arm_changed or power_changed
         )
+
+    def _check_arm(self) -> None:
+        """Nothing that no arm can do may be published, or become part of the next period."""
+        arm = self.arm
+        for name, values in (
+            ("target joint angles", arm.target_q),
+            ("joint angles", arm.q),
+            ("joint speeds", arm.qd),
+            ("joint torques", arm.actual_torque),
+            ("TCP pose", arm.tcp_pose),
+            ("TCP speed", arm.tcp_speed),
+            ("TCP force", arm.tcp_force),
+            ("force sensor", arm.ft_raw_wrench),
+        ):
+            if not plausible(*values):
+                raise ArithmeticError(f"the {name} left all bounds: {values}")
+        self.last_good_q = arm.q
 
     def _advance_tool(self) -> None:
         """What is mounted on the arm has power only while the arm has."""
@@ -342,6 +399,19 @@ class Controller:
         self.safety_board.judge(changed=self._arm_changed)
 
     # the snapshot
+
+    def _publish_least(self) -> None:
+        """As in the last period, but for time, modes and messages: they must get out whatever else fails."""
+        snapshot = self.snapshot.successor()
+        snapshot.step, snapshot.timestamp = self.step_count, self.time_s
+        self.power.publish(snapshot)
+        snapshot.safety_mode, snapshot.safety_status = self.safety.mode, self.safety.status
+        snapshot.safety_status_bits = self.safety.status_bits
+        snapshot.runtime_state = self.programs.state
+        snapshot.program_running = snapshot.program_paused = False
+        snapshot.robot_status_bits = 0
+        snapshot.messages = self.messages.take()
+        self.snapshot = snapshot
 
     def _publish(self) -> None:
         snapshot = self.snapshot.successor()

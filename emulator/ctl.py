@@ -9,26 +9,21 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from emulator.control.remote import ControlClient
 from emulator.control.verbs import BadArguments, NotPossible
+from urproto.commandline import application, console
 from urproto.ports import CONTROL_API_PORT
 
-__all__ = ["main"]
+__all__ = ["app"]
 
 _FAILED: Final = 1
 _USAGE_ERROR: Final = 2
 _LONG: Final = ("tuple[", "list[", "Sequence[")  # types of several values
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Run the command with these arguments."""
-    app(args=list(arguments), prog_name="ur-emulator ctl")
+app = application(completion=False)
 
 
 @app.command(context_settings={"ignore_unknown_options": True})
@@ -44,12 +39,12 @@ def _ctl(
         Path | None, typer.Option("--file", "-f", help="Of save: where to write. Of restore: what to read.")
     ] = None,
 ) -> None:
-    """Use the control API of a running emulator. Results are JSON on standard output."""
+    """Use the control API of a running emulator: inputs, buttons, faults, time. Results are JSON."""
     client = ControlClient(host, port, token, timeout_s=None)
     try:
         verbs = {entry["name"]: entry for entry in client.verbs()}
         if verb is None:
-            Console(highlight=False).print(_overview(verbs))
+            console().print(_overview(verbs))
             return
         name = verb.replace("-", "_")
         if name not in verbs:

@@ -128,7 +128,8 @@ def load(controller: "Controller", name: str) -> _Waiting:
     except (OSError, ValueError) as error:
         controller.messages.text(f"loading {name} failed: {error}")
         return f"Error while loading program: {name}"
-    return f"Loading program: {_as_named(controller, path, name)}"
+    loaded = f"Loading program: {_as_named(controller, path, name)}"
+    return f"{loaded}, {_installation(controller)}" if controller.version.series is Series.E else loaded
 
 
 @command("play", cb3="1.4", e="5.0", remote_only=True)
@@ -315,7 +316,7 @@ def get_user_role(controller: "Controller") -> str:
     return controller.user_role
 
 
-@command("set operational mode", cb3=None, e="5.0")
+@command("set operational mode", cb3=None, e="5.0", remote_only=True)
 def set_operational_mode(controller: "Controller", mode: str) -> str:
     """Let the dashboard control the operational mode: manual or automatic."""
     if mode.upper() not in _OPERATIONAL_MODES:
@@ -330,7 +331,7 @@ def get_operational_mode(controller: "Controller") -> str:
     return controller.operational_mode
 
 
-@command("clear operational mode", cb3=None, e="5.0")
+@command("clear operational mode", cb3=None, e="5.0", remote_only=True)
 def clear_operational_mode(controller: "Controller") -> str:
     """Give the control of the operational mode back to the pendant."""
     controller.operational_mode = "NONE"
@@ -398,7 +399,7 @@ def save_log(controller: "Controller") -> str:
     return "Log saved to disk"
 
 
-@command("shutdown", cb3="1.4", e="5.0")
+@command("shutdown", cb3="1.4", e="5.0", remote_only=True)
 def shutdown(controller: "Controller") -> str:
     """Switch the arm off and end the controller."""
     controller.power_event(PowerEvent.POWER_OFF)
@@ -438,6 +439,14 @@ def _no_program(controller: "Controller") -> str:
 def _existing(controller: "Controller", name: str) -> Path | None:
     """The file of the programs directory that a client means, None when there is none."""
     return ProgramsFolder(controller.config.programs_dir).find(name)
+
+
+def _installation(controller: "Controller") -> str:
+    """Path of the installation in use, that of the loaded program where it has one."""
+    loaded = controller.programs.loaded
+    if loaded is not None and loaded.installation is not None:
+        return _shown(controller, loaded.installation[0])
+    return f"{_SHOWN_ROOT}/{controller.installation.name}"
 
 
 def _as_named(controller: "Controller", path: Path, name: str) -> str:

@@ -5,6 +5,8 @@ from collections import deque
 from collections.abc import Callable, Generator
 from typing import TYPE_CHECKING, Any
 
+from emulator.guard import Novelty
+
 if TYPE_CHECKING:
     from emulator.commands import Command
     from emulator.controller import Controller
@@ -24,6 +26,7 @@ class Mailbox:
         self._controller = controller
         self._posted: deque[tuple[Command, Reply | None]] = deque()
         self._waiting: list[tuple[_Waiting, Command, Reply | None]] = []
+        self._novelty = Novelty()
 
     def post(self, command: "Command", reply: Reply | None) -> None:
         """Queue a command. ``reply`` is called with its answer."""
@@ -38,8 +41,8 @@ class Mailbox:
             command, reply = self._posted.popleft()
             try:
                 answer = command.apply(self._controller)
-            except Exception:
-                self._failed(command, reply)
+            except Exception as error:
+                self._failed(command, reply, error)
                 continue
             if isinstance(answer, Generator):
                 self._continue(answer, command, reply)
@@ -51,19 +54,27 @@ class Mailbox:
             next(frames)
         except StopIteration as done:
             self._answer(reply, done.value)
-        except Exception:
-            self._failed(command, reply)
+        except Exception as error:
+            self._failed(command, reply, error)
         else:
             self._waiting.append((frames, command, reply))
 
-    def _failed(self, command: "Command", reply: Reply | None) -> None:
-        """A command must never end the tick."""
-        _logger.exception("carrying out %r failed", command)
+    def _failed(self, command: "Command", reply: Reply | None, error: Exception) -> None:
+        """A command must never end the tick, nor fill the log: clients repeat what fails."""
+        if self._novelty.of(error):
+            shown = f"{command!r:.200}"
+            _logger.error("carrying out %s failed", shown, exc_info=error)
+            self._controller.messages.note(f"carrying out {shown} failed: {type(error).__name__}: {error}")
         self._answer(reply, command.failure)
 
     def _answer(self, reply: Reply | None, answer: Any) -> None:
-        if reply is not None:
-            deliver(reply, answer)
+        if reply is None:
+            return
+        try:
+            reply(answer)
+        except Exception as error:
+            if self._novelty.of(error, reply):
+                _logger.error("who asked could not take the answer", exc_info=error)
 
 
 def deliver(callback: Callable[[Any], None], value: Any) -> None:

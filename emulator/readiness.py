@@ -109,13 +109,13 @@ async def _primary(stream: _Stream) -> str:
     """The version message first, then a robot state with kinematics and configuration."""
     decoder = PrimaryDecoder()
     messages = decoder.feed(await stream.read())
-    while len(messages) < 2:
+    while not any(isinstance(message, RobotStateData) for message in messages):
         messages += decoder.feed(await stream.read())
     version = messages[0]
     if not isinstance(version, VersionMessage):
         raise NotReady(f"the first message is no version message but {type(version).__name__}")
-    state = next((message for message in messages if isinstance(message, RobotStateData)), None)
-    if state is None or state.configuration is None:
+    state = next(message for message in messages if isinstance(message, RobotStateData))
+    if state.configuration is None:
         raise NotReady("there is no full robot state after the version message")
     return f"{version.project} {version.major}.{version.minor}.{version.bugfix}"
 

@@ -6,15 +6,14 @@ from pathlib import Path
 
 from emulator.programs.sockets import ScriptNetwork
 from emulator.robot.kinds import ArmKind
-from urscript.commands import Command
+from urscript.commands import Command, add_controller_options
 
 __all__ = ["COMMAND"]
 
 
 def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", help="a file of scripts; - is standard input")
-    parser.add_argument("--model", default="ur3", help="the arm, for example ur3 or ur5e (default ur3)")
-    parser.add_argument("--polyscope", help="PolyScope version (default: the usual one of the arm's series)")
+    add_controller_options(parser)
     parser.add_argument(
         "--speed",
         type=_speed,
@@ -36,6 +35,35 @@ def _arguments(parser: ArgumentParser) -> None:
         help="ideal (the default): exactly where its targets are; dynamic: moved by torques, with friction",
     )
     parser.add_argument("--seed", type=int, default=0, help="of a dynamic arm's measurement noise")
+    parser.add_argument("--joints", nargs=6, metavar="Q", help="six joint angles to start from [rad]")
+    parser.add_argument(
+        "--input",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE[@S]",
+        help="an input from the beginning, or from robot time S on: digital0 to 7, configurable0 to 7, tool0 and 1 "
+        "(0 or 1), analog0 and 1, tool-analog0 and 1 (V or A); repeatable",
+    )
+    parser.add_argument(
+        "--register",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE[@S]",
+        help="an input register, likewise: bool0 to 127, int0 to 47, float0 to 47; repeatable",
+    )
+    parser.add_argument(
+        "--answer",
+        action="append",
+        default=[],
+        metavar="TEXT",
+        help="answer to a question of the program, as an operator types it; repeatable, in their order",
+    )
+    parser.add_argument(
+        "--peers",
+        type=Path,
+        metavar="FILE",
+        help="YAML file: what peers on sockets and XML-RPC answer (emulator.script_peers)",
+    )
     parser.add_argument("--trace", action="store_true", help="show every statement before it is executed")
 
 

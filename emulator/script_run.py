@@ -1,35 +1,48 @@
 """What ``urscript run`` does: a file of scripts on an arm that is ready, without servers and without waiting."""
 
 import asyncio
+import math
+import re
 import sys
 from argparse import Namespace
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, TypeAlias
 
-from emulator.batch import Batch
+from emulator.batch import Batch, Stimulus
 from emulator.clock import Clock, FastClock, RealClock
-from emulator.config import ConfigError, choose_model, choose_version, read_surroundings
+from emulator.config import read_surroundings
 from emulator.controller import Controller, ControllerConfig
+from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.programs.sockets import ScriptNetwork
 from emulator.robot.kinds import ArmKind
+from emulator.script_peers import Peers, StubPeers, read_peers
 from emulator.servers.script_sockets import NetworkSockets
-from urscript.commands import SUCCESS, TROUBLE, USAGE_ERROR
+from urproto.robots import START_Q, RobotModel
+from urproto.robots.model import Joints
+from urscript.commands import SUCCESS, TROUBLE, USAGE_ERROR, chosen_controller
 from urscript.errors import CompileError
 from urscript.files import ScriptFile
 
 __all__ = ["run"]
 
+Setter: TypeAlias = Callable[[Controller, int, float], Any]
+
 
 def run(options: Namespace) -> int:
     """Compile and run the file; the exit status."""
     try:
-        model = choose_model(options.model)
-        version = choose_version(options.polyscope, model)
+        model, version = chosen_controller(options)
         world = read_surroundings(options.world)
+        joints = START_Q if options.joints is None else _joints(options.joints, model)
+        stimuli = [_stimulus(text, _INPUTS) for text in options.input]
+        stimuli += [_stimulus(text, _REGISTERS) for text in options.register]
+        peers = {} if options.peers is None else read_peers(options.peers)
         file = ScriptFile.read(options.file)
-    except ConfigError as error:
+    except ValueError as error:
         return _usage_error(str(error))
     except OSError as error:
-        return _usage_error(f"{options.file}: {error.strerror}")
+        return _usage_error(f"{error.filename or options.file}: {error.strerror}")
     problems = file.problems(LIBRARY_SET, version)
     for problem in problems:
         _say(problem.render(file.name))
@@ -43,21 +56,86 @@ def run(options: Namespace) -> int:
         dynamic=options.arm == ArmKind.DYNAMIC,
         seed=options.seed,
         world=world,
+        initial_q=joints,
     )
     controller = Controller(config)
-    batch = Batch(controller, file, _say, trace=options.trace, timeout_s=options.timeout)
+    batch = Batch(
+        controller,
+        file,
+        _say,
+        trace=options.trace,
+        timeout_s=options.timeout,
+        answers=options.answer,
+        stimuli=stimuli,
+    )
     try:
-        asyncio.run(_drive(batch, controller, options.speed, ScriptNetwork(options.script_network)))
+        asyncio.run(_drive(batch, controller, options.speed, ScriptNetwork(options.script_network), peers))
     except KeyboardInterrupt:
         batch.stop("interrupted")
     _say(_final_state(batch, controller))
     return TROUBLE if batch.failure else SUCCESS
 
 
-async def _drive(batch: Batch, controller: Controller, speed: float | None, network: ScriptNetwork) -> None:
+_NUMBERED: Final = re.compile(r"([a-z-]+)(\d+)=([^@]+)(?:@(.+))?")
+_INPUTS: Final[Mapping[str, tuple[int, Setter]]] = {
+    "digital": (8, lambda c, n, value: c.signals.set_digital_input(STANDARD, n, bool(value))),
+    "configurable": (8, lambda c, n, value: c.signals.set_digital_input(CONFIGURABLE, n, bool(value))),
+    "tool": (2, lambda c, n, value: c.signals.set_digital_input(TOOL, n, bool(value))),
+    "analog": (2, lambda c, n, value: c.signals.analog_inputs.__setitem__(n, value)),
+    "tool-analog": (2, lambda c, n, value: c.signals.tool_analog_inputs.__setitem__(n, value)),
+}
+_REGISTERS: Final[Mapping[str, tuple[int, Setter]]] = {
+    "bool": (128, lambda c, n, value: c.registers.input.set_bit(n, bool(value))),
+    "int": (48, lambda c, n, value: c.registers.input.set_int(n, int(value))),
+    "float": (48, lambda c, n, value: c.registers.input.set_double(n, value)),
+}
+_TRUTHS: Final = {"true": 1.0, "false": 0.0}
+
+
+def _stimulus(text: str, known: Mapping[str, tuple[int, Setter]]) -> Stimulus:
+    """An input or register of the command line, as something that happens. Raises ValueError."""
+    match = _NUMBERED.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{text!r} is not of the form NAME=VALUE or NAME=VALUE@SECONDS")
+    kind, number = match[1], int(match[2])
+    if kind not in known or number >= known[kind][0]:
+        names = ", ".join(f"{name}0 to {count - 1}" for name, (count, _) in known.items())
+        raise ValueError(f"there is no {kind}{number}: there are {names}")
+    value = _TRUTHS.get(match[3].lower())
+    value = _number(match[3]) if value is None else value
+    set_it = known[kind][1]
+    if kind == "int" and not (value.is_integer() and abs(value) < 2**31):
+        raise ValueError(f"{text!r}: an int register holds a whole number of 32 bits")
+    return Stimulus(_number(match[4] or "0"), lambda controller: set_it(controller, number, value))
+
+
+def _joints(texts: Sequence[str], model: RobotModel) -> Joints:
+    """Six joint angles [rad] that the arm can have. Raises ValueError."""
+    angles = [_number(text) for text in texts]
+    lowest, highest = model.position_limits
+    for number, (angle, low, high) in enumerate(zip(angles, lowest, highest, strict=True)):
+        if not low <= angle <= high:
+            raise ValueError(f"joint {number} cannot be at {angle:g} rad: {low:g} to {high:g} are possible")
+    a, b, c, d, e, f = angles
+    return a, b, c, d, e, f
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is not a number")
+    return value
+
+
+async def _drive(
+    batch: Batch, controller: Controller, speed: float | None, network: ScriptNetwork, peers: Peers
+) -> None:
     """Tick until the run is over. Raises what a tick raises."""
     sockets = NetworkSockets(network, controller.messages.note)
-    controller.programs.socket_backend = sockets
+    controller.programs.socket_backend = StubPeers(peers, sockets)
     period_s = controller.period_s
     clock: Clock = RealClock(period_s, speed) if speed else FastClock(period_s, lambda: len(sockets) > 0)
     over: asyncio.Future[None] = asyncio.get_running_loop().create_future()

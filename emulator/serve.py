@@ -2,21 +2,24 @@
 
 import asyncio
 import json
-import logging
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import AsyncExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import TextIO, cast
 
 from rich.console import Console
 
 from emulator.app import Emulator
-from emulator.clock import claim_real_time
 from emulator.config import ConfigError, EmulatorConfig
+from emulator.logs import ERROR, OUTPUT
 from emulator.pendant import Pendant
 from emulator.readiness import check_ready
+from emulator.realtime import RealTime, claim_real_time, give_way_under_overload
 from emulator.welcome import first_screen, ready_line
+from urproto.commandline import console
 
 __all__ = ["serve", "write_ports"]
 
@@ -28,30 +31,35 @@ async def serve(
 
     Raises ConfigError, NotReady, OSError.
     """
-    console = Console(highlight=False)
+    screen = console(cast(TextIO, OUTPUT))
     emulator = Emulator(replace(config, faults=()))  # they begin once it has proven to be ready
-    if config.speed == 1.0:
-        logging.getLogger(__name__).info("granted by the system: %s", ", ".join(claim_real_time()))
-    async with emulator:
+    async with AsyncExitStack() as running:
+        running.enter_context(OUTPUT.in_background())
+        running.enter_context(ERROR.in_background())
+        granted = claim_real_time(config.realtime if config.speed == 1.0 else RealTime.OFF)
+        await running.enter_async_context(emulator)
+        if granted:
+            watching = asyncio.create_task(give_way_under_overload())
+            running.callback(watching.cancel)
         _stop_on_signals(emulator.stop)
-        console.print(first_screen(emulator))
+        screen.print(first_screen(emulator))
         await check_ready(config.host, emulator.ports, elsewhere={"control": config.host_of("control")})
         if ports_file is not None:
             write_ports(ports_file, emulator.ports)
         emulator.inject(config.faults)
-        console.print(ready_line(emulator))
+        screen.print(ready_line(emulator, granted))
         if pendant_port is not None:
-            await _with_pendant(emulator, pendant_port, console)
+            await _with_pendant(emulator, pendant_port, screen)
         elif not exit_when_ready:
             await emulator.stopped.wait()
-    console.print("Stopped.")
+    screen.print("Stopped.")
 
 
-async def _with_pendant(emulator: Emulator, port: int, console: Console) -> None:
+async def _with_pendant(emulator: Emulator, port: int, screen: Console) -> None:
     """It comes up while the robot is at work already."""
     async with Pendant(emulator, port) as pendant:
         telling = asyncio.create_task(pendant.told())
-        telling.add_done_callback(lambda told: None if told.cancelled() else console.print(told.result()))
+        telling.add_done_callback(lambda told: None if told.cancelled() else screen.print(told.result()))
         await emulator.stopped.wait()
         telling.cancel()
 

@@ -7,6 +7,7 @@ own: how the pendant's software answers a program's question is not public.
 """
 
 from collections.abc import Callable
+from math import isfinite, nan
 from typing import TYPE_CHECKING, Final
 
 from emulator.lifecycle.power import PowerEvent
@@ -101,8 +102,12 @@ def _run_program(controller: "Controller", _: str) -> None:
 def _set_speed(controller: "Controller", argument: str) -> None:
     """Speed slider, 0 to 1."""
     try:
-        controller.speed.set_slider(float(argument))
+        fraction = float(argument)
     except ValueError:
+        fraction = nan
+    if isfinite(fraction):
+        controller.speed.set_slider(fraction)
+    else:
         controller.messages.note(f"'set speed {argument}' ignored: give a number from 0 to 1")
 
 

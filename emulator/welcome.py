@@ -1,6 +1,7 @@
 """What a newcomer reads first: what this is, and what to do next."""
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from shutil import which
 
@@ -37,11 +38,12 @@ def first_screen(emulator: Emulator) -> RenderableType:
     return Panel(Group(*parts), title=title, title_align="left", expand=False)
 
 
-def ready_line(emulator: Emulator) -> Text:
-    """Says what it says only after every port has answered."""
+def ready_line(emulator: Emulator, granted: Sequence[str]) -> Text:
+    """Says what it says only after every port has answered. granted: what `claim_real_time` returned."""
     state = "the brakes are released" if emulator.controller.power.running else "the arm is powered off"
     host = emulator.config.host
-    return Text(f"Ready: every port on {host} answers, {state}. Ctrl-C ends it.", style="bold green")
+    punctual = f"in real time ({', '.join(granted)})" if granted else "without real-time priority"
+    return Text(f"Ready: every port on {host} answers, {state}; {punctual}. Ctrl-C ends it.", style="bold green")
 
 
 def _ports(emulator: Emulator) -> Table:

@@ -1,10 +1,11 @@
-"""What every test is held to: it leaves no thread and no listening port behind.
+"""What every test is held to: it leaves no thread and no listening port behind, and no emulator in it fails.
 
 A test that runs in real time may fail for the machine's sake: a force sensor that is held up for 0.1 s ends the
 program, as it must. Such a test has two more tries, each reported; a fault of ours fails them all. Tests in virtual
 time have one.
 """
 
+import logging
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -67,3 +68,24 @@ def leaves_nothing_behind() -> Iterator[None]:
     yield
     complaints = allowed.complaints()
     assert not complaints, f"left behind: {complaints}"
+
+
+@pytest.fixture(autouse=True)
+def no_emulator_fails(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Fail a test in which an emulator of this process failed: its guard makes a fault of the robot of that."""
+    failures = _Failures()
+    logger = logging.getLogger("emulator.guard")
+    logger.addHandler(failures)
+    yield
+    logger.removeHandler(failures)
+    if request.node.get_closest_marker("emulator_fails") is None:
+        assert not failures.texts, "\n".join(failures.texts)
+
+
+class _Failures(logging.Handler):
+    def __init__(self) -> None:
+        super().__init__(logging.CRITICAL)
+        self.texts: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.texts.append(record.getMessage())

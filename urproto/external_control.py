@@ -8,10 +8,11 @@ The driver listens, the robot's program connects. Every message is a fixed numbe
 | 50001 | reverse         | `ReverseMessage`, 8 words     |                                      |
 | 50002 | script sender   | the program, as text          | the line ``request_program``         |
 | 50003 | trajectory      | `TrajectoryPoint`, 21 words   | `TrajectoryResult`, 1 word           |
-| 50004 | script commands | `ScriptCommand`, 28 words     | tool contact's `TrajectoryResult`    |
+| 50004 | script commands | `ScriptCommand`, 28 words     | tool contact's `TrajectoryResult`, `Answer` |
 
-Source: what Universal_Robots_Client_Library 2.14 sends and its control program reads. Encoding
-raises LocalProtocolError for what a word cannot carry, decoding RemoteProtocolError.
+Source: what Universal_Robots_Client_Library 2.14 sends and its control program reads; the script
+commands from 100 on and their answers are this project's own. Encoding raises LocalProtocolError
+for what a word cannot carry, decoding RemoteProtocolError.
 """
 
 import math
@@ -26,10 +27,13 @@ from urproto.errors import LocalProtocolError, RemoteProtocolError
 __all__ = [
     "REQUEST_PROGRAM",
     "SCALE",
+    "Answer",
     "ControlMode",
     "FreedriveAction",
     "MessageDecoder",
     "MotionType",
+    "Question",
+    "ReplyDecoder",
     "ReverseMessage",
     "ScriptCommand",
     "ScriptCommandKind",
@@ -146,6 +150,39 @@ class ScriptCommandKind(IntEnum):
     SET_TCP_OFFSET = 10
     SET_FRICTION_SCALES = 11
     SET_TARGET_PAYLOAD = 12
+    ARGUMENT = 100
+    ASK = 101
+    SET_STREAM_PARAMETERS = 102
+    SET_FREEDRIVE_AXES = 103
+    START_CONTACT_DETECTION = 104
+    STOP_CONTACT_DETECTION = 105
+    SET_FORCE_MODE_PARAMETERS = 106
+
+
+class Question(IntEnum):
+    """What the control program is asked by `ScriptCommand.ask`: the URScript function whose result it answers."""
+
+    FORWARD_KIN = 0
+    INVERSE_KIN = 1
+    INVERSE_KIN_HAS_SOLUTION = 2
+    POSE_WITHIN_SAFETY_LIMITS = 3
+    JOINTS_WITHIN_SAFETY_LIMITS = 4
+    JOINT_TORQUES = 5
+    TCP_OFFSET = 6
+    STEADY = 7
+    STEP_TIME = 8
+    FLANGE_POSE = 9
+    PROGRESS = 10
+    CONTACT_DETECTED = 11
+    JOINT_POSITIONS_HISTORY = 12
+    TARGET_WAYPOINT = 13
+    TOOL_CONTACT = 14
+    FREEDRIVE_STATUS = 15
+    JACOBIAN = 16
+    JACOBIAN_TIME_DERIVATIVE = 17
+    MASS_MATRIX = 18
+    CORIOLIS_AND_CENTRIFUGAL_TORQUES = 19
+    TARGET_JOINT_ACCELERATIONS = 20
 
 
 def to_words(values: Iterable[float]) -> tuple[int, ...]:
@@ -404,6 +441,41 @@ class ScriptCommand:
         values = [min(1.0, max(0.0, value)) for name, block in blocks for value in _exactly(name, block, 6)]
         return cls(ScriptCommandKind.SET_FRICTION_SCALES, to_words(values))
 
+    @classmethod
+    def argument(cls, index: int, values: Sequence[float]) -> Self:
+        """Argument 0 to 2 of the next question (6,), in two words each: as exact as the robot's own numbers."""
+        words = [word for value in _exactly("an argument", values, 6) for word in _to_two_words(value)]
+        return cls(ScriptCommandKind.ARGUMENT, (index, *words))
+
+    @classmethod
+    def ask(cls, question: Question, given: int = 0, number: int = 0) -> Self:
+        """A question, with bits for the arguments that were sent before it, and a number that some take."""
+        return cls(ScriptCommandKind.ASK, (question, given, number))
+
+    @classmethod
+    def set_stream_parameters(
+        cls, lookahead_s: float, gain: float, acceleration: float, deceleration_rad_s2: float
+    ) -> Self:
+        """Of servoing, of speeds [rad/s2 or m/s2], and of coming to rest."""
+        values = (lookahead_s, gain, acceleration, deceleration_rad_s2)
+        return cls(ScriptCommandKind.SET_STREAM_PARAMETERS, to_words(values))
+
+    @classmethod
+    def set_freedrive_axes(cls, axes: Sequence[int], frame: Sequence[float]) -> Self:
+        """1 for each axis (6,) that is free, of a frame given in the base frame (6,); from 5.10 on."""
+        free = (int(bool(axis)) for axis in _exactly("the axes", axes, 6))
+        return cls(ScriptCommandKind.SET_FREEDRIVE_AXES, (*free, *_six("the frame", frame)))
+
+    @classmethod
+    def start_contact_detection(cls, direction_base: Sequence[float]) -> Self:
+        """Note when the tool meets something on its way along a direction (6,), all zero for any."""
+        return cls(ScriptCommandKind.START_CONTACT_DETECTION, _six("the direction", direction_base))
+
+    @classmethod
+    def set_force_mode_parameters(cls, damping: float, gain_scaling: float) -> Self:
+        """Of the force mode that is in effect, or of the next."""
+        return cls(ScriptCommandKind.SET_FORCE_MODE_PARAMETERS, to_words((damping, gain_scaling)))
+
     def encode(self) -> bytes:
         """The bytes on the wire."""
         return _COMMAND.pack(self.kind, *_filled(self.words, 27))
@@ -416,6 +488,70 @@ class ScriptCommand:
 
 
 _COMMAND: Final = struct.Struct(">28i")
+
+
+def _to_two_words(value: float) -> tuple[int, int]:
+    """Millionths, and what is left of one in billionths of it."""
+    _to_word(value)  # raises for what cannot be sent
+    whole = math.floor(value * SCALE)
+    return whole, math.floor((value * SCALE - whole) * _FINE)
+
+
+def _from_two_words(whole: int, rest: int) -> float:
+    return (whole + rest / _FINE) / SCALE
+
+
+_FINE: Final = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What the program answers to a `Question`: no values for one that has no solution.
+
+    On the wire its first word is -1 less the number of values, each of which has two words.
+    """
+
+    values: tuple[float, ...]
+
+    def encode(self) -> bytes:
+        """The bytes on the wire."""
+        words = [-1 - len(self.values), *(word for value in self.values for word in _to_two_words(value))]
+        return struct.pack(f">{len(words)}i", *words)
+
+
+class ReplyDecoder:
+    """Cuts `TrajectoryResult` and `Answer` out of what the robot sends on the script command interface."""
+
+    def __init__(self) -> None:
+        self._buffer = b""
+
+    @staticmethod
+    def size(data: bytes) -> int:
+        """Bytes of the message that begins here with its first word. Raises RemoteProtocolError."""
+        (word,) = _WORD.unpack_from(data)
+        if word < -1 - _MOST_VALUES:
+            raise RemoteProtocolError(f"an answer of {-1 - word} values is too long")
+        return _WORD.size * (1 if word >= 0 else 1 + 2 * (-1 - word))
+
+    @staticmethod
+    def decode(data: bytes) -> TrajectoryResult | Answer:
+        """One whole message. Raises RemoteProtocolError for one that means nothing."""
+        word, *words = struct.unpack(f">{len(data) // _WORD.size}i", data)
+        if word >= 0:
+            return _member(TrajectoryResult, word)
+        return Answer(tuple(map(_from_two_words, words[::2], words[1::2])))
+
+    def feed(self, data: bytes) -> list[TrajectoryResult | Answer]:
+        """Take bytes, give the messages they complete. Raises RemoteProtocolError for one that means nothing."""
+        self._buffer += data
+        messages = []
+        while len(self._buffer) >= _WORD.size and len(self._buffer) >= (size := self.size(self._buffer)):
+            message, self._buffer = self._buffer[:size], self._buffer[size:]
+            messages.append(self.decode(message))
+        return messages
+
+
+_MOST_VALUES: Final = 36  # of a 6 by 6 matrix
 
 
 # streams

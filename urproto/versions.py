@@ -56,6 +56,11 @@ class PolyscopeVersion:
         """CB3 for 3.x, e-Series for everything newer."""
         return Series.CB3 if self.major < 5 else Series.E
 
+    @property
+    def short(self) -> str:
+        """Without the build: 3.15.8."""
+        return f"{self.major}.{self.minor}.{self.bugfix}"
+
     def __str__(self) -> str:
         return f"{self.major}.{self.minor}.{self.bugfix}.{self.build}"
 
@@ -87,6 +92,10 @@ class Availability:
         """For people: ``CB3 since 3.12, e-Series since 5.6``."""
         firsts = ((Series.CB3, self.cb3), (Series.E, self.e))
         return ", ".join(
-            f"{series.value} since {first.major}.{first.minor}" if first else f"{series.value} never"
-            for series, first in firsts
+            f"{series.value} since {_first(first)}" if first else f"{series.value} never" for series, first in firsts
         )
+
+
+def _first(version: PolyscopeVersion) -> str:
+    """A version as people say it when a feature came with it: 5.6, or 5.9.4."""
+    return version.short if version.bugfix else f"{version.major}.{version.minor}"

@@ -28,7 +28,20 @@ from typing import Annotated, Any, Literal, NoReturn, TypeAlias, TypeVar, get_ar
 
 from urproto.versions import Availability, PolyscopeVersion
 from urscript.errors import RuntimeFault
-from urscript.values import ANY, LIST, PLAIN_KINDS, Kind, KindMismatchError, Pose, Value, type_name
+from urscript.values import (
+    ANY,
+    LIST,
+    MOST_PHYSICAL,
+    PLAIN_KINDS,
+    Kind,
+    KindMismatchError,
+    NotPhysicalError,
+    PhysicalKind,
+    Pose,
+    Value,
+    cut_text,
+    type_name,
+)
 
 __all__ = ["OMITTED", "Builtin", "Library", "LibrarySet", "Parameter", "Status"]
 
@@ -100,6 +113,11 @@ class Builtin:
         for parameter, value in zip(self.parameters, arguments, strict=True):
             try:
                 _acceptor(parameter)(value)
+            except NotPhysicalError:
+                most = f", no number beyond {MOST_PHYSICAL:g}" if isinstance(value, list) else ""
+                raise RuntimeFault(
+                    f"argument '{parameter.names[0]}' of {self.name} must be finite{most}: it is {cut_text(value, 200)}"
+                ) from None
             except KindMismatchError:
                 raise RuntimeFault(
                     f"Type error: argument '{parameter.names[0]}' of {self.name} expected type "
@@ -111,10 +129,14 @@ class Builtin:
 class Library:
     """The built-ins of one chapter, in the order they were declared."""
 
-    def __init__(self, chapter: str, *, host: bool = False) -> None:
-        """With `host`, the first parameter of every function is the program's host, which scripts do not see."""
+    def __init__(self, chapter: str, *, host: bool = False, physical: bool = False) -> None:
+        """With `host`, the first parameter of every function is the program's host, which scripts do not see.
+
+        With `physical`, numbers are of what robots are made of: infinite and absurd ones stop the program.
+        """
         self.chapter = chapter
         self.host = host
+        self.physical = physical
         self.builtins: dict[str, Builtin] = {}
 
     def builtin(
@@ -197,6 +219,10 @@ class LibrarySet:
             self._available[version] = {n: b for n, b in self._builtins.items() if b.availability.covers(version)}
         return self._available[version]
 
+    def elsewhere(self, version: PolyscopeVersion) -> dict[str, Availability]:
+        """The built-ins that only controllers of other versions have, and which."""
+        return {n: b.availability for n, b in self._builtins.items() if not b.availability.covers(version)}
+
 
 def _describe(
     library: Library,
@@ -219,7 +245,7 @@ def _describe(
         function=function,
         host=library.host,
         takes_scope=takes_scope,
-        parameters=() if variadic else tuple(_parameter(p, hints, aliases) for p in declared),
+        parameters=() if variadic else tuple(_parameter(p, hints, aliases, library.physical) for p in declared),
         variadic=variadic,
         takes_time=takes_time,
         result=get_args(returned)[2] if takes_time else returned,
@@ -232,7 +258,10 @@ def _describe(
 
 
 def _parameter(
-    declared: inspect.Parameter, hints: Mapping[str, Any], aliases: Mapping[str, str | tuple[str, ...]]
+    declared: inspect.Parameter,
+    hints: Mapping[str, Any],
+    aliases: Mapping[str, str | tuple[str, ...]],
+    physical: bool,
 ) -> Parameter:
     if declared.kind is not declared.POSITIONAL_OR_KEYWORD or declared.name not in hints:
         raise TypeError(f"parameter {declared.name} of a built-in must be a plain, annotated parameter")
@@ -245,6 +274,8 @@ def _parameter(
     if default is not None and not optional and kind is not ANY and not isinstance(default, tuple):
         kind.accept(default)
     names = (names,) if isinstance(names, str) else names
+    if physical:
+        kind = PhysicalKind(kind.title, kind)
     return Parameter(names, kind, optional or (not required and default is None), required, default)
 
 

@@ -3,11 +3,21 @@
 import argparse
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from importlib.metadata import entry_points
+from importlib.metadata import PackageNotFoundError, entry_points
+from importlib.metadata import version as distribution_version
 
-from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+from urproto.versions import PolyscopeVersion
 from urscript.builtins import Library, LibrarySet
-from urscript.commands import GROUP, SUCCESS, TROUBLE, USAGE_ERROR, Command
+from urscript.commands import (
+    GROUP,
+    SUCCESS,
+    TROUBLE,
+    USAGE_ERROR,
+    Command,
+    add_controller_options,
+    chosen_controller,
+)
+from urscript.errors import CompileError
 from urscript.files import ScriptFile
 from urscript.library import LIBRARIES
 
@@ -15,6 +25,8 @@ __all__ = ["commands", "main", "make_parser"]
 
 LIBRARY_GROUP = "urscript.libraries"
 """Entry points that name a list of `Library`; the emulator's holds the robot's built-ins."""
+
+_DISTRIBUTION = "ur-emulator"
 
 _ELSEWHERE = {"run": "run needs the emulator, which is not installed here: pip install ur-emulator"}
 """Commands of other packages, and what to do when the package is not there."""
@@ -33,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def commands() -> Iterator[Command]:
     """The commands of this package, and those of others that are installed."""
     yield Command("check", "compile files and show everything that is wrong with them", _check_arguments, _check)
-    yield Command("functions", "list the built-ins of a version", _version_argument, _functions)
+    yield Command("functions", "list the built-ins of a version", add_controller_options, _functions)
     for entry in entry_points(group=GROUP):
         command: Command = entry.load()
         yield command
@@ -42,10 +54,18 @@ def commands() -> Iterator[Command]:
 def make_parser(available: Iterable[Command]) -> argparse.ArgumentParser:
     """The parser of the whole command line."""
     parser = argparse.ArgumentParser(prog="urscript", description="Check and run URScript programs.")
+    parser.add_argument("--version", action="version", version=f"urscript {_version()}")
     subparsers = parser.add_subparsers(dest="command", required=True)
     for command in available:
         command.arguments(subparsers.add_parser(command.name, help=command.help, description=command.help))
     return parser
+
+
+def _version() -> str:
+    try:
+        return distribution_version(_DISTRIBUTION)
+    except PackageNotFoundError:  # a source tree that is not installed
+        return "unknown"
 
 
 def _libraries() -> list[Library]:
@@ -60,22 +80,17 @@ def _usage_error(message: str) -> int:
     return USAGE_ERROR
 
 
-def _version_argument(parser: argparse.ArgumentParser) -> None:
-    default = str(DEFAULT_VERSION[Series.E])
-    parser.add_argument("--polyscope", default=default, help=f"PolyScope version (default {default})")
-
-
 # check
 
 
 def _check_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help="a file of scripts; - is standard input")
-    _version_argument(parser)
+    add_controller_options(parser)
 
 
 def _check(options: argparse.Namespace) -> int:
     try:
-        version = PolyscopeVersion.parse(options.polyscope)
+        _, version = chosen_controller(options)
     except ValueError as error:
         return _usage_error(str(error))
     libraries = LibrarySet(_libraries())
@@ -90,9 +105,13 @@ def _check_file(name: str, libraries: LibrarySet, version: PolyscopeVersion) -> 
     problems = file.problems(libraries, version)
     for problem in problems:
         sys.stdout.write(problem.render(file.name) + "\n")
-    if not problems:
-        sys.stdout.write(f"{file.name}: no problems found for PolyScope {version}\n")
-    return TROUBLE if problems else SUCCESS
+    errors = sum(isinstance(problem, CompileError) for problem in problems)
+    if errors:
+        return TROUBLE
+    warnings = f"no errors, {len(problems)} warning{'s' if len(problems) > 1 else ''}"
+    found = warnings if problems else "no problems found"
+    sys.stdout.write(f"{file.name}: {found} for PolyScope {version}\n")
+    return SUCCESS
 
 
 # functions
@@ -100,7 +119,7 @@ def _check_file(name: str, libraries: LibrarySet, version: PolyscopeVersion) -> 
 
 def _functions(options: argparse.Namespace) -> int:
     try:
-        version = PolyscopeVersion.parse(options.polyscope)
+        _, version = chosen_controller(options)
     except ValueError as error:
         return _usage_error(str(error))
     libraries = LibrarySet(_libraries())

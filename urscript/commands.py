@@ -10,7 +10,10 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["GROUP", "SUCCESS", "TROUBLE", "USAGE_ERROR", "Command"]
+from urproto.robots import RobotModel, choose_version, load_model
+from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+
+__all__ = ["GROUP", "SUCCESS", "TROUBLE", "USAGE_ERROR", "Command", "add_controller_options", "chosen_controller"]
 
 GROUP = "urscript.commands"
 """The group of entry points; the name of an entry point is that of its command."""
@@ -27,3 +30,26 @@ class Command:
     help: str
     arguments: Callable[[ArgumentParser], None]
     run: Callable[[Namespace], int]
+
+
+_USUAL_MODEL = {Series.CB3: "ur3", Series.E: "ur3e"}
+
+
+def add_controller_options(parser: ArgumentParser) -> None:
+    """``--model`` and ``--polyscope``, the same for every command and with the emulator's defaults."""
+    usual = DEFAULT_VERSION[Series.CB3]
+    parser.add_argument(
+        "--model", help="the arm, for example ur3 or ur5e (default ur3, ur3e for an e-Series PolyScope version)"
+    )
+    parser.add_argument(
+        "--polyscope", help=f"PolyScope version (default: the usual one of the arm's series, {usual} of ur3)"
+    )
+
+
+def chosen_controller(options: Namespace) -> tuple[RobotModel, PolyscopeVersion]:
+    """The arm and the version that these options ask for. Raises ValueError."""
+    name = options.model
+    if name is None:
+        name = _USUAL_MODEL[PolyscopeVersion.parse(options.polyscope).series if options.polyscope else Series.CB3]
+    model = load_model(name.lower())
+    return model, choose_version(options.polyscope, model)

@@ -6,11 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from urproto.versions import Availability, PolyscopeVersion
+from urscript import hints
 from urscript.analysis import FunctionPlan
 from urscript.arguments import BindingError, Slot, bind_arguments
 from urscript.builtins import Builtin
 from urscript.errors import CompileError
 from urscript.inference import FLOAT, INT, VECTOR, Kinds, KindSet, arithmetic, is_local, is_number
+from urscript.literals import call_problems
 from urscript.number_code import ARITHMETIC_HELPERS, element, number_arithmetic
 from urscript.pycode import (
     LOAD,
@@ -80,6 +83,8 @@ class Unit:
     builtins: Mapping[str, Builtin]
     plans: Mapping[str, FunctionPlan]
     kinds: Kinds
+    elsewhere: Mapping[str, Availability]  # functions of other versions
+    version: PolyscopeVersion
     structs: bool  # this version has struct()
     fixed_lists: bool  # this version cannot resize a list variable
     stepped: bool = False  # every statement asks the host first
@@ -87,10 +92,11 @@ class Unit:
     errors: list[CompileError] = field(default_factory=list)
     warnings: list[CallWarning] = field(default_factory=list)
 
-    def name_not_found(self, name: str, node: Node, kind: str, candidates: Callable[[], list[str]]) -> None:
-        """Note the error; a program can hold thousands, so only some are explained."""
-        hint = _suggestion(name, candidates()) if len(self.errors) < _MOST_HINTS else ""
-        message = f"{kind} '{name}' is not known{hint}"
+    def name_not_found(self, name: str, node: Node, kind: str, hint: str, candidates: Callable[[], list[str]]) -> None:
+        """Note the error; a program can hold thousands, so only in some of them other names are looked for."""
+        if not hint and len(self.errors) < _MOST_HINTS:
+            hint = _suggestion(name, candidates())
+        message = f"{kind} '{name}' is not known" + (f"; {hint}" if hint else "")
         self.errors.append(CompileError.name_not_found(name, message, node.line, node.column, self.source))
 
 
@@ -101,8 +107,9 @@ _MAX_CANDIDATES = 2000
 def _suggestion(name: str, candidates: list[str]) -> str:
     if len(name) > _MAX_CANDIDATES or len(candidates) > _MAX_CANDIDATES:
         return ""
-    close = difflib.get_close_matches(name, candidates, n=1)
-    return f"; did you mean '{close[0]}'?" if close else ""
+    by_small_letters = {candidate.lower(): candidate for candidate in candidates}
+    close = difflib.get_close_matches(name.lower(), by_small_letters, n=1)
+    return f"did you mean '{by_small_letters[close[0]]}'?" if close else ""
 
 
 class ExpressionCompiler:
@@ -136,9 +143,16 @@ class ExpressionCompiler:
         self.size += 1
         return self._handlers[node.__class__](node, place_of(node))
 
+    def operand(self, node: Expression) -> ast.expr:
+        """As `expression`, for code that refuses a variable without a value itself."""
+        if isinstance(node, Name) and self.known(node.name):
+            self.size += 1
+            return self.variable(node.name, place_of(node))
+        return self.expression(node)
+
     def condition(self, node: Expression) -> ast.expr:
         """Python for an expression used as a condition: a Python bool."""
-        code = self.expression(node)
+        code = self.operand(node)
         return code if _is_truth(node) else call("_truth", place_of(node), code)
 
     # names
@@ -176,9 +190,37 @@ class ExpressionCompiler:
         if name in unit.program.damaged:
             return
         if kind == "variable":
-            unit.name_not_found(name, node, kind, lambda: [*unit.program.globals, *scope.locals, *scope.assigned])
+            candidates = [*unit.program.globals, *scope.locals, *scope.assigned]
+            unit.name_not_found(name, node, kind, self._variable_hint(name), lambda: candidates)
         else:
-            unit.name_not_found(name, node, kind, lambda: [*unit.plans, *unit.builtins])
+            hint = self._function_hint(name, kind)
+            unit.name_not_found(name, node, kind, hint, lambda: [*unit.plans, *unit.builtins])
+
+    def _variable_hint(self, name: str) -> str:
+        """What a name that is no variable here is instead."""
+        unit = self.unit
+        if name in unit.plans or name in unit.builtins:
+            return f"it is a function: {name}() calls it"
+        if name in hints.VARIABLES:
+            return hints.VARIABLES[name]
+        owner = next((n for n, f in unit.program.functions.items() if name in f.scope.locals | f.scope.assigned), None)
+        return f"it is local to '{owner}', where 'global {name} = ...' would let all see it" if owner else ""
+
+    def _function_hint(self, name: str, kind: str) -> str:
+        """What a name that cannot be called, or run, is instead."""
+        unit = self.unit
+        plan = unit.plans.get(name)
+        if plan is not None:
+            a_thread = plan.definition.scope.is_thread
+            return f"it is a thread: 'run {name}()' starts it" if a_thread else f"it is a function: {name}() calls it"
+        if kind == "thread" and name in unit.builtins:
+            return f"it is a function: {name}() calls it"
+        availability = unit.elsewhere.get(name)
+        if availability is not None:
+            return f"PolyScope {unit.version.short} does not have it ({availability})"
+        if self.known(name):
+            return f"it is a variable: {name}[0] is an element of it"
+        return hints.FUNCTIONS.get(name, "")
 
     # leaves
 
@@ -188,11 +230,16 @@ class ExpressionCompiler:
     def _name(self, node: Name, place: Place) -> ast.expr:
         if not self.known(node.name):
             self.name_not_found(node.name, node, "variable")
-        return self.variable(node.name, place)
+        value = self.variable(node.name, place)
+        if self.is_local(node.name):
+            return value  # Python itself knows when it has none
+        has_none = _compare(value, ast.Is(), load("_unset", place), place)
+        return ast.IfExp(has_none, call("_without_value", place, constant(node.name, place)), value, **place)
 
     def _list(self, node: ListLiteral, place: Place) -> ast.expr:
         items = [self.expression(item) for item in node.items]
-        if all(isinstance(item, Constant) for item in node.items):
+        texts = any(_is_text(item) for item in node.items)
+        if all(isinstance(item, Constant) for item in node.items) and not (texts and self.unit.fixed_lists):
             return ast.List(elts=items, ctx=ast.Load(), **place)
         return call("_list", place, *items)
 
@@ -205,8 +252,8 @@ class ExpressionCompiler:
         if node.operator == "not":
             return ast.UnaryOp(op=ast.Not(), operand=self.condition(node.operand), **place)
         if node.operator == "-" and self.kind(node.operand) == FLOAT:
-            return ast.UnaryOp(op=ast.USub(), operand=self.expression(node.operand), **place)
-        return call("_neg" if node.operator == "-" else "_pos", place, self.expression(node.operand))
+            return ast.UnaryOp(op=ast.USub(), operand=self.operand(node.operand), **place)
+        return call("_neg" if node.operator == "-" else "_pos", place, self.operand(node.operand))
 
     def _binary(self, node: Binary, place: Place) -> ast.expr:
         operator = node.operator
@@ -215,9 +262,11 @@ class ExpressionCompiler:
             return ast.BoolOp(op=_LOGIC[operator](), values=values, **place)
         if operator == "xor":
             return _compare(self.condition(node.left), ast.IsNot(), self.condition(node.right), place)
-        left, right = self.expression(node.left), self.expression(node.right)
+        left, right = self.operand(node.left), self.operand(node.right)
         kinds = self.kind(node.left), self.kind(node.right)
         if operator in ARITHMETIC_HELPERS:
+            if operator == "+" and _is_text(node.left) != _is_text(node.right):
+                self._warn_of_sum(node, kinds)
             self._kinds[id(node)] = kind = arithmetic(operator, *kinds)
             if is_number(kind):
                 return number_arithmetic(node, kind, left, right, place)
@@ -232,14 +281,29 @@ class ExpressionCompiler:
             return _compare(left, ast.Eq() if operator == "==" else ast.NotEq(), right, place)
         return call("_eq" if operator == "==" else "_ne", place, left, right)
 
+    def _constant_behind(self, node: Expression) -> Expression:
+        """What a global variable that is assigned once was given; anything else as it is."""
+        if isinstance(node, Name) and not self.is_local(node.name):
+            return self.unit.kinds.constants.get(node.name, node)
+        return node
+
+    def _warn_of_sum(self, node: Binary, kinds: tuple[KindSet, KindSet]) -> None:
+        """A text and what can only be a number or a list are not added."""
+        other, kind = (node.right, kinds[1]) if _is_text(node.left) else (node.left, kinds[0])
+        if is_number(kind) or kind == VECTOR or isinstance(other, (Constant, ListLiteral, PoseLiteral)):
+            message = (
+                "Type error: a text is only added to a text: str_cat() joins any two values, to_str() makes a text"
+            )
+            self.unit.warnings.append(CallWarning(message, node.line, node.column))
+
     def kind(self, node: Expression) -> KindSet:
         """What an expression may give; known at once for arithmetic that is compiled."""
         known = self._kinds.get(id(node))
         return self.unit.kinds.expression(self.scope, node) if known is None else known
 
     def _index(self, node: Index, place: Place) -> ast.expr:
-        positions = [self.expression(position) for position in node.positions]
-        target = self.expression(node.target)
+        positions = [self.operand(position) for position in node.positions]
+        target = self.operand(node.target)
         if len(positions) == 2:
             return call("_cell", place, target, *positions)
         of_vector = isinstance(node.target, Name) and self.kind(node.target) == VECTOR
@@ -298,6 +362,8 @@ class ExpressionCompiler:
             arguments = [self.expression(a) for a in [*node.arguments, *[value for _, value in node.keywords]]]
         else:
             bound = bind_arguments(node, [Slot(p.names, p.required) for p in builtin.parameters])
+            for message, argument in call_problems(builtin, bound, self._constant_behind):
+                self.unit.warnings.append(CallWarning(message, argument.line, argument.column))
             arguments = [load("_omitted", place) if a is None else self.expression(a) for a in bound]
         if builtin.takes_scope:
             arguments.insert(0, load("_locals", place))
@@ -339,7 +405,9 @@ class ExpressionCompiler:
             else:
                 return None
             target = target.target
-        root = self._name(target, place)
+        if not self.known(target.name):
+            self.name_not_found(target.name, target, "variable")
+        root = self.variable(target.name, place)
         if not self.is_local(target.name):
             self.stored_globals.add(f"v_{target.name}")
         if len(path) == 1:
@@ -361,6 +429,10 @@ def _compare(left: ast.expr, operator: ast.cmpop, right: ast.expr, place: Place)
 
 def _is_number(node: Expression) -> bool:
     return isinstance(node, Constant) and node.value.__class__ in (int, float)
+
+
+def _is_text(node: Expression) -> bool:
+    return isinstance(node, Constant) and node.value.__class__ is str
 
 
 def _is_truth(node: Expression) -> bool:

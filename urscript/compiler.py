@@ -17,7 +17,7 @@ from urscript.analysis import FunctionPlan, plan_functions
 from urscript.builtins import Builtin, LibrarySet
 from urscript.compile_expressions import CallWarning, Unit
 from urscript.compile_statements import PythonFunction, compile_function, compile_main
-from urscript.errors import CompileError, ScriptError
+from urscript.errors import CompileError, ScriptError, ScriptWarning
 from urscript.inference import Kinds, infer_kinds
 from urscript.parser import normalize, parse
 from urscript.syntax import Label, Program, ProgramKind
@@ -119,23 +119,29 @@ def _trim_cache() -> None:
         del _cache[oldest]
 
 
-def find_problems(text: str, libraries: LibrarySet, version: PolyscopeVersion) -> list[ScriptError]:
+def find_problems(
+    text: str, libraries: LibrarySet, version: PolyscopeVersion, *, statements: bool = False
+) -> list[ScriptError]:
     """Everything that is wrong with one program, in the order of its text, each thing once.
 
-    A CompileError keeps it from being started, another ScriptError is a call that will fail when executed.
+    A CompileError keeps it from being started, a ScriptWarning does not.
+    statements: it is the body of a program, even if it begins with a def.
     """
     source = normalize(text)
     errors: list[CompileError] = []
     warnings: list[CallWarning] = []
     try:
         with _nested_too_deeply(source):
-            unit = run_to_end(_parsed(source, libraries, version, errors))
+            unit = run_to_end(_parsed(source, libraries, version, errors, statements=statements))
             unit.errors = errors
             run_to_end(generate(unit, _bodies(unit), FILE_NAME))
             warnings = unit.warnings
     except CompileError as error:
         errors.append(error)
-    problems = [*errors, *(ScriptError(w.message, w.line, w.column, source) for w in warnings)]
+    problems: list[ScriptError] = [
+        *(error.at_its_cause() for error in errors),
+        *(ScriptWarning(w.message, w.line, w.column, source) for w in warnings),
+    ]
     once = {(problem.line, problem.column, problem.message): problem for problem in problems}
     return [once[place] for place in sorted(once)]
 
@@ -172,18 +178,24 @@ def _nested_too_deeply(source: str) -> Iterator[None]:
 
 
 def _parsed(
-    source: str, libraries: LibrarySet, version: PolyscopeVersion, errors: list[CompileError] | None = None
+    source: str,
+    libraries: LibrarySet,
+    version: PolyscopeVersion,
+    errors: list[CompileError] | None = None,
+    *,
+    statements: bool = False,
 ) -> Steps[Unit]:
-    program = yield from parse(source, errors)
+    program = yield from parse(source, errors, statements=statements)
     builtins = libraries.available(version)
     plans = plan_functions(program, builtins, known={})
     kinds = yield from infer_kinds(program, builtins)
-    return make_unit(program, source, builtins, plans, version, kinds)
+    return make_unit(program, source, libraries, builtins, plans, version, kinds)
 
 
 def make_unit(
     program: Program,
     source: str,
+    libraries: LibrarySet,
     builtins: Mapping[str, Builtin],
     plans: Mapping[str, FunctionPlan],
     version: PolyscopeVersion,
@@ -196,6 +208,8 @@ def make_unit(
         builtins,
         plans,
         kinds or Kinds(program, builtins, {}),
+        libraries.elsewhere(version) | ({} if STRUCT.covers(version) else {"struct": STRUCT}),
+        version,
         structs=STRUCT.covers(version),
         fixed_lists=not RESIZABLE_LISTS.covers(version),
     )

@@ -2,6 +2,7 @@
 
     ScriptError                 has line, column, message, source; ``render()`` draws the caret
     ├── CompileError            the program was refused before it started; ``wire`` is the controller's text
+    ├── ScriptWarning           the program can start, and will stop or do what nobody wants if it gets there
     └── ScriptRuntimeError      the program stopped while it ran
     RuntimeFault                raised by a built-in; becomes a ScriptRuntimeError at the caller's position
 
@@ -9,9 +10,10 @@ Lines and columns count from 1, and line 1 is the first line with code (the ``de
 is how the controller counts.
 """
 
-from typing import Self
+from dataclasses import dataclass
+from typing import ClassVar, Self
 
-__all__ = ["CompileError", "RuntimeFault", "ScriptError", "ScriptRuntimeError"]
+__all__ = ["Cause", "CompileError", "RuntimeFault", "ScriptError", "ScriptRuntimeError", "ScriptWarning"]
 
 
 class RuntimeFault(Exception):  # noqa: N818  # becomes an error only with a place in a script
@@ -20,6 +22,8 @@ class RuntimeFault(Exception):  # noqa: N818  # becomes an error only with a pla
 
 class ScriptError(Exception):
     """A fault at a place in a script."""
+
+    _rank: ClassVar = ""
 
     def __init__(self, message: str, line: int, column: int, source: str = "") -> None:
         super().__init__(message)
@@ -44,28 +48,48 @@ class ScriptError(Exception):
         number = str(self.line)
         return "\n".join(
             [
-                f"{file}:{self.line}:{self.column}: {self.message}",
+                f"{file}:{self.line}:{self.column}: {self._rank}{self.message}",
                 f"  {number} | {text}",
                 f"  {' ' * len(number)} | {indent}^",
             ]
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """Where a mistake was made that is noticed elsewhere, and what it is."""
+
+    line: int
+    column: int
+    text: str
+
+
 class CompileError(ScriptError):
     """The program was not started.
 
     ``wire`` is the text a controller puts into its runtime exception message, as seen on real
-    ones: ``syntax_error_on_line:3:end:`` and ``compile_error_name_not_found:foo:``.
+    ones: ``syntax_error_on_line:3:end:`` and ``compile_error_name_not_found:foo:``. Line and column are
+    where a controller notices the mistake, ``cause`` is where it was made, when that is elsewhere.
     """
 
-    def __init__(self, message: str, line: int, column: int, source: str, wire: str) -> None:
+    def __init__(
+        self, message: str, line: int, column: int, source: str, wire: str, cause: Cause | None = None
+    ) -> None:
         super().__init__(message, line, column, source)
         self.wire = wire
+        self.cause = cause
+
+    def at_its_cause(self) -> "CompileError":
+        """The error where the author has to look."""
+        cause = self.cause
+        if cause is None:
+            return self
+        return CompileError(f"syntax error: {cause.text}", cause.line, cause.column, self.source, self.wire)
 
     @classmethod
-    def syntax(cls, message: str, line: int, column: int, source: str) -> Self:
+    def syntax(cls, message: str, line: int, column: int, source: str, cause: Cause | None = None) -> Self:
         """A text that does not parse; the wire text quotes the line where parsing failed."""
-        error = cls(message, line, column, source, "")
+        error = cls(message, line, column, source, "", cause)
         error.wire = f"syntax_error_on_line:{line}:{error.source_line}:"
         return error
 
@@ -73,6 +97,12 @@ class CompileError(ScriptError):
     def name_not_found(cls, name: str, message: str, line: int, column: int, source: str) -> Self:
         """A name that is neither a variable, a function of the program, nor a built-in of this version."""
         return cls(message, line, column, source, f"compile_error_name_not_found:{name}:")
+
+
+class ScriptWarning(ScriptError):  # noqa: N818  # it is none
+    """What will go wrong if the program gets there; it is not kept from starting."""
+
+    _rank: ClassVar = "warning: "
 
 
 class ScriptRuntimeError(ScriptError):

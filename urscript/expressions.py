@@ -5,9 +5,11 @@ on): ``or xor`` · ``and`` · ``not`` · comparison · ``+ -`` · ``* / %`` · u
 index, member.
 """
 
+from collections.abc import Callable, Sequence
 from typing import NoReturn
 
-from urscript.errors import CompileError
+from urscript.errors import Cause, CompileError
+from urscript.hints import end_with_word, syntax_hint
 from urscript.syntax import (
     Binary,
     Call,
@@ -25,7 +27,7 @@ from urscript.syntax import (
 )
 from urscript.tokens import Token
 
-__all__ = ["ExpressionParser"]
+__all__ = ["BLOCK_ENDS", "ExpressionParser"]
 
 _BINARY_POWER = {
     "or": 1, "xor": 1, "and": 2,
@@ -34,6 +36,8 @@ _BINARY_POWER = {
 }  # fmt: skip
 _NOT_POWER = 3
 _UNARY_POWER = 7
+
+BLOCK_ENDS = frozenset(["end", "else", "elif", "end of text"])
 
 _CONSTANTS: dict[str, bool | None] = {"True": True, "False": False, "None": None}
 
@@ -95,16 +99,31 @@ class ExpressionParser:
             self.fail(f"expected {_EXPECTED.get(kind) or repr(kind)} {where}")
         return self.take()
 
-    def fail(self, problem: str, token: Token | None = None) -> NoReturn:
-        """Raise the syntax error at the next token, or at the given one."""
+    def fail(
+        self,
+        problem: str,
+        token: Token | None = None,
+        blamed: Callable[[Sequence[Token]], Cause | None] = lambda tokens: None,
+    ) -> NoReturn:
+        """Raise the syntax error at the next token, or at the given one.
+
+        blamed: finds out of all tokens what is to blame for it.
+        """
         token = token or self.token
         if token.text == '"':
             problem = "the string that starts here is never closed"
         found = f"'{token.text}'" if token.text else token.kind
         string = self.string_before(token.line)
+        cause: Cause | None = None
         if string is not None:
             problem += f"; the string that starts in line {string.line} is closed only here"
-        raise CompileError.syntax(f"syntax error at {found}: {problem}", token.line, token.column, self.source)
+        else:
+            at = self.tokens.index(token, min(self.started, self.at))
+            cause = end_with_word(self.tokens, at) or blamed(self.tokens)
+            hint = cause.text if cause else syntax_hint(self.tokens, at, self.started)
+            problem += f"; {hint}" if hint else ""
+        message = f"syntax error at {found}: {problem}"
+        raise CompileError.syntax(message, token.line, token.column, self.source, cause)
 
     def string_before(self, line: int) -> Token | None:
         """A string that began in an earlier line and ends in this one."""

@@ -6,8 +6,10 @@ going through all assignments until nothing changes. What cannot be told is left
 which look at the values themselves.
 """
 
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Final, TypeAlias
 
 from urscript.arguments import BindingError, Slot, bind_arguments
@@ -80,9 +82,19 @@ def is_local(program: Program, scope: Scope, name: str) -> bool:
 
 
 class Kinds:
-    """What the variables and expressions of a program may be. An empty one knows constants only."""
+    """What the variables and expressions of a program may be. An empty one knows literals only.
 
-    def __init__(self, program: Program, builtins: Mapping[str, Builtin], variables: dict[Variable, KindSet]) -> None:
+    constants: what was given to the global variables that are assigned once in the whole program.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        builtins: Mapping[str, Builtin],
+        variables: dict[Variable, KindSet],
+        constants: Mapping[str, Expression] = MappingProxyType({}),
+    ) -> None:
+        self.constants = constants
         self._program = program
         self._builtins = builtins
         self._variables = variables
@@ -179,7 +191,7 @@ def infer_kinds(program: Program, builtins: Mapping[str, Builtin]) -> Steps[Kind
         stores += _stores(program, definition.scope, definition.body)
         yield _WORK * len(definition.body)
     variables: dict[Variable, KindSet] = {}
-    kinds = Kinds(program, builtins, variables)
+    kinds = Kinds(program, builtins, variables, _constants(stores))
     for _ in range(_MOST_ROUNDS):
         changed = False
         for start in range(0, len(stores), _SLICE):
@@ -193,6 +205,16 @@ def infer_kinds(program: Program, builtins: Mapping[str, Builtin]) -> Steps[Kind
         if not changed:
             return kinds
     return Kinds(program, builtins, {})
+
+
+def _constants(stores: Sequence[_Store]) -> dict[str, Expression]:
+    """What global variables get that get nothing else."""
+    times = Counter(store.variable for store in stores)
+    return {
+        store.variable[1]: store.value
+        for store in stores
+        if store.variable[0] == _GLOBAL and times[store.variable] == 1 and store.value is not None and not store.part
+    }
 
 
 _NO_SCOPE: Final = Scope("")  # where the defaults of parameters are evaluated

@@ -83,7 +83,7 @@ def compile_statement(
         available = program.libraries.available(program.version)
         builtins = {name: builtin for name, builtin in available.items() if not builtin.takes_scope}
         plans = plan_functions(tree, builtins, functions, prefix=f"f{serial}")
-        unit = make_unit(tree, source, builtins, {**functions, **plans}, program.version)
+        unit = make_unit(tree, source, program.libraries, builtins, {**functions, **plans}, program.version)
         bodies = [*(compile_function(unit, plan) for plan in plans.values()), compile_interpreted(unit)]
         code = yield from generate(unit, bodies, STATEMENT_FILE)
         raise_first_error(unit)

@@ -56,7 +56,8 @@ def call_method(target: Value, name: str, *arguments: Value) -> Generator[None, 
 def refuse_list_methods(target: Value, name: str, *arguments: Value) -> Generator[None, None, MethodResult]:
     """``target.name(arguments)`` before 5.15, when lists had no methods."""
     if isinstance(target, list):
-        raise RuntimeFault(f"Type error: '{type_name(target)}' has no method '{name}'")
+        later = " before PolyScope 5.15" if name in _LIST_METHODS else ""
+        raise RuntimeFault(f"Type error: '{type_name(target)}' has no method '{name}'{later}")
     return (yield from call_method(target, name, *arguments))
 
 

@@ -42,6 +42,7 @@ __all__ = [
     "index",
     "le",
     "list_literal",
+    "list_without_texts",
     "lt",
     "make_struct",
     "member",
@@ -58,6 +59,7 @@ __all__ = [
     "sub",
     "truth",
     "whole",
+    "without_value",
     "wrap",
     "wrap32",
 ]
@@ -74,6 +76,11 @@ Operator = Callable[[Any, Any], Any]
 def fault(message: str) -> NoReturn:
     """Stop the program."""
     raise RuntimeFault(message)
+
+
+def without_value(name: str) -> NoReturn:
+    """Stop the program: it reads a variable that nothing was assigned to yet."""
+    raise RuntimeFault(f"Variable '{name}' is used before it has a value")
 
 
 # numbers
@@ -182,7 +189,10 @@ def pos(value: Value) -> Value:
 
 def _refuse(sign: str, *operands: Value) -> NoReturn:
     found = " and ".join(f"'{type_name(operand)}'" for operand in operands)
-    raise RuntimeFault(f"Type error: operator {sign} cannot be used with {found}")
+    texts = sum(operand.__class__ is str for operand in operands)
+    joined = sign == "+" and texts == 1 and all(operand.__class__ in _SCALARS for operand in operands)
+    hint = "; str_cat() joins any two values" if joined else ""
+    raise RuntimeFault(f"Type error: operator {sign} cannot be used with {found}{hint}")
 
 
 _only_floats = frozenset([float]).issuperset
@@ -316,6 +326,14 @@ def list_literal(*items: Value) -> Value:
     return list(items)
 
 
+def list_without_texts(*items: Value) -> Value:
+    """As `list_literal`, on versions before 5.15, which have no lists of strings."""
+    for item in items:
+        if item.__class__ is str:
+            raise RuntimeFault("Type error: a list cannot hold a 'Const String' before PolyScope 5.15")
+    return list_literal(*items)
+
+
 def _nested(items: list[Value]) -> Value:
     check_size(items)
     first = items[0]
@@ -341,7 +359,7 @@ def make_struct(names: tuple[str, ...], *values: Value) -> Struct:
 
 
 def check_size(value: Value) -> Value:
-    """The value again; raises RuntimeFault when it is too large, or holds a global that has no value yet."""
+    """The value again; raises RuntimeFault when it is too large."""
     charge(_size(value))
     return value
 
@@ -350,8 +368,6 @@ def _size(value: Value, budget: int = MAX_ELEMENTS, levels: int = MAX_NESTING) -
     """Elements of a value, all levels together."""
     if value.__class__ in _SCALARS:
         return 1
-    if value is UNSET:
-        raise RuntimeFault("A variable is used before it has a value")
     if isinstance(value, Matrix):
         return len(value.rows) * len(value.rows[0])
     items = value.members.values() if isinstance(value, Struct) else value
@@ -460,8 +476,6 @@ def retype(old: Value, new: Value) -> Value:
         return new
     if old.__class__ in _NUMBERS and new.__class__ in _NUMBERS:
         return new
-    if new is UNSET:
-        raise RuntimeFault("A variable is used before it has a value")
     expected, found = type_name(old), type_name(new)
     if expected == found:
         return new

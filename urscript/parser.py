@@ -11,6 +11,8 @@ import re
 from collections.abc import Callable
 
 from urscript.errors import CompileError
+from urscript.expressions import BLOCK_ENDS
+from urscript.hints import END_WORDS, is_end_with_word, misplaced_end, unclosed_block
 from urscript.recovery import RecoveringParser
 from urscript.syntax import (
     Assign,
@@ -43,7 +45,6 @@ __all__ = ["is_secondary", "normalize", "parse", "parse_statements"]
 
 _LEADING = re.compile(r"(?:[ \t\r\f\v\n]|#[^\n]*)*")
 _SECONDARY = re.compile(r"\s*sec\b")
-_BLOCK_ENDS = frozenset(["end", "else", "elif", "end of text"])
 _MAX_BLOCKS = 60
 """Deepest nesting of blocks: a guess, above real programs and below what Python's compiler bears."""
 
@@ -61,15 +62,16 @@ def is_secondary(text: str) -> bool:
     return _SECONDARY.match(normalize(text)) is not None
 
 
-def parse(source: str, errors: list[CompileError] | None = None) -> Steps[Program]:
+def parse(source: str, errors: list[CompileError] | None = None, *, statements: bool = False) -> Steps[Program]:
     """The syntax tree of one normalized program.
 
     Raises CompileError for text that is not one program: ``def name(): … end``,
-    ``sec name(): … end``, or statements. With `errors`, errors are added there instead,
-    and what did not parse is missing in the tree.
+    ``sec name(): … end``, or statements; with `statements` they may begin with a def. With `errors`,
+    errors are added there instead, and what did not parse is missing in the tree.
     """
     tokens = yield from tokenize(source)
-    return (yield from _Parser(source, tokens, errors).program())
+    parser = _Parser(source, tokens, errors)
+    return (yield from parser.statements() if statements else parser.program())
 
 
 def parse_statements(source: str) -> Steps[Program]:
@@ -120,7 +122,7 @@ class _Parser(RecoveringParser):
         else:
             yield from self.statements()
         if self.token.kind != "end of text":
-            self.complain("the program ended before this")
+            self.complain("the program ended before this", misplaced_end)
         return program
 
     def _program_name(self) -> None:
@@ -144,13 +146,24 @@ class _Parser(RecoveringParser):
     def _close(self, where: str, body: list[Statement]) -> Steps[None]:
         """Step past the ``end`` of a block; recovering, the body takes in branches that cannot be there."""
         while self.recovering and self.token.kind in ("else", "elif"):
-            self.complain(f"expected 'end' {where}")
+            self.complain(f"expected 'end' {where}", unclosed_block)
             self.skip_header()
             body += yield from self._open_block()
         if self.token.kind == "end":
             self.take()
+            if self.recovering and is_end_with_word(self.tokens, self.at - 1):
+                self.take()
+                self.at_end_word(self.tokens[self.at - 1])
+        elif self._at_end_word():
+            self.at_end_word(self.take())
         else:
-            self.complain(f"expected 'end' {where}")
+            self.complain(f"expected 'end' {where}", unclosed_block)
+
+    def _at_end_word(self) -> bool:
+        """True at an ``endif``, which ends a block for the purpose of finding more errors."""
+        token = self.token
+        alone = token.text in END_WORDS and self.tokens[self.at + 1].after_newline
+        return alone and self.recovering and token.after_newline
 
     def _open_block(self) -> Steps[list[Statement]]:
         """Statements up to the word that ends the block, which is left for the caller."""
@@ -158,7 +171,7 @@ class _Parser(RecoveringParser):
         if self._blocks > _MAX_BLOCKS:
             self.give_up(f"blocks are nested more than {_MAX_BLOCKS} deep")
         body: list[Statement] = []
-        while self.token.kind not in _BLOCK_ENDS:
+        while self.token.kind not in BLOCK_ENDS and not self._at_end_word():
             yield from self._add_statement(body)
         self._blocks -= 1
         return body
@@ -168,7 +181,8 @@ class _Parser(RecoveringParser):
         try:
             body.append((yield from self._statement()))
         except CompileError as error:
-            self.recover(error, start)
+            if self.recover(error, start):
+                body += yield from self._block("to close this block")
 
     def _statement(self) -> Steps[Statement]:
         """One statement; its cost is the number of its tokens and the surcharges of its calls."""
@@ -196,15 +210,16 @@ class _Parser(RecoveringParser):
     def _assignment_or_call(self, declared: str | None) -> Statement:
         start = self.token
         if start.kind not in ("name", "run"):
-            closing = self.token.kind in _BLOCK_ENDS
-            self.fail("there is no open block that it could belong to" if closing else "expected a statement")
+            if self.token.kind in BLOCK_ENDS:
+                self.fail("there is no open block that it could belong to", None, misplaced_end)
+            self.fail("expected a statement")
         value = self.expression(_ABOVE_OPERATORS)
         if self.token.kind == "=":
             return self._assign(value, start, declared)
         if declared:
             self.fail(f"'{declared}' needs an assignment")
         if not isinstance(value, (Call, MethodCall, Run)):
-            self.fail("this is neither an assignment nor a call" if self.token.kind in _BLOCK_ENDS else "expected '='")
+            self.fail("this is neither an assignment nor a call" if self.token.kind in BLOCK_ENDS else "expected '='")
         return ExpressionStatement(value.line, value.column, value)
 
     def _assign(self, target: Expression, start: Token, declared: str | None) -> Statement:
@@ -228,7 +243,7 @@ class _Parser(RecoveringParser):
         if self._inner and self.scope is self._program.scope:
             self.fail("not inside a function", token)
         following = self.token
-        bare = following.after_newline or following.kind in _BLOCK_ENDS
+        bare = following.after_newline or following.kind in BLOCK_ENDS
         return Return(token.line, token.column, None if bare else self.expression())
 
     def _word(self, token: Token) -> Statement:

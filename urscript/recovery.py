@@ -6,11 +6,12 @@ block. What is skipped may have given a name its meaning, so names in it are not
 (`RecoveringParser.damaged`): a mistake is reported, its consequences are not.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NoReturn, TypeVar
 
-from urscript.errors import CompileError
+from urscript.errors import Cause, CompileError
 from urscript.expressions import ExpressionParser
+from urscript.hints import FOREIGN_BLOCKS
 from urscript.tokens import KEYWORDS, Token
 
 __all__ = ["RecoveringParser"]
@@ -37,10 +38,10 @@ class RecoveringParser(ExpressionParser):
         """True when errors are gathered."""
         return self._errors is not None
 
-    def complain(self, problem: str) -> None:
+    def complain(self, problem: str, blamed: Callable[[Sequence[Token]], Cause | None]) -> None:
         """A syntax error at the next token, after which reading goes on there."""
         try:
-            self.fail(problem)
+            self.fail(problem, None, blamed)
         except CompileError as error:
             self._note(error)
 
@@ -63,13 +64,28 @@ class RecoveringParser(ExpressionParser):
         """Step past a word that stands where it must not, and what belongs to it in its line."""
         self._go_on(self.at, self._header_end(self.at + 1))
 
-    def recover(self, error: CompileError, start: int) -> None:
-        """Go on behind the statement that began at token number `start`; raises `error` when that is not wanted."""
+    def recover(self, error: CompileError, start: int) -> bool:
+        """Go on behind the statement that began at token number `start`; raises `error` when that is not wanted.
+
+        True when what follows is the block of a statement that there is not, as of a ``for``.
+        """
         self._note(error)
         at = max(self.at, start + 1)
         while not self._begins_line(start):  # what stands before in the line may have been meant otherwise
             start -= 1
-        self._go_on(start, self._statement_end(self._past_brackets(start, at)))
+        opens = self.tokens[start].text in FOREIGN_BLOCKS
+        if opens:
+            end = self._header_end(at)
+            opens = self.tokens[end - 1].kind == ":"
+        self._go_on(start, end if opens else self._statement_end(self._past_brackets(start, at)))
+        return opens
+
+    def at_end_word(self, word: Token) -> None:
+        """An error at the word of ``end if``, or at ``endif``."""
+        try:
+            self.fail("a block ends with 'end' alone", word)
+        except CompileError as error:
+            self._note(error)
 
     def _note(self, error: CompileError) -> None:
         if self._errors is None or self._hopeless:

@@ -20,6 +20,7 @@ Strings are byte strings on the controller. Here they are text decoded from UTF-
 bytes as surrogate escapes; `to_bytes` and `from_bytes` are the one way across.
 """
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, NoReturn, TypeAlias
@@ -31,6 +32,7 @@ __all__ = [
     "MAX_ELEMENTS",
     "MAX_NESTING",
     "MAX_STRING",
+    "MOST_PHYSICAL",
     "TYPE_NAMES",
     "UNSET",
     "Any_",
@@ -41,7 +43,9 @@ __all__ = [
     "Kind",
     "ListArg",
     "Matrix",
+    "NotPhysicalError",
     "Num",
+    "PhysicalKind",
     "Pose",
     "PoseArg",
     "PoseOrJoints",
@@ -283,6 +287,32 @@ class Kind:
     def accept(self, value: Value) -> Value:
         """The value as the built-in gets it; raises KindMismatchError."""
         return value
+
+
+class NotPhysicalError(KindMismatchError):
+    """A number of the right kind that no robot can do anything with."""
+
+
+MOST_PHYSICAL = 1e12
+"""Largest number in a pose or list of a robot's, in any unit; its square can still be computed. A guess."""
+
+
+@dataclass(frozen=True)
+class PhysicalKind(Kind):
+    """Another kind, whose numbers are finite, and in lists and poses not beyond `MOST_PHYSICAL`."""
+
+    kind: Kind
+
+    def accept(self, value: Value) -> Value:
+        accepted = self.kind.accept(value)
+        if accepted.__class__ is float:
+            if not math.isfinite(accepted):
+                raise NotPhysicalError
+        elif isinstance(accepted, list):
+            for item in accepted:
+                if item.__class__ is float and not -MOST_PHYSICAL <= item <= MOST_PHYSICAL:
+                    raise NotPhysicalError
+        return accepted
 
 
 class _NumberKind(Kind):

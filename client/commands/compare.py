@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from client.commands.options import PortOffset
+from urproto.commandline import AsJson, print_json
 
 __all__ = ["compare_command"]
 
@@ -23,14 +24,18 @@ def compare_command(
         float | None, typer.Option("--offset", help="What to add to the first one's robot time [s]; else found.")
     ] = None,
     port_offset: PortOffset = 0,
+    as_json: AsJson = False,
 ) -> None:
     """Tell whether two recordings show the same, and where they part; exit status 1 when they differ."""
     from client.traffic.compare import compare_sources, read_source  # numpy: the other commands start without it
-    from client.traffic.report import report
+    from client.traffic.report import as_object, report
 
     comparison = compare_sources(
         read_source(first, port_offset), read_source(second, port_offset), tolerance or (), offset
     )
-    typer.echo(report(comparison), nl=False)
+    if as_json:
+        print_json(as_object(comparison))
+    else:
+        typer.echo(report(comparison), nl=False)
     if not comparison.same:
         raise typer.Exit(_DIFFERENT)

@@ -21,6 +21,7 @@ from client.controllers import (
     usual_controllers,
 )
 from client.driver.config import ROBOT_PORTS
+from client.driver.realtime import real_time
 from client.errors import ControllerError
 from urproto.modes import SafetyMode
 
@@ -92,12 +93,13 @@ class Target:
             record=self.record,
             robot_ports=ports,
         )
-        async with robot as loop:
-            if self.record is not None:
-                typer.echo(f"recording into {self.record}", err=True)
-            if self.speed_slider is not None:
-                await loop.robot.set_speed_slider(self.speed_slider)
-            yield loop
+        with real_time(robot.driver.config.realtime):  # this process does nothing else
+            async with robot as loop:
+                if self.record is not None:
+                    typer.echo(f"recording into {self.record}", err=True)
+                if self.speed_slider is not None:
+                    await loop.robot.set_speed_slider(self.speed_slider)
+                yield loop
 
 
 def controllers_file(path: Path | None, prefix: str = "") -> ControllersFile:

@@ -1,8 +1,10 @@
 """``ur-client decode``: what went over a wire, one line a message."""
 
+import json
 import sys
 from collections.abc import Iterable
 from contextlib import ExitStack
+from dataclasses import asdict
 from enum import Enum
 from io import BufferedIOBase, BufferedReader, TextIOWrapper
 from pathlib import Path
@@ -12,6 +14,7 @@ import typer
 
 from client.decoding.codecs import CODECS, Side
 from client.decoding.session import Choice, InputForm, Session
+from client.decoding.streams import Line
 
 __all__ = ["decode_command"]
 
@@ -35,10 +38,11 @@ def decode_command(
     ] = None,
     port_offset: Annotated[int, typer.Option("--port-offset", help="What the emulator added to each port.")] = 0,
     form: Annotated[InputForm, typer.Option("--input", help="What the file is.")] = InputForm.AUTO,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a line of JSON for every message.")] = False,
 ) -> None:
     """Print a captured stream of any controller port, one line a message. A line with ! could not be read: status 1."""
     chosen = CODECS[codec.value] if codec else None
-    session = Session(Choice(chosen, side, tuple(port or ()), port_offset, form))
+    session = Session(Choice(chosen, side, tuple(port or ()), port_offset, form), _as_json if as_json else None)
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name in any script, a terminal in ASCII
     with ExitStack() as opened:
@@ -49,6 +53,10 @@ def decode_command(
             _show(session.end())
     if session.troubles:
         raise typer.Exit(_UNREADABLE)
+
+
+def _as_json(line: Line) -> str:
+    return json.dumps(asdict(line))
 
 
 def _stdin() -> BufferedIOBase:

@@ -1,11 +1,11 @@
 """``ur-client doctor``: what stands in the way of a good connection, and the command that mends it."""
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.text import Text
 
 from client.commands.options import ROBOT_IP_VARIABLE, PortOffset
@@ -13,6 +13,7 @@ from client.doctor.findings import Finding, Grade, exit_status
 from client.doctor.machine import examine_machine
 from client.doctor.network import examine_own_ports, examine_ports, examine_replies, examine_stream
 from client.doctor.robot import examine_calibration, examine_versions
+from urproto.commandline import AsJson, console, print_json
 
 __all__ = ["doctor_command"]
 
@@ -26,13 +27,17 @@ def doctor_command(
     ] = None,
     port_offset: PortOffset = 0,
     calibration: Annotated[Path | None, typer.Option(help="Calibration file that should be this robot's.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Examine this machine, the network and the robot; takes some seconds. Exit status 1 if something cannot work."""
-    console = Console(highlight=False, soft_wrap=True)
+    screen = console()
     findings = []
     for finding in _examine(robot or robot_ip, port_offset, calibration):
-        console.print(_line(finding))
+        if not as_json:
+            screen.print(_line(finding), soft_wrap=True)
         findings.append(finding)
+    if as_json:
+        print_json([{**asdict(finding), "grade": finding.grade.value} for finding in findings])
     raise typer.Exit(exit_status(findings))
 
 

@@ -7,10 +7,10 @@ import typer
 
 from client import primary
 from client.commands.options import PortOffset, RobotIP
+from client.errors import FileError
+from client.scripts import is_secondary
 
 __all__ = ["send_command"]
-
-_MAIN_PROGRAM = "def "  # only such programs report that they started
 
 
 def send_command(
@@ -19,14 +19,20 @@ def send_command(
     port_offset: PortOffset = 0,
     wait: Annotated[bool, typer.Option("--wait", help="Wait until the program ends.")] = False,
 ) -> None:
-    """Send a script; a program is waited for until it runs."""
-    text = file.read_text("utf-8")
+    """Send a script and wait until it runs. Status 1 when it is no URScript, or when an error or a stop ends it."""
+    try:
+        text = file.read_text("utf-8")
+    except UnicodeDecodeError as error:
+        raise FileError(file, f"is no text: {error}") from error
     with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
-        if not text.lstrip().startswith(_MAIN_PROGRAM):
-            robot.run(robot.core.send_script(text))
+        if is_secondary(text):
+            if wait:
+                raise typer.BadParameter("a controller does not report the end of a sec program: leave --wait out")
+            robot.run(robot.core.send_secondary(text))
             typer.echo(f"sent {file}")
             return
-        typer.echo(f"{robot.run(robot.core.run_script(text))} is running")
+        run = robot.run(robot.core.start(text))
+        typer.echo(f"{run.script.name} is running")
         if wait:
-            name = robot.run(robot.core.wait_until_stopped(), float("inf"))
-            typer.echo(f"{name} has ended")
+            robot.run(robot.core.finish(run), float("inf"))
+            typer.echo(f"{run.script.name} has ended")

@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from client import rtde
 from client.commands.options import PortOffset, RobotIP
+from urproto.commandline import AsJson, console, print_json
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.rtde.fields import OUTPUT_FIELDS
 
@@ -19,15 +19,19 @@ _STATE = (
 _NAMES = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": RuntimeState}
 
 
-def state_command(robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
+def state_command(as_json: AsJson = False, robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
     """Print what the robot is doing right now."""
     with rtde.BlockingRTDEClient(robot_ip, _STATE, port=rtde.PORT + port_offset) as robot:
         state = robot.receive()
         version = robot.core.version
+    if as_json:
+        modes = {name: _NAMES[name](state[name]) for name in _NAMES}
+        print_json({"robot_ip": robot_ip, "polyscope": str(version), **state, **modes})
+        return
     table = Table("variable", "value", "unit", title=f"{robot_ip}, PolyScope {version}")
     for name, value in state.items():
         table.add_row(name, _readable(name, value), OUTPUT_FIELDS[name].unit)
-    Console(width=100).print(table)
+    console().print(table)
 
 
 def _readable(name: str, value: Any) -> str:

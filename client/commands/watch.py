@@ -1,5 +1,6 @@
 """``ur-client watch``: some variables of a robot, as they change."""
 
+import json
 import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -7,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
@@ -17,6 +17,7 @@ from client.commands.options import PortOffset, RobotIP
 from client.connection import DEFAULT_TIMEOUT_S
 from client.decoding import show
 from client.recipes import unknown_fields
+from urproto.commandline import completing, console, plain_json
 from urproto.rtde.fields import OUTPUT_FIELDS
 
 __all__ = ["state_table", "watch_command"]
@@ -25,11 +26,17 @@ _DRAWN_HZ = 10.0  # how often a table is drawn: nobody reads faster
 
 
 def watch_command(
-    fields: Annotated[list[str], typer.Argument(help="RTDE outputs, for example actual_q robot_mode.")],
+    fields: Annotated[
+        list[str],
+        typer.Argument(
+            help="RTDE outputs, for example actual_q robot_mode.", autocompletion=completing(lambda: OUTPUT_FIELDS)
+        ),
+    ],
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
     rate: Annotated[float, typer.Option("--rate", help="How often a second the robot sends them.")] = 10.0,
     plain: Annotated[bool, typer.Option("--plain", help="Print lines, as without a terminal.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a line of JSON for every state.")] = False,
     csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every state to this file too.")] = None,
 ) -> None:
     """Show values of a robot as they change, until Ctrl-C."""
@@ -43,7 +50,9 @@ def watch_command(
         client = rtde.BlockingRTDEClient(robot_ip, names, frequency_hz=rate, port=port, timeout_s=timeout_s)
         robot = interrupts.wait(lambda: opened.enter_context(client))
         sinks = [_csv_sink(csv_file, names, opened)] if csv_file else []
-        sinks.append(_lines if plain or not sys.stdout.isatty() else _live_table(robot, opened))
+        lines = _json_lines if as_json else _lines
+        in_table = sys.stdout.isatty() and not (plain or as_json)
+        sinks.append(_live_table(robot, opened) if in_table else lines)
         follow(robot, sinks, interrupts)
 
 
@@ -52,8 +61,13 @@ def _lines(state: Mapping[str, Any]) -> None:
     sys.stdout.flush()
 
 
+def _json_lines(state: Mapping[str, Any]) -> None:
+    sys.stdout.write(f"{json.dumps(plain_json(state))}\n")
+    sys.stdout.flush()
+
+
 def _live_table(robot: rtde.BlockingRTDEClient, opened: ExitStack) -> Sink:
-    live = opened.enter_context(Live(console=Console(), auto_refresh=False))
+    live = opened.enter_context(Live(console=console(), auto_refresh=False))
     each = max(1, round(robot.core.rate_hz / _DRAWN_HZ))
     count = 0
 

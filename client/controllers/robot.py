@@ -26,6 +26,7 @@ from client.controllers.recorded import DEFAULT_FIELDS, listen, recorded
 from client.controllers.ur_states import JOINTS
 from client.driver import points
 from client.driver.blocking import Blocking, blocking
+from client.driver.realtime import real_time_thread
 from client.errors import MotionError
 from client.robot import AsyncRobot
 from client.robot.reach import Reach
@@ -157,10 +158,15 @@ def _rests(point: JointTrajectoryPoint) -> bool:
 
 
 class BlockingControlledRobot(Blocking[ControlledRobot]):
-    """The same for scripts and notebooks: controllers run in a thread of their own."""
+    """The same for scripts and notebooks: controllers run in a thread of their own, in real time if allowed."""
 
     def __init__(self, host: str, file: ControllersFile | None = None, **options: Any) -> None:
         super().__init__(lambda: ControlledRobot(host, file, **options))
+
+    async def _enter(self) -> ControlledRobot:
+        robot = await super()._enter()
+        real_time_thread(robot.driver.config.realtime)
+        return robot
 
     activate = blocking(ControlledRobot.activate)
     deactivate = blocking(ControlledRobot.deactivate)

@@ -1,6 +1,6 @@
 """A Universal Robots arm as the hardware of a controller manager, by way of the driver.
 
-While the robot waits (a stop, a pause, its program on the way back), nothing is commanded and
+While the robot waits (a stop, a pause, its program on the way back, setpoints that were late), nothing is commanded and
 the speed scaling is 0, so that trajectories wait too. When it goes on the scaling rises
 gradually, and setpoints begin where the arm stands and come back to where they should be. A
 paused program is told once where that is: its first step would be to its last setpoint.
@@ -17,9 +17,9 @@ from client.controllers.passthrough import PASSTHROUGH, Transfer
 from client.controllers.ur_commands import ArmDriver, Spawn, URCommands
 from client.controllers.ur_states import JOINTS, URStates
 from client.driver import points
-from client.driver.gates import GATES
 from client.driver.timeouts import LONGEST_REAL_TIME_S
-from client.errors import ClientError, ControllerError
+from client.errors import ClientError, ControllerError, LateSetpointError
+from client.gates import GATES
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
@@ -32,10 +32,7 @@ _WAITING: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.SAFEGUARD_STOP)  # a p
 _BACK_S: Final = 10.0  # guess: how long after such a stop somebody may take to start the program again
 _RISE_PER_PERIOD: Final = 0.01  # Universal_Robots_ROS2_Driver: of the speed scaling after a pause
 _RETURN_S: Final = 0.5  # guess: to bring the arm back to its path after a stop
-_ENDED: Final = (
-    "the control program on the robot has ended (when setpoints are 0.2 s late it ends itself: ur-client doctor "
-    "looks at this machine): start it, then activate again"
-)
+_ENDED: Final = "the control program on the robot has ended: start it, then activate again"
 _STANDS_RAD_S: Final = 0.005  # guess: above the noise of an arm that stands
 
 _logger = logging.getLogger(__name__)
@@ -75,6 +72,7 @@ class URHardware:
         self._ready = False
         self._scaling = 1.0
         self._waits = False
+        self._held_up = False  # setpoints were late
         self._stands = False  # and the program knows where
         self._forgiven_s = 0.0  # until when the program may be missing
         self._offset = [0.0] * len(JOINTS)
@@ -90,8 +88,11 @@ class URHardware:
         running = self._driver.program_running
         self._states["gpio/program_running"] = float(running)
         mode = state["safety_mode"]
+        held_up, self._held_up = self._held_up, False
+        if held_up:  # this machine was, and so the robot has stopped the arm: as after a pause
+            self._scaling, self._waits = 0.0, True
         was_ready, self._ready = (
-            self._ready,
+            self._ready and not held_up,
             (running and mode in _MOVABLE and state["runtime_state"] == RuntimeState.PLAYING),
         )
         self._scale(state, period_s)
@@ -130,6 +131,8 @@ class URHardware:
             return None
         if time_s < self._forgiven_s:
             return None
+        if why := self._driver.lost_why:
+            return f"the control program on the robot has ended, since {why}: see that it runs, then activate again"
         return _ENDED
 
     def take_halt(self) -> str | None:
@@ -219,6 +222,8 @@ class URHardware:
     def _tell(self, do: Any) -> None:
         try:
             do()
+        except LateSetpointError:  # logged where it was noticed
+            self._held_up = True
         except (ClientError, ProtocolError, RobotRefused) as error:  # the program has just left: read() will know
             _logger.warning("%s", error)
 

@@ -5,11 +5,13 @@ from typing import Any
 
 from client.decoding import show
 from client.decoding.streams import FramedStream, Framing, Line
-from urproto.errors import RemoteProtocolError
 from urproto.external_control import (
+    Answer,
     ControlMode,
     FreedriveAction,
     MotionType,
+    Question,
+    ReplyDecoder,
     ReverseMessage,
     ScriptCommand,
     ScriptCommandKind,
@@ -37,6 +39,13 @@ _PARAMETERS = {  # how many words of a command mean something
     ScriptCommandKind.SET_FRICTION_COMPENSATION: 1,
     ScriptCommandKind.SET_FRICTION_SCALES: 12,
     ScriptCommandKind.SET_TARGET_PAYLOAD: 11,
+    ScriptCommandKind.ARGUMENT: 0,
+    ScriptCommandKind.ASK: 0,
+    ScriptCommandKind.SET_STREAM_PARAMETERS: 4,
+    ScriptCommandKind.SET_FREEDRIVE_AXES: 12,
+    ScriptCommandKind.START_CONTACT_DETECTION: 6,
+    ScriptCommandKind.STOP_CONTACT_DETECTION: 0,
+    ScriptCommandKind.SET_FORCE_MODE_PARAMETERS: 2,
 }
 _FLAG_FIRST = (ScriptCommandKind.FT_RTDE_INPUT_ENABLE, ScriptCommandKind.SET_FRICTION_COMPENSATION)
 
@@ -51,11 +60,9 @@ def _fixed(name: str, size: int, decode: Callable[[bytes], Any], likely: Callabl
     return Framing(name, size, check, lambda data: likely(decode(data)))
 
 
-def _result(data: bytes) -> TrajectoryResult:
-    number = int.from_bytes(data, "big", signed=True)
-    if number not in list(TrajectoryResult):
-        raise RemoteProtocolError(f"{number} is no TrajectoryResult")
-    return TrajectoryResult(number)
+def _is_result(data: bytes) -> bool:
+    ReplyDecoder.decode(data)
+    return True
 
 
 REVERSE = _fixed(
@@ -71,7 +78,7 @@ TRAJECTORY = _fixed(
     lambda point: point.duration_s >= 0 and point.blend_radius_m >= 0,
 )
 COMMANDS = _fixed("script command interface", ScriptCommand.SIZE, ScriptCommand.decode, lambda command: True)
-RESULTS = _fixed("result", 4, _result, lambda result: True)
+RESULTS = Framing("result", 4, ReplyDecoder.size, _is_result)
 
 
 def reverse_stream() -> FramedStream:
@@ -91,7 +98,7 @@ def command_stream() -> FramedStream:
 
 def result_stream() -> FramedStream:
     """What the robot sends on the trajectory and script command interfaces."""
-    return FramedStream(RESULTS, _told(_result, lambda result: f"result: {result.name}"))
+    return FramedStream(RESULTS, _told(ReplyDecoder.decode, _reply))
 
 
 def _told(decode: Callable[[bytes], Any], tell: Callable[[Any], str]) -> Callable[[bytes], Iterator[Line]]:
@@ -121,7 +128,13 @@ def _point(point: TrajectoryPoint) -> str:
     return f"{point.type.name} {show.pairs(how)} blend_radius_m={show.value(point.blend_radius_m)}"
 
 
+def _reply(reply: TrajectoryResult | Answer) -> str:
+    return f"answer: {show.value(reply.values)}" if isinstance(reply, Answer) else f"result: {reply.name}"
+
+
 def _command(command: ScriptCommand) -> str:
+    if command.kind is ScriptCommandKind.ASK:
+        return f"ASK {show.enum_name(Question, command.words[0])}"
     count = _PARAMETERS[command.kind]
     values: list[float] = list(command.values[:count])
     if count and command.kind in _FLAG_FIRST:

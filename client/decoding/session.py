@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter, OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from enum import Enum
@@ -24,7 +24,7 @@ from client.decoding.packets import Endpoint, Segment, UnreadablePacketError, tc
 from client.decoding.streams import Line, Stream, trouble
 from urproto.errors import RemoteProtocolError
 
-__all__ = ["Choice", "InputForm", "Session"]
+__all__ = ["Choice", "InputForm", "Session", "as_text"]
 
 _HEX_TEXT = re.compile(rb"(?:#[^\n]*(?:\n|$)|0[xX]|[0-9a-fA-F]|[\s,:;])*")
 _HEX_NOISE = re.compile(rb"#[^\n]*(?=\n|$)|0[xX]|[\s,:;]")
@@ -71,10 +71,14 @@ class Choice:
 
 
 class Session:
-    """One input from its first byte to its last. ``troubles`` counts what could not be read."""
+    """One input from its first byte to its last. ``troubles`` counts what could not be read.
 
-    def __init__(self, choice: Choice) -> None:
+    form: how a line is given.
+    """
+
+    def __init__(self, choice: Choice, form: Callable[[Line], str] | None = None) -> None:
         self.troubles = 0
+        self._form = form or as_text
         self._choice = choice
         self._input: _Raw | _Hex | _Capture | None = None
         self._head = bytearray()
@@ -111,7 +115,16 @@ class Session:
     def _counted(self, lines: Iterator[Line]) -> Iterator[str]:
         for line in lines:
             self.troubles += line.trouble
-            yield f"! {line.text}" if line.trouble else line.text
+            yield self._form(line)
+
+
+def as_text(line: Line) -> str:
+    """For people."""
+    head = ""
+    if line.source:
+        time = f"{_time(line.time_ns, '%H:%M:%S.%f')} " if line.time_ns is not None else ""
+        head = f"{time}{line.source} > {line.destination}{f' {line.protocol}' if line.protocol else ''}: "
+    return f"{'! ' if line.trouble else ''}{head}{line.text}"
 
 
 def _is_hex(head: bytes) -> bool:
@@ -337,10 +350,9 @@ class _Capture:
                 told.stream(event.source)
                 lines = told.close(event.source).end()
         destination = next((end for end in ends if end != event.source), event.source)
-        time = f"{_time(event.time_ns, '%H:%M:%S.%f')} " if event.time_ns is not None else ""
-        name = f" {told.codec.name}" if told.codec else ""
+        protocol = told.codec.name if told.codec else ""
         for line in lines:
-            yield Line(f"{time}{event.source} > {destination}{name}: {line.text}", line.trouble)
+            yield Line(line.text, line.trouble, event.time_ns, str(event.source), str(destination), protocol)
 
 
 def _time(time_ns: int, form: str) -> str:

@@ -19,10 +19,17 @@ _TOLD_AT_ONCE = 1 << 20  # bytes of garbage that are told as one stretch
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """What is told about a message; ``trouble`` when it is about bytes that could not be read."""
+    """What is told about a message; ``trouble`` when it is about bytes that could not be read.
+
+    The rest is known in captures: when it was sent (nanoseconds since 1970), its ends, and the protocol.
+    """
 
     text: str
     trouble: bool = False
+    time_ns: int | None = None
+    source: str = ""
+    destination: str = ""
+    protocol: str = ""
 
 
 def trouble(text: str) -> Line:

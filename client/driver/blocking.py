@@ -17,9 +17,10 @@ from contextlib import AbstractAsyncContextManager, AbstractContextManager, cont
 from types import TracebackType
 from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, cast, overload
 
-__all__ = ["Blocking", "blocking", "blocking_context"]
+__all__ = ["Blocking", "Part", "blocking", "blocking_context", "straight"]
 
 Inner = TypeVar("Inner", bound=AbstractAsyncContextManager[Any])
+Component = TypeVar("Component")
 Owner = TypeVar("Owner")
 Params = ParamSpec("Params")
 Given = ParamSpec("Given")
@@ -99,6 +100,23 @@ class Blocking(Generic[Inner]):
         loop.close()
 
 
+class Part(Generic[Component]):
+    """The blocking form of a component of what a `Blocking` owns; ``pick`` finds the component."""
+
+    def __init__(self, whole: Blocking[Any], pick: Callable[[Any], Component]) -> None:
+        self._whole = whole
+        self._pick = pick
+
+    @property
+    def inner(self) -> Component:
+        """The asynchronous component. Raises RuntimeError outside the context."""
+        return self._pick(self._whole.inner)
+
+    def call(self, work: Coroutine[Any, Any, Result]) -> Result:
+        """As `Blocking.call`."""
+        return self._whole.call(work)
+
+
 async def _leave(inner: AbstractAsyncContextManager[Any], *reason: Any) -> None:
     await inner.__aexit__(*reason)
 
@@ -122,6 +140,18 @@ def blocking(method: Callable[..., Any]) -> Callable[..., Any]:
 
     call.__dict__.pop("__wrapped__", None)  # it is no coroutine function
     return cast(Callable[..., Any], call)
+
+
+def straight(
+    method: Callable[Concatenate[Owner, Params], Result],
+) -> Callable[Concatenate[Any, Params], Result]:
+    """The blocking form of a method that may be called from any thread: without the way through the event loop."""
+
+    @functools.wraps(method)
+    def call(self: Any, *args: Params.args, **kwargs: Params.kwargs) -> Result:
+        return method(self.inner, *args, **kwargs)
+
+    return cast(Callable[Concatenate[Any, Params], Result], call)
 
 
 @overload

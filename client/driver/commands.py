@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from typing import Final
 
+from client.control_program import DECELERATION, SPEED_ACCELERATION, check_servo_parameters
 from client.driver.core import DriverCore
 from urproto.errors import LocalProtocolError
-from urproto.external_control import ScriptCommand, ScriptCommandKind, TrajectoryResult
+from urproto.external_control import Question, ScriptCommand, ScriptCommandKind, TrajectoryResult, to_words
 
 __all__ = ["Commands"]
 
@@ -82,8 +83,7 @@ class Commands(DriverCore):
             raise LocalProtocolError(f"the kind of force mode is 1, 2 or 3, not {kind}")
         if any(axis not in (0, 1) for axis in selection):
             raise LocalProtocolError(f"the selection of force mode has a 0 or 1 for each axis, not {list(selection)}")
-        if not (0.0 <= damping <= 1.0 and 0.0 <= gain_scaling <= 2.0):
-            raise LocalProtocolError(f"damping is 0 to 1 and gain scaling 0 to 2, not {damping} and {gain_scaling}")
+        _check_force_mode(damping, gain_scaling)
         if any(not limit >= 0.0 for limit in limits):
             raise LocalProtocolError(f"the limits of force mode cannot be negative: {list(limits)}")
         command = ScriptCommand.start_force_mode(
@@ -95,15 +95,16 @@ class Commands(DriverCore):
         """Hold the pose again."""
         self.commands.send(ScriptCommand.plain(ScriptCommandKind.END_FORCE_MODE))
 
-    def start_tool_contact(self) -> None:
+    def start_tool_contact(self, direction_base: Sequence[float] = _ZERO6) -> None:
         """Stop the motion where the tool touches something, and go back to where the contact began; e-Series.
 
+        direction_base: along which it counts (6,), the first three in the base frame; all zero for that of the motion.
         Afterwards the arm rests until `end_tool_contact`. Watched once with each message to the
         robot, so best with setpoints in every control period.
         """
         self._require("start_tool_contact")
         self.commands.forget_results()
-        self.commands.send(ScriptCommand.plain(ScriptCommandKind.START_TOOL_CONTACT))
+        self.commands.send(ScriptCommand(ScriptCommandKind.START_TOOL_CONTACT, to_words(direction_base)))
 
     def end_tool_contact(self) -> None:
         """Watch for contact no longer; the result is CANCELED if there was none."""
@@ -113,6 +114,61 @@ class Commands(DriverCore):
     async def tool_contact_result(self, timeout_s: float | None = None) -> TrajectoryResult:
         """SUCCESS when the arm is back at the beginning of a contact, CANCELED when watching ended without one."""
         return await self.commands.result(timeout_s)
+
+    async def ask(
+        self, question: Question, *arguments: Sequence[float] | None, number: int = 0, gate: str | None = None
+    ) -> tuple[float, ...]:
+        """What the robot answers to a question, beside any motion; no values when there is no solution.
+
+        arguments: up to three (6,), None for one that the robot is to choose. gate: the feature of `client.gates`
+        that it needs. Raises RobotRefused for a version without it, ProgramNotRunningError, NoAnswerError.
+        """
+        if gate is not None:
+            self._require(gate)
+        return await self.commands.ask(question, arguments, number)
+
+    def set_stream_parameters(
+        self,
+        *,
+        lookahead_s: float | None = None,
+        gain: float | None = None,
+        acceleration: float = SPEED_ACCELERATION,
+        deceleration_rad_s2: float = DECELERATION,
+    ) -> None:
+        """How setpoints are followed from now on.
+
+        lookahead_s (0.03 to 0.2) and gain (100 to 2000): of servoing, None for those of the configuration.
+        acceleration: towards speeds [rad/s2 or m/s2]. deceleration_rad_s2: to rest.
+        """
+        lookahead_s = self.config.servoj_lookahead_s if lookahead_s is None else lookahead_s
+        gain = self.config.servoj_gain if gain is None else gain
+        check_servo_parameters(lookahead_s, gain)
+        if not (acceleration > 0.0 and deceleration_rad_s2 > 0.0):
+            raise LocalProtocolError(
+                f"acceleration and deceleration are above 0, not {acceleration} and {deceleration_rad_s2}"
+            )
+        self.commands.send(ScriptCommand.set_stream_parameters(lookahead_s, gain, acceleration, deceleration_rad_s2))
+
+    def set_freedrive_axes(self, axes: Sequence[int] = (1,) * 6, frame_base: Sequence[float] = _ZERO6) -> None:
+        """Which axes (6,) of a frame, given in the base frame (6,), the next freedrive frees; from 5.10 on."""
+        if list(axes) != [1] * 6:
+            self._require("freedrive_axes")
+        self.commands.send(ScriptCommand.set_freedrive_axes(axes, frame_base))
+
+    def set_force_mode_parameters(self, damping: float = 0.025, gain_scaling: float = 0.5) -> None:
+        """Of the force mode that is in effect: damping 0 to 1, gain scaling 0 to 2 (e-Series only)."""
+        _check_force_mode(damping, gain_scaling)
+        self.commands.send(ScriptCommand.set_force_mode_parameters(damping, gain_scaling))
+
+    def start_contact_detection(self, direction_base: Sequence[float] = _ZERO6) -> None:
+        """Note from now on whether the tool meets something on its way along a direction (6,), all zero for any."""
+        self._require("contact")
+        self.commands.send(ScriptCommand.start_contact_detection(direction_base))
+
+    def stop_contact_detection(self) -> None:
+        """Note it no longer; what was noted can still be asked for."""
+        self._require("contact")
+        self.commands.send(ScriptCommand.plain(ScriptCommandKind.STOP_CONTACT_DETECTION))
 
     def ft_rtde_input_enable(
         self,
@@ -139,6 +195,11 @@ class Commands(DriverCore):
             self.commands.send(command)
         else:
             await self.robot.send_script(f"sec command():\n  {statement}\nend")
+
+
+def _check_force_mode(damping: float, gain_scaling: float) -> None:
+    if not (0.0 <= damping <= 1.0 and 0.0 <= gain_scaling <= 2.0):
+        raise LocalProtocolError(f"damping is 0 to 1 and gain scaling 0 to 2, not {damping} and {gain_scaling}")
 
 
 def _check_mass(mass_kg: float) -> None:

@@ -6,6 +6,7 @@ from typing import Final
 
 from client import dashboard, primary, rtde
 from client.control_program import ToolCommunication
+from client.driver.realtime import RealTime
 from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
 from client.driver.reverse import REVERSE_PORT
 from client.driver.sender import SENDER_PORT
@@ -30,11 +31,15 @@ class DriverConfig:
     one that is loaded) and plays through the dashboard.
     own_address: the driver's address as the robot sees it; found by itself when None.
     listen_on: the own addresses the four ports are opened on, the own address when None.
-    outputs: RTDE variables to receive beside those the driver needs; frequency_hz: how often,
-    None as often as the robot can.
+    outputs: RTDE variables to receive beside those the driver needs; outputs_if_any: more of them, where the robot
+    has them; frequency_hz: how often, None as often as the robot can.
     keep_alive_s: how often the driver says that it is alive while it has nothing to say;
     keep_alive_timeout_s: how long the program waits for that. silence_s: a robot whose state
     does not come for so long counts as frozen, and its program is disconnected.
+    restart: start the control program again when it ended only because this machine was late; the arm rests until
+    somebody moves it.
+    realtime: real-time priority for the threads that feed the robot: "auto" where it is allowed, "on" or else an
+    error, "off" without.
     calibration: what the robot's calibration has to be, as `client.read_calibration` reads it, or its hash; None
     takes any.
     """
@@ -50,11 +55,14 @@ class DriverConfig:
     command_port: int = COMMAND_PORT
     robot_ports: Mapping[str, int] = field(default_factory=lambda: dict(ROBOT_PORTS))
     outputs: tuple[str, ...] = ()
+    outputs_if_any: tuple[str, ...] = ()
     frequency_hz: float | None = None
     keep_alive_s: float = 0.1
     keep_alive_timeout_s: float = KEEP_ALIVE_TIMEOUT_S
     silence_s: float = 1.0
     start_timeout_s: float = 5.0
+    restart: bool = True
+    realtime: RealTime = "auto"
     calibration: Calibration | str | None = None
     servoj_lookahead_s: float = 0.03
     servoj_gain: int = 2000

@@ -8,22 +8,25 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from client import dashboard
-from client.control_program import ControlProgram
+from client.control_program import GONE_TEXT, LATE_TEXT, ControlProgram
 from client.driver.calibration import calibration_problem
 from client.driver.config import DriverConfig
 from client.driver.endpoint import Endpoint, Peer
-from client.driver.gates import require
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
-from client.driver.reverse import ReverseEndpoint
+from client.driver.reverse import Pulse, ReverseEndpoint
 from client.driver.robot import RobotLink, cancel
 from client.driver.sender import ScriptSender
-from client.errors import ProgramNotRunningError
+from client.errors import ClientError, ProgramNotRunningError
+from client.gates import require
 from urproto.errors import LocalProtocolError, RobotRefused
-from urproto.modes import RobotMode, SafetyMode
+from urproto.external_control import ControlMode
+from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.versions import PolyscopeVersion
 
 __all__ = ["DriverCore"]
 
+_PLAYED: Final = (RuntimeState.PLAYING, RuntimeState.PAUSING, RuntimeState.PAUSED, RuntimeState.RESUMING)
+_ENDED: Final = (RuntimeState.STOPPING, RuntimeState.STOPPED)
 MOVABLE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 _STOP_LINE: Final = "stop program"
 _END_TIMEOUT_S: Final = 2.0  # guess: a ramp to rest from full speed takes 0.8 s
@@ -46,7 +49,11 @@ class DriverCore:
         self.sender = ScriptSender(self.program_text, config.sender_port)
         self.trajectory = TrajectoryEndpoint(config.trajectory_port)
         self.commands = ScriptCommandEndpoint(config.command_port)
+        self.pulse = Pulse(self.reverse, config.keep_alive_s, config.keep_alive_timeout_s, config.realtime)
         self._own_address = ""
+        self._has_played = False  # the robot's state shows that the program runs
+        self._lost_why = ""  # the driver's own fault that the last program ended, if it was
+        self._restart: asyncio.Task[None] | None = None
         self._partners: dict[Endpoint, Peer | None] = {}
         self._open = AsyncExitStack()
 
@@ -68,7 +75,8 @@ class DriverCore:
             for partner in (self.trajectory, self.commands):
                 partner.listeners.append(self._partner_changed)
             self.robot.on_silence.append(self._robot_is_silent)
-            opening.push_async_callback(cancel, asyncio.create_task(self._keep_alive()))
+            self.robot.on_text.append(self._heard)
+            opening.enter_context(self.pulse)
             self._open = opening.pop_all()
         return self
 
@@ -98,8 +106,21 @@ class DriverCore:
 
     @property
     def program_running(self) -> bool:
-        """True while the control program is connected."""
-        return self.reverse.connected
+        """True while the control program is connected, and has not ended or been told to end."""
+        return self.reverse.connected and self.reverse.mode is not ControlMode.STOPPED and not self._has_ended
+
+    @property
+    def _has_ended(self) -> bool:
+        """By the robot's state, which may know it before its connection does."""
+        state = self.state["runtime_state"]
+        if not self._has_played and state in _PLAYED:
+            self._has_played = True
+        return self._has_played and state in _ENDED
+
+    @property
+    def lost_why(self) -> str:
+        """Why the last control program has ended, when that was this machine's doing; else empty."""
+        return self._lost_why or self.pulse.bitten
 
     def program_text(self) -> str:
         """The control program as the URCap gets it."""
@@ -117,7 +138,13 @@ class DriverCore:
         """Scale the speed of everything by 0.01 to 1; RobotRefused when another client holds the slider."""
         if not 0.01 <= fraction <= 1.0:
             raise LocalProtocolError(f"the speed slider goes from 0.01 to 1, not to {fraction}")
-        await self.robot.set_speed_slider(fraction)
+        try:
+            await self.robot.write_inputs(speed_slider_mask=1, speed_slider_fraction=fraction)
+        except RobotRefused as refused:
+            if "IN_USE" not in refused.answer:
+                raise
+            why = "another RTDE client holds the speed slider: end that one first"
+            raise RobotRefused("speed_slider_fraction", why) from None
 
     async def start_program(self) -> None:
         """Start the control program, or start it again, and wait until it is connected.
@@ -125,8 +152,13 @@ class DriverCore:
         Raises ScriptFailedError when the robot reports an error in it, RobotRefused in a mode
         in which no program can run, ProgramNotRunningError when it does not connect in time.
         """
+        await self._give_up_restart()
+        await self._start_program()
+
+    async def _start_program(self) -> None:
         self._check_modes()
         await self._end_old_program()
+        self._lost_why = self.pulse.bitten = ""
         self.robot.forget_errors()
         if self.config.headless:
             await self.robot.send_script(self._program().render_headless(self.version))
@@ -136,7 +168,8 @@ class DriverCore:
 
     async def stop_program(self) -> None:
         """End the control program, which stops the arm; does nothing when it is not running."""
-        if self.program_running:
+        await self._give_up_restart()
+        if self.reverse.connected:
             self.reverse.stop()
             await self.reverse.wait_disconnected(_END_TIMEOUT_S)
 
@@ -181,7 +214,7 @@ class DriverCore:
             )
 
     async def _end_old_program(self) -> None:
-        if self.program_running:
+        if self.reverse.connected:
             await self.robot.send_script(_STOP_LINE)
             await self.reverse.wait_disconnected(_END_TIMEOUT_S)
 
@@ -216,6 +249,7 @@ class DriverCore:
     # watching
 
     def _program_changed(self, connected: bool) -> None:
+        self._has_played = False
         if connected:
             self._partners = {end: end.current_peer for end in (self.trajectory, self.commands)}
             self.reverse.keep_alive(self.config.keep_alive_timeout_s)
@@ -246,17 +280,46 @@ class DriverCore:
 
     def _end_crippled(self, endpoint: Endpoint) -> None:
         _logger.error("the robot is not connected to port %d: its program is ended", endpoint.port)
-        if self.program_running:
+        if self.reverse.connected:
             self.reverse.stop()
+
+    # late, or lost
+
+    def _heard(self, text: str) -> None:
+        """What the control program says about its driver."""
+        if text == LATE_TEXT:
+            self.reverse.note_late("the robot had to wait too long for the next setpoint")
+        elif text == GONE_TEXT and not self.pulse.bitten:
+            self._lost_why = (
+                f"the robot heard nothing from this machine for too long ({self.reverse.quiet_s:.1f} s by its clock), "
+                "or the network failed"
+            )
+            _logger.warning("the control program has ended: %s", self._lost_why)
+            if self.config.restart and self.config.headless and self._restart is None:
+                self._restart = asyncio.create_task(self._start_again())
+
+    async def _start_again(self) -> None:
+        """The program that was lost through our own fault. The arm rests until somebody moves it."""
+        try:
+            await self.reverse.wait_disconnected(_END_TIMEOUT_S)
+            async with asyncio.timeout(_END_TIMEOUT_S):
+                while self.state["runtime_state"] != RuntimeState.STOPPED:
+                    await self.next_state()
+            self._restart = None  # from here on it may be given up no more
+            await self._start_program()
+            _logger.warning("the control program runs again; the arm rests until it is moved")
+        except (ClientError, RobotRefused, TimeoutError, LocalProtocolError) as error:
+            _logger.error("the control program could not be started again: %s", error)
+        finally:
+            self._restart = None
+
+    async def _give_up_restart(self) -> None:
+        restart, self._restart = self._restart, None
+        if restart is not None and restart is not asyncio.current_task():
+            await cancel(restart)
 
     def _robot_is_silent(self) -> None:
         peer = self.reverse.current_peer
         if peer is not None:
             _logger.error("the robot is silent: its program is disconnected")
             peer.abort()
-
-    async def _keep_alive(self) -> None:
-        while True:
-            await asyncio.sleep(self.config.keep_alive_s)
-            if self.program_running:
-                self.reverse.continue_mode(self.config.keep_alive_timeout_s)

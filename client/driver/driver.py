@@ -10,9 +10,10 @@ with BlockingURDriver("192.168.56.101") as driver:
         driver.servoj(target())
 """
 
+from collections.abc import Mapping
 from typing import Any
 
-from client.driver.blocking import Blocking, blocking
+from client.driver.blocking import Blocking, blocking, straight
 from client.driver.commands import Commands
 from client.driver.config import DriverConfig
 from client.driver.recovery import Recovery
@@ -43,19 +44,18 @@ class BlockingURDriver(Blocking[URDriver]):
     wait_for_program = blocking(URDriver.wait_for_program)
     on_program_state = blocking(URDriver.on_program_state)
     on_safety_mode = blocking(URDriver.on_safety_mode)
-    next_state = blocking(URDriver.next_state)
     recover = blocking(URDriver.recover)
     set_speed_slider = blocking(URDriver.set_speed_slider)
 
-    servoj = blocking(URDriver.servoj)
-    servo_pose = blocking(URDriver.servo_pose)
-    speedj = blocking(URDriver.speedj)
-    speedl = blocking(URDriver.speedl)
-    torque = blocking(URDriver.torque)
-    idle = blocking(URDriver.idle)
-    start_freedrive = blocking(URDriver.start_freedrive)
-    keep_freedrive = blocking(URDriver.keep_freedrive)
-    stop_freedrive = blocking(URDriver.stop_freedrive)
+    servoj = straight(URDriver.servoj)
+    servo_pose = straight(URDriver.servo_pose)
+    speedj = straight(URDriver.speedj)
+    speedl = straight(URDriver.speedl)
+    torque = straight(URDriver.torque)
+    idle = straight(URDriver.idle)
+    start_freedrive = straight(URDriver.start_freedrive)
+    keep_freedrive = straight(URDriver.keep_freedrive)
+    stop_freedrive = straight(URDriver.stop_freedrive)
 
     execute = blocking(URDriver.execute)
     start_trajectory = blocking(URDriver.start_trajectory)
@@ -65,6 +65,12 @@ class BlockingURDriver(Blocking[URDriver]):
     stream = blocking(URDriver.stream)
     end_stream = blocking(URDriver.end_stream)
 
+    ask = blocking(URDriver.ask)
+    set_stream_parameters = blocking(URDriver.set_stream_parameters)
+    set_freedrive_axes = blocking(URDriver.set_freedrive_axes)
+    set_force_mode_parameters = blocking(URDriver.set_force_mode_parameters)
+    start_contact_detection = blocking(URDriver.start_contact_detection)
+    stop_contact_detection = blocking(URDriver.stop_contact_detection)
     zero_ftsensor = blocking(URDriver.zero_ftsensor)
     set_payload = blocking(URDriver.set_payload)
     set_target_payload = blocking(URDriver.set_target_payload)
@@ -79,6 +85,16 @@ class BlockingURDriver(Blocking[URDriver]):
     ft_rtde_input_enable = blocking(URDriver.ft_rtde_input_enable)
     set_friction_compensation = blocking(URDriver.set_friction_compensation)
     set_friction_scales = blocking(URDriver.set_friction_scales)
+
+    def next_state(self) -> Mapping[str, Any]:
+        """The RTDE state after the newest one."""
+        feed = self.inner.robot.feed
+        return feed.wait(feed.count, self.inner.config.silence_s)
+
+    @property
+    def lost_why(self) -> str:
+        """Why the last control program has ended, when that was this machine's doing; else empty."""
+        return self.inner.lost_why
 
     @property
     def program_running(self) -> bool:

@@ -7,8 +7,10 @@ last was noticed; other addresses are sent away while a robot is there.
 
 import asyncio
 import logging
+import os
 import socket
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Final, Self, cast
 
@@ -17,7 +19,7 @@ from client.errors import ProgramNotRunningError
 
 __all__ = ["Endpoint", "Peer", "tell"]
 
-_MOST_UNSENT: Final = 8192  # bytes, beyond what the system buffers; guess: a robot that reads never gets near it
+_MOST_UNSENT: Final = 8192  # bytes of a trajectory, beyond what the system buffers; guess
 _HINT: Final = "start the program on the robot and wait for it"
 
 _logger = logging.getLogger(__name__)
@@ -30,21 +32,28 @@ class Peer(asyncio.Protocol):
         self._endpoint = endpoint
         self._may_write = asyncio.Event()
         self._may_write.set()
-        self.gone = asyncio.get_running_loop().create_future()
+        self._loop = asyncio.get_running_loop()
+        self.gone = self._loop.create_future()
         self.address = ""
         self.transport: asyncio.Transport
+        self._socket: socket.socket
 
     def abort(self) -> None:
         """End the connection at once, without waiting for what is not sent yet."""
         self.transport.abort()
 
     def write(self, data: bytes) -> None:
-        """Send now. A robot that does not read ends its connection."""
-        if self.transport.get_write_buffer_size() > _MOST_UNSENT:
-            _logger.error("%s does not read what it is sent on port %d", self.address, self._endpoint.port)
-            self.abort()
+        """Send now, from any thread and past the event loop, which may be busy. A robot that does not read is gone."""
+        try:
+            sent = self._socket.send(data)
+        except BlockingIOError:
+            sent = 0
+        except OSError:  # the connection has ended, of which the loop will hear
             return
-        self.transport.write(data)
+        if sent < len(data):
+            _logger.error("%s does not read what it is sent on port %d", self.address, self._endpoint.port)
+            with suppress(RuntimeError):  # the loop has ended
+                self._loop.call_soon_threadsafe(self.abort)
 
     async def write_all(self, data: bytes) -> None:
         """Send as fast as the robot reads."""
@@ -56,7 +65,9 @@ class Peer(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = cast(asyncio.Transport, transport)  # uvloop's is of no such class
         self.address = str(transport.get_extra_info("peername")[0])
-        transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket = socket.socket(fileno=os.dup(transport.get_extra_info("socket").fileno()))
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.transport.set_write_buffer_limits(_MOST_UNSENT)
         self._endpoint._arrived(self)
 
@@ -71,6 +82,7 @@ class Peer(asyncio.Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._may_write.set()
+        self._socket.close()
         self.gone.set_result(None)
         self._endpoint._left(self)
 

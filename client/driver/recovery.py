@@ -28,7 +28,7 @@ class Recovery(DriverCore):
         super().__init__(config)
         self._safety_mode: SafetyMode | None = None
         self._stopped_at_s: float | None = None
-        self.robot.on_state.append(self._note)
+        self.robot.on_modes.append(self._note)
 
     def on_safety_mode(self, callback: Callable[[SafetyMode], None]) -> None:
         """Call back with each new safety mode."""
@@ -39,7 +39,7 @@ class Recovery(DriverCore):
                 before[0] = self.robot.safety_mode
                 callback(before[0])
 
-        self.robot.on_state.append(changed)
+        self.robot.on_modes.append(changed)
 
     @property
     def protective_stopped(self) -> bool:

@@ -2,19 +2,28 @@
 
 import asyncio
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from client.driver.endpoint import Endpoint, Peer
 from client.errors import NoAnswerError, ProgramEndedError
 from urproto.errors import RemoteProtocolError
-from urproto.external_control import MessageDecoder, ScriptCommand, TrajectoryPoint, TrajectoryResult
+from urproto.external_control import (
+    Answer,
+    MessageDecoder,
+    Question,
+    ReplyDecoder,
+    ScriptCommand,
+    TrajectoryPoint,
+    TrajectoryResult,
+)
 
 __all__ = ["COMMAND_PORT", "TRAJECTORY_PORT", "ResultEndpoint", "ScriptCommandEndpoint", "TrajectoryEndpoint"]
 
 TRAJECTORY_PORT: Final = 50003
 COMMAND_PORT: Final = 50004
 _POINTS_AT_ONCE: Final = 64
+_ANSWER_S: Final = 2.0  # guess: a control period or two, and the network
 
 _logger = logging.getLogger(__name__)
 
@@ -90,12 +99,59 @@ class TrajectoryEndpoint(ResultEndpoint):
 
 
 class ScriptCommandEndpoint(ResultEndpoint):
-    """Sends commands that are executed beside the motion; contact of the tool is the only one that answers."""
+    """Sends commands that are executed beside the motion; contact of the tool and questions are answered."""
 
     doing = "tool contact"
 
     def __init__(self, port: int = COMMAND_PORT, host: str = "") -> None:
         super().__init__(port, host)
+        self._replies = ReplyDecoder()
+        self._answers: asyncio.Queue[Answer | None] = asyncio.Queue()
+        self._one_asks = asyncio.Lock()
+
+    async def ask(
+        self, question: Question, arguments: Sequence[Sequence[float] | None] = (), number: int = 0
+    ) -> tuple[float, ...]:
+        """What the robot answers; nothing when there is no solution.
+
+        arguments: up to three (6,), None for one that the robot is to choose. Raises ProgramEndedError when the
+        program ends before the answer comes, NoAnswerError when it does not come: a program that is paused.
+        """
+        async with self._one_asks:
+            while not self._answers.empty():  # of somebody who has not waited for it
+                self._answers.get_nowait()
+            for index, values in enumerate(arguments):
+                if values is not None:
+                    self.send(ScriptCommand.argument(index, values))
+            given = sum(1 << index for index, values in enumerate(arguments) if values is not None)
+            self.send(ScriptCommand.ask(question, given, number))
+            try:
+                async with asyncio.timeout(_ANSWER_S):
+                    answer = await self._answers.get()
+            except TimeoutError:
+                raise NoAnswerError(self.peer.address, self.port, _ANSWER_S) from None
+        if answer is None:
+            raise ProgramEndedError(self.port, f"the question {question.name}")
+        return answer.values
+
+    def data_received(self, data: bytes) -> None:
+        try:
+            for reply in self._replies.feed(data):
+                if isinstance(reply, Answer):
+                    self._answers.put_nowait(reply)
+                else:
+                    self._results.put_nowait(reply)
+        except RemoteProtocolError as error:
+            _logger.error("port %d: %s; the connection is given up", self.port, error)
+            self.peer.abort()
+
+    def _found(self, peer: Peer) -> None:
+        self._replies = ReplyDecoder()
+        super()._found(peer)
+
+    def _lost(self, peer: Peer) -> None:
+        self._answers.put_nowait(None)  # wakes who waits
+        super()._lost(peer)
 
     def send(self, command: ScriptCommand) -> None:
         """Send one command."""

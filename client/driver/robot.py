@@ -5,26 +5,26 @@ import logging
 import socket
 from collections import deque
 from collections.abc import Callable, Mapping
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, suppress
 from types import TracebackType
 from typing import Any, Final, Self
 
 from client.dashboard import DashboardClient
 from client.driver.config import DriverConfig
 from client.driver.endpoint import tell
-from client.errors import ClientError, NoAnswerError, RobotUnreachableError, ScriptFailedError
+from client.driver.feed import StateFeed
+from client.errors import ClientError, ConnectionLostError, NoAnswerError, RobotUnreachableError, ScriptFailedError
 from client.primary import PrimaryClient
-from client.rtde import RTDEClient
+from client.rtde import BlockingRTDEClient, RTDEClient
 from urproto.errors import RemoteProtocolError, RobotRefused
 from urproto.modes import RobotMode, SafetyMode
-from urproto.primary.messages import ErrorCodeMessage, PopupMessage, RuntimeExceptionMessage
+from urproto.primary.messages import ErrorCodeMessage, PopupMessage, RuntimeExceptionMessage, TextMessage
 from urproto.primary.state import ConfigurationData, KinematicsInfo, RobotStateData
 from urproto.versions import PolyscopeVersion
 
 __all__ = ["RobotLink", "cancel"]
 
 _NEEDED: Final = ("timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction")
-_SLIDER: Final = ("speed_slider_mask", "speed_slider_fraction")
 _KEPT: Final = 100  # error reports and popups, each
 _AGAIN_S: Final = 1.0  # between attempts to get a lost connection back
 
@@ -38,37 +38,52 @@ class RobotLink:
     """The connections a driver opens to its robot; use it with ``async with``.
 
     state: the newest RTDE state, by variable name. reports, popups: error messages and popups
-    of the robot, oldest first. on_state: called with each state. on_silence: called once when the robot falls silent.
+    of the robot, oldest first. on_state: called with each state, in order, in the event loop; on_modes with those in
+    which a mode is another one. on_silence: called once when the robot falls silent. on_text: called with what a
+    program says (textmsg).
+
+    States are received by a thread (`StateFeed`); the event loop hears of them only where somebody listens.
     """
 
     def __init__(self, config: DriverConfig) -> None:
         self.config = config
-        self.state: Mapping[str, Any] = {}
         self.reports: deque[ErrorCodeMessage] = deque(maxlen=_KEPT)
         self.popups: deque[PopupMessage] = deque(maxlen=_KEPT)
         self.on_state: list[Callable[[Mapping[str, Any]], None]] = []
+        self.on_modes: list[Callable[[Mapping[str, Any]], None]] = []
         self.on_silence: list[Callable[[], None]] = []
+        self.on_text: list[Callable[[str], None]] = []
         self.dashboard: DashboardClient | None = None
         self.version = PolyscopeVersion(0, 0)
-        self._rtde: RTDEClient | None = None
-        self._has_slider = True
+        self.feed = StateFeed(self._rtde, self._arrived, self._fell_silent, config.silence_s, config.realtime)
+        self._inputs: RTDEClient | None = None
+        self._recipes: list[tuple[str, ...]] = []
+        self._one_writes = asyncio.Lock()
         self._primary = PrimaryClient(config.robot, config.robot_ports["primary"])
         self._kinematics: asyncio.Future[KinematicsInfo]
         self._exceptions: asyncio.Queue[ScriptFailedError] = asyncio.Queue()
         self._connections = AsyncExitStack()
+        self._loop: asyncio.AbstractEventLoop
+        self._untold: deque[Mapping[str, Any]] = deque()  # states the loop has to hear of
+        self._told_modes: tuple[int, ...] = ()  # as the thread knows it, and
+        self._last_modes: tuple[int, ...] = ()  # as the loop does
+        self._telling = False  # the loop is going to
+        self._awaited = False  # somebody waits for the next state
         self._news = asyncio.Event()
 
     async def __aenter__(self) -> Self:
-        self._kinematics = asyncio.get_running_loop().create_future()
+        self._loop = asyncio.get_running_loop()
+        self._kinematics = self._loop.create_future()
         async with AsyncExitStack() as opening:
-            self._rtde = await self._connect_rtde()
-            opening.push_async_callback(self._close_rtde)
-            assert self._rtde.core.version is not None
-            self.version = self._rtde.core.version
+            opening.push_async_callback(self._close_feed)
+            rtde = await self._loop.run_in_executor(None, self.feed.open)
+            self._check_outputs(rtde)
+            assert rtde.core.version is not None
+            self.version = rtde.core.version
+            opening.push_async_callback(self._close_inputs)
             await opening.enter_async_context(self._primary)
             self.dashboard = await self._connect_dashboard(opening)
-            for work in (self._watch_state(), self._watch_messages()):
-                opening.push_async_callback(cancel, asyncio.create_task(work))
+            opening.push_async_callback(cancel, asyncio.create_task(self._watch_messages()))
             self._connections = opening.pop_all()
         return self
 
@@ -76,6 +91,11 @@ class RobotLink:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await self._connections.aclose()
+
+    @property
+    def state(self) -> Mapping[str, Any]:
+        """The newest RTDE state, by variable name."""
+        return self.feed.state
 
     @property
     def own_address(self) -> str:
@@ -113,11 +133,17 @@ class RobotLink:
 
     async def next_state(self) -> Mapping[str, Any]:
         """The state after the newest one. Raises NoAnswerError from a silent robot."""
-        try:
-            async with asyncio.timeout(self.config.silence_s):
-                await self._news.wait()
-        except TimeoutError:
-            raise NoAnswerError(self.config.robot, self.config.robot_ports["rtde"], self.config.silence_s) from None
+        before = self.feed.count
+        self._awaited = True
+        while self.feed.count == before:
+            try:
+                async with asyncio.timeout(self.config.silence_s):
+                    await self._news.wait()
+            except TimeoutError:
+                if self.feed.silent:
+                    where = self.config.robot, self.config.robot_ports["rtde"]
+                    raise NoAnswerError(*where, self.config.silence_s) from None
+            self._awaited = True
         return self.state
 
     async def kinematics(self) -> KinematicsInfo:
@@ -141,39 +167,62 @@ class RobotLink:
         while not self._exceptions.empty():
             self._exceptions.get_nowait()
 
-    async def set_speed_slider(self, fraction: float) -> None:
-        """Move the speed slider to 0 to 1 of the programmed speed."""
-        if not self._has_slider or self._rtde is None:
-            raise RobotRefused(
-                "speed_slider_fraction", "another RTDE client holds the speed slider: end that one first"
-            )
-        await self._rtde.send(speed_slider_mask=1, speed_slider_fraction=fraction)
+    async def write_inputs(self, **values: Any) -> None:
+        """Write RTDE inputs, by a connection of its own that is opened with the first.
+
+        Raises RobotRefused for one that another client writes, or that this version does not have.
+        """
+        async with self._one_writes:
+            names = tuple(values)
+            try:
+                await self._offer(names)
+                assert self._inputs is not None
+                await self._inputs.write(**values)
+            except ConnectionLostError:  # the robot was away: once more
+                await self._close_inputs()
+                await self._offer(names)
+                assert self._inputs is not None
+                await self._inputs.write(**values)
+
+    async def _offer(self, names: tuple[str, ...]) -> None:
+        """See that these inputs are in a recipe."""
+        known = names in self._recipes or any(set(names) <= set(recipe) for recipe in self._recipes)
+        if self._inputs is not None and known:
+            return
+        if self._inputs is not None:
+            await self._inputs.run(self._inputs.core.add_inputs(names))
+        else:
+            recipes = self._recipes if known else [*self._recipes, names]
+            inputs = RTDEClient(self.config.robot, (), recipes, port=self.config.robot_ports["rtde"])
+            self._inputs = await inputs.__aenter__()
+        if not known:
+            self._recipes.append(names)
 
     # connections
 
-    async def _connect_rtde(self) -> RTDEClient:
-        try:
-            return await self._rtde_with([_SLIDER])
-        except RobotRefused as refused:
-            if "IN_USE" not in refused.answer:
-                raise
-            _logger.warning("the speed slider cannot be moved: %s", refused)
-            self._has_slider = False
-            return await self._rtde_with([])
-
-    async def _rtde_with(self, inputs: list[tuple[str, ...]]) -> RTDEClient:
+    def _rtde(self) -> BlockingRTDEClient:
         config = self.config
-        outputs = [*_NEEDED, *(name for name in config.outputs if name not in _NEEDED)]
-        client = RTDEClient(
-            config.robot, outputs, inputs, frequency_hz=config.frequency_hz, port=config.robot_ports["rtde"]
+        outputs = tuple(dict.fromkeys((*_NEEDED, *config.outputs, *config.outputs_if_any)))
+        return BlockingRTDEClient(
+            config.robot,
+            outputs,
+            frequency_hz=config.frequency_hz,
+            ignore_unavailable=True,
+            port=config.robot_ports["rtde"],
         )
-        await client.__aenter__()
-        self._take(await client.receive())
-        return client
 
-    async def _close_rtde(self) -> None:
-        if self._rtde is not None:
-            await self._rtde.close()
+    def _check_outputs(self, rtde: BlockingRTDEClient) -> None:
+        if missing := [name for name in self.config.outputs if name in rtde.core.unavailable]:
+            advice = "this controller's version does not have it: leave it out"
+            raise RobotRefused("RTDE recipe", f"{', '.join(missing)}: NOT_FOUND", advice)
+
+    async def _close_feed(self) -> None:
+        await self._loop.run_in_executor(None, self.feed.close)
+
+    async def _close_inputs(self) -> None:
+        inputs, self._inputs = self._inputs, None
+        if inputs is not None:
+            await inputs.close()
 
     async def _connect_dashboard(self, opening: AsyncExitStack) -> DashboardClient | None:
         dashboard = DashboardClient(self.config.robot, self.config.robot_ports["dashboard"])
@@ -187,29 +236,42 @@ class RobotLink:
 
     # what comes in
 
-    async def _watch_state(self) -> None:
-        while True:
-            try:
-                assert self._rtde is not None
-                self._take(await self._rtde.run(self._rtde.core.receive(), self.config.silence_s))
-            except (ClientError, RemoteProtocolError) as error:
-                _logger.error("the robot's state is lost: %s", error)
-                tell(self.on_silence)
-                await self._reconnect()
+    # the first two in the feed's thread
 
-    async def _reconnect(self) -> None:
-        await self._close_rtde()
-        while True:
-            try:
-                self._rtde = await self._connect_rtde()
-                return
-            except (ClientError, RemoteProtocolError, RobotRefused) as error:
-                _logger.info("the robot's state is not back yet: %s", error)
-                await asyncio.sleep(_AGAIN_S)
+    def _arrived(self, state: Mapping[str, Any]) -> None:
+        modes = (state["robot_mode"], state["safety_mode"], state["runtime_state"])
+        if not (self.on_state or self._awaited or modes != self._told_modes):
+            return
+        self._told_modes = modes
+        self._untold.append(state)
+        if not self._telling:
+            self._telling = True
+            self._in_loop(self._tell)
 
-    def _take(self, state: Mapping[str, Any]) -> None:
-        self.state = state
-        tell(self.on_state, state)
+    def _fell_silent(self) -> None:
+        self._in_loop(self._tell_silence)
+
+    def _in_loop(self, do: Callable[[], object]) -> None:
+        with suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(do)
+
+    def _tell(self) -> None:
+        self._telling = False
+        while self._untold:
+            state = self._untold.popleft()
+            tell(self.on_state, state)
+            modes = (state["robot_mode"], state["safety_mode"], state["runtime_state"])
+            if modes != self._last_modes:
+                self._last_modes = modes
+                tell(self.on_modes, state)
+        self._wake()
+
+    def _tell_silence(self) -> None:
+        tell(self.on_silence)
+        self._wake()
+
+    def _wake(self) -> None:
+        self._awaited = False
         news, self._news = self._news, asyncio.Event()
         news.set()
 
@@ -244,6 +306,8 @@ class RobotLink:
             self.reports.append(message)
         elif isinstance(message, PopupMessage):
             self.popups.append(message)
+        elif isinstance(message, TextMessage):
+            tell(self.on_text, message.text)
 
 
 async def cancel(task: "asyncio.Task[None]") -> None:

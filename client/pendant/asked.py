@@ -48,6 +48,11 @@ class Asked(Generic[Answer]):
         """Ask at once: something has been changed."""
         self._again.set()
 
+    def renew(self) -> None:
+        """Forget the answer, which is no longer true, and ask at once."""
+        self._answer = None
+        self.refresh()
+
     async def close(self) -> None:
         """Ask no more."""
         asking, self._asking = self._asking, None

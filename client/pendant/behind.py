@@ -117,8 +117,10 @@ class Behind:
                 missed = 0
             except BehindError:
                 missed += 1
-                if missed >= _MISSES:
+                if missed >= _MISSES and self.available:
                     self.available, self.time = False, {}
+                    dialogues.are([])  # they were the emulator's
+                    self._tell()
             await asyncio.sleep(_LOOK_AGAIN_S)
 
     async def _find(self) -> None:

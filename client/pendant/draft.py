@@ -23,18 +23,23 @@ Phase = Literal["", "sent", "running", "ended", "failed", "silent"]
 
 @dataclass(frozen=True, slots=True)
 class ScriptError:
-    """Where a script did not compile, or failed, in the text as it was written; line and column from 1."""
+    """What is wrong with a script, and where in the text as it was written; line and column from 1.
+
+    told: by the checker; by the robot, which did not start it, or while it ran.
+    """
 
     line: int
     column: int
     text: str
+    told: Literal["check", "start", "run"] = "check"
+    severity: Literal["error", "warning"] = "error"
 
 
 class Draft:
     """One text for all browsers. author: the page that wrote it last. revision: counts what changed.
 
     phase: of the script that was sent last, "" before the first; silent: it has not started, and nobody said why.
-    error: what is wrong with that script.
+    error: what the robot says is wrong with that script. diagnoses: what the checker says of the text as it is.
     """
 
     def __init__(self) -> None:
@@ -43,8 +48,10 @@ class Draft:
         self.revision = 0
         self.phase: Phase = ""
         self.error: ScriptError | None = None
+        self.diagnoses: tuple[ScriptError, ...] = ()
         self.script: Script | None = None
         self._sent_at_s = 0.0
+        self._sent_revision = 0
 
     @property
     def is_somebodys(self) -> bool:
@@ -58,16 +65,35 @@ class Draft:
         if text != self.text:
             self.text, self.author, self.revision = text, author, self.revision + 1
 
-    def sending(self, now_s: float) -> str:
-        """What to send: a program of its own. now_s: any clock. Raises ValueError when there is nothing."""
+    def prepared(self) -> Script:
+        """What to send: a program, or a secondary program, which has no name. Raises ValueError for an empty text."""
         if not self.text.strip():
-            raise ValueError("there is no script to send")
+            raise ValueError("The editor is empty: there is no script to send.")
         try:
-            self.script = prepare(self.text)
+            return prepare(self.text)
         except LocalProtocolError:  # a secondary program: only errors are heard of
-            self.script = Script("", self.text)
-        self._sent_at_s, self.phase, self.error = now_s, "sent", None
-        return self.script.text
+            return Script("", self.text)
+
+    def sending(self, script: Script, now_s: float) -> None:
+        """That is being sent. now_s: any clock."""
+        self.script, self._sent_at_s, self.phase, self.error = script, now_s, "sent", None
+        self._sent_revision = self.revision
+
+    def checked(self, revision: int, diagnoses: tuple[ScriptError, ...]) -> None:
+        """The checker has looked at the text of this revision."""
+        if revision != self.revision:
+            return
+        self.diagnoses = diagnoses
+        if self.error is not None and self.error.told == "start" and revision != self._sent_revision:
+            self.error = None  # it was about another text, and the checker knows about this one
+
+    @property
+    def problems(self) -> tuple[ScriptError, ...]:
+        """All that is known to be wrong. The checker says better than the robot why a script does not start."""
+        error = self.error
+        if error is None or (error.told == "start" and any(one.severity == "error" for one in self.diagnoses)):
+            return self.diagnoses
+        return (error, *(one for one in self.diagnoses if one.line != error.line))
 
     def hear(self, message: object) -> None:
         """Take note of what the robot says about the script."""
@@ -91,7 +117,8 @@ class Draft:
     def _fail(self, message: RuntimeExceptionMessage) -> None:
         assert self.script is not None
         line = min(self.script.line(message.line), self.text.count("\n") + 1)
-        self.error = ScriptError(line, message.column, _readable(self.script.message(message.text)))
+        told: Literal["start", "run"] = "start" if self.phase == "sent" else "run"
+        self.error = ScriptError(line, message.column, _readable(self.script.message(message.text)), told)
         self.phase = "failed"
 
 

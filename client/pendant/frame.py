@@ -4,18 +4,14 @@ from typing import TypeAlias
 
 from nicegui import ui
 
-from client import dashboard
 from client.pendant.page import Page
 from client.pendant.popups import show_dialogues
 from client.pendant.screens import SCREENS, Screen
 from client.pendant.station import Station
-from urproto.modes import RobotMode, RuntimeState, SafetyMode
 
 __all__ = ["build"]
 
 _Unbuilt: TypeAlias = dict[str, tuple[Screen, ui.tab_panel]]
-
-_GOOD_SAFETY = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 
 
 def build(page: Page, first: str) -> None:
@@ -42,8 +38,8 @@ def _header(page: Page, first: str) -> ui.tabs:
         page.live.text(_robot, "robot-name")
         dark = ui.dark_mode(None)
         ui.button(icon="contrast", on_click=lambda: dark.set_value(not dark.value)).props(
-            "flat round dense color=white"
-        )
+            'flat round dense color=white aria-label="Dark or light"'
+        ).tooltip("Dark or light")
     return tabs
 
 
@@ -76,27 +72,19 @@ def _lost(page: Page) -> None:
 
 
 def _footer(page: Page, tabs: ui.tabs) -> None:
-    live, station = page.live, page.station
+    live = page.live
     with ui.footer().classes("frame"):
         with ui.button(on_click=lambda: tabs.set_value("initialize")).props("flat no-caps color=white") as status:
             lamp = ui.element("span").classes("lamp")
-            live.text(lambda s: mode_text(s.robot_mode))
-        status.props("data-testid=status")
-        live.bind(lamp, "state", _lamp)
-        chip = live.text(lambda s: s.safety_mode.name.replace("_", " ").lower(), "chip")
-        live.bind(chip, "state", lambda s: "good" if s.safety_mode in _GOOD_SAFETY else "bad")
+            live.text(lambda s: s.situation.title)
+        status.props('data-testid=status aria-label="State of the arm: see Initialize"')
+        live.bind(lamp, "state", lambda s: s.situation.tone)
         live.text(lambda s: s.behind.pace, "chip pace").props("data-testid=pace")
         ui.space()
-        live.text(lambda s: s.runtime_state.name.lower(), "program-state")
-        _round("play_arrow", "play", page.doing(page.play))
-        _round("pause", "pause", page.doing(lambda: station.ask(dashboard.PAUSE)))
-        _round("stop", "stop", page.doing(lambda: station.ask(dashboard.STOP)))
+        live.text(lambda s: s.situation.program, "program-state").props("data-testid=program-state")
+        page.program_buttons("dense color=primary", "")
         ui.space()
         _speed_slider(page)
-
-
-def _round(icon: str, mark: str, click: object) -> None:
-    ui.button(icon=icon, on_click=click).props("round dense unelevated color=primary").props(f"data-testid={mark}")  # type: ignore[arg-type]
 
 
 def _speed_slider(page: Page) -> None:
@@ -105,7 +93,7 @@ def _speed_slider(page: Page) -> None:
     ui.icon("speed").classes("text-white")
     slider = (
         ui.slider(min=0, max=100, step=1)
-        .props("label dense color=white")
+        .props('label dense color=white aria-label="Speed slider"')
         .classes("speed-slider")
         .props("data-testid=speed")
     )
@@ -115,36 +103,11 @@ def _speed_slider(page: Page) -> None:
         await page.attempt(lambda: station.set_speed_slider(fraction))
 
     slider.on("change", move)
-    page.live.effect(_percent, slider.set_value)
-    page.live.text(lambda s: f"{_percent(s)} %", "speed-text")
+    page.live.effect(_percent, lambda percent: slider.set_value(percent or 0))
+    page.live.effect(lambda s: s.connected, slider.set_enabled)
+    page.live.text(lambda s: "–" if _percent(s) is None else f"{_percent(s)} %", "speed-text")
 
 
-def _percent(station: Station) -> int:
-    fraction: float = station.values.get("target_speed_fraction", 1.0)
-    return round(100 * fraction)
-
-
-def mode_text(mode: RobotMode) -> str:
-    """A robot mode for people, as PolyScope says it."""
-    return _MODE_TEXTS.get(mode, mode.name.replace("_", " ").capitalize())
-
-
-_MODE_TEXTS = {
-    RobotMode.NO_CONTROLLER: "No controller",
-    RobotMode.DISCONNECTED: "Disconnected",
-    RobotMode.POWER_OFF: "Power off",
-    RobotMode.POWER_ON: "Powering on",
-    RobotMode.BOOTING: "Booting",
-    RobotMode.IDLE: "Idle",
-    RobotMode.BACKDRIVE: "Backdrive",
-    RobotMode.RUNNING: "Normal",
-}
-
-
-def _lamp(station: Station) -> str:
-    if not station.connected or station.safety_mode not in _GOOD_SAFETY:
-        return "red"
-    mode = station.robot_mode
-    if mode is RobotMode.RUNNING:
-        return "blue" if station.runtime_state is RuntimeState.PLAYING else "green"
-    return "yellow" if mode in (RobotMode.IDLE, RobotMode.POWER_ON, RobotMode.BOOTING) else "red"
+def _percent(station: Station) -> int | None:
+    fraction: float | None = station.values.get("target_speed_fraction")
+    return None if fraction is None else round(100 * fraction)

@@ -19,7 +19,7 @@ from client.pendant.station import Station
 
 __all__ = ["Held", "Live"]
 
-Kind = Literal["text", "state", "value", "width", "bits", "cells", "plot", "samples", "lines"]
+Kind = Literal["text", "state", "title", "value", "width", "bits", "cells", "plot", "samples", "lines"]
 Read = Callable[[Station], Any]
 Take = Callable[[bool], Any]
 Held = Callable[[Mapping[str, Any] | None], None]
@@ -96,9 +96,9 @@ class Live:
     def bind(self, element: ui.element, kind: Kind, read: Read) -> ui.element:
         """Let something of an element follow the robot.
 
-        text: its content. state: its attribute data-state, for style sheets. width: percent, of a bar. value: given to
-        the function that ``pendant.followers`` has for the element in the browser, see static/pendant.js. The kinds of
-        single screens are in static/screen_*.js.
+        text: its content. state: its attribute data-state, for style sheets. title: what a pointer that rests on it
+        shows. width: percent, of a bar. value: given to the function that ``pendant.followers`` has for the element in
+        the browser, see static/pendant.js. The kinds of single screens are in static/screen_*.js.
         """
         self._bindings.append(_Binding(element.id, kind, read, self.building))
         return element

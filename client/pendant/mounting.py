@@ -21,7 +21,7 @@ def tcp_of(station: Station) -> Pose | None:
     tcp = station.values.get("tcp_offset")
     if tcp is not None:
         return tcp  # type: ignore[no-any-return]
-    state = station.core.state if station.connected else None
+    state = station.primary_state
     return None if state is None or state.cartesian is None else state.cartesian.tcp_offset
 
 

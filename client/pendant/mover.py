@@ -54,6 +54,7 @@ class Mover:
         self._hand: asyncio.Event | None = None
         self._stops = 0
         self._longest_gap_s = 0.0
+        self._leaving = False
         self.doing = ""
         self.slowed = ""
         self.on_error: list[Callable[[str], None]] = []
@@ -62,6 +63,11 @@ class Mover:
     def freedrive(self) -> bool:
         """The arm can be moved by hand, or is about to be."""
         return self._hand is not None
+
+    @property
+    def in_charge(self) -> bool:
+        """The program on the robot is the one of this mover, or is about to be."""
+        return bool(self.doing) or self._leaving or (self._robot is not None and self._robot.driver.program_running)
 
     @property
     def has_slider(self) -> bool:
@@ -220,7 +226,7 @@ class Mover:
                 await robot.__aenter__()
                 self._robot = robot
         state = self._robot.state
-        if state.robot_mode is not RobotMode.RUNNING:
+        if state.robot_mode is not RobotMode.RUNNING:  # it may have changed since the page allowed this
             raise RobotRefused("motion", f"the robot mode is {_name(state.robot_mode)}", "release the brakes first")
         if not self._robot.driver.program_running:
             await self._check_no_program(self._robot)
@@ -255,11 +261,16 @@ class Mover:
         self._cancel_idle()
         async with self._connecting:
             robot, self._robot = self._robot, None
-            if robot is not None:
+            if robot is None:
+                return
+            self._leaving = True
+            try:
                 with suppress(*_TROUBLE):
                     await robot.driver.stop_program()
                 with suppress(*_TROUBLE):
                     await robot.__aexit__(None, None, None)
+            finally:
+                self._leaving = False
 
     async def close(self) -> None:
         """Come to rest and disconnect."""

@@ -9,16 +9,16 @@ from nicegui import background_tasks, ui
 from client import dashboard
 from client.errors import ClientError
 from client.pendant.live import Live
+from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.errors import ProtocolError, RobotRefused
-from urproto.modes import RuntimeState
 
 __all__ = ["MISTAKES", "Page"]
 
 MISTAKES: Final = (ClientError, ProtocolError, RobotRefused, OSError, ValueError)
 """What goes wrong with robots and inputs; its text is for people."""
 
-Action = Callable[[], Awaitable[Any]]
+Deed = Callable[[], Awaitable[Any]]
 
 
 class Page:
@@ -63,7 +63,7 @@ class Page:
 
     # doing
 
-    async def attempt(self, action: Action, done: str = "") -> bool:
+    async def attempt(self, action: Deed, done: str = "") -> bool:
         """Do it and say what went wrong, or what has been done. True if all went well."""
         try:
             await action()
@@ -74,7 +74,7 @@ class Page:
             self.tell(done)
         return True
 
-    def doing(self, action: Action, done: str = "") -> Callable[[], Awaitable[None]]:
+    def doing(self, action: Deed, done: str = "") -> Callable[[], Awaitable[None]]:
         """For a button: ``ui.button("Off", on_click=page.doing(lambda: page.ask(dashboard.POWER_OFF)))``."""
 
         async def click() -> None:
@@ -82,18 +82,26 @@ class Page:
 
         return click
 
-    def soon(self, action: Action) -> None:
+    def soon(self, action: Deed) -> None:
         """Begin to do it, from where nothing can be waited for; what goes wrong is said."""
         background_tasks.create(self.attempt(action))
 
     async def play(self) -> None:
         """Start or resume the program; a control program of ours gives way."""
+        station = self.station
+        station.situation.require(Action.PLAY)
         if not await self.may_move():
             return
-        station = self.station
-        if station.runtime_state not in (RuntimeState.PAUSED, RuntimeState.PAUSING):
+        if station.mover.in_charge:
             await station.mover.give_back()
         await station.ask(dashboard.PLAY)
+
+    async def stop(self) -> None:
+        """End the program, whoever's it is, and so what moves the arm."""
+        mover = self.station.mover
+        if mover.in_charge:
+            await mover.stop()
+        await self.station.ask(dashboard.STOP)
 
     @property
     def agreed(self) -> bool:
@@ -124,6 +132,22 @@ class Page:
             self.station.mover.release(self)
 
     # parts that look alike everywhere
+
+    def button_for(self, action: Action, deed: Deed, button: ui.button, hint: str = "") -> None:
+        """Let a button do what the arm may do now; where it may not, the button is off and its hint says why."""
+        button.on_click(self.doing(deed))
+        self.live.effect(lambda s: s.situation.may(action), button.set_enabled)
+        self.live.bind(button, "title", lambda s: s.situation.why_not(action) or hint)
+
+    def program_buttons(self, look: str, mark: str) -> None:
+        """Play, pause and stop of the program. mark: what their test ids begin with."""
+        for icon, name, action, deed in (
+            ("play_arrow", "Play", Action.PLAY, self.play),
+            ("pause", "Pause", Action.PAUSE, lambda: self.station.ask(dashboard.PAUSE)),
+            ("stop", "Stop", Action.STOP, self.stop),
+        ):
+            button = ui.button(icon=icon).props(f'round unelevated {look} aria-label="{name}"')
+            self.button_for(action, deed, button.props(f"data-testid={mark}{name.lower()}"), name)
 
     def show_if(self, element: ui.element, read: Callable[[Station], bool]) -> None:
         """Show an element only while it is true; from the beginning."""

@@ -8,6 +8,7 @@ from nicegui import ui
 from client import dashboard
 from client.pendant.dialogues import ANSWERABLE, Dialogue, typed_answer
 from client.pendant.page import Page
+from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.errorcodes import error_text
 from urproto.modes import RequestedType
@@ -118,18 +119,19 @@ def _protective_stop(page: Page) -> None:
     with ui.dialog().props("persistent") as dialog, ui.card().classes("dialogue").props("data-testid=stop-dialogue"):
         _head("error", "Protective stop")
         cause = ui.label().classes("dialogue-text").props("data-testid=stop-cause")
-        ui.label("See why the arm was stopped before you enable it.").classes("dialogue-advice")
+        advice = ui.label().classes("dialogue-advice")
         with _buttons():
             ui.button("Not now", on_click=station.stops.hide).props("flat data-testid=stop-hide")
             enable = ui.button(on_click=page.doing(lambda: station.ask(dashboard.UNLOCK_PROTECTIVE_STOP)))
             enable.props("data-testid=stop-enable")
 
     def count_down(seconds: int) -> None:
-        enable.set_text(f"Enable robot in {seconds} s" if seconds else "Enable robot")
-        enable.set_enabled(not seconds)
+        enable.set_text(f"Unlock in {seconds} s" if seconds else "Unlock protective stop")
 
     page.live.effect(lambda s: s.stops.shown is not None, dialog.set_value)
     page.live.effect(_cause, cause.set_text)
+    page.live.effect(lambda s: s.situation.advice, advice.set_text)
+    page.live.effect(lambda s: s.situation.may(Action.UNLOCK), enable.set_enabled)
     page.live.effect(lambda s: ceil(s.stops.unlock_in_s), count_down)
 
 

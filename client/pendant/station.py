@@ -4,6 +4,7 @@ import asyncio
 import socket
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
+from math import ceil
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
@@ -15,6 +16,7 @@ from client.errors import ClientError, NoAnswerError, RobotUnreachableError
 from client.operations import Operation
 from client.pendant.asked import Asked
 from client.pendant.behind import Behind
+from client.pendant.checking import keep_checking
 from client.pendant.dialogues import Dialogues
 from client.pendant.events import EventLog
 from client.pendant.feeds import Feeds
@@ -22,6 +24,7 @@ from client.pendant.mover import Mover
 from client.pendant.port_registers import PortRegisters
 from client.pendant.poses import Poses
 from client.pendant.programs import Programs
+from client.pendant.situation import Known, Situation, situation
 from client.pendant.stops import Stops
 from client.pendant.tools import Tools
 from client.pendant.variables import Variables
@@ -33,7 +36,7 @@ from urproto.errors import ProtocolError, RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.ports import CONTROL_API_PORT, CONTROLLER_PORTS
 from urproto.primary.messages import ErrorCodeMessage
-from urproto.primary.state import ConfigurationData
+from urproto.primary.state import ConfigurationData, RobotStateData
 from urproto.robots import RobotModel
 from urproto.versions import PolyscopeVersion
 
@@ -46,7 +49,7 @@ FRAME_HZ: Final = 30.0
 """How often a second the robot is asked for its state, and a browser is told."""
 
 OUTPUTS: Final = (
-    "timestamp", "robot_mode", "joint_mode", "safety_mode", "safety_status_bits", "runtime_state",
+    "timestamp", "robot_mode", "joint_mode", "safety_mode", "safety_status", "safety_status_bits", "runtime_state",
     "robot_status_bits", "speed_scaling", "target_speed_fraction", "script_control_line",
     "actual_q", "actual_qd", "actual_current", "joint_temperatures", "joint_control_output",
     "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force", "tcp_offset", "payload", "payload_cog",
@@ -59,6 +62,10 @@ OUTPUTS: Final = (
 _SILENCE_S: Final = 1.0  # guess: a robot that says nothing for so long is lost
 _LONG_SILENCE_S: Final = 4.0  # guess: a collection would rather have a late state than a gap
 _REMOTE_EVERY_S: Final = 2.0
+_DEVICES: Final = {  # of an emulator -> the stop that lasts as long as they ask for it, and maybe longer
+    SafetyMode.SAFEGUARD_STOP: "safeguard",
+    SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP: "automatic_safeguard",
+}
 _READ_ONLY_CODE: Final = 210  # of a script over a connection that was made in local control
 _AGAIN_S: Final = 0.5  # between attempts to reach it
 _LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
@@ -67,11 +74,11 @@ _LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 class Station:
     """The connections of one pendant to one robot; use it with ``async with``.
 
-    values: the newest RTDE state, by variable name; empty before the first. core: what the primary interface said.
-    log, variables, dialogues, stops, programs: collected from its messages and states. connected: the state comes.
-    trouble: why it does not. behind: an emulator's control API, which a robot has not. remote_control: e-Series from
-    5.6. frame: how many states came. feeds: states of other recipes. port_registers: what its Modbus server keeps for
-    anybody. meshes: folder of the user's. poses, tools: poses and TCPs that somebody saved.
+    values: the newest RTDE state, by variable name; empty before the first and while the robot is lost. core: what the
+    primary interface said. log, variables, dialogues, stops, programs: collected from its messages and states.
+    connected: the state comes. trouble: why it does not. behind: an emulator's control API, which a robot has not.
+    remote_control: e-Series from 5.6. frame: how many states came. feeds: states of other recipes. port_registers: what
+    its Modbus server keeps for anybody. meshes: folder of the user's. poses, tools: poses and TCPs that somebody saved.
     """
 
     def __init__(
@@ -134,6 +141,7 @@ class Station:
                 self._messages(),
                 self.behind.follow(self.dialogues),
                 self.programs.follow(self),
+                keep_checking(self.programs.draft, lambda: self.version, self.log.note),
             ):
                 opening.push_async_callback(_cancel, asyncio.create_task(work))
             self._running = opening.pop_all()
@@ -152,6 +160,11 @@ class Station:
         return self._core
 
     @property
+    def primary_state(self) -> RobotStateData | None:
+        """The newest state of the primary interface; None while the robot is lost."""
+        return self._core.state if self.connected else None
+
+    @property
     def model(self) -> RobotModel | None:
         """The arm, None while it is not known."""
         arm = self._core.configuration
@@ -166,8 +179,9 @@ class Station:
 
     @property
     def safety_mode(self) -> SafetyMode:
-        """UNDEFINED_SAFETY_MODE while it is not known."""
-        return self._mode("safety_mode", SafetyMode.UNDEFINED_SAFETY_MODE)
+        """UNDEFINED_SAFETY_MODE while it is not known; which safeguard it is that stops the arm, if the robot tells."""
+        mode = self._mode("safety_mode", SafetyMode.UNDEFINED_SAFETY_MODE)
+        return self._mode("safety_status", mode) if mode is SafetyMode.SAFEGUARD_STOP else mode
 
     @property
     def runtime_state(self) -> RuntimeState:
@@ -179,6 +193,35 @@ class Station:
             return type(unknown)(self.values.get(field, unknown))
         except ValueError:  # newer robots may have more
             return unknown
+
+    @property
+    def situation(self) -> Situation:
+        """What the arm may do now."""
+        if not self.connected:
+            return situation(Known())
+        mode = self.safety_mode
+        return situation(
+            Known(
+                True,
+                self.robot_mode,
+                mode,
+                self.runtime_state,
+                moved_here=self.mover.in_charge,
+                safeguard_open=self._is_active(_DEVICES[mode]) if mode in _DEVICES else None,
+                unlock_in_s=ceil(self.stops.unlock_in_s),
+            )
+        )
+
+    @property
+    def safeguard_open(self) -> bool | None:
+        """What an emulator says of its safeguard; None where nobody says it."""
+        return self._is_active("safeguard")
+
+    def _is_active(self, device: str) -> bool | None:
+        if not self.behind.available:
+            return None
+        devices: Mapping[str, bool] = self.behind.watch("safety_devices").value or {}
+        return devices.get(device)
 
     @property
     def own_address(self) -> str:
@@ -262,17 +305,24 @@ class Station:
                 await self._follow_states()
             except _LOST as error:
                 self.connected, self.trouble = False, str(error)
-                self._tell()
+                self._take({})
             await asyncio.sleep(_AGAIN_S)
 
     async def _follow_states(self) -> None:
         async with self._open_feed(OUTPUTS, FRAME_HZ, _SILENCE_S) as client:
             self.version, self.unavailable = client.core.version, client.core.unavailable
             while True:
-                self.values = await self._patiently(client.latest)
-                self.stops.see(self.values)
+                values = await self._patiently(client.latest)
                 self.connected, self.trouble = True, ""
-                self._tell()
+                self._take(values)
+
+    def _take(self, values: Mapping[str, Any]) -> None:
+        """A new state, or none any more."""
+        if values.get("safety_mode") != self.values.get("safety_mode"):
+            self.behind.watch("safety_devices").renew()  # what was told before explains nothing
+        self.values = values
+        self.stops.see(values)
+        self._tell()
 
     async def _messages(self) -> None:
         while True:
@@ -281,6 +331,7 @@ class Station:
             except _LOST as error:
                 self.log.note(f"no messages: {error}")
             self._primary = None
+            self.variables.forget()
             await asyncio.sleep(_AGAIN_S)
 
     async def _follow_messages(self) -> None:

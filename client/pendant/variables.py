@@ -42,6 +42,11 @@ class Variables:
         self.revision += 1
         self.program += 1
 
+    def forget(self) -> None:
+        """The robot is gone."""
+        if self.names:
+            self._rename(0, ())
+
     def rows(self) -> list[tuple[str, str]]:
         """Kind and text of each value that has come, in the order of the names."""
         return [(kind_of(value), shown(value)) for value in self._values[:_MOST_SHOWN]]

@@ -1,21 +1,28 @@
 """One motion at a time: begun, watched, waited for, stopped."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from types import TracebackType
-from typing import Any, Final
+from typing import Any, Final, Self
+from weakref import WeakKeyDictionary
 
-from client.errors import ClientError, MotionStoppedError, ProgramEndedError, ProgramNotRunningError
+from client.control_program import DECELERATION, SPEED_ACCELERATION
+from client.errors import ClientError, MotionStoppedError, NoAnswerError, ProgramEndedError, ProgramNotRunningError
 from client.robot.readiness import Readiness
 from client.robot.state import RobotState
 from urproto.errors import LocalProtocolError, RobotRefused
-from urproto.external_control import ControlMode
+from urproto.external_control import ControlMode, Question
 from urproto.modes import RobotMode
 
-__all__ = ["RobotCore"]
+__all__ = ["SETTLE_STATES", "RobotCore"]
 
 _REST_S: Final = 5.0  # guess: a ramp to rest takes less than one second
+SETTLE_STATES: Final = 3  # guess: a command beside the motion is read within one control period
+_USUAL: Final[Mapping[str, float | None]] = {
+    "acceleration": SPEED_ACCELERATION,
+    "deceleration_rad_s2": DECELERATION,
+}
 _ENDS: Final = (ProgramEndedError, ProgramNotRunningError)
 
 
@@ -28,6 +35,15 @@ class RobotCore(Readiness):
         self._doing = ""  # of the motion, or of the context that has the arm
         self._has_context = False
         self._stops = 0  # how often stop() was called
+        self._awaited: asyncio.Task[None] | None = None  # the last motion whose caller waits: nobody may replace it
+        self._replaced: WeakKeyDictionary[asyncio.Task[None], str] = WeakKeyDictionary()
+        self._tuned: Mapping[str, float | None] = _USUAL  # how setpoints are followed
+        self._rolling = False  # a stream of speeds goes on as another one
+
+    async def __aenter__(self) -> Self:
+        await super().__aenter__()
+        self.driver.on_program_state(self._program_changed)
+        return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -41,6 +57,10 @@ class RobotCore(Readiness):
             await self.driver.__aexit__(kind, error, trace)
         if motion is not None and not motion.cancelled() and (failure := motion.exception()) and error is None:
             raise failure
+
+    def _program_changed(self, connected: bool) -> None:
+        if connected:
+            self._tuned = _USUAL  # a new program has those
 
     @property
     def moving(self) -> bool:
@@ -63,30 +83,67 @@ class RobotCore(Readiness):
             raise TimeoutError(f"what was waited for did not happen within {timeout_s} s") from None
         return state
 
-    # before a motion
+    # beside a motion
 
-    async def _ready(self, doing: str) -> None:
-        """The program runs and nobody has the arm, or else the error that says why not.
+    async def need_program(self, doing: str) -> None:
+        """See that the control program runs and obeys, or raise the error that says why it does not.
 
-        The caller must take the arm before it awaits anything.
+        Started as by a motion: the first time, or after an end that was this machine's own fault.
         """
-        stops = self._stops
-        await self._check_free(doing)
-        self._trouble.clear()
         if self._silent:
             raise self._unreachable(doing)
-        self._check_safety(doing)
-        if self.driver.robot.robot_mode is not RobotMode.RUNNING:
-            mode = self.driver.robot.robot_mode.name
-            raise RobotRefused(doing, f"its mode is {mode}", "make_ready() powers it on and releases the brakes")
+        await self._refuse_in_stop(doing)
         if self.driver.program_running and self._paused:
             raise RobotRefused(doing, "its program is paused", "resume it on the robot, or make_ready() starts it anew")
         if self.driver.program_running:
-            self._started = True
-        elif self._started:
+            return
+        if self.driver.robot.robot_mode is not RobotMode.RUNNING:
+            mode = self.driver.robot.robot_mode.name
+            raise RobotRefused(doing, f"its mode is {mode}", "make_ready() powers it on and releases the brakes")
+        if self._started and (not self.driver.lost_why or self.driver.pulse.bitten):
             raise await self._explanation(doing)
-        else:
-            await self._start(doing)
+        await self._start(doing)
+
+    async def ask(
+        self,
+        doing: str,
+        question: Question,
+        *arguments: Sequence[float] | None,
+        number: int = 0,
+        gate: str | None = None,
+    ) -> tuple[float, ...]:
+        """What the control program answers; the robot's components ask so. See `URDriver.ask`."""
+        await self.need_program(doing)
+        try:
+            return await self.driver.ask(question, *arguments, number=number, gate=gate)
+        except _ENDS:
+            raise await self._explanation(doing) from None
+        except NoAnswerError:
+            await self._refuse_in_stop(doing)
+            raise
+
+    async def free(self, doing: str) -> None:
+        """See that nobody has the arm. Raises LocalProtocolError, and the failure of a motion that nobody was told."""
+        await self._check_free(doing)
+
+    async def start_again(self, doing: str) -> None:
+        """Start the control program after one of the caller's own."""
+        await self._start(doing)
+
+    # before a motion
+
+    async def _ready(self, doing: str, *, rolling: bool = False) -> None:
+        """The program runs and nobody has the arm, or else the error that says why not.
+
+        A motion that nobody waits for is replaced. The caller must take the arm before it awaits anything.
+        """
+        stops = self._stops
+        if not self._has_context:
+            await self._replace(doing, rolling=rolling)
+        await self._check_free(doing)
+        self._trouble.clear()
+        await self.need_program(doing)
+        self._started = True
         if self._stops != stops:  # by another task, as what follows
             raise MotionStoppedError(doing, "stop() was called")
         self._check_nobody_moves(doing)
@@ -94,6 +151,24 @@ class RobotCore(Readiness):
     async def _check_free(self, doing: str) -> None:
         self._check_nobody_moves(doing)
         await self.wait_done()  # a failure that nobody was told
+
+    async def _replace(self, doing: str, *, rolling: bool) -> None:
+        """End a motion that goes on by itself, since its owner wants another one instead.
+
+        rolling: speeds that replace speeds do so without a stop in between.
+        """
+        motion = self._motion
+        if motion is None or motion.done() or motion is self._awaited:
+            return
+        self._motion, self._rolling = None, rolling
+        self._replaced[motion] = f"{doing} replaced it"
+        try:
+            await _cancelled(motion)
+        finally:
+            self._rolling = False
+        if self.driver.program_running and self.driver.reverse.mode is ControlMode.FORWARD:
+            with suppress(ClientError, LocalProtocolError):  # none under way, or it ended otherwise
+                await self.driver.trajectory_result(_REST_S)
 
     def _check_nobody_moves(self, doing: str) -> None:
         if self.moving or self._has_context:
@@ -107,6 +182,7 @@ class RobotCore(Readiness):
         motion = self._motion = asyncio.create_task(self._guarded(work))
         if not wait:
             return
+        self._awaited = motion
         try:
             await self.wait_done()
         except asyncio.CancelledError:
@@ -128,16 +204,18 @@ class RobotCore(Readiness):
         if self._motion is motion:
             self._motion = None
         if motion.cancelled():
-            raise MotionStoppedError(doing, "stop() was called")
+            raise MotionStoppedError(doing, self._replaced.get(motion, "stop() was called"))
         motion.result()
 
-    async def stop(self) -> None:
+    async def stop(self, deceleration_rad_s2: float = DECELERATION) -> None:
         """Bring the arm to rest, and return when it has; who waits for the motion gets MotionStoppedError.
 
         The program goes on, the next motion may follow. For motions that were begun here: a
         program of somebody else is stopped by ``driver.robot.send_script("stop program")``.
         """
         self._stops += 1
+        if self.driver.program_running and not self._paused:
+            await self._tune("stop", deceleration_rad_s2=deceleration_rad_s2)
         motion, self._motion = self._motion, None
         had_failed = motion is not None and motion.done()
         if motion is not None:
@@ -145,6 +223,16 @@ class RobotCore(Readiness):
         await self._come_to_rest()
         if motion is not None and had_failed:
             motion.result()  # a failure that nobody was told
+
+    async def _tune(self, doing: str, **parameters: float | None) -> None:
+        """Let setpoints be followed as these `URDriver.set_stream_parameters` say."""
+        parameters = {name: value for name, value in ({**_USUAL, **parameters}).items() if value is not None}
+        if parameters == self._tuned:
+            return
+        self.driver.set_stream_parameters(**parameters)  # type: ignore[arg-type] # names of floats
+        self._tuned = parameters
+        for _ in range(SETTLE_STATES):
+            await self._next_state(doing)
 
     async def _come_to_rest(self) -> None:
         if not self.driver.program_running or self._paused:

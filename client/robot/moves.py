@@ -1,25 +1,45 @@
 """Moves: one, or several as one trajectory."""
 
+import asyncio
+import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
 from client.calibration import geometry_of
+from client.control_program import SPEED_ACCELERATION
 from client.driver import points
 from client.driver.timeouts import LONGEST_REAL_TIME_S
 from client.errors import MotionError, MotionStoppedError
 from client.robot.core import RobotCore
 from client.robot.reach import Reach
+from client.robot.state import RobotState
 from urproto.errors import LocalProtocolError, RobotRefused
-from urproto.external_control import TrajectoryPoint, TrajectoryResult
-from urproto.robots.pose import Pose
+from urproto.external_control import Question, TrajectoryPoint, TrajectoryResult, to_words
+from urproto.robots.pose import Pose, pose_trans
 
-__all__ = ["Moves"]
+__all__ = ["MotionProgress", "Moves"]
 
 _JOINT_SPEED: Final = 1.04  # rad/s and rad/s2, m/s and m/s2: the defaults of URScript
 _JOINT_ACCELERATION: Final = 1.4
 _TOOL_SPEED: Final = 0.25
 _TOOL_ACCELERATION: Final = 1.2
+_JOG_ACCELERATION: Final = 0.5  # ur_rtde's
+_READ_STATES: Final = 20  # guess: what was sent while the arm went back from a contact is read within this
+
+
+@dataclass(frozen=True, slots=True)
+class MotionProgress:
+    """Of the motion that was begun here: its name, whether it is under way, at which point of how many, from 0.
+
+    Both are 0 for motions without points. With a blend, a point counts from where the move to it begins.
+    """
+
+    doing: str
+    running: bool
+    point: int
+    points: int
 
 
 class Moves(RobotCore):
@@ -27,13 +47,14 @@ class Moves(RobotCore):
 
     Joint angles are (6,) [rad], base to wrist 3; poses are base to TCP (6,) [m, rotation
     vector]. With ``wait=False`` a call returns when the motion has begun; see `wait_done`,
-    `moving`, `wait_for` and `stop`. One motion at a time: another call raises LocalProtocolError.
+    `moving`, `wait_for` and `stop`. The next motion replaces such a one: the arm slows down and goes on
+    from there. While another caller waits for a motion a second one raises LocalProtocolError.
 
     Raises OutOfReachError before anything moves, for the first target that is; ProtectiveStopError
     and SafetyStopError with what the robot reports; MotionStoppedError when somebody stopped it;
     ProgramEndedError; RobotRefused in a mode in which it cannot move; RobotUnreachableError.
-    The control program is started if it has not been; one that has ended meanwhile is not
-    started again without `make_ready`: somebody may have had a reason.
+    The control program is started if it has not been, and again if it has ended because this machine was
+    late; one that has ended otherwise is not started again without `make_ready`: somebody may have had a reason.
     """
 
     async def move_j(
@@ -111,21 +132,93 @@ class Moves(RobotCore):
         """
         await self._move("the sequence", list(moves), wait)
 
-    async def speed_j(self, qd_rad_s: Sequence[float], duration_s: float, *, wait: bool = True) -> None:
-        """Turn the joints at speeds (6,) for some seconds, then come to rest."""
+    async def speed_j(
+        self,
+        qd_rad_s: Sequence[float],
+        duration_s: float,
+        *,
+        acceleration_rad_s2: float = SPEED_ACCELERATION,
+        wait: bool = True,
+    ) -> None:
+        """Turn the joints at speeds (6,) for some seconds, then come to rest.
 
-        def send() -> None:
+        One that replaces another goes on from its speeds, without a stop in between.
+        """
+
+        def send(_: RobotState) -> None:
             self.driver.speedj(qd_rad_s, LONGEST_REAL_TIME_S)
 
-        await self._keep_sending("speed_j", send, duration_s, wait)
+        await self._keep_sending("speed_j", send, duration_s, acceleration_rad_s2, wait)
 
-    async def speed_l(self, velocity_base: Sequence[float], duration_s: float, *, wait: bool = True) -> None:
+    async def speed_l(
+        self,
+        velocity_base: Sequence[float],
+        duration_s: float,
+        *,
+        acceleration_m_s2: float = SPEED_ACCELERATION,
+        wait: bool = True,
+    ) -> None:
         """Move the TCP at a velocity in the base frame (6,) [m/s, rad/s] for some seconds, then come to rest."""
 
-        def send() -> None:
+        def send(_: RobotState) -> None:
             self.driver.speedl(velocity_base, LONGEST_REAL_TIME_S)
 
-        await self._keep_sending("speed_l", send, duration_s, wait)
+        await self._keep_sending("speed_l", send, duration_s, acceleration_m_s2, wait)
+
+    async def jog(
+        self,
+        velocity: Sequence[float],
+        *,
+        frame: str | Sequence[float] = "base",
+        acceleration_m_s2: float = _JOG_ACCELERATION,
+    ) -> None:
+        """Move the TCP at a velocity (6,) [m/s, rad/s] until `stop` or the next motion; returns at once.
+
+        frame: "base", "tool" for the axes of the TCP as they turn, or a pose in the base frame (6,) whose axes
+        count. Call it again for another velocity: there is no stop in between.
+        """
+        turn = _turn_of(frame)
+        values = _six("a velocity", velocity)
+
+        def send(state: RobotState) -> None:
+            x, y, z = state.pose_base_tcp[3:] if turn is None else turn
+            rotation: Pose = (0.0, 0.0, 0.0, x, y, z)
+            linear = pose_trans(rotation, (*values[:3], 0.0, 0.0, 0.0))[:3]
+            angular = pose_trans(rotation, (*values[3:], 0.0, 0.0, 0.0))[:3]
+            self.driver.speedl((*linear, *angular), LONGEST_REAL_TIME_S)
+
+        await self._keep_sending("jog", send, math.inf, acceleration_m_s2, False)
+
+    async def move_until_contact(
+        self,
+        velocity_base: Sequence[float],
+        *,
+        direction_base: Sequence[float] = (0.0,) * 6,
+        acceleration_m_s2: float = _TOOL_ACCELERATION,
+        timeout_s: float = math.inf,
+        wait: bool = True,
+    ) -> None:
+        """Move the TCP at a velocity (6,) [m/s, rad/s] until the tool touches something; from 5.4 on.
+
+        Then the arm stops, goes back to where the contact began, and rests. direction_base: along which contact
+        counts (6,), the first three in the base frame; all zero for the direction of motion. Raises MotionError
+        when there is no contact within ``timeout_s`` seconds of the robot's.
+        """
+        self.driver._require("contact")
+        work = partial(self._until_contact, _six("a velocity", velocity_base), direction_base, timeout_s)
+        await self._ready("move_until_contact")
+        await self._tune("move_until_contact", acceleration=acceleration_m_s2)
+        self._points = ()
+        await self._launch("move_until_contact", work, wait)
+
+    async def progress(self) -> MotionProgress:
+        """How far the motion that is under way has come, by the robot."""
+        point, executing = await self.ask("progress", Question.PROGRESS)
+        points = len(self._points) if self.moving else 0
+        running = self.moving and (bool(executing) or not points)
+        return MotionProgress(
+            self._doing if running else "", running, max(0, round(point) - 1) if points else 0, points
+        )
 
     def tcp_pose_at(self, q_rad: Sequence[float]) -> Pose:
         """Where the TCP would be (6,) with these joint angles (6,), by the geometry that this very arm reports.
@@ -141,11 +234,14 @@ class Moves(RobotCore):
 
     # what they have in common
 
+    _points: Sequence[TrajectoryPoint] = ()  # of the last motion that had some
+
     async def _move(self, doing: str, moves: list[TrajectoryPoint], wait: bool) -> None:
         for move in moves:
             move.encode()  # its numbers can be sent
         await self._ready(doing)
         self._check_reach(doing, moves)
+        self._points = moves
         await self._launch(doing, partial(self._execute, doing, moves), wait)
 
     def _check_reach(self, doing: str, moves: list[TrajectoryPoint]) -> None:
@@ -161,26 +257,75 @@ class Moves(RobotCore):
         if result is TrajectoryResult.FAILURE:
             raise MotionError(doing, "its points did not reach the robot in time: look at the network")
         if result is TrajectoryResult.CANCELED and not popups:
-            await self._hear(lambda: bool(popups))
+            await self._hear(lambda: bool(popups or self.driver.lost_why))
+        if result is TrajectoryResult.CANCELED and self.driver.lost_why:
+            raise await self._explanation(doing)
         if result is TrajectoryResult.CANCELED and popups:
             raise MotionError(doing, popups[-1].text)
         if result is TrajectoryResult.CANCELED:
             raise MotionStoppedError(doing, "it was cancelled")
 
-    async def _keep_sending(self, doing: str, send: Callable[[], None], duration_s: float, wait: bool) -> None:
+    async def _keep_sending(
+        self, doing: str, send: Callable[[RobotState], None], duration_s: float, acceleration: float, wait: bool
+    ) -> None:
         if not duration_s > 0.0:
             raise LocalProtocolError(f"the duration of {doing} is above 0 s, not {duration_s}")
-        await self._ready(doing)
-        send()  # raises here what cannot be sent
+        await self._ready(doing, rolling=True)
+        await self._tune(doing, acceleration=acceleration)
+        self._check_nobody_moves(doing)
+        send(self.state)  # raises here what cannot be sent
+        self._points = ()
         await self._launch(doing, partial(self._sending, doing, send, duration_s), wait)
 
-    async def _sending(self, doing: str, send: Callable[[], None], duration_s: float) -> None:
+    async def _sending(self, doing: str, send: Callable[[RobotState], None], duration_s: float) -> None:
         until = self.state.timestamp_s + duration_s
         try:
-            while self.state.timestamp_s < until:
-                send()
+            while (state := self.state).timestamp_s < until:
+                send(state)
                 await self._next_state(doing)
         finally:
-            if self.driver.program_running:
+            if self.driver.program_running and not self._rolling:
                 self.driver.idle()
         await self._come_to_rest()
+
+    async def _until_contact(
+        self, velocity: Sequence[float], direction_base: Sequence[float], timeout_s: float
+    ) -> None:
+        doing = "move_until_contact"
+        self.driver.start_tool_contact(direction_base)
+        result = asyncio.create_task(self.driver.tool_contact_result())
+        until = self.state.timestamp_s + timeout_s
+        try:
+            while not result.done():
+                if self.state.timestamp_s >= until:
+                    raise MotionError(doing, f"the tool has met nothing within {timeout_s:g} s")
+                self.driver.speedl(velocity, LONGEST_REAL_TIME_S)
+                await self._next_state(doing)
+            result.result()
+        finally:
+            result.cancel()
+            await asyncio.gather(result, return_exceptions=True)
+            if self.driver.program_running:
+                self.driver.idle()
+                for _ in range(_READ_STATES):  # as long as it watches it follows no velocity that is on its way
+                    await self._next_state(doing)
+                self.driver.end_tool_contact()
+        await self._come_to_rest()
+
+
+def _six(what: str, values: Sequence[float]) -> tuple[float, ...]:
+    to_words(values)
+    if len(values) != 6:
+        raise LocalProtocolError(f"{what} has 6 numbers, not {len(values)}")
+    return tuple(values)
+
+
+def _turn_of(frame: str | Sequence[float]) -> Sequence[float] | None:
+    """The rotation vector of a frame, None for the tool's."""
+    if frame == "base":
+        return (0.0, 0.0, 0.0)
+    if frame == "tool":
+        return None
+    if isinstance(frame, str):
+        raise LocalProtocolError(f'a frame is "base", "tool" or a pose, not {frame!r}')
+    return _six("the pose of a frame", frame)[3:]

@@ -28,7 +28,7 @@ class Readiness(Troubles):
         The arm moves a little as its brakes are released. Raises SafetyStopError while a stop
         is in effect, RobotRefused when the robot says no.
         """
-        self._check_safety("make_ready")
+        await self._refuse_in_stop("make_ready")
         if self.driver.robot.robot_mode is not RobotMode.RUNNING:
             await self._release_brakes()
         if not self.driver.program_running or self._paused:
@@ -42,7 +42,7 @@ class Readiness(Troubles):
         when the stop comes back at once, SafetyStopError for another kind of stop.
         """
         if not self.driver.protective_stopped:
-            self._check_safety("recover")
+            await self._refuse_in_stop("recover")
         await self._reporting("recover", self.driver.recover())
         self._started = True
 

@@ -9,7 +9,7 @@ from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
 
-__all__ = ["OUTPUTS", "SIGNALS", "RobotState", "check_signal"]
+__all__ = ["MORE_OUTPUTS", "OUTPUTS", "SIGNALS", "RobotState", "check_signal"]
 
 OUTPUTS: Final = (
     "actual_q",
@@ -21,6 +21,37 @@ OUTPUTS: Final = (
     "actual_digital_input_bits",
     "actual_digital_output_bits",
 )
+MORE_OUTPUTS: Final = (
+    "target_q",
+    "target_qdd",
+    "target_current",
+    "target_moment",
+    "actual_current",
+    "joint_control_output",
+    "target_TCP_pose",
+    "target_TCP_speed",
+    "joint_temperatures",
+    "actual_execution_time",
+    "joint_mode",
+    "actual_tool_accelerometer",
+    "speed_scaling",
+    "actual_momentum",
+    "actual_main_voltage",
+    "actual_robot_voltage",
+    "actual_robot_current",
+    "actual_joint_voltage",
+    "standard_analog_input0",
+    "standard_analog_input1",
+    "standard_analog_output0",
+    "standard_analog_output1",
+    "robot_status_bits",
+    "safety_status_bits",
+    "ft_raw_wrench",
+    "payload",
+    "payload_cog",
+    "payload_inertia",
+)
+"""What ur_rtde receives by default too; where a version lacks one, it is missing from `RobotState.values`."""
 _AT_REST_RAD_S: Final = 1e-4  # guess: far below any motion, above rounding
 
 SIGNALS: Final = 18
@@ -31,42 +62,70 @@ SIGNALS: Final = 18
 class RobotState:
     """One control period.
 
-    q_rad, qd_rad_s: joints (6,), base to wrist 3, as measured. pose_base_tcp: TCP in the base
-    frame (6,) [m, rotation vector]. velocity_base: of the TCP (6,) [m/s, rad/s].
-    wrench_base: at the TCP (6,) [N, Nm]. speed_fraction: the speed slider, 0 to 1.
-    timestamp_s: since the controller came up. values: every RTDE variable there is, by name.
+    values: every RTDE variable that is received, by name; the others are made of them when they are looked at.
     """
 
-    timestamp_s: float
-    q_rad: Joints
-    qd_rad_s: Joints
-    pose_base_tcp: Pose
-    velocity_base: Joints
-    wrench_base: Joints
-    robot_mode: int
-    safety_mode: int
-    runtime_state: int
-    speed_fraction: float
-    at_rest: bool
     values: Mapping[str, Any]
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Self:
         """From the RTDE variables `OUTPUTS` and those a driver needs."""
-        return cls(
-            timestamp_s=values["timestamp"],
-            q_rad=cast(Joints, values["actual_q"]),
-            qd_rad_s=values["actual_qd"],
-            pose_base_tcp=values["actual_TCP_pose"],
-            velocity_base=values["actual_TCP_speed"],
-            wrench_base=values["actual_TCP_force"],
-            robot_mode=_named(RobotMode, values["robot_mode"]),
-            safety_mode=_named(SafetyMode, values["safety_mode"]),
-            runtime_state=_named(RuntimeState, values["runtime_state"]),
-            speed_fraction=values["target_speed_fraction"],
-            at_rest=max(map(abs, values["target_qd"])) < _AT_REST_RAD_S,
-            values=values,
-        )
+        return cls(values)
+
+    @property
+    def timestamp_s(self) -> float:
+        """Since the controller came up [s]."""
+        return cast(float, self.values["timestamp"])
+
+    @property
+    def q_rad(self) -> Joints:
+        """Joint angles (6,) [rad], base to wrist 3, as measured."""
+        return cast(Joints, self.values["actual_q"])
+
+    @property
+    def qd_rad_s(self) -> Joints:
+        """Joint speeds (6,) [rad/s], as measured."""
+        return cast(Joints, self.values["actual_qd"])
+
+    @property
+    def pose_base_tcp(self) -> Pose:
+        """TCP in the base frame (6,) [m, rotation vector]."""
+        return cast(Pose, self.values["actual_TCP_pose"])
+
+    @property
+    def velocity_base(self) -> Joints:
+        """Of the TCP (6,) [m/s, rad/s]."""
+        return cast(Joints, self.values["actual_TCP_speed"])
+
+    @property
+    def wrench_base(self) -> Joints:
+        """At the TCP (6,) [N, Nm]."""
+        return cast(Joints, self.values["actual_TCP_force"])
+
+    @property
+    def robot_mode(self) -> int:
+        """A `RobotMode`, or the number of one that is not known here."""
+        return _named(RobotMode, self.values["robot_mode"])
+
+    @property
+    def safety_mode(self) -> int:
+        """A `SafetyMode`, or the number of one that is not known here."""
+        return _named(SafetyMode, self.values["safety_mode"])
+
+    @property
+    def runtime_state(self) -> int:
+        """A `RuntimeState`, or the number of one that is not known here."""
+        return _named(RuntimeState, self.values["runtime_state"])
+
+    @property
+    def speed_fraction(self) -> float:
+        """The speed slider, 0 to 1."""
+        return cast(float, self.values["target_speed_fraction"])
+
+    @property
+    def at_rest(self) -> bool:
+        """No joint is meant to move."""
+        return bool(max(map(abs, self.values["target_qd"])) < _AT_REST_RAD_S)
 
     def digital_in(self, number: int) -> bool:
         """Level of a digital input, numbered as `SIGNALS` says."""

@@ -16,7 +16,7 @@ from client.errors import (
     SafetyStopError,
     ScriptFailedError,
 )
-from client.robot.state import OUTPUTS, RobotState
+from client.robot.state import MORE_OUTPUTS, OUTPUTS, RobotState
 from urproto.modes import ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 from urproto.robots import Joints
@@ -47,7 +47,8 @@ class Troubles:
     def __init__(self, host: str, **options: Any) -> None:
         free = _FREE_PORTS if options.get("headless", True) else {}
         outputs = tuple(dict.fromkeys((*OUTPUTS, *options.pop("outputs", ()))))
-        self.driver = URDriver(host, **(free | options), outputs=outputs)
+        more = {"outputs_if_any": MORE_OUTPUTS}
+        self.driver = URDriver(host, **(free | more | options), outputs=outputs)
         self._started = False  # the program runs as far as the caller was told
         self._trouble = asyncio.Event()
         self._last_words: object = None  # the state after which the robot fell silent
@@ -92,6 +93,12 @@ class Troubles:
             kind = ProtectiveStopError if mode is SafetyMode.PROTECTIVE_STOP else SafetyStopError
             raise kind(doing, mode, self._reported(), _ADVICE.get(mode, "the pendant says what has to be done"))
 
+    async def _refuse_in_stop(self, doing: str) -> None:
+        """As _check_safety, with the cause, which comes by another connection than the mode."""
+        if self.driver.robot.safety_mode not in MOVABLE:
+            await self._hear(lambda: bool(self._reported()))
+        self._check_safety(doing)
+
     @property
     def _paused(self) -> bool:
         return bool(self.driver.state["runtime_state"] in (RuntimeState.PAUSING, RuntimeState.PAUSED))
@@ -129,7 +136,10 @@ class Troubles:
         if failure is not None and _means_out_of_reach(failure):
             self._started = False  # the caller's target, and nobody's wish to end the program: it may start by itself
             return OutOfReachError(doing, failure.text)
-        return ProgramEndedError(self.driver.reverse.port, doing, self._why(failure), "make_ready() starts it again")
+        advice = "make_ready() starts it again"
+        if self.driver.lost_why and not self.driver.pulse.bitten:
+            advice = "the next motion starts it again"
+        return ProgramEndedError(self.driver.reverse.port, doing, self._why(failure), advice)
 
     async def _last_failure(self) -> ScriptFailedError | None:
         """The script error that ended the program, if one did; what else explains an end has then come too."""
@@ -139,7 +149,7 @@ class Troubles:
             if failure := self.driver.robot.take_script_error():
                 failures.append(failure)
             stopped = self.driver.robot.safety_mode not in MOVABLE and self._reported()
-            return bool(failures or self._silent or stopped)
+            return bool(failures or self._silent or stopped or self.driver.lost_why)
 
         await self._hear(heard)
         return failures[0] if failures else None
@@ -154,6 +164,8 @@ class Troubles:
     def _why(self, failure: ScriptFailedError | None) -> str:
         if failure is not None:
             return str(failure)
+        if self.driver.lost_why:
+            return self.driver.lost_why
         mode = self.driver.robot.robot_mode
         if mode is not RobotMode.RUNNING:
             return f"the robot's mode is {mode.name}"

@@ -1,6 +1,8 @@
 """A comparison in words, as Markdown: to be read in a terminal, and pasted into an issue."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import asdict
+from typing import Any
 
 from client.decoding import show
 from client.traffic.compare import Comparison, Source
@@ -8,7 +10,7 @@ from client.traffic.messages import Parting, Talk
 from client.traffic.tracks import base_name
 from client.traffic.trajectories import Difference, TrackPair
 
-__all__ = ["report"]
+__all__ = ["as_object", "report"]
 
 _ROWS = 15  # of a table
 _PARTINGS = 3  # told of a connection
@@ -20,6 +22,31 @@ _EXACTLY = 1e-3  # stands for the tolerance of what has none, such as modes
 def report(comparison: Comparison) -> str:
     """The whole text."""
     return "\n".join(_report(comparison)) + "\n"
+
+
+def as_object(comparison: Comparison) -> dict[str, Any]:
+    """The same for programs."""
+    return {
+        "same": comparison.same,
+        "sources": [
+            {"path": str(source.path), "remarks": list(source.remarks), "troubles": list(source.troubles)}
+            for source in (comparison.first, comparison.second)
+        ],
+        "states": [
+            {
+                "label": pair.first.label,
+                "states": pair.states,
+                "columns": pair.columns,
+                "offset_s": pair.offset.seconds,
+                "only_first": pair.only_first,
+                "only_second": pair.only_second,
+                "differences": [asdict(difference) for difference in pair.differences],
+            }
+            for pair in comparison.pairs
+        ],
+        "unpaired": comparison.unpaired,
+        "messages": [asdict(talk) for talk in comparison.talks],
+    }
 
 
 def _report(comparison: Comparison) -> Iterator[str]:

@@ -12,7 +12,7 @@ from urscript.values import Any_, Bool, Int, Joints, ListArg, Num, Pose, PoseArg
 
 __all__ = ["LIBRARY"]
 
-LIBRARY = Library("force", host=True)
+LIBRARY = Library("force", host=True, physical=True)
 
 # defaults: a tuple stands for a list or pose that scripts see
 _ORIGIN: Any = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

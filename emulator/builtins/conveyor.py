@@ -14,7 +14,7 @@ from urscript.values import Bool, Int, Num, PoseOrJoints, Str
 
 __all__ = ["LIBRARY"]
 
-LIBRARY = Library("conveyor", host=True)
+LIBRARY = Library("conveyor", host=True, physical=True)
 
 # vendor's conveyor tracking guide: encoder_* and the second encoder came with these versions
 _CB3, _E = "3.8", "5.2"

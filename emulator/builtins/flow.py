@@ -9,7 +9,7 @@ from urscript.values import Int, Num, Struct
 
 __all__ = ["LIBRARY"]
 
-LIBRARY = Library("flow", host=True)
+LIBRARY = Library("flow", host=True, physical=True)
 
 
 @LIBRARY.builtin()

@@ -9,7 +9,7 @@ from urscript.values import Bool, Int, Num
 
 __all__ = ["LIBRARY"]
 
-LIBRARY = Library("io", host=True)
+LIBRARY = Library("io", host=True, physical=True)
 
 _OLD_TOOL = 8  # get_digital_in(8) and (9) are the tool's, as before there were configurable signals
 

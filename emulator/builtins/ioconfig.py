@@ -69,7 +69,7 @@ def set_tool_digital_output_mode(host: ProgramHost, n: Int, mode: Int) -> None:
     host.controller.signals.tool_digital_output_modes[_port(n)] = ToolDigitalOutputMode(max(mode, 1))
 
 
-@LIBRARY.builtin(cb3="3.0", e="5.0", note="a device is connected to the line by --tool-device")
+@LIBRARY.builtin(cb3=None, e="5.0", note="a device is connected to the line by --tool-device")
 def set_tool_communication(
     host: ProgramHost,
     enabled: Bool,

@@ -13,7 +13,7 @@ from urscript.values import Bool, Joints, Matrix, Num, Pose, PoseArg, PoseOrJoin
 
 __all__ = ["LIBRARY"]
 
-LIBRARY = Library("kinematics", host=True)
+LIBRARY = Library("kinematics", host=True, physical=True)
 
 # Work of a calculation beyond that of any call [meter units of about 50 ns], from measuring.
 _FORWARD: Final = 30
@@ -27,7 +27,7 @@ _DYNAMICS: Final = 800
 def get_forward_kin(host: ProgramHost, q: Joints | None = None, tcp: PoseOrJoints | None = None) -> Pose:
     """TCP pose in the base frame of joint angles `q` [rad] (the present ones) with `tcp` (the active one)."""
     charge(_FORWARD)
-    return Pose(forward(host, host.motion.q if q is None else q, tcp))
+    return Pose(forward(host, host.target_q if q is None else q, tcp))
 
 
 @LIBRARY.builtin(note="solved to 1e-10, so other error limits make no difference")
@@ -115,7 +115,7 @@ def get_coriolis_and_centrifugal_torques(
 
 
 def _q(host: ProgramHost, q: Sequence[float] | None) -> Vector6:
-    return host.motion.q if q is None else six(q)
+    return host.target_q if q is None else six(q)
 
 
 def _qd(host: ProgramHost, qd: Sequence[float] | None) -> Vector6:

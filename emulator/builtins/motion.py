@@ -13,7 +13,7 @@ from urscript.values import Any_, Bool, Int, Joints, Num, Pose, PoseOrJoints, St
 
 __all__ = ["LIBRARY"]
 
-LIBRARY = Library("motion", host=True)
+LIBRARY = Library("motion", host=True, physical=True)
 
 
 @LIBRARY.builtin()
@@ -25,7 +25,7 @@ def movej(host: ProgramHost, q: PoseOrJoints, a: Num = 1.4, v: Num = 1.05, t: Nu
     reach ends the program.
     """
     goal = joints_for(host, q)
-    _check_profile("movej", a, v, t)
+    _check_profile("movej", a, v, t, r)
     with host.motion_control() as motion:
         yield from host.until_ready(motion.movej(goal, a=a, v=v, t=t, r=r))
 
@@ -38,7 +38,7 @@ def movel(host: ProgramHost, pose: PoseOrJoints, a: Num = 1.2, v: Num = 0.25, t:
     protective stop.
     """
     goal = pose_for(host, pose)
-    _check_profile("movel", a, v, t)
+    _check_profile("movel", a, v, t, r)
     with host.motion_control() as motion:
         yield from host.until_ready(motion.movel(goal, a=a, v=v, t=t, r=r))
 
@@ -47,7 +47,7 @@ def movel(host: ProgramHost, pose: PoseOrJoints, a: Num = 1.2, v: Num = 0.25, t:
 def movep(host: ProgramHost, pose: PoseOrJoints, a: Num = 1.2, v: Num = 0.25, r: Num = 0) -> Frames[None]:
     """Process move: constant tool speed `v` [m/s] on straight lines with circular blends of radius `r` [m]."""
     goal = pose_for(host, pose)
-    _check_profile("movep", a, v, 0)
+    _check_profile("movep", a, v, 0, r)
     with host.motion_control() as motion:
         yield from host.until_ready(motion.movep(goal, a=a, v=v, r=r))
 
@@ -70,7 +70,7 @@ def movec(
     via, to = pose_for(host, pose_via), pose_for(host, pose_to)
     if mode not in (0, 1):
         raise RuntimeFault(f"movec: mode must be 0 (unconstrained) or 1 (fixed orientation), not {mode}")
-    _check_profile("movec", a, v, 0)
+    _check_profile("movec", a, v, 0, r)
     with host.motion_control() as motion:
         yield from host.until_ready(motion.movec(via, to, a=a, v=v, r=r, mode=mode))
 
@@ -86,6 +86,7 @@ def optimovej(host: ProgramHost, goal: Any_, a: Num = 0.3, v: Num = 0.3, r: Num 
     """
     q = joints_for(host, _goal(host, "optimovej", goal))
     _check_fractions("optimovej", a, v)
+    _check_not_negative("optimovej", r=r)
     model = host.controller.model
     speed, acceleration = v * min(model.qd_max), a * min(model.qdd_max)
     with host.motion_control() as motion:
@@ -103,6 +104,7 @@ def optimovel(host: ProgramHost, goal: Any_, a: Num = 0.3, v: Num = 0.3, r: Num 
     """Straight tool move with `a` and `v` as fractions (0 to 1) of what the arm can do; `goal` as of optimovej."""
     pose = pose_for(host, _goal(host, "optimovel", goal))
     _check_fractions("optimovel", a, v)
+    _check_not_negative("optimovel", r=r)
     speed, acceleration = v * _TOOL_SPEED_M_S, a * _TOOL_ACCELERATION_M_S2
     with host.motion_control() as motion:
         yield from host.until_ready(motion.movel(pose, a=acceleration, v=speed, t=0, r=r))
@@ -148,6 +150,7 @@ def servoj(
 
     `lookahead_time` [s] smooths, `gain` stiffens; `a` and `v` are ignored. End with stopj().
     """
+    _check_not_negative("servoj", t=0 if t is None else t)
     with host.motion_control() as motion:
         duration = host.period_s if t is None else t
         yield from host.until_ready(motion.servoj(six(q), t=duration, lookahead_time=lookahead_time, gain=gain))
@@ -157,7 +160,7 @@ def servoj(
 def servoc(host: ProgramHost, pose: PoseOrJoints, a: Num = 1.2, v: Num = 0.25, r: Num = 0) -> Frames[None]:
     """Servo the tool along circular blends towards a TCP pose; `a` [m/s2], `v` [m/s], `r` [m]."""
     goal = pose_for(host, pose)
-    _check_profile("servoc", a, v, 0)
+    _check_profile("servoc", a, v, 0, r)
     with host.motion_control() as motion:
         yield from host.until_ready(motion.servoc(goal, a=a, v=v, r=r))
 
@@ -208,7 +211,7 @@ def stopl(host: ProgramHost, a: Num = 2.0, aRot: Num | None = None) -> Frames[No
     cb3=None,
     e="5.23",
     status="partial",
-    note="an ideal arm has no friction: there all friction options give the same motion",
+    note="moves a dynamic arm (--arm dynamic); an ideal one stands, as in URSim",
 )
 def direct_torque(
     host: ProgramHost,
@@ -221,6 +224,8 @@ def direct_torque(
 
     With `friction_comp` the joints make up for their friction, by these shares (0 to 1) of each kind.
     """
+    if host.arm.drives is None:
+        host.note_once("direct_torque does not move an ideal arm, as in URSim: start the emulator with --arm dynamic")
     viscous = _friction_scale("viscous_scale", viscous_scale, VISCOUS_SHARE)
     coulomb = _friction_scale("coulomb_scale", coulomb_scale, COULOMB_SHARE)
     shares = (viscous, coulomb) if friction_comp else ()
@@ -284,7 +289,8 @@ def motion_version_get(host: ProgramHost) -> int:
     return host.programs.motion_version
 
 
-def _check_profile(name: str, a: float, v: float, t: float) -> None:
+def _check_profile(name: str, a: float, v: float, t: float, r: float) -> None:
+    _check_not_negative(name, r=r)
     if t <= 0:
         _check_positive(name, a=a, v=v)
 

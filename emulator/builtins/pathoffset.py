@@ -9,7 +9,7 @@ from urscript.values import Int, Num, Pose, PoseOrJoints
 
 __all__ = ["LIBRARY"]
 
-LIBRARY = Library("path offset", host=True)
+LIBRARY = Library("path offset", host=True, physical=True)
 
 _SINCE = "5.6"  # vendor's support article "Modify robot trajectory by overlaying custom motion"
 

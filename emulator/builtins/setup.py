@@ -15,8 +15,9 @@ from urscript.values import Any_, ListArg, Matrix, Num, PoseArg, Str, Struct
 
 __all__ = ["LIBRARY", "checked_inertia", "checked_mass", "use_payload"]
 
-LIBRARY = Library("setup", host=True)
+LIBRARY = Library("setup", host=True, physical=True)
 
+_MOST_MASS = 1000.0  # kg: far beyond any arm, and what the arm's equations bear; a guess
 _MOST_INERTIA = 133.0  # kg m2: Script Manual, set_target_payload
 _NO_INERTIA: Any = (0, 0, 0, 0, 0, 0)  # a tuple stands for a list that scripts see
 
@@ -140,9 +141,9 @@ def use_payload(host: ProgramHost, payload: Payload, transition_s: float = 0.0) 
 
 
 def checked_mass(m: float) -> float:
-    """A payload's mass [kg]; RuntimeFault when it is negative or no number."""
-    if not (math.isfinite(m) and m >= 0):
-        raise RuntimeFault(f"the payload mass must be 0 or more [kg], not {m}")
+    """A payload's mass [kg]; RuntimeFault when it is negative, no number or absurd."""
+    if not 0 <= m <= _MOST_MASS:
+        raise RuntimeFault(f"the payload mass must be 0 to {_MOST_MASS:g} [kg], not {m:g}")
     return float(m)
 
 

@@ -20,13 +20,13 @@ _ZERO = (0.0,) * 6
 @LIBRARY.builtin()
 def get_actual_joint_positions(host: ProgramHost) -> list[float]:
     """Measured joint angles [rad]."""
-    return list(host.arm.q)
+    return list(host.actual_q)
 
 
 @LIBRARY.builtin(note="old name of get_actual_joint_positions")
 def get_joint_positions(host: ProgramHost) -> list[float]:
     """Measured joint angles [rad]."""
-    return list(host.arm.q)
+    return list(host.actual_q)
 
 
 @LIBRARY.builtin()
@@ -34,7 +34,7 @@ def get_actual_joint_positions_history(host: ProgramHost, steps: Int = 0) -> lis
     """Measured joint angles [rad] some control periods ago; beyond what is kept, the oldest known."""
     if steps < 0:
         raise RuntimeFault(f"get_actual_joint_positions_history: steps must be 0 or more, not {steps}")
-    return list(host.programs.history.q_ago(steps) or host.arm.q)
+    return list(host.programs.history.q_ago(steps) or host.actual_q)
 
 
 @LIBRARY.builtin()
@@ -52,7 +52,7 @@ def get_actual_joint_accelerations(host: ProgramHost) -> list[float]:
 @LIBRARY.builtin()
 def get_target_joint_positions(host: ProgramHost) -> list[float]:
     """Commanded joint angles [rad]."""
-    return list(host.motion.q)
+    return list(host.target_q)
 
 
 @LIBRARY.builtin()
@@ -70,7 +70,7 @@ def get_target_joint_accelerations(host: ProgramHost) -> list[float]:
 @LIBRARY.builtin()
 def get_actual_tcp_pose(host: ProgramHost) -> Pose:
     """Measured TCP pose in the base frame."""
-    return Pose(forward(host, host.arm.q))
+    return Pose(forward(host, host.actual_q))
 
 
 @LIBRARY.builtin()
@@ -82,19 +82,19 @@ def get_actual_tcp_speed(host: ProgramHost) -> list[float]:
 @LIBRARY.builtin()
 def get_actual_tool_flange_pose(host: ProgramHost) -> Pose:
     """Measured pose of the tool flange in the base frame."""
-    return Pose(forward(host, host.arm.q, _ZERO))
+    return Pose(forward(host, host.actual_q, _ZERO))
 
 
 @LIBRARY.builtin(note="undocumented; PolyScope's force nodes use it")
 def tool_pose(host: ProgramHost) -> Pose:
     """Measured TCP pose in the base frame."""
-    return Pose(forward(host, host.arm.q))
+    return Pose(forward(host, host.actual_q))
 
 
 @LIBRARY.builtin()
 def get_target_tcp_pose(host: ProgramHost) -> Pose:
     """Commanded TCP pose in the base frame."""
-    return Pose(forward(host, host.motion.q))
+    return Pose(forward(host, host.target_q))
 
 
 @LIBRARY.builtin()
@@ -119,7 +119,7 @@ def get_target_tcp_speed_along_path(host: ProgramHost) -> list[float]:
 def get_target_waypoint(host: ProgramHost) -> Pose:
     """TCP pose the movement in progress leads to, without path offset and conveyor; without one, where the path is."""
     waypoint = host.motion.target_waypoint
-    return Pose(forward(host, host.motion.q) if waypoint is None else waypoint)
+    return Pose(forward(host, host.target_q) if waypoint is None else waypoint)
 
 
 @LIBRARY.builtin()

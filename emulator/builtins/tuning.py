@@ -11,7 +11,7 @@ from urscript.values import Int, Num, PoseArg
 
 __all__ = ["LIBRARY"]
 
-LIBRARY = Library("tuning", host=True)
+LIBRARY = Library("tuning", host=True, physical=True)
 
 _LEAST_JERK_GAIN = 0.01  # Script Manual
 

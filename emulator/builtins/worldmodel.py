@@ -12,7 +12,7 @@ from urscript.values import ListArg, Num, Pose, PoseArg, Str
 
 __all__ = ["LIBRARY"]
 
-LIBRARY = Library("worldmodel", host=True)
+LIBRARY = Library("worldmodel", host=True, physical=True)
 
 _STOP_RAD_S2 = 20.0  # that of stop_conveyor_tracking (guess)
 

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import isfinite
 from typing import Final, Literal
 
 from emulator.control.base import ControlBase
 from emulator.control.verbs import BadArguments, verb
+from emulator.guard import plausible
 from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.modes import AnalogDomain
 
@@ -38,6 +40,8 @@ class SignalVerbs(ControlBase):
         """Drive analog input 0 or 1 of the control box or the tool [A or V]; optionally change what it measures."""
         if index not in (0, 1):
             raise BadArguments(f"there is no analog input {index}: they are 0 and 1")
+        if not plausible(value):
+            raise BadArguments(f"no signal is at {value}: give A or V")
         signals = self.controller.signals
         values = signals.tool_analog_inputs if tool else signals.analog_inputs
         domains = signals.tool_analog_input_domains if tool else signals.analog_input_domains
@@ -48,6 +52,8 @@ class SignalVerbs(ControlBase):
     @verb
     def set_analog_output(self, index: int, ratio: float) -> None:
         """Set analog output 0 or 1 to a ratio (0 to 1) of its range."""
+        if not plausible(ratio):
+            raise BadArguments(f"an analog output is set to 0 to 1 of its range, not {ratio}")
         with _indices():
             self.controller.signals.set_analog_output(index, ratio)
 
@@ -56,6 +62,8 @@ class SignalVerbs(ControlBase):
         """Write a register that clients write and programs read."""
         bank = self.controller.registers.input
         with _indices():
+            if not isfinite(value):
+                raise BadArguments(f"a register takes numbers, not {value}")
             if kind == "bit":
                 bank.set_bit(index, bool(value))
             elif kind == "double":
@@ -68,6 +76,8 @@ class SignalVerbs(ControlBase):
     @verb
     def set_encoder_speed(self, index: int, ticks_per_s: float) -> None:
         """Let the emulated conveyor at encoder 0 or 1 run at this speed."""
+        if not plausible(ticks_per_s):
+            raise BadArguments(f"no conveyor runs at {ticks_per_s} ticks/s")
         with _indices():
             self.controller.encoders[index].simulated_speed = ticks_per_s
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 from emulator.control.base import ControlBase
 from emulator.control.snapshots import restore_state, save_state
 from emulator.control.verbs import BadArguments, NotPossible, verb
+from emulator.guard import plausible
 from emulator.robot.installation import Payload
 from emulator.snapshot import Snapshot, Vector3, Vector6
 
@@ -54,18 +55,26 @@ class StateVerbs(ControlBase):
     @verb
     def set_tcp(self, pose: Vector6) -> None:
         """Use another TCP: its pose in the flange frame, x, y, z [m], rx, ry, rz [rad]."""
-        self.controller.set_tcp(pose)
+        try:
+            self.controller.set_tcp(pose)
+        except ValueError as error:
+            raise BadArguments(str(error)) from error
 
     @verb
     def set_payload(self, mass_kg: float, cog_m: Vector3 = (0.0, 0.0, 0.0)) -> None:
         """Tell the controller another payload: mass and centre of gravity in the flange frame."""
         if mass_kg < 0.0:
             raise BadArguments(f"a payload of {mass_kg} kg: a mass cannot be negative")
-        self.controller.installation.set_payload(Payload.of(mass_kg, cog_m))
+        try:
+            self.controller.installation.set_payload(Payload.of(mass_kg, cog_m))
+        except ValueError as error:
+            raise BadArguments(str(error)) from error
 
     @verb
     def set_gravity(self, acceleration_m_s2: Vector3) -> None:
         """Mount the robot another way: what its base feels, (0, 0, 9.82) when it stands upright."""
+        if not plausible(*acceleration_m_s2):
+            raise BadArguments(f"no base feels {list(acceleration_m_s2)} m/s2")
         self.controller.installation.gravity = acceleration_m_s2
 
     @verb

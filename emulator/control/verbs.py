@@ -1,7 +1,6 @@
 """Verbs: typed methods that can also be called by name, with arguments that came as JSON or on a command line."""
 
 import inspect
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar, get_type_hints
@@ -10,6 +9,7 @@ import msgspec
 
 __all__ = ["BadArguments", "NotPossible", "Verb", "verb", "verbs_of"]
 
+_ABSURD: Final = 1e30  # a timestamp in ns is far below
 _MARK: Final = "__verb__"
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -65,7 +65,7 @@ class Verb:
             given |= {name: value for name, value in arguments.items() if name not in given}
         for name, value in given.items():
             if not _finite(value):
-                raise BadArguments(f"{self.name}: {name} must be finite, not {value}")
+                raise BadArguments(f"{self.name}: {name} must be a finite, sensible number, not {value}")
         return getattr(control, self.name)(**given)
 
 
@@ -99,7 +99,7 @@ def _described(name: str, function: Callable[..., Any]) -> Verb:
 
 def _finite(value: object) -> bool:
     if isinstance(value, float):
-        return math.isfinite(value)
+        return abs(value) < _ABSURD
     if isinstance(value, list | tuple):
         return all(map(_finite, value))
     return not isinstance(value, dict) or all(map(_finite, value.values()))

@@ -7,33 +7,27 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from emulator.cli import (
     ROBOT_OPTIONS,
-    LogLevel,
     configure,
-    log_to_stderr,
     mistakes_in_one_line,
     with_robot_options,
 )
 from emulator.config import PORTS, ConfigError, EmulatorConfig
 from emulator.fleet.plan import FIRST_HOST, MOST_ROBOTS, FleetFile, place
 from emulator.fleet.supervisor import AllReady, Died, Event, GivenUp, Restarted, ShutDown, Supervisor
+from emulator.logs import LogLevel, log_to_stderr
 from emulator.serve import write_ports
+from urproto.commandline import application, console
 
-__all__ = ["app", "main"]
+__all__ = ["app"]
 
 _LOST: Final = 1
 _DEFAULT_COUNT: Final = 4
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Run the command with these arguments."""
-    app(args=list(arguments), prog_name="ur-emulator fleet")
+app = application(completion=False)
 
 
 @app.command()
@@ -102,7 +96,7 @@ class _Screen:
     def __init__(self, configs: Sequence[EmulatorConfig], ports_file: Path | None) -> None:
         self._configs = configs
         self._ports_file = ports_file
-        self._console = Console(highlight=False)
+        self._console = console()
         self._lost: set[int] = set()
 
     def tell(self, event: Event, supervisor: Supervisor) -> None:

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 
 from emulator.app import Emulator
-from emulator.clock import claim_real_time
 from emulator.config import ConfigError, EmulatorConfig
+from emulator.logs import ERROR
 from emulator.readiness import NotReady, check_ready
+from emulator.realtime import RealTime, RealTimeRefused, claim_real_time, give_way_under_overload
 
 __all__ = ["Ended", "Failed", "Ready", "Report", "run"]
 
@@ -56,9 +57,18 @@ def run(configs: Sequence[EmulatorConfig], link: Connection, inherited: Sequence
         other.close()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all; the supervisor decides
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    if all(config.speed == 1.0 for config in configs):
-        _logger.info("process %d: granted by the system: %s", os.getpid(), ", ".join(claim_real_time()))
-    asyncio.run(_Worker(configs, link).run())
+    with ERROR.in_background():
+        asyncio.run(_Worker(configs, link).run())
+
+
+def _claim(configs: Sequence[EmulatorConfig]) -> bool:
+    """What all robots of this process want. Raises RealTimeRefused."""
+    wanted = {config.realtime for config in configs}
+    if RealTime.OFF in wanted or any(config.speed != 1.0 for config in configs):
+        return bool(claim_real_time(RealTime.OFF))
+    granted = claim_real_time(RealTime.ON if RealTime.ON in wanted else RealTime.AUTO)
+    _logger.info("process %d: granted by the system: %s", os.getpid(), ", ".join(granted) or "nothing")
+    return bool(granted)
 
 
 class _Worker:
@@ -73,13 +83,19 @@ class _Worker:
 
     async def run(self) -> None:
         asyncio.get_running_loop().add_reader(self._link.fileno(), self._leave)
+        watching: asyncio.Task[None] | None = None
         try:
+            if _claim(self._configs):
+                watching = asyncio.create_task(give_way_under_overload())
             async with asyncio.TaskGroup() as robots:
                 for index, emulator in enumerate(self._emulators):
                     robots.create_task(self._live(index, emulator))
-        except* (OSError, NotReady, ConfigError) as errors:
+        except* (OSError, NotReady, ConfigError, RealTimeRefused) as errors:
             first = errors.exceptions[0]
             self._tell(Failed(getattr(first, "strerror", None) or str(first)))
+        finally:
+            if watching is not None:
+                watching.cancel()
 
     def _leave(self) -> None:
         """The supervisor says nothing: the link is readable because it ended."""

@@ -6,8 +6,10 @@ value). Registers and the external wrench apply as they arrive.
 """
 
 from collections.abc import Callable, Mapping
+from math import isfinite
 from typing import TYPE_CHECKING, Any, Final
 
+from emulator.guard import plausible
 from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.modes import AnalogDomain
 from urproto.rtde.fields import INPUT_FIELDS, Field
@@ -24,13 +26,25 @@ _Setter = Callable[["Controller", Any], None]
 def apply_inputs(controller: "Controller", values: Mapping[str, Any]) -> None:
     """Apply one package; every variable in it counts as refreshed in this period.
 
+    A value that is no number, or of no use for what it sets, is refused: the variable keeps its last one (guess).
     Raises KeyError for a name that is no input variable; nothing has changed then.
     """
-    setters = [(_SETTERS[name], value) for name, value in values.items()]
-    controller.rtde_inputs.update(values)
+    if strange := values.keys() - _SETTERS.keys():
+        raise KeyError(f"no input variables: {', '.join(sorted(strange))}")
     controller.rtde_refreshed.update(dict.fromkeys(values, controller.step_count))
-    for setter, value in setters:
-        setter(controller, value)
+    usable = {name: value for name, value in values.items() if _usable(name, value)}
+    for name in values.keys() - usable.keys() - controller.rtde_refused:
+        controller.rtde_refused.add(name)
+        controller.messages.note(f"RTDE input {name} = {values[name]} is refused (said once): it keeps its last value")
+    controller.rtde_inputs.update(usable)
+    for name, value in usable.items():
+        _SETTERS[name](controller, value)
+
+
+def _usable(name: str, value: Any) -> bool:
+    if isinstance(value, float):
+        return isfinite(value) if INPUT_FIELDS[name].index is not None else plausible(value)
+    return not isinstance(value, tuple | list) or plausible(*value)
 
 
 def _keep(controller: "Controller", value: Any) -> None:

@@ -41,13 +41,18 @@ TOOL: Final = DigitalGroup("tool", 16, 2)
 
 
 class Signals:
-    """State of all signals. Inputs are set from outside the robot, outputs by programs and clients."""
+    """State of all signals. Inputs are set from outside the robot, outputs by programs and clients.
 
-    def __init__(self) -> None:
+    early_simulator: analog inputs of the box measure currents to begin with, as in a recording of one; in captures of
+    later simulators, and of an arm, they measure voltages.
+    """
+
+    def __init__(self, *, early_simulator: bool = False) -> None:
         self.digital_inputs = 0
         self.digital_outputs = 0
         self.analog_inputs = [0.0, 0.0]  # A or V by domain
-        self.analog_input_domains = [AnalogDomain.VOLTAGE, AnalogDomain.VOLTAGE]
+        own = AnalogDomain.CURRENT if early_simulator else AnalogDomain.VOLTAGE
+        self.analog_input_domains = [own, own]
         self.analog_output_ratios = [0.0, 0.0]  # 0..1 of the range
         self.analog_output_domains = [AnalogDomain.CURRENT, AnalogDomain.CURRENT]
         self.tool_analog_inputs = [0.0, 0.0]  # A or V by domain

@@ -1,8 +1,8 @@
 """State of the running program as a table.
 
-PAUSING, RESUMING and STOPPING are passed through while the arm comes to rest or the
-script's sockets close; SETTLED ends each of them. Names and numbers: runtime-state
-enumeration of RTDE. Which events a state ignores is a guess, chosen so that pressing a
+PAUSING and STOPPING are passed through while the arm comes to rest or the script's sockets
+close, RESUMING for a tenth of a second while the arm gains speed; SETTLED ends each of them.
+Names and numbers: runtime-state enumeration of RTDE. Which events a state ignores is a guess, chosen so that pressing a
 button twice does no harm.
 """
 

@@ -11,6 +11,7 @@ __all__ = [
     "joint_limit",
     "near_singularity",
     "off_the_path",
+    "path_out_of_reach",
     "sudden_jump",
     "unreachable",
 ]
@@ -62,6 +63,17 @@ def unreachable(pose_base_tcp: tuple[float, ...]) -> MotionFault:
         _PATH_SANITY,
         _INVALID_SETPOINT,
         f"p[{place}] is out of reach for this arm and TCP; choose a pose inside the work space",
+    )
+
+
+def path_out_of_reach(pose_base_tcp: tuple[float, ...], goal_base_tcp: tuple[float, ...]) -> MotionFault:
+    """The way of the tool leaves the work space before its goal."""
+    place, goal = (", ".join(f"{value:.4f}" for value in pose) for pose in (pose_base_tcp, goal_base_tcp))
+    return MotionFault(
+        _PATH_SANITY,
+        _INVALID_SETPOINT,
+        f"the tool's path to p[{goal}] leads through p[{place}], which is out of reach for this arm and TCP; "
+        "go there with movej, or move the start or the goal",
     )
 
 

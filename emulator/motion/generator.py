@@ -21,8 +21,8 @@ class Generator(Protocol):
     def propose(self, h: float, q: Joints) -> Joints:
         """Configuration h seconds after the last commit, coming from q. Raises MotionFault when there is none."""
 
-    def commit(self, clock_s: float) -> None:
-        """The last proposal came true; ``clock_s`` of the program's (slider-scaled) time went by."""
+    def commit(self) -> None:
+        """The last proposal came true."""
 
     @property
     def done(self) -> bool:

@@ -6,6 +6,7 @@ and rad of the leading joint for joint paths.
 
 from typing import Protocol
 
+from emulator.motion.faults import MotionFault, path_out_of_reach
 from emulator.motion.profile import Limits, Profile, choose_limits
 from emulator.motion.reach import Reach
 from emulator.motion.vectors import Joints, Vec3, largest, lerp, norm3, sub
@@ -18,6 +19,7 @@ __all__ = ["TOOL_LIMITS", "JointLeg", "Leg", "ToolLeg", "mark_after_start", "mar
 TOOL_LIMITS = Limits(1.5, 15.0)
 
 _BISECTIONS = 20  # 2**-20 of half a leg
+_NO_WAY_M = 1e-9  # a tool path shorter than this leads nowhere: rounding of the pose that the arm has already
 
 
 class Leg(Protocol):
@@ -82,7 +84,7 @@ class ToolLeg:
 
     def __init__(self, reach: Reach, length: float, wanted: Limits, duration_s: float = 0.0) -> None:
         self.reach = reach
-        self.length = length
+        self.length = length = length if length > _NO_WAY_M else 0.0
         self.limits = choose_limits(length, wanted, TOOL_LIMITS, duration_s)
         self.profile = Profile.plan(0.0, length, self.limits)
 
@@ -91,7 +93,11 @@ class ToolLeg:
         raise NotImplementedError
 
     def joints(self, s: float, near: Joints) -> Joints:
-        return self.reach.joints(self.pose(s), near)
+        pose = self.pose(s)
+        try:
+            return self.reach.joints(pose, near)
+        except MotionFault:
+            raise path_out_of_reach(pose, self.goal()) from None
 
     def point(self, s: float) -> Vec3:
         pose = self.pose(s)

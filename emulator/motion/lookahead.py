@@ -106,7 +106,7 @@ class Lookahead:
         if q is None:
             self._wall()
             return
-        self._scout.commit(h)
+        self._scout.commit()
         speed = scaled(sub(q, self._q), 1.0 / h)
         fastest = max(abs(rate) / most for rate, most in zip(speed, self._qd_max, strict=True))
         self._append(self._end + 0.5 * h, speed, 1.0 if fastest <= 1.0 else 1.0 / fastest**2)

@@ -12,7 +12,7 @@ from emulator.motion.circular_moves import ArcLeg, circle_through
 from emulator.motion.compliance import Compliance, Task
 from emulator.motion.displacing import DisplacingStepper
 from emulator.motion.faults import MotionFault, bad_setpoint
-from emulator.motion.legs import TOOL_LIMITS, JointLeg, Leg
+from emulator.motion.legs import TOOL_LIMITS, JointLeg, Leg, ToolLeg
 from emulator.motion.path_motion import PathMotion
 from emulator.motion.path_offset import OffsetSettings
 from emulator.motion.profile import Limits
@@ -119,7 +119,7 @@ class Motion(DisplacingStepper):
         leg = make_leg(self._start()[0] if leaving is None else leaving.corner)
         if self.wrench_limit is not None:
             self.wrench_limit.slow(leg, self.tcp_offset)
-        if leg.length < _DIRECTION_M:
+        if isinstance(leg, ToolLeg) and leg.length < _DIRECTION_M:
             self._reachable(leg.goal())
         blend = None if leaving is None else blend_into(leaving, leg, corner_m)
         return PathMotion(leg, max(radius_m, 0.0), blend)
@@ -189,7 +189,7 @@ class Motion(DisplacingStepper):
             wanted = scaled(wanted, 1.0 / excess)
         speed = self._generator
         if not (isinstance(speed, JointSpeed) and self._streaming):
-            speed = JointSpeed(self._start()[1])
+            speed = JointSpeed(*self._start())
             self._take_over()
         speed.command(wanted, min(a, *self.model.qdd_max), t)
         return self._install(speed)

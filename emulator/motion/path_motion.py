@@ -33,7 +33,7 @@ class PathMotion:
     @property
     def uneven(self) -> bool:
         """The joints' speeds and accelerations are not known from the profile alone, as on a line in joint space."""
-        return self._blend is not None or not isinstance(self.leg, JointLeg)
+        return self._blend is not None or (self.profile.duration > 0.0 and not isinstance(self.leg, JointLeg))
 
     def propose(self, h: float, q: Joints) -> Joints:
         t, blend = self._t + h, self._blend
@@ -47,7 +47,7 @@ class PathMotion:
         self._proposed = (t, None)
         return self.leg.joints(self.profile.position(t), q)
 
-    def commit(self, clock_s: float) -> None:
+    def commit(self) -> None:
         self._t, self._blend = self._proposed
 
     @property

@@ -41,16 +41,21 @@ class JointServo:
         self._at = self._next_at = q
         self._qd = self._next = qd
         self._omega = 1.0
-        self._left = 0.0
+        self._left = 0.0  # of the command's time; negative once that is over
+        self._h = self._next_h = 0.0  # the last step
         self._begun = False
+        self._overdue = False  # it was ready before the last step
 
     def command(self, target: Joints, t: float, lookahead_time: float, gain: float) -> None:
         """New target [rad] that rules for t seconds of the program's time, one period at least."""
         lag = _within(lookahead_time, LOOKAHEAD_RANGE_S) + 1.0 / sqrt(_within(gain, GAIN_RANGE))
         self._target, self._omega = target, 2.0 / lag
-        self._left, self._begun = t, False
+        # who commands in step with the periods loses none of their time: see emulator.motion.speed
+        carried = self._left if self.ready and not self._overdue and self._left > -self._h else 0.0
+        self._left, self._begun = t + carried, False
 
     def propose(self, h: float, q: Joints) -> Joints:
+        self._next_h = h
         model, decay = self._model, exp(-self._omega * h)
         moved = [
             self._joint(h, decay, now, qd, target, most, acceleration)
@@ -83,9 +88,10 @@ class JointServo:
     def _settled(self, q: Joints, qd: Joints) -> bool:
         return largest(sub(q, self._target)) < _ARRIVED_RAD and largest(qd) < _ARRIVED_RAD_S
 
-    def commit(self, clock_s: float) -> None:
-        self._at, self._qd = self._next_at, self._next
-        self._left -= clock_s
+    def commit(self) -> None:
+        self._overdue = self.ready
+        self._at, self._qd, self._h = self._next_at, self._next, self._next_h
+        self._left -= self._h
         self._begun = True
 
     @property
@@ -94,7 +100,7 @@ class JointServo:
 
     @property
     def ready(self) -> bool:
-        return self._begun and self._left <= _TIME_TOLERANCE
+        return self._begun and self._left <= 0.5 * self._h + _TIME_TOLERANCE
 
     def goal(self) -> Pose:
         return self._reach.pose(self._target)
@@ -152,7 +158,7 @@ class ToolServo:
         """Size of a change of pose or of a tool velocity, turning taken at the equivalent radius: m, m/s."""
         return path_length(norm3(*screw[:3]), norm3(*screw[3:]), self.reach.model.eq_radius)
 
-    def commit(self, clock_s: float) -> None:
+    def commit(self) -> None:
         self._pose, self._twist = self._next_pose, self._next
         self._step_m, self._from = self._next_step_m, self._next_from
         self._begun = True

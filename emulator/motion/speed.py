@@ -1,7 +1,18 @@
-"""Speeds held until the next command: speedj and speedl."""
+"""Speeds held until the next command: speedj and speedl.
+
+A command with a time rules for exactly that much of the movement's own time, so that the distance covered is the
+integral of the speeds asked for, wherever the speed slider stands. But programs run once in a control period, and a
+command seldom ends with one. So the program goes on at the end of the period nearest to the command's end, and the next
+command begins where the one before ends: what is left of that is run first, or, where it has ended already, the new
+command is run from that moment on in retrospect. What the program reads of the arm's position just then is where the
+command ends (`Stepper.program_q`), so that a path which it plans from there is no fraction of a period off.
+"""
+
+from math import inf
+from typing import NamedTuple
 
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import ZERO, Joints, Vec3, lerp, norm3, scaled, towards
+from emulator.motion.vectors import ZERO, Joints, largest, lerp, norm3, scaled, sub
 from urproto.robots.pose import Pose, pose_add
 
 __all__ = ["JointSpeed", "ToolSpeed"]
@@ -9,108 +20,173 @@ __all__ = ["JointSpeed", "ToolSpeed"]
 _TIME_TOLERANCE = 1e-9  # s
 
 
-class _Timed:
-    """Ready after t seconds of the program's time, or without t when the speed is reached; one period at least."""
+class _State(NamedTuple):
+    """``place``: joint angles or a TCP pose; ``speed``: how fast that changes."""
+
+    place: Joints
+    speed: Joints
+
+
+class _Command(NamedTuple):
+    """A speed to reach and hold, with an acceleration, and with one for turning where a tool is moved."""
+
+    speed: Joints
+    a: float
+    a_rot: float
+    left: float | None  # of its time [s], negative when that is over; None for one without a time
+
+
+class _HeldSpeed:
+    """Ready after the command's time, or without one when the speed is reached; after one period at least."""
 
     scaled = True
 
-    def __init__(self) -> None:
-        self._left: float | None = None
+    def __init__(self, state: _State) -> None:
+        self._now = state
+        self._end: _State | None = None  # where the command's time ran out, in the last period
+        self._start, self._owed = state, 0.0  # where the next step begins, and what it takes beside a period [s]
+        self._commands = [_Command(ZERO, 0.0, 0.0, None)]  # that rule one after the other
+        self._h = 0.0  # the last step
+        self._next: tuple[_State, _State | None, list[_Command], float] = (state, None, self._commands, 0.0)
+        self._begun = False
+        self._overdue = False  # it was ready before the last period
+
+    def _rule(self, speed: Joints, a: float, a_rot: float, t: float | None) -> None:
+        """From the end of the command before, when that has a time which ends now."""
+        before, in_time = self._commands[-1], self._ending
+        self._commands = [_Command(speed, a, a_rot, t)]
+        self._start, self._owed = self._now, 0.0
+        if in_time and before.left is not None:
+            if self._end is not None:
+                self._start, self._owed = self._end, -before.left
+            elif before.left > _TIME_TOLERANCE:
+                self._commands.insert(0, before)
         self._begun = False
 
-    def _restart(self, t: float | None) -> None:
-        self._left = t
-        self._begun = False
+    @property
+    def _ending(self) -> bool:
+        """The command's time has ended in the last period, or is about to: a program that goes on now is in time."""
+        left = self._commands[-1].left
+        return left is not None and self.ready and not self._overdue and left > -self._h
 
-    def _elapse(self, clock_s: float) -> None:
+    def _command_end(self) -> _State:
+        """Where the command ends, or ended, if that is just now; else where the movement is."""
+        command = self._commands[-1]
+        if not self._ending or command.left is None or abs(command.left) <= _TIME_TOLERANCE:
+            return self._now
+        return self._end or self._run(self._now, command, command.left)
+
+    def _step(self, h: float) -> _State:
+        """Where the movement is h after the last commit."""
+        state, duration = self._start, h + self._owed
+        end: _State | None = None
+        commands = list(self._commands)
+        while len(commands) > 1 and duration > 0.0:
+            first = commands.pop(0)
+            assert first.left is not None, "only a command with a time makes another one wait"
+            part = min(first.left, duration)
+            state, duration = self._run(state, first, part), duration - part
+            if first.left - part > _TIME_TOLERANCE:
+                commands.insert(0, first._replace(left=first.left - part))
+        last = commands[-1]
+        if last.left is not None:
+            commands[-1] = last._replace(left=last.left - duration)
+            if 0.0 < last.left < duration - _TIME_TOLERANCE:
+                state = end = self._run(state, last, last.left)
+                duration -= last.left
+        state = self._run(state, last, duration)
+        self._next = (state, end, commands, h)
+        return state
+
+    def _run(self, state: _State, command: _Command, h: float) -> _State:
+        """Obey a command for h."""
+        raise NotImplementedError
+
+    def commit(self) -> None:
+        self._overdue = self.ready
+        self._now, self._end, self._commands, self._h = self._next
+        self._start, self._owed = self._now, 0.0
         self._begun = True
-        if self._left is not None:
-            self._left -= clock_s
 
-    def _is_ready(self, reached: bool) -> bool:
+    @property
+    def done(self) -> bool:
+        return self.ready and self._now.speed == ZERO and self._commands[-1].speed == ZERO
+
+    @property
+    def ready(self) -> bool:
         if not self._begun:
             return False
-        return reached if self._left is None else self._left <= _TIME_TOLERANCE
+        command = self._commands[-1]
+        if command.left is None:
+            return self._now.speed == command.speed or command.a <= 0.0
+        return command.left <= 0.5 * self._h + _TIME_TOLERANCE
 
     def goal(self) -> Pose | None:
         return None
 
 
-class JointSpeed(_Timed):
+class JointSpeed(_HeldSpeed):
     """speedj: all joint speeds change together, the leading one by ``a``, then hold."""
 
-    def __init__(self, qd: Joints) -> None:
-        super().__init__()
-        self._qd = self._next = qd
-        self._wanted = ZERO
-        self._a = 0.0
+    def __init__(self, q: Joints, qd: Joints) -> None:
+        super().__init__(_State(q, qd))
 
     def command(self, qd: Joints, a: float, t: float | None) -> None:
         """New target speed [rad/s], acceleration of the leading joint [rad/s2], duration [s] or None."""
-        self._wanted, self._a = qd, a
-        self._restart(t)
+        self._rule(qd, a, 0.0, t)
 
     def propose(self, h: float, q: Joints) -> Joints:
-        self._next = towards(self._qd, self._wanted, self._a * h)
-        mean = lerp(self._qd, self._next, 1.0)
-        return lerp(q, mean, 0.5 * h)
+        return lerp(q, sub(self._step(h).place, self._now.place), 1.0)
 
-    def commit(self, clock_s: float) -> None:
-        self._qd = self._next
-        self._elapse(clock_s)
+    def joints_at_end(self, q: Joints) -> Joints:
+        """The joints where the command ends, when it ends now; they are at q."""
+        return lerp(q, sub(self._command_end().place, self._now.place), 1.0)
 
-    @property
-    def done(self) -> bool:
-        return self.ready and self._qd == ZERO and self._wanted == ZERO
-
-    @property
-    def ready(self) -> bool:
-        return self._is_ready(self._qd == self._wanted or self._a <= 0.0)
+    def _run(self, state: _State, command: _Command, h: float) -> _State:
+        change = sub(command.speed, state.speed)
+        qd, moved = _changed(state.speed, command.speed, _duration(largest(change), command.a), h)
+        return _State(lerp(state.place, moved, 1.0), qd)
 
 
-class ToolSpeed(_Timed):
+class ToolSpeed(_HeldSpeed):
     """speedl: the tool's velocity changes by ``a`` and ``a_rot``, then holds."""
 
     def __init__(self, reach: Reach, q: Joints, qd: Joints) -> None:
-        super().__init__()
+        super().__init__(_State(reach.pose(q), reach.twist(q, qd) if qd != ZERO else ZERO))
         self.reach = reach
-        self._pose = self._next_pose = reach.pose(q)
-        self._twist = self._next = reach.twist(q, qd) if qd != ZERO else ZERO
-        self._wanted = ZERO
-        self._a = self._a_rot = 0.0
 
     def command(self, xd: Joints, a: float, a_rot: float, t: float | None) -> None:
         """New tool velocity in the base frame [m/s, rad/s], accelerations [m/s2, rad/s2], duration [s] or None."""
-        self._wanted, self._a, self._a_rot = xd, a, a_rot
-        self._restart(t)
+        self._rule(xd, a, a_rot, t)
 
     def propose(self, h: float, q: Joints) -> Joints:
-        now, goal = self._twist, self._wanted
-        self._next = (*_towards3(now[:3], goal[:3], self._a * h), *_towards3(now[3:], goal[3:], self._a_rot * h))
-        shift = scaled(lerp(now, self._next, 1.0), 0.5 * h)
-        if shift == ZERO:
-            self._next_pose = self._pose
-            return q
-        self._next_pose = pose_add(shift, self._pose)
-        return self.reach.joints(self._next_pose, q)
+        pose = self._step(h).place
+        return q if pose == self._now.place else self.reach.joints(pose, q)
 
-    def commit(self, clock_s: float) -> None:
-        self._twist, self._pose = self._next, self._next_pose
-        self._elapse(clock_s)
+    def joints_at_end(self, q: Joints) -> Joints:
+        """As of JointSpeed. Raises MotionFault when that is out of reach."""
+        pose = self._command_end().place
+        return q if pose == self._now.place else self.reach.joints(pose, q)
 
-    @property
-    def done(self) -> bool:
-        return self.ready and self._twist == ZERO and self._wanted == ZERO
-
-    @property
-    def ready(self) -> bool:
-        return self._is_ready(self._twist == self._wanted or self._a <= 0.0)
+    def _run(self, state: _State, command: _Command, h: float) -> _State:
+        change = sub(command.speed, state.speed)
+        duration, duration_rot = _duration(norm3(*change[:3]), command.a), _duration(norm3(*change[3:]), command.a_rot)
+        velocity, moved = _changed(state.speed, command.speed, duration, h)
+        turning, turned = velocity, moved
+        if duration != duration_rot:
+            turning, turned = _changed(state.speed, command.speed, duration_rot, h)
+        twist, way = (*velocity[:3], *turning[3:]), (*moved[:3], *turned[3:])
+        return _State(state.place if way == ZERO else pose_add(way, state.place), twist)
 
 
-def _towards3(now: Vec3, goal: Vec3, step: float) -> Vec3:
-    x, y, z = goal[0] - now[0], goal[1] - now[1], goal[2] - now[2]
-    size = norm3(x, y, z)
-    if size <= step:
-        return goal
-    f = step / size
-    return (now[0] + f * x, now[1] + f * y, now[2] + f * z)
+def _duration(change: float, a: float) -> float:
+    """How long a change of speed takes [s]."""
+    return change / a if a > 0.0 else inf if change else 0.0
+
+
+def _changed(speed: Joints, goal: Joints, duration: float, h: float) -> tuple[Joints, Joints]:
+    """The speed after h, when it changes evenly for ``duration`` and then holds; and the way made until then."""
+    if h < duration:
+        end = lerp(speed, sub(goal, speed), h / duration)
+        return end, scaled(lerp(speed, end, 1.0), 0.5 * h)
+    return goal, lerp(scaled(goal, h), sub(goal, speed), -0.5 * duration)

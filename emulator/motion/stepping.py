@@ -109,6 +109,20 @@ class Stepper:
         return goal if goal is not None else self._reach.pose(self.path_q)
 
     @property
+    def program_q(self) -> Joints:
+        """Where the arm is for a program that goes on now [rad]: where the timed speed ends that it has waited for.
+
+        That is up to half a control period from `q`; anywhere else it is `q`.
+        """
+        generator = self._generator
+        if self._beside or self.paused or not isinstance(generator, JointSpeed | ToolSpeed):
+            return self.q
+        try:
+            return generator.joints_at_end(self.q)
+        except MotionFault:
+            return self.q  # a tool at the end of its reach
+
+    @property
     def path_q(self) -> Joints:
         """Where the arm would be without what displaces the path [rad]."""
         return self.q if self._added is None else self._nominal
@@ -214,7 +228,7 @@ class Stepper:
             self._limits.check(target, self.q)
         standing = True
         if generator is not None and nominal is not None:
-            generator.commit(running * self.period_s)
+            generator.commit()
             standing = self._account(generator)
         elif self._mode is Holding.STOP:
             self._drop()

@@ -31,7 +31,7 @@ class JointStop:
             for q, qd, end in zip(self._q, self._qd, self._durations, strict=True)
         )
 
-    def commit(self, clock_s: float) -> None:
+    def commit(self) -> None:
         self._t, self._begun = self._proposed, True
 
     @property
@@ -102,10 +102,10 @@ class ToolStop:
         share = t - 0.5 * t * t / self._duration
         return pose_add(scaled(self._twist, share), self._pose)
 
-    def commit(self, clock_s: float) -> None:
+    def commit(self) -> None:
         self._begun = True
         if self._fallback is not None:
-            self._fallback.commit(clock_s)
+            self._fallback.commit()
         else:
             self._t, self._speed = self._proposed, self._next_speed
 

@@ -52,10 +52,10 @@ class DirectTorque:
             self._stop = brake_together(q, self._qd, self._ramp())
         return self._stop.propose(h, q)
 
-    def commit(self, clock_s: float) -> None:
+    def commit(self) -> None:
         self.acting, self._command = self._command, None
         if self._stop is not None:
-            self._stop.commit(clock_s)
+            self._stop.commit()
         else:
             self._qd = self._next[1]
 

@@ -125,6 +125,13 @@ class Compiling:
             submission.accepted = False
         return bool(dropped)
 
+    def abandon(self) -> None:
+        """Refuse everything that waits."""
+        waiting, self._job = tuple(self._waiting), None
+        self._waiting.clear()
+        for submission in waiting:
+            submission.accepted = False
+
     def next(self) -> Submission | None:
         """The next submission that is compiled, or has an error; None when it needs a later period."""
         if not self._waiting:

@@ -1,11 +1,13 @@
 """What a built-in can reach: the controller, its own program, and the rules of motion ownership."""
 
+import logging
 import math
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final, TypeAlias, TypeVar
 
 from emulator.motion import Motion, Move
+from emulator.motion.vectors import Joints, as_six
 from emulator.programs.sockets import SocketTable
 from emulator.programs.watchdog import Watchdog, WatchdogAction
 from urscript.errors import RuntimeFault
@@ -25,6 +27,8 @@ Frames: TypeAlias = Generator[None, None, ResultT]
 
 StepHook: TypeAlias = Callable[["ProgramHost", int, int, "ScriptThread"], bool]
 """Program, line, column (from 1) and thread of the next statement; True holds the thread for a control period."""
+
+_logger = logging.getLogger(__name__)
 
 _ROUNDING: Final = 1e-6  # of a control period; 0.008 / 0.002 must be 4 periods, not 5
 
@@ -46,6 +50,7 @@ class ProgramHost:
         self.dialogues: list[Popup] = []
         self.label = ""  # the program label reached last
         self._runtime: Runtime | None = None
+        self._noted: set[str] = set()
 
     def attach(self, runtime: "Runtime") -> None:
         """Tell the host which interpreter runs its program."""
@@ -73,6 +78,17 @@ class ProgramHost:
         return self.controller.arm
 
     @property
+    def target_q(self) -> Joints:
+        """Where the arm is to be as the program goes on [rad]."""
+        return self.motion.program_q
+
+    @property
+    def actual_q(self) -> Joints:
+        """Where the arm is as the program goes on [rad]."""
+        measured, target, now = self.arm.q, self.motion.program_q, self.motion.q
+        return measured if target == now else as_six(q + a - b for q, a, b in zip(measured, target, now, strict=True))
+
+    @property
     def programs(self) -> "Programs":
         """What outlives this program: flags, history, watchdogs, the socket backend."""
         return self.controller.programs
@@ -91,6 +107,13 @@ class ProgramHost:
         if not math.isfinite(seconds):
             raise RuntimeFault(f"{seconds} is not a time in seconds")
         return max(1, math.ceil(seconds / self.period_s - _ROUNDING))
+
+    def note_once(self, text: str) -> None:
+        """Tell the log something about this program that would be said again and again."""
+        if text not in self._noted:
+            self._noted.add(text)
+            _logger.warning("%s", text)
+            self.controller.messages.note(text)
 
     def watch(self, variable: str, min_frequency_hz: float, action: WatchdogAction) -> None:
         """Act when an RTDE input is written less often from now on; 0 Hz expects nothing."""

@@ -1,9 +1,7 @@
 """Program files the dashboard can load."""
 
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
 
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.programs.trees.document import DocumentError
@@ -13,15 +11,11 @@ from emulator.programs.trees.program import ExternalControlCode, ProgramTree, Tr
 from urproto.versions import PolyscopeVersion
 from urscript.compiler import compile_steps
 from urscript.errors import CompileError
-from urscript.splitter import ScriptSplitter
-from urscript.values import to_bytes
+from urscript.files import inlined, is_inlined, split_steps
+from urscript.parser import is_secondary
 from urscript.work import Steps
 
 __all__ = ["LoadedProgram", "ProgramLoadError", "load_steps"]
-
-_PIECE_CHARACTERS: Final = 4096
-_PIECE_COST: Final = 200  # measured: 50 microseconds for 1000 characters
-_NO_WORD: Final = re.compile(r"\W", re.ASCII)
 
 
 class ProgramLoadError(ValueError):
@@ -60,7 +54,7 @@ def load_steps(
     ProgramLoadError says what is to blame. Also raises OSError.
     """
     if path.suffix == ".script":
-        return LoadedProgram(path, (yield from _whole(path.stem, _read(path))))
+        return (yield from _script(path, _read(path)))
     if path.suffix != ".urp":
         raise ProgramLoadError(f"{path.name} is no program: programs are .urp or .script files")
     folder = ProgramsFolder(root or path.parent, path.parent)
@@ -112,21 +106,17 @@ def _tree(path: Path, tree: ProgramTree, present: InstallationFile, version: Pol
     return LoadedProgram(path, "", tree, installation, notes)
 
 
-def _whole(name: str, text: str) -> Steps[str]:
-    """The text as one program.
-
-    A file made for a Script node defines functions and then calls them: it is played as inside such
-    a node. Sent to a script port, each of its functions would be a program.
-    """
-    splitter = ScriptSplitter()
-    units = []
-    for start in range(0, len(text), _PIECE_CHARACTERS):
-        units += splitter.feed(to_bytes(text[start : start + _PIECE_CHARACTERS]))
-        yield _PIECE_COST
-    units += splitter.flush()
+def _script(path: Path, text: str) -> Steps[LoadedProgram]:
+    """The text as one program; `urscript.files` says how it is meant."""
+    units = yield from split_steps(text)
+    if (yield from is_inlined(units)):
+        return LoadedProgram(path, inlined(path.stem, text))
     if len(units) < 2 or units[0].kind != "block":
-        return text
-    return f"def {_NO_WORD.sub('_', f'_{name}' if name[:1].isdigit() else name)}(): {text}\nend\n"
+        return LoadedProgram(path, text)
+    if any(is_secondary(unit.text) for unit in units):
+        raise ProgramLoadError(f"{path.name} holds {len(units)} programs: send them to a script port, one at a time")
+    note = f"{path.name} holds {len(units)} programs: as one program they are functions that nothing calls"
+    return LoadedProgram(path, inlined(path.stem, text), notes=[note])
 
 
 def _read(path: Path) -> str:

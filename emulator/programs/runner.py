@@ -11,6 +11,8 @@ goes on too; whatever stops the main program then also drops the one being compi
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -41,6 +43,9 @@ if TYPE_CHECKING:
 __all__ = ["Programs"]
 
 _SOCKET_GAP_S: Final = 0.012  # between closing sockets and the next program; the official driver needs more than 0.2 ms
+# How long RESUMING lasts. Which controller takes how long is not public; drivers that act on it get ten states a second
+# at the slowest, and must see it (guess).
+_RESUMING_S: Final = 0.1
 _FLAGS: Final = 32  # Script Manual, set_flag
 # Script Manual, modbus_set_runstate_dependent_choice: these, and runtime exceptions, end a program unscheduled
 _UNSCHEDULED_ENDS: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, SafetyMode.FAULT)
@@ -85,6 +90,7 @@ class Programs:
         self._next: CompiledProgram | None = None
         self._secondary = SecondaryPrograms(controller)
         self._not_before = 0  # step from which the next program may start
+        self._resumed = 0  # step from which a program that is RESUMING plays
 
     # what is running
 
@@ -193,7 +199,7 @@ class Programs:
             return False
         if self._host is None or self._host.waiting_for is None:
             self._controller.motion.resume()
-        self.watchdogs.restart(self._controller.step_count)
+        self._resumed = self._controller.step_count + ceil(_RESUMING_S / self._controller.period_s)
         self._controller.messages.key(PROGRAM_RESUMED, self.name)
         return True
 
@@ -210,6 +216,24 @@ class Programs:
         self._note(reason)
         self._end()
         return True
+
+    def abandon(self) -> None:
+        """Be without a program, however broken the running one is: for the guard under the tick."""
+        main, host = self._main, self._host
+        self._ended, self._main, self._host, self._next = self.name, None, None, None
+        self.state, self._not_before = RuntimeState.STOPPED, 0
+        self._secondary.waiting.clear()
+        self.watchdogs.clear()
+        self.pause_codes.clear()
+        for leave in (
+            self._compiling.abandon,
+            self._player.drop,
+            self.interpreter.program_ended,
+            *((main.stop,) if main is not None else ()),
+            *((host.sockets.close_all, host.withdraw_dialogues) if host is not None else ()),
+        ):
+            with suppress(Exception):
+                leave()
 
     # once a control period
 
@@ -257,7 +281,11 @@ class Programs:
     def _settle(self) -> None:
         """Complete a transition once the arm allows it."""
         motion = self._controller.motion
-        if self.state is RuntimeState.RESUMING or (self.state is RuntimeState.PAUSING and not any(motion.qd)):
+        if self.state is RuntimeState.RESUMING:
+            if self._controller.step_count >= self._resumed:
+                self._event(RunEvent.SETTLED)
+                self.watchdogs.restart(self._controller.step_count)
+        elif self.state is RuntimeState.PAUSING and not any(motion.qd):
             self._event(RunEvent.SETTLED)
         elif self.state is RuntimeState.STOPPING and (motion.idle or self._next is not None):
             self._event(RunEvent.SETTLED)

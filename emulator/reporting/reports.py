@@ -1,9 +1,11 @@
-"""Files the dashboard can ask for: the log, a flight report, a support file.
+"""Files for people: the log, a flight report, a support file, and what a failure of the emulator leaves behind.
 
-Written to the programs directory. What is in them is the emulator's own; the name of a support
-file, and that it holds all flight reports, is the e-Series dashboard manual's.
+Written to the programs directory; without one, to a folder of the system's for temporary files, which the log names.
+What is in them is the emulator's own; the name of a support file, and that it holds all flight reports, is the e-Series
+dashboard manual's.
 """
 
+import tempfile
 import zipfile
 from calendar import isleap, monthrange
 from pathlib import Path
@@ -12,21 +14,22 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["write_flight_report", "write_log", "write_support_file"]
+__all__ = ["write_crash", "write_flight_report", "write_log", "write_support_file"]
 
 _FLIGHT_REPORTS: Final = ("controller", "software", "system")
 _FLIGHT_REPORT: Final = "flightreport_"  # and its id: the beginning of a file's name
+_CRASH: Final = "crash_"  # likewise
 
 
 def write_log(controller: "Controller") -> Path:
-    """Write the log. Raises ValueError without a programs directory, OSError when it cannot be written."""
+    """Write the log. Raises OSError when it cannot be written."""
     path = _directory(controller) / "log_history.txt"
-    path.write_text("".join(f"{line}\n" for line in controller.messages.history), "utf-8")
+    path.write_text(_log(controller), "utf-8")
     return path
 
 
 def write_flight_report(controller: "Controller", kind: str) -> str:
-    """Write a report and return its id. Raises ValueError for an unknown kind or without a programs directory."""
+    """Write a report and return its id. Raises ValueError for an unknown kind, OSError."""
     if kind.lower() not in _FLIGHT_REPORTS:
         raise ValueError(f"no report {kind!r}: choose one of {', '.join(_FLIGHT_REPORTS)}")
     report_id = f"{controller.serial_number}_{controller.step_count}_{kind.lower()}"
@@ -35,9 +38,9 @@ def write_flight_report(controller: "Controller", kind: str) -> str:
 
 
 def write_support_file(controller: "Controller", directory: str) -> Path:
-    """Write log, state and all flight reports as one zip file, after a new flight report of the system.
+    """Write log, state, all flight reports and failures as one zip file, after a new flight report of the system.
 
-    Raises ValueError for a directory outside the programs directory.
+    Raises ValueError for a directory outside the programs directory, OSError.
     """
     root = _directory(controller)
     target = (root / directory.strip().lstrip("/")).resolve()
@@ -46,23 +49,47 @@ def write_support_file(controller: "Controller", directory: str) -> Path:
     write_flight_report(controller, "system")
     path = target / f"ur_{controller.serial_number}_{_date_and_time(controller.wall_clock_ns // 1_000_000_000)}.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("log_history.txt", "\n".join(controller.messages.history))
+        archive.writestr("log_history.txt", _log(controller))
         archive.writestr("state.txt", _summary(controller))
-        for report in sorted(root.glob(f"{_FLIGHT_REPORT}*.txt")):
+        for report in sorted((*root.glob(f"{_FLIGHT_REPORT}*.txt"), *root.glob(f"{_CRASH}*.zip"))):
             archive.write(report, report.name)
     return path
 
 
+def write_crash(controller: "Controller", stage: str, trace: str) -> Path:
+    """Write what a bug report needs: traceback, what the robot is, its last state, program and log. Raises OSError."""
+    config, view = controller.config, controller.programs.view
+    arm = f"dynamic arm, seed {config.seed}" if config.dynamic else "ideal arm"
+    about = f"{_head(controller)}{arm}\nuptime {controller.time_s:.3f} s, control period {controller.step_count}\n"
+    path = _directory(controller) / f"{_CRASH}{controller.serial_number}_{controller.step_count}.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("traceback.txt", f"while {stage}\n{trace}")
+        archive.writestr("about.txt", f"{about}{config}\n")
+        archive.writestr("state.txt", _summary(controller))
+        archive.writestr("log_history.txt", _log(controller))
+        if view is not None:
+            archive.writestr("program.script", view.program.source.encode("utf-8", "surrogateescape"))
+    return path
+
+
 def _directory(controller: "Controller") -> Path:
-    directory = controller.config.programs_dir
+    directory = controller.config.programs_dir or controller.reports_dir
     if directory is None:
-        raise ValueError("there is no programs directory to write to: give one when starting the emulator")
+        directory = controller.reports_dir = Path(tempfile.mkdtemp(prefix="ur-emulator-"))
+        controller.messages.note(f"there is no programs directory: reports are written to {directory}")
     return directory
 
 
+def _log(controller: "Controller") -> str:
+    return "".join(f"{line}\n" for line in controller.messages.history)
+
+
+def _head(controller: "Controller") -> str:
+    return f"{controller.model.title}, serial number {controller.serial_number}, PolyScope {controller.version}\n"
+
+
 def _summary(controller: "Controller") -> str:
-    head = f"{controller.model.title}, serial number {controller.serial_number}, PolyScope {controller.version}\n"
-    return head + "".join(f"{name}: {value}\n" for name, value in vars(controller.snapshot).items())
+    return _head(controller) + "".join(f"{name}: {value}\n" for name, value in vars(controller.snapshot).items())
 
 
 def _date_and_time(seconds: int) -> str:

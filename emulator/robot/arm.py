@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["CURRENT_WINDOW_A", "Arm"]
 
-CURRENT_WINDOW_A: Final[Vector6] = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5)  # of collision detection (guess)
+CURRENT_WINDOW_A: Final[Vector6] = (4.0, 4.0, 4.0, 2.0, 2.0, 2.0)  # of collision detection (guess)
 _MOST_PUSH: Final = 3.0  # times a joint's torque limit: more from outside would break it (guess)
 _LOST_RAD_S: Final = 1e4  # no body moves like that, unless its payload has an inertia that none can have
 _STANDING_RAD_S: Final = 0.005  # slower than this is as good as standing (guess)
@@ -155,16 +155,14 @@ class Arm:
     ) -> tuple[Vector6, Vector6]:
         """Where direct torque takes the joints in a period, and how fast they then are.
 
-        A dynamic arm answers by what it does: where it is now, one period on. An ideal one has no friction, and keeps
-        to the limits of speed and acceleration.
+        A dynamic arm answers by what it does: where it is now, one period on. An ideal one comes to rest and stands:
+        the vendor's simulated arm does not move to torques either (comment in the official library's example).
         """
         if self.drives is not None:
             body = self.drives.body
             return _onwards(body.q, body.qd, period_s), body.qd
-        push = plus6(self._pressed(plus6(self.wrench, self._misjudged)), self.dynamics.gravity_torques(q))
-        qdd = self.dynamics.forward_dynamics(q, qd, plus6(command.torque, push))
-        qdd = _within(qdd, self.model.qdd_max)
-        speed = _within(_onwards(qd, qdd, period_s), self.model.qd_max)
+        braking = _within(_onwards(ZERO6, qd, -1.0 / period_s), self.model.qdd_max)
+        speed = _onwards(qd, braking, period_s)
         return _onwards(q, speed, period_s), speed
 
     # one period
@@ -203,6 +201,19 @@ class Arm:
         self._update_sensors(installation)
         self._update_torques()
         return True
+
+    def recover(self, q: Vector6) -> None:
+        """Stand at q without power, whatever was computed before: the next ``update`` begins anew."""
+        self.target_q = self.q = q
+        self.target_qd = self.target_qdd = self.qd = self.qdd = ZERO6
+        self.wrench = self.link_torque = self.tcp_force = self.measured_force = self.ft_raw_wrench = ZERO6
+        self.target_torque = self.actual_torque = self.own_torque = self.base_wrench = ZERO6
+        self.target_current = self.actual_current = self.control_output = self.friction_W = ZERO6
+        self._force_bias = self._misjudged = ZERO6
+        self._payload = self._gravity = None
+        self._known = self._driven = False
+        if self.drives is not None:
+            self.drives.place(q)
 
     def publish(self, snapshot: Snapshot) -> None:
         """Write what ``update`` found to a snapshot."""

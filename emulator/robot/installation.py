@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from emulator.guard import plausible
 from emulator.programs.trees.document import DocumentError
 from emulator.programs.trees.installation_file import InstallationFile, load_installation_file
 from emulator.snapshot import Snapshot
@@ -79,7 +80,12 @@ class Installation:
         return self._transition.target if self._transition else self.payload
 
     def set_payload(self, payload: Payload, transition_s: float = 0.0) -> None:
-        """Use another payload, at once or by a linear transition. A later call wins."""
+        """Use another payload, at once or by a linear transition. A later call wins.
+
+        Raises ValueError for numbers that no payload has.
+        """
+        if not plausible(payload.mass, *payload.cog, *payload.inertia):
+            raise ValueError(f"nothing that hangs on a flange is like {payload}")
         self._transition = None
         if transition_s > 0.0:
             self._transition = _Transition(self.payload, payload, transition_s)

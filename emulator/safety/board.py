@@ -188,6 +188,7 @@ class SafetyBoard:
     def restarted(self) -> None:
         """The safety system has been restarted: a fault that is still there comes again."""
         self.joint_at_fault, self.safety_popup = None, ""
+        self._controller.guard.restarted()
         if self.supply_lost:
             self.trip(Cause.POWER_LOSS)
 

@@ -173,6 +173,9 @@ class Cause(Enum):
     STOP_COUNT = _fault(
         what="more than 50 protective stops on one joint within 8 h", code=163, per_joint=True
     )  # mode: guess
+    EMULATOR_FAILURE = _fault(
+        what="the emulator itself failed in a control period: a bug, see the log", code=116
+    )  # code: guess, the real-time part's
 
 
 CAUSES: Final[dict[Cause, CauseRow]] = {cause: cause.value for cause in Cause}

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from emulator.commands import Command
+from emulator.guard import plausible
 from emulator.safety.causes import Cause
 from emulator.safety.configuration import SafetyInput
 from emulator.safety.signals import SafetyDevice
@@ -89,13 +90,15 @@ class FreedriveButton(Command):
 class Jog(Command):
     """The pendant's Move tab: joint speeds [rad/s] until the next command, zeros to stop.
 
-    Answer: False when the arm may not move, or a program moves it.
+    Answer: False when the arm may not move, a program moves it, or these are no speeds.
     """
 
     qd: Joints
 
     def apply(self, controller: "Controller") -> bool:
         if not controller.may_run or controller.programs.state is not RuntimeState.STOPPED:
+            return False
+        if not plausible(*self.qd):
             return False
         if any(self.qd):
             controller.motion.speedj(self.qd, a=_JOG_RAD_S2)

@@ -23,7 +23,7 @@ from enum import Enum
 from functools import partial
 from typing import Any, Final, Protocol, TypeAlias
 
-from emulator.commands import Command
+from emulator.commands import Command, ServingFailed
 from emulator.snapshot import Snapshot
 from urproto.errors import RemoteProtocolError
 from urproto.versions import PolyscopeVersion
@@ -381,6 +381,13 @@ class PortServer:
     def publish(self, snapshot: Snapshot) -> None:
         """A control period is over; the place to send state."""
 
+    def _tell(self, snapshot: Snapshot) -> None:
+        """What fails here silences a port: the robot shows it on the others."""
+        try:
+            self.publish(snapshot)
+        except Exception as error:
+            self.controller.post(ServingFailed(self.name, error))
+
     @property
     def port(self) -> int:
         """The port it listens on, or did last."""
@@ -399,14 +406,14 @@ class PortServer:
     async def start(self, host: str, port: int) -> None:
         """Listen. Port 0 takes a free one. Raises OSError saying which port and why."""
         await self._listen(host, port)
-        self._unsubscribe = self.controller.subscribe(self.publish)
+        self._unsubscribe = self.controller.subscribe(self._tell)
 
     def follow(self, controller: ControllerDoor) -> None:
         """Serve another controller from now on."""
         self.controller = controller
         if self._unsubscribe is not None:
             self._unsubscribe()
-            self._unsubscribe = controller.subscribe(self.publish)
+            self._unsubscribe = controller.subscribe(self._tell)
 
     def succeed(self, other: "PortServer") -> None:
         """Take over the hooks of a server that is gone, and its port until there is another."""

@@ -1,9 +1,10 @@
 """Primary and secondary client interface (TCP 30001 and 30002, read-only 30011 and 30012).
 
-A client gets the version message at once, alone, for clients that take what they read first
-for one message; then a robot state ten times a second, the first of them full. Messages go
-to primary clients only, those of a control period before its state: a client that is told
-about a stop must not see it in the state first. So does what is known about a running
+A client gets the version message at once, on e-Series with a short one of an undocumented
+kind behind it, as captured; no state comes with it, for the sake of clients that take what
+they read first for one message. Then it gets a robot state ten times a second, the first of
+them full. Messages go to primary clients only, those of a control period before its state:
+a client that is told about a stop must not see it in the state first. So does what is known about a running
 program, before each of the ten states a second. A new safety mode is followed at once by a
 state that shows it: the official client library waits for the state, and one from before
 the stop would tell it that there is nothing to unlock.
@@ -16,13 +17,18 @@ from emulator.reporting.program_state import ProgramReporter
 from emulator.servers.base import Connection, ControllerDoor, PortServer
 from emulator.servers.scripts import ScriptConnection
 from emulator.snapshot import Snapshot
-from urproto.primary.messages import SafetyModeMessage, VersionMessage
+from urproto.primary.messages import NO_TIMESTAMP_US, SafetyModeMessage, UnknownMessage, VersionMessage
+from urproto.versions import Availability
 
 __all__ = ["EncodeState", "PrimaryServer"]
 
 EncodeState = Callable[[Snapshot, bool], bytes]
 
 _STATES_PER_S: Final = 10  # client interface manual
+# As captured from 5.4 (a simulator), 5.11 and 5.13 (vendor's forum, threads 21643 and 27359); that later ones send it
+# too is a guess. A 3.10 arm sent other words in it, which mean nothing here, so that CB3 controllers send none.
+_AFTER_VERSION: Final = UnknownMessage(timestamp_us=NO_TIMESTAMP_US, message_kind=12, body=bytes(8) + b"\1")
+_HAS_AFTER_VERSION: Final = Availability.since(None, "5.4")
 _BUILD_DATE: Final = "20-06-2022, 00:00:00"  # day of 3.15.8; other versions send the same, which is a guess
 
 
@@ -48,7 +54,9 @@ class PrimaryServer(PortServer):
         self._messages = messages
         self._fresh: list[Connection] = []  # had no state yet
         self._read_only = read_only
-        self._version_message = VersionMessage.of(controller.version, _BUILD_DATE).encode(controller.version)
+        self._greeting = VersionMessage.of(controller.version, _BUILD_DATE).encode(controller.version)
+        if _HAS_AFTER_VERSION.covers(controller.version):
+            self._greeting += _AFTER_VERSION.encode(controller.version)
 
     def connect(self) -> Connection:
         return _Greeted(self, read_only=self._read_only)
@@ -58,7 +66,7 @@ class PrimaryServer(PortServer):
         self._fresh = [*(fresh for fresh in self._fresh if fresh in self.connections), connection]
         if self._reporter is not None and len(self.connections) == 1:
             self._reporter.first_listener()
-        connection.send(self._version_message)
+        connection.send(self._greeting)
 
     def publish(self, snapshot: Snapshot) -> None:
         if not self.connections:

@@ -29,6 +29,7 @@ class RTDEServer(PortServer):
 
     def publish(self, snapshot: Snapshot) -> None:
         encoded: dict[Packer, bytes] = {}
+        failures: list[Exception] = []
         if self.hooks.on_state:
             snapshot = self.hooks.state(snapshot)
         for connection in tuple(self.connections):
@@ -36,9 +37,14 @@ class RTDEServer(PortServer):
             packer = connection.session.due()
             if packer is None:
                 continue
-            if packer not in encoded:
-                encoded[packer] = packer(snapshot)
-            connection.send_state(encoded[packer])
+            try:
+                if packer not in encoded:
+                    encoded[packer] = packer(snapshot)
+                connection.send_state(encoded[packer])
+            except Exception as error:  # the others shall hear of it
+                failures.append(error)
+        if failures:
+            raise failures[0]
 
 
 class _RTDEConnection(Connection):

@@ -231,7 +231,8 @@ class RTDESession:
 
     def _start(self, request: Start) -> list[Reply]:
         self._event(SessionEvent.START)
-        self._periods_left = 0
+        # a period of the rate asked for, so that a client that reads its answer at once does not get data with it
+        self._periods_left = self._every + 1
         if self.state is SessionState.STARTED:
             return [StartReply(True)]
         return [StartReply(False), _error("cannot start without a valid output recipe")]

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from math import isfinite
 
+from emulator.guard import plausible
 from emulator.motion.axes import of_rotation, out_of6
 from emulator.snapshot import Vector6
 from urproto.robots.pose import Pose
@@ -32,7 +33,7 @@ class Push:
     duration_s: float | None = None
 
     def __post_init__(self) -> None:
-        if len(self.wrench) != 6 or not all(map(isfinite, self.wrench)):
+        if len(self.wrench) != 6 or not plausible(*self.wrench):
             raise ValueError(f"a wrench must be six finite numbers, not {list(self.wrench)}")
         if self.duration_s is not None and not (isfinite(self.duration_s) and self.duration_s > 0.0):
             raise ValueError(f"a push must last longer than 0 s, not {self.duration_s}")

@@ -7,9 +7,10 @@ iteration, nothing to load.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from math import isfinite, sqrt
+from math import sqrt
 from typing import Final
 
+from emulator.guard import plausible
 from emulator.motion.axes import Axes, dot, of_rotation, out_of
 from urproto.robots.pose import Pose, pose_trans
 
@@ -58,7 +59,7 @@ class Sphere:
     radius: float
 
     def __post_init__(self) -> None:
-        if not (isfinite(self.radius) and self.radius >= 0.0):
+        if not (plausible(self.radius) and self.radius >= 0.0):
             raise ValueError(f"a sphere's radius must be a length [m], not {self.radius}")
 
     @property
@@ -77,7 +78,7 @@ class Box:
     size: Vec3
 
     def __post_init__(self) -> None:
-        if len(self.size) != 3 or not all(isfinite(edge) and edge > 0.0 for edge in self.size):
+        if len(self.size) != 3 or not all(plausible(edge) and edge > 0.0 for edge in self.size):
             raise ValueError(f"a box's size must be three lengths greater than 0 [m], not {list(self.size)}")
 
     @property
@@ -119,7 +120,7 @@ class WorldObject:
     axes: Axes = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if len(self.pose) != 6 or not all(map(isfinite, self.pose)):
+        if len(self.pose) != 6 or not plausible(*self.pose):
             raise ValueError(f"a pose must be six finite numbers, not {list(self.pose)}")
         for name, value, least in (("stiffness", self.stiffness, 1.0), ("damping", self.damping, 0.0)):
             if not least <= value <= 1e7:

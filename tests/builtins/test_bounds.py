@@ -67,3 +67,30 @@ def test_a_move_may_take_as_long_as_it_likes(rig: Rig, seconds: str) -> None:
     rig.seconds(0.5)
     assert not rig.exceptions
     assert rig.controller.programs.name == "prog"
+
+
+_ABSURD = ["1/0", "0/0", "1e300"]
+
+
+@pytest.mark.parametrize("number", _ABSURD)
+@pytest.mark.parametrize(
+    "call",
+    [
+        "get_forward_kin([{},0,0,0,0,0])",
+        "get_inverse_kin(p[0.3,0.1,0.3,0,0,0], [{},0,0,0,0,0])",
+        "get_jacobian([{},0,0,0,0,0])",
+        "movec(p[{},0,0,0,0,0], p[0.3,0.1,0.3,0,0,0])",
+        "movel(p[{},0,0,0,0,0])",
+        "movep(p[0,0,0,{},0,0])",
+        "servoc(p[{},0,0,0,0,0])",
+        "speedj([{},0,0,0,0,0], 1, 1)",
+        "servoj([{},0,0,0,0,0])",
+        "set_tcp(p[0,0,{},0,0,0])",
+        "set_payload({})",
+        "set_payload_mass({})",
+    ],
+)
+def test_numbers_that_are_none_stop_the_program_with_a_word(rig, call, number):
+    fault = rig.fault(call.format(number))
+    assert "internal error" not in fault
+    assert "must be" in fault

@@ -54,7 +54,7 @@ EXTERNAL_CONTROL = words(
     get_actual_tcp_speed get_actual_joint_positions_history get_inverse_kin force_mode end_force_mode
     force_mode_set_damping force_mode_set_gain_scaling freedrive_mode end_freedrive_mode tool_contact set_payload
     set_target_payload set_tcp set_gravity set_tool_voltage zero_ftsensor ft_rtde_input_enable
-    set_tool_communication sleep sync textmsg popup str_cat to_str norm pow get_list_length protective_stop
+    sleep sync textmsg popup str_cat to_str norm pow get_list_length protective_stop
     get_target_tcp_pose pose_trans
     """
 )
@@ -98,7 +98,6 @@ def test_name_appears_in_its_first_version(row):
 EARLIER = {
     "force_mode_set_gain_scaling": "cb3",
     "set_target_payload": "cb3",
-    "set_tool_communication": "cb3",
     "tool_contact": "cb3",
     "zero_ftsensor": "cb3",
     # guesses of the tables that ur_rtde's script, or the manual's change notes, contradict

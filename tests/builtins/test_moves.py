@@ -245,21 +245,26 @@ def test_direct_torque_without_torque_holds_the_arm(rig):
     assert rig.q == pytest.approx(HOME, abs=1e-9)
 
 
-def test_direct_torque_accelerates_by_the_mass_matrix(rig):
+def test_direct_torque_brings_an_ideal_arm_to_rest(rig):
     rig.controller.version = rig.controller.version.parse("5.25.1")
-    torque, time = 20.0, 0.1
-    mass = rig.controller.arm.dynamics.mass_matrix(HOME)[0][0]
     rig.run(
-        f"""
-        i = 0
-        while i < 50:
-          direct_torque([{torque}, 0, 0, 0, 0, 0], friction_comp=True)
-          i = i + 1
-        end
-        stopj(20)
-        """
+        "speedj([0.5, 0, 0, 0, 0, 0], 5)\ni = 0\nwhile i < 50:\n  direct_torque([20, 0, 0, 0, 0, 0])\n  i = i + 1\nend"
     )
-    assert rig.q[0] > 0.3 * torque / mass * time**2 / 2
+    assert rig.controller.motion.qd == (0.0,) * 6
+    assert HOME[0] < rig.q[0] < HOME[0] + 0.05
+
+
+def test_servoj_refuses_a_negative_time(rig):
+    rig.start("servoj(get_actual_joint_positions(), t=-1)")
+    rig.seconds(0.1)
+    assert "servoj: t must not be negative" in rig.exceptions[0].text
+
+
+@pytest.mark.parametrize("command", ["movej", "movel", "movep", "servoc"])
+def test_a_negative_blend_radius_is_refused(rig, command):
+    rig.start(f"{command}(get_actual_tcp_pose(), r=-0.01)")
+    rig.seconds(0.1)
+    assert f"{command}: r must not be negative" in rig.exceptions[0].text
 
 
 def test_move_with_another_tcp_brings_that_point_to_the_target(rig):

@@ -5,7 +5,7 @@ import socket
 import pytest
 from typer.testing import CliRunner
 
-from client import cli, dashboard, primary, rtde
+from client import cli, dashboard, rtde
 from client.errors import ScriptFailedError
 from client.primary import BlockingPrimaryClient, PrimaryClient
 from urproto.dashboard import GREETING, encode_line
@@ -123,25 +123,6 @@ def test_state_command(serve, invoke):
     assert "RUNNING" in out
     assert "PLAYING" in out
     assert "0.2500, 0.2500" in out
-
-
-@pytest.mark.parametrize(
-    ("text", "options", "status", "output"),
-    [
-        (GOOD, [], 0, "hello is running\n"),
-        (GOOD, ["--wait"], 0, "hello is running\nhello has ended\n"),
-        ("set_digital_out(0, True)", [], 0, "sent"),
-        (BAD, [], 1, ""),
-    ],
-)
-def test_send_command(serve, invoke, tmp_path, text, options, status, output):
-    script = tmp_path / "hello.script"
-    script.write_text(text)
-    port = serve(run_scripts)
-    result = invoke("send", str(script), *options, "--port-offset", offset(port, primary.PORT))
-    assert result[0] == status
-    assert result[1].startswith(output)
-    assert ("compile_error" in result[2]) == (status == 1)
 
 
 def test_errors_are_one_line(invoke):

@@ -131,6 +131,7 @@ MESSAGES = {
     6: c.Struct("code" / I32, "argument" / I32, "level" / I32, "data_type" / U32, "data" / U32, "text" / TEXT),
     7: c.Struct("code" / I32, "argument" / I32, "title" / TITLE, "text" / TEXT),
     10: c.Struct("line" / I32, "column" / I32, "text" / TEXT),
+    12: c.Struct("undocumented" / c.Bytes(9)),  # behind the version message: 24 bytes in all in every capture
     14: c.Struct("threads" / c.GreedyRange(THREAD)),
 }
 OLD_POPUP = c.Struct("warning" / c.Flag, "error" / c.Flag, "title" / TITLE, "text" / TEXT)

@@ -5,6 +5,7 @@ Reply texts: the reference tables of the dashboard manuals and of the official C
 
 import gzip
 import re
+import tempfile
 import zipfile
 
 import pytest
@@ -61,17 +62,28 @@ SIMPLE = [
     ("restart safety", "Restarting safety"),
     ("load nothing.urp", "File not found: nothing.urp"),
     ("load installation nothing.installation", "File not found: nothing.installation"),
-    ("saveLog", "Failed to save log: there is no programs directory.*"),
-    ("generate flight report system", "Failed to generate flight report: .*"),
-    ("generate support file .", "Failed to generate support file: .*"),
+    ("saveLog", "Log saved to disk"),
+    ("generate flight report system", r"Flight Report generated with id: 20\d+_\d+_system"),
+    ("generate support file .", r"Completed successfully: ur_20\d+_[\d_-]+\.zip"),
     ("shutdown", "Shutting down"),
     ("quit", "Disconnected"),
 ]
 
 
 @pytest.mark.parametrize(("line", "reply"), SIMPLE)
-def test_reply_on_an_idle_cb3(rig, line, reply):
+def test_reply_on_an_idle_cb3(rig, line, reply, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))  # reports without a programs directory
     assert re.fullmatch(reply, rig.ask(line))
+
+
+def test_without_a_programs_directory_reports_go_to_one_folder_that_the_log_names(rig, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    rig.ask("saveLog")
+    rig.ask("generate flight report controller")
+    rig.ask("saveLog")
+    (folder,) = tmp_path.iterdir()
+    assert f"reports are written to {folder}" in (folder / "log_history.txt").read_text()
+    assert len(list(folder.glob("flightreport_*_controller.txt"))) == 1
 
 
 def test_every_cb3_command_is_in_the_table_above():

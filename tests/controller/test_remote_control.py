@@ -11,10 +11,11 @@ from urproto.primary.messages import ErrorCodeMessage
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
 
-# what the dashboard manual of the e-Series (2022) marks as available in remote control only
+# what the dashboard manual of the e-Series (2022) marks as available in remote control only, and three more
 REMOTE_ONLY = {
     "load", "play", "stop", "pause", "power on", "power off", "brake release", "unlock protective stop",
     "close safety popup", "load installation", "restart safety",
+    "shutdown", "set operational mode", "clear operational mode",
 }  # fmt: skip
 EXAMPLES = {words: f"{words} x" if COMMANDS[words].takes_argument else words for words in REMOTE_ONLY}
 

@@ -102,3 +102,27 @@ def test_external_wrench_counts_once_enabled(ready):
     assert ready.now.tcp_force_scalar == pytest.approx(12.0)
     ready.controller.ft_input.enabled = False
     assert ready.tick().actual_TCP_force == (0.0,) * 6
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_what_is_no_number_is_refused_and_told_once(ready, bad):
+    ready.rtde(input_double_register_24=1.5, speed_slider_fraction=0.5, speed_slider_mask=1)
+    ready.rtde(standard_analog_output_mask=1, standard_analog_output_0=0.5)
+    before = ready.now.standard_analog_output0
+    for _ in range(3):
+        ready.rtde(input_double_register_24=bad, speed_slider_fraction=bad, speed_slider_mask=1)
+        ready.rtde(standard_analog_output_mask=1, standard_analog_output_0=bad)
+        ready.rtde(external_force_torque=(bad,) * 6)
+    assert ready.now.input_double_registers[24] == 1.5
+    assert ready.now.target_speed_fraction == 0.5
+    assert ready.now.standard_analog_output0 == before
+    told = [line for line in ready.controller.messages.history if "is refused" in line]
+    assert len(told) == 4
+
+
+def test_a_wrench_that_nothing_exerts_is_refused(ready):
+    ready.script("ft_rtde_input_enable(True)")
+    ready.rtde(external_force_torque=(0.0, 0.0, -12.0, 0.0, 0.0, 0.0))
+    ready.rtde(external_force_torque=(1e155, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert ready.tick(2).actual_TCP_force[0] == pytest.approx(0.0, abs=1e-6)
+    assert ready.now.actual_TCP_force != (0.0,) * 6

@@ -23,7 +23,7 @@ from emulator.safety.geometry import CLAMPING_M, clamping_distance
 from emulator.safety.selfcollision import Capsule, SelfCollision, clearance
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
-from urproto.robots import load_model
+from urproto.robots import START_Q, load_model
 from urproto.robots.pose import rotvec_to_matrix
 
 STRETCHED = (0.0, -0.3, 0.2, 0.0, 0.0, 0.0)
@@ -378,7 +378,7 @@ def _solid(capsule):
 @pytest.mark.parametrize("model", ["ur3e", "ur5", "ur5e", "ur10e"])
 def test_ordinary_poses_are_free(model):
     links = SelfCollision(load_model(model))
-    for q in (BENT, STRETCHED, load_model(model).home_q):
+    for q in (BENT, STRETCHED, START_Q):
         assert links.clearance(q) > 0.0
 
 

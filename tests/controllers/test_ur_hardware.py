@@ -11,7 +11,7 @@ from client.controllers.goals import ErrorCode, GoalStatus, JointTrajectory, Joi
 from client.controllers.manager import ControllerManager
 from client.controllers.ur_hardware import URHardware
 from client.controllers.ur_states import JOINTS
-from client.errors import ControllerError, ProgramEndedError
+from client.errors import ControllerError, LateSetpointError, ProgramEndedError
 from urproto.external_control import SplineType, TrajectoryResult
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.robots.pose import wrench_trans
@@ -28,6 +28,7 @@ class Notes:
     def __init__(self):
         self.calls = []
         self.program_running = True
+        self.lost_why = ""
         self.robot = self
         self.ends = TrajectoryResult.SUCCESS
 
@@ -269,6 +270,34 @@ def test_after_a_protective_stop_the_program_may_be_missing_for_a_while(seconds,
     arm.cycle(safety_mode=SafetyMode.NORMAL, runtime_state=RuntimeState.STOPPED)
     arm.cycle(round(seconds / PERIOD_S))
     assert handle.done is not survives
+
+
+def test_late_setpoints_are_no_end_of_a_goal(monkeypatch):
+    """The robot has stopped the arm, and its program goes on: it comes back to the path as after a pause."""
+    arm = Arm()
+    arm.manager.activate(SCALED)
+    handle = arm.manager.controller(SCALED).send_goal(goal([1.0] * 6))
+    arm.cycle(100)
+    servoj, stood = arm.driver.servoj, []
+
+    def late(q, timeout_s):
+        monkeypatch.setattr(arm.driver, "servoj", servoj, raising=False)
+        raise LateSetpointError("a stream of setpoints", "this machine sent no setpoint for 300 ms")
+
+    arm.driver.servoj = late
+    arm.cycle(2, actual_q=(0.01,) * 6)
+    stood = [call for call in arm.driver.calls if call[0] == "servoj"]
+    assert stood[-1][1] == pytest.approx([0.01] * 6, abs=1e-3)
+    assert arm.hardware.states.lend(["speed_scaling/speed_scaling_factor"]).get()[0] < 0.1
+    assert not handle.done
+
+
+def test_the_reason_of_a_program_that_was_lost():
+    arm = Arm()
+    arm.manager.activate(SCALED)
+    arm.driver.program_running, arm.driver.lost_why = False, "the robot heard nothing from this machine"
+    arm.cycle()
+    assert "heard nothing from this machine" in arm.hardware.failure
 
 
 def test_the_wrench_is_in_the_frame_of_the_tcp():

@@ -160,7 +160,7 @@ async def test_a_robot_that_does_not_read_is_given_up():
         for _ in range(1_000_000):
             if not reverse.connected:
                 break
-            reverse.setpoint(ControlMode.SERVOJ, Q)
+            reverse.setpoint(ControlMode.SERVOJ, Q, 0.2)
             await asyncio.sleep(0)
         assert not reverse.connected
         robot.writer.transport.abort()

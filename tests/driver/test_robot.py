@@ -8,6 +8,7 @@ import pytest
 from driver_rig import HOME, Lab, emulator, swing
 
 from client import (
+    LateSetpointError,
     MotionError,
     MotionStoppedError,
     OutOfReachError,
@@ -220,13 +221,101 @@ async def test_stop_while_the_program_is_being_started(lab):
 async def test_a_move_in_the_background(lab):
     await lab.arm.move_j(off(0.5), **FAST, wait=False)
     assert lab.arm.moving
-    with pytest.raises(LocalProtocolError, match="move_l has to wait for move_j"):
-        await lab.arm.move_l(lab.arm.tcp_pose)
+    with pytest.raises(LocalProtocolError, match="set_tcp has to wait for move_j"):
+        await lab.arm.set_tcp([0.0] * 6)
     with pytest.raises(TimeoutError, match="move_j is still under way"):
         await lab.arm.wait_done(0.01)
     await lab.arm.wait_for(lambda state: state.q_rad[0] > HOME[0] + 0.1, 5)
     await lab.arm.wait_done()
     assert lab.distance(off(0.5)) < 1e-6
+
+
+async def test_a_move_in_the_background_is_replaced(lab):
+    await under_way(lab)
+    waiting = asyncio.create_task(lab.arm.wait_done())
+    await lab.periods(20)
+    await lab.arm.move_j(off(-0.1), **FAST)
+    assert lab.distance(off(-0.1)) < 1e-6
+    with pytest.raises(MotionStoppedError, match="move_j replaced it"):
+        await waiting
+    await lab.arm.speed_j([0.3, 0, 0, 0, 0, 0], 30, wait=False)
+    await lab.until(lambda: lab.snapshot.target_qd[0] > 0.29)
+    slowest = []
+    unsubscribe = lab.robot.controller.subscribe(lambda s: slowest.append(s.target_qd[0]))
+    await lab.arm.speed_j([0.4, 0, 0, 0, 0, 0], 30, wait=False)
+    await lab.until(lambda: lab.snapshot.target_qd[0] > 0.39)
+    unsubscribe()
+    assert min(slowest) > 0.28
+    await lab.arm.stop()
+    assert lab.at_rest
+
+
+async def test_setpoints_that_come_too_late_stop_the_arm_and_are_to_blame(lab):
+    """The program goes on and the next motion needs nobody's help, but nothing moves by itself."""
+
+    async def hold_up():
+        async with lab.arm.velocity_j() as follow:
+            for _ in range(40):
+                await follow([0.1, 0, 0, 0, 0, 0])
+            await lab.until(lambda: lab.at_rest, 5)
+            q = lab.q
+            await lab.periods(100)
+            assert lab.q == q
+            await follow([0.1, 0, 0, 0, 0, 0])
+
+    with pytest.raises(LateSetpointError, match=r"velocity_j.*(no setpoint for \d+ ms|had to wait)"):
+        await hold_up()
+    assert lab.arm.stream.late == 1
+    assert lab.driver.program_running
+    assert lab.at_rest
+    await lab.arm.move_j(HOME, **FAST)
+
+
+async def test_a_program_lost_through_our_own_fault_is_back_and_rests(lab, monkeypatch):
+    await under_way(lab)
+    beat = lab.driver.pulse._beat
+    monkeypatch.setattr(lab.driver.pulse, "_beat", lambda due_s: due_s)
+    with pytest.raises(ProgramEndedError, match="heard nothing from this machine"):
+        await lab.arm.wait_done(10)
+    monkeypatch.setattr(lab.driver.pulse, "_beat", beat)
+    async with asyncio.timeout(10):
+        while not lab.driver.program_running:
+            await asyncio.sleep(0.02)
+    q = lab.q
+    await lab.periods(50)
+    assert lab.q == q
+    await lab.arm.move_j(HOME, **FAST)
+
+
+async def test_the_program_counts_as_ended_as_soon_as_the_robot_says_so(lab):
+    """Also where its connections linger."""
+    await lab.arm.make_ready()
+    assert lab.driver.program_running
+    lab.robot.controller.programs.stop()
+    await lab.until(lambda: lab.driver.state["runtime_state"] == 1)
+    assert not lab.driver.program_running
+
+
+async def test_what_is_set_in_a_protective_stop(lab):
+    await lab.arm.make_ready()
+    await lab.driver.robot.send_script(STOP_IT)
+    await lab.until(lambda: lab.driver.protective_stopped)
+    await lab.arm.set_tcp([0, 0, 0.07, 0, 0, 0])
+    assert lab.robot.controller.installation.tcp[2] == pytest.approx(0.07)
+    await lab.arm.set_digital_out(1, True)
+
+
+async def test_a_protective_stop_is_the_reason_why_nothing_takes_effect(lab, monkeypatch):
+    async def say_nothing(_: str) -> None:
+        return
+
+    await lab.driver.robot.send_script(STOP_IT)
+    await lab.until(lambda: lab.driver.protective_stopped)
+    monkeypatch.setattr("client.robot.settings._EFFECT_S", 0.1)
+    monkeypatch.setattr(lab.driver.robot, "send_script", say_nothing)
+    for setting in (lab.arm.set_tcp([0, 0, 0.07, 0, 0, 0]), lab.arm.set_digital_out(1, True)):
+        with pytest.raises(ProtectiveStopError, match=r"PROTECTIVE_STOP, C\d+A\d+"):
+            await setting
 
 
 async def test_a_caller_that_is_cancelled_stops_the_arm(lab):

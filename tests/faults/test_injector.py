@@ -14,7 +14,7 @@ from emulator.controller import ControllerConfig
 from emulator.faults.catalogue import kinds, make_fault, parse_fault
 from emulator.faults.fault import KINDS, FaultError
 from emulator.faults.network import DropConnection
-from urproto.robots import load_model
+from urproto.robots import START_Q, load_model
 
 NEEDED: dict[str, dict[str, Any]] = {
     "delay": {"delay_s": 0.05},
@@ -41,7 +41,7 @@ def in_force(robot: VirtualRobot) -> list[float]:
     seen = []
     for _ in range(125):
         time_s = robot.step()
-        if robot.state(["actual_q"])["actual_q"][5]:
+        if robot.state(["actual_q"])["actual_q"][5] != START_Q[5]:
             seen.append(round(time_s, 3))
     return seen
 

@@ -39,7 +39,7 @@ def test_a_protective_stop_says_why_and_is_left_five_seconds_later(rig, open_pag
         rig.control.protective_stop(code=157, argument=0)
         expect(page.get_by_test_id("stop-cause")).to_have_text("C157A0: A collision was detected: base")
         expect(enable).to_be_disabled()
-        expect(enable).to_contain_text("Enable robot in")
+        expect(enable).to_contain_text("Unlock in")
         rig.control.set_speed(20.0)
         enable.click()  # once it is enabled
         expect(page.get_by_test_id("stop-dialogue")).to_be_hidden()

@@ -37,7 +37,7 @@ def test_a_plot_is_drawn_and_saved(rig, open_page, tmp_path):
             state = other.receive()
             wanted[state["timestamp"]] = state["actual_q"], state["actual_TCP_force"]
     page.get_by_test_id("graph-pause").click()
-    expect(page.get_by_test_id("graph-pause")).to_contain_text("Go on")
+    expect(page.get_by_test_id("graph-pause")).to_contain_text("Resume")
     recording = read_csv(saved(page, "csv", tmp_path))
     got = {state["timestamp"]: (state["actual_q"], state["actual_TCP_force"]) for state in recording.states()}
     assert len(wanted.keys() & got.keys()) == 60

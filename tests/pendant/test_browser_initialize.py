@@ -52,7 +52,7 @@ def test_the_emergency_stop_is_pressed_and_released(rig, open_page):
     button.click()
     expect(button).to_have_attribute("data-state", "pressed")
     expect(page.get_by_test_id("safety-mode")).to_have_text("Robot emergency stop")
-    expect(page.get_by_test_id("robot-mode")).to_have_text("Power off")
+    expect(page.get_by_test_id("robot-mode")).to_have_text("Robot emergency stop")
     expect(page.get_by_test_id("power-on")).to_be_disabled()
     assert rig.state("safety_mode") == "ROBOT_EMERGENCY_STOP"
     button.click()

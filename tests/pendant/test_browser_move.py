@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
+from client.rtde import BlockingRTDEClient
 from tests.pendant.conftest import Rig, eventually
 from tests.pendant.pendants import pendant
 from urproto.robots import kinematics_of, load_model
@@ -48,6 +49,15 @@ def held(page: Page, mark: str) -> Iterator[None]:
     page.mouse.up()
 
 
+def watching(rig: Rig) -> BlockingRTDEClient:
+    """A second client of the robot: what the arm does, as RTDE tells everybody."""
+    return BlockingRTDEClient(rig.host, ("actual_q", "target_qd"))
+
+
+def moves(watcher: BlockingRTDEClient) -> bool:
+    return any(watcher.latest()["target_qd"])
+
+
 def typed(page: Page, marks: str, values: tuple[float, ...]) -> None:
     for i, value in enumerate(values):
         page.get_by_test_id(f"{marks}-{i}").fill(f"{value:.4f}")
@@ -68,6 +78,41 @@ def test_what_a_joint_button_does_is_seen_by_a_client_we_did_not_write(bent: Rig
         expect(page.get_by_test_id("angle-2")).to_have_text(f"{degrees(there[2]):.2f}")
     finally:
         watcher.disconnect()
+
+
+@pytest.mark.parametrize("key", ["Space", "Enter"])
+def test_a_key_held_on_a_button_moves_the_arm_until_it_is_released(bent: Rig, open_page: Open, key: str) -> None:
+    page = open_page("move")
+    with watching(bent) as watcher:
+        page.get_by_test_id("joint-2-plus").focus()
+        page.keyboard.down(key)
+        eventually(lambda: watcher.latest()["actual_q"][2] > BENT[2] + 0.05)
+        page.keyboard.down(key)  # as keyboards repeat it
+        there = watcher.latest()["actual_q"][2]
+        eventually(lambda: watcher.latest()["actual_q"][2] > there + 0.05)
+        page.keyboard.up(key)
+        eventually(lambda: not moves(watcher))
+        q = watcher.latest()["actual_q"]
+        assert q[:2] == pytest.approx(BENT[:2], abs=1e-3)
+        assert q[3:] == pytest.approx(BENT[3:], abs=1e-3)
+    expect(page.get_by_test_id("doing")).to_have_text("")
+
+
+@pytest.mark.parametrize("lost", ["tab", "window", "button"])
+def test_a_held_key_no_longer_counts_where_the_focus_is_lost(bent: Rig, open_page: Open, lost: str) -> None:
+    page = open_page("move")
+    with watching(bent) as watcher:
+        page.get_by_test_id("axis-z-plus").focus()
+        page.keyboard.down("Space")
+        eventually(lambda: moves(watcher))
+        if lost == "tab":
+            page.keyboard.down("Tab")  # no key is ever released
+        elif lost == "window":
+            page.evaluate("window.dispatchEvent(new Event('blur'))")
+        else:
+            page.evaluate("document.activeElement.blur()")
+        eventually(lambda: not moves(watcher))
+        page.keyboard.up("Space")
 
 
 def test_the_tool_goes_along_its_own_axis(bent: Rig, open_page: Open) -> None:
@@ -126,6 +171,17 @@ def test_a_move_is_stopped(bent: Rig, open_page: Open) -> None:
     eventually(lambda: at_rest(bent))
     expect(page.get_by_test_id("doing")).to_have_text("")
     assert dist(q(bent), (0.0,) * 6) > 0.5
+
+
+def test_stop_ends_a_program_too(bent: Rig, open_page: Open) -> None:
+    bent.control.send_script("def far():\n  while True:\n    sync()\n  end\nend\n")
+    page = open_page("move")
+    expect(page.get_by_test_id("slowed")).to_have_text("A program is running: stop it first.")
+    expect(page.get_by_test_id("joints-move")).to_be_disabled()
+    page.get_by_test_id("stop-moving").click()
+    eventually(lambda: bent.state("runtime_state") == "STOPPED")
+    expect(page.get_by_test_id("slowed")).to_have_text("")
+    expect(page.get_by_test_id("joints-move")).to_be_enabled()
 
 
 def test_freedrive_lasts_as_long_as_its_button_is_held(bent: Rig, open_page: Open) -> None:

@@ -80,6 +80,21 @@ def test_an_error_is_marked_on_its_line_and_the_text_is_kept_for_all(rig, open_p
     expect(page.locator(".program-line.current")).to_contain_text("sleep(60)")
 
 
+def test_mistakes_are_shown_with_the_words_of_the_checker_while_a_script_is_written(rig, open_page):
+    page = open_page("run")
+    write(page, "def bad():\n  movJ([0, 0, 0, 0, 0, 0])\nend\n")
+    problems = page.get_by_test_id("script-error")
+    expect(problems).to_contain_text("Line 2, column 3: function 'movJ' is not known")
+    expect(page.locator(".script-bad-line")).to_contain_text("movJ")
+    page.get_by_test_id("script-send").click()  # the robot, too, says no
+    expect(page.get_by_test_id("script-phase")).to_have_text("Error")
+    expect(problems).not_to_contain_text("compile_error")
+    expect(problems).to_contain_text("function 'movJ' is not known")
+    write(page, "def good():\n  sync()\nend\n")
+    expect(problems).to_be_hidden()
+    expect(page.locator(".script-bad-line")).to_have_count(0)
+
+
 def test_a_file_is_opened_in_the_editor(open_page, tmp_path):
     (tmp_path / "job.script").write_bytes(b"\xef\xbb\xbfdef opened():\r\n  sync()\r\nend\r\n")
     page = open_page("run")

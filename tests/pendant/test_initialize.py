@@ -1,21 +1,28 @@
-"""Initialize without a browser: how far the arm is, why it stands, what leads on."""
+"""Initialize without a browser: why the arm stands, what the button that leads on says, how the safeguard is."""
 
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from client.pendant.screens.initialize import may_switch_on, stage
-from client.pendant.screens.initialize_safety import advice, cause, reset_text, way_out
+from client.pendant.screens.initialize_safety import cause, reset_text, safeguard
+from client.pendant.situation import Known, situation
 from client.pendant.stops import Stops
-from urproto.modes import ReportLevel, RobotMode, SafetyMode
+from urproto.modes import ReportLevel, RobotMode, SafetyMode, SafetyStatusBits
 from urproto.primary.messages import ErrorCodeMessage
 
 
 def station(robot: RobotMode = RobotMode.RUNNING, safety: SafetyMode = SafetyMode.NORMAL, **also: Any) -> Any:
     core = SimpleNamespace(errors=also.pop("errors", []))
+    connected, is_open = also.pop("connected", True), also.pop("safeguard_open", None)
     return SimpleNamespace(
-        connected=also.pop("connected", True), robot_mode=robot, safety_mode=safety, stops=Stops(), core=core
+        connected=connected,
+        safety_mode=safety,
+        situation=situation(Known(connected, robot, safety, safeguard_open=is_open)),
+        safeguard_open=is_open,
+        values={"safety_status_bits": also.pop("bits", 0)},
+        stops=Stops(),
+        core=core,
     )
 
 
@@ -28,32 +35,11 @@ def stopped(at_s: float, now_s: float, *reports: ErrorCodeMessage) -> Any:
     return robot
 
 
-def test_the_stages_go_one_way() -> None:
-    way = (RobotMode.POWER_OFF, RobotMode.BOOTING, RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.RUNNING)
-    assert [stage(mode) for mode in way] == [0, 1, 1, 2, 3]
-    assert stage(RobotMode.NO_CONTROLLER) == -1
-
-
-@pytest.mark.parametrize(
-    ("robot", "may"),
-    [
-        (station(RobotMode.POWER_OFF), True),
-        (station(RobotMode.POWER_OFF, SafetyMode.PROTECTIVE_STOP), True),
-        (station(RobotMode.POWER_OFF, SafetyMode.ROBOT_EMERGENCY_STOP), False),
-        (station(RobotMode.POWER_OFF, SafetyMode.FAULT), False),
-        (station(RobotMode.DISCONNECTED), False),
-        (station(RobotMode.POWER_OFF, connected=False), False),
-    ],
-)
-def test_what_keeps_the_arm_off(robot, may) -> None:
-    assert may_switch_on(robot) is may
-
-
 def test_a_protective_stop_tells_its_cause_and_counts_down() -> None:
     report = ErrorCodeMessage(timestamp_us=100_100_000, code=153, argument=2, level=ReportLevel.WARNING)
     robot = stopped(100.0, 101.4, report)
     assert cause(robot).startswith("C153A2: ")
-    assert (way_out(robot), reset_text(robot)) == ("unlock", "Unlock in 4 s")
+    assert reset_text(robot) == "Unlock in 4 s"
     assert reset_text(stopped(100.0, 105.0)) == "Unlock protective stop"
 
 
@@ -64,16 +50,31 @@ def test_a_violation_tells_the_last_grave_report() -> None:
     ]
     robot = station(RobotMode.POWER_OFF, SafetyMode.VIOLATION, errors=errors)
     assert cause(robot) == "C191A3: too fast"
-    assert (way_out(robot), reset_text(robot)) == ("restart", "Restart safety")
+    assert reset_text(robot) == "Restart safety"
 
 
 def test_nothing_stopped_nothing_told() -> None:
     robot = station(errors=[ErrorCodeMessage(code=191, level=ReportLevel.VIOLATION)])
-    assert (cause(robot), way_out(robot)) == ("", "")
+    assert (cause(robot), reset_text(robot)) == ("", "")
+
+
+STOP = SafetyStatusBits.SAFEGUARD_STOPPED
 
 
 @pytest.mark.parametrize(
-    "mode", [mode for mode in SafetyMode if "STOP" in mode.name or mode.name in ("FAULT", "VIOLATION")]
+    ("safety", "bits", "is_open", "text"),
+    [
+        (SafetyMode.NORMAL, 0, False, "Closed"),
+        (SafetyMode.SAFEGUARD_STOP, STOP, True, "Open"),
+        (SafetyMode.SAFEGUARD_STOP, STOP, False, "Closed, not reset"),
+        (SafetyMode.PROTECTIVE_STOP, SafetyStatusBits.PROTECTIVE_STOPPED, True, "Open"),
+        (SafetyMode.SAFEGUARD_STOP, STOP, None, "Open or not reset"),  # a robot's
+        (SafetyMode.NORMAL, 0, None, "Closed"),
+    ],
 )
-def test_every_stop_has_an_advice(mode) -> None:
-    assert advice(mode)
+def test_the_safeguard_is_told_as_far_as_it_is_known(safety, bits, is_open, text) -> None:
+    assert safeguard(station(safety=safety, bits=bits, safeguard_open=is_open)) == text
+
+
+def test_of_a_lost_robot_nothing_is_told() -> None:
+    assert safeguard(station(connected=False, bits=STOP)) == "–"

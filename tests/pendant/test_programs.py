@@ -2,7 +2,7 @@
 
 import pytest
 
-from client.pendant.draft import Draft
+from client.pendant.draft import Draft, ScriptError
 from client.pendant.programs import Programs
 from client.pendant.variables import Variables, VariablesView, kind_of, shown
 from urproto.primary.messages import (
@@ -37,7 +37,8 @@ class TestDraft:
         return draft
 
     def test_a_program_is_followed_to_its_end(self, draft: Draft):
-        assert draft.sending(0.0) == "def go():\n  sync()\nend\n"
+        assert draft.prepared().text == "def go():\n  sync()\nend\n"
+        draft.sending(draft.prepared(), 0.0)
         draft.hear(happened(PROGRAM_STOPPED, "go"))  # the one before, of the same name
         phases = [draft.phase]
         for message in (happened(PROGRAM_STARTED, "other"), happened(PROGRAM_STARTED, "go")):
@@ -51,17 +52,18 @@ class TestDraft:
     def test_compile_errors_name_the_line_as_it_was_written(self):
         draft = Draft()
         draft.write("a = 1\nb = = 2\n")  # bare statements: they get a line before them
-        assert draft.sending(0.0).startswith("def script_")
+        assert draft.prepared().text.startswith("def script_")
+        draft.sending(draft.prepared(), 0.0)
         draft.hear(compile_error(3, "syntax_error_on_line:3:b = = 2:"))
         assert draft.phase == "failed"
         assert draft.error is not None
         assert (draft.error.line, draft.error.text[:12]) == (2, "Syntax error")
-        draft.sending(1.0)
+        draft.sending(draft.prepared(), 1.0)
         assert draft.error is None
 
     def test_errors_of_others_are_not_marked_here(self, draft: Draft):
         draft.hear(compile_error(1))
-        draft.sending(0.0)
+        draft.sending(draft.prepared(), 0.0)
         draft.hear(runtime_error(2))  # of what ran before
         assert draft.error is None
         draft.hear(happened(PROGRAM_STARTED, "go"))
@@ -73,7 +75,7 @@ class TestDraft:
         assert draft.phase == "failed"
 
     def test_a_script_that_does_not_start_is_told(self, draft: Draft):
-        draft.sending(10.0)
+        draft.sending(draft.prepared(), 10.0)
         draft.look(14.0)
         assert draft.phase == "sent"
         draft.look(16.0)
@@ -82,7 +84,8 @@ class TestDraft:
     def test_secondary_programs_are_sent_as_they_are(self):
         draft = Draft()
         draft.write("sec out():\n  set_digital_out(1, True)\nend\n")
-        assert draft.sending(0.0) == draft.text
+        assert draft.prepared().text == draft.text
+        draft.sending(draft.prepared(), 0.0)
         draft.hear(happened(PROGRAM_STARTED, ""))  # of bare statements that another client sent
         assert draft.phase == "sent"
         draft.look(6.0)
@@ -94,10 +97,10 @@ class TestDraft:
         assert draft.text.startswith("def go")
         draft.write(" \n")
         with pytest.raises(ValueError, match="no script"):
-            draft.sending(0.0)
+            draft.sending(draft.prepared(), 0.0)
 
     def test_an_error_beyond_the_text_is_marked_at_its_end(self, draft: Draft):
-        draft.sending(0.0)
+        draft.sending(draft.prepared(), 0.0)
         draft.hear(compile_error(99))
         assert draft.error is not None
         assert draft.error.line == 4
@@ -116,6 +119,27 @@ def test_a_programs_time_goes_from_its_start_to_its_end():
 
 def told(variables: Variables, *values: Value, start: int = 0) -> None:
     variables.hear(GlobalVariableValues(start_index=start, values=values))
+
+    def test_the_checker_says_better_why_a_script_does_not_start(self, draft: Draft):
+        diagnosis = ScriptError(2, 3, "function 'sinc' is not known; did you mean 'sync'?")
+        draft.sending(draft.prepared(), 0.0)
+        draft.hear(compile_error(2, "compile_error_name_not_found:sinc:"))
+        assert [problem.told for problem in draft.problems] == ["start"]
+        draft.checked(draft.revision, (diagnosis,))
+        assert draft.problems == (diagnosis,)
+        draft.write("def go():\n  sync()\n  a = [1][2]\nend\n")
+        draft.checked(draft.revision - 1, ())  # of a text that is another by now
+        assert draft.problems == (diagnosis,)
+        draft.checked(draft.revision, ())
+        assert draft.problems == ()
+
+    def test_what_a_running_script_did_wrong_is_told_beside_what_the_checker_says(self, draft: Draft):
+        warning = ScriptError(1, 1, "shadows", severity="warning")
+        draft.checked(draft.revision, (warning,))
+        draft.sending(draft.prepared(), 0.0)
+        draft.hear(happened(PROGRAM_STARTED, "go"))
+        draft.hear(runtime_error(2))
+        assert [(problem.line, problem.told) for problem in draft.problems] == [(2, "run"), (1, "check")]
 
 
 class TestVariables:

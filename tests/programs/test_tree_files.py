@@ -34,7 +34,7 @@ def refused(arm):
 
 def test_load_play_and_what_is_loaded(arm):
     arm.save("sub/my tool.urp", main(sleep(0.2)))
-    assert arm.ask("load sub/my tool.urp") == "Loading program: /programs/sub/my tool.urp"
+    assert arm.ask("load sub/my tool.urp").startswith("Loading program: /programs/sub/my tool.urp")
     assert arm.ask("get loaded program") == "Loaded program: /programs/sub/my tool.urp"
     assert arm.ask("isProgramSaved") == "true my tool.urp"
     assert arm.ask("programState") == "STOPPED my tool.urp"
@@ -158,7 +158,7 @@ def test_a_script_of_functions_and_calls_is_played_as_in_a_script_node(arm):
         '# for a Script node\n\ndef first():\n  textmsg("first")\nend\ndef second():\n  textmsg("second")\nend\n'
         "first()\nsecond()"
     )
-    assert arm.ask("load 2 tools.script") == "Loading program: /programs/2 tools.script"
+    assert arm.ask("load 2 tools.script").startswith("Loading program: /programs/2 tools.script")
     assert arm.ask("play") == "Starting program"
     arm.until(lambda: arm.texts == ["first", "second"])
 
@@ -169,6 +169,14 @@ def test_errors_in_a_script_of_functions_and_calls_are_on_the_lines_of_the_file(
     assert arm.ask("play") == "Failed to execute: play"
     errors = [message for message in arm.messages if isinstance(message, RuntimeExceptionMessage)]
     assert [error.line for error in errors] == [5]
+
+
+def test_a_script_of_several_programs_is_one_program_of_functions_and_says_so(arm):
+    (arm.folder / "two.script").write_text("def one():\n  sync()\nend\ndef other():\n  sync()\nend\n")
+    assert arm.ask("load two.script").startswith("Loading program")
+    assert arm.ask("play") == "Starting program"
+    (arm.folder / "beside.script").write_text("def one():\n  sync()\nend\nsec other():\n  x = 1\nend\n")
+    assert arm.ask("load beside.script").startswith("Error while loading program")
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ def test_nothing_turns_and_nothing_accelerates_at_rest(rig: Rig, control: RTDECo
     assert second_answer(rig, control.getJacobianTimeDerivative) == pytest.approx([0.0] * 36, abs=1e-9)
 
 
-@newest
+@pytest.mark.parametrize("rig", ["ur5e dynamic"], indirect=True)
 def test_direct_torque_carries_the_arm_and_pushes_it(rig: Rig, control: RTDEControlInterface) -> None:
     def push(base_torque: float, seconds: float) -> None:
         for _ in range(round(seconds / rig.period_s)):
@@ -63,7 +63,7 @@ def test_direct_torque_carries_the_arm_and_pushes_it(rig: Rig, control: RTDECont
     with rig.watch() as state:
         push(0.0, 0.3)  # gravity is carried without being asked
         assert state.wait_for(0.05)["actual_q"] == pytest.approx(START_Q, abs=1e-3)
-        push(5.0, 0.2)
+        push(20.0, 0.2)
         control.stopScript()
         state.wait_until_still(timeout_s=3)
         assert state.settled()["actual_q"][0] > START_Q[0] + 0.01

@@ -7,7 +7,7 @@ from math import radians
 import numpy as np
 import pytest
 
-from urproto.robots import MODELS, Link, RobotModel, UnknownModel, load_model
+from urproto.robots import MODELS, START_Q, Link, RobotModel, UnknownModel, load_model
 from urproto.robots.model import _DATA
 from urproto.versions import Series
 
@@ -58,7 +58,7 @@ def test_plausible(name: str) -> None:
     assert model.title.lower() == model.name == name
     reach = -model.dh.a[1] - model.dh.a[2]
     assert 0.8 * model.reach_m < reach + model.dh.d[4] < 1.25 * model.reach_m
-    assert all(low <= q <= high for low, q, high in zip(model.q_min, model.home_q, model.q_max, strict=True))
+    assert all(low <= q <= high for low, q, high in zip(model.q_min, START_Q, model.q_max, strict=True))
     assert all(radians(90) < speed <= radians(360) for speed in model.qd_max)
     assert all(value > 0.0 for value in (*model.torque_max, *model.torque_constants, model.payload_max_kg))
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from emulator.script_peers import PeersError, read_peers
 from urscript import cli
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,7 +51,7 @@ def test_messages_come_with_the_robot_time_and_the_state_last(go: Go) -> None:
     assert lines[0].endswith("s] begin 1")
     times = [float(line.split()[1]) for line in lines[:2]]
     assert times[1] - times[0] == pytest.approx(0.504, abs=0.009)
-    assert lines[-4] == "joints  [0.0000, -1.5700, 0.0000, -1.5700, 0.0000, 0.0000] rad"
+    assert lines[-4] == "joints  [-1.6007, -1.7271, -2.2030, -0.8080, 1.5951, -0.0310] rad"
     assert lines[-3].startswith("TCP     p[")
     assert lines[-1] == "result  finished"
 
@@ -65,11 +66,11 @@ def test_moves_end_where_they_should_on_the_arm_that_was_asked_for(go: Go) -> No
 
 def test_what_stands_around_the_arm_pushes_back(go: Go, tmp_path: Path) -> None:
     world = tmp_path / "world.yaml"
-    world.write_text("objects: {table: {plane: {}, pose: [0, 0, 0.2], stiffness: 10000}}")
+    world.write_text("objects: {table: {plane: {}, pose: [0, 0, 0.1], stiffness: 10000}}")
     program = """def press():
       movej([0, -1.5, 1.5, -1.57, -1.57, 0], a=4, v=3)
       place = get_actual_tcp_pose()
-      place[2] = 0.198
+      place[2] = 0.098
       movel(place)
       sync()
       textmsg("pressed with ", floor(force() + 0.5))
@@ -277,3 +278,134 @@ def test_a_script_reaches_no_network_that_was_forbidden(go: Go) -> None:
         _, forbidden = go(program, "--script-network", "none")
     assert "False" in forbidden.splitlines()[-5]
     assert "network" in forbidden
+
+
+def test_a_run_begins_at_the_joints_it_is_told(go: Go) -> None:
+    joints = ["-0.5", "-1.2", "1.1", "-1.5", "-1.5", "0.25"]
+    status, out = go("textmsg(get_actual_joint_positions())", "--joints", *joints)
+    assert status == 0
+    assert "joints  [-0.5000, -1.2000, 1.1000, -1.5000, -1.5000, 0.2500] rad" in out
+
+
+def test_inputs_and_registers_come_from_the_command_line_when_they_shall(go: Go) -> None:
+    program = """def f():
+      textmsg("before ", [get_standard_digital_in(3), get_tool_digital_in(1), read_input_boolean_register(12)])
+      textmsg(get_standard_analog_in(1), read_input_float_register(2))
+      while read_input_integer_register(24) < 7:
+        sync()
+      end
+      textmsg("after ", get_standard_digital_in(3))
+    end"""
+    inputs = ["--input", "digital3=1", "--input", "digital3=0@0.4", "--input", "tool1=true", "--input", "analog1=2.5"]
+    registers = ["--register", "bool12=True", "--register", "float2=-0.5", "--register", "int24=7@0.5"]
+    status, out = go(program, *inputs, *registers, "--timeout", "5")
+    assert status == 0
+    lines = out.splitlines()
+    assert lines[0].endswith("before [True,True,True]")
+    assert lines[1].endswith("2.5-0.5")
+    assert lines[2].endswith("after False")
+    assert float(lines[2].split()[1]) == pytest.approx(0.5, abs=0.02)
+
+
+def test_questions_get_the_answers_in_their_order(go: Go) -> None:
+    program = (
+        'def f():\n  textmsg("n ", request_integer_from_primary_client("how many?"))\n'
+        '  textmsg("b ", request_boolean_from_primary_client("sure?"))\n'
+        '  textmsg("s ", request_string_from_primary_client("who?"))\nend'
+    )
+    status, out = go(program, "--answer", "5", "--answer", "yes", "--answer", "me")
+    assert status == 0
+    assert [text in out for text in ("] n 5", "] b True", "] s me", "question: sure? (answered yes)")] == [True] * 4
+    status, out = go(program, "--answer", "5")
+    assert status == 1
+    assert "--answer does" in out
+    status, out = go(program, "--answer", "many")
+    assert status == 1
+    assert "the answer 'many' was not taken" in out
+
+
+def test_peers_that_are_not_there_answer(go: Go, tmp_path: Path) -> None:
+    peers = tmp_path / "peers.yaml"
+    peers.write_text(
+        "sockets:\n"
+        '  10.99.1.2:5000: {greeting: "hi\\n", answers: {where: "(0.1, -2.5)", \'*\': [one, two]}}\n'
+        "  '*:63352': {answers: {GET POS: \"POS 3\\n\", 'SET *': ack}}\n"
+        "xmlrpc:\n"
+        "  http://10.99.1.3:8080: {grip: true, where: {x: 0.1, y: 0.2, z: 0.3, rx: 0, ry: 0, rz: 1}}\n"
+    )
+    program = """def f():
+      textmsg("open ", socket_open("10.99.1.2", 5000))
+      textmsg("hello ", socket_read_line())
+      socket_send_string("where")
+      textmsg("at ", socket_read_ascii_float(2))
+      socket_send_line("other")
+      textmsg("first ", socket_read_string())
+      socket_send_line("other")
+      textmsg("then ", socket_read_string())
+      socket_open("127.0.0.1", 63352, "gripper")
+      socket_set_var("POS", 255, "gripper")
+      textmsg("ack ", socket_read_byte_list(3, "gripper"))
+      textmsg("pos ", socket_get_var("POS", "gripper"))
+      tool = rpc_factory("xmlrpc", "http://10.99.1.3:8080/RPC2")
+      textmsg("grip ", tool.grip(1))
+      textmsg("where ", tool.where())
+      textmsg("elsewhere ", socket_open("10.99.1.2", 5001, "x"))
+      tool.unheard_of()
+    end"""
+    status, out = go(program, "--peers", str(peers), "--script-network", "none")
+    said = [line.split("] ", 1)[1] for line in out.splitlines() if line.startswith("[")]
+    assert [text for text in said if "network" not in text][:10] == [
+        "open True",
+        "hello hi",
+        "at [2,0.1,-2.5]",
+        "first one",
+        "then two",
+        "ack [3,97,99,107]",
+        "pos 3",
+        "grip True",
+        "where p[0.1,0.2,0.3,0,0,1]",
+        "elsewhere False",
+    ]
+    assert status == 1
+    assert "names no method unheard_of" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["--joints", *"000009", "--model", "ur5"], "joint 5 cannot be at 9 rad"),
+        (["--joints", *"00000x"], "'x' is not a number"),
+        (["--input", "digital9=1"], "there is no digital9: there are digital0 to 7"),
+        (["--input", "digital1"], "not of the form NAME=VALUE"),
+        (["--register", "int3=0.5"], "whole number"),
+        (["--register", "float3=nan"], "'nan' is not a number"),
+        (["--peers", "missing.yaml"], "missing.yaml"),
+    ],
+)
+def test_what_a_run_cannot_be_told(
+    options: list[str], complaint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.script"
+    path.write_text("sync()\n")
+    assert cli.main(["run", str(path), *options]) == 2
+    assert complaint in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("- 1", "must be a mapping"),
+        ("ftp: {}", "there is no 'ftp'"),
+        ("sockets: {10.0.0.1: {}}", "is not an address"),
+        ("sockets: {'a:1': {says: b}}", "there is no 'says'"),
+        ("sockets: {'a:1': {answers: {x: []}}}", "needs one at least"),
+        ("sockets: {'a:1': {answers: {x: [[1]]}}}", "an answer is a text"),
+        ("xmlrpc: {'a:1': {}}", "is not an address of XML-RPC"),
+        ("[", "is not YAML"),
+    ],
+)
+def test_a_file_of_peers_that_cannot_be(text: str, complaint: str, tmp_path: Path) -> None:
+    path = tmp_path / "peers.yaml"
+    path.write_text(text)
+    with pytest.raises(PeersError, match=complaint):
+        read_peers(path)

@@ -32,6 +32,7 @@ from urproto.rtde.codec import (
     StartReply,
     decode_reply,
 )
+from urproto.versions import PolyscopeVersion
 
 
 def start_outputs(client: MemoryClient, *names: str, frequency_hz: float = 125.0) -> None:
@@ -61,7 +62,7 @@ def test_rtde_timestamps_come_from_the_step_counter(rtde: RTDEServer, controller
     start_outputs(client, "timestamp", frequency_hz=25.0)
     controller.tick(20)
     stamps = [struct.unpack(">d", reply.data)[0] for reply in replies(client)]
-    assert stamps == pytest.approx([41.008, 41.048, 41.088, 41.128], abs=1e-9)
+    assert stamps == pytest.approx([41.048, 41.088, 41.128], abs=1e-9)  # the first a period of 25 Hz later
 
 
 def test_rtde_encodes_equal_recipes_once(rtde: RTDEServer, controller: FakeController) -> None:
@@ -77,6 +78,7 @@ def test_rtde_encodes_equal_recipes_once(rtde: RTDEServer, controller: FakeContr
     for client in clients[:3]:
         start_outputs(client, "timestamp", "actual_q")
     start_outputs(clients[3], "actual_qd")
+    controller.tick()
     controller.snapshot = Watched(step=1)
     controller.tick()
     assert sorted(reads) == ["actual_q", "actual_qd"]
@@ -109,12 +111,13 @@ def test_rtde_reader_that_sleeps_gets_the_newest_state(rtde: RTDEServer, control
     slow, quick = MemoryClient(rtde), MemoryClient(rtde)
     for client in (slow, quick):
         start_outputs(client, "timestamp")
+    controller.tick()
     slow.transport.stalled = True
     controller.tick(50)
     slow.transport.unstall()
     controller.tick()
     assert len(replies(quick)) == 51
-    assert [struct.unpack(">d", reply.data)[0] for reply in replies(slow)] == pytest.approx([41.008, 41.408])
+    assert [struct.unpack(">d", reply.data)[0] for reply in replies(slow)] == pytest.approx([41.016, 41.416])
 
 
 def test_rtde_impossible_size_ends_the_connection(rtde: RTDEServer) -> None:
@@ -146,7 +149,8 @@ def test_rtde_hooks_see_and_change_messages(rtde: RTDEServer, controller: FakeCo
 def test_rtde_package_has_a_recipe_id(rtde: RTDEServer, controller: FakeController) -> None:
     client = MemoryClient(rtde)
     start_outputs(client, "robot_mode")
-    controller.tick()
+    assert replies(client) == []
+    controller.tick(2)
     assert replies(client) == [OutputData(struct.pack(">i", 3), 1)]
 
 
@@ -187,6 +191,19 @@ def test_version_message_comes_first_and_alone(controller: FakeController) -> No
     (version,) = received(client)
     assert isinstance(version, VersionMessage)
     assert (version.major, version.minor, version.bugfix) == (3, 15, 8)
+
+
+# as dumped in the vendor's forum, threads 21643 (5.11) and 27359 (5.13), and from a 5.4 simulator in connect_5.4.hex
+AFTER_VERSION = bytes.fromhex("00000018 14 ffffffffffffffff fe 0c 00000000 00000000 01")
+
+
+@pytest.mark.parametrize(
+    ("version", "behind"), [("3.15.8", b""), ("5.11.11", AFTER_VERSION), ("5.25.1", AFTER_VERSION)]
+)
+def test_what_follows_the_version_message(version: str, behind: bytes) -> None:
+    greeting = MemoryClient(primary_server(FakeController(PolyscopeVersion.parse(version)))).take()
+    assert greeting[:5] == bytes.fromhex("00000037 14")
+    assert greeting[55:] == behind
 
 
 def test_states_at_10_hz_the_first_of_them_full(controller: FakeController) -> None:

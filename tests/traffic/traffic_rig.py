@@ -16,7 +16,7 @@ from urproto.rtde.recipes import Recipe
 BEGIN_NS = 1_700_000_000 * 10**9
 CLIENT, ROBOT = "10.0.0.2", "10.0.0.1"
 NAMES = ("timestamp", "target_q", "actual_q", "runtime_state", "actual_digital_output_bits")
-PROGRAM = "def prog():\n  movej([0, -1.2, 0.5, -1.57, 0, 0], a={acceleration}, v=1)\n{then}end\n"
+PROGRAM = "def prog():\n  movej([-1.6, -1.4, -1.7, -0.8, 1.6, 0], a={acceleration}, v=1)\n{then}end\n"
 
 
 class VirtualTime:

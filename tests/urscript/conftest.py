@@ -10,7 +10,7 @@ from urscript import CompiledProgram, Library, LibrarySet, Runtime, ScriptThread
 from urscript.library import LIBRARIES
 from urscript.values import Any_, Num, PoseOrJoints, Str, to_text
 
-ROBOT = Library("robot", host=True)
+ROBOT = Library("robot", host=True, physical=True)
 
 
 @dataclass

@@ -135,6 +135,35 @@ RUNTIME_ERRORS = [
         17,
         "A variable is used before it has a value",
     ),
+    # a variable without a value goes nowhere: not into texts, functions, results, other variables
+    *(
+        (
+            f"def f():\n  def g(a):\n    {use}\n  end\n  g(1)\n  late = 2\nend",
+            3,
+            column,
+            "Variable 'late' is used before it",
+        )
+        for use, column in [
+            ("textmsg(late)", 13),
+            ('textmsg("late ", late)', 22),
+            ("x = to_str(late)", 16),
+            ("local x = late", 15),
+            ("global x = late", 16),
+            ("return late", 12),
+            ("g(late)", 7),
+            ("x = struct(a=late)", 18),
+            ("x = [late]", 10),
+            ("x = p[late,0,0,0,0,0]", 11),
+            ("a[0] = late", 12),
+            ("kill late", 10),
+        ]
+    ),
+    (
+        "def f():\n  thread t():\n    textmsg(late)\n  end\n  run t()\n  sync()\n  late = 2\nend",
+        3,
+        13,
+        "Variable 'late'",
+    ),
     ('def f():\n  x = to_num("junk")\nend', 2, 7, '"junk" is not a number'),
     ('def f():\n  x = str_at("error", 100)\nend', 2, 7, "outside a string of 5 bytes"),
     ("def f():\n  x = sqrt(-1)\nend", 2, 7, "must be non-negative"),
@@ -285,7 +314,7 @@ FAULTS = [
         'def f():\n  x = [1] + ["a"]\nend',
         2,
         11,
-        "Type error: operator + cannot be used with 'Int' and 'Const String'",
+        "Type error: operator + cannot be used with 'Int' and 'Const String'; str_cat() joins any two values",
         "5.22",
     ),
     (
@@ -313,8 +342,8 @@ FAULTS = [
     (
         "def f():\n  def g():\n    return [late]\n  end\n  g()\n  late = 2\nend",
         3,
-        12,
-        "A variable is used before it has a value",
+        13,
+        "Variable 'late' is used before it has a value",
         "5.22",
     ),
     (
@@ -339,8 +368,8 @@ FAULTS = [
     (
         "def f():\n  def g():\n    x = late\n  end\n  x = [1]\n  g()\n  late = 2\nend",
         3,
-        5,
-        "A variable is used before it has a value",
+        9,
+        "Variable 'late' is used before it has a value",
         "5.22",
     ),
     (
@@ -448,11 +477,34 @@ FAULTS = [
         "5.22",
     ),
     (
-        "def f():\n  x = transpose([1])\nend",
+        'def f():\n  x = transpose("a")\nend',
         2,
         7,
-        "Type error: argument 'm' of transpose expected type 'Matrix' but found 'List'",
+        "Type error: argument 'm' of transpose expected type 'Matrix' but found 'Const String'",
         "5.22",
+    ),
+    ("def f():\n  sleep(1/0)\nend", 2, 3, "argument 't' of sleep must be finite: it is inf", "5.22"),
+    (
+        "def f():\n  movej([0,0,0/0,0,0,0])\nend",
+        2,
+        3,
+        "argument 'q' of movej must be finite, no number beyond 1e+12: it is [0,0,nan,0,0,0]",
+        "5.22",
+    ),
+    ('def f():\n  x = to_num("9999999999")\nend', 2, 7, 'to_num: "9999999999" is out of range', "5.22"),
+    (
+        'def f():\n  x = "a"\n  y = [1, x]\nend',
+        3,
+        7,
+        "Type error: a list cannot hold a 'Const String' before PolyScope 5.15",
+        "5.14",
+    ),
+    (
+        'def f():\n  x = ["a"]\nend',
+        2,
+        7,
+        "Type error: a list cannot hold a 'Const String' before PolyScope 5.15",
+        "3.15.8",
     ),
     (
         "def f():\n  popup_missing = 1\n  x = integer_to_binary_list(True)\nend",
@@ -469,7 +521,13 @@ FAULTS = [
         "5.22",
     ),
     ("def f():\n  x = 5 % 0\nend", 2, 9, "Division by zero: % with an integer 0 on its right", "5.22"),
-    ("def f():\n  x = [1]\n  x.append(2)\nend", 3, 5, "Type error: 'List' has no method 'append'", "5.14"),
+    (
+        "def f():\n  x = [1]\n  x.append(2)\nend",
+        3,
+        5,
+        "Type error: 'List' has no method 'append' before PolyScope 5.15",
+        "5.14",
+    ),
     ("def f():\n  x = [1]\n  x = [1,2]\nend", 3, 3, "Resizing of 'List' is not supported", "5.14"),
 ]
 
@@ -487,16 +545,54 @@ FILES = [
     ("def f():\n  z = (2\n  y = z\nend\n", [(3, 3)]),
     ("def f():\n  def g(a=1, b):\n    return a + b + w\n  end\n  g(1, 2, 3)\nend\n", [(2, 14), (3, 20)]),
     ("def f():\n  while True\n    sync()\n  else:\n    nope()\n  end\nend\n", [(3, 5), (4, 3), (5, 5)]),
-    ("def f():\n  if True:\n    x = nope\nend\n", [(3, 9), (4, 4)]),
-    ("def f():\n  x = 1\n  end\n  y = x\n  movej(y)\nend\n", [(6, 1)]),
+    ("def f():\n  if True:\n    x = nope\nend\n", [(2, 3), (3, 9)]),
+    ("def f():\n  x = 1\n  end\n  y = x\n  movej(y)\nend\n", [(3, 3)]),
+    ("def f():\n  if True:\n    x = nope\n  endif\n  y = nope\nend\n", [(3, 9), (4, 3), (5, 7)]),
+    ("def f():\nx = 1\nend\ny = x\nmovej(y)\nend\n", [(6, 1)]),  # no indentation tells more
     ('def f():\n  textmsg("a)\n  y = 2\n  textmsg("b")\nend\n', [(4, 12)]),
     ("# comment\n\nx = nope()\ny = norm(1, other)\n", [(3, 5), (4, 5), (4, 13)]),
-    ("def f(a):\n  break\n  thread t(b):\n    x = nope\n  end\nend\n", [(1, 7), (2, 3), (3, 12), (4, 9)]),
+    ("def f(1):\n  break\n  thread t(b):\n    x = nope\n  end\nend\n", [(1, 7), (2, 3), (3, 12), (4, 9)]),
     ("def a():\n  x = nope\nend\ndef b():\n  y = (\nend\n", [(2, 7), (6, 1)]),
     ("if True:\n" * 80 + "end\n" * 80, [(62, 1)]),
     ("while True:\n" * 30 + "end\n" * 30, [(21, 1)]),
     ("x = 1\nif x > 1 sync() end\ny = nope\n", [(2, 10), (3, 5)]),
 ]
+
+
+# text, whether it is that of a Script node and not programs one after the other
+MEANINGS = [
+    ("def f(a):\n  return a\nend\n", True),  # a program has no parameters
+    ("def f():\n  sync()\nend\nf()\nnorm(1)\n", True),
+    ("def f():\n  g()\nend\ndef g():\n  sync()\nend\n", True),
+    ("thread t():\n  sync()\nend\nhandle = run t()\n", True),
+    ("def f():\n  sync()\nend\nx = 1\nnorm(x)\n", True),
+    ("def f():\n  sync()\nend\n", False),
+    ("def f():\n  f()\nend\n", True),
+    ('def f():\n  x = 1\nend\nsec g():\n  x = 2\nend\nstr_len("x f()")\n# f()\n', False),
+    ("x = 1\ndef f():\n  return x\nend\nf()\n", False),  # one program as it stands
+]
+
+
+@pytest.mark.parametrize(("text", "is_node"), MEANINGS)
+def test_what_a_file_is_meant_as(text, is_node):
+    file = ScriptFile("my tools.script", text.encode())
+    assert file.inlined == is_node
+    assert not file.problems(LIBRARY_SET, NEWEST)
+    if is_node:
+        assert [unit.text for unit in file.units] == [f"def my_tools(): {text}\nend\n"]
+
+
+def test_errors_in_the_text_of_a_script_node_are_where_they_are_in_the_file(compiled):
+    text = "# tools\ndef f(a):\n  return nope\nend\nf(1)\nend\n"
+    file = ScriptFile("f", text.encode())
+    problems = file.problems(LIBRARY_SET, NEWEST)
+    assert [(problem.line, problem.column) for problem in problems] == [(3, 10), (6, 1)]
+    file = ScriptFile("f", b"def f(a): return b end\nf(1)\n")
+    (unit,) = file.units
+    with pytest.raises(CompileError) as caught:
+        compiled(unit.text)
+    assert [file.located(caught.value, unit).column] == [18]
+    assert [problem.column for problem in file.problems(LIBRARY_SET, NEWEST)] == [18]
 
 
 @pytest.mark.parametrize(("text", "places"), FILES)

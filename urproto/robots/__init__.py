@@ -7,11 +7,22 @@ it is needed.
 from urproto.robots.calibrated import kinematics_of
 from urproto.robots.calibration import Calibration, CalibrationError, calibration_hash
 from urproto.robots.kinematics import Kinematics
-from urproto.robots.model import DH, MODELS, Joints, Link, RobotModel, UnknownModel, load_model
+from urproto.robots.model import (
+    DH,
+    MODELS,
+    START_Q,
+    Joints,
+    Link,
+    RobotModel,
+    UnknownModel,
+    choose_version,
+    load_model,
+)
 
 __all__ = [
     "DH",
     "MODELS",
+    "START_Q",
     "Calibration",
     "CalibrationError",
     "Joints",
@@ -20,6 +31,7 @@ __all__ = [
     "RobotModel",
     "UnknownModel",
     "calibration_hash",
+    "choose_version",
     "kinematics_of",
     "load_model",
 ]

@@ -21,7 +21,7 @@ joint 6 it has, since only the sum or difference of joints 4 and 6 is determined
 """
 
 from collections.abc import Sequence
-from math import atan2, copysign, cos, dist, hypot, inf, pi, remainder, sin, sqrt, tau
+from math import acos, atan2, copysign, cos, dist, hypot, inf, pi, remainder, sin, sqrt, tau
 from typing import Final
 
 from urproto.robots.model import DH, Joints
@@ -216,9 +216,9 @@ class Kinematics:
         # the triangle of joint 2, p5 and p4, with p4 at the limit
         span = 2.0 * self._d5 * distance
         cosine = (distance * distance + self._d5 * self._d5 - limit * limit) / span if span else inf
-        if abs(cosine) > 1.0:
+        if abs(cosine) > 1.0 + _OUT_OF_REACH:
             return None
-        bearing, aside = atan2(z, x), atan2(sqrt(1.0 - cosine * cosine), cosine)
+        bearing, aside = atan2(z, x), acos(max(-1.0, min(1.0, cosine)))
         turns = []
         for direction in (bearing + aside, bearing - aside):
             along, up = cos(direction), sin(direction)

@@ -5,6 +5,7 @@ Everything model-specific in the project comes from here. A new arm is a new fil
 """
 
 import re
+import sys
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,12 +15,18 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 from urproto.robots.pose import Vec3
-from urproto.versions import Series
+from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
-__all__ = ["DH", "MODELS", "Joints", "Link", "RobotModel", "UnknownModel", "load_model"]
+__all__ = ["DH", "MODELS", "START_Q", "Joints", "Link", "RobotModel", "UnknownModel", "load_model"]
 
 Joints = tuple[float, float, float, float, float, float]
 """One number for each joint: base, shoulder, elbow, wrist 1, wrist 2, wrist 3."""
+
+START_Q: Final[Joints] = (-1.6007, -1.7271, -2.2030, -0.8080, 1.5951, -0.0310)
+"""Where an emulated arm stands at first [rad]: as URSim's does, tool down, away from singularities.
+
+Recorded from URSim with a UR5 (hermajul/ur-rtde); that it starts the other arms there too is a guess.
+"""
 
 _DATA: Final = Path(__file__).parent / "data"
 
@@ -76,7 +83,6 @@ class RobotModel:
     v_tool_default: float  # m/s, of movel
     a_tool_default: float  # m/s2
     eq_radius: float  # m, weighs tool rotation against translation
-    home_q: Joints  # rad, where an emulated arm starts
     torque_constants: Joints  # Nm/A
     links: tuple[Link, ...]  # shoulder, upper arm, forearm, wrist 1, wrist 2, wrist 3
     calibration: DH | None = None  # what was measured of one arm; None for a nominal one
@@ -116,7 +122,6 @@ class RobotModel:
             v_tool_default=motion.number("v_tool_m_s"),
             a_tool_default=motion.number("a_tool_m_s2"),
             eq_radius=motion.number("eq_radius_m"),
-            home_q=motion.joints("home_q_rad"),
             torque_constants=table.sub("electrics").joints("torque_constants_Nm_A"),
             links=tuple(_link(link) for link in links),
         )
@@ -192,3 +197,21 @@ def load_model(name: str) -> RobotModel:
     if name not in MODELS:
         raise UnknownModel(name)
     return RobotModel.from_toml((_DATA / f"{name}.toml").read_text(encoding="utf-8"), name)
+
+
+_RUNS: Final = {Series.CB3: (3, 15, "3.0 to 3.15"), Series.E: (5, sys.maxsize, "5.x")}
+"""Major version, newest minor and both in words; the CB3 line ended with 3.15."""
+
+
+def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
+    """The PolyScope version of an arm, the usual one of its series when no text is given.
+
+    Raises ValueError when the text is no version, or that of one the arm never ran.
+    """
+    if text is None:
+        return DEFAULT_VERSION[model.series]
+    version = PolyscopeVersion.parse(text)
+    major, newest, known = _RUNS[model.series]
+    if version.major != major or version.minor > newest:
+        raise ValueError(f"{model.title} is a {model.series.value} arm: its PolyScope version is {known}, not {text}")
+    return version

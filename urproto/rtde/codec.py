@@ -13,7 +13,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from urproto._wire import Reader, pack, short_text, to_bytes, to_text
 from urproto.errors import LocalProtocolError, RemoteProtocolError
@@ -76,8 +76,7 @@ class MessageLevel(IntEnum):
     INFO = 3
 
 
-@dataclass(frozen=True, slots=True)
-class Package:
+class Package(NamedTuple):
     """One package as it came; ``type`` may be a number no PackageType has."""
 
     type: int
@@ -98,7 +97,7 @@ class RTDEDecoder:
     """
 
     def __init__(self) -> None:
-        self._buffer = bytearray()
+        self._buffer = b""
         self.error: RemoteProtocolError | None = None
 
     def feed(self, data: bytes) -> list[Package]:
@@ -109,27 +108,26 @@ class RTDEDecoder:
         Such a stream cannot be resumed.
         """
         packages: list[Package] = []
-        self._buffer += data
-        while self.error is None and (package := self._next()):
-            packages.append(package)
+        if self.error is None:
+            data = self._buffer + data if self._buffer else data
+            start, end = 0, len(data)
+            while end - start >= _HEADER.size:
+                size, kind = _HEADER.unpack_from(data, start)
+                if size < _HEADER.size:
+                    self.error = RemoteProtocolError(
+                        f"an RTDE package cannot have size {size}, its header alone has 3 bytes"
+                    )
+                    break
+                if end - start < size:
+                    break
+                packages.append(Package(kind, data[start + _HEADER.size : start + size]))
+                start += size
+            self._buffer = data[start:]
         if self.error is not None:
-            self._buffer.clear()
+            self._buffer = b""
             if not packages:
                 raise self.error
         return packages
-
-    def _next(self) -> Package | None:
-        if len(self._buffer) < _HEADER.size:
-            return None
-        size, kind = _HEADER.unpack_from(self._buffer)
-        if size < _HEADER.size:
-            self.error = RemoteProtocolError(f"an RTDE package cannot have size {size}, its header alone has 3 bytes")
-            return None
-        if len(self._buffer) < size:
-            return None
-        payload = bytes(self._buffer[_HEADER.size : size])
-        del self._buffer[:size]
-        return Package(kind, payload)
 
 
 def _wire(kind: PackageType, payload: bytes = b"") -> bytes:

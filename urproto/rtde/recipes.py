@@ -1,14 +1,14 @@
 """Recipes: the list of variables one data package carries, in order."""
 
 import struct
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Self
 
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.rtde.fields import Field
 from urproto.rtde.types import NOT_FOUND
 
-__all__ = ["Recipe", "split_names", "type_names"]
+__all__ = ["Recipe", "RecipeValues", "split_names", "type_names"]
 
 
 def split_names(text: str) -> tuple[str, ...]:
@@ -21,12 +21,49 @@ def type_names(names: Iterable[str], fields: Mapping[str, Field]) -> tuple[str, 
     return tuple(fields[name].type.wire_name if name in fields else NOT_FOUND for name in names)
 
 
+class RecipeValues(Mapping[str, Any]):
+    """The values of one package by name, vectors as tuples.
+
+    All numbers are decoded at once; a vector is cut out of them when it is looked at, since of many
+    variables few are looked at in a control period.
+    """
+
+    __slots__ = ("_flat", "_places")
+
+    def __init__(self, flat: tuple[Any, ...], places: Mapping[str, int | slice]) -> None:
+        self._flat = flat
+        self._places = places
+
+    def __getitem__(self, name: str) -> Any:
+        return self._flat[self._places[name]]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({dict(self)})"
+
+
 class Recipe:
     """Packs and unpacks the data of one recipe, without the package header and recipe id."""
 
     def __init__(self, fields: Iterable[Field]) -> None:
         self.fields = tuple(fields)
         self._struct = struct.Struct(">" + "".join(field.type.layout for field in self.fields))
+        self._places: dict[str, int | slice] = {}
+        self._order: list[int | slice] = []  # as `_places`, and right for a name that is there twice
+        offset = 0
+        for field in self.fields:
+            count = field.type.count
+            self._order.append(offset if count == 1 else slice(offset, offset + count))
+            self._places[field.name] = self._order[-1]
+            offset += count
 
     @classmethod
     def of(cls, names: Iterable[str], fields: Mapping[str, Field]) -> Self:
@@ -69,16 +106,17 @@ class Recipe:
 
     def unpack(self, data: bytes) -> tuple[Any, ...]:
         """The values of one package, vectors as tuples; RemoteProtocolError on a wrong size."""
-        if len(data) != self._struct.size:
-            raise RemoteProtocolError(f"the recipe takes {self._struct.size} bytes of data, {len(data)} came")
-        flat = self._struct.unpack(data)
-        values: list[Any] = []
-        offset = 0
-        for field in self.fields:
-            count = field.type.count
-            values.append(flat[offset] if count == 1 else flat[offset : offset + count])
-            offset += count
-        return tuple(values)
+        flat = self._numbers(data, 0)
+        return tuple([flat[place] for place in self._order])
+
+    def values(self, data: bytes, start: int = 0) -> RecipeValues:
+        """The values of one package by name, from byte ``start`` on; RemoteProtocolError on a wrong size."""
+        return RecipeValues(self._numbers(data, start), self._places)
+
+    def _numbers(self, data: bytes, start: int) -> tuple[Any, ...]:
+        if len(data) - start != self._struct.size:
+            raise RemoteProtocolError(f"the recipe takes {self._struct.size} bytes of data, {len(data) - start} came")
+        return self._struct.unpack_from(data, start)
 
     def packer(self, head: bytes = b"") -> Callable[[Any], bytes]:
         """A function from a snapshot to ``head`` and the packed data, for every control period.

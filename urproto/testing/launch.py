@@ -40,7 +40,7 @@ def pin() -> None:
 def check() -> None:
     """``ur-emulator-check``, which has to work where other packages have our names."""
     pin()
-    importlib.import_module("emulator.check").main()
+    importlib.import_module("urproto.entry").run("emulator.check")
 
 
 def _end_with_parent() -> None:

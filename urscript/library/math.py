@@ -190,10 +190,17 @@ def integer_to_binary_list(x: Int) -> list[bool]:
 
 
 @LIBRARY.builtin(cb3="3.14", e="5.9")
-def transpose(m: Matrix) -> Matrix:
-    """`m` with rows and columns exchanged."""
-    charge(len(m.rows) * len(m.rows[0]))
-    return Matrix(tuple(zip(*m.rows, strict=True)))
+def transpose(m: Any_) -> Value:
+    """`m` with rows and columns exchanged. A list of numbers is one row: it becomes a column, and a column a list."""
+    if isinstance(m, Matrix):
+        charge(len(m.rows) * len(m.rows[0]))
+        if m.shape[1] == 1:
+            return [row[0] for row in m.rows]
+        return Matrix(tuple(zip(*m.rows, strict=True)))
+    if isinstance(m, list) and not isinstance(m, Pose) and m and all(map(is_number, m)):
+        charge(2 * len(m))
+        return Matrix(tuple((item,) for item in m))
+    raise RuntimeFault(f"Type error: argument 'm' of transpose expected type 'Matrix' but found '{type_name(m)}'")
 
 
 @LIBRARY.builtin(cb3="3.14", e="5.9")

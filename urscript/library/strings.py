@@ -2,6 +2,7 @@
 
 import math
 import re
+import sys
 
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
@@ -14,6 +15,7 @@ LIBRARY = Library("strings")
 _NUMBER = re.compile(
     r"[ \t\r\n\f\v]*([+-]?)(0[xX][0-9a-fA-F]+|[0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?)"
 )
+_LONGEST_INT = 400  # digits, more than any number in range has
 _SPECIAL = re.compile(r"[ \t\r\n\f\v]*([+-]?)(inf|infinity|nan)\Z", re.IGNORECASE)
 
 
@@ -83,7 +85,8 @@ def str_sub(src: Str, index: Int = 0, length: Int | None = None) -> str:
 def to_num(str_: Str) -> Value:
     """The number at the beginning of a string: an int, or a float when it has a '.' or an exponent.
 
-    Leading blanks, a sign, 0x, INF and NAN are understood; anything else is a runtime error.
+    Leading blanks, a sign, 0x, INF and NAN are understood; anything else is a runtime error, and so is an int
+    beyond 32 bits or a float too large for one.
     """
     special = _SPECIAL.match(str_)
     if special:
@@ -94,15 +97,16 @@ def to_num(str_: Str) -> Value:
     sign = -1 if match[1] == "-" else 1
     digits = match[2]
     if digits[:2] in ("0x", "0X"):
-        return _integer(sign * int(digits, 16))
+        return _within_range(str_, sign * int(digits, 16), INT_MIN, INT_MAX)
     if digits.isdigit():
-        return _integer(sign * int(digits[:400])) if len(digits) < 400 else sign * math.inf
-    return sign * float(digits)
+        return _within_range(str_, sign * int(digits[:_LONGEST_INT]), INT_MIN, INT_MAX)
+    return _within_range(str_, sign * float(digits), -sys.float_info.max, sys.float_info.max)
 
 
-def _integer(value: int) -> Value:
-    """An int when it fits 32 bits, otherwise a float (a guess)."""
-    return value if INT_MIN <= value <= INT_MAX else float(value)
+def _within_range(text: str, value: Value, least: float, most: float) -> Value:
+    if not least <= value <= most:
+        raise RuntimeFault(f'to_num: "{text[:40]}" is out of range')
+    return value
 
 
 @LIBRARY.builtin(cb3="3.8", e="5.2")

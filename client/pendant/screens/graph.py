@@ -74,7 +74,7 @@ class _Graph:
 
     def _toggle_pause(self) -> None:
         self._set("paused", not self.plots.paused)
-        self._pause.set_text("Go on" if self.plots.paused else "Pause")
+        self._pause.set_text("Resume" if self.plots.paused else "Pause")
         self._pause.props(f"icon={'play_arrow' if self.plots.paused else 'pause'}")
 
     def _collected(self, station: Station) -> str:

@@ -7,6 +7,7 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.pendant.page import Page
+from client.pendant.situation import Tone
 from client.pendant.station import Station
 from urproto.modes import JointMode, ToolMode
 
@@ -14,7 +15,14 @@ __all__ = ["joints_panel"]
 
 _JOINTS: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
 _HOT_C: Final = (60.0, 80.0)  # guess: warm, hot; joints switch off by themselves
-_LAMPS: Final = {"RUNNING": "green", "IDLE": "yellow", "BOOTING": "yellow", "VIOLATION": "red", "FAULT": "red"}
+_LAMPS: Final[dict[str, Tone]] = {
+    "Running": "ready",
+    "Idle": "waiting",
+    "Booting": "waiting",
+    "Violation": "stopped",
+    "Fault": "stopped",
+}
+_NOT_TOLD: Final = "–"
 _MOST_C: Final = 100.0
 Text = Callable[[Station], str]
 
@@ -59,7 +67,7 @@ def _mode(page: Page, name: str, mark: str, read: Text) -> None:
     ui.label(name).classes("init-joint")
     with ui.element("div").classes("init-cell init-joint-mode"):
         lamp = ui.element("span").classes("lamp")
-        page.live.bind(lamp, "state", lambda station: _LAMPS.get(read(station).upper(), "off"))
+        page.live.bind(lamp, "state", lambda station: _LAMPS.get(read(station), "unknown"))
         page.live.text(read).props(f"data-testid={mark}")
 
 
@@ -70,7 +78,7 @@ def _cell(page: Page, read: Text) -> None:
 def _temperature(page: Page, read: Callable[[Station], Any]) -> None:
     def text(station: Station) -> str:
         value = read(station)
-        return "–" if value is None else f"{value:.1f} °C"
+        return _NOT_TOLD if value is None else f"{value:.1f} °C"
 
     def state(station: Station) -> str:
         value = read(station) or 0.0
@@ -98,7 +106,7 @@ def _of(station: Station, field: str, number: int) -> Any:
 def _item(field: str, number: int, form: str, convert: Callable[[float], float] = float) -> Text:
     def read(station: Station) -> str:
         value = _of(station, field, number)
-        return "–" if value is None else _shown(form, convert(value))
+        return _NOT_TOLD if value is None else _shown(form, convert(value))
 
     return read
 
@@ -106,7 +114,7 @@ def _item(field: str, number: int, form: str, convert: Callable[[float], float] 
 def _scalar(field: str, form: str) -> Text:
     def read(station: Station) -> str:
         value = station.values.get(field)
-        return "–" if value is None else _shown(form, value)
+        return _NOT_TOLD if value is None else _shown(form, value)
 
     return read
 
@@ -119,7 +127,7 @@ def _shown(form: str, value: float) -> str:
 
 def _name(modes: type[JointMode] | type[ToolMode], value: Any) -> str:
     if value is None:
-        return "–"
+        return _NOT_TOLD
     try:
         return modes(value).name.replace("_", " ").capitalize()
     except ValueError:  # newer robots may have more
@@ -127,11 +135,13 @@ def _name(modes: type[JointMode] | type[ToolMode], value: Any) -> str:
 
 
 def _box_temperature(station: Station) -> str:
-    state = station.core.state
+    state = station.primary_state
     board = None if state is None else state.masterboard
-    return "–" if board is None else f"{board.board_temperature:.1f} °C"
+    return _NOT_TOLD if board is None else f"{board.board_temperature:.1f} °C"
 
 
 def _uptime(station: Station) -> str:
-    seconds = int(station.values.get("timestamp", 0.0))
+    if "timestamp" not in station.values:
+        return _NOT_TOLD
+    seconds = int(station.values["timestamp"])
     return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"

@@ -8,43 +8,15 @@ from nicegui import ui
 
 from client import dashboard
 from client.pendant.page import Page
+from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.errorcodes import error_text
 from urproto.modes import ReportLevel, SafetyMode, SafetyStatusBits
 from urproto.primary.messages import ErrorCodeMessage
 
-__all__ = ["advice", "cause", "reset_text", "safety_panel", "way_out"]
+__all__ = ["cause", "reset_text", "safeguard", "safety_panel"]
 
-_GOOD: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
-_EMERGENCY: Final = (
-    SafetyMode.ROBOT_EMERGENCY_STOP,
-    SafetyMode.SYSTEM_EMERGENCY_STOP,
-    SafetyMode.IMMI_EMERGENCY_STOP,
-    SafetyMode.PROFISAFE_EMERGENCY_STOP,
-)
-_HARD: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
-_GATES: Final = "Close the safeguard; where a reset button is wired, press it. The program goes on then."
-_HELD: Final = "Hold the enabling device in its middle position."
-_ADVICE: Final = {
-    SafetyMode.NORMAL: "Nothing keeps the arm from moving.",
-    SafetyMode.REDUCED: "The limits of reduced mode are in force.",
-    SafetyMode.PROTECTIVE_STOP: "Look for the cause and remove it, then unlock. The program stays paused.",
-    SafetyMode.RECOVERY: "The arm is outside its limits: move it back on Move, or by freedrive.",
-    SafetyMode.SAFEGUARD_STOP: _GATES,
-    SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP: _GATES,
-    SafetyMode.IMMI_SAFEGUARD_STOP: _GATES,
-    SafetyMode.PROFISAFE_SAFEGUARD_STOP: _GATES,
-    SafetyMode.PROFISAFE_AUTOMATIC_MODE_SAFEGUARD_STOP: _GATES,
-    SafetyMode.SAFETY_API_SAFEGUARD_STOP: _GATES,
-    SafetyMode.PROFISAFE_WAITING_FOR_PARAMETERS: "The PROFIsafe controller has not sent its parameters yet.",
-    SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP: _HELD,
-    SafetyMode.TP_THREE_POSITION_ENABLING_STOP: _HELD,
-    SafetyMode.SYSTEM_EMERGENCY_STOP: "Release the emergency stop of the other machine, then ON and START.",
-    SafetyMode.VIOLATION: "A safety limit was broken. Find out why, restart the safety system, then ON and START.",
-    SafetyMode.FAULT: "The robot found a fault in itself. Remove it, restart the safety system, then ON and START.",
-    SafetyMode.VALIDATE_JOINT_ID: "A joint was exchanged: confirm it on the robot's own pendant.",
-}
-_BUTTON: Final = "Release the emergency stop button (turn it), then ON and START."
+_NOT_TOLD: Final = "–"
 _EMERGENCY_BITS: Final = (
     (SafetyStatusBits.ROBOT_EMERGENCY_STOPPED, "Pressed (robot)"),
     (SafetyStatusBits.SYSTEM_EMERGENCY_STOPPED, "Pressed (system)"),
@@ -56,36 +28,19 @@ def safety_panel(page: Page) -> None:
     """The safety mode with its cause and the button that leads on; emergency stop, safeguard, who is in control."""
     live = page.live
     with page.panel("Safety", "init-safety") as panel:
-        live.bind(panel, "state", lambda station: _colour(station.safety_mode))
+        live.bind(panel, "state", lambda station: station.situation.safety_tone)
         with ui.element("div").classes("init-safety-row"):
             with ui.element("div").classes("init-safety-text"):
-                live.text(lambda station: _title(station.safety_mode), "init-safety-mode").props(
-                    "data-testid=safety-mode"
-                )
+                live.text(lambda station: station.situation.safety, "init-safety-mode").props("data-testid=safety-mode")
                 live.text(cause, "init-cause").props("data-testid=safety-cause")
-                live.text(lambda station: advice(station.safety_mode), "init-hint")
+                live.text(lambda station: station.situation.advice, "init-hint").props("data-testid=safety-advice")
             _emergency_button(page)
         _way_out_button(page)
         with ui.element("div").classes("init-facts"):
             _fact(page, "Emergency stop", _emergency, "estop-state")
-            _fact(page, "Safeguard", _safeguard, "safeguard-state")
+            _fact(page, "Safeguard", safeguard, "safeguard-state")
             _fact(page, "Limits", _limits, "limits-state")
             _control(page)
-
-
-def _title(mode: SafetyMode) -> str:
-    return mode.name.removesuffix("_SAFETY_MODE").replace("_", " ").capitalize()
-
-
-def _colour(mode: SafetyMode) -> str:
-    if mode in _GOOD:
-        return "good"
-    return "unknown" if mode is SafetyMode.UNDEFINED_SAFETY_MODE else "bad"
-
-
-def advice(mode: SafetyMode) -> str:
-    """What a person can do about it."""
-    return _BUTTON if mode in _EMERGENCY and mode not in _ADVICE else _ADVICE.get(mode, "")
 
 
 def cause(station: Station) -> str:
@@ -95,7 +50,7 @@ def cause(station: Station) -> str:
         stop = station.stops.current
         report = None if stop is None else stop.cause
     else:
-        report = _last_grave(station) if mode in _HARD else None
+        report = _last_grave(station) if station.situation.way_out is Action.RESTART_SAFETY else None
     if report is None:
         return ""
     return f"{report.label}: {report.text.strip() or error_text(report.code, report.argument)}"
@@ -109,20 +64,19 @@ def _last_grave(station: Station) -> ErrorCodeMessage | None:
 # the way out
 
 
-def way_out(station: Station) -> str:
-    """Which button leads on: "unlock", "restart" or ""."""
-    if not station.connected:
-        return ""
-    mode = station.safety_mode
-    return "unlock" if mode is SafetyMode.PROTECTIVE_STOP else "restart" if mode in _HARD else ""
+_WAYS_OUT: Final = {
+    Action.UNLOCK: "Unlock protective stop",
+    Action.RESET_SAFEGUARD: "Reset safeguard",
+    Action.RESTART_SAFETY: "Restart safety",
+}
 
 
 def reset_text(station: Station) -> str:
-    """What that button says."""
-    wait_s = station.stops.unlock_in_s
-    if way_out(station) == "restart":
-        return "Restart safety"
-    return f"Unlock in {ceil(wait_s)} s" if wait_s > 0.0 else "Unlock protective stop"
+    """What the button that leads on says."""
+    way_out, wait_s = station.situation.way_out, ceil(station.stops.unlock_in_s)
+    if way_out is Action.UNLOCK and wait_s:
+        return f"Unlock in {wait_s} s"
+    return "" if way_out is None else _WAYS_OUT[way_out]
 
 
 def _way_out_button(page: Page) -> None:
@@ -130,13 +84,24 @@ def _way_out_button(page: Page) -> None:
     button.props("unelevated icon=lock_reset data-testid=unlock").classes("init-way-out")
     with button:
         page.live.text(reset_text)
-    page.show_if(button, lambda station: bool(way_out(station)))
-    page.live.effect(lambda station: bool(way_out(station)) and station.stops.unlock_in_s <= 0.0, button.set_enabled)
+    page.live.bind(button, "title", _why_not_yet)
+    page.show_if(button, lambda station: station.situation.way_out is not None)
+    page.live.effect(lambda station: not _why_not_yet(station), button.set_enabled)
+
+
+def _why_not_yet(station: Station) -> str:
+    now = station.situation
+    return "" if now.way_out is None else now.why_not(now.way_out)
 
 
 async def _lead_out(station: Station) -> None:
-    restart = way_out(station) == "restart"
-    await station.ask(dashboard.RESTART_SAFETY if restart else dashboard.UNLOCK_PROTECTIVE_STOP)
+    match station.situation.way_out:
+        case Action.UNLOCK:
+            await station.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
+        case Action.RESTART_SAFETY:
+            await station.ask(dashboard.RESTART_SAFETY)
+        case Action.RESET_SAFEGUARD:
+            await station.behind.change("reset_safeguard")
 
 
 # buttons and gates
@@ -172,15 +137,28 @@ def _bits(station: Station) -> SafetyStatusBits:
 
 
 def _emergency(station: Station) -> str:
+    if not station.connected:
+        return _NOT_TOLD
     bits = _bits(station)
     return next((text for bit, text in _EMERGENCY_BITS if bits & bit), "Released")
 
 
-def _safeguard(station: Station) -> str:
-    return "Open" if _bits(station) & SafetyStatusBits.SAFEGUARD_STOPPED else "Closed"
+def safeguard(station: Station) -> str:
+    """As it is where an emulator tells; a robot tells only whether its stop is in force."""
+    if not station.connected:
+        return _NOT_TOLD
+    stopped = bool(_bits(station) & SafetyStatusBits.SAFEGUARD_STOPPED)
+    if station.safeguard_open is None:
+        return "Open or not reset" if stopped else "Closed"
+    if station.safeguard_open:
+        return "Open"
+    reset = station.safety_mode is SafetyMode.SAFEGUARD_STOP
+    return "Closed, not reset" if reset else "Closed"
 
 
 def _limits(station: Station) -> str:
+    if not station.connected:
+        return _NOT_TOLD
     bits = _bits(station)
     if bits & SafetyStatusBits.RECOVERY:
         return "Recovery"
@@ -193,10 +171,12 @@ def _control(page: Page) -> None:
     with ui.element("div").classes("init-fact") as fact:
         ui.label("Control").classes("init-th")
         page.live.text(_controlled, "").props("data-testid=control-state")
-    page.show_if(fact, lambda s: s.remote_control.value is not None)
+    page.show_if(fact, lambda s: s.connected and s.remote_control.value is not None)
     with fact:
         button = ui.button(icon="swap_horiz", on_click=page.doing(lambda: _swap(station)))
-        button.props("flat round dense size=sm data-testid=remote-control").tooltip("Remote or local control")
+        button.props(
+            "flat round dense size=sm data-testid=remote-control aria-label='Remote or local control'"
+        ).tooltip("Remote or local control")
     page.show_if(button, lambda s: s.behind.available)
 
 

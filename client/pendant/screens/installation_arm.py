@@ -47,7 +47,7 @@ def build(page: Page, views: Views) -> None:
         _calibration(page)
     with page.panel("Safety", "installation-panel"):
         with ui.element("div").classes("facts"):
-            _fact(page, "Safety mode", lambda s: s.safety_mode.name.replace("_", " ").capitalize())
+            _fact(page, "Safety mode", lambda s: s.situation.safety)
             _fact(page, "Checksum", lambda s: _board(s, lambda board: f"{board.safety_checksum:08X}")).props(
                 "data-testid=checksum"
             )
@@ -73,7 +73,7 @@ def _arm(station: Station, read: Callable[[ConfigurationData], str]) -> str:
 
 
 def _board(station: Station, read: Callable[[Any], str]) -> str:
-    state = station.core.state
+    state = station.primary_state
     return "-" if state is None or state.masterboard is None else read(state.masterboard)
 
 

@@ -23,7 +23,7 @@ def build(page: Page, views: Views) -> None:
             "soft"
         )
     page.live.effect(_can_be_set, emulated.set_visibility)
-    page.live.effect(lambda station: not _can_be_set(station), real.set_visibility)
+    page.live.effect(lambda station: station.connected and not _can_be_set(station), real.set_visibility)
 
 
 def _can_be_set(station: Station) -> bool:
@@ -48,7 +48,7 @@ def _form(page: Page, views: Views) -> None:
         await read()
 
     with ui.row().classes("items-center"):
-        ui.button("Save", on_click=page.doing(save, "saved")).props("no-caps data-testid=driver-save")
+        ui.button("Save", on_click=page.doing(save, "Saved")).props("no-caps data-testid=driver-save")
         own = ui.button("This machine", on_click=lambda: host.set_value(page.station.own_address))
         own.props("flat no-caps data-testid=driver-here")
     page.live.effect(

@@ -31,9 +31,9 @@ def build_payload(page: Page) -> None:
             if values[0] < 0:
                 raise ValueError(f"a payload of {values[0]:g} kg: a mass cannot be negative")
             if await apply_payload(station, values[0], [value / _MM for value in values[1:]]):
-                page.tell("payload in use")
+                page.tell("Payload in use")
             else:
-                page.tell("payload sent; this version does not tell which one it uses")
+                page.tell("Payload sent; this version does not tell which one it uses")
 
         with ui.row().classes("items-center"):
             ui.button("Use it", on_click=page.doing(use)).props("no-caps data-testid=payload-use")
@@ -64,9 +64,9 @@ def build_mounting(page: Page) -> None:
 
         async def use() -> None:
             if await apply_gravity(station, wanted()):
-                page.tell("mounting in use")
+                page.tell("Mounting in use")
             else:
-                page.tell("mounting sent; this version does not tell which one it uses")
+                page.tell("Mounting sent; this version does not tell which one it uses")
 
         for box in (tilt, turn):
             box.on_value_change(tell)
@@ -107,7 +107,7 @@ def _limit(station: Station) -> str:
 def _mounting(station: Station) -> str:
     angles = _tilt(station)
     if angles is None:
-        return "This version does not tell how it is mounted"
+        return "This version does not tell how it is mounted" if station.connected else "-"
     return f"In effect: tilt {angles[0]:.1f}°, turn {angles[1]:.1f}°"
 
 

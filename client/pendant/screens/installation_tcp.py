@@ -111,7 +111,7 @@ class _Editor:
         async def save() -> None:
             self._page.station.tools.save(self._name.value or "", self._entered())
 
-        await self._page.attempt(save, "saved")
+        await self._page.attempt(save, "Saved")
 
     def _fill(self) -> None:
         self._list.clear()
@@ -166,6 +166,8 @@ def _element(index: int) -> Callable[[Station], str]:
 def _known_as(station: Station) -> Any:
     """The name under which it was saved."""
     tcp = tcp_of(station)
+    if tcp is None:
+        return "-"
     if same_tcp(tcp, (0.0,) * 6):
         return _FLANGE
     known = station.tools.known

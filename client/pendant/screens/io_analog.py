@@ -77,7 +77,7 @@ def _output(page: Page, index: int) -> None:
 def domain_choice(page: Page, read: Callable[[Station], int], choose: Callable[[int], Any], name: str) -> ui.toggle:
     """mA or V; follows the robot."""
     toggle = ui.toggle(_DOMAINS).props("dense no-caps unelevated").classes("domain")
-    choice(page, toggle, read, choose, f"domain of {name}")
+    choice(page, toggle, lambda station: read(station) if station.connected else None, choose, f"domain of {name}")
     return toggle
 
 

@@ -71,8 +71,10 @@ def _lamps(page: Page, group: Group, way: str, field: str, switch: Callable[[int
 
 def _reader(field: str, group: Group) -> Callable[[Station], str]:
     def read(station: Station) -> str:
-        """A digit each, 0 or 1, in order."""
-        bits = station.values.get(field, 0) >> group.first
+        """A digit each, 0 or 1, in order; "" while they are not known."""
+        if field not in station.values:
+            return ""
+        bits = station.values[field] >> group.first
         return "".join("1" if bits >> index & 1 else "0" for index in range(group.count))
 
     return read

@@ -55,7 +55,7 @@ def power(page: Page) -> None:
 
 
 def _io_current(station: Station) -> str:
-    state = station.core.state
+    state = station.primary_state
     return "-" if state is None or state.masterboard is None else f"{1000 * state.masterboard.io_current:.0f} mA"
 
 
@@ -116,7 +116,7 @@ def _use(page: Page, options: dict[int, str], label: str, name: str, call: str) 
 
 
 def _pins(station: Station, name: str) -> int | None:
-    state = station.core.state
+    state = station.primary_state
     return None if state is None or state.tool_mode is None else getattr(state.tool_mode, name)
 
 
@@ -136,7 +136,7 @@ def _mode(station: Station) -> str:
 
 
 def _line(station: Station) -> str:
-    state = station.core.state
+    state = station.primary_state
     line = None if state is None else state.tool_communication
     if line is None:
         return "-"

@@ -67,15 +67,15 @@ def _pause_button(view: LogView) -> None:
     def switch() -> None:
         view.paused = not view.paused
         button.props(f"icon={'play_arrow' if view.paused else 'pause'}")
-        hint.set_text("Go on" if view.paused else "Pause")
+        hint.set_text("Resume" if view.paused else "Pause")
 
-    button = ui.button(icon="pause", on_click=switch).props("flat round data-testid=log-pause")
+    button = ui.button(icon="pause", on_click=switch).props('flat round data-testid=log-pause aria-label="Pause"')
     with button:
         hint = ui.tooltip("Pause")
 
 
 def _tool(icon: str, hint: str, click: Callable[[], object], mark: str) -> None:
-    with ui.button(icon=icon, on_click=click).props(f"flat round data-testid={mark}"):
+    with ui.button(icon=icon, on_click=click).props(f'flat round data-testid={mark} aria-label="{hint}"'):
         ui.tooltip(hint)
 
 

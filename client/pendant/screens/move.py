@@ -8,6 +8,7 @@ from client.pendant.screens.move_jog import JogPanels
 from client.pendant.screens.move_poses import saved_poses
 from client.pendant.screens.move_settings import MoveSettings
 from client.pendant.screens.move_target import joint_target, pose_target
+from client.pendant.situation import Action
 from client.pendant.station import Station
 
 __all__ = ["build"]
@@ -17,7 +18,7 @@ def build(page: Page) -> None:
     """Put it on the page."""
     settings = MoveSettings(page)
     jog = JogPanels(page, settings)
-    with ui.element("div").classes("move"):
+    with ui.element("div").classes("move") as screen:
         with ui.element("div").classes("move-side"):
             jog.tool()
             jog.by_hand()
@@ -28,6 +29,7 @@ def build(page: Page) -> None:
         with ui.element("div").classes("move-side"):
             jog.joints()
             _targets(page, settings)
+    page.live.bind(screen, "state", lambda station: "free" if station.situation.may(Action.MOVE) else "blocked")
 
 
 def _targets(page: Page, settings: MoveSettings) -> None:
@@ -46,19 +48,35 @@ def _targets(page: Page, settings: MoveSettings) -> None:
 
 
 def _stop(page: Page) -> None:
-    button = ui.button("Stop", icon="back_hand", color=None, on_click=page.doing(page.station.mover.stop))
+    """Of whatever moves the arm: a motion from here, or a program."""
+
+    async def stop() -> None:
+        station = page.station
+        await station.mover.stop()
+        if not station.mover.in_charge and station.situation.may(Action.STOP):
+            await page.stop()
+
+    button = ui.button("Stop", icon="back_hand", color=None, on_click=page.doing(stop))
     button.classes("move-stop").props("unelevated no-caps data-testid=stop-moving")
-    page.live.bind(button, "state", lambda station: "moving" if station.mover.doing else "rest")
+    page.live.bind(button, "state", lambda station: "moving" if _moves(station) else "rest")
 
 
 def _status(page: Page) -> None:
-    """What moves the arm, and why slowly."""
+    """What moves the arm, and why slowly, or why nothing may."""
     with ui.element("div").classes("move-status"):
         chip = page.live.text(lambda station: station.mover.doing, "chip move-doing")
         chip.props("data-testid=doing")
         page.live.bind(chip, "state", _kind)
-        slowed = page.live.text(lambda station: station.mover.slowed, "move-slowed")
+        slowed = page.live.text(_obstacle, "move-slowed")
         slowed.props("data-testid=slowed")
+
+
+def _moves(station: Station) -> bool:
+    return bool(station.mover.doing) or station.situation.may(Action.PAUSE)
+
+
+def _obstacle(station: Station) -> str:
+    return station.mover.slowed or station.situation.why_not(Action.MOVE)
 
 
 def _kind(station: Station) -> str:

@@ -13,6 +13,7 @@ from client.pendant.jogging import JOINT_TITLES, Velocity
 from client.pendant.mover import STALE_S
 from client.pendant.page import MISTAKES, Page
 from client.pendant.screens.move_settings import FEATURES, JOINT_TOP, LINE_TOP, MoveSettings
+from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.robots import Joints
 from urproto.robots.pose import rotvec_to_rpy
@@ -52,7 +53,7 @@ class JogPanels:
                     self._page.live.text(partial(self._axis_name, i), f"jog-name axis-{'xyz'[i % 3]}")
                     self._page.live.text(partial(self._coordinate, i), "jog-value").props(f"data-testid=tcp-{i}")
                     self._page.live.text(partial(self._coordinate_unit, i), "jog-unit")
-                    _hold_buttons("axis", i, _AXES[i].lower())
+                    _hold_buttons("axis", i, _AXES[i].lower(), _AXES[i])
 
     def joints(self) -> None:
         """One row each: where it is within its limits, its angle, its buttons."""
@@ -67,7 +68,7 @@ class JogPanels:
                         live.bind(bar, "state", partial(_nearness, i))
                     live.text(partial(_angle, i), "jog-value").props(f"data-testid=angle-{i}")
                     ui.label("°").classes("jog-unit")
-                    _hold_buttons("joint", i, str(i))
+                    _hold_buttons("joint", i, str(i), title)
 
     def by_hand(self) -> None:
         """How fast everything here goes; freedrive."""
@@ -88,8 +89,11 @@ class JogPanels:
                     "no-caps unelevated data-testid=freedrive"
                 )
                 hold.props["data-hold"] = json.dumps({"freedrive": True})
-                keep = ui.button(icon="lock_open", color=None, on_click=self._toggle_freedrive).props("unelevated")
-                keep.props("data-testid=freedrive-keep").tooltip("Freedrive until pressed again")
+                keep = ui.button(icon="lock_open", color=None, on_click=page.doing(self._toggle_freedrive)).props(
+                    "unelevated"
+                )
+                keep.props('data-testid=freedrive-keep aria-label="Freedrive until pressed again"')
+                keep.tooltip("Freedrive until pressed again")
             for button in (hold, keep):
                 button.classes("hand")
                 page.live.bind(button, "state", lambda station: "on" if station.mover.freedrive else "off")
@@ -129,6 +133,8 @@ class JogPanels:
                 self._page.complain(str(error))
 
     def _press(self, held: Mapping[str, Any]) -> None:
+        if not self._down:
+            self._page.station.situation.require(Action.MOVE)
         if not self._page.agreed:
             self._dead = True
             self._asking = asyncio.create_task(self._page.may_move())
@@ -187,11 +193,11 @@ def _choice(options: Mapping[str, str], settings: MoveSettings, what: str) -> No
     toggle.props(f"no-caps dense unelevated data-testid={what}").classes("move-choice")
 
 
-def _hold_buttons(kind: str, index: int, mark: str) -> None:
+def _hold_buttons(kind: str, index: int, mark: str, title: str) -> None:
     for sign, icon, name in ((-1, "remove", "minus"), (1, "add", "plus")):
         button = (
             ui.button(icon=icon, color=None)
-            .props(f"unelevated dense data-testid={kind}-{mark}-{name}")
+            .props(f'unelevated dense data-testid={kind}-{mark}-{name} aria-label="{title} {name}, while held"')
             .classes("jog-button")
         )
         button.props["data-hold"] = json.dumps({kind: index, "sign": sign})
@@ -231,6 +237,6 @@ def _share(joint: int, station: Station) -> float:
 def _nearness(joint: int, station: Station) -> str:
     q, model = station.values.get("actual_q"), station.model
     if q is None or model is None:
-        return "far"
+        return "unknown"
     low, high = model.position_limits
     return "near" if q[joint] - low[joint] < _NEAR or high[joint] - q[joint] < _NEAR else "far"

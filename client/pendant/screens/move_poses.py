@@ -54,7 +54,7 @@ def _known(station: Station) -> tuple[str, int] | None:
 
 def _model(station: Station) -> str:
     if station.model is None:
-        raise RobotRefused("saved poses", "what arm it is is not known", "wait until it is connected")
+        raise RobotRefused("saved poses", "it has not said which arm it is", "wait until it is connected")
     return station.model.name
 
 
@@ -81,7 +81,7 @@ def _row(page: Page, settings: MoveSettings, name: str, q_rad: Joints, *, own: b
 
 def _menu(page: Page, name: str) -> None:
     station = page.station
-    with ui.button(icon="more_vert").props("flat dense round") as button, ui.menu():
+    with ui.button(icon="more_vert").props('flat dense round aria-label="Rename or delete"') as button, ui.menu():
         ui.menu_item("Rename…", lambda: _rename(page, name)).props("data-testid=pose-rename")
 
         async def delete() -> None:

@@ -7,6 +7,7 @@ from typing import Final
 
 from client.errors import MotionStoppedError
 from client.pendant.page import Page
+from client.pendant.situation import Action
 from urproto.robots.pose import Matrix3, rotvec_to_matrix
 
 __all__ = ["FEATURES", "JOINT_TOP", "LINE_TOP", "MoveSettings"]
@@ -62,7 +63,11 @@ class MoveSettings:
         return {"speed_m_s": self.speed * LINE_TOP, "acceleration_m_s2": _LINE_RAMP}
 
     async def move(self, motion: Callable[[], Awaitable[None]]) -> None:
-        """Begin a motion that ends by itself, if it may be; it ends too when this browser is gone."""
+        """Begin a motion that ends by itself, if it may be; it ends too when this browser is gone.
+
+        Raises NotNowError.
+        """
+        self.page.station.situation.require(Action.MOVE)
         if await self.page.may_move():
             await self.page.attempt(lambda: self._moved(motion))
 

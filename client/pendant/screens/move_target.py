@@ -1,5 +1,6 @@
 """Targets that are typed: joint angles in degrees, or a pose of the TCP in mm and its rotation."""
 
+from collections.abc import Awaitable, Callable
 from functools import partial
 from math import degrees, inf, isfinite, radians
 from typing import Final
@@ -9,6 +10,7 @@ from nicegui import ui
 from client.pendant.jogging import JOINT_TITLES
 from client.pendant.page import Page
 from client.pendant.screens.move_settings import MoveSettings
+from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.errors import RobotRefused
 from urproto.robots import Joints, RobotModel
@@ -157,7 +159,6 @@ def _button(page: Page, text: str, icon: str, action: object, mark: str) -> None
     ui.button(text, icon=icon, on_click=click).props(f"flat no-caps data-testid={mark}")
 
 
-def _go(page: Page, text: str, action: object, mark: str) -> None:
-    ui.button(text, icon="near_me", on_click=page.doing(action)).props(  # type: ignore[arg-type]
-        f"unelevated no-caps data-testid={mark}"
-    )
+def _go(page: Page, text: str, action: Callable[[], Awaitable[None]], mark: str) -> None:
+    button = ui.button(text, icon="near_me").props(f"unelevated no-caps data-testid={mark}")
+    page.button_for(Action.MOVE, action, button)

@@ -8,6 +8,7 @@ from client import dashboard
 from client.pendant.page import Page
 from client.pendant.screens.run_editor import build_editor
 from client.pendant.screens.run_program import build_program
+from client.pendant.situation import Action
 from client.pendant.station import Station
 from client.pendant.variables import VariablesView
 from urproto.modes import RuntimeState
@@ -40,30 +41,24 @@ def _control(page: Page) -> None:
     with page.panel("Loaded program", "run-control"):
         page.live.text(_loaded, "run-loaded").props("data-testid=run-loaded")
         page.live.text(_run_time, "run-time").props("data-testid=run-time")
+        page.live.text(_why_not, "soft run-why-not").props("data-testid=run-why-not")
         with ui.row().classes("run-load"):
             box = ui.input(placeholder="Path below the programs folder").props("dense outlined data-testid=run-path")
             box.classes("run-path")
             choose = ui.button(icon="folder_open", on_click=lambda: _choose(page, load)).props("flat")
-            with choose.props("data-testid=run-choose"):
+            with choose.props('data-testid=run-choose aria-label="Programs of the emulator"'):
                 ui.tooltip("Programs of the emulator")
             page.live.effect(lambda s: "programs" in s.behind.verbs and s.behind.available, choose.set_visibility)
             ui.button("Load", on_click=lambda: load(box.value or "")).props("data-testid=run-load unelevated")
         with ui.row().classes("run-state"):
-            state = page.live.text(_state, "chip run-chip")
+            state = page.live.text(lambda s: s.situation.program, "chip run-chip")
             page.live.bind(state.props("data-testid=run-state"), "state", _state_color)
             ui.space()
-            _button("play_arrow", "Play", "run-play", page.doing(page.play))
-            _button("pause", "Pause", "run-pause", page.doing(lambda: station.ask(dashboard.PAUSE)))
-            _button("stop", "Stop", "run-stop", page.doing(lambda: station.ask(dashboard.STOP)))
+            page.program_buttons("", "run-")
 
     async def load(path: str) -> None:
         box.set_value(path)
         await page.attempt(partial(_load, station, path.strip()), f"{path.strip()} is loaded")
-
-
-def _button(icon: str, text: str, mark: str, click: object) -> None:
-    with ui.button(icon=icon, on_click=click).props(f"round unelevated data-testid={mark}"):  # type: ignore[arg-type]
-        ui.tooltip(text)
 
 
 async def _load(station: Station, path: str) -> None:
@@ -98,23 +93,27 @@ async def _choose(page: Page, load: object) -> None:
 
 
 def _loaded(station: Station) -> str:
+    if not station.connected:
+        return "–"
     return station.programs.loaded or "No program is loaded"
 
 
 _STATES = {RuntimeState.PLAYING: "good", RuntimeState.STOPPED: "", RuntimeState.PAUSED: "wait"}
 
 
-def _state(station: Station) -> str:
-    return station.runtime_state.name.capitalize()
-
-
 def _state_color(station: Station) -> str:
     return _STATES.get(station.runtime_state, "wait")
 
 
+def _why_not(station: Station) -> str:
+    """What keeps programs from running, if it is not that one does."""
+    now = station.situation
+    return "" if now.may(Action.PLAY) or now.may(Action.PAUSE) else now.why_not(Action.PLAY)
+
+
 def _run_time(station: Station) -> str:
     seconds = station.programs.run_time_s(station.values.get("timestamp", 0.0))
-    if seconds is None:
+    if seconds is None or not station.connected:
         return ""
     whole = int(seconds)
     verb = "ran" if station.runtime_state is RuntimeState.STOPPED else "runs"

@@ -1,12 +1,15 @@
 """An editor for URScript: what is in it can be sent, and errors are marked on their line."""
 
 import asyncio
+from collections.abc import Sequence
+from itertools import groupby
 from typing import Any, Final
 
 from nicegui import events, ui
 
 from client.pendant.draft import Draft, ScriptError
 from client.pendant.page import Page
+from client.pendant.situation import Action
 
 __all__ = ["build_editor", "replace_draft"]
 
@@ -19,6 +22,7 @@ _PHASES: Final = {
     "silent": "It has not started: the log may say why",
 }
 _COLORS: Final = {"running": "good", "failed": "bad", "silent": "bad", "": "none"}
+_MOST_SHOWN: Final = 50
 
 
 def build_editor(page: Page) -> None:
@@ -40,12 +44,20 @@ def build_editor(page: Page) -> None:
     editor.props("data-testid=script-editor")
     editor.on_value_change(lambda change: _write(page, draft, change.value, author))
     page.live.effect(lambda _: (draft.revision, draft.author), lambda _: _show(editor, draft, author))
-    page.live.effect(lambda _: draft.error, lambda error: _mark(editor, error))
-    with ui.row().classes("script-error") as row:
-        ui.icon("error")
-        text = page.live.text(lambda _: _error(draft), "script-error-text").props("data-testid=script-error")
-        text.on("click", lambda: _mark(editor, draft.error))
-    page.live.effect(lambda _: draft.error is not None, row.set_visibility)
+    rows = ui.element("div").classes("script-errors").props("data-testid=script-error")
+
+    def show(problems: tuple[ScriptError, ...]) -> None:
+        rows.clear()
+        rows.set_visibility(bool(problems))
+        _mark(editor, problems)
+        with rows:
+            for problem in problems[:_MOST_SHOWN]:
+                _row(editor, problem)
+            if len(problems) > _MOST_SHOWN:
+                ui.label(f"and {len(problems) - _MOST_SHOWN} more").classes("soft")
+
+    page.live.effect(lambda _: draft.problems, show)
+    page.live.effect(lambda _: draft.error, lambda error: None if error is None else editor.reveal_line(error.line))
     ui.run_javascript(f"pendantRun.editor({editor.id})")
 
 
@@ -67,12 +79,15 @@ async def replace_draft(page: Page, text: str) -> bool:
 
 
 async def _send(page: Page) -> None:
-    if not await page.may_move():
-        return
     station = page.station
-    await station.mover.give_back()
-    text = station.programs.draft.sending(asyncio.get_running_loop().time())
-    await station.send_script(text)
+    draft, script = station.programs.draft, station.programs.draft.prepared()
+    if script.name:  # it may move the arm, and takes the place of what does
+        station.situation.require(Action.SEND)
+        if not await page.may_move():
+            return
+        await station.mover.give_back()
+    draft.sending(script, asyncio.get_running_loop().time())
+    await station.send_script(script.text)
 
 
 def _opener(page: Page) -> None:
@@ -106,20 +121,23 @@ def _show(editor: ui.codemirror, draft: Draft, author: str) -> None:
         editor.set_value(draft.text)
 
 
-def _mark(editor: ui.codemirror, error: ScriptError | None) -> None:
+def _mark(editor: ui.codemirror, problems: Sequence[ScriptError]) -> None:
+    lines = (editor.value or "").splitlines(keepends=True)
     marks = list[dict[str, Any]]()
-    if error is not None:
-        lines = (editor.value or "").splitlines(keepends=True)[: error.line]
-        end = sum(map(len, lines)) - (len(lines[-1]) - len(lines[-1].rstrip("\r\n")) if lines else 0)
-        marks.append({"kind": "line", "line": error.line, "class": "script-bad-line"})
-        marks.append(
-            {"kind": "widget", "position": end, "text": f"  {' '.join(error.text.split())}", "class": "script-bad-text"}
-        )
+    where = sorted((min(problem.line, max(1, len(lines))), problem.severity, problem.text) for problem in problems)
+    for line, found in groupby(where, lambda entry: entry[0]):
+        _, severity, told = next(found)  # an error, if there is one: it sorts first
+        before = lines[:line]
+        end = sum(map(len, before)) - (len(before[-1]) - len(before[-1].rstrip("\r\n")) if before else 0)
+        text = f"  {' '.join(told.split())}"
+        marks.append({"kind": "line", "line": line, "class": f"script-bad-line {severity}"})
+        marks.append({"kind": "widget", "position": end, "text": text, "class": f"script-bad-text {severity}"})
     editor.decorations = marks
-    if error is not None:
-        editor.reveal_line(error.line)
 
 
-def _error(draft: Draft) -> str:
-    error = draft.error
-    return "" if error is None else f"Line {error.line}, column {error.column}: {error.text}"
+def _row(editor: ui.codemirror, problem: ScriptError) -> None:
+    """A click shows the line."""
+    with ui.element("button").classes(f"script-error {problem.severity}").props("type=button") as row:
+        ui.icon(problem.severity)
+        ui.label(f"Line {problem.line}, column {problem.column}: {problem.text}")
+    row.on("click", lambda: editor.reveal_line(problem.line))

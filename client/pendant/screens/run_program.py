@@ -77,6 +77,8 @@ def _where(station: Station) -> str:
 
 def _note(station: Station, tree: bool) -> str:
     shown = station.programs.shown
+    if not station.connected:
+        return station.situation.hint
     if not shown.text and not tree:
         if shown.tree:
             return _NOT_PLAYED

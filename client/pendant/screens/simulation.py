@@ -66,6 +66,8 @@ def _tools(page: Page) -> None:
 def _why_absent(station: Station) -> str:
     if station.behind.available:
         return ""
+    if not station.connected:
+        return f"{station.situation.title}. {station.situation.hint}"
     if station.behind.locked:
         return (
             "There is an emulator, and its control API asks for a token. Start the pendant with --control-token, or "

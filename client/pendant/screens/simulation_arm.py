@@ -9,6 +9,7 @@ from nicegui import events, ui
 
 from client.pendant.page import Page
 from client.pendant.station import Station
+from urproto.robots import START_Q
 
 __all__ = ["arm_tab", "read_document"]
 
@@ -55,14 +56,9 @@ def _pose(page: Page) -> None:
     with ui.element("div").classes("sim-row"):
         ui.button("Put the arm there", on_click=page.doing(put)).props("unelevated no-caps data-testid=put-arm")
         ui.button("As it is", on_click=lambda: fill(station.values.get("actual_q"))).props("outline no-caps")
-        ui.button("Home", on_click=lambda: fill(_home(station))).props("outline no-caps data-testid=fill-home")
+        ui.button("Start pose", on_click=lambda: fill(START_Q)).props("outline no-caps data-testid=fill-start")
         ui.button("Zero", on_click=lambda: fill(None)).props("outline no-caps")
-    page.live.effect(lambda s: s.model, lambda model: fill(_home(station)))
-
-
-def _home(station: Station) -> Sequence[float] | None:
-    model = station.model
-    return None if model is None else model.home_q
+    fill(START_Q)
 
 
 def _payload(page: Page) -> None:

@@ -6,7 +6,8 @@ const pendant = (() => {
   const waiting = new Map(); // changes whose element is not there yet: newest only, but all lines
   const elements = new Map(); // found once, since those of a hidden screen are not in the document
   let socket = null;
-  let held = null;
+  let held = null; // what the button that is held says, and that button
+  let holder = null;
   let beat = 0;
   const context = {}; // functions by name: what else is said with every held button
 
@@ -22,6 +23,7 @@ const pendant = (() => {
   const appliers = {
     text: (value, target) => void (target.textContent = value),
     state: (value, target) => void (target.dataset.state = value),
+    title: (value, target) => void (target.title = value),
     width: (value, target) => void (target.style.width = `${value}%`),
   };
 
@@ -70,8 +72,11 @@ const pendant = (() => {
   }
 
   // Buttons with data-hold move the arm as long as they are held; the robot stops when this is not said any more.
-  function hold(what) {
-    held = what;
+  function hold(button) {
+    letGo();
+    holder = button;
+    holder.dataset.held = "";
+    held = JSON.parse(button.dataset.hold);
     sayHeld();
     clearInterval(beat);
     beat = setInterval(sayHeld, 100);
@@ -79,30 +84,39 @@ const pendant = (() => {
 
   function letGo() {
     if (held === null) return;
-    held = null;
+    delete holder.dataset.held;
+    held = holder = null;
     clearInterval(beat);
     say({ held: null });
   }
 
-  document.addEventListener("pointerdown", (event) => {
-    const button = event.target.closest && event.target.closest("[data-hold]");
+  const holdable = (event) => event.target.closest && event.target.closest("[data-hold]");
+
+  // All of these listen in the capture phase of the window, before anybody can stop an event, as Quasar's buttons do
+  // with keys.
+  function listen(type, does) {
+    window.addEventListener(type, does, true);
+  }
+
+  listen("pointerdown", (event) => {
+    const button = holdable(event);
     if (!button || button.disabled || event.button > 0) return;
     event.preventDefault();
-    hold(JSON.parse(button.dataset.hold));
+    hold(button);
   });
-  for (const end of ["pointerup", "pointercancel", "blur"]) window.addEventListener(end, letGo);
-  window.addEventListener("contextmenu", (event) => {
-    if (event.target.closest && event.target.closest("[data-hold]")) event.preventDefault(); // a long touch means hold
+  listen("keydown", (event) => {
+    const button = holdable(event);
+    if (!button || button.disabled || (event.key !== " " && event.key !== "Enter")) return;
+    event.preventDefault();
+    if (!event.repeat) hold(button);
+  });
+  for (const end of ["pointerup", "pointercancel", "keyup"]) listen(end, letGo);
+  listen("blur", (event) => (event.target === window || event.target === holder) && letGo()); // elements' blur passes too
+  listen("visibilitychange", () => document.hidden && letGo());
+  listen("contextmenu", (event) => {
+    if (holdable(event)) event.preventDefault(); // a long touch means hold
     else letGo();
   });
-  document.addEventListener("visibilitychange", () => document.hidden && letGo());
-  document.addEventListener("keydown", (event) => {
-    const button = event.target.closest && event.target.closest("[data-hold]");
-    if (!button || event.repeat || (event.key !== " " && event.key !== "Enter")) return;
-    event.preventDefault();
-    hold(JSON.parse(button.dataset.hold));
-  });
-  document.addEventListener("keyup", letGo);
 
   return { follow, followers, receivers, context, say };
 })();

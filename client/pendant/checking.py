@@ -1,0 +1,82 @@
+"""What the checker says of a script: ``urscript check``, in a process of its own.
+
+The client does not import the language; it runs its command, as any editor would. So a long script costs neither the
+arm's motion nor the pages a moment.
+"""
+
+import asyncio
+import os
+import re
+import sys
+from collections.abc import Callable
+from typing import Final
+
+from client.errors import ClientError
+from client.pendant.draft import Draft, ScriptError
+from urproto.versions import PolyscopeVersion
+
+__all__ = ["CheckerError", "check", "keep_checking", "parsed"]
+
+_QUIET_S: Final = 0.5  # guess: who pauses for so long wants to know
+_LOOK_AGAIN_S: Final = 0.2
+_LONGEST_S: Final = 20.0  # guess: 2 MB take a tenth of that
+_NICE: Final = 10  # a robot beside it comes first
+_STATUSES: Final = (0, 1)  # of a script without and with errors
+_LINE: Final = re.compile(r"<stdin>:(\d+):(\d+): (warning: )?(.*)")
+
+
+class CheckerError(ClientError):
+    """The checker did not run: the text is what it wrote."""
+
+
+async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]:
+    """Everything that is wrong with a script for a controller of this version. Raises CheckerError, TimeoutError."""
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-P", "-m", "urscript", "check", "--polyscope", str(version), "-"),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    try:
+        if hasattr(os, "setpriority"):
+            os.setpriority(os.PRIO_PROCESS, process.pid, _NICE)
+        async with asyncio.timeout(_LONGEST_S):
+            told, complaint = await process.communicate(text.encode("utf-8", "replace"))
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+    if process.returncode not in _STATUSES:
+        raise CheckerError(f"urscript check: {complaint.decode('utf-8', 'replace').strip() or process.returncode}")
+    return parsed(told.decode("utf-8", "replace"))
+
+
+def parsed(told: str) -> tuple[ScriptError, ...]:
+    """The problems among the lines that the checker writes, in the order of the script."""
+    found = (_LINE.fullmatch(line) for line in told.splitlines())
+    problems = (
+        ScriptError(int(match[1]), int(match[2]), match[4], "check", "warning" if match[3] else "error")
+        for match in found
+        if match is not None
+    )
+    return tuple(sorted(problems, key=lambda problem: (problem.line, problem.column)))
+
+
+async def keep_checking(
+    draft: Draft, version: Callable[[], PolyscopeVersion | None], trouble: Callable[[str], object]
+) -> None:
+    """Check the draft whenever it is another, for ever. trouble: told why that cannot be done."""
+    done: object = None
+    while True:
+        await asyncio.sleep(_LOOK_AGAIN_S)
+        now, known = draft.revision, version()
+        if known is None or done == (now, known):
+            continue
+        await asyncio.sleep(_QUIET_S)
+        if draft.revision != now:
+            continue
+        done = (now, known)
+        try:
+            draft.checked(now, await check(draft.text, known))
+        except (CheckerError, TimeoutError, OSError) as error:
+            trouble(str(error) or "urscript check takes too long")

@@ -1,0 +1,328 @@
+"""What the arm may do now, and why not: one answer, which every screen shows.
+
+`situation` is a function of nothing but what is known of the robot, so no two screens can contradict each other. The
+order in which it looks is that of a person: does the robot answer, does a stop hold the arm, how far is it switched on,
+does a program run.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum, auto
+from functools import lru_cache
+from math import ceil
+from typing import Final, Literal, NamedTuple
+
+from client.errors import ClientError
+from urproto.modes import RobotMode, RuntimeState, SafetyMode
+
+__all__ = ["STAGES", "Action", "Known", "NotNowError", "Situation", "Tone", "situation"]
+
+Tone = Literal["unknown", "off", "stopped", "waiting", "ready", "busy"]
+"""What colour a lamp has: grey, red, red, yellow, green, blue."""
+
+STAGES: Final = ("Power off", "Booting", "Idle", "Brakes released")
+"""The way from an arm without power to one that can move."""
+_OFF, _BOOTING, _IDLE, _RELEASED = range(len(STAGES))
+
+
+class Action(Enum):
+    """What a person may want of the arm."""
+
+    MOVE = auto()  # jog, go to a target, freedrive
+    PLAY = auto()
+    SEND = auto()  # a script, which replaces the program that runs
+    PAUSE = auto()
+    STOP = auto()
+    POWER_ON = auto()
+    RELEASE_BRAKES = auto()
+    POWER_OFF = auto()
+    UNLOCK = auto()
+    RESET_SAFEGUARD = auto()
+    RESTART_SAFETY = auto()
+
+
+class NotNowError(ClientError):
+    """The arm may not do that now; the text says why, and what to do about it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What is known of a robot.
+
+    safety_mode: the finest one it tells. moved_here: the program that runs is the pendant's own, which moves the arm.
+    safeguard_open: whether the safeguard itself is open, or the enabling device not held; None where nobody tells,
+    as robots do not. unlock_in_s: for how long a protective stop cannot be unlocked yet.
+    """
+
+    connected: bool = False
+    robot_mode: RobotMode = RobotMode.NO_CONTROLLER
+    safety_mode: SafetyMode = SafetyMode.UNDEFINED_SAFETY_MODE
+    runtime_state: RuntimeState = RuntimeState.STOPPED
+    moved_here: bool = False
+    safeguard_open: bool | None = None
+    unlock_in_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """title: in two words what the arm's state is. hint: what that means, and what leads on. tone: of lamps.
+
+    safety, advice, safety_tone: of the safety mode alone. way_out: what leads on from a stop, may it be now or later.
+    stage: index of `STAGES`, -1 while there is nothing to switch on. program: what the program does. refusals: why the
+    arm may not, for everything that it may not.
+    """
+
+    title: str
+    hint: str
+    tone: Tone
+    safety: str
+    advice: str
+    safety_tone: Tone
+    way_out: Action | None
+    stage: int
+    program: str
+    refusals: Mapping[Action, str]
+
+    def may(self, action: Action) -> bool:
+        """Whether it may do that now."""
+        return action not in self.refusals
+
+    def why_not(self, action: Action) -> str:
+        """Why it may not, "" when it may."""
+        return self.refusals.get(action, "")
+
+    def require(self, action: Action) -> None:
+        """Raises NotNowError when it may not."""
+        if not self.may(action):
+            raise NotNowError(self.why_not(action))
+
+
+class _Safety(NamedTuple):
+    title: str
+    advice: str
+
+
+_ESTOP: Final = "Release the emergency stop button (turn it), then press START."
+_SAFETY: Final = {
+    SafetyMode.NORMAL: _Safety("Normal", "Nothing keeps the arm from moving."),
+    SafetyMode.REDUCED: _Safety("Reduced mode", "The limits of reduced mode are in force."),
+    SafetyMode.PROTECTIVE_STOP: _Safety("Protective stop", "Find the cause and remove it, then unlock the stop."),
+    SafetyMode.RECOVERY: _Safety(
+        "Recovery", "The arm is outside its safety limits: move it back with the robot's own pendant."
+    ),
+    SafetyMode.SAFEGUARD_STOP: _Safety("Safeguard stop", ""),
+    SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP: _Safety("Automatic mode safeguard stop", ""),
+    SafetyMode.IMMI_SAFEGUARD_STOP: _Safety("IMMI safeguard stop", ""),
+    SafetyMode.PROFISAFE_SAFEGUARD_STOP: _Safety("PROFIsafe safeguard stop", ""),
+    SafetyMode.PROFISAFE_AUTOMATIC_MODE_SAFEGUARD_STOP: _Safety("PROFIsafe automatic mode safeguard stop", ""),
+    SafetyMode.SAFETY_API_SAFEGUARD_STOP: _Safety("Safety API safeguard stop", ""),
+    SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP: _Safety("Enabling device stop", ""),
+    SafetyMode.TP_THREE_POSITION_ENABLING_STOP: _Safety("Enabling device stop (teach pendant)", ""),
+    SafetyMode.PROFISAFE_WAITING_FOR_PARAMETERS: _Safety(
+        "Waiting for PROFIsafe", "The PROFIsafe controller has not sent its parameters yet."
+    ),
+    SafetyMode.ROBOT_EMERGENCY_STOP: _Safety("Robot emergency stop", _ESTOP),
+    SafetyMode.IMMI_EMERGENCY_STOP: _Safety("IMMI emergency stop", _ESTOP),
+    SafetyMode.PROFISAFE_EMERGENCY_STOP: _Safety("PROFIsafe emergency stop", _ESTOP),
+    SafetyMode.SYSTEM_EMERGENCY_STOP: _Safety(
+        "System emergency stop", "Release the emergency stop of the other machine, then press START."
+    ),
+    SafetyMode.VIOLATION: _Safety(
+        "Violation", "A safety limit was exceeded. Find out why, restart the safety system, then press START."
+    ),
+    SafetyMode.FAULT: _Safety(
+        "Fault", "The robot found a fault in itself. Remove it, restart the safety system, then press START."
+    ),
+    SafetyMode.VALIDATE_JOINT_ID: _Safety("Joint exchanged", "Confirm the new joint on the robot's own pendant."),
+    SafetyMode.UNDEFINED_SAFETY_MODE: _Safety("Safety mode unknown", "This pendant does not know the safety mode."),
+}
+_SAFE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
+_ENABLING: Final = (SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP, SafetyMode.TP_THREE_POSITION_ENABLING_STOP)
+_SAFEGUARDS: Final = tuple(mode for mode in SafetyMode if mode.name.endswith("SAFEGUARD_STOP"))
+_HARD: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
+_NO_POWER: Final = (
+    *_HARD,
+    *(mode for mode in SafetyMode if mode.name.endswith("EMERGENCY_STOP")),
+    SafetyMode.VALIDATE_JOINT_ID,
+)
+
+
+_WAYS_OUT: Final = {
+    SafetyMode.PROTECTIVE_STOP: Action.UNLOCK,
+    SafetyMode.SAFEGUARD_STOP: Action.RESET_SAFEGUARD,
+    SafetyMode.VIOLATION: Action.RESTART_SAFETY,
+    SafetyMode.FAULT: Action.RESTART_SAFETY,
+}
+
+
+class _Mode(NamedTuple):
+    title: str
+    hint: str
+    stage: int
+    tone: Tone
+
+
+_MODES: Final = {
+    RobotMode.NO_CONTROLLER: _Mode("No controller", "The controller is not there yet.", -1, "unknown"),
+    RobotMode.DISCONNECTED: _Mode("Arm disconnected", "The controller is not connected to the arm.", -1, "off"),
+    RobotMode.CONFIRM_SAFETY: _Mode(
+        "Safety not confirmed",
+        "The safety configuration has to be confirmed on the robot's own pendant.",
+        -1,
+        "off",
+    ),
+    RobotMode.POWER_OFF: _Mode(
+        "Power off", "The arm has no power. ON gives it power; START releases the brakes too.", _OFF, "off"
+    ),
+    RobotMode.BOOTING: _Mode("Booting", "The joints are starting.", _BOOTING, "waiting"),
+    RobotMode.POWER_ON: _Mode("Power on", "The arm has power; its joints are about to start.", _BOOTING, "waiting"),
+    RobotMode.IDLE: _Mode(
+        "Idle", "The brakes hold the arm. START releases them; make sure that nobody is near.", _IDLE, "waiting"
+    ),
+    RobotMode.BACKDRIVE: _Mode("Backdrive", "The arm can be pushed by hand.", _IDLE, "waiting"),
+    RobotMode.RUNNING: _Mode("Normal", "The brakes are released: the arm can move.", _RELEASED, "ready"),
+    RobotMode.UPDATING_FIRMWARE: _Mode(
+        "Updating firmware", "The joints are getting new firmware: leave the power on.", -1, "waiting"
+    ),
+}
+_NOT_CONNECTED: Final = _Mode(
+    "Not connected", "The robot does not answer. The pendant keeps trying to reach it.", -1, "unknown"
+)
+_STOPPED: Final = (RuntimeState.STOPPED, RuntimeState.STOPPING)
+_PROGRAMS: Final = {
+    RuntimeState.PLAYING: "A program is running.",
+    RuntimeState.RESUMING: "A program is running.",
+    RuntimeState.PAUSING: "A program is paused. PLAY goes on with it.",
+    RuntimeState.PAUSED: "A program is paused. PLAY goes on with it.",
+}
+
+
+@lru_cache(maxsize=512)
+def situation(known: Known) -> Situation:
+    """The answer."""
+    mode = _MODES[known.robot_mode] if known.connected else _NOT_CONNECTED
+    safety, advice = (_SAFETY[known.safety_mode].title, _advice(known)) if known.connected else ("–", "")
+    title, hint, tone = _headline(known, mode, safety, advice)
+    blocked = "" if _may_run(known) else f"{title}. {hint}"
+    refusals = {
+        Action.MOVE: blocked or _program_in_the_way(known),
+        Action.PLAY: blocked or ("" if _may_play(known) else "The program is running already."),
+        Action.SEND: blocked,
+        Action.PAUSE: _no_answer(known) or ("" if _is_playing(known) else "No program is running."),
+        Action.STOP: _no_answer(known) or ("No program is running." if known.runtime_state in _STOPPED else ""),
+        Action.POWER_ON: _why_no_power(known, mode, (_OFF,), "The arm has power already."),
+        Action.RELEASE_BRAKES: _why_no_power(known, mode, (_OFF, _IDLE), "The brakes are released, or about to be."),
+        Action.POWER_OFF: _no_answer(known) or ("" if mode.stage > _OFF else "The arm has no power."),
+        Action.UNLOCK: _no_answer(known) or _why_locked(known),
+        Action.RESET_SAFEGUARD: _no_answer(known) or _why_no_reset(known),
+        Action.RESTART_SAFETY: _no_answer(known)
+        or ("" if known.safety_mode in _HARD else "There is no violation and no fault."),
+    }
+    refused = {action: why for action, why in refusals.items() if why}
+    return Situation(
+        title, hint, tone, safety, advice, _safety_tone(known), _way_out(known), mode.stage, _program(known), refused
+    )
+
+
+def _headline(known: Known, mode: _Mode, safety: str, advice: str) -> tuple[str, str, Tone]:
+    if not known.connected or mode.stage < _OFF:
+        return mode.title, mode.hint, mode.tone
+    if known.safety_mode not in _SAFE:
+        return safety, advice, _safety_tone(known)
+    if mode.stage < _RELEASED:
+        return mode.title, mode.hint, mode.tone
+    title = mode.title if known.safety_mode is SafetyMode.NORMAL else safety
+    if known.moved_here:
+        return title, "The pendant's own program is running, which moves the arm from here.", "busy"
+    if known.runtime_state in _STOPPED:
+        return title, mode.hint, "ready"
+    return title, _PROGRAMS[known.runtime_state], "busy" if _is_playing(known) else "ready"
+
+
+def _advice(known: Known) -> str:
+    mode = known.safety_mode
+    if mode in _ENABLING:
+        return "Hold the enabling device in its middle position." + _afterwards(known)
+    if mode in _SAFEGUARDS:
+        return _of_the_safeguard(known) + _afterwards(known)
+    if mode is SafetyMode.PROTECTIVE_STOP and known.runtime_state is RuntimeState.PAUSED:
+        return f"{_SAFETY[mode].advice} The program stays paused."
+    if mode is SafetyMode.NORMAL and known.robot_mode is not RobotMode.RUNNING:
+        return "No stop is in force."
+    return _SAFETY[mode].advice
+
+
+def _of_the_safeguard(known: Known) -> str:
+    if known.safeguard_open is None:
+        return "Close the safeguard; where a reset button is wired, press it."
+    return "The safeguard is open: close it." if known.safeguard_open else "The safeguard is closed: reset it."
+
+
+def _afterwards(known: Known) -> str:
+    return " The program goes on then." if known.runtime_state in (RuntimeState.PAUSED, RuntimeState.PAUSING) else ""
+
+
+def _safety_tone(known: Known) -> Tone:
+    if not known.connected or known.safety_mode is SafetyMode.UNDEFINED_SAFETY_MODE:
+        return "unknown"
+    return "ready" if known.safety_mode in _SAFE else "stopped"
+
+
+def _way_out(known: Known) -> Action | None:
+    if known.safety_mode is SafetyMode.SAFEGUARD_STOP and known.safeguard_open is None:
+        return None
+    return _WAYS_OUT.get(known.safety_mode) if known.connected else None
+
+
+def _program(known: Known) -> str:
+    if not known.connected:
+        return "–"
+    return "Pendant control" if known.moved_here else known.runtime_state.name.capitalize()
+
+
+# why not
+
+
+def _no_answer(known: Known) -> str:
+    return "" if known.connected else f"{_NOT_CONNECTED.title}. {_NOT_CONNECTED.hint}"
+
+
+def _may_run(known: Known) -> bool:
+    """Brakes released, no stop in force."""
+    return known.connected and known.robot_mode is RobotMode.RUNNING and known.safety_mode in _SAFE
+
+
+def _is_playing(known: Known) -> bool:
+    return known.runtime_state in (RuntimeState.PLAYING, RuntimeState.RESUMING) and not known.moved_here
+
+
+def _may_play(known: Known) -> bool:
+    return known.moved_here or known.runtime_state not in (RuntimeState.PLAYING, RuntimeState.RESUMING)
+
+
+def _program_in_the_way(known: Known) -> str:
+    if known.moved_here or known.runtime_state in _STOPPED:
+        return ""
+    return f"{_PROGRAMS[known.runtime_state].partition('.')[0]}: stop it first."
+
+
+def _why_no_power(known: Known, mode: _Mode, stages: tuple[int, ...], otherwise: str) -> str:
+    if not known.connected or mode.stage < _OFF:
+        return f"{mode.title}. {mode.hint}"
+    if known.safety_mode in _NO_POWER:
+        return f"{_SAFETY[known.safety_mode].title}. {_advice(known)}"
+    return "" if mode.stage in stages else otherwise
+
+
+def _why_locked(known: Known) -> str:
+    if known.safety_mode is not SafetyMode.PROTECTIVE_STOP:
+        return "There is no protective stop."
+    return f"It can be unlocked in {ceil(known.unlock_in_s)} s." if known.unlock_in_s > 0.0 else ""
+
+
+def _why_no_reset(known: Known) -> str:
+    if known.safety_mode is not SafetyMode.SAFEGUARD_STOP:
+        return "There is no safeguard stop."
+    if known.safeguard_open is None:
+        return "Only the button that is wired to the robot resets its safeguard."
+    return "The safeguard is open: close it first." if known.safeguard_open else ""

@@ -1,0 +1,89 @@
+"""Analog signals, tool voltage and registers; digital signals are the robot's own (`set_digital_out`)."""
+
+from typing import Any, Final
+
+from client.robot.core import RobotCore
+from urproto.errors import LocalProtocolError
+
+__all__ = ["IO"]
+
+_ANALOG: Final = 2
+_REGISTERS: Final = 48
+_VOLTS: Final = 10.0
+_AMPERES: Final = (0.004, 0.020)
+
+
+class IO:
+    """Works with and without the control program, and beside a motion.
+
+    Outputs and input registers are written by RTDE: RobotRefused says so when another client writes them.
+    """
+
+    def __init__(self, robot: RobotCore) -> None:
+        self._robot = robot
+
+    async def set_analog_voltage(self, number: int, volts: float) -> None:
+        """Analog output 0 or 1, as 0 to 10 V."""
+        if not 0.0 <= volts <= _VOLTS:
+            raise LocalProtocolError(f"an analog output gives 0 to {_VOLTS:g} V, not {volts}")
+        await self._set_analog(number, 1, volts / _VOLTS)
+
+    async def set_analog_current(self, number: int, amperes: float) -> None:
+        """Analog output 0 or 1, as 0.004 to 0.020 A."""
+        low, high = _AMPERES
+        if not low <= amperes <= high:
+            raise LocalProtocolError(f"an analog output gives {low} to {high} A, not {amperes}")
+        await self._set_analog(number, 0, (amperes - low) / (high - low))
+
+    def analog_in(self, number: int) -> float:
+        """Analog input 0 or 1 [V or A, as it is set up]."""
+        return float(self._value(f"standard_analog_input{_analog(number)}"))
+
+    def analog_out(self, number: int) -> float:
+        """Analog output 0 or 1 [V or A, as it is set up]."""
+        return float(self._value(f"standard_analog_output{_analog(number)}"))
+
+    async def set_tool_voltage(self, volts: int) -> None:
+        """0, 12 or 24 V at the tool."""
+        await self._robot.driver.set_tool_voltage(volts)
+
+    async def set_int_register(self, number: int, value: int) -> None:
+        """Input register 0 to 47, for programs of the robot's: 24 to 47 are those of clients."""
+        await self._robot.driver.robot.write_inputs(**{f"input_int_register_{_register(number)}": value})
+
+    async def set_double_register(self, number: int, value: float) -> None:
+        """Input register 0 to 47, for programs of the robot's: 24 to 47 are those of clients."""
+        await self._robot.driver.robot.write_inputs(**{f"input_double_register_{_register(number)}": value})
+
+    def int_register(self, number: int) -> int:
+        """Output register 0 to 47 as a program of the robot's wrote it; has to be among the robot's ``outputs``."""
+        return int(self._value(f"output_int_register_{_register(number)}"))
+
+    def double_register(self, number: int) -> float:
+        """Output register 0 to 47 as a program of the robot's wrote it; has to be among the robot's ``outputs``."""
+        return float(self._value(f"output_double_register_{_register(number)}"))
+
+    async def _set_analog(self, number: int, domain: int, share: float) -> None:
+        bit = 1 << _analog(number)
+        values: dict[str, Any] = {"standard_analog_output_mask": bit, "standard_analog_output_type": domain * bit}
+        await self._robot.driver.robot.write_inputs(**values, **{f"standard_analog_output_{number}": share})
+
+    def _value(self, name: str) -> Any:
+        values = self._robot.driver.state
+        if name not in values:
+            raise LocalProtocolError(
+                f"{name} is not received: name it when connecting, Robot(host, outputs=({name!r},))"
+            )
+        return values[name]
+
+
+def _analog(number: int) -> int:
+    if not 0 <= number < _ANALOG:
+        raise LocalProtocolError(f"there is no analog signal {number}: they are 0 and 1")
+    return number
+
+
+def _register(number: int) -> int:
+    if not 0 <= number < _REGISTERS:
+        raise LocalProtocolError(f"there is no register {number}: they are 0 to {_REGISTERS - 1}")
+    return number

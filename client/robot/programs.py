@@ -1,0 +1,174 @@
+"""Scripts of the caller's own on the robot, and its dashboard."""
+
+from pathlib import Path
+from typing import TypeVar
+
+from client import dashboard
+from client.operations import Operation
+from client.primary import PrimaryClient
+from client.robot.core import RobotCore
+from client.scripts import ScriptResult
+from urproto.dashboard import ProgramState, UserRole
+from urproto.errors import LocalProtocolError, RobotRefused
+from urproto.modes import RobotMode, SafetyMode, SafetyStatus
+from urproto.versions import PolyscopeVersion
+
+__all__ = ["Dashboard", "Programs"]
+
+Answer = TypeVar("Answer")
+
+
+class Programs:
+    """Other programs than the control program. A robot runs one at a time, so this one makes way and comes back."""
+
+    def __init__(self, robot: RobotCore) -> None:
+        self._robot = robot
+
+    async def send(self, text: str) -> None:
+        """Hand over a script and wait for nothing. A ``sec`` program runs beside the control program."""
+        await self._robot.driver.robot.send_script(text)
+
+    async def run(self, text: str, *, timeout_s: float = float("inf")) -> ScriptResult:
+        """Run a ``def`` program, or bare statements, to its end; then the control program runs again.
+
+        Raises ScriptFailedError with the line when it fails, does not compile, or takes longer than ``timeout_s``.
+        """
+        robot = self._robot
+        await robot.free("the script")
+        config = robot.driver.config
+        was_running = robot.driver.program_running
+        await robot.driver.stop_program()
+        try:
+            async with PrimaryClient(config.robot, config.robot_ports["primary"]) as primary:
+                return await primary.run(primary.core.execute(text, timeout_s=timeout_s), float("inf"))
+        finally:
+            if was_running:
+                await robot.start_again("the script")
+
+    async def run_function(self, name: str, body: str, *, timeout_s: float = float("inf")) -> ScriptResult:
+        """As `run`, with the statements of a function of this name."""
+        if not name.isidentifier():
+            raise LocalProtocolError(f"{name!r} is no name of a function")
+        return await self.run(f"def {name}():\n{body}\nend\n", timeout_s=timeout_s)
+
+    async def run_file(self, path: Path | str, *, timeout_s: float = float("inf")) -> ScriptResult:
+        """As `run`, with the text of a file."""
+        return await self.run(Path(path).read_text("utf-8"), timeout_s=timeout_s)
+
+
+class Dashboard:
+    """Power, brakes, programs of the pendant, popups. RobotRefused where there is no dashboard, as on PolyScope X."""
+
+    def __init__(self, robot: RobotCore) -> None:
+        self._robot = robot
+
+    async def ask(self, operation: Operation[Answer]) -> Answer:
+        """Any operation of `client.operations`, as ``client.operations.command("...")`` for one that is not there."""
+        board = self._robot.driver.robot.dashboard
+        if board is None:
+            raise RobotRefused(operation.line, "this robot has no dashboard", "PolyScope X has an HTTP API instead")
+        return await board.ask(operation)
+
+    async def power_on(self) -> None:
+        """Switch the arm on; the brakes stay closed."""
+        await self.ask(dashboard.POWER_ON)
+
+    async def power_off(self) -> None:
+        """Switch the arm off."""
+        await self.ask(dashboard.POWER_OFF)
+
+    async def brake_release(self) -> None:
+        """Release the brakes, after switching the arm on if need be."""
+        await self.ask(dashboard.BRAKE_RELEASE)
+
+    async def unlock_protective_stop(self) -> None:
+        """End a protective stop, 5 s after it occurred; see also ``recover``."""
+        await self.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
+
+    async def restart_safety(self) -> None:
+        """After a safety fault or violation; the arm is off then."""
+        await self.ask(dashboard.RESTART_SAFETY)
+
+    async def close_safety_popup(self) -> None:
+        """Close the popup of a safety stop."""
+        await self.ask(dashboard.CLOSE_SAFETY_POPUP)
+
+    async def load(self, program: str) -> None:
+        """Load a program of the pendant, ``.urp`` or ``.script``."""
+        await self.ask(dashboard.load(program))
+
+    async def play(self) -> None:
+        """Start the loaded program, or go on with one that is paused."""
+        await self.ask(dashboard.PLAY)
+
+    async def pause(self) -> None:
+        """Pause the running program."""
+        await self.ask(dashboard.PAUSE)
+
+    async def stop(self) -> None:
+        """Stop the running program."""
+        await self.ask(dashboard.STOP)
+
+    async def popup(self, text: str) -> None:
+        """Show a popup on the pendant."""
+        await self.ask(dashboard.popup(text))
+
+    async def close_popup(self) -> None:
+        """Close it."""
+        await self.ask(dashboard.CLOSE_POPUP)
+
+    async def add_to_log(self, text: str) -> None:
+        """Write a line to the robot's log."""
+        await self.ask(dashboard.add_to_log(text))
+
+    async def shutdown(self) -> None:
+        """Switch the robot and its controller off."""
+        await self.ask(dashboard.SHUTDOWN)
+
+    async def set_user_role(self, role: UserRole) -> None:
+        """Who may do what on the pendant; CB3."""
+        await self.ask(dashboard.set_user_role(role))
+
+    async def robot_mode(self) -> RobotMode:
+        """As the dashboard says."""
+        return await self.ask(dashboard.ROBOT_MODE)
+
+    async def safety_mode(self) -> SafetyMode:
+        """As the dashboard says."""
+        return await self.ask(dashboard.SAFETY_MODE)
+
+    async def safety_status(self) -> SafetyStatus:
+        """Finer than the mode; from 3.11 and 5.4 on."""
+        return await self.ask(dashboard.SAFETY_STATUS)
+
+    async def running(self) -> bool:
+        """Whether a program runs."""
+        return await self.ask(dashboard.IS_RUNNING)
+
+    async def program_state(self) -> tuple[ProgramState, str | None]:
+        """Of the loaded program, and its name."""
+        return await self.ask(dashboard.PROGRAM_STATE)
+
+    async def loaded_program(self) -> str | None:
+        """Its path."""
+        return await self.ask(dashboard.LOADED_PROGRAM)
+
+    async def is_program_saved(self) -> tuple[bool, str | None]:
+        """Whether the loaded program has no unsaved changes, and its name."""
+        return await self.ask(dashboard.IS_PROGRAM_SAVED)
+
+    async def is_in_remote_control(self) -> bool:
+        """Whether the robot takes scripts; e-Series."""
+        return await self.ask(dashboard.IS_IN_REMOTE_CONTROL)
+
+    async def polyscope_version(self) -> PolyscopeVersion:
+        """Of its software."""
+        return await self.ask(dashboard.POLYSCOPE_VERSION)
+
+    async def robot_model(self) -> str:
+        """UR3, UR5, ...; from 3.12 and 5.6 on."""
+        return await self.ask(dashboard.ROBOT_MODEL)
+
+    async def serial_number(self) -> str:
+        """Of the robot; from 3.12 and 5.6 on."""
+        return await self.ask(dashboard.SERIAL_NUMBER)

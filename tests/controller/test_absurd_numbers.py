@@ -1,0 +1,85 @@
+"""Numbers that no arm has are refused where they come in, by every door."""
+
+import math
+from functools import partial
+
+import pytest
+
+from emulator.commands import MountPayload
+from emulator.control.control import VirtualRobot
+from emulator.control.verbs import BadArguments, NotPossible, verbs_of
+from emulator.controller import ControllerConfig
+from emulator.robot.installation import Payload
+from emulator.safety.files import load_safety_file
+from emulator.safety.installation import SafetySettingsError
+from emulator.world.file import WorldFileError, read_world
+from urproto.primary.messages import TextMessage
+from urproto.robots import load_model
+
+BAD = [math.nan, math.inf, -math.inf, 1e155, -1e200]
+SIX = (0.0,) * 5
+CALLS = {
+    "set_payload": lambda bad: {"mass_kg": abs(bad)},
+    "set_payload, cog": lambda bad: {"mass_kg": 1.0, "cog_m": (bad, 0.0, 0.0)},
+    "set_tcp": lambda bad: {"pose": (bad, *SIX)},
+    "set_gravity": lambda bad: {"acceleration_m_s2": (0.0, 0.0, bad)},
+    "set_joints": lambda bad: {"q_rad": (bad, *SIX)},
+    "push_tool": lambda bad: {"wrench": (bad, *SIX)},
+    "mount_payload": lambda bad: {"mass_kg": abs(bad)},
+    "jog": lambda bad: {"qd_rad_s": (bad, *SIX)},
+    "set_speed_slider": lambda bad: {"fraction": bad},
+    "set_analog_input": lambda bad: {"index": 0, "value": bad},
+    "set_analog_output": lambda bad: {"index": 0, "ratio": bad},
+    "set_encoder_speed": lambda bad: {"index": 0, "ticks_per_s": bad},
+    "move_object": lambda bad: {"name": "wall", "pose": (bad, *SIX)},
+}
+
+
+@pytest.mark.parametrize("bad", BAD)
+@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize("by_name", [False, True])
+def test_a_verb_refuses_them(call, bad, by_name):
+    robot = VirtualRobot(ControllerConfig(model=load_model("ur3"), running=True))
+    robot.step()
+    before = vars(robot.controller.snapshot)
+    name, arguments = call.split(",")[0], CALLS[call](bad)
+    call_verb = partial(verbs_of(VirtualRobot)[name].call, robot, arguments)
+    with pytest.raises((BadArguments, NotPossible)):
+        call_verb() if by_name else getattr(robot, name)(**arguments)
+    robot.step(20)
+    after = vars(robot.controller.snapshot)
+    changed = {key for key in after if after[key] != before[key]}
+    assert changed <= {"step", "timestamp", "actual_robot_energy_consumed"}
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_a_payload_cannot_be_mounted(bad):
+    with pytest.raises(ValueError, match="cannot hang on a flange"):
+        MountPayload(Payload(1.0, (bad, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "-inf", "1e999", "fast"])
+def test_the_slider_takes_numbers_only(rig, text):
+    rig.script("set speed 0.5")
+    rig.tick()
+    rig.script(f"set speed {text}")
+    assert rig.tick().target_speed_fraction == 0.5
+    assert rig.said(TextMessage) == []
+    assert "ignored: give a number" in rig.controller.messages.history[-1]
+
+
+@pytest.mark.parametrize("bad", [".nan", ".inf", "1.0e+155"])
+def test_a_world_file_with_them_is_refused(tmp_path, bad):
+    path = tmp_path / "world.yaml"
+    for shape in (f"box: [1, 1, {bad}]", f"sphere: {bad}", f"box: [1, 1, 1]\n    pose: [0, {bad}, 0]"):
+        path.write_text(f"objects:\n  wall:\n    {shape}\n")
+        with pytest.raises(WorldFileError):
+            read_world(path)
+
+
+@pytest.mark.parametrize("bad", [".nan", ".inf"])
+def test_a_safety_file_with_them_is_refused(tmp_path, bad):
+    path = tmp_path / "safety.yaml"
+    path.write_text(f"normal:\n  tool_speed: {bad}\n")
+    with pytest.raises(SafetySettingsError):
+        load_safety_file(path, load_model("ur3"))

@@ -1,0 +1,90 @@
+"""From any pose: moves to where the arm is already, to the upright pose and back, and the path that leads nowhere."""
+
+from math import pi
+from random import Random
+
+import pytest
+
+from emulator.commands import ScriptUnit
+from emulator.controller import Controller, ControllerConfig
+from urproto.modes import SafetyMode
+from urproto.robots import MODELS, START_Q, load_model
+
+UPRIGHT = (0.0, -pi / 2, 0.0, -pi / 2, 0.0, 0.0)  # everything is singular
+POSES = 84  # of each of the twelve arms: a thousand
+AT_ONCE = {"movel", "movep", "movec", "servoc"}
+
+
+def stay(rig, command):
+    """Ask for the pose that the arm has: it stays there, but for what rounding of a pose does to singular joints."""
+    pose, before = rig.motion._reach.pose(rig.motion.q), rig.motion.q
+    move = rig.motion.movec(pose, pose) if command == "movec" else getattr(rig.motion, command)(pose)
+    assert rig.finish(move) <= 2 * rig.motion.period_s
+    assert move.failed is rig.fault is None
+    assert rig.motion.q == pytest.approx(before, abs=2e-6)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_move_to_the_present_pose_to_upright_and_back(make_rig, name):
+    model, random = load_model(name), Random(name)
+    for _ in range(POSES):
+        start = tuple(
+            random.uniform(max(low, -3.0), min(high, 3.0)) for low, high in zip(model.q_min, model.q_max, strict=True)
+        )
+        rig = make_rig(name, period_s=0.008, q=start)
+        for command in sorted(AT_ONCE):
+            stay(rig, command)
+        upright = random.choice((UPRIGHT, tuple(round(angle, 4) for angle in UPRIGHT)))
+        for goal in (upright, start):
+            move = rig.motion.movej(goal, a=20.0, v=3.0)
+            rig.rest()
+            assert move.failed is rig.fault is None
+            assert rig.motion.q == goal
+            if goal is upright:
+                for command in sorted(AT_ONCE):
+                    stay(rig, command)
+                rig.motion.set_position(goal)
+
+
+@pytest.mark.parametrize("length_m", [0.0, 1e-16, 1e-12, 1e-9, 1.1e-9, 1e-8, 1e-7])
+@pytest.mark.parametrize("command", ["movel", "movep", "servoc"])
+def test_a_path_however_short_is_a_path(make_rig, command, length_m):
+    for q in (UPRIGHT, (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)):
+        rig = make_rig(q=q)
+        x, *rest = rig.pose()
+        rig.finish(getattr(rig.motion, command)((x, rest[0], rest[1] - length_m, *rest[2:])))
+        assert rig.fault is None
+
+
+@pytest.mark.parametrize("model", ["ur3", "ur5e"])
+def test_a_program_at_the_upright_pose_goes_on(model):
+    controller = Controller(ControllerConfig(model=load_model(model), running=True))
+    program = """def stand_up():
+      movej([0, -1.5708, 0, -1.5708, 0, 0], a=10, v=3)
+      movel(get_actual_tcp_pose())
+      movej([-0.6912, -1.7813, -1.2674, -1.6883, 1.6675, 0.0947], a=10, v=3)
+      movej([0, -1.5707963267948966, 0, -1.5707963267948966, 0, 0], a=10, v=3)
+      movep(get_actual_tcp_pose())
+      set_digital_out(1, True)
+    end
+    """
+    controller.post(ScriptUnit(program, "stand up"))
+    for _ in range(round(10.0 / controller.period_s)):
+        controller.tick()
+    assert controller.snapshot.safety_mode is SafetyMode.NORMAL
+    assert controller.snapshot.actual_digital_output_bits == 2
+    assert not controller.snapshot.program_running
+
+
+def test_where_a_path_leaves_the_work_space_is_told_apart_from_a_goal_out_of_reach(make_rig):
+    rig = make_rig("ur3", q=START_Q)
+    x, y, *rest = rig.pose()
+    move = rig.motion.movel((-x, -y, *rest))  # straight through the column of the robot
+    rig.rest()
+    assert move.failed is not None
+    assert "leads through p[" in move.failed.text
+    assert f"path to p[{-x:.4f}" in move.failed.text
+    far = rig.motion.movel((2.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert far.failed is not None
+    assert "p[2.0000, 0.0000, 0.0000" in far.failed.text
+    assert "is out of reach" in far.failed.text

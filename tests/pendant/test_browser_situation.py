@@ -1,0 +1,80 @@
+"""What the screens say of one situation, in a browser: the same, and nothing that is not so."""
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.pendant.conftest import Rig
+
+COUNT = "def count():\n  global i = 0\n  while True:\n    i = i + 1\n    sleep(0.05)\n  end\nend\n"
+
+
+def show(page: Page, screen: str) -> None:
+    page.get_by_test_id(f"tab-{screen}").click()
+
+
+def test_a_safeguard_is_opened_closed_and_reset(rig: Rig, open_page) -> None:
+    try:
+        (rig.programs / "count.script").write_text(COUNT)
+        rig.control.dashboard("load count.script")
+        rig.control.dashboard("play")
+        page = open_page("initialize")
+        rig.control.open_safeguard()
+        for mark in ("robot-mode", "safety-mode", "status"):
+            expect(page.get_by_test_id(mark)).to_contain_text("Safeguard stop")
+        expect(page.get_by_test_id("safeguard-state")).to_have_text("Open")
+        expect(page.get_by_test_id("robot-hint")).to_have_text(
+            "The safeguard is open: close it. The program goes on then."
+        )
+        expect(page.get_by_test_id("unlock")).to_be_disabled()
+        expect(page.get_by_test_id("play")).to_be_disabled()
+        show(page, "move")
+        expect(page.get_by_test_id("slowed")).to_contain_text("Safeguard stop")
+        page.get_by_test_id("joint-0-plus").dispatch_event("pointerdown")
+        expect(page.get_by_role("alert")).to_contain_text("Safeguard stop. The safeguard is open")
+        show(page, "initialize")
+        rig.control.close_safeguard()
+        expect(page.get_by_test_id("safeguard-state")).to_have_text("Closed, not reset")
+        expect(page.get_by_test_id("robot-mode")).to_have_text("Safeguard stop")
+        page.get_by_test_id("unlock").click()
+        expect(page.get_by_test_id("robot-mode")).to_have_text("Normal")
+        expect(page.get_by_test_id("safeguard-state")).to_have_text("Closed")
+        expect(page.get_by_test_id("program-state")).to_have_text("Playing")
+    finally:
+        rig.control.close_safeguard()
+        rig.control.reset_safeguard()
+
+
+@pytest.fixture
+def gone(rig: Rig):
+    """Lets the robot vanish from the network, and come back afterwards."""
+
+    def vanish() -> None:
+        for port in ("rtde", "primary", "dashboard"):
+            rig.control.inject_fault("refuse_connections", port=port)
+            rig.control.inject_fault("drop_connection", port=port)
+
+    yield vanish
+    rig.control.clear_faults()
+
+
+def test_of_a_lost_robot_no_screen_says_anything(rig: Rig, gone, open_page) -> None:
+    page = open_page("initialize")
+    expect(page.get_by_test_id("robot-mode")).to_have_text("Normal")
+    expect(page.get_by_test_id("joint-mode-2")).to_have_text("Running")
+    gone()
+    expect(page.locator(".lost")).to_be_visible()
+    for mark in ("robot-mode", "status"):
+        expect(page.get_by_test_id(mark)).to_contain_text("Not connected")
+    expect(page.get_by_test_id("robot-hint")).to_have_text(
+        "The robot does not answer. The pendant keeps trying to reach it."
+    )
+    expect(page.get_by_test_id("robot-lamp")).to_have_attribute("data-state", "unknown")
+    for mark in ("safety-mode", "safeguard-state", "limits-state", "joint-mode-2", "program-state"):
+        expect(page.get_by_test_id(mark)).to_have_text("–")
+    expect(page.locator('[data-state="ready"]')).to_have_count(0)
+    show(page, "move")
+    expect(page.get_by_test_id("angle-0")).to_have_text("–")
+    expect(page.get_by_test_id("slowed")).to_contain_text("Not connected")
+    rig.control.clear_faults()
+    expect(page.get_by_test_id("status")).to_contain_text("Normal")
+    expect(page.get_by_test_id("angle-0")).not_to_have_text("–")

@@ -1,0 +1,120 @@
+"""An emulator that is punctual, and is no burden: what it asks the system for, and gives back."""
+
+import asyncio
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from emulator import realtime
+from emulator.logs import BackgroundStream
+from emulator.realtime import Overload
+from urproto.testing.process import EmulatorProcess
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="priorities and locked memory are asked for on Linux")
+FIFO_ALLOWED = sys.platform == "linux" and os.geteuid() == 0
+DEADLINE_S = 60.0
+
+
+def test_overload_is_given_way_to_at_once_and_forgotten_slowly() -> None:
+    overload = Overload()
+    assert not overload.see(0.5, 0.5)
+    assert overload.see(0.9, 0.5)
+    assert overload.over
+    assert not any(overload.see(share, 0.5) for share in (0.9, 0.6, *[0.1] * 19))
+    assert overload.see(0.1, 0.5)
+    assert not overload.over
+
+
+async def test_a_flooded_loop_gives_its_priority_up(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(realtime, "_LOOK_S", 0.05)
+    monkeypatch.setattr(realtime, "_CALM_FOR_S", 0.1)
+    monkeypatch.setattr(os, "sched_setscheduler", lambda pid, policy, parameters: asked.append(policy))
+    watching = asyncio.create_task(realtime.give_way_under_overload())
+    deadline = time.monotonic() + DEADLINE_S
+    while not asked and time.monotonic() < deadline:  # nothing but work
+        await asyncio.sleep(0)
+    assert asked == [os.SCHED_OTHER]
+    assert "real-time priority is given up" in caplog.text
+    while len(asked) < 2 and time.monotonic() < deadline:
+        await asyncio.sleep(0.02)
+    assert asked[1:] == [os.SCHED_FIFO | os.SCHED_RESET_ON_FORK]
+    watching.cancel()
+
+
+@pytest.mark.parametrize("mode", ["auto", "on", "off"])
+def test_what_was_granted_is_said_and_in_force(mode: str) -> None:
+    if mode == "on" and not FIFO_ALLOWED:
+        pytest.skip("only administrators may demand it here")
+    with EmulatorProcess(["--realtime", mode]) as robot:
+        (ready,) = (line for line in robot.output.splitlines() if line.startswith("Ready:"))
+        assert robot._process is not None
+        policy = os.sched_getscheduler(robot._process.pid) & ~os.SCHED_RESET_ON_FORK
+        status = Path(f"/proc/{robot._process.pid}/status").read_text()
+        locked_kb = int(status.split("VmLck:")[1].split()[0])
+    assert ("SCHED_FIFO" in ready) == (policy == os.SCHED_FIFO)
+    assert ("memory locked" in ready) == (locked_kb > 0)
+    if mode == "off":
+        assert "without real-time priority" in ready
+    if mode == "on":
+        assert "SCHED_FIFO" in ready
+        assert "memory locked" in ready
+
+
+def test_what_is_demanded_and_not_granted_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def denied(*arguments: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", denied)
+    monkeypatch.setattr(realtime, "_lock_memory", lambda *, everything: True)
+    monkeypatch.setattr(realtime, "_set_timer_slack", lambda: None)
+    monkeypatch.setattr(realtime.gc, "freeze", lambda: None)
+    assert realtime.claim_real_time(realtime.RealTime.AUTO) == ["memory locked"]
+    with pytest.raises(realtime.RealTimeRefused, match="grants no SCHED_FIFO: let the user have it"):
+        realtime.claim_real_time(realtime.RealTime.ON)
+
+
+def test_nobody_who_does_not_read_the_log_holds_the_robot_up(tmp_path: Path) -> None:
+    """Standard error is a pipe that is full, as under `| less`: the control loop goes on, and the end comes in time."""
+    address = EmulatorProcess()  # its address only
+    command = [sys.executable, "-m", "emulator", "--host", address.host, "--no-pendant", "--log-level", "debug"]
+    with subprocess.Popen(
+        command, cwd=Path(__file__).parents[2], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        while not (line := process.stdout.readline()).startswith("Ready:"):
+            assert line
+        with closing(socket.create_connection((address.host, 29999), timeout=DEADLINE_S)) as connection:
+            lines = connection.makefile("rw")
+            assert "Dashboard" in lines.readline()
+            for number in range(40):  # 400 kB, and a pipe holds 64
+                lines.write(f"addToLog {number}{'x' * 10_000}\n")
+                lines.flush()
+                assert lines.readline() == "Added log message\n"
+            lines.write("running\n")
+            lines.flush()
+            assert lines.readline() == "Program running: false\n"
+        assert process.stderr is not None
+        assert select.select([process.stderr], [], [], 0.0)[0], "the log holds nothing: this proves nothing"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(DEADLINE_S) == 0  # before anybody reads
+    address.dispose()
+
+
+def test_what_was_printed_is_there_in_order(capsys: pytest.CaptureFixture[str]) -> None:
+    stream = BackgroundStream("stdout")
+    with stream.in_background():
+        for number in range(1000):
+            stream.write(f"{number}\n")
+    stream.write("after\n")
+    assert capsys.readouterr().out.split() == [*map(str, range(1000)), "after"]

@@ -1,0 +1,35 @@
+"""Where every command of the project begins: Ctrl-C ends it without a traceback, while it still loads modules too.
+
+It loads next to nothing itself, since an interrupt before it could not be caught.
+"""
+
+import sys
+from importlib import import_module
+
+__all__ = ["INTERRUPTED", "run", "ur_client", "ur_emulator", "urscript"]
+
+INTERRUPTED = 130
+"""Exit status of a program that Ctrl-C ended, as shells have it."""
+
+
+def run(module: str) -> None:
+    """Load a module and end with what its ``main`` returns."""
+    try:
+        sys.exit(import_module(module).main())
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
+
+
+def ur_client() -> None:
+    """The command ``ur-client``."""
+    run("client.cli")
+
+
+def ur_emulator() -> None:
+    """The command ``ur-emulator``."""
+    run("emulator.cli")
+
+
+def urscript() -> None:
+    """The command ``urscript``."""
+    run("urscript.cli")

@@ -1,0 +1,254 @@
+"""What somebody probably meant whose program does not compile: the habits of other languages, slips, lost ``end``s.
+
+A hint is only ever added to an error. It explains, and decides nothing: which programs are refused, and at which
+line a controller reports it, does not depend on this module.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from urscript.errors import Cause
+from urscript.tokens import Token
+
+__all__ = [
+    "END_WORDS",
+    "FOREIGN_BLOCKS",
+    "FUNCTIONS",
+    "VARIABLES",
+    "end_with_word",
+    "is_end_with_word",
+    "misplaced_end",
+    "syntax_hint",
+    "unclosed_block",
+]
+
+_COUNT: Final = "URScript has no 'for': count in a while loop"
+_BRANCH: Final = "another branch begins with 'elif', and the last one with 'else:'"
+_NO_TYPE: Final = "variables are not declared: write name = value"
+_NO_SWITCH: Final = "URScript has no 'switch': use if and elif"
+_NO_TRY: Final = "URScript has no exceptions: look at what a function returns"
+_DEF: Final = "a function begins with 'def name(parameters):'"
+_END: Final = "a block ends with 'end' alone"
+END_WORDS: Final = frozenset(["endif", "endwhile", "endfor", "enddef", "endfunction", "End", "END", "fi", "done"])
+_NO_IMPORT: Final = "URScript has no modules: all functions of a program are in its text"
+_LOG: Final = 'textmsg("text") writes to the log'
+
+_FIRST_WORDS: Final[Mapping[str, str]] = {
+    **dict.fromkeys(["for", "foreach", "repeat", "do", "until", "loop"], _COUNT),
+    **dict.fromkeys(["elseif", "elsif", "elsIf", "elseIf", "ElseIf", "Else", "ELSE"], _BRANCH),
+    **dict.fromkeys(["var", "let", "const", "int", "float", "double", "bool", "string", "String", "auto"], _NO_TYPE),
+    **dict.fromkeys(["switch", "case", "match"], _NO_SWITCH),
+    **dict.fromkeys(["try", "except", "catch", "finally", "raise", "throw"], _NO_TRY),
+    **dict.fromkeys(["function", "func", "fn", "sub", "proc", "void"], _DEF),
+    **dict.fromkeys(END_WORDS, _END),
+    **dict.fromkeys(["import", "include", "using", "from"], _NO_IMPORT),
+    **dict.fromkeys(["print", "echo", "printf"], _LOG),
+    "pass": "an empty block needs no statement",
+    "If": "keywords are in small letters: if",
+    "While": "keywords are in small letters: while",
+    "Def": "keywords are in small letters: def",
+    "goto": "URScript has no 'goto'",
+    "class": "URScript has no classes; struct(name=value) holds values together",
+}
+"""First words of statements that are none."""
+
+FOREIGN_BLOCKS: Final = frozenset(["for", "foreach", "switch", "match", "try", "function", "func"])
+"""Of these, those that have a block."""
+
+_BEFORE_BRACKETS: Final = frozenset(["for", "foreach", "switch", "match", "elseif", "elsif", "elseIf", "If", "While"])
+
+_QUOTES: Final = 'texts stand between straight double quotes (")'
+_AND: Final = "write 'and'"
+_OR: Final = "write 'or'"
+_COMMENT: Final = "a comment begins with '#'; floor(a / b) divides without remainder"
+_COUNT_UP: Final = "write name = name + 1"
+_COMPARE: Final = "'==' compares and '!=' tells whether values differ"
+_SIGNS: Final[Mapping[str, str]] = {
+    **{f"{sign}=": f"write name = name {sign} value" for sign in "+-*/%"},
+    **dict.fromkeys(["++", "--"], _COUNT_UP),
+    **dict.fromkeys(["//", "/*", "*/"], _COMMENT),
+    **dict.fromkeys(["&&", "&"], _AND),
+    **dict.fromkeys(["||", "|"], _OR),
+    **dict.fromkeys(["===", "!==", "<>"], _COMPARE),
+    **dict.fromkeys(["**", "^"], "write pow(base, exponent)"),
+    "<-": "write name = value",
+    ":=": "write name = value",
+    ";": "statements end without ';': begin a new line",
+    "'": _QUOTES,
+    "`": _QUOTES,
+    **dict.fromkeys("\u2018\u2019\u201a\u201c\u201d\u201e\u2033\u00ab\u00bb", _QUOTES),
+    "{": "blocks begin with ':' and close with 'end'; lists have square brackets",
+    "}": "blocks begin with ':' and close with 'end'; lists have square brackets",
+    **dict.fromkeys("\u2013\u2014\u2212", "this is a dash: write the minus sign '-'"),
+    "\u00d7": "write '*'",
+    "\u00b0": "angles are in radians: d2r(90)",
+    "\u00a0": "this is a non-breaking space: write a plain one",
+    **dict.fromkeys(["{{", "{%", "{#"], "this is a template, whose values are not filled in"),
+    "@": "URScript has no decorators",
+    "?": "URScript has no conditional expression: use if",
+}
+"""Signs of other languages, by themselves or as they stand together."""
+
+VARIABLES: Final[Mapping[str, str]] = {
+    **dict.fromkeys(["true", "TRUE"], "write True"),
+    **dict.fromkeys(["false", "FALSE"], "write False"),
+    **dict.fromkeys(["null", "none", "nil", "NULL", "undefined", "nullptr"], "write None"),
+    **dict.fromkeys(["pi", "PI", "math", "M_PI"], "URScript has no pi: d2r(180) gives it"),
+}
+"""Constants of other languages."""
+
+FUNCTIONS: Final[Mapping[str, str]] = {
+    **dict.fromkeys(["print", "printf", "println", "echo", "log_message", "textMsg", "disp"], _LOG),
+    **dict.fromkeys(["len", "size_of", "sizeof", "count"], "length(list) gives the number of elements"),
+    **dict.fromkeys(["abs", "fabs"], "norm(number) gives the absolute value"),
+    **dict.fromkeys(["int", "trunc"], "floor(number) gives a whole number"),
+    "round": "floor(number + 0.5) rounds",
+    **dict.fromkeys(["str", "string", "String"], "to_str(value) gives a text"),
+    **dict.fromkeys(["float", "double", "atof", "atoi"], 'to_num("text") reads a number'),
+    **dict.fromkeys(["wait", "delay", "pause", "wait_time"], "sleep(seconds) waits"),
+    **dict.fromkeys(["degrees", "rad2deg"], "r2d(angle) gives degrees"),
+    **dict.fromkeys(["radians", "deg2rad", "rad"], "d2r(angle) gives radians"),
+    **dict.fromkeys(["min", "max"], "compare with if"),
+    **dict.fromkeys(["range", "enumerate"], _COUNT),
+    **dict.fromkeys(["exit", "quit", "stop"], "'halt' ends the program"),
+    **dict.fromkeys(["concat", "strcat", "str_concat"], "str_cat(a, b) joins texts"),
+    **dict.fromkeys(["input", "raw_input"], "request_string_from_primary_client(text) asks the operator"),
+    **dict.fromkeys(["mod", "fmod"], "write a % b"),
+}
+"""Functions of other languages."""
+
+
+def syntax_hint(tokens: Sequence[Token], at: int, started: int) -> str:
+    """What may be wrong where a text does not parse; empty when nothing comes to mind.
+
+    at: number of the token that does not fit, started: of the first one of its statement.
+    """
+    token, first = tokens[at], tokens[min(started, at)]
+    if first.kind == "name" and started < at and _begins_statement(first, tokens[started + 1]):
+        return _FIRST_WORDS[first.text]
+    if token.kind == "name" and token.text == "then":
+        return "a condition ends with ':'"
+    if token.kind == "if" and at > 0 and tokens[at - 1].kind == "else":
+        return "write 'elif'"
+    if token.kind == "=" and first.kind in ("if", "elif", "while"):
+        return "'=' assigns, '==' compares"
+    if token.kind == "==" and first.kind == "name":
+        return "'==' compares, '=' assigns"
+    if token.kind == "name" and token.text in ("is", "in"):
+        return "'==' compares" if token.text == "is" else "URScript has no 'in'"
+    signs = _signs_around(tokens, at)
+    return _SIGNS.get(signs) or _SIGNS.get(token.text) or _SIGNS.get(token.text[:1], "")
+
+
+def _begins_statement(word: Token, following: Token) -> bool:
+    """Whether a word is the first of a statement that other languages have, and no variable or function here."""
+    if word.text not in _FIRST_WORDS or following.kind in ("=", ".", "["):
+        return False
+    return following.kind != "(" or word.text in _BEFORE_BRACKETS
+
+
+def _signs_around(tokens: Sequence[Token], at: int) -> str:
+    """The signs that stand together with this one."""
+    first = last = at
+    while first > 0 and _is_sign(tokens[first - 1]) and _touch(tokens[first - 1], tokens[first]):
+        first -= 1
+    while last + 1 < len(tokens) and _is_sign(tokens[last + 1]) and _touch(tokens[last], tokens[last + 1]):
+        last += 1
+    return "".join(token.text for token in tokens[first : last + 1]) if _is_sign(tokens[at]) else ""
+
+
+def _is_sign(token: Token) -> bool:
+    return token.kind == "invalid" or (token.kind == token.text and not token.text[:1].isalpha())
+
+
+def _touch(left: Token, right: Token) -> bool:
+    return left.line == right.line and left.column + len(left.text) == right.column
+
+
+# blocks and their ends
+
+
+_OPENING: Final = frozenset(["def", "sec", "thread", "if", "while"])
+_BLOCK_WORDS: Final = _OPENING | {"for", "function", "switch", "else", "elif"}
+
+
+def end_with_word(tokens: Sequence[Token], at: int) -> Cause | None:
+    """The first ``end if`` or its like before a token: an opening word behind ``end``, and nothing behind that."""
+    for number in range(at - 1):
+        if is_end_with_word(tokens, number):
+            word = tokens[number + 1]
+            return Cause(word.line, word.column, f"{_END}, not 'end {word.text}'")
+    return None
+
+
+def is_end_with_word(tokens: Sequence[Token], at: int) -> bool:
+    """Whether ``end if`` or its like stands there, and nothing behind it in its line."""
+    end, word, after = (*tokens[at : at + 3], tokens[-1], tokens[-1])[:3]
+    return (
+        end.kind == "end"
+        and word.text in _BLOCK_WORDS
+        and word.line == end.line
+        and (after.line > word.line or after.kind == "end of text")
+    )
+
+
+@dataclass(slots=True)
+class _Block:
+    opening: Token
+    column: int  # of the first word of its line
+    indented: bool | None = None  # what it holds, further than itself; None while that is not known
+
+
+def unclosed_block(tokens: Sequence[Token]) -> Cause | None:
+    """By its indentation, the block whose ``end`` is missing."""
+    found = _by_indentation(tokens)
+    if found is None or not found[2]:
+        return None
+    block, token, _ = found
+    return Cause(
+        block.line,
+        block.column,
+        f"the '{block.text}' of line {block.line} has no 'end', to judge by the indentation of line {token.line}",
+    )
+
+
+def misplaced_end(tokens: Sequence[Token]) -> Cause | None:
+    """By its indentation, the ``end`` that is one too many."""
+    found = _by_indentation(tokens)
+    if found is None or found[2]:
+        return None
+    block, token, _ = found
+    text = f"this 'end' closes the '{block.text}' of line {block.line}, and stands further right: one is too many"
+    return Cause(token.line, token.column, text)
+
+
+def _by_indentation(tokens: Sequence[Token]) -> tuple[Token, Token, bool] | None:
+    """The first block that does not end as its indentation shows, where that shows, and whether its end is missing."""
+    blocks: list[_Block] = []
+    line = column = 0
+    for token in tokens:
+        first = token.line > line
+        if first:
+            line, column = token.line, token.column
+        block = blocks[-1] if blocks else None
+        if first and block is not None and token.after_newline:
+            if block.indented is None:
+                block.indented = token.column > block.column or token.kind in ("end", "else", "elif")
+            if _shows_a_missing_end(token, block, blocks[:-1]):
+                return block.opening, token, True
+            if token.kind == "end" and block.indented and token.column > block.column:
+                return block.opening, token, False
+        if token.kind in _OPENING:
+            blocks.append(_Block(token, column))
+        elif token.kind == "end" and blocks:
+            blocks.pop()
+    return None
+
+
+def _shows_a_missing_end(token: Token, block: _Block, around: Sequence[_Block]) -> bool:
+    if not block.indented or token.kind == "end of text":
+        return False
+    if token.kind in ("end", "else", "elif"):
+        return token.column < block.column and any(outer.column == token.column for outer in around)
+    return token.column <= block.column

@@ -1,0 +1,109 @@
+"""What a call with literal values shows before it is executed: a type that does not fit, degrees, millimetres.
+
+Only values that stand in the call itself, or in the only assignment to a variable, are looked at. Everything
+here ends in a warning, and nothing is refused. The limits are far beyond what any arm reaches, so that no
+sensible program is warned of.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Final
+
+from urscript.builtins import Builtin, Parameter
+from urscript.syntax import Call, Constant, Expression, ListLiteral, PoseLiteral, Unary
+from urscript.values import KindMismatchError, Pose, is_number, type_name
+
+__all__ = ["call_problems", "literal_value"]
+
+UNKNOWN: Final = object()
+"""The value of what is no literal."""
+
+_JOINTS: Final = frozenset(["q", "qnear", "qNear"])
+_POSES: Final = frozenset(["pose", "pose_via", "pose_to", "q", "x"])
+_SPEEDS: Final = frozenset(["v"])
+_STRAIGHT: Final = frozenset(["movel", "movep", "movec", "servoc"])
+
+_MOST_RAD: Final = 4 * math.pi  # joints turn once in either direction; an unlimited wrist 3 may be further on
+_MOST_TURN_RAD: Final = 4 * math.pi  # of a rotation vector, whose length need not be more than pi
+_MOST_M: Final = 5.0  # guess: several times the reach of the longest arm
+_MOST_M_S: Final = 20.0  # guess: several times what a tool can do
+_MOST_RAD_S: Final = 20.0  # guess: several times what a joint can do
+
+
+def literal_value(node: Expression) -> Any:
+    """The value of a literal, of a list or pose of literals, or of d2r() of one; else `UNKNOWN`."""
+    match node:
+        case Constant():
+            return node.value
+        case Unary(operator="-"):
+            value = literal_value(node.operand)
+            return -value if is_number(value) else UNKNOWN
+        case Call(name="d2r", arguments=[argument], keywords=[]):
+            value = literal_value(argument)
+            return math.radians(value) if is_number(value) else UNKNOWN
+        case PoseLiteral():
+            items = [literal_value(item) for item in node.items]
+            return Pose(map(float, items)) if all(map(is_number, items)) else UNKNOWN
+        case ListLiteral():
+            items = [literal_value(item) for item in node.items]
+            nested = any(isinstance(item, list) for item in items)
+            return UNKNOWN if nested or any(item is UNKNOWN for item in items) else items
+    return UNKNOWN
+
+
+def call_problems(
+    builtin: Builtin, arguments: Sequence[Expression | None], constants: Callable[[Expression], Expression]
+) -> Iterator[tuple[str, Expression]]:
+    """What will not work in a call, and the argument to blame.
+
+    arguments: one for each parameter, None if omitted. constants: what a variable that never changes was given.
+    """
+    for parameter, node in zip(builtin.parameters, arguments, strict=True):
+        if node is None:
+            continue
+        value = literal_value(constants(node))
+        if value is UNKNOWN:
+            continue
+        problem = _mismatch(builtin, parameter, value) or _unlikely(builtin, parameter.names[0], value)
+        if problem:
+            yield problem, node
+
+
+def _mismatch(builtin: Builtin, parameter: Parameter, value: Any) -> str:
+    if value is None and parameter.optional:
+        return ""
+    try:
+        parameter.kind.accept(value)
+    except KindMismatchError:
+        found = f"'{type_name(value)}'"
+        if isinstance(value, list) and all(map(is_number, value)) and "of 6" in parameter.kind.title:
+            found = f"a list of {len(value)}"
+        return (
+            f"Type error: argument '{parameter.names[0]}' of {builtin.name} expected type "
+            f"'{parameter.kind.title}' but found {found}"
+        )
+    return ""
+
+
+def _unlikely(builtin: Builtin, name: str, value: Any) -> str:
+    """What can be computed, and cannot be meant."""
+    if isinstance(value, Pose):
+        if name not in _POSES:
+            return ""
+        if max(map(abs, value[:3])) > _MOST_M:
+            return f"the positions of a pose are in metres, and {_widest(value[:3])} looks like millimetres"
+        if math.hypot(*value[3:]) > _MOST_TURN_RAD:
+            return f"the rotation of a pose is a vector in radians, and {_widest(value[3:])} looks like degrees: d2r()"
+    elif isinstance(value, list):
+        if name in _JOINTS and all(map(is_number, value)) and max(map(abs, value), default=0) > _MOST_RAD:
+            return f"joint angles are in radians, and {_widest(value)} looks like degrees: d2r({_widest(value)})"
+    elif is_number(value) and name in _SPEEDS:
+        if builtin.name in _STRAIGHT and value > _MOST_M_S:
+            return f"{builtin.name} moves with m/s, and v={value:g} looks like millimetres"
+        if builtin.name == "movej" and value > _MOST_RAD_S:
+            return f"movej moves with rad/s, and v={value:g} looks like degrees: d2r({value:g})"
+    return ""
+
+
+def _widest(values: Sequence[float]) -> str:
+    return f"{max(values, key=abs):g}"
