@@ -4,7 +4,8 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 MODEL  ?= ur3
 ARGS   ?=
-JOBS   ?= auto
+# one more than there are cores: a good part of the tests waits for robots in real time
+JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 1)
 
 .PHONY: emulator test soak check wheel-check benchmarks docs clean
 

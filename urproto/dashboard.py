@@ -227,8 +227,11 @@ def parse_polyscope_version(reply: str) -> PolyscopeVersion:
 
 
 def parse_loading(reply: str) -> str:
-    """The path in ``Loading program: /programs/x.urp`` and in the answer about an installation."""
-    match = re.fullmatch(r"Loading (?:program|installation): *(.+)", reply)
+    """The path in ``Loading program: /programs/x.urp`` and in the answer about an installation.
+
+    e-Series controllers name the installation behind the program: ``..., /programs/default.installation``.
+    """
+    match = re.fullmatch(r"Loading (?:program|installation): *(.+?)(?:, [^,]+\.installation)?", reply)
     if match is None:
         raise RemoteProtocolError(f"{reply!r} does not say that something is loaded")
     return match[1]

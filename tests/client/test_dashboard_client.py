@@ -30,6 +30,7 @@ ANSWERS = {
     "get serial number": "20175599999",
     "get robot model": "UR3",
     "load pick.urp": "Loading program: /programs/pick.urp",
+    "load place.urp": "Loading program: /programs/place.urp, /programs/default.installation",  # e-Series
     "popup look here": "showing popup",
     "addToLog ": "No log message to add",
     "in local": "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and "
@@ -80,6 +81,7 @@ ASKED = [
     (dashboard.SERIAL_NUMBER, "20175599999"),
     (dashboard.ROBOT_MODEL, "UR3"),
     (dashboard.load("pick.urp"), "/programs/pick.urp"),
+    (dashboard.load("place.urp"), "/programs/place.urp"),
     (dashboard.popup("look here"), None),
     (dashboard.add_to_log("noted"), None),
     (dashboard.load_installation("cell.installation"), "/programs/cell.installation"),

@@ -1,7 +1,8 @@
 """The wire formats of External Control.
 
 The expected words are laid out by hand after the write functions and the control program of
-Universal_Robots_Client_Library 2.14.
+Universal_Robots_Client_Library 2.14; the script commands from 100 on and their answers, which are
+our own extension, after client/resources/control_program.script.
 """
 
 import struct
@@ -12,10 +13,13 @@ from hypothesis import strategies as st
 
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.external_control import (
+    Answer,
     ControlMode,
     FreedriveAction,
     MessageDecoder,
     MotionType,
+    Question,
+    ReplyDecoder,
     ReverseMessage,
     ScriptCommand,
     ScriptCommandKind,
@@ -27,6 +31,9 @@ from urproto.external_control import (
 
 Q = (0.1, -1.57, 1.2, 0.0, 3.141593, -0.5)
 Q_WORDS = [100000, -1570000, 1200000, 0, 3141593, -500000]
+# millionths, rounded down, and the billionths of one that are left: 2**-21 is 0.476837158203125 millionths
+PRECISE = (0.5, -0.25, 2**-21, -(2**-21), 0.0, 3.0)
+PRECISE_WORDS = [500000, 0, -250000, 0, 0, 476837158, -1, 523162841, 0, 0, 3000000, 0]
 
 
 def _words(data):
@@ -81,6 +88,21 @@ COMMANDS = [
         ScriptCommand.set_target_payload(1.0, (0, 0, 0.1), (0.1,) * 6, 0.25),
         [12, 1000000, 0, 0, 100000, *[100000] * 6, 250000],
     ),
+    (ScriptCommand.argument(0, PRECISE), [100, 0, *PRECISE_WORDS]),
+    (ScriptCommand.argument(2, PRECISE), [100, 2, *PRECISE_WORDS]),
+    (ScriptCommand.ask(Question.INVERSE_KIN, 7), [101, 1, 7, 0]),
+    (ScriptCommand.ask(Question.JOINT_POSITIONS_HISTORY, 0, 8), [101, 12, 0, 8]),
+    (ScriptCommand.set_stream_parameters(0.03, 2000, 40, 4), [102, 30000, 2000000000, 40000000, 4000000]),
+    (ScriptCommand.set_freedrive_axes((0, 0, 1, 0, 0, 1), Q), [103, 0, 0, 1, 0, 0, 1, *Q_WORDS]),
+    (ScriptCommand.start_contact_detection((0, 0, -1, 0, 0, 0)), [104, 0, 0, -1000000, 0, 0, 0]),
+    (ScriptCommand.plain(ScriptCommandKind.STOP_CONTACT_DETECTION), [105]),
+    (ScriptCommand.set_force_mode_parameters(0.025, 0.5), [106, 25000, 500000]),
+]
+
+ANSWERS = [
+    (Answer(()), [-1]),
+    (Answer((1.0,)), [-2, 1000000, 0]),
+    (Answer(PRECISE), [-7, *PRECISE_WORDS]),
 ]
 
 
@@ -104,6 +126,13 @@ def test_script_commands(command, words):
     assert decoded.words[: len(command.words)] == command.words
 
 
+@pytest.mark.parametrize(("message", "words"), ANSWERS)
+def test_answers(message, words):
+    assert _words(message.encode()) == words
+    (told,) = ReplyDecoder().feed(message.encode())
+    assert told.values == pytest.approx(message.values, abs=1e-15)
+
+
 def test_the_payload_of_a_keep_alive_may_be_anything():
     data = struct.pack(">8i", 20, *[-1234567] * 6, 0)
     assert ReverseMessage.decode(data).mode is ControlMode.IDLE
@@ -123,6 +152,7 @@ def test_any_bytes_are_messages_or_a_protocol_error(chunks):
         MessageDecoder(TrajectoryPoint.SIZE, TrajectoryPoint.decode),
         MessageDecoder(ScriptCommand.SIZE, ScriptCommand.decode),
         MessageDecoder.results(),
+        ReplyDecoder(),
     ):
         try:
             for chunk in chunks:

@@ -1,5 +1,8 @@
 """Every kind of message of every port has a golden case: bytes or texts from elsewhere, with their origin.
 
+Our own extensions of External Control are spoken nowhere else: their cases are written by hand after the URScript of
+our control program, and say so.
+
 ``tests/golden/wire.tsv`` is the list. Each case is read by the port's codec, which tells its kinds, and must come out
 of the codec again as it was. A kind without a case fails; the table of all is ``tests/golden/README.md``, which
 
@@ -186,6 +189,13 @@ def result(_: str, case: str) -> set[str]:
     return {f"result: {told.name}"}
 
 
+def answer(_: str, case: str) -> set[str]:
+    (told,) = ec.ReplyDecoder().feed(data_of(case))
+    assert isinstance(told, ec.Answer)
+    assert told.encode() == data_of(case)
+    return {"answer: values" if told.values else "answer: no solution"}
+
+
 def sender(_: str, case: str) -> set[str]:
     assert data_of(case) == ec.REQUEST_PROGRAM
     return {"request for the program"}
@@ -202,6 +212,7 @@ READERS: dict[str, Callable[[str, str], set[str]]] = {
     "external control trajectory": trajectory,
     "external control command": script_command,
     "external control result": result,
+    "external control answer": answer,
     "external control sender": sender,
 }
 
@@ -244,6 +255,8 @@ def wanted() -> Iterator[tuple[str, str]]:
     ):
         for member in members:
             yield port, f"{prefix}: {member.name}"
+    for text in ("values", "no solution"):
+        yield "external control answer", f"answer: {text}"
     yield "external control sender", "request for the program"
 
 
@@ -269,7 +282,9 @@ def table() -> str:
         "# Golden cases\n\n<!-- Written by tests/codecs/test_golden.py: do not edit. -->\n\n"
         "What is known to be right about each kind of message, and from where. The cases are in `wire.tsv`,\n"
         '`dashboard.tsv` and the `.hex` files; "capture" is bytes of a controller, everything else was written by\n'
-        "hand after a document or after a parser that others run against controllers.\n\n"
+        "hand after a document or after a parser that others run against controllers. Only our own extensions of\n"
+        "External Control have no origin elsewhere: they were written by hand after the URScript of our control\n"
+        "program.\n\n"
         f"| port | kind | origin |\n| --- | --- | --- |\n{rows}"
     )
 

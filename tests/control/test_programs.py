@@ -12,7 +12,8 @@ from urproto.robots import load_model
 SCRIPT = "# counts\ndef count():\n  i = 0\n  while True:\n    i = i + 1\n    sync()\n  end\nend\n"
 NODES = (
     '<Folder name="Pick"><children><Wait type="Sleep"><waitTime>30</waitTime></Wait></children></Folder>'
-    '<SuppressedNode><children><Comment comment="later"/></children></SuppressedNode>'
+    '<SuppressedNode><suppressedNode class="Folder" name="Later">'
+    '<children><Comment comment="not now"/></children></suppressedNode></SuppressedNode>'
     '<Comment comment="done &lt;b&gt;"/>'
 )
 TREE = (
@@ -87,7 +88,7 @@ def test_a_tree_has_its_nodes_and_once_played_its_script(robot: VirtualRobot) ->
         (1, 0, "Robot Program"),
         (2, 1, "Pick"),
         (3, 2, "Wait: 30"),
-        (4, 1, "Suppressed"),
+        (4, 1, "Later"),
         (5, 2, "Comment"),
         (6, 1, "'done <b>'"),
     ]

@@ -21,9 +21,13 @@ SPEED = {"ur3": 3.0, "ur5e": 2.0}
 
 @pytest.fixture(params=["ur3", "ur5e"])
 async def robot(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator[Emulator]:
-    """A running emulator: a UR3 of the CB3 series and a UR5e, or what the test is parametrised with."""
-    model, _, version = str(request.param).partition(" ")
-    async with emulator(model, version or None, tmp_path, SPEED[model]) as running:
+    """A running emulator: a UR3 of the CB3 series and a UR5e, or what the test is parametrised with.
+
+    "ur5e 5.25.1 dynamic": model, version, and a dynamic arm; the last two may be left out, from the end on.
+    """
+    model, version, arm = (*str(request.param).split(), "", "")[:3]
+    assert arm in ("", "dynamic")
+    async with emulator(model, version or None, tmp_path, SPEED[model], dynamic=bool(arm)) as running:
         yield running
 
 

@@ -24,12 +24,22 @@ CALM_S = 0.2  # the longest real-time timeout: a busy test machine is not the su
 
 
 def emulator(
-    model: str = "ur5e", version: str | None = None, programs_dir: Path | None = None, speed: float = 1.0
+    model: str = "ur5e",
+    version: str | None = None,
+    programs_dir: Path | None = None,
+    speed: float = 1.0,
+    *,
+    dynamic: bool = False,
 ) -> Emulator:
-    """One with its brakes released, not entered yet."""
+    """One with its brakes released, not entered yet. Torques move it only when it is dynamic, as in URSim."""
     chosen = PolyscopeVersion.parse(version) if version else None
     controller = ControllerConfig(
-        model=load_model(model), version=chosen, initial_q=HOME, running=True, programs_dir=programs_dir
+        model=load_model(model),
+        version=chosen,
+        initial_q=HOME,
+        running=True,
+        programs_dir=programs_dir,
+        dynamic=dynamic,
     )
     return Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True, speed=speed))
 

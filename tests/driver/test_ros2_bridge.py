@@ -262,7 +262,9 @@ async def test_from_the_shell(robot, domain, monkeypatch, capsys):
 
 async def test_without_the_package(monkeypatch):
     monkeypatch.setitem(sys.modules, "client.ros2.bridge", None)
-    with pytest.raises(MissingExtraError, match=r"the ROS 2 bridge needs .* pip install 'ur-emulator\[ros2\]'"):
+    with pytest.raises(
+        MissingExtraError, match=r"the ROS 2 bridge needs .*: in the folder of ur-emulator, pip install '\.\[ros2\]'"
+    ):
         await ros2_bridge.serve(Target(HOST, 0), Domain(0, ("",), ""), "", [SCALED], True)
 
 

@@ -6,7 +6,7 @@ from driver_rig import CALM_S, HOME, swing
 from client.errors import ProgramNotRunningError
 from urproto.errors import LocalProtocolError, RobotRefused
 
-TORQUE = ["ur5e 5.23", "ur5e 5.25.1"]
+TORQUE = ["ur5e 5.23 dynamic", "ur5e 5.25.1 dynamic"]
 
 
 async def test_servoing_follows_joint_angles_and_comes_to_rest(pair):
@@ -90,8 +90,8 @@ async def test_torques_accelerate_a_joint(pair):
         pair.driver.set_friction_compensation(False)
     else:
         pair.driver.set_friction_scales([0.5] * 6, [0.5] * 6)
-    await pair.setpoints(0.2, lambda _: pair.driver.torque([0, 0, 0, 0, 0, 0.05], CALM_S))
-    assert pair.snapshot.target_qd[5] > 0.01
+    await pair.setpoints(0.2, lambda _: pair.driver.torque([20, 0, 0, 0, 0, 0], CALM_S))  # beats friction
+    assert pair.snapshot.actual_qd[0] > 0.1
     pair.driver.idle()
     await pair.until(lambda: pair.at_rest)
     assert pair.driver.program_running

@@ -142,7 +142,7 @@ class Robot:
         return client
 
     async def stream(self, names: tuple[str, ...] = ("timestamp",), **options: Any) -> RTDEClient:
-        """An RTDE client that data flows to."""
+        """An RTDE client that data flows to: a package in each period from now on, none so far."""
         client: RTDEClient = await self.connect("rtde", RTDEClient, **options)
         for request in (RequestProtocol(2), SetupOutputs(names, 1.0 / self.period_s), Start()):
             client.send(request.encode(2))
@@ -153,6 +153,9 @@ class Robot:
             return any((reply.type, reply.payload) == (PackageType.START, b"\x01") for reply in replies)
 
         await self.until(started)
+        await self.step()  # the first package comes a period after the answer
+        replies.extend(client.packages())
+        assert all(reply.type != PackageType.DATA_PACKAGE for reply in replies), "data with the answer to START"
         return client
 
     async def ask(self, client: Client, request: bytes, periods: int = 3) -> bytes:

@@ -13,6 +13,8 @@ from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 from script_client import ScriptClient
 
+from urproto.robots import START_Q as URSIM_START_Q
+
 both_series = pytest.mark.parametrize("rig", ["ur3", "ur3e"], indirect=True)
 
 POWER_OFF, IDLE, RUNNING = 3, 5, 7  # robot modes
@@ -222,7 +224,7 @@ def test_the_first_minutes_of_a_newcomer(own_process: Callable[..., EmulatorProc
         state.wait_until(lambda sample: sample["robot_mode"] == IDLE, timeout_s=15)
         dashboard.brakeRelease()
         state.wait_until(lambda sample: sample["robot_mode"] == RUNNING, timeout_s=15)
-        assert state.settled()["actual_q"] == pytest.approx([0, -1.57, 0, -1.57, 0, 0], abs=1e-3)
+        assert state.settled()["actual_q"] == pytest.approx(URSIM_START_Q, abs=1e-3)
         control = RTDEControlInterface(process.host)
         target = [0.3, -1.2, 1.0, -1.4, -1.57, 0.0]
         with disconnecting(control):

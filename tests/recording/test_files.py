@@ -204,7 +204,7 @@ def test_a_robot_that_boots_anew_goes_on_in_time(states, tmp_path: Path) -> None
 def test_a_missing_package_is_one_clear_line(states, tmp_path: Path, monkeypatch, name: str, module: str) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'ur-emulator\[record\]'"):
+    with pytest.raises(MissingExtraError, match=r"in the folder of ur-emulator, pip install '\.\[record\]'"):
         Recorder(tmp_path / name, states[0])
     assert not (tmp_path / name).exists()
 

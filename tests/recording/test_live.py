@@ -170,5 +170,5 @@ def test_an_address_that_is_taken_is_told() -> None:
 
 def test_a_missing_package_is_one_clear_line(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
-    with pytest.raises(MissingExtraError, match=r"ur-emulator\[live\]"):
+    with pytest.raises(MissingExtraError, match=r"in the folder of ur-emulator, pip install '\.\[live\]'"):
         FoxgloveServer(("timestamp",), "127.0.0.1", 0)

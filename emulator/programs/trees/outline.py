@@ -39,7 +39,8 @@ def outline_steps(
 
 def _name(element: Element) -> str:
     """Of a node that has no label: its name, or its kind in words."""
-    if element.tag == "SuppressedNode":
-        return "Suppressed"
-    words = "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in element.tag)
-    return element.attributes.get("name") or words.removesuffix(" node").strip().capitalize()
+    kind, named = element.tag, element
+    if element.tag == "SuppressedNode" and (inner := element.child("suppressedNode")) is not None:
+        kind, named = inner.get("class") or kind, inner
+    words = "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in kind)
+    return named.attributes.get("name") or words.removesuffix(" node").strip().capitalize()
