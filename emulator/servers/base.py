@@ -14,10 +14,12 @@ on later (``Connection.pass_on``), to the hooks after it; meanwhile they count a
 import asyncio
 import errno
 import logging
+import os
 import socket
 import struct
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
@@ -288,7 +290,9 @@ class Connection(asyncio.BufferedProtocol):
         return self._read_buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        data = bytes(self._read_buffer[:nbytes])
+        self._arrived(bytes(self._read_buffer[:nbytes]))
+
+    def _arrived(self, data: bytes) -> None:
         if self.server.hooks.on_bytes:
             data = self.server.hooks.bytes(self, Direction.RECEIVED, data)
         self._receive(data)
@@ -297,7 +301,21 @@ class Connection(asyncio.BufferedProtocol):
         self._ended = bool(self._kept[Direction.RECEIVED])
         return self._ended or self.at_end()
 
+    def _read_rest(self) -> None:
+        """What the client sent before it reset the connection: asyncio drops that when a write notices the reset first.
+
+        Clients that close with states unread reset it, right behind their last command.
+        """
+        own = self._transport.get_extra_info("socket") if self._transport is not None else None
+        if own is None or self._stalls or not self._wants_reading:
+            return
+        with suppress(OSError):
+            while data := os.read(own.fileno(), _READ_BYTES):
+                self._arrived(data)
+
     def connection_lost(self, exc: Exception | None) -> None:
+        if exc is not None and self in self.server.connections:
+            self._read_rest()
         self._transport = None
         if self in self.server.connections:
             self.server.connections.remove(self)

@@ -1,5 +1,8 @@
 """What all ports share: slow readers, queues of requests, hooks."""
 
+import asyncio
+import socket
+import struct
 from typing import Any
 
 import pytest
@@ -134,3 +137,32 @@ def test_hooks_turn_clients_away(server: PortServer) -> None:
     server.hooks.on_connect.append(lambda connection: False)
     assert not MemoryClient(server).connected
     assert not server.connections
+
+
+async def test_what_a_client_sent_before_it_reset_the_connection_counts() -> None:
+    heard = bytearray()
+
+    class Listening(Connection):
+        def received(self, data: bytes) -> None:
+            heard.extend(data)
+
+    class Port(PortServer):
+        def connect(self) -> Connection:
+            return Listening(self)
+
+    server = Port("test", FakeController())
+    await server.start("127.0.0.1", 0)
+    try:
+        client = socket.create_connection(("127.0.0.1", server.port))
+        while not server.connections:
+            await asyncio.sleep(0)
+        (connection,) = server.connections
+        client.sendall(b"the last command")
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        client.close()  # as with states unread: a reset
+        connection.send_state(b"a state")  # is the first to notice
+        while server.connections:
+            await asyncio.sleep(0)
+    finally:
+        await server.stop()
+    assert heard == b"the last command"
