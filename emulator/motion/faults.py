@@ -1,10 +1,12 @@
-"""Why a movement had to end in a protective stop."""
+"""Why a movement had to end in a protective stop, or went another way than it was told to."""
 
 from dataclasses import dataclass
 
 __all__ = [
     "MotionFault",
+    "MotionWarning",
     "bad_setpoint",
+    "blend_cut",
     "conveyor_too_fast",
     "frame_lost",
     "frame_too_fast",
@@ -14,6 +16,7 @@ __all__ = [
     "path_out_of_reach",
     "sudden_jump",
     "unreachable",
+    "waypoint_skipped",
 ]
 
 # Report codes and arguments of the controller's error list. Which of them a real controller gives for a pose out of
@@ -22,6 +25,8 @@ _CLOSE_TO_JOINT_LIMIT = 150
 _CONVEYOR_SPEED = 195
 _TOOL_SPEED = 2
 _POSITION_DEVIATES = 153
+_BLEND_ISSUE = 171
+_BLEND_OVERLAP = 197
 _PATH_SANITY = 204
 _SUDDEN_JUMP = 1
 _INVALID_SETPOINT = 5
@@ -43,6 +48,40 @@ class MotionFault(Exception):  # noqa: N818 - it is what the controller calls a 
 
     def __str__(self) -> str:
         return f"C{self.code}A{self.argument}: {self.text}"
+
+
+@dataclass(frozen=True, slots=True)
+class MotionWarning:
+    """Something that a program should know of a movement that goes on; ``code`` and ``argument`` as of a fault."""
+
+    code: int
+    argument: int
+    text: str
+
+    @property
+    def skips(self) -> bool:
+        """The arm does not go to the waypoint."""
+        return self.code == _BLEND_ISSUE
+
+
+def waypoint_skipped(argument: int, radius_m: float, before_m: float, distance_m: float) -> MotionWarning:
+    """Two blends overlap: the arm does not go to the second waypoint. The argument tells the kind of move."""
+    return MotionWarning(
+        _BLEND_ISSUE,
+        argument,
+        f"overlapping blends, a waypoint is skipped: its blend radius of {radius_m:.4f} m and that of the waypoint "
+        f"before, {before_m:.4f} m, do not fit into the {distance_m:.4f} m between them; make the radii smaller",
+    )
+
+
+def blend_cut(radius_m: float, distance_m: float) -> MotionWarning:
+    """A blend would reach beyond the waypoint at the other end of a move. When a controller gives this code: guess."""
+    return MotionWarning(
+        _BLEND_OVERLAP,
+        0,
+        f"a blend radius of {radius_m:.4f} m reaches beyond the waypoint at the other end of the move, "
+        f"{distance_m:.4f} m away: the blend is cut to half of that; make the radius smaller",
+    )
 
 
 def joint_limit(joint: int, position_rad: float, lower_rad: float, upper_rad: float) -> MotionFault:

@@ -11,7 +11,7 @@ from enum import Enum, auto
 
 from emulator.motion.compliance import Compliance, Pushing
 from emulator.motion.contact import Contact
-from emulator.motion.faults import MotionFault
+from emulator.motion.faults import MotionFault, MotionWarning
 from emulator.motion.generator import Generator
 from emulator.motion.pacing import RAMP_RAD_S2, Excess, Pacer
 from emulator.motion.path_motion import PathMotion
@@ -70,6 +70,7 @@ class Stepper:
         self.hard_transitions = True  # set_safety_mode_transition_hardness; what holds before it is called is a guess
         self.wrench_limit: WrenchLimit | None = None  # tool_wrench_limit_set
         self.fault: MotionFault | None = None  # the last one
+        self._warnings: list[MotionWarning] = []
         self.displacement_lost: MotionFault | None = None  # the one that ended what was added to the path
         self._limits = PositionLimits(model, period_s)
         self._kinematics = kinematics_of(model)
@@ -177,6 +178,14 @@ class Stepper:
     def limit_positions(self, low: Joints, high: Joints) -> None:
         """Where the joints may go from now on [rad]."""
         self._limits.low, self._limits.high = low, high
+
+    def take_warnings(self) -> tuple[MotionWarning, ...]:
+        """What was wrong with the commands since the last call, though the arm moves."""
+        if not self._warnings:
+            return ()
+        warnings = tuple(self._warnings)
+        self._warnings.clear()
+        return warnings
 
     def set_position(self, q: Joints) -> None:
         """Put the arm elsewhere. Raises ValueError while it moves, or outside the position limits."""
