@@ -14,6 +14,7 @@ __all__ = [
     "near_singularity",
     "off_the_path",
     "path_out_of_reach",
+    "slider_raised",
     "sudden_jump",
     "unreachable",
     "waypoint_skipped",
@@ -152,6 +153,19 @@ def sudden_jump(joint: int, change_rad_s: float, speed_rad_s: float) -> MotionFa
         f"the path offset, conveyor or frame asks joint {joint} to change its speed by {change_rad_s:.2f} rad/s to "
         f"{speed_rad_s:.2f} rad/s within one control period; make what is added to the path smoother, or filter it",
         joint,
+    )
+
+
+def slider_raised() -> MotionFault:
+    """The time of a servoj goes on after it has stood still.
+
+    Issues 58 of the official C++ library and 90 of the ROS 2 driver: with the speed slider at 0, the next higher value
+    stopped the arm protectively. The drivers keep it at 1 % or more since. The code is a guess.
+    """
+    return MotionFault(
+        _PATH_SANITY,
+        _SUDDEN_JUMP,
+        "the speed slider was at 0 and was raised during a servoj; keep it at 0.01 or more, or pause the program",
     )
 
 

@@ -18,6 +18,7 @@ from emulator.motion.path_motion import PathMotion
 from emulator.motion.path_offset import OffsetSettings
 from emulator.motion.position_limits import PositionLimits
 from emulator.motion.reach import Reach
+from emulator.motion.servo import JointServo
 from emulator.motion.speed import JointSpeed, ToolSpeed
 from emulator.motion.stops import brake_together
 from emulator.motion.superposition import Superposition
@@ -264,6 +265,8 @@ class Stepper:
     def _proposal(self, generator: Generator, running: float) -> Joints | None:
         if not generator.scaled:
             return generator.propose(self.period_s, self._nominal)
+        if isinstance(generator, JointServo) and self._mode is Holding.RUN:
+            generator.slider(running)
         speed = self._nominal_qd if self._beside else self.qd
         excess = self._excess if isinstance(generator, _GOVERNED) else None
         target = self._pacer.advance(generator, self._nominal, speed, running, self._ramp, excess)
