@@ -275,11 +275,16 @@ class Controller:
         Where the program asked for it, it is paused instead.
         """
         if self.programs.pauses_on(cause.code, cause.argument):
-            self.messages.error(cause.code, cause.argument, ReportLevel.WARNING, cause.text)
-            self.programs.pause(f"pause_on_error_code: C{cause.code}A{cause.argument}")
+            self.warn(cause.code, cause.argument, cause.text)
         elif self.safety_event(SafetyEvent.PROTECTIVE_STOP):
             self.messages.error(cause.code, cause.argument, ReportLevel.WARNING, cause.text)
             self.safety_board.count_stop(cause.joint)
+
+    def warn(self, code: int, argument: int, text: str) -> None:
+        """Report something that stops nothing; a program that asked for it (pause_on_error_code) is paused."""
+        self.messages.error(code, argument, ReportLevel.WARNING, text)
+        if self.programs.pauses_on(code, argument):
+            self.programs.pause(f"pause_on_error_code: C{code}A{argument}")
 
     @property
     def local_control(self) -> bool:
@@ -396,6 +401,8 @@ class Controller:
         if self._fault is not None:
             self.protective_stop(StopCause(self._fault.code, self._fault.argument, self._fault.text, self._fault.joint))
             self._fault = None
+        for warning in self.motion.take_warnings():
+            self.warn(warning.code, warning.argument, warning.text)
         self.safety_board.judge(changed=self._arm_changed)
 
     # the snapshot

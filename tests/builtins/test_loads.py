@@ -195,3 +195,18 @@ def test_an_unset_payload_is_estimated_from_what_the_sensor_reads(rig):
     members = rig.value(f"estimate_payload([{', '.join(poses)}], {wrenches})").members
     assert members["mass"] == pytest.approx(mass, abs=1e-6)
     assert members["cog"] == pytest.approx(list(cog), abs=1e-6)
+
+
+@pytest.mark.parametrize("command", ["set_payload(12)", "set_target_payload(12, [0, 0, 0])", "set_payload_mass(12)"])
+def test_a_payload_beyond_the_rating_is_taken_and_noted_once(rig, command):
+    rig.run(f"{command}\n{command}")
+    assert rig.controller.installation.payload.mass == 12
+    notes = [line for line in rig.controller.messages.history if "rated for" in line]
+    assert len(notes) == 1
+    assert "12 kg" in notes[0]
+    assert "the UR5e is rated for 5 kg" in notes[0]
+
+
+def test_a_payload_within_the_rating_is_no_matter(rig):
+    rig.run("set_payload(5)")
+    assert not any("rated for" in line for line in rig.controller.messages.history)
