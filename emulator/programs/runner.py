@@ -33,6 +33,7 @@ from emulator.programs.watchdog import Watchdogs
 from emulator.snapshot import Snapshot
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED
+from urproto.versions import Series
 from urscript.compiler import CompiledProgram
 from urscript.runtime import Runtime
 from urscript.work import Steps, run_to_end
@@ -304,6 +305,8 @@ class Programs:
             return
         if self._controller.motion.paused:  # a protective stop without a program
             self._controller.motion.resume()
+        if self._controller.version.series is Series.E:  # vendor's word; PolyScope's scripts do not ask for it
+            self._controller.arm.zero_force()
         self._host = ProgramHost(self._controller, name=program.name)
         self._main = Runtime(program, self._host)
         self._host.attach(self._main)

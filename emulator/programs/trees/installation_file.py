@@ -215,12 +215,12 @@ def _three(values: list[float]) -> tuple[float, float, float]:
 
 
 def _gravity(root: Element) -> tuple[float, float, float]:
-    """As PolyScope's mounting page turns the arm: tilted about x, then turned about z (signs: guess)."""
+    """As PolyScope's mounting page turns the arm: tilted about x, then turned about z (signs as in public scripts)."""
     for element in root.walk():
         if "tiltAngle" in element.attributes:
             tilt, turn = number(element.get("tiltAngle")), number(element.get("baseAngle", "0"))
             across, along = _GRAVITY * math.sin(tilt), _GRAVITY * math.cos(tilt)
-            return (across * math.sin(turn) + 0.0, across * math.cos(turn) + 0.0, along + 0.0)
+            return (across * math.sin(turn) + 0.0, -across * math.cos(turn) + 0.0, along + 0.0)
     return (0.0, 0.0, _GRAVITY)
 
 
