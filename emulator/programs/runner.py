@@ -167,6 +167,10 @@ class Programs:
         yield from self._player.load_steps(path)
         self.stop("another program was loaded")
 
+    def load_default_steps(self, path: Path) -> Steps[None]:
+        """As `load_steps`, for a controller that boots: what clients chose or started meanwhile stays."""
+        return self._player.load_steps(path, by_default=True)
+
     def play(self) -> Submission:
         """Resume the paused program or start the loaded one; not accepted when neither is possible."""
         if self.state in (RuntimeState.PAUSED, RuntimeState.PAUSING):
