@@ -143,6 +143,7 @@ def play(controller: "Controller") -> _Waiting:
     programs = controller.programs
     if not controller.may_play or is_running(programs.state):
         return replies.failed("play")
+    controller.startup.allow_start(True)
     submission = programs.play()
     while submission.accepted is None:
         yield
@@ -159,6 +160,7 @@ def play(controller: "Controller") -> _Waiting:
 def stop(controller: "Controller") -> _Waiting:
     """Stop the running program; also answered when none runs."""
     controller.programs.stop("dashboard")
+    controller.startup.allow_start(False)
     yield from _until(controller, RuntimeState.STOPPED)
     return replies.STOPPED
 
