@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from client.decoding import show
-from client.decoding.streams import FramedStream, Framing, Line
+from client.decoding.streams import FramedStream, Framing, Line, Stream
 from urproto.external_control import (
     Answer,
     ControlMode,
@@ -19,6 +19,7 @@ from urproto.external_control import (
     TrajectoryAction,
     TrajectoryPoint,
     TrajectoryResult,
+    split_greeting,
 )
 
 __all__ = ["COMMANDS", "RESULTS", "REVERSE", "TRAJECTORY", "command_stream", "result_stream", "reverse_stream",
@@ -96,9 +97,43 @@ def command_stream() -> FramedStream:
     return FramedStream(COMMANDS, _told(ScriptCommand.decode, _command))
 
 
-def result_stream() -> FramedStream:
+def result_stream() -> Stream:
     """What the robot sends on the trajectory and script command interfaces."""
-    return FramedStream(RESULTS, _told(ReplyDecoder.decode, _reply))
+    return _Greeted(FramedStream(RESULTS, _told(ReplyDecoder.decode, _reply)))
+
+
+class _Greeted:
+    """A stream that may begin with the control program's greeting, which is text."""
+
+    def __init__(self, rest: Stream) -> None:
+        self._rest = rest
+        self._unread: bytes | None = b""  # None once it has been told, or does not come
+
+    def feed(self, data: bytes) -> Iterator[Line]:
+        """Take bytes, tell what they complete."""
+        if self._unread is not None:
+            data = self._unread + data
+            if (greeting := split_greeting(data)) is None:
+                self._unread = data
+                return
+            self._unread = None
+            token, rest = greeting
+            if token is not None:
+                yield Line(f"greeting: {show.quoted(token)}")
+            data = rest
+        yield from self._rest.feed(data)
+
+    def lost(self, size: int) -> None:
+        """So many bytes are missing here."""
+        self._unread = None
+        self._rest.lost(size)
+
+    def end(self) -> Iterator[Line]:
+        """No more bytes come."""
+        if self._unread:
+            unread, self._unread = self._unread, None
+            yield from self._rest.feed(unread)
+        yield from self._rest.end()
 
 
 def _told(decode: Callable[[bytes], Any], tell: Callable[[Any], str]) -> Callable[[bytes], Iterator[Line]]:
