@@ -21,6 +21,7 @@ from urproto.external_control import (
     TrajectoryResult,
     split_greeting,
 )
+from urproto.modes import mode_name
 
 __all__ = ["COMMANDS", "RESULTS", "REVERSE", "TRAJECTORY", "command_stream", "result_stream", "reverse_stream",
            "trajectory_stream"]  # fmt: skip
@@ -146,10 +147,10 @@ def _told(decode: Callable[[bytes], Any], tell: Callable[[Any], str]) -> Callabl
 def _reverse(message: ReverseMessage) -> str:
     timeout = f"read_timeout_ms={message.read_timeout_ms}"
     if message.mode is ControlMode.FORWARD:
-        action = show.enum_name(TrajectoryAction, message.words[0])
+        action = mode_name(TrajectoryAction, message.words[0])
         return f"{message.mode.name} {action} points={message.words[1]} {timeout}"
     if message.mode is ControlMode.FREEDRIVE:
-        return f"{message.mode.name} {show.enum_name(FreedriveAction, message.words[0])} {timeout}"
+        return f"{message.mode.name} {mode_name(FreedriveAction, message.words[0])} {timeout}"
     if message.mode.real_time:
         return f"{message.mode.name} {show.value(message.values)} {timeout}"
     return f"{message.mode.name} {timeout}"  # its payload may be anything
@@ -169,7 +170,7 @@ def _reply(reply: TrajectoryResult | Answer) -> str:
 
 def _command(command: ScriptCommand) -> str:
     if command.kind is ScriptCommandKind.ASK:
-        return f"ASK {show.enum_name(Question, command.words[0])}"
+        return f"ASK {mode_name(Question, command.words[0])}"
     count = _PARAMETERS[command.kind]
     values: list[float] = list(command.values[:count])
     if count and command.kind in _FLAG_FIRST:
