@@ -75,6 +75,7 @@ class Emulator:
         self.control = LiveControl(self.controller, real or OwnPace(), self.servers, self.faults)
         if config.control:
             self.servers["control"] = ControlServer(self.controller, self.control, config.control_token)
+            self.servers["control"].limits = config.client_limits
         self.stopped = asyncio.Event()
         self.tool_device = ""
         self.moved: dict[str, str] = {}
@@ -130,6 +131,7 @@ class Emulator:
     def _renew_servers(self) -> None:
         """Servers of the controller; the hooks of those before them go on."""
         for server in make_servers(self.controller, tool_line=self.config.tool_device is not None):
+            server.limits = self.config.client_limits
             if server.name in self.servers:
                 server.succeed(self.servers[server.name])
             self.servers[server.name] = server
