@@ -1,9 +1,8 @@
 """Text of any bytes on every port: the ports give it back as it came, and every verb and command goes on to answer."""
 
 import json
-import os
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal, get_args, get_origin, get_type_hints
 
 import pytest
 from hypothesis import HealthCheck, example, given, settings
@@ -161,3 +160,37 @@ def test_the_ports_give_back_the_bytes_that_came(robot: Robot, text: bytes) -> N
     assert text.strip() in robot.command(b"nonsense " + text)
     robot.play(b"  interpreter_mode()\n")
     assert text in robot.ask("interpreter", b'w = "%s"\n' % text)
+
+
+def usual(kind: Any) -> Any:
+    """A value that a parameter of this type takes, as JSON has it."""
+    choices = [
+        word for literal in (kind, *get_args(kind)) if get_origin(literal) is Literal for word in get_args(literal)
+    ]
+    if choices:
+        return choices[0]
+    if get_origin(kind) is tuple:
+        return [0.0] * len(get_args(kind))
+    kinds = get_args(kind) or (kind,)
+    return next((value for own, value in ((bool, True), (float, 0.5), (int, 1), (str, "x")) if own in kinds), {})
+
+
+def numbers(kind: Any) -> bool:
+    return any(own in (int, float) for own in (kind, *get_args(kind)))
+
+
+@pytest.mark.parametrize("number", ["1e308", "-1e308", "1e29", "1e999", f"1{'0' * 400}", "9223372036854775808", "-1"])
+def test_no_verb_fails_for_a_number(tmp_path: Path, number: str) -> None:
+    robot = Robot(tmp_path)
+    for name, verb in VERBS.items():
+        kinds = get_type_hints(verb.parameters)
+        for odd in (argument for argument, kind in kinds.items() if name not in STEPS and numbers(kind)):
+            given = {argument: json.dumps(usual(kind)) for argument, kind in kinds.items()}
+            elements = len(get_args(kinds[odd])) if get_origin(kinds[odd]) is tuple else 0
+            given[odd] = f"[{', '.join([number] * elements)}]" if elements else number
+            body = f"{{{', '.join(f'{json.dumps(argument)}: {value}' for argument, value in given.items())}}}"
+            status, answer = robot.call(name, body.encode())
+            assert status in (200, 400, 409), (name, body, answer)
+            robot.tick(2)
+            assert robot.controller.guard.problem is None, (name, body)
+            assert robot.call("state")[0] == robot.call("world")[0] == 200, (name, body)
