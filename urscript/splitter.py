@@ -14,7 +14,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
-from urscript.values import from_bytes
+from urproto.text import from_bytes
 
 __all__ = ["MAX_UNIT_BYTES", "ScriptSplitter", "Unit"]
 

@@ -14,6 +14,7 @@ from emulator.programs.trees.numbers import number, numbers, six
 from emulator.safety.configuration import SafetyConfiguration
 from emulator.safety.installation import SafetySettingsError, read_safety_settings
 from urproto.robots.pose import Pose
+from urproto.text import from_bytes, lines, strip
 from urscript.work import Steps, run_to_end
 
 __all__ = [
@@ -208,15 +209,15 @@ def read_variables(data: bytes) -> dict[str, str]:
     if text.lstrip().startswith(b"<"):
         variables = (element for element in read_document(text).walk() if element.tag == "variable")
         return {element.get("name"): element.get("value") for element in variables if element.get("value")}
-    lines = (line.strip().partition("=") for line in text.decode("utf-8", "replace").splitlines())
+    entries = (strip(line).partition("=") for line in lines(from_bytes(text)))
     return {
-        name.strip(): _unescaped(value) for name, equals, value in lines if equals and not name.startswith(("#", "!"))
+        strip(name): _unescaped(value) for name, equals, value in entries if equals and not name.startswith(("#", "!"))
     }
 
 
 def _unescaped(value: str) -> str:
     """Java writes a backslash before what would otherwise separate, and letters outside ASCII as numbers."""
-    numbers_read = _ESCAPED_LETTER.sub(lambda match: chr(int(match[1], 16)), value.strip())
+    numbers_read = _ESCAPED_LETTER.sub(lambda match: chr(int(match[1], 16)), strip(value))
     return re.sub(r"\\(.)", r"\1", numbers_read)
 
 
@@ -300,7 +301,7 @@ def _tool_serial(root: Element) -> tuple[bool, int, int, int, float, float]:
     baud = _tool(root, "baudRate").removeprefix("BAUD_")
     return (
         _tool(root, "enabled") == "true",
-        int(baud) if baud.isdigit() else 115200,
+        int(baud) if re.fullmatch("[0-9]{1,9}", baud) else 115200,
         _PARITIES.get(_tool(root, "parity"), 0),
         2 if _tool(root, "stopBits") == "TWO" else 1,
         number(_tool(root, "rxIdleChars") or "1.5"),

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PINS", "find_pin", "pin_name", "pin_reading", "pin_writing", "resolve_pin"]
 
-_NUMBERED: Final = re.compile(r"(\w+)\[(\d+)\]")
+_NUMBERED: Final = re.compile(r"(\w+)\[([0-9]{1,9})\]")
 
 # name without the number -> reading and writing call, as PolyScope writes them
 PINS: Final[dict[str, tuple[str, str]]] = {
