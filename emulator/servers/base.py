@@ -17,6 +17,7 @@ import logging
 import os
 import socket
 import struct
+import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -28,13 +29,14 @@ from typing import Any, Final, Protocol, TypeAlias
 from emulator.commands import Command, ServingFailed
 from emulator.servers.admission import Acceptor, ClientLimits, Reason, TurnedAway
 from emulator.servers.web import Opening, Visitor
+from emulator.servers.intake import Intake
 from emulator.snapshot import Snapshot
 from urproto.errors import RemoteProtocolError
 from urproto.versions import PolyscopeVersion
 
 __all__ = ["BytesHook", "CommandQueue", "Connection", "ControllerDoor", "Direction", "Hooks", "PortServer"]
 
-_READ_BYTES: Final = 8192  # at once, so that a flood leaves time to others (guess)
+_READ_BYTES: Final = 1024  # at once: a message a byte takes some ms then (guess)
 _SEND_BUFFER: Final = 256 * 1024  # the system's, per connection: what a late reader finds is no older (guess)
 _MOST_UNDELIVERED: Final = 1024 * 1024  # bytes that must be delivered and are not read (guess)
 _MOST_WAITING: Final = 64  # requests of one connection before it is not read further (guess)
@@ -329,7 +331,9 @@ class Connection(asyncio.BufferedProtocol):
         return self._read_buffer
 
     def buffer_updated(self, nbytes: int) -> None:
+        began_s = time.thread_time()
         self._arrived(bytes(self._read_buffer[:nbytes]))
+        self.server.intake.spent(self, time.thread_time() - began_s)
 
     def _arrived(self, data: bytes) -> None:
         if self.server.hooks.on_bytes:
@@ -387,6 +391,11 @@ class CommandQueue:
         self._unanswered = 0
 
     @property
+    def full(self) -> bool:
+        """True when no more should be put into it for now."""
+        return len(self._waiting) > _MOST_WAITING
+
+    @property
     def idle(self) -> bool:
         """True when everything has been answered."""
         return not self._waiting and not self._unanswered
@@ -395,7 +404,7 @@ class CommandQueue:
         """Carry out a command after those before it."""
         self._waiting.append((command, reply))
         self._post()
-        if len(self._waiting) > _MOST_WAITING:
+        if self.full:
             self._read_on(False)
 
     def clear(self) -> None:
@@ -420,7 +429,10 @@ class CommandQueue:
 
 
 class PortServer:
-    """Listens on one port and keeps the connections to it. limits: how many; turned_away: who did not get one."""
+    """Listens on one port and keeps the connections to it.
+
+    limits: how many; turned_away: who did not get one. intake: what reading from them may cost.
+    """
 
     def __init__(self, name: str, controller: ControllerDoor) -> None:
         self.name = name
@@ -428,6 +440,7 @@ class PortServer:
         self.hooks = Hooks()
         self.limits = ClientLimits()
         self.turned_away = TurnedAway(name)
+        self.intake = Intake()
         self.connections: list[Connection] = []
         self._clients: dict[Connection, str] = {}  # and their addresses, also of those that are being welcomed
         self._welcoming: set[asyncio.Task[object]] = set()
