@@ -10,6 +10,7 @@ import argparse
 import atexit
 import hashlib
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -24,6 +25,7 @@ CORPUS = HERE / "corpus"
 LONGEST_INPUT = 4096  # bytes; a corpus is read by people and replayed by every test run
 MOST_KEPT = 48  # inputs of a target
 LONGEST_KEPT = 1024  # bytes
+_CHATTER = ("#", "INFO:", "stat::", "MERGE", "WARNING: Failed to find", "Done ", '"')
 HANGING_S = 20  # one input
 MEMORY_MB = 3000
 
@@ -46,8 +48,8 @@ def keep(name: str, inputs: Sequence[bytes]) -> None:
 # one target, in a process of its own
 
 
-def _work(name: str, findings: Path, arguments: Sequence[str]) -> None:
-    """Never returns: libFuzzer ends the process."""
+def _work(name: str, findings: Path, command: str, arguments: Sequence[str]) -> None:
+    """Never returns: libFuzzer ends the process. command: what it starts to merge a corpus."""
     import atheris
 
     sys.path[:0] = [str(REPOSITORY)]
@@ -66,7 +68,7 @@ def _work(name: str, findings: Path, arguments: Sequence[str]) -> None:
                 path.write_bytes(data)
                 print(f"\n{name}: {path}\n{traceback.format_exc()}", file=sys.stderr, flush=True)
 
-    atheris.Setup([sys.argv[0], *arguments], one)
+    atheris.Setup([command, *arguments], one)
     atheris.Fuzz()
 
 
@@ -95,12 +97,13 @@ def _fuzz(name: str, seconds: int, findings: Path, *, keep_new: bool) -> None:
             Path(known, f"seed{number}").write_bytes(data)
         options = [f"-timeout={HANGING_S}", f"-rss_limit_mb={MEMORY_MB}", f"-artifact_prefix={findings}/{name}-"]
         options += [f"-max_len={LONGEST_INPUT}", "-print_final_stats=1", "-verbosity=1"]
-        output = _run(name, findings, [f"-max_total_time={seconds}", *options, str(found), str(known)])
-        stats = {line.split(":")[1].strip(): line.split(":")[-1].strip() for line in output if "stat::" in line}
+        command = _command(Path(folder), name, findings)
+        output = _run(command, [f"-max_total_time={seconds}", *options, str(found), str(known)])
+        stats = dict(line.removeprefix("stat::").split(":") for line in output if line.startswith("stat::"))
         covered = next((line.split("cov:")[1].split()[0] for line in reversed(output) if "cov:" in line), "?")
-        runs = stats.get("number_of_executed_units", "?")
+        runs = stats.get("number_of_executed_units", "?").strip()
         if keep_new:
-            _run(name, findings, ["-merge=1", *options, f"-max_len={LONGEST_KEPT}", str(small), str(found), str(known)])
+            _run(command, ["-merge=1", *options, f"-max_len={LONGEST_KEPT}", str(small), str(found), str(known)])
             chosen = sorted((path.read_bytes() for path in small.iterdir()), key=len)
             given = set(_seeds(name))
             keep(name, [data for data in chosen if len(data) <= LONGEST_KEPT and data not in given][:MOST_KEPT])
@@ -111,15 +114,23 @@ def _seeds(name: str) -> list[bytes]:
     return list(_targets()[name].seeds())  # type: ignore[attr-defined]
 
 
-def _run(name: str, findings: Path, arguments: Sequence[str]) -> list[str]:
+def _command(folder: Path, name: str, findings: Path) -> Path:
+    """A program of one file, which libFuzzer starts again and again to merge a corpus."""
+    path = folder / "fuzz"
+    words = [sys.executable, __file__, "--work", name, "--findings", str(findings), "--command", str(path), "--"]
+    path.write_text(f'#!/bin/sh\nexec {shlex.join(words)} "$@"\n')
+    path.chmod(0o755)
+    return path
+
+
+def _run(command: Path, arguments: Sequence[str]) -> list[str]:
     """What libFuzzer printed; tracebacks of findings go on to standard error."""
-    command = [sys.executable, __file__, "--work", name, "--findings", str(findings), "--", *arguments]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, errors="replace")
+    process = subprocess.Popen([command, *arguments], stderr=subprocess.PIPE, text=True, errors="replace")
     assert process.stderr is not None
     lines = []
     for line in process.stderr:
         lines.append(line)
-        if not line.startswith(("#", "INFO:", "stat::", "MERGE", "WARNING: Failed to find")):
+        if not line.startswith(_CHATTER):
             sys.stderr.write(line)
     process.wait()
     return lines
@@ -133,11 +144,11 @@ def main() -> int:
     parser.add_argument("--keep", action="store_true", help="add to the corpora what covered more")
     parser.add_argument("--findings", type=Path, default=None, help="where inputs that fail are written")
     parser.add_argument("--work", metavar="TARGET", help=argparse.SUPPRESS)
-    if "--work" in sys.argv:
-        own, _, fuzzers = (sys.argv[1:], None, sys.argv[sys.argv.index("--") + 1 :])
-        options = parser.parse_args(own[: own.index("--")])
-        _work(options.work, options.findings, fuzzers)
-    options = parser.parse_args()
+    parser.add_argument("--command", help=argparse.SUPPRESS)
+    end = sys.argv.index("--") if "--" in sys.argv else len(sys.argv)
+    options = parser.parse_args(sys.argv[1:end])
+    if options.work:
+        _work(options.work, options.findings, options.command, sys.argv[end + 1 :])
     os.nice(19)
     findings = options.findings or Path(tempfile.mkdtemp(prefix="fuzz-findings-"))
     findings.mkdir(parents=True, exist_ok=True)
