@@ -54,8 +54,12 @@ def _models() -> Iterable[str]:
 def configure(
     *,
     model: Annotated[
-        str, typer.Option(help="The arm, for example ur3 or ur5e.", autocompletion=completing(_models))
-    ] = "ur3",
+        str | None,
+        typer.Option(
+            help="The arm, for example ur3 or ur5e (default ur3, ur3e for an e-Series --polyscope).",
+            autocompletion=completing(_models),
+        ),
+    ] = None,
     polyscope: Annotated[str | None, typer.Option(help="PolyScope version to report, for example 3.15.8.")] = None,
     host: Annotated[
         str, typer.Option(envvar="UR_EMULATOR_HOST", help="Address to listen on; 0.0.0.0 lets other machines in.")
@@ -131,7 +135,7 @@ def configure(
     from emulator import config as checked  # the whole emulator, which a look at the options does not wait for
     from emulator.controller import ControllerConfig
 
-    robot = checked.read_calibration(calibration, checked.choose_model(model))
+    robot = checked.read_calibration(calibration, checked.choose_model(model, polyscope))
     controller = ControllerConfig(
         model=robot,
         version=checked.choose_version(polyscope, robot),

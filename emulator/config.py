@@ -29,7 +29,6 @@ from urproto.robots import (
     Calibration,
     CalibrationError,
     RobotModel,
-    UnknownModel,
     calibration_hash,
     load_model,
 )
@@ -141,11 +140,14 @@ class EmulatorConfig:
         return [name for name in there if name not in _FIRST_VERSION or _FIRST_VERSION[name].covers(self._version)]
 
 
-def choose_model(name: str) -> RobotModel:
-    """The arm of this name. Raises ConfigError listing the known ones."""
+def choose_model(name: str | None, polyscope: str | None = None) -> RobotModel:
+    """The arm of this name; without one the UR3, or the UR3e where the version asked for is an e-Series one.
+
+    Raises ConfigError listing the known arms.
+    """
     try:
-        return load_model(name.lower())
-    except UnknownModel as error:
+        return load_model((name or robots.default_model(polyscope)).lower())
+    except ValueError as error:
         raise ConfigError(str(error)) from error
 
 
