@@ -8,8 +8,6 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Final
 
-import yaml
-
 from emulator.controller import ControllerConfig
 from emulator.devices.robotiq import MODELS, GripperModel
 from emulator.faults.catalogue import parse_fault
@@ -37,6 +35,7 @@ from urproto.robots import (
 )
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+from urproto.yamltext import NotYaml, load_yaml
 
 __all__ = [
     "JOINT_NAMES",
@@ -181,11 +180,11 @@ def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:
 def read_yaml(path: Path) -> Any:
     """What a YAML file says. Raises ConfigError."""
     try:
-        return yaml.safe_load(path.read_text("utf-8"))
+        return load_yaml(path.read_bytes())
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeError) as error:
-        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    except NotYaml as error:
+        raise ConfigError(f"{path} is not YAML: {error}") from error
 
 
 def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:

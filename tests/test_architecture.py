@@ -35,7 +35,7 @@ THIRD_PARTY = {
     "numpy": ("urproto.robots.dynamics", "emulator.world.links", "client.recording", "client.traffic"),
     "pytest": ("urproto.pytest_plugin",),
     "pinocchio": ("urproto.robots.dynamics",),
-    "yaml": ("emulator", "client"),
+    "yaml": ("urproto.yamltext", "client.calibration"),
     "typer": (
         "emulator.check",
         "emulator.cli",
