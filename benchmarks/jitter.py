@@ -130,7 +130,7 @@ async def _serve(config: EmulatorConfig) -> None:
         await asyncio.sleep(0.5)  # the first periods pay for first-time costs
         assert isinstance(emulator.clock, RealClock)
         emulator.clock.statistics = ClockStatistics()
-        _say({"port": emulator.ports["rtde"]})
+        _say({"port": emulator.ports["rtde"], "ports": emulator.ports})
         await ended.wait()
         _say(_row(emulator.clock.statistics))
 

@@ -8,6 +8,7 @@ import platform
 import sys
 from pathlib import Path
 
+import crowd
 import fleet
 import jitter
 import latency
@@ -34,6 +35,7 @@ def main() -> None:
     tables = (
         startup.measure(),
         jitter.measure(seconds),
+        crowd.measure(),
         fleet.measure(),
         latency.measure(),
         streaming.measure(),
