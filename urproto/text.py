@@ -17,8 +17,10 @@ protocols do.
 
 import codecs
 import re
+from dataclasses import fields, is_dataclass, replace
+from enum import Enum
 from io import TextIOWrapper
-from typing import Any, Final, TextIO
+from typing import Any, Final, TextIO, TypeVar, cast
 
 __all__ = [
     "BLANKS",
@@ -35,6 +37,8 @@ __all__ = [
     "whole_number",
     "words",
 ]
+
+_Value = TypeVar("_Value")
 
 BLANKS: Final = " \t\n\r\f\v"
 READABLE: Final = "readable"  # the error handler of that name
@@ -64,13 +68,23 @@ def readable(text: str) -> str:
     return text if text.isascii() else text.encode("utf-8", READABLE).decode("utf-8")
 
 
-def readable_in(value: Any) -> Any:
-    """A value of dicts, lists, tuples and scalars, all text in it readable; tuples become lists, as in JSON."""
+def readable_in(value: _Value) -> _Value:
+    """A value of dicts, lists, tuples, dataclasses and scalars, all text in it readable."""
+    return cast(_Value, _readable_in(value))
+
+
+def _readable_in(value: Any) -> Any:
     if isinstance(value, str):
-        return readable(value)
+        return value if isinstance(value, Enum) else readable(value)
     if isinstance(value, dict):
-        return {readable_in(name): readable_in(item) for name, item in value.items()}
-    return [readable_in(item) for item in value] if isinstance(value, list | tuple) else value
+        return {_readable_in(name): _readable_in(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_readable_in(item) for item in value]
+    if type(value) is tuple:
+        return tuple(_readable_in(item) for item in value)
+    if is_dataclass(value) and not isinstance(value, type):
+        return replace(value, **{f.name: _readable_in(getattr(value, f.name)) for f in fields(value) if f.init})
+    return value
 
 
 def show_anything(*streams: TextIO) -> None:
