@@ -26,6 +26,7 @@ __all__ = [
     "BLANKS",
     "READABLE",
     "from_bytes",
+    "from_readable",
     "lines",
     "lower",
     "number",
@@ -44,6 +45,7 @@ BLANKS: Final = " \t\n\r\f\v"
 READABLE: Final = "readable"  # the error handler of that name
 
 _OTHER_SURROGATES: Final = re.compile("[\ud800-\udc7f\udd00-\udfff]")
+_SHOWN_BYTE: Final = re.compile(r"\\x([89a-f][0-9a-f])")
 _LINE_BREAK: Final = re.compile("\r\n|\n|\r")
 _WORD: Final = re.compile(rf"[^{BLANKS}]+")
 _WHOLE: Final = re.compile(r"[+-]?[0-9]{1,400}")  # more digits than any number of a protocol has; int() refuses 4300
@@ -66,6 +68,11 @@ def to_bytes(text: str) -> bytes:
 def readable(text: str) -> str:
     """Text that can be encoded in UTF-8: bytes that are none show as ``\\xe9``."""
     return text if text.isascii() else text.encode("utf-8", READABLE).decode("utf-8")
+
+
+def from_readable(text: str) -> str:
+    """What `readable` was given. Text in which somebody wrote such an escape by hand is taken for the byte."""
+    return _SHOWN_BYTE.sub(lambda match: chr(0xDC00 + int(match[1], 16)), text)
 
 
 def readable_in(value: _Value) -> _Value:
