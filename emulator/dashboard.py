@@ -41,6 +41,9 @@ _USER_ROLES: Final = ("PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED")
 _OPERATIONAL_MODES: Final = ("MANUAL", "AUTOMATIC")
 _SHOWN_ROOT: Final = "/programs"
 _RELEASE_DATE: Final = "Jun 20 2022"  # of 3.15.8; other versions show the same, which is a guess
+# PolyScope answers when program and installation are loaded. Drivers wait 1 s for that, which simulators keep to unless
+# the machine is slow (an issue of the ROS 2 driver tells of one). How long it takes is a guess.
+_LOAD_S: Final = 0.6
 _MOST_WORDS: Final = 4  # of a command's name
 _START_WITHIN_S: Final = 0.1  # a program shorter than a period is never seen playing (guess)
 
@@ -125,6 +128,8 @@ def load(controller: "Controller", name: str) -> _Waiting:
         return f"File not found: {name}"
     controller.programs.stop("another program is loaded")
     yield from _until(controller, RuntimeState.STOPPED)
+    for _ in range(round(_LOAD_S / controller.period_s)):
+        yield
     try:
         yield from in_periods(controller.programs.load_steps(path), controller.period_s)
     except (OSError, ValueError) as error:
@@ -140,6 +145,7 @@ def play(controller: "Controller") -> _Waiting:
     programs = controller.programs
     if not controller.may_play or is_running(programs.state):
         return replies.failed("play")
+    controller.startup.allow_start(True)
     submission = programs.play()
     while submission.accepted is None:
         yield
@@ -156,6 +162,7 @@ def play(controller: "Controller") -> _Waiting:
 def stop(controller: "Controller") -> _Waiting:
     """Stop the running program; also answered when none runs."""
     controller.programs.stop("dashboard")
+    controller.startup.allow_start(False)
     yield from _until(controller, RuntimeState.STOPPED)
     return replies.STOPPED
 

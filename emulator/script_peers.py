@@ -26,10 +26,9 @@ from typing import Any, Final, TypeAlias
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault, dumps, loads
 
-import yaml
-
 from emulator.programs.sockets import ScriptSocket, ScriptSocketBackend, SocketState
 from urproto.text import from_bytes, strip, to_bytes
+from urproto.yamltext import NotYaml, load_yaml
 
 __all__ = ["Peers", "PeersError", "StubPeers", "read_peers"]
 
@@ -98,8 +97,8 @@ class _StubSocket:
 def read_peers(path: Path) -> dict[tuple[str, int], _Peer]:
     """The peers that a file describes, by address and port. Raises PeersError or OSError."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        content = load_yaml(path.read_bytes())
+    except NotYaml as error:
         raise PeersError(f"{path} is not YAML: {error}") from error
     whole = _mapping(content, str(path))
     unknown = sorted(set(whole) - {"sockets", "xmlrpc"})

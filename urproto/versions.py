@@ -92,7 +92,7 @@ class Availability:
         """For people: ``CB3 since 3.12, e-Series since 5.6``."""
         firsts = ((Series.CB3, self.cb3), (Series.E, self.e))
         return ", ".join(
-            f"{series.value} since {_first(first)}" if first else f"{series.value} never" for series, first in firsts
+            f"{series.value} since {_first(first)}" if first else f"not on {series.value}" for series, first in firsts
         )
 
 

@@ -18,6 +18,7 @@ from emulator.control.live import LiveControl, is_waiting
 from emulator.control.openapi import listing, openapi
 from emulator.control.verbs import BadArguments, NotPossible, Verb, verbs_of
 from emulator.servers.base import Connection, ControllerDoor, PortServer
+from emulator.servers.own_ports import ControlMark
 from emulator.snapshot import Snapshot
 from urproto.text import from_bytes, readable_in, to_bytes
 
@@ -44,9 +45,21 @@ class ControlServer(PortServer):
         super().__init__("control", controller)
         self.control = control
         self.token = token
+        self._mark: ControlMark | None = None
 
     def connect(self) -> Connection:
         return _HttpConnection(self)
+
+    async def _listen(self, host: str, port: int) -> None:
+        await super()._listen(host, port)
+        if self._listening is not None:
+            self._mark = ControlMark(*self._listening.address)
+
+    def close_port(self) -> None:
+        super().close_port()
+        if self._mark is not None:
+            self._mark.close()
+            self._mark = None
 
     def publish(self, snapshot: Snapshot) -> None:
         """Go on with verbs that take time."""
@@ -57,6 +70,7 @@ class ControlServer(PortServer):
 
 class _HttpConnection(Connection):
     server: ControlServer
+    for_browsers = True  # or those that speak as they do: the requests say whether they are pages
 
     def __init__(self, server: ControlServer) -> None:
         super().__init__(server)

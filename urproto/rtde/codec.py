@@ -98,7 +98,7 @@ class RTDEDecoder:
     """
 
     def __init__(self) -> None:
-        self._buffer = b""
+        self._buffer = bytearray()
         self.error: RemoteProtocolError | None = None
 
     def feed(self, data: bytes) -> list[Package]:
@@ -110,10 +110,10 @@ class RTDEDecoder:
         """
         packages: list[Package] = []
         if self.error is None:
-            data = self._buffer + data if self._buffer else data
-            start, end = 0, len(data)
+            self._buffer += data
+            start, end = 0, len(self._buffer)
             while end - start >= _HEADER.size:
-                size, kind = _HEADER.unpack_from(data, start)
+                size, kind = _HEADER.unpack_from(self._buffer, start)
                 if size < _HEADER.size:
                     self.error = RemoteProtocolError(
                         f"an RTDE package cannot have size {size}, its header alone has 3 bytes"
@@ -121,11 +121,11 @@ class RTDEDecoder:
                     break
                 if end - start < size:
                     break
-                packages.append(Package(kind, data[start + _HEADER.size : start + size]))
+                packages.append(Package(kind, bytes(self._buffer[start + _HEADER.size : start + size])))
                 start += size
-            self._buffer = data[start:]
+            del self._buffer[:start]
         if self.error is not None:
-            self._buffer = b""
+            self._buffer.clear()
             if not packages:
                 raise self.error
         return packages
