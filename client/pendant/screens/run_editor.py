@@ -10,7 +10,7 @@ from nicegui import events, ui
 from client.pendant.draft import Draft, ScriptError
 from client.pendant.page import Page
 from client.pendant.situation import Action
-from urproto.text import from_bytes, readable
+from urproto.text import from_bytes, readable, to_bytes
 
 __all__ = ["build_editor", "replace_draft"]
 
@@ -35,7 +35,7 @@ def build_editor(page: Page) -> None:
             "no-caps unelevated data-testid=script-send"
         )
         _opener(page)
-        ui.button("Save", icon="save_alt", on_click=lambda: ui.download(draft.text.encode(), "pendant.script")).props(
+        ui.button("Save", icon="save_alt", on_click=lambda: ui.download(to_bytes(draft.text), "pendant.script")).props(
             "flat no-caps data-testid=script-save"
         )
         ui.space()
