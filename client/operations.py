@@ -128,7 +128,7 @@ def _says(*beginnings: str) -> Callable[[str], None]:
 
 
 def _number(reply: str) -> str:
-    if not reply.isdigit():
+    if not (reply.isascii() and reply.isdigit()):
         raise RemoteProtocolError(f"{reply!r} is not a serial number")
     return reply
 

@@ -42,6 +42,7 @@ from urproto.primary.messages import (
     VersionMessage,
 )
 from urproto.primary.state import ConfigurationData, KinematicsInfo, ModeData, RobotStateData
+from urproto.text import to_bytes
 from urproto.versions import PolyscopeVersion
 
 __all__ = [
@@ -137,7 +138,7 @@ class PrimaryCore:
 
     def send_script(self, text: str) -> Flow[None]:
         """Send a script and wait for nothing: right for ``sec`` programs and bare statements."""
-        yield text.encode("utf-8", "replace") + b"\n"
+        yield to_bytes(text) + b"\n"
 
     def send_secondary(self, text: str) -> Flow[None]:
         """Send a ``sec`` program. ScriptFailedError for an error that is reported with the states that follow."""

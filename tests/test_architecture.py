@@ -206,6 +206,13 @@ def test_files_stay_readable() -> None:
     none(f"{name} has {lines} lines: split it" for name, lines in lengths.items() if lines > LONGEST_FILE)
 
 
+def test_one_module_says_how_foreign_text_is_held() -> None:
+    handlers = {"surrogateescape", "backslashreplace"}
+    for name in modules():
+        used = {node.value for node in ast.walk(syntax_tree(name)) if isinstance(node, ast.Constant)} & handlers
+        assert not used or name == "urproto.text", f"{name} decodes or encodes by itself: urproto.text does"
+
+
 def test_exactly_four_packages() -> None:
     found = {path.parent.name for path in ROOT.glob("*/__init__.py")}
     assert found == set(PACKAGES)

@@ -13,6 +13,8 @@ import typer
 from typer.core import TyperCommand
 from typer.main import get_command
 
+from urproto.text import readable
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -75,13 +77,16 @@ def print_json(value: Any) -> None:
 
 
 def plain_json(value: Any) -> Any:
-    """The value as JSON has it: enumerations by their names, numbers that JSON lacks (NaN, infinity) as null."""
+    """The value as JSON has it: enumerations by their names, numbers that JSON lacks (NaN, infinity) as null,
+    text as people can read it."""
     if isinstance(value, Mapping):
-        return {str(name): plain_json(one) for name, one in value.items()}
+        return {readable(str(name)): plain_json(one) for name, one in value.items()}
     if isinstance(value, list | tuple):
         return [plain_json(one) for one in value]
     if isinstance(value, Enum):
         return value.name
+    if isinstance(value, str):
+        return readable(value)
     if isinstance(value, float) and not isfinite(value):
         return None
     return value

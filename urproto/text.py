@@ -17,13 +17,16 @@ protocols do.
 
 import codecs
 import re
+from dataclasses import fields, is_dataclass, replace
+from enum import Enum
 from io import TextIOWrapper
-from typing import Any, Final, TextIO
+from typing import Any, Final, TextIO, TypeVar, cast
 
 __all__ = [
     "BLANKS",
     "READABLE",
     "from_bytes",
+    "from_readable",
     "lines",
     "lower",
     "number",
@@ -36,10 +39,13 @@ __all__ = [
     "words",
 ]
 
+_Value = TypeVar("_Value")
+
 BLANKS: Final = " \t\n\r\f\v"
 READABLE: Final = "readable"  # the error handler of that name
 
 _OTHER_SURROGATES: Final = re.compile("[\ud800-\udc7f\udd00-\udfff]")
+_SHOWN_BYTE: Final = re.compile(r"\\x([89a-f][0-9a-f])")
 _LINE_BREAK: Final = re.compile("\r\n|\n|\r")
 _WORD: Final = re.compile(rf"[^{BLANKS}]+")
 _WHOLE: Final = re.compile(r"[+-]?[0-9]{1,400}")  # more digits than any number of a protocol has; int() refuses 4300
@@ -64,13 +70,28 @@ def readable(text: str) -> str:
     return text if text.isascii() else text.encode("utf-8", READABLE).decode("utf-8")
 
 
-def readable_in(value: Any) -> Any:
-    """A value of dicts, lists, tuples and scalars, all text in it readable; tuples become lists, as in JSON."""
+def from_readable(text: str) -> str:
+    """What `readable` was given. Text in which somebody wrote such an escape by hand is taken for the byte."""
+    return _SHOWN_BYTE.sub(lambda match: chr(0xDC00 + int(match[1], 16)), text)
+
+
+def readable_in(value: _Value) -> _Value:
+    """A value of dicts, lists, tuples, dataclasses and scalars, all text in it readable."""
+    return cast(_Value, _readable_in(value))
+
+
+def _readable_in(value: Any) -> Any:
     if isinstance(value, str):
-        return readable(value)
+        return value if isinstance(value, Enum) else readable(value)
     if isinstance(value, dict):
-        return {readable_in(name): readable_in(item) for name, item in value.items()}
-    return [readable_in(item) for item in value] if isinstance(value, list | tuple) else value
+        return {_readable_in(name): _readable_in(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_readable_in(item) for item in value]
+    if type(value) is tuple:
+        return tuple(_readable_in(item) for item in value)
+    if is_dataclass(value) and not isinstance(value, type):
+        return replace(value, **{f.name: _readable_in(getattr(value, f.name)) for f in fields(value) if f.init})
+    return value
 
 
 def show_anything(*streams: TextIO) -> None:

@@ -9,6 +9,7 @@ from client import primary
 from client.commands.options import PortOffset, RobotIP
 from client.errors import FileError
 from client.scripts import is_secondary
+from urproto.text import from_bytes
 
 __all__ = ["send_command"]
 
@@ -20,10 +21,9 @@ def send_command(
     wait: Annotated[bool, typer.Option("--wait", help="Wait until the program ends.")] = False,
 ) -> None:
     """Send a script and wait until it runs. Status 1 when it is no URScript, or when an error or a stop ends it."""
-    try:
-        text = file.read_text("utf-8")
-    except UnicodeDecodeError as error:
-        raise FileError(file, f"is no text: {error}") from error
+    text = from_bytes(file.read_bytes())
+    if "\0" in text:
+        raise FileError(file, "is no text")
     with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
         if is_secondary(text):
             if wait:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from urproto.errors import RemoteProtocolError
+from urproto.text import from_bytes, readable
 
 __all__ = ["MAGIC_SIZE", "Packet", "PacketReader", "open_capture"]
 
@@ -195,7 +196,7 @@ class _PcapngReader(PacketReader):
     def _take_comments(self, section: bytes) -> None:
         for code, option in self._options(section, 16):
             if code == _COMMENT and len(self.comments) < _MAX_COMMENTS:
-                self.comments.append(option.decode("utf-8", "replace"))
+                self.comments.append(readable(from_bytes(option)))
 
     def _options(self, body: bytes, place: int) -> Iterator[tuple[int, bytes]]:
         """Number and value of each, up to the end of them."""

@@ -6,6 +6,8 @@ Layout: the IETF draft draft-ietf-opsawg-pcapng, which ``capture`` reads. ``fram
 import struct
 from collections.abc import Iterable
 
+from urproto.text import to_bytes
+
 __all__ = ["head_of_capture", "packet_block"]
 
 _SECTION, _INTERFACE, _ENHANCED_PACKET = 0x0A0D0D0A, 1, 6
@@ -17,9 +19,9 @@ _LONGEST_OPTION = 0xFFFF  # bytes, by its size field
 
 def head_of_capture(application: str, interface: str, comments: Iterable[str] = ()) -> bytes:
     """What comes before the packets: who wrote the file, where, and remarks about it."""
-    remarks = [(_COMMENT, comment.encode()) for comment in comments]
-    about = _options([*remarks, (_APPLICATION, application.encode())])
-    link = _options([(_NAME, interface.encode()), (_TSRESOL, bytes([_NANOSECONDS]))])
+    remarks = [(_COMMENT, to_bytes(comment)) for comment in comments]
+    about = _options([*remarks, (_APPLICATION, to_bytes(application))])
+    link = _options([(_NAME, to_bytes(interface)), (_TSRESOL, bytes([_NANOSECONDS]))])
     section = struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1) + about
     return _block(_SECTION, section) + _block(_INTERFACE, struct.pack("<HHI", _ETHERNET, 0, 0) + link)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from urproto import modes
 from urproto.primary.messages import NO_TIMESTAMP_US
+from urproto.text import readable
 
 __all__ = ["escaped", "message", "pairs", "quoted", "value"]
 
@@ -37,15 +38,16 @@ def quoted(text: str) -> str:
 
 def escaped(text: str) -> str:
     """Text on one line; what a terminal would obey is escaped."""
-    return "".join(map(_character, text))
+    return "".join(map(_character, text))  # bytes that are no UTF-8 as in `urproto.text.readable`
 
 
 def _character(char: str) -> str:
     if char == "\\":
         return "\\\\"
-    return (
-        char if char == "\t" or char.isprintable() else char.encode("unicode_escape", "surrogatepass").decode("ascii")
-    )
+    if char == "\t" or char.isprintable():
+        return char
+    shown = readable(char)
+    return shown if shown != char else char.encode("unicode_escape").decode("ascii")
 
 
 def value(item: Any, name: str = "") -> str:

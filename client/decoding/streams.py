@@ -11,6 +11,7 @@ from typing import Protocol
 
 from client.decoding import show
 from urproto.errors import ProtocolError, RemoteProtocolError
+from urproto.text import from_bytes
 
 __all__ = ["FramedStream", "Framing", "Line", "LineStream", "Stream", "trouble"]
 
@@ -227,10 +228,10 @@ class LineStream:
     def _take(self, part: bytes) -> Iterator[Line]:
         self._buffer += part
         while len(self._buffer) > self._longest:
-            yield from self._read(self._buffer[: self._longest].decode("utf-8", "surrogateescape"))
+            yield from self._read(from_bytes(self._buffer[: self._longest]))
             del self._buffer[: self._longest]
 
     def _tell(self) -> Iterator[Line]:
-        text = self._buffer.removesuffix(b"\r").decode("utf-8", "surrogateescape")
+        text = from_bytes(self._buffer.removesuffix(b"\r"))
         self._buffer.clear()
         yield from self._read(text)

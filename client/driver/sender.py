@@ -6,6 +6,7 @@ from typing import Final
 
 from client.driver.endpoint import Endpoint, Peer
 from urproto.external_control import REQUEST_PROGRAM
+from urproto.text import to_bytes
 
 __all__ = ["SENDER_PORT", "ScriptSender"]
 
@@ -46,7 +47,7 @@ class ScriptSender(Endpoint):
             _logger.warning("%s asks for %r; only the program can be had here", peer.address, line[:80])
             return
         self.requests += 1
-        peer.transport.write(self._program().encode() + b"\n")
+        peer.transport.write(to_bytes(self._program()) + b"\n")
 
     def _left(self, peer: Peer) -> None:
         self._peers.discard(peer)

@@ -13,6 +13,7 @@ from typing import Final
 
 from client.errors import ClientError
 from client.pendant.draft import Draft, ScriptError
+from urproto.text import from_bytes, lines, readable, to_bytes
 from urproto.versions import PolyscopeVersion
 
 __all__ = ["CheckerError", "check", "keep_checking", "parsed"]
@@ -41,19 +42,19 @@ async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]
         if hasattr(os, "setpriority"):
             os.setpriority(os.PRIO_PROCESS, process.pid, _NICE)
         async with asyncio.timeout(_LONGEST_S):
-            told, complaint = await process.communicate(text.encode("utf-8", "replace"))
+            told, complaint = await process.communicate(to_bytes(text))
     finally:
         if process.returncode is None:
             process.kill()
             await process.wait()
     if process.returncode not in _STATUSES:
-        raise CheckerError(f"urscript check: {complaint.decode('utf-8', 'replace').strip() or process.returncode}")
-    return parsed(told.decode("utf-8", "replace"))
+        raise CheckerError(f"urscript check: {readable(from_bytes(complaint)).strip() or process.returncode}")
+    return parsed(readable(from_bytes(told)))
 
 
 def parsed(told: str) -> tuple[ScriptError, ...]:
     """The problems among the lines that the checker writes, in the order of the script."""
-    found = (_LINE.fullmatch(line) for line in told.splitlines())
+    found = (_LINE.fullmatch(line) for line in lines(told))
     problems = (
         ScriptError(int(match[1]), int(match[2]), match[4], "check", "warning" if match[3] else "error")
         for match in found

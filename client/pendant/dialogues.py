@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from urproto import text as wire_text
 from urproto.modes import RequestedType
 from urproto.primary.messages import PROGRAM_STOPPED, KeyMessage, PopupMessage, RequestValueMessage
 
@@ -88,7 +89,7 @@ def typed_answer(kind: RequestedType, text: str) -> int | float | str:
     if kind is RequestedType.STRING:
         return text
     try:
-        value = int(text) if kind is RequestedType.INTEGER else float(text)
+        value = wire_text.whole_number(text) if kind is RequestedType.INTEGER else wire_text.number(text)
     except ValueError as error:
         raise ValueError(f"The program wants {ANSWERABLE[kind]}") from error
     if isinstance(value, int) and not -_INT_MAX - 1 <= value <= _INT_MAX:

@@ -12,6 +12,7 @@ from client.pendant.live import Live
 from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.errors import ProtocolError, RobotRefused
+from urproto.text import readable
 
 __all__ = ["MISTAKES", "Page"]
 
@@ -68,7 +69,7 @@ class Page:
         try:
             await action()
         except MISTAKES as error:
-            self.complain(str(error))
+            self.complain(readable(str(error)))
             return False
         if done:
             self.tell(done)

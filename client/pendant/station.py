@@ -38,6 +38,7 @@ from urproto.ports import CONTROL_API_PORT, CONTROLLER_PORTS
 from urproto.primary.messages import ErrorCodeMessage
 from urproto.primary.state import ConfigurationData, RobotStateData
 from urproto.robots import RobotModel
+from urproto.text import readable_in
 from urproto.versions import PolyscopeVersion
 
 __all__ = ["FRAME_HZ", "Station"]
@@ -247,7 +248,7 @@ class Station:
         """
         try:
             async with DashboardClient(self.robot_ip, self.ports["dashboard"]) as board:
-                return await board.ask(operation)
+                return readable_in(await board.ask(operation))
         except RobotRefused as refused:
             if refused.answer != NOT_IN_REMOTE_CONTROL or not self.behind.available:
                 raise
@@ -342,6 +343,8 @@ class Station:
             self._read_only = self._sent = False
             while not self._read_only:
                 message = await self._patiently(lambda: client.run(client.core.next_message()))
+                if not isinstance(message, RobotStateData):  # which is numbers
+                    message = readable_in(message)
                 self.log.hear(message)
                 self.variables.hear(message)
                 self.dialogues.hear(message)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from client.errors import RecordingError
+from urproto.text import readable
 
 __all__ = ["Field", "MessageType"]
 
@@ -224,7 +225,7 @@ def _put_length(out: bytearray, length: int) -> None:
 
 
 def _put_string(out: bytearray, value: Any) -> None:
-    data = (value or "").encode() + b"\0"
+    data = readable(value or "").encode() + b"\0"
     _put_length(out, len(data))
     out.extend(data)
 

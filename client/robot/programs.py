@@ -11,6 +11,7 @@ from client.scripts import ScriptResult
 from urproto.dashboard import ProgramState, UserRole
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.modes import RobotMode, SafetyMode, SafetyStatus
+from urproto.text import from_bytes
 from urproto.versions import PolyscopeVersion
 
 __all__ = ["Dashboard", "Programs"]
@@ -53,7 +54,7 @@ class Programs:
 
     async def run_file(self, path: Path | str, *, timeout_s: float = float("inf")) -> ScriptResult:
         """As `run`, with the text of a file."""
-        return await self.run(Path(path).read_text("utf-8"), timeout_s=timeout_s)
+        return await self.run(from_bytes(Path(path).read_bytes()), timeout_s=timeout_s)
 
 
 class Dashboard:

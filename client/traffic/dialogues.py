@@ -9,6 +9,7 @@ from client.traffic.players import UnansweredError, cut
 from client.traffic.recording import Conversation, Piece
 from urproto import dashboard
 from urproto.errors import RemoteProtocolError
+from urproto.text import from_bytes, readable
 
 __all__ = ["Dialogue", "Requests", "answer_dashboard", "answer_line", "answer_modbus", "cut_frames", "cut_lines",
            "line_requests", "modbus_requests"]  # fmt: skip
@@ -127,7 +128,7 @@ def answer_line(requests: Requests, line: bytes) -> bytes:
     """Of any port that speaks in lines."""
     answer = requests.answer(_bare(line))
     if answer is None:
-        raise UnansweredError(line.strip().decode("utf-8", "replace"))
+        raise UnansweredError(readable(from_bytes(line.strip())))
     return answer
 
 
@@ -135,7 +136,7 @@ def answer_dashboard(requests: Requests, line: bytes) -> bytes:
     """The dashboard has words for what it does not know."""
     answer = requests.answer(_bare(line))
     if answer is None:
-        return dashboard.encode_line(dashboard.not_understood(line.strip().decode("utf-8", "replace")))
+        return dashboard.encode_line(dashboard.not_understood(from_bytes(line.strip())))
     return answer
 
 

@@ -7,6 +7,7 @@ from enum import IntEnum
 from typing import Any, Final
 
 from emulator.snapshot import Snapshot
+from urproto.text import number
 
 __all__ = ["Condition", "parse_condition"]
 
@@ -18,7 +19,7 @@ _COMPARISONS: Final[dict[str, Callable[[Any, Any], bool]]] = {
     "<": operator.lt,
     ">": operator.gt,
 }
-_TERM: Final = re.compile(r"(\w+)(?:\[(\d+)\])?\s*(==|!=|<=|>=|<|>)\s*(.+)")
+_TERM: Final = re.compile(r"(\w+)(?:\[([0-9]{1,9})\])?\s*(==|!=|<=|>=|<|>)\s*(.+)")
 _WORDS: Final = {"true": True, "false": False}
 _FIELDS: Final = Snapshot()  # of the types that every snapshot has
 
@@ -62,7 +63,7 @@ def _constant(text: str, example: Any) -> Any:
     if text.lower() in _WORDS:
         return _WORDS[text.lower()]
     try:
-        return float(text)
+        return number(text)
     except ValueError:
         names = f", or one of {', '.join(type(example).__members__)}" if isinstance(example, IntEnum) else ""
         raise ValueError(f"{text!r} cannot be compared with: give a number{names}") from None

@@ -11,6 +11,7 @@ from emulator.control.verbs import BadArguments, NotPossible
 from emulator.lifecycle.power import PowerState
 from emulator.robot.installation import Payload
 from urproto.modes import RuntimeState
+from urproto.text import from_readable, readable
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
@@ -116,6 +117,8 @@ def _values(holder: Any, names: tuple[str, ...]) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     if isinstance(value, Enum):
         return value.value
+    if isinstance(value, str):
+        return readable(value)
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
@@ -128,7 +131,7 @@ def _like(present: Any, value: Any) -> Any:
     kind = type(present)
     if isinstance(present, bool) is not isinstance(value, bool):
         raise TypeError(f"{value!r} is no {kind.__name__}")
-    return kind(value)
+    return kind(from_readable(value) if isinstance(value, str) else value)
 
 
 def _numbers(values: Any, count: int) -> Any:

@@ -1,6 +1,9 @@
 """Text of any bytes on every port: the ports give it back as it came, and every verb and command goes on to answer."""
 
+import gzip
 import json
+import os
+import zipfile
 from pathlib import Path
 from typing import Any, Final, Literal, get_args, get_origin, get_type_hints
 
@@ -17,6 +20,7 @@ from emulator.controller import Controller, ControllerConfig
 from emulator.dashboard import available_commands
 from emulator.devices.robotiq import MODELS
 from emulator.faults.injector import FaultInjector
+from emulator.reporting.reports import write_crash
 from emulator.servers.control import ControlServer
 from urproto.modes import RobotMode, RuntimeState
 from urproto.primary.framing import PrimaryDecoder
@@ -30,6 +34,10 @@ ENDS_IT: Final = ("quit", "shutdown")
 STEPS: Final = ("step", "run_until")  # time of this robot is driven by the test
 MOST_PERIODS: Final = 400
 LATIN: Final = "Grüße an Zoë".encode("latin-1")
+INSTALLATION: Final = (
+    b'<Installation><TCPSettings activePose="TCP" toolPayload="0.5"><availablePoses>'
+    b'<tcp name="TCP" offset="0, 0, 0.2, 0, 0, 0"/></availablePoses></TCPSettings></Installation>'
+)
 ODD: Final = (LATIN, b"\x00", b"\xff\xfe", b"\xed\xb3\xa9", b"\xc3", b"a\x1cb\x85c\xe2\x80\xa8d", b"\xc2\xb2\xd9\xa3")
 
 # all that can stand between quotation marks, in a line
@@ -194,3 +202,43 @@ def test_no_verb_fails_for_a_number(tmp_path: Path, number: str) -> None:
             robot.tick(2)
             assert robot.controller.guard.problem is None, (name, body)
             assert robot.call("state")[0] == robot.call("world")[0] == 200, (name, body)
+
+
+def test_files_of_any_name_and_what_is_written_about_them(tmp_path: Path) -> None:
+    name = "Zoë".encode("latin-1")
+    script = b'def p():\n  textmsg("%s")\nend\n' % name
+    for suffix, content in ((b".script", script), (b".installation", gzip.compress(INSTALLATION))):
+        (tmp_path / os.fsdecode(name + suffix)).write_bytes(content)
+    robot = Robot(tmp_path)
+    assert robot.command(b"load %s.script" % name).startswith(b"Loading program: /programs/%s.script" % name)
+    assert robot.command(b"load installation %s.installation" % name).endswith(b"/%s.installation" % name)
+    assert robot.command(b"programState") == b"STOPPED %s.script" % name
+    assert robot.call("programs")[1]["result"] == [r"Zo\xeb.script"]
+    robot.messages()
+    assert robot.command(b"play") == b"Starting program"
+    robot.tick(20)
+    assert name in [to_bytes(m.text) for m in robot.messages() if isinstance(m, TextMessage)]
+
+    saved = robot.call("save")[1]["result"]
+    robot.controller.installation.name = "another"
+    assert robot.call("restore", json.dumps({"document": saved}).encode())[0] == 200
+    assert to_bytes(robot.controller.installation.name) == name + b".installation"
+
+    for command in (b"addToLog " + name, b"saveLog", b"generate flight report", b"generate support file ."):
+        assert b"Failed" not in robot.command(command)
+    assert r"Zo\xeb" in (tmp_path / "log_history.txt").read_text("utf-8")
+    bundle = write_crash(robot.controller, "a test", "no traceback")
+    with zipfile.ZipFile(bundle) as archive:
+        assert archive.read("program.script") == script
+        assert r"Zo\xeb" in archive.read("log_history.txt").decode("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [(b"set speed \xd9\xa3", None), (b"set speed 0_1", None), (b"set speed 0.5", 0.5), (b"set\x1cspeed 0.7", None)],
+)
+def test_words_and_numbers_of_text_commands_are_ascii(robot: Robot, line: bytes, told: float | None) -> None:
+    robot.controller.speed.set_slider(1.0)
+    robot.client("secondary").feed(line + b"\n")
+    robot.tick(10)
+    assert robot.controller.speed.slider == (told or 1.0)

@@ -7,6 +7,7 @@ from urscript import compiler
 from urscript.builtins import LibrarySet
 from urscript.compiler import compile_script, compile_steps
 from urscript.errors import CompileError
+from urscript.files import ScriptFile
 from urscript.library import LIBRARIES
 from urscript.meter import METER
 from urscript.tokens import tokenize
@@ -96,3 +97,20 @@ def test_a_program_has_a_largest_number_of_defs() -> None:
     error = error_of(f"def program():\n{defs}end\n")
     assert "more than 5000 defs" in error.message
     assert error.line == 2 + 2 * 5000
+
+
+@pytest.mark.parametrize("sign", ["+", "*", " and "])
+def test_a_long_chain_of_operators_is_compiled_or_refused_with_advice(sign: str) -> None:
+    assert compile_text(f"a = {sign.join(['True'] * 140)}\n")
+    assert (
+        "more than 150 operators or brackets in one another: use several statements"
+        in error_of(f"a = {sign.join(['1'] * 160)}\n").message
+    )
+
+
+@pytest.mark.parametrize(
+    "data", [b"\x1c", b"\x85\n", "\u2003".encode(), b"def f():\nend\n\x1f\n", b"# Gr\xfc\xdfe\na = 1\n"]
+)
+def test_a_file_of_odd_blanks_is_read(data: bytes) -> None:
+    file = ScriptFile("odd.script", data)
+    assert (file.problems(LIBRARY_SET, VERSION) == []) is data.startswith(b"#")

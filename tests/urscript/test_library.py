@@ -159,3 +159,10 @@ def test_messages_print_like_a_controller():
 def test_bytes_and_text_are_reversible():
     data = bytes(range(256))
     assert to_bytes(from_bytes(data)) == data
+
+
+def test_halves_of_a_character_become_one(result):
+    """Strings that are the same bytes are equal, whatever they were made of."""
+    assert result('"\udcc3" + "\udca9" == "é"') is True
+    assert result('str_cat("\udcc3", "\udca9") == "é"') is True
+    assert result('str_len("é" + "\udce9")') == 3

@@ -278,6 +278,13 @@ FAULTS = [
         "5.22",
     ),
     ("def f():\n  x = inv([[1,2]])\nend", 2, 7, "inv: the argument must be a square matrix", "5.22"),
+    (
+        "def f():\n  x = inv(p[0,0,0,0,0,1e308])\nend",
+        2,
+        7,
+        "inv: a pose must be finite, no number beyond 1e+12",
+        "5.22",
+    ),
     ("def f():\n  x = inv([[1,2],[2,4]])\nend", 2, 7, "inv: the matrix is singular", "5.22"),
     ("def f():\n  x = size(1)\nend", 2, 7, "Type error: size expected type 'List' but found 'Int'", "5.22"),
     ("def f():\n  x = rotvec2rpy([1])\nend", 2, 7, "Type error: rotvec2rpy expected a list of 3 numbers", "5.22"),

@@ -9,6 +9,7 @@ from nicegui import ui
 from client.pendant.events import SEVERITIES, Event, Severity
 from client.pendant.log_view import SHOWN, LogView, as_csv, as_text
 from client.pendant.page import Page
+from urproto.text import to_bytes
 
 __all__ = ["build"]
 
@@ -81,4 +82,4 @@ def _tool(icon: str, hint: str, click: Callable[[], object], mark: str) -> None:
 
 def _download(view: LogView, form: Callable[[Iterable[Event]], str], ending: str) -> None:
     name = f"robot_log_{datetime.now():%Y-%m-%d_%H-%M-%S}.{ending}"
-    ui.download(form(view.matching()).encode(), name)
+    ui.download(to_bytes(form(view.matching())), name)

@@ -10,6 +10,7 @@ from nicegui import events, ui
 from client.pendant.draft import Draft, ScriptError
 from client.pendant.page import Page
 from client.pendant.situation import Action
+from urproto.text import from_bytes, readable, to_bytes
 
 __all__ = ["build_editor", "replace_draft"]
 
@@ -34,7 +35,7 @@ def build_editor(page: Page) -> None:
             "no-caps unelevated data-testid=script-send"
         )
         _opener(page)
-        ui.button("Save", icon="save_alt", on_click=lambda: ui.download(draft.text.encode(), "pendant.script")).props(
+        ui.button("Save", icon="save_alt", on_click=lambda: ui.download(to_bytes(draft.text), "pendant.script")).props(
             "flat no-caps data-testid=script-save"
         )
         ui.space()
@@ -105,7 +106,7 @@ def _opener(page: Page) -> None:
 
 async def _open(page: Page, upload: events.UploadEventArguments) -> None:
     data = await upload.file.read()
-    await replace_draft(page, data.decode("utf-8", "replace").removeprefix("\ufeff").replace("\r\n", "\n"))
+    await replace_draft(page, readable(from_bytes(data)).removeprefix("\ufeff").replace("\r\n", "\n"))
 
 
 def _write(page: Page, draft: Draft, text: str, author: str) -> None:
