@@ -63,6 +63,7 @@ class Recorder:
         self.count = 0
         self.left_out = 0
         self._failure = ""
+        self._closed = False
         self._writer = open_writer(self.path, self.names, info or {})
         self._stamps = Stamps(now_ns)
 
@@ -87,6 +88,8 @@ class Recorder:
         if time_ns is None:
             self.left_out += 1
             return
+        if self._closed:
+            raise RecordingError(f"{self.path} is finished: record into another file")
         self.count += 1
         if self._failure:
             return
@@ -106,7 +109,10 @@ class Recorder:
                 self._writer.write_controller(controller, state, time_ns)
 
     def close(self) -> None:
-        """Finish the file."""
+        """Finish the file; closing twice does no harm."""
+        if self._closed:
+            return
+        self._closed = True
         with self._telling():
             self._writer.close()
 
