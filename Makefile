@@ -16,9 +16,11 @@ test: $(VENV)/.dev
 	tests/system_packages.sh
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup $(ARGS)
 
-# Ten thousand random programs in virtual time, some minutes; the tests run a few of them.
+# Ten thousand random programs in virtual time, some minutes; the tests run a few of them. Then hostile robots against
+# every part of the client, some thousand in half an hour.
 soak: $(VENV)/.dev
 	RANDOM_PROGRAMS=10000 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 tests/motion/test_random_programs.py
+	HOSTILE_ROBOTS=4000 $(BIN)/python -m pytest --timeout 0 tests/client/test_hostile_robots.py
 
 check: $(VENV)/.dev
 	$(BIN)/ruff check .

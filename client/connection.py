@@ -44,8 +44,11 @@ DEFAULT_TIMEOUT_S = 5.0  # for connecting and for each flow; guess: ample for a 
 _LONGEST_WAIT_S = 86400.0  # an infinite timeout becomes this: sockets take no infinity
 _LEAST_WAIT_S = 1e-6  # a socket that does not wait at all is told apart by 0
 _LOOKS = 2  # of the event loop at its sockets: a callback that is due may be in front of the first one
+_LOOKING_S = 1.0  # how long one looks, beyond the time limit, at what has arrived already; guess
 _RETRY_EVERY_S = 0.5  # between attempts to connect again; guess: a controller takes a minute to boot
 _CHUNK = 65536  # bytes per read
+# what opening a connection raises: TimeoutError is an OSError; names that no host can have, ports beyond 65535
+_NO_CONNECTION: Final = (OSError, UnicodeError, OverflowError)
 
 
 class _Poll(Enum):
@@ -90,6 +93,11 @@ class _Progress(Generic[Result]):
     def left_s(self) -> float:
         """Time left. When it has run out still so much that one looks at what has arrived."""
         return min(max(self._deadline - time.monotonic(), _LEAST_WAIT_S), _LONGEST_WAIT_S)
+
+    @property
+    def over(self) -> bool:
+        """The time ran out a while ago. What has arrived already is then all there is: a robot may send without end."""
+        return self.wanted is POLL and time.monotonic() > self._deadline + _LOOKING_S
 
     def answer(self, data: bytes) -> None:
         """Hand the flow what it wanted."""
@@ -186,7 +194,7 @@ class AsyncConnection(Connection):
         try:
             async with asyncio.timeout(self.timeout_s):
                 self._streams = await asyncio.open_connection(self.host, self.port)
-        except OSError as error:  # TimeoutError is one
+        except _NO_CONNECTION as error:
             raise RobotUnreachableError(self.host, self.port, _reason(error)) from error
         tcp = self._streams[1].get_extra_info("socket")
         tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -194,6 +202,8 @@ class AsyncConnection(Connection):
     async def _perform(self, progress: _Progress[Result]) -> bytes:
         if isinstance(progress.wanted, Reconnect):
             await self._reconnect(progress.wanted)
+            return b""
+        if progress.over:
             return b""
         try:
             return await self._exchange(progress.wanted, progress.left_s)
@@ -325,13 +335,15 @@ class BlockingConnection(Connection):
     def _open(self) -> None:
         try:
             self._socket = socket.create_connection((self.host, self.port), self.timeout_s)
-        except OSError as error:
+        except _NO_CONNECTION as error:
             raise RobotUnreachableError(self.host, self.port, _reason(error)) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def _perform(self, progress: _Progress[Result]) -> bytes:
         if isinstance(progress.wanted, Reconnect):
             self._reconnect(progress.wanted)
+            return b""
+        if progress.over:
             return b""
         try:
             return self._exchange(progress.wanted, progress.left_s)
@@ -372,5 +384,7 @@ def _time_value(seconds: float) -> bytes:
     return struct.pack("@ll", *divmod(micros, 1_000_000))
 
 
-def _reason(error: OSError) -> str:
-    return "nobody answered in time" if isinstance(error, TimeoutError) else error.strerror or str(error)
+def _reason(error: Exception) -> str:
+    if isinstance(error, TimeoutError):
+        return "nobody answered in time"
+    return getattr(error, "strerror", None) or str(error)

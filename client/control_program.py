@@ -14,10 +14,9 @@ from typing import Final
 
 from client.gates import GATES
 from urproto.errors import LocalProtocolError
-from urproto.external_control import GREETING
 from urproto.versions import PolyscopeVersion, Series
 
-__all__ = ["PROGRAM_NAME", "ControlProgram", "ToolCommunication"]
+__all__ = ["GREETING", "PROGRAM_NAME", "ControlProgram", "ToolCommunication", "split_greeting"]
 
 PROGRAM_NAME: Final = "external_control"
 _POLYSCOPE_X: Final = 10
@@ -28,6 +27,10 @@ GONE_TEXT: Final = "External Control: the driver is gone"
 """What the program says (textmsg) before it ends because nothing came from its driver."""
 LATE_TEXT: Final = "External Control: a setpoint is late"
 """What it says when it brings the arm to rest for that reason; it goes on."""
+
+GREETING: Final = b"external_control "
+"""How the first line that the program says on each connection begins; its driver's token follows."""
+_LONGEST_GREETING: Final = 128  # bytes; guess
 
 # Shares of the joint friction that direct torque control makes up for by default (the client library's)
 _VISCOUS: Final = "[0.9, 0.9, 0.8, 0.9, 0.9, 0.9]"
@@ -203,6 +206,16 @@ class ControlProgram:
         lines = [] if self.tool_voltage is None else [f"set_tool_voltage({self.tool_voltage})"]
         lines += [] if self.tool_communication is None else [self.tool_communication.script]
         return "\n".join(lines)
+
+
+def split_greeting(data: bytes) -> tuple[str | None, bytes] | None:
+    """What a control program says first: its token, None without one, and what follows. None: more bytes will tell."""
+    if not data.startswith(GREETING[: len(data)]):
+        return None, data
+    line, end, rest = data.partition(b"\n")
+    if not end:
+        return (None, data) if len(data) > _LONGEST_GREETING else None
+    return line.removeprefix(GREETING).decode("ascii", "replace"), rest
 
 
 def check_servo_parameters(lookahead_s: float, gain: float) -> None:

@@ -15,7 +15,7 @@ that the controller's version does not have: that one is not even sent.
 import asyncio
 from typing import TypeVar
 
-from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Flow
+from client.connection import DEFAULT_TIMEOUT_S, POLL, AsyncConnection, BlockingConnection, Flow
 from client.operations import (
     BRAKE_RELEASE,
     CLEAR_OPERATIONAL_MODE,
@@ -144,6 +144,11 @@ class DashboardCore:
         return (yield from self._exchange(operation))
 
     def _exchange(self, operation: Operation[Answer]) -> Flow[Answer]:
+        while data := (yield POLL):
+            self._received += self._lines.feed(data)
+        # answers to what timed out, and lines that nobody has asked for: not the answer to this
+        self._unanswered = max(0, self._unanswered - len(self._received))
+        self._received.clear()
         yield wire.encode_line(operation.line)
         self._unanswered += 1
         while True:

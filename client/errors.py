@@ -4,6 +4,7 @@ ClientError
 ├── RobotUnreachableError    no connection came about
 ├── ConnectionLostError      the robot closed it, or the network did
 ├── NoAnswerError            the robot keeps silent
+├── WaitTimeoutError         what was waited for has not happened yet; a TimeoutError too
 ├── DeviceError              a device of this machine cannot be made
 ├── RecordingError           a file of a recording cannot be read, written, or used for this
 │   └── MissingExtraError    a package it needs is not installed
@@ -55,6 +56,7 @@ __all__ = [
     "Ros2Error",
     "SafetyStopError",
     "ScriptFailedError",
+    "WaitTimeoutError",
 ]
 
 
@@ -85,13 +87,18 @@ class ConnectionLostError(ClientError):
 
 
 class NoAnswerError(ClientError):
-    """Nothing came from ``host``:``port`` for ``timeout_s`` seconds."""
+    """What was due, or anything, did not come from ``host``:``port`` for ``timeout_s`` seconds."""
 
-    def __init__(self, host: str, port: int, timeout_s: float) -> None:
-        super().__init__(f"{host}:{port} sent nothing for {timeout_s:g} s: it may be busy, or speak something else")
+    def __init__(self, host: str, port: int, timeout_s: float, what: str = "nothing") -> None:
+        sent = "sent nothing" if what == "nothing" else f"has not sent {what}"
+        super().__init__(f"{host}:{port} {sent} for {timeout_s:g} s: it may be busy, or speak something else")
         self.host = host
         self.port = port
         self.timeout_s = timeout_s
+
+
+class WaitTimeoutError(ClientError, TimeoutError):
+    """What a caller waits for has not happened in the time that the caller gave; whatever is under way goes on."""
 
 
 class DeviceError(ClientError):

@@ -1,5 +1,6 @@
 """The robot's ports and the way to them: what is open, how long it takes, how regularly states come."""
 
+import math
 import socket
 import time
 from collections.abc import Iterator, Sequence
@@ -25,6 +26,7 @@ _CONNECT_S: Final = 2.0
 _REPLIES: Final = 20
 _STREAM_S: Final = 2.0
 _SLOW_CONNECT_S: Final = 0.005  # guess: a cable through a switch takes less than 1 ms
+_LONGEST_S: Final = 1e9  # guess: no robot has been on for 30 years
 _LATE: Final = 1.0  # periods; a servo setpoint for this state comes one period late
 _WIFI: Final = "use a cable, without other traffic on it, to this machine's own network card"
 
@@ -100,6 +102,10 @@ def examine_stream(host: str, port_offset: int = 0, seconds: float = _STREAM_S) 
 
 def judge_stream(arrivals: Sequence[float], stamps: Sequence[float]) -> Iterator[Finding]:
     """Of states by when they came here and when the robot made them [s], each on its own clock."""
+    if timeless := sum(not (math.isfinite(stamp) and abs(stamp) < _LONGEST_S) for stamp in stamps):
+        text = f"{timeless} of {len(stamps)} states have no time (timestamp)"
+        yield Finding(Grade.BROKEN, "RTDE stream", text, "restart the controller")
+        return
     steps = [b - a for a, b in pairwise(stamps)]
     if not steps or min(steps) <= 0.0:
         yield Finding(Grade.BROKEN, "RTDE stream", "the robot's clock stands still", "restart the controller")

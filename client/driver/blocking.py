@@ -17,10 +17,11 @@ from contextlib import AbstractAsyncContextManager, AbstractContextManager, cont
 from types import TracebackType
 from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, cast, overload
 
-__all__ = ["Blocking", "Part", "blocking", "blocking_context", "straight"]
+__all__ = ["Blocking", "Part", "blocking", "blocking_context", "carried", "straight"]
 
 Inner = TypeVar("Inner", bound=AbstractAsyncContextManager[Any])
 Component = TypeVar("Component")
+Entered = TypeVar("Entered")
 Owner = TypeVar("Owner")
 Params = ParamSpec("Params")
 Given = ParamSpec("Given")
@@ -117,8 +118,12 @@ class Part(Generic[Component]):
         return self._whole.call(work)
 
 
-async def _leave(inner: AbstractAsyncContextManager[Any], *reason: Any) -> None:
-    await inner.__aexit__(*reason)
+async def _enter(context: AbstractAsyncContextManager[Entered]) -> Entered:
+    return await context.__aenter__()
+
+
+async def _leave(context: AbstractAsyncContextManager[Any], *reason: Any) -> bool | None:
+    return await context.__aexit__(*reason)
 
 
 @overload
@@ -169,16 +174,22 @@ def blocking_context(method: Callable[..., Any]) -> Callable[..., Any]:
 
     @contextmanager
     def enter(self: Blocking[Any], *args: Any, **kwargs: Any) -> Iterator[Any]:
-        context = method(self.inner, *args, **kwargs)
-        do = self.call(context.__aenter__())
-        try:
+        with carried(self, method(self.inner, *args, **kwargs)) as do:
             yield None if do is None else lambda *given, **named: self.call(do(*given, **named))
-        except BaseException as error:
-            if not self.call(context.__aexit__(type(error), error, error.__traceback__)):
-                raise
-        else:
-            self.call(context.__aexit__(None, None, None))
 
     functools.update_wrapper(enter, method)
-    enter.__dict__.pop("__wrapped__", None)
+    enter.__dict__.pop("__wrapped__", None)  # it is no coroutine function
     return enter
+
+
+@contextmanager
+def carried(owner: Blocking[Any], context: AbstractAsyncContextManager[Entered]) -> Iterator[Entered]:
+    """An asynchronous context that is entered and left in the owner's loop, by the caller's thread."""
+    entered = owner.call(_enter(context))
+    try:
+        yield entered
+    except BaseException as error:
+        if not owner.call(_leave(context, type(error), error, error.__traceback__)):
+            raise
+    else:
+        owner.call(_leave(context, None, None, None))

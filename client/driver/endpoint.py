@@ -17,8 +17,8 @@ from types import TracebackType
 from typing import Final, Self, cast
 
 from client.connection import DEFAULT_TIMEOUT_S
+from client.control_program import split_greeting
 from client.errors import ProgramNotRunningError, ProgramStaysError
-from urproto.external_control import split_greeting
 
 __all__ = ["Endpoint", "Peer", "tell"]
 

@@ -142,8 +142,12 @@ class RobotLink:
         return self.state
 
     async def kinematics(self) -> KinematicsInfo:
-        """The calibrated Denavit-Hartenberg parameters [m, rad]."""
-        return await asyncio.wait_for(asyncio.shield(self._kinematics), self._primary.timeout_s)
+        """The calibrated Denavit-Hartenberg parameters [m, rad]. Raises NoAnswerError when the robot does not tell."""
+        primary = self._primary
+        try:
+            return await asyncio.wait_for(asyncio.shield(self._kinematics), primary.timeout_s)
+        except TimeoutError:
+            raise NoAnswerError(primary.host, primary.port, primary.timeout_s, "its calibration") from None
 
     async def send_script(self, text: str) -> None:
         """Hand a script to the primary interface."""

@@ -8,7 +8,14 @@ from typing import Any, Final, Self
 from weakref import WeakKeyDictionary
 
 from client.control_program import DECELERATION, SPEED_ACCELERATION
-from client.errors import ClientError, MotionStoppedError, NoAnswerError, ProgramEndedError, ProgramNotRunningError
+from client.errors import (
+    ClientError,
+    MotionStoppedError,
+    NoAnswerError,
+    ProgramEndedError,
+    ProgramNotRunningError,
+    WaitTimeoutError,
+)
 from client.robot.readiness import Readiness
 from client.robot.state import RobotState
 from urproto.errors import LocalProtocolError, RobotRefused
@@ -70,7 +77,7 @@ class RobotCore(Readiness):
     async def wait_for(self, condition: Callable[[RobotState], bool], timeout_s: float | None = None) -> RobotState:
         """Look at each state until the condition holds for one, and return that.
 
-        Raises TimeoutError, what ends the motion that is under way, and RobotUnreachableError
+        Raises WaitTimeoutError, what ends the motion that is under way, and RobotUnreachableError
         for a silent robot. The condition must be quick and must not call the robot.
         """
         try:
@@ -80,7 +87,7 @@ class RobotCore(Readiness):
                         await self.wait_done()
                     await self._next_state("wait_for")
         except TimeoutError:
-            raise TimeoutError(f"what was waited for did not happen within {timeout_s} s") from None
+            raise WaitTimeoutError(f"what was waited for did not happen within {timeout_s} s: wait again") from None
         return state
 
     # beside a motion
@@ -193,14 +200,14 @@ class RobotCore(Readiness):
     async def wait_done(self, timeout_s: float | None = None) -> None:
         """Wait for the end of the motion that is under way, if any, and raise what went wrong.
 
-        Raises TimeoutError when it takes longer than ``timeout_s``; the motion goes on.
+        Raises WaitTimeoutError when it takes longer than ``timeout_s``; the motion goes on.
         """
         motion, doing = self._motion, self._doing
         if motion is None:
             return
         await asyncio.wait({motion}, timeout=timeout_s)
         if not motion.done():
-            raise TimeoutError(f"{doing} is still under way after {timeout_s} s: wait_done() again, or stop()")
+            raise WaitTimeoutError(f"{doing} is still under way after {timeout_s} s: wait_done() again, or stop()")
         if self._motion is motion:
             self._motion = None
         if motion.cancelled():

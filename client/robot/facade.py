@@ -5,7 +5,7 @@ from contextlib import AbstractAsyncContextManager, AbstractContextManager, cont
 from functools import partial, update_wrapper
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from client.driver.blocking import Blocking, Part, blocking, blocking_context, straight
+from client.driver.blocking import Blocking, Part, blocking, blocking_context, carried, straight
 from client.driver.realtime import real_time
 from client.driver.reverse import StreamStatistics
 from client.operations import Operation
@@ -155,16 +155,9 @@ def _streaming(
     def enter(
         self: Blocking[AsyncRobot], /, *args: Given.args, **kwargs: Given.kwargs
     ) -> Iterator[Callable[[Sequence[float]], RobotState]]:
-        context = method(self.inner, *args, **kwargs)
-        follow = self.call(context.__aenter__())
-        try:
-            with real_time(self.inner.driver.config.realtime):
-                yield partial(follow.from_thread, self.call)
-        except BaseException as error:
-            if not self.call(context.__aexit__(type(error), error, error.__traceback__)):
-                raise
-        else:
-            self.call(context.__aexit__(None, None, None))
+        realtime = self.inner.driver.config.realtime
+        with carried(self, method(self.inner, *args, **kwargs)) as follow, real_time(realtime):
+            yield partial(follow.from_thread, self.call)
 
     update_wrapper(enter, method)
     enter.__dict__.pop("__wrapped__", None)  # it is no coroutine function

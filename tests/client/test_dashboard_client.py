@@ -5,6 +5,7 @@ import socket
 import pytest
 
 from client import dashboard, operations
+from client.connection import POLL
 from client.dashboard import BlockingDashboardClient, DashboardClient, DashboardCore, Operation
 from client.errors import ConnectionLostError, NoAnswerError, RobotUnreachableError
 from emulator.dashboard import COMMANDS
@@ -140,10 +141,18 @@ def test_a_refusal_says_what_to_do(serve, operation, advice):
         assert robot.ask(dashboard.ROBOT_MODE) is RobotMode.IDLE
 
 
+def sent(asking, waiting=b""):
+    """What a flow says first, while this is there to be read."""
+    assert next(asking) is POLL
+    if waiting:
+        assert asking.send(waiting) is POLL
+    return asking.send(b"")
+
+
 def test_what_the_version_lacks_is_not_sent():
     core = DashboardCore()
     asking = core.ask(dashboard.SERIAL_NUMBER)
-    assert next(asking) == b"PolyscopeVersion\n"
+    assert sent(asking) == b"PolyscopeVersion\n"
     assert asking.send(b"") is None
     with pytest.raises(RobotRefused, match=r"3\.11\.0\.0 does not know it - it exists on CB3 since 3\.12"):
         asking.send(b"URSoftware 3.11.0.0 (Feb 1 2020)\n")
@@ -204,15 +213,29 @@ async def test_async_silence_and_hanging_up(serve):
 def test_a_late_answer_is_not_taken_for_the_next_one():
     core = DashboardCore()
     first = core.ask(dashboard.STOP)
-    assert next(first) == b"stop\n"
+    assert sent(first) == b"stop\n"
     assert first.send(b"") is None
     first.close()  # timed out
     second = core.ask(dashboard.ROBOT_MODE)
-    assert next(second) == b"robotmode\n"
+    assert sent(second) == b"robotmode\n"
     assert second.send(b"") is None
     assert second.send(b"Stopped\nRobotmode: ") is None
     with pytest.raises(StopIteration) as end:
         second.send(b"IDLE\n")
+    assert end.value.value is RobotMode.IDLE
+
+
+def test_lines_nobody_has_asked_for_are_no_answers():
+    core = DashboardCore()
+    first = core.ask(dashboard.STOP)
+    assert sent(first) == b"stop\n"
+    first.send(b"")
+    first.close()  # timed out
+    second = core.ask(dashboard.ROBOT_MODE)
+    assert sent(second, b"Stopped\nand more\n") == b"robotmode\n"
+    assert second.send(b"") is None
+    with pytest.raises(StopIteration) as end:
+        second.send(b"Robotmode: IDLE\n")
     assert end.value.value is RobotMode.IDLE
 
 

@@ -1,5 +1,6 @@
 """What the doctor makes of what it sees."""
 
+import math
 import socket
 from pathlib import Path
 
@@ -107,3 +108,12 @@ def test_exit_status() -> None:
     good, weak, broken = (Finding(grade, "a", "b") for grade in (Grade.GOOD, Grade.WEAK, Grade.BROKEN))
     assert exit_status([]) == exit_status([good, weak]) == 0
     assert exit_status([good, broken]) == 1
+
+
+@pytest.mark.parametrize("stamp", [math.nan, math.inf, 1e300])
+def test_states_without_a_time_are_a_finding(stamp):
+    stamps = [0.002 * number for number in range(100)]
+    arrivals = list(stamps)
+    stamps[50] = stamp
+    (found,) = judge_stream(arrivals, stamps)
+    assert (found.grade, found.text) == (Grade.BROKEN, "1 of 100 states have no time (timestamp)")

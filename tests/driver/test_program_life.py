@@ -8,12 +8,13 @@ from dataclasses import replace
 import pytest
 from driver_rig import CALM_S, HOME, HOST, Pair, swing
 
+from client.control_program import GREETING
 from client.driver import calibration_hash, points
 from client.errors import NoAnswerError, ProgramEndedError, ProgramNotRunningError, ScriptFailedError
 from client.rtde import RTDEClient
 from emulator.lifecycle.power import PowerEvent
 from urproto.errors import RobotRefused
-from urproto.external_control import GREETING, ControlMode, TrajectoryResult
+from urproto.external_control import ControlMode, TrajectoryResult
 from urproto.modes import SafetyMode
 
 LONG = points.movej([HOME[0] + 1.5, *HOME[1:]], v=0.5)
