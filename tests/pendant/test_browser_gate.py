@@ -1,0 +1,82 @@
+"""What a browser may do with a pendant's page."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+from playwright.sync_api import Browser, Page, expect
+
+from client.pendant.screens import SCREENS
+from tests.pendant.conftest import Rig, eventually
+
+Open = Callable[[str], Page]
+REFUSED = """() => {
+  const seen = [];
+  addEventListener("securitypolicyviolation", (event) => seen.push(event.violatedDirective));
+  return seen;
+}"""
+
+
+@contextmanager
+def site(text: str) -> Iterator[str]:
+    """Another site; its address."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(text.encode())
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}/"
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+def test_every_screen_keeps_to_the_policy(open_page: Open) -> None:
+    page = open_page("initialize")  # which fails at what the policy forbids
+    refused = page.evaluate_handle(REFUSED)
+    for screen in SCREENS:
+        page.get_by_test_id(f"tab-{screen.name}").click()
+        expect(page.locator(".screen")).to_be_visible()
+    page.get_by_label("Dark or light").click()
+    assert refused.json_value() == []
+
+
+def test_the_policy_forbids_what_nobody_meant(rig: Rig, browser: Browser) -> None:
+    context = browser.new_context()
+    try:
+        page = context.new_page()
+        page.goto(rig.url)
+        refused = page.evaluate_handle(REFUSED)
+        page.evaluate("document.body.append(Object.assign(document.createElement('script'), {textContent: 'bad = 1'}))")
+        assert page.evaluate("typeof bad") == "undefined"
+        eventually(lambda: refused.json_value() == ["script-src-elem"])
+        page.evaluate("fetch('http://127.0.0.1:1/').catch(() => 0)")
+        eventually(lambda: refused.json_value() == ["script-src-elem", "connect-src"])
+    finally:
+        context.close()
+
+
+def test_another_site_cannot_frame_the_pendant(rig: Rig, browser: Browser) -> None:
+    context = browser.new_context()
+    try:
+        page = context.new_page()
+        said = list[str]()
+        page.on("console", lambda message: said.append(message.text))
+        with site(f'<iframe id="trap" src="{rig.url}/move" width="900" height="700"></iframe>') as address:
+            page.goto(address)
+            eventually(lambda: any("frame-ancestors" in text for text in said))
+            assert page.frame_locator("#trap").locator(".robot-name").count() == 0
+    finally:
+        context.close()
