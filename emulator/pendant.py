@@ -28,7 +28,6 @@ _MISSING: Final = (
 )
 _FAILED: Final = "No pendant: its process ended; the lines above say why. --pendant-port chooses another port."
 _BY_HAND: Final = "The robot goes on. For a pendant: ur-client pendant {options}"
-_MISTAKE: Final = 2  # exit status of what somebody has to mend: another start would change nothing
 _GOODBYE_S: Final = 3.0  # guess: how long a clean end may take
 _WAITS_S: Final = (0.5, 1.0, 2.0, 4.0, 8.0)  # before the next start, of ends in a row; after as many it is given up
 _STEADY_S: Final = 60.0  # guess: a pendant that was there for so long did not die of its start
@@ -87,7 +86,7 @@ class Pendant:
             self._give_up(_MISSING)
             return
         now = asyncio.get_running_loop().time
-        failures = 0
+        failures, served = 0, False
         while True:
             self._state, began = "starting", now()
             try:
@@ -95,7 +94,8 @@ class Pendant:
             except OSError as error:  # no memory, no descriptors
                 how = f"could not be started ({error.strerror or error})"
             else:
-                if not line and status == _MISTAKE:
+                served = served or bool(line)
+                if not served and status > 0:  # it has said what somebody has to mend: another start changes nothing
                     self._give_up(_FAILED)
                     return
                 how = f"{_end(status)} after {now() - began:.0f} s"

@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import secrets
 import socket
 from collections.abc import Callable
 from contextlib import AsyncExitStack
@@ -24,6 +25,7 @@ __all__ = ["serve"]
 _STATIC: Final = Path(__file__).with_name("static")
 _SHEETS: Final = ("pendant.css", *sorted(path.name for path in _STATIC.glob("screen_*.css")))
 _SCRIPTS: Final = ("pendant.js", *sorted(path.name for path in _STATIC.glob("screen_*.js")))
+_PROCESS: Final = secrets.token_hex(8)  # another one in each process: pages know by it that theirs is a new one
 _NO_SUCH_PAGE: Final = 1008
 _LONGEST_MESSAGE: Final = 1_000_000  # bytes of a web socket, as NiceGUI's pages send at most
 _LOOK_AGAIN_S: Final = 0.05
@@ -113,4 +115,4 @@ async def _page(station: Station, screen: str) -> None:
     page = Page(station, Live(station, client.id))
     client.on_delete(page.close)
     frame.build(page, screen)
-    ui.run_javascript(f"pendant.follow('{client.id}')")
+    ui.run_javascript(f"pendant.start('{client.id}', '{_PROCESS}')")

@@ -1,4 +1,4 @@
-"""What a browser may do with a pendant's page."""
+"""What a browser may do with a pendant's page, and what becomes of the page when the pendant goes and comes back."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -9,6 +9,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from client.pendant.screens import SCREENS
 from tests.pendant.conftest import Rig, eventually
+from tests.pendant.pendants import pendant
 
 Open = Callable[[str], Page]
 REFUSED = """() => {
@@ -78,5 +79,26 @@ def test_another_site_cannot_frame_the_pendant(rig: Rig, browser: Browser) -> No
             page.goto(address)
             eventually(lambda: any("frame-ancestors" in text for text in said))
             assert page.frame_locator("#trap").locator(".robot-name").count() == 0
+    finally:
+        context.close()
+
+
+def test_a_page_comes_back_with_its_pendant_and_says_what_happened(rig: Rig, browser: Browser) -> None:
+    options = ("--port", "6082", "--control-port", "0")
+    context = browser.new_context()
+    try:
+        page = context.new_page()
+        with pendant(rig.host, *options) as first:
+            page.goto(f"http://{rig.host}:6082/move")
+            expect(page.get_by_test_id("angle-0")).not_to_have_text("\N{EN DASH}")
+            first.kill()
+            expect(page.get_by_text("Connection lost")).to_be_visible()
+        with pendant(rig.host, *options):
+            expect(page.get_by_text("The pendant has ended and was started anew")).to_be_visible()
+            expect(page.get_by_test_id("angle-0")).not_to_have_text("\N{EN DASH}")
+            page.get_by_role("button", name="OK").click()
+            page.reload()
+            expect(page.get_by_test_id("angle-0")).not_to_have_text("\N{EN DASH}")
+            expect(page.get_by_text("started anew")).to_have_count(0)
     finally:
         context.close()

@@ -94,7 +94,7 @@ def test_a_pendant_that_was_killed_is_started_anew_and_said_so() -> None:
 
 async def test_a_pendant_that_dies_at_each_start_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("emulator.pendant._WAITS_S", (0.0, 0.0))
-    monkeypatch.setattr(Pendant, "_command", lambda _: [sys.executable, "-c", "raise SystemExit(7)"])
+    monkeypatch.setattr(Pendant, "_command", lambda _: ["sh", "-c", "kill -9 $$"])
     said = list[str]()
     given_up = asyncio.Event()
 
@@ -108,7 +108,7 @@ async def test_a_pendant_that_dies_at_each_start_is_given_up(monkeypatch: pytest
         async with asyncio.timeout(DEADLINE_S):
             await given_up.wait()
         assert robot.control.pendant() == pendant.report()
-    assert [line.partition(" after ")[0] for line in said] == ["The teach pendant ended with status 7"] * 3
+    assert [line.partition(" after ")[0] for line in said] == ["The teach pendant was killed (SIGKILL)"] * 3
     assert "as 2 times before: it is given up" in said[-1]
     assert "ur-client pendant --robot-ip 127.0.0.1" in said[-1]
     assert pendant.report()["state"] == "given up"
