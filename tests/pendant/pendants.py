@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+GOODBYE_S = 10.0
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -34,5 +35,9 @@ def pendant(host: str, *options: str, errors: IO[str] | None = None) -> Iterator
         yield process
     finally:
         process.stdin.close()
-        process.wait(10)
+        try:
+            process.wait(GOODBYE_S)
+        except subprocess.TimeoutExpired:  # a busy machine
+            process.kill()
+            process.wait()
         process.stdout.close()

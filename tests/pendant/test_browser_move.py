@@ -278,7 +278,7 @@ def test_a_browser_that_wakes_up_does_not_go_on_by_itself(bent: Rig, open_page: 
             os.kill(renderer, number)
         if number == signal.SIGSTOP:
             eventually(lambda: at_rest(bent))
-            time.sleep(1.0)  # a pause that is noticed
+            time.sleep(3.0)  # longer than a busy browser is silent
     expect(page.get_by_text("press it again")).to_be_visible()
     assert at_rest(bent)
     page.mouse.up()

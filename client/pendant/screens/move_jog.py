@@ -23,7 +23,7 @@ __all__ = ["JogPanels"]
 _AXES: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _SEEN: Final = ("Right", "Away", "Up", "Pitch", "Roll", "Yaw")  # the same in feature View
 _NEAR: Final = 0.09  # rad from a limit: where a bar turns amber
-_ASLEEP_S: Final = 1.0  # guess: so long nothing is heard of a held button where a machine sleeps or a network is gone
+_ASLEEP_S: Final = 3.0  # guess: longer than a busy browser is silent, shorter than a laptop sleeps or a network is gone
 _NOTHING: Final = "\N{EN DASH}"
 
 
