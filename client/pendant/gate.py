@@ -74,7 +74,7 @@ class Nonsense:
         kept = self._kept.pop(kind, 0)
         more = f" (and {kept} more since the last such line)" if kept else ""
         text = " ".join(str(what).split())[:_LONGEST]
-        _logger.warning("nonsense from the web is dropped: %s%s", text, more)
+        _logger.warning("web: %s%s", text or "an error without words", more)
 
     def tell_error(self, error: BaseException) -> None:
         """By the place where it was raised, of our own code if there is one; the traceback is for who debugs."""
@@ -84,7 +84,7 @@ class Nonsense:
         if frames:
             frame = (ours or frames)[-1]
             place = f"{Path(frame.filename).name}:{frame.lineno} in {frame.name}"
-        self.tell(f"{type(error).__name__} {place}", f"{type(error).__name__}: {error} ({place})")
+        self.tell(f"{type(error).__name__} {place}", f"dropped what led to {type(error).__name__}: {error} ({place})")
         _logger.debug("what made no sense", exc_info=error)
 
 

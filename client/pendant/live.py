@@ -138,7 +138,7 @@ class Live:
             pass
         except Exception as error:  # whatever a browser may say, and whatever that leads to
             nonsense.tell_error(error)
-            with suppress(RuntimeError):  # it has gone meanwhile
+            with suppress(RuntimeError, WebSocketDisconnect):  # it has gone meanwhile
                 await socket.close(_NONSENSE)
         finally:
             self._lose()
