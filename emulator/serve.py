@@ -10,8 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TextIO, cast
 
-from rich.console import Console
-
 from emulator.app import Emulator
 from emulator.config import ConfigError, EmulatorConfig
 from emulator.logs import ERROR, OUTPUT
@@ -49,19 +47,10 @@ async def serve(
         emulator.inject(config.faults)
         screen.print(ready_line(emulator, granted))
         if pendant_port is not None:
-            await _with_pendant(emulator, pendant_port, screen)
-        elif not exit_when_ready:
+            await running.enter_async_context(Pendant(emulator, pendant_port, screen.print))  # beside a robot at work
+        if not exit_when_ready:
             await emulator.stopped.wait()
     screen.print("Stopped.")
-
-
-async def _with_pendant(emulator: Emulator, port: int, screen: Console) -> None:
-    """It comes up while the robot is at work already."""
-    async with Pendant(emulator, port) as pendant:
-        telling = asyncio.create_task(pendant.told())
-        telling.add_done_callback(lambda told: None if told.cancelled() else screen.print(told.result()))
-        await emulator.stopped.wait()
-        telling.cancel()
 
 
 def _stop_on_signals(stop: Callable[[], None]) -> None:

@@ -7,14 +7,15 @@ sees, and a slow browser skips frames.
 
 import asyncio
 import json
-import logging
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Literal
 
 from fastapi import WebSocket, WebSocketDisconnect
 from nicegui import ui
 
+from client.pendant.gate import Nonsense
 from client.pendant.station import Station
 
 __all__ = ["Held", "Live"]
@@ -26,8 +27,6 @@ Held = Callable[[Mapping[str, Any] | None], None]
 
 _NEVER: Final = object()
 _NONSENSE: Final = 1007  # the status of web sockets for data that cannot be read
-
-_logger = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
@@ -124,7 +123,7 @@ class Live:
 
     # the web socket
 
-    async def serve(self, socket: WebSocket) -> None:
+    async def serve(self, socket: WebSocket, nonsense: Nonsense) -> None:
         """Send changes until the browser goes away or talks nonsense. When it comes back everything is sent again."""
         await socket.accept()
         for binding in self._bindings:
@@ -135,11 +134,12 @@ class Live:
         try:
             while True:
                 self._hear(json.loads(await socket.receive_text()))
-        except (WebSocketDisconnect, RuntimeError):
+        except WebSocketDisconnect:
             pass
-        except (ValueError, KeyError, TypeError) as error:
-            _logger.warning("a browser was disconnected, since it says what makes no sense: %r", error)
-            await socket.close(_NONSENSE)
+        except Exception as error:  # whatever a browser may say, and whatever that leads to
+            nonsense.tell_error(error)
+            with suppress(RuntimeError, WebSocketDisconnect):  # it has gone meanwhile
+                await socket.close(_NONSENSE)
         finally:
             self._lose()
             sending.cancel()

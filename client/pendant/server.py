@@ -2,20 +2,19 @@
 
 import asyncio
 import os
+import secrets
 import socket
 from collections.abc import Callable
 from contextlib import AsyncExitStack
-from ipaddress import ip_address
 from pathlib import Path
-from typing import Any, Final
-from urllib.parse import urlsplit
+from typing import Final
 
 from fastapi import WebSocket
-from fastapi.responses import PlainTextResponse
 from nicegui import app, ui
 
 from client.errors import PortTakenError
 from client.pendant import frame
+from client.pendant.gate import Gate, Nonsense, guard_events, mind_the_logs
 from client.pendant.live import Live
 from client.pendant.page import Page
 from client.pendant.screens import SCREENS
@@ -26,7 +25,9 @@ __all__ = ["serve"]
 _STATIC: Final = Path(__file__).with_name("static")
 _SHEETS: Final = ("pendant.css", *sorted(path.name for path in _STATIC.glob("screen_*.css")))
 _SCRIPTS: Final = ("pendant.js", *sorted(path.name for path in _STATIC.glob("screen_*.js")))
-_FORBIDDEN: Final = 403
+_PROCESS: Final = secrets.token_hex(8)  # another one in each process: pages know by it that theirs is a new one
+_NO_SUCH_PAGE: Final = 1008
+_LONGEST_MESSAGE: Final = 1_000_000  # bytes of a web socket, as NiceGUI's pages send at most
 _LOOK_AGAIN_S: Final = 0.05
 
 
@@ -47,7 +48,11 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
     app.on_startup(start)
     app.on_shutdown(opened.aclose)
     app.add_static_files("/pendant", _STATIC)
-    app.add_middleware(_OwnPagesOnly)
+    nonsense = Nonsense()
+    screens = [screen.name for screen in SCREENS]
+    app.add_middleware(Gate, screens=screens, full=lambda most: len(Live.pages) >= most, nonsense=nonsense)
+    guard_events(nonsense)
+    mind_the_logs(nonsense)
 
     @ui.page("/")
     @ui.page("/{screen}")
@@ -57,9 +62,9 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
     @app.websocket("/live/{page_id}")
     async def live(web_socket: WebSocket, page_id: str) -> None:
         if page_id in Live.pages:
-            await Live.pages[page_id].serve(web_socket)
+            await Live.pages[page_id].serve(web_socket, nonsense)
         else:
-            await web_socket.close(_FORBIDDEN)
+            await web_socket.close(_NO_SUCH_PAGE)
 
     ui.run(
         host=host,
@@ -74,6 +79,7 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
         binding_refresh_interval=None,
         ws_per_message_deflate=False,
         access_log=False,
+        ws_max_size=_LONGEST_MESSAGE,
     )
 
 
@@ -101,7 +107,6 @@ async def _when_open(host: str, port: int, ready: Callable[[], None]) -> None:
 
 async def _page(station: Station, screen: str) -> None:
     client = ui.context.client
-    first = screen if any(screen == known.name for known in SCREENS) else SCREENS[0].name
     ui.colors(primary="#2f7fb8", secondary="#56a0d3", positive="#2e9e5b", negative="#c62828", warning="#e0a100")
     for name in _SHEETS:
         ui.add_head_html(f'<link rel="stylesheet" href="/pendant/{name}">')
@@ -109,38 +114,5 @@ async def _page(station: Station, screen: str) -> None:
         ui.add_body_html(f'<script src="/pendant/{name}"></script>')
     page = Page(station, Live(station, client.id))
     client.on_delete(page.close)
-    frame.build(page, first)
-    ui.run_javascript(f"pendant.follow('{client.id}')")
-
-
-class _OwnPagesOnly:
-    """Lets nobody in whose page another site has served: such a page could move the robot.
-
-    A request's Host is an address of this machine or its name, and its Origin, if it has one, the same.
-    """
-
-    def __init__(self, inner: Any) -> None:
-        self._inner = inner
-        self._names = {"localhost", socket.gethostname().lower(), socket.getfqdn().lower()}
-
-    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        if scope["type"] not in ("http", "websocket") or self._allowed(dict(scope["headers"])):
-            await self._inner(scope, receive, send)
-        elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": _FORBIDDEN})
-        else:
-            text = "This pendant answers to addresses of its machine and to its name only.\n"
-            await PlainTextResponse(text, _FORBIDDEN)(scope, receive, send)
-
-    def _allowed(self, headers: dict[bytes, bytes]) -> bool:
-        host = headers.get(b"host", b"").decode("latin-1").lower()
-        origin = headers.get(b"origin", b"").decode("latin-1").lower()
-        return self._is_ours(host) and (not origin or urlsplit(origin).netloc == host)
-
-    def _is_ours(self, host: str) -> bool:
-        name = urlsplit(f"//{host}").hostname or ""
-        try:
-            ip_address(name)
-        except ValueError:
-            return name in self._names
-        return True
+    frame.build(page, screen)
+    ui.run_javascript(f"pendant.start('{client.id}', '{_PROCESS}')")

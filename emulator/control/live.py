@@ -1,6 +1,6 @@
 """The verbs of a robot whose ports are open."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol, TypeVar, cast
 
 from emulator.control.base import Waiting
@@ -35,6 +35,7 @@ class LiveControl(Control):
     def __init__(self, controller: Controller, pace: Pace, ports: Mapping[str, Port], faults: FaultInjector) -> None:
         super().__init__(controller, pace, faults)
         self._ports = ports
+        self.pendant_report: Callable[[], dict[str, Any]] = dict
 
     @verb
     def ports(self) -> dict[str, int]:
@@ -54,6 +55,14 @@ class LiveControl(Control):
         no descriptors: the process has no room for more files and connections.
         """
         return {name: counts for name, server in self._ports.items() if (counts := server.turned_away.counts)}
+
+    @verb
+    def pendant(self) -> dict[str, Any]:
+        """The teach pendant's process: state (none, starting, running, waiting, given up), port, pid, starts, trouble.
+
+        One that was killed or has crashed is started anew, later each time; ``trouble`` tells why the last one ended.
+        """
+        return {"state": "none", "port": None, "pid": None, "starts": 0, "trouble": ""} | self.pendant_report()
 
     def _wait(self, steps: Waiting[_T]) -> _T:
         return cast(_T, steps)

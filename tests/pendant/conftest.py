@@ -27,6 +27,7 @@ FLAGS = [
     *(["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []),
 ]
 SIZE = {"width": 1280, "height": 800}
+POLICY = "Content Security Policy"  # is in what a browser says when a page does what that forbids
 SOON_S = 20.0  # a busy machine's
 
 if CHROMIUM is None or sys.platform != "linux":
@@ -128,6 +129,7 @@ def open_page(rig: Rig, browser: Browser) -> Iterator[Callable[[str], Page]]:
         page = context.new_page()
         errors = list[str]()
         page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda said: errors.append(said.text) if POLICY in said.text else None)
         opened.append((context, errors))
         page.goto(f"{rig.url}/{screen}")
         expect(page.locator(".robot-name")).to_contain_text("UR3")

@@ -5,13 +5,18 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
+GOODBYE_S = 10.0
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @contextmanager
-def pendant(host: str, *options: str) -> Iterator["subprocess.Popen[str]"]:
-    """One of the robot on this address, at the same address, once browsers may come; it may be killed meanwhile."""
+def pendant(host: str, *options: str, errors: IO[str] | None = None) -> Iterator["subprocess.Popen[str]"]:
+    """One of the robot on this address, at the same address, once browsers may come; it may be killed meanwhile.
+
+    errors: where its log goes.
+    """
     process = subprocess.Popen(
         [
             *(sys.executable, "-u", "-m", "client", "pendant", "--robot-ip", host, "--host", host),
@@ -20,6 +25,7 @@ def pendant(host: str, *options: str) -> Iterator["subprocess.Popen[str]"]:
         cwd=ROOT,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
+        stderr=errors,
         text=True,
     )
     assert process.stdin is not None
@@ -29,5 +35,9 @@ def pendant(host: str, *options: str) -> Iterator["subprocess.Popen[str]"]:
         yield process
     finally:
         process.stdin.close()
-        process.wait(10)
+        try:
+            process.wait(GOODBYE_S)
+        except subprocess.TimeoutExpired:  # a busy machine
+            process.kill()
+            process.wait()
         process.stdout.close()

@@ -1,8 +1,10 @@
 """Move, in a browser: what is held there moves the arm, and what is let go or lost does not."""
 
 import json
+import os
 import signal
 import subprocess
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import degrees, dist
@@ -261,6 +263,27 @@ def test_the_arm_rests_when_the_page_is_left(bent: Rig, open_page: Open, lost: s
     else:
         page.close()
     eventually(lambda: at_rest(bent))
+
+
+def test_a_browser_that_wakes_up_does_not_go_on_by_itself(bent: Rig, open_page: Open, browser: Browser) -> None:
+    page = open_page("move")
+    page.get_by_test_id("joint-0-minus").hover()
+    page.mouse.down()
+    eventually(lambda: not at_rest(bent))
+    processes = browser.new_browser_cdp_session().send("SystemInfo.getProcessInfo")["processInfo"]
+    renderers = [process["id"] for process in processes if process["type"] == "renderer"]
+    assert renderers
+    for number in (signal.SIGSTOP, signal.SIGCONT):
+        for renderer in renderers:
+            os.kill(renderer, number)
+        if number == signal.SIGSTOP:
+            eventually(lambda: at_rest(bent))
+            time.sleep(3.0)  # longer than a busy browser is silent
+    expect(page.get_by_text("press it again")).to_be_visible()
+    assert at_rest(bent)
+    page.mouse.up()
+    with held(page, "joint-0-plus"):
+        eventually(lambda: not at_rest(bent))
 
 
 def test_the_arm_in_the_scene_ends_where_the_robot_says(bent: Rig, open_page: Open) -> None:

@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 from fastapi import WebSocketDisconnect
 
+from client.pendant.gate import Nonsense
 from client.pendant.live import Live
 from client.pendant.station import Station
 
@@ -40,7 +41,8 @@ def live() -> Live:
 async def test_what_is_held_is_told_and_let_go_when_the_browser_leaves(live: Live) -> None:
     heard: list[Any] = []
     live.on_held.append(heard.append)
-    await live.serve(Socket('{"held": {"kind": "joint"}}', '{"held": 3}', '{"other": 1}', "[]"))  # type: ignore[arg-type]
+    socket = Socket('{"held": {"kind": "joint"}}', '{"held": 3}', '{"other": 1}', "[]")
+    await live.serve(socket, Nonsense())  # type: ignore[arg-type]
     assert heard == [{"kind": "joint"}, None, None]
 
 
@@ -49,7 +51,7 @@ async def test_nonsense_ends_the_connection_and_lets_go(live: Live, text: str) -
     heard: list[Any] = []
     live.on_held.append(heard.append)
     socket = Socket('{"held": {}}', text, '{"held": {}}')
-    await live.serve(socket)  # type: ignore[arg-type]
+    await live.serve(socket, Nonsense())  # type: ignore[arg-type]
     assert socket.closed == [1007]
     assert heard == [{}, None]
 
@@ -57,5 +59,5 @@ async def test_nonsense_ends_the_connection_and_lets_go(live: Live, text: str) -
 async def test_a_handler_that_cannot_use_it_ends_the_connection_too(live: Live) -> None:
     live.hear("camera", lambda value: value["azimuth"] if value is not None else None)
     socket = Socket('{"camera": 3}')
-    await live.serve(socket)  # type: ignore[arg-type]
+    await live.serve(socket, Nonsense())  # type: ignore[arg-type]
     assert socket.closed == [1007]

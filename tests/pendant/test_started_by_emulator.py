@@ -1,5 +1,6 @@
 """``python -m emulator`` brings a pendant along, and takes it away again."""
 
+import asyncio
 import os
 import signal
 import subprocess
@@ -12,7 +13,15 @@ from pathlib import Path
 
 import pytest
 
+from client.rtde import BlockingRTDEClient
+from emulator.app import Emulator
+from emulator.config import EmulatorConfig
+from emulator.control.remote import RemoteControl
+from emulator.controller import ControllerConfig
+from emulator.pendant import Pendant
 from tests.servers.test_cli import read_until
+from urproto.ports import CONTROL_API_PORT
+from urproto.robots import load_model
 from urproto.testing.addresses import claim_address
 
 DEADLINE_S = 40.0
@@ -62,6 +71,48 @@ def test_a_taken_port_is_told_and_the_robot_stays(tmp_path: Path) -> None:
         assert f"ur-client: cannot listen on {host} port 29999: Address already in use; choose another --port" in seen
         assert "Traceback" not in seen
         assert process.poll() is None
+
+
+def test_a_pendant_that_was_killed_is_started_anew_and_said_so() -> None:
+    with emulator() as (process, host):
+        url = f"http://{host}:6080"
+        read_until(process, "Teach pendant of")
+        control = RemoteControl(host, CONTROL_API_PORT)
+        first = control.pendant()
+        assert (first["state"], first["starts"], first["port"], first["trouble"]) == ("running", 1, 6080, "")
+        with BlockingRTDEClient(host, ("timestamp",)) as robot:
+            os.kill(first["pid"], signal.SIGKILL)
+            said = read_until(process, "(started anew: start 2)")
+            assert robot.latest()["timestamp"] > 0.0
+        assert "The teach pendant was killed (SIGKILL) after" in said
+        assert answers(url)
+        again = control.pendant()
+        assert (again["state"], again["starts"]) == ("running", 2)
+        assert again["pid"] != first["pid"]
+        assert again["trouble"].startswith("it was killed (SIGKILL)")
+
+
+async def test_a_pendant_that_dies_at_each_start_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("emulator.pendant._WAITS_S", (0.0, 0.0))
+    monkeypatch.setattr(Pendant, "_command", lambda _: ["sh", "-c", "kill -9 $$"])
+    said = list[str]()
+    given_up = asyncio.Event()
+
+    def tell(line: str) -> None:
+        said.append(line)
+        if "given up" in line:
+            given_up.set()
+
+    config = EmulatorConfig(controller=ControllerConfig(model=load_model("ur3")), ephemeral_ports=True)
+    async with Emulator(config) as robot, Pendant(robot, 6080, tell) as pendant:
+        async with asyncio.timeout(DEADLINE_S):
+            await given_up.wait()
+        assert robot.control.pendant() == pendant.report()
+    assert [line.partition(" after ")[0] for line in said] == ["The teach pendant was killed (SIGKILL)"] * 3
+    assert "as 2 times before: it is given up" in said[-1]
+    assert "ur-client pendant --robot-ip 127.0.0.1" in said[-1]
+    assert pendant.report()["state"] == "given up"
+    assert pendant.report()["starts"] == 3
 
 
 def test_none_is_wanted() -> None:

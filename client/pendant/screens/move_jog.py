@@ -23,6 +23,7 @@ __all__ = ["JogPanels"]
 _AXES: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _SEEN: Final = ("Right", "Away", "Up", "Pitch", "Roll", "Yaw")  # the same in feature View
 _NEAR: Final = 0.09  # rad from a limit: where a bar turns amber
+_ASLEEP_S: Final = 3.0  # guess: longer than a busy browser is silent, shorter than a laptop sleeps or a network is gone
 _NOTHING: Final = "\N{EN DASH}"
 
 
@@ -119,8 +120,11 @@ class JogPanels:
     # what is held
 
     def _held(self, held: Mapping[str, Any] | None) -> None:
-        mover = self._page.station.mover
-        self._heard_at = asyncio.get_running_loop().time()
+        mover, now = self._page.station.mover, asyncio.get_running_loop().time()
+        silent_s, self._heard_at = now - self._heard_at, now
+        if held is not None and self._down and not self._dead and silent_s > _ASLEEP_S:
+            self._dead = True  # a browser that wakes up still holds what nobody may hold any more
+            self._page.complain(f"Nothing was heard of the button for {silent_s:.0f} s: press it again.")
         if held is None:
             if self._freeing is not None:
                 mover.end_freedrive()

@@ -9,6 +9,7 @@ const pendant = (() => {
   let held = null; // what the button that is held says, and that button
   let holder = null;
   let beat = 0;
+  let lost = null; // notes that the connection is gone
   const context = {}; // functions by name: what else is said with every held button
 
   function element(id) {
@@ -52,12 +53,41 @@ const pendant = (() => {
 
   setInterval(() => waiting.forEach(work), 100);
 
+  // A pendant that was started anew does not know this page, and one that heard nothing of it for a while has forgotten
+  // it: NiceGUI then loads it again. What had happened is told by the page that comes.
+  function tellLoss(process) {
+    const [since, before] = JSON.parse(sessionStorage.getItem("pendant lost") || "[]");
+    sessionStorage.removeItem("pendant lost");
+    if (!since) return;
+    const seconds = Math.max(1, Math.round((Date.now() - since) / 1000));
+    const what = before === process ? "Its connection was lost" : "The pendant has ended and was started anew";
+    const message = `${what}: this page was away for ${seconds} s and is loaded anew. What was held here was let go.`;
+    Quasar.Notify.create({ message, type: "warning", position: "top", timeout: 0, actions: [{ label: "OK", color: "dark" }] });
+  }
+
+  // process: of the pendant that has made this page.
+  function start(page, process) {
+    tellLoss(process);
+    let leaving = false;
+    addEventListener("pagehide", () => (leaving = true));
+    lost = () => {
+      if (leaving || sessionStorage.getItem("pendant lost")) return;
+      sessionStorage.setItem("pendant lost", JSON.stringify([Date.now(), process]));
+    };
+    // NiceGUI loads the page again after a time-out too, which ends at a browser's own page while nobody answers.
+    window.socket.off("connect_error");
+    window.socket.on("connect_error", (error) => error.message === "Implicit handshake failed" && location.reload());
+    follow(page);
+  }
+
   function follow(page) {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     socket = new WebSocket(`${scheme}://${location.host}/live/${page}`);
     socket.onmessage = (event) => take(JSON.parse(event.data));
+    socket.onopen = () => sessionStorage.removeItem("pendant lost");
     socket.onclose = () => {
       letGo();
+      lost();
       setTimeout(() => follow(page), 500);
     };
   }
@@ -118,5 +148,5 @@ const pendant = (() => {
     else letGo();
   });
 
-  return { follow, followers, receivers, context, say };
+  return { start, followers, receivers, context, say };
 })();

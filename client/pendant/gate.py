@@ -1,0 +1,273 @@
+"""What comes in from the web: who may ask, for what, what a page may do in its browser, and what becomes of nonsense.
+
+A pendant moves an arm, so nobody is let in whose page another site has served, no other site may show a pendant's page,
+and whatever makes no sense is refused or dropped with a line in the log, not with a traceback each.
+"""
+
+import logging
+import secrets
+import socket
+import time
+import traceback
+from collections.abc import Callable, Collection
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+import socketio  # type: ignore[import-untyped]
+from fastapi.responses import PlainTextResponse
+from nicegui import core
+
+__all__ = ["Gate", "Nonsense", "guard_events", "mind_the_logs"]
+
+_FORBIDDEN: Final = 403
+_POLICY: Final = 1008  # the status of web sockets for what is not allowed
+_MOST_PAGES: Final = 200  # guess: each browser has one, and one that never came is there for a minute
+_EVERY_S: Final = 60.0
+_MOST_PLACES: Final = 32
+_LONGEST: Final = 300  # characters of a line about nonsense
+_LOGGERS: Final = ("uvicorn.error", "engineio.server", "socketio.server", "nicegui", "asyncio")
+_SOURCE: Final = Path(__file__).parents[2]
+
+_FIXED_HEADERS: Final = (
+    (b"x-content-type-options", b"nosniff"),
+    (b"x-frame-options", b"DENY"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
+# Scripts run by their nonce or from files of this server. NiceGUI hands code to pages as text, which takes
+# 'unsafe-eval', and Quasar and Tailwind write styles as they go, which takes 'unsafe-inline' for styles.
+_POLICIES: Final = (
+    "default-src 'none'",
+    "script-src 'self' 'nonce-{nonce}' 'unsafe-eval'",
+    "style-src 'self' 'unsafe-inline'",
+    "img-src 'self' data: blob:",
+    "font-src 'self' data:",
+    "connect-src 'self'",
+    "base-uri 'none'",
+    "form-action 'none'",
+    "frame-ancestors 'none'",
+)
+
+_logger = logging.getLogger(__name__)
+
+
+class Nonsense:
+    """Says what made no sense: the first of each kind at once, then how many there were, once a minute at most."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._said_at = dict[str, float]()
+        self._kept = dict[str, int]()
+
+    def tell(self, kind: str, what: object) -> None:
+        """kind: what counts together. what: of the example that is shown, an exception or a text."""
+        if kind not in self._said_at and len(self._said_at) >= _MOST_PLACES:
+            kind = ""
+        now = self._clock()
+        if now - self._said_at.get(kind, -_EVERY_S) < _EVERY_S:
+            self._kept[kind] = self._kept.get(kind, 0) + 1
+            return
+        self._said_at[kind] = now
+        kept = self._kept.pop(kind, 0)
+        more = f" (and {kept} more since the last such line)" if kept else ""
+        text = " ".join(str(what).split())[:_LONGEST]
+        _logger.warning("web: %s%s", text or "an error without words", more)
+
+    def tell_error(self, error: BaseException) -> None:
+        """By the place where it was raised, of our own code if there is one; the traceback is for who debugs."""
+        frames = traceback.extract_tb(error.__traceback__)
+        ours = [frame for frame in frames if Path(frame.filename).is_relative_to(_SOURCE / "client")]
+        place = "?"
+        if frames:
+            frame = (ours or frames)[-1]
+            place = f"{Path(frame.filename).name}:{frame.lineno} in {frame.name}"
+        self.tell(f"{type(error).__name__} {place}", f"dropped what led to {type(error).__name__}: {error} ({place})")
+        _logger.debug("what made no sense", exc_info=error)
+
+
+class Gate:
+    """Middleware around everything that a pendant serves.
+
+    A request's Host is an address of this machine or its name, and its Origin, if it has one, the same. It asks for
+    what there is: pages by their names, files, uploads of a page, web sockets. full: whether so many pages are open.
+    """
+
+    def __init__(self, inner: Any, screens: Collection[str], full: Callable[[int], bool], nonsense: Nonsense) -> None:
+        self._inner = inner
+        self._pages = {"/", *(f"/{screen}" for screen in screens)}
+        self._full = full
+        self._nonsense = nonsense
+        self._names = {"localhost", socket.gethostname().lower(), socket.getfqdn().lower()}
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._inner(scope, receive, send)
+            return
+        status, why = self._refusal(scope)
+        if status and scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": _POLICY})
+        elif status:
+            await PlainTextResponse(f"{why}\n", status)(scope, receive, _with_headers(send, ""))
+        elif scope["type"] == "websocket":
+            await self._socket(scope, receive, send)
+        else:
+            await self._request(scope, receive, send)
+
+    def _refusal(self, scope: Any) -> tuple[int, str]:
+        """Status and reason, 0 for what may come in."""
+        path, method = scope["path"], scope.get("method", "")
+        if not self._allowed(dict(scope["headers"])):
+            return _FORBIDDEN, "This pendant answers to addresses of its machine and to its name only."
+        if scope["type"] == "websocket":
+            return (0, "") if path.startswith(("/live/", "/_nicegui_ws/")) else (404, "There is no such web socket.")
+        if method == "POST" and path.startswith("/_nicegui/client/"):
+            return 0, ""
+        if path not in self._pages and not path.startswith(("/pendant/", "/_nicegui/")) and path != "/favicon.ico":
+            return 404, "There is no such page. The pendant is at /"
+        if method not in ("GET", "HEAD"):
+            return 405, "This is for reading only."
+        if path in self._pages and self._full(_MOST_PAGES):
+            return 503, f"{_MOST_PAGES} browsers show this pendant already. Close one, and try again in a minute."
+        return 0, ""
+
+    async def _request(self, scope: Any, receive: Any, send: Any) -> None:
+        begun = False
+        nonce = secrets.token_urlsafe(16)
+
+        async def note(message: Any) -> None:
+            nonlocal begun
+            begun = True
+            await send(message)
+
+        try:
+            await self._inner(scope, receive, _with_headers(_with_nonce(note, nonce), nonce))
+        except Exception as error:
+            self._nonsense.tell_error(error)
+            if not begun:
+                text = "This makes no sense to the pendant; its log says why.\n"
+                await PlainTextResponse(text, 400)(scope, receive, _with_headers(send, nonce))
+
+    async def _socket(self, scope: Any, receive: Any, send: Any) -> None:
+        try:
+            await self._inner(scope, receive, send)
+        except Exception as error:
+            self._nonsense.tell_error(error)
+
+    def _allowed(self, headers: dict[bytes, bytes]) -> bool:
+        host = headers.get(b"host", b"").decode("latin-1").lower()
+        origin = headers.get(b"origin", b"").decode("latin-1").lower()
+        try:
+            return self._is_ours(host) and (not origin or urlsplit(origin).netloc == host)
+        except ValueError:  # brackets that do not close
+            return False
+
+    def _is_ours(self, host: str) -> bool:
+        name = urlsplit(f"//{host}").hostname or ""
+        try:
+            ip_address(name)
+        except ValueError:
+            return name in self._names
+        return True
+
+
+def _with_headers(send: Any, nonce: str) -> Any:
+    policy = "; ".join(_POLICIES).format(nonce=nonce).encode()
+
+    async def add(message: Any) -> None:
+        if message["type"] == "http.response.start":
+            headers = [*message["headers"], *_FIXED_HEADERS, (b"content-security-policy", policy)]
+            message = {**message, "headers": headers}
+        await send(message)
+
+    return add
+
+
+def _with_nonce(send: Any, nonce: str) -> Any:
+    """Mark the scripts of a page as ours. What a robot says is on a page without a single <, so it is not marked."""
+    start: Any = None
+    parts = list[bytes]()
+
+    async def mark(message: Any) -> None:
+        nonlocal start
+        if message["type"] == "http.response.start":
+            if dict(message["headers"]).get(b"content-type", b"").startswith(b"text/html"):
+                start = message
+                return
+        elif start is not None and message["type"] == "http.response.body":
+            parts.append(message.get("body", b""))
+            if message.get("more_body"):
+                return
+            body = b"".join(parts).replace(b"<script", b'<script nonce="%s"' % nonce.encode())
+            headers = [(name, value) for name, value in start["headers"] if name != b"content-length"]
+            headers.append((b"content-length", str(len(body)).encode()))
+            await send({**start, "headers": headers})
+            message = {"type": "http.response.body", "body": body}
+        await send(message)
+
+    return mark
+
+
+def guard_events(nonsense: Nonsense) -> None:
+    """Let NiceGUI hear events only of pages that the sender shows, and survive what is wrong with them."""
+    sio: Any = core.sio
+    sio.eio.transports = ["websocket"]  # polling is more to attack and of no use to a page that moves an arm
+    core.app.config.socket_io_js_transports = ["websocket"]
+    handlers = sio.handlers["/"]
+    connect = handlers["connect"]
+
+    async def guarded_connect(sid: str, environ: Any, login: Any = None) -> None:
+        try:
+            await connect(sid, environ, login)
+        except socketio.exceptions.ConnectionRefusedError:
+            raise
+        except Exception as error:
+            nonsense.tell_error(error)
+            raise socketio.exceptions.ConnectionRefusedError("This makes no sense.") from None
+
+    def guarded(name: str, handler: Callable[[str, Any], None]) -> Callable[..., None]:
+        def hear(sid: str, *message: Any) -> None:
+            try:
+                (said,) = message
+                if said["client_id"] in sio.rooms(sid):
+                    handler(sid, said)
+            except Exception as error:
+                nonsense.tell_error(error)
+
+        return hear
+
+    handshake = handlers["handshake"]
+
+    async def guarded_handshake(sid: str, *message: Any) -> bool:
+        try:
+            (said,) = message
+            return bool(await handshake(sid, said))
+        except Exception as error:
+            nonsense.tell_error(error)
+            return False
+
+    sio.on("connect", guarded_connect)
+    sio.on("handshake", guarded_handshake)
+    for name in ("event", "javascript_response", "ack", "log"):
+        sio.on(name, guarded(name, handlers[name]))
+
+
+def mind_the_logs(nonsense: Nonsense) -> None:
+    """Let the libraries below say what went wrong in one line each, and not for each time it did."""
+
+    def brief(record: logging.LogRecord) -> bool:
+        if record.levelno < logging.WARNING:
+            return True
+        error = record.exc_info[1] if record.exc_info else None
+        if error is None and isinstance(record.msg, BaseException):
+            error = record.msg
+        if error is not None:
+            nonsense.tell_error(error)
+        else:
+            nonsense.tell(f"{record.name} {record.msg}"[:_LONGEST], record.getMessage())
+        return False
+
+    for name in _LOGGERS:
+        logging.getLogger(name).addFilter(brief)

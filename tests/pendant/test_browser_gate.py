@@ -1,0 +1,104 @@
+"""What a browser may do with a pendant's page, and what becomes of the page when the pendant goes and comes back."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+from playwright.sync_api import Browser, Page, expect
+
+from client.pendant.screens import SCREENS
+from tests.pendant.conftest import Rig, eventually
+from tests.pendant.pendants import pendant
+
+Open = Callable[[str], Page]
+REFUSED = """() => {
+  const seen = [];
+  addEventListener("securitypolicyviolation", (event) => seen.push(event.violatedDirective));
+  return seen;
+}"""
+
+
+@contextmanager
+def site(text: str) -> Iterator[str]:
+    """Another site; its address."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(text.encode())
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}/"
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+def test_every_screen_keeps_to_the_policy(open_page: Open) -> None:
+    page = open_page("initialize")  # which fails at what the policy forbids
+    refused = page.evaluate_handle(REFUSED)
+    for screen in SCREENS:
+        page.get_by_test_id(f"tab-{screen.name}").click()
+        expect(page.locator(".screen")).to_be_visible()
+    page.get_by_label("Dark or light").click()
+    assert refused.json_value() == []
+
+
+def test_the_policy_forbids_what_nobody_meant(rig: Rig, browser: Browser) -> None:
+    context = browser.new_context()
+    try:
+        page = context.new_page()
+        page.goto(rig.url)
+        refused = page.evaluate_handle(REFUSED)
+        page.evaluate("document.body.append(Object.assign(document.createElement('script'), {textContent: 'bad = 1'}))")
+        assert page.evaluate("typeof bad") == "undefined"
+        eventually(lambda: refused.json_value() == ["script-src-elem"])
+        page.evaluate("fetch('http://127.0.0.1:1/').catch(() => 0)")
+        eventually(lambda: refused.json_value() == ["script-src-elem", "connect-src"])
+    finally:
+        context.close()
+
+
+def test_another_site_cannot_frame_the_pendant(rig: Rig, browser: Browser) -> None:
+    context = browser.new_context()
+    try:
+        page = context.new_page()
+        said = list[str]()
+        page.on("console", lambda message: said.append(message.text))
+        with site(f'<iframe id="trap" src="{rig.url}/move" width="900" height="700"></iframe>') as address:
+            page.goto(address)
+            eventually(lambda: any("frame-ancestors" in text for text in said))
+            assert page.frame_locator("#trap").locator(".robot-name").count() == 0
+    finally:
+        context.close()
+
+
+def test_a_page_comes_back_with_its_pendant_and_says_what_happened(rig: Rig, browser: Browser) -> None:
+    options = ("--port", "6082", "--control-port", "0")
+    context = browser.new_context()
+    try:
+        page = context.new_page()
+        with pendant(rig.host, *options) as first:
+            page.goto(f"http://{rig.host}:6082/move")
+            expect(page.get_by_test_id("angle-0")).not_to_have_text("\N{EN DASH}")
+            first.kill()
+            expect(page.get_by_text("Connection lost")).to_be_visible()
+        with pendant(rig.host, *options):
+            expect(page.get_by_text("The pendant has ended and was started anew")).to_be_visible()
+            expect(page.get_by_test_id("angle-0")).not_to_have_text("\N{EN DASH}")
+            page.get_by_role("button", name="OK").click()
+            page.reload()
+            expect(page.get_by_test_id("angle-0")).not_to_have_text("\N{EN DASH}")
+            expect(page.get_by_text("started anew")).to_have_count(0)
+    finally:
+        context.close()

@@ -1,0 +1,304 @@
+"""What strangers and broken programs send to a pendant is refused or dropped, and says so in a few lines of its log.
+
+UR_GARBAGE: how many requests of each kind, for longer runs.
+"""
+
+import json
+import os
+import random
+import re
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from client.pendant.gate import Nonsense
+from tests.pendant.pendants import pendant
+from urproto.testing.addresses import claim_address
+
+websockets = pytest.importorskip("websockets.sync.client")
+from websockets.exceptions import WebSocketException  # noqa: E402
+
+MANY = int(os.environ.get("UR_GARBAGE", "60"))
+PORT = 6080
+BYTES = bytes(range(256))
+METHODS = (
+    "GET",
+    "POST",
+    "PUT",
+    "DELETE",
+    "PATCH",
+    "OPTIONS",
+    "HEAD",
+    "TRACE",
+    "CONNECT",
+    "get",
+    "G\x00T",
+    "é",
+    "",
+    "PRI",
+)
+PATHS = (
+    *("/", "/move", "/nosuch", "//", "/../../etc/passwd", "/pendant/../server.py", "/pendant/%2e%2e/server.py", "*"),
+    *("/%00", "/%ff%fe", "/a" * 4000, "/\x7f", "http://[::1", "/move?x[]=%zz&x=1", "/_nicegui/0/static/a", "/pendant/"),
+    *(
+        "/_nicegui/client/1/upload/2",
+        "/_nicegui_ws/socket.io/?EIO=4&transport=polling",
+        "/_nicegui_ws/socket.io/?sid=1",
+    ),
+    *("/_nicegui_ws/socket.io/?EIO=x&transport=%00", "/live/1", "/favicon.ico/x", "/openapi.json", "/docs", "?"),
+)
+NAMES = (
+    *("Host", "Origin", "Content-Length", "Transfer-Encoding", "Upgrade", "Connection", "X-Forwarded-Prefix", "Range"),
+    *("Sec-WebSocket-Key", "Sec-WebSocket-Version", "Accept", "If-Modified-Since", "Cookie", "\x00", "é", ""),
+    *("Accept-Encoding", "NiceGUI-Check"),
+)
+VALUES = (
+    *("", "-1", "1e9", "99999999999999999999", "chunked", "websocket", "[", "http://[", "bytes=9-1,-", "\xff\xfe"),
+    *("a" * 9000, "localhost", "127.0.0.1:x", '"><script>', "13", "0"),
+)
+WORDS: tuple[Any, ...] = (None, True, -1, 1e308, "", "x", "held", [], {}, [[]], {"held": {}}, "\ud800", 10**400)
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="wants an address of its own")
+
+
+class Target(NamedTuple):
+    """A pendant without a robot, and its log."""
+
+    host: str
+    log: Path
+
+    @property
+    def address(self) -> tuple[str, int]:
+        return self.host, PORT
+
+    def page(self) -> tuple[str, dict[str, str]]:
+        """Text and headers of the page."""
+        text = self.request(b"GET /move HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n").decode()
+        head, _, body = text.partition("\r\n\r\n")
+        assert head.startswith("HTTP/1.1 200"), head
+        return body, dict(line.split(": ", 1) for line in head.split("\r\n")[1:])
+
+    def request(self, data: bytes) -> bytes:
+        """What is answered until the pendant hangs up, or says no more for a moment."""
+        answer = b""
+        with socket.create_connection(self.address, 20) as web, suppress(OSError):
+            web.sendall(data)
+            web.settimeout(20 if b"close" in data else 0.02)
+            while part := web.recv(1 << 16):
+                answer += part
+        return answer
+
+    def web_socket(self, path: str) -> Any:
+        return websockets.connect(f"ws://{self.host}:{PORT}{path}", open_timeout=20, close_timeout=5)
+
+
+@pytest.fixture(scope="module")
+def target(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Target]:
+    address = claim_address()
+    log = tmp_path_factory.mktemp("garbage") / "log"
+    try:
+        with log.open("w") as errors, pendant(address.host, errors=errors):
+            yield Target(address.host, log)
+    finally:
+        address.release()
+
+
+@pytest.fixture(autouse=True)
+def unshaken(request: pytest.FixtureRequest) -> Iterator[None]:
+    """After each test the pendant serves a page, and its log has a few lines and no traceback."""
+    yield
+    if "target" not in request.fixturenames:
+        return
+    target: Target = request.getfixturevalue("target")
+    target.page()
+    log = target.log.read_text()
+    assert "Traceback" not in log
+    assert len(log.splitlines()) < 60, log
+
+
+@pytest.fixture
+def dice(request: pytest.FixtureRequest) -> random.Random:
+    return random.Random(request.node.name)
+
+
+def noise(dice: random.Random, longest: int = 200) -> bytes:
+    return bytes(dice.choices(BYTES, k=dice.randrange(longest)))
+
+
+def test_requests_that_make_no_sense(target: Target, dice: random.Random) -> None:
+    for _ in range(MANY):
+        lines = [f"{dice.choice(METHODS)} {dice.choice(PATHS)} HTTP/{dice.choice(('1.1', '1.0', '9.9', ''))}"]
+        if dice.random() < 0.8:
+            lines.append("Host: localhost")
+        lines += [f"{dice.choice(NAMES)}: {dice.choice(VALUES)}" for _ in range(dice.randrange(6))]
+        data = "\r\n".join(lines).encode("latin-1") + b"\r\n\r\n" + (noise(dice) if dice.random() < 0.5 else b"")
+        answer = target.request(data)
+        status = re.match(rb"HTTP/1.1 (\d)", answer)
+        assert status is None or status[1] in b"12345"
+        assert not answer.startswith(b"HTTP/1.1 500"), data
+
+
+def test_bytes_that_are_no_request(target: Target, dice: random.Random) -> None:
+    for _ in range(MANY):
+        target.request(
+            dice.choice((b"", b"GET ", b"\x16\x03\x01", b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n")) + noise(dice, 2000)
+        )
+
+
+@pytest.mark.parametrize(
+    ("line", "status"),
+    [
+        ("GET /nosuch", 404),
+        ("POST /move", 405),
+        ("GET /_nicegui_ws/socket.io/?EIO=4&transport=polling", 404),
+        ("GET /pendant/../server.py", 404),
+        ("POST /_nicegui/client/1/upload/2", 404),
+    ],
+)
+def test_what_there_is_not_is_refused(target: Target, line: str, status: int) -> None:
+    answer = target.request(f"{line} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode())
+    assert answer.startswith(f"HTTP/1.1 {status}".encode()), answer
+    assert b"frame-ancestors 'none'" in answer
+
+
+@pytest.mark.parametrize("header", ["Host: evil.example", "Host: [", "Host: localhost\r\nOrigin: http://evil.example"])
+def test_a_page_of_another_site_is_told_nothing(target: Target, header: str) -> None:
+    answer = target.request(f"GET / HTTP/1.1\r\n{header}\r\nConnection: close\r\n\r\n".encode())
+    assert answer.startswith(b"HTTP/1.1 403"), answer
+
+
+def test_a_page_says_what_it_may_do(target: Target) -> None:
+    body, headers = target.page()
+    policy = headers["content-security-policy"]
+    nonce = re.search(r"script-src 'self' 'nonce-([\w-]+)' 'unsafe-eval';", policy)
+    assert nonce
+    assert body.count("<script") == body.count(f'<script nonce="{nonce[1]}"') > 5
+    assert target.page()[1]["content-security-policy"] != policy
+    assert headers["x-content-type-options"] == "nosniff"
+    assert headers["x-frame-options"] == "DENY"
+    assert headers["referrer-policy"] == "no-referrer"
+
+
+def test_web_sockets_that_hear_nonsense(target: Target, dice: random.Random) -> None:
+    page_id = known(target)
+    for _ in range(MANY):
+        path = (
+            f"/live/{page_id}"
+            if dice.random() < 0.8
+            else dice.choice(("/live/x", "/live/", "/nosuch", "/move", "/%00"))
+        )
+        with suppress(WebSocketException, OSError), target.web_socket(path) as web:
+            for _ in range(dice.randrange(4)):
+                web.send(dice.choice((said(dice), noise(dice), "[" * 100_000, "", "{", '{"held": {"joint": 1e999}}')))
+            web.socket.sendall(noise(dice))  # no frame
+
+
+def test_events_that_make_no_sense(target: Target, dice: random.Random) -> None:
+    page_id = known(target)
+    for _ in range(MANY):
+        query = {
+            "client_id": page_id,
+            "tab_id": "t",
+            "document_id": "d",
+            "next_message_id": "0",
+            "implicit_handshake": "true",
+        }
+        if dice.random() < 0.4:
+            query[dice.choice([*query])] = dice.choice(("", "x", "-1", "true"))
+        if dice.random() < 0.2:
+            del query[dice.choice([*query])]
+        path = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket&" + "&".join(f"{k}={v}" for k, v in query.items())
+        with suppress(WebSocketException, OSError), target.web_socket(path) as web:
+            web.send("40")
+            for _ in range(dice.randrange(12)):
+                web.send(event(dice, page_id))
+
+
+def test_a_message_that_is_too_long(target: Target) -> None:
+    with suppress(WebSocketException, OSError), target.web_socket(f"/live/{known(target)}") as web:
+        web.send("x" * 2_000_000)
+        web.recv(20)
+        while True:
+            web.recv(20)
+
+
+def known(target: Target) -> str:
+    """The id of a page that is there."""
+    body, _ = target.page()
+    match = re.search(r"""["']client_id["']: ?["']([\w-]+)""", body)
+    assert match, body
+    return match[1]
+
+
+def said(dice: random.Random) -> str:
+    words = ("held", "other", "push", "place", "drag", "scroll", *(str(word) for word in WORDS[:6]))
+    return json.dumps(dice.choice([{dice.choice(words): dice.choice(WORDS)}, dice.choice(WORDS)]))
+
+
+def event(dice: random.Random, page_id: str) -> str | bytes:
+    name = dice.choice(
+        ("event", "log", "ack", "handshake", "javascript_response", "connect", "disconnect", "x", None, 3)
+    )
+    message = {
+        "client_id": dice.choice((page_id, page_id, "x", None, [])),
+        "id": dice.choice((*range(40), "x", None)),
+        "listener_id": dice.choice(("x", None, 1)),
+        "args": dice.choice(WORDS),
+        "level": dice.choice(("error", "x", None)),
+        "message": dice.choice(WORDS),
+        "next_message_id": dice.choice(WORDS),
+        "request_id": dice.choice(WORDS),
+    }
+    for _ in range(dice.randrange(3)):
+        del message[dice.choice([*message])]
+    body = json.dumps(dice.choice(([name, message], [name], [], [name, message, 1], dice.choice(WORDS))))
+    kinds = (
+        "42",
+        "420",
+        "43",
+        "44",
+        "45",
+        "451-",
+        "46",
+        "41",
+        "40",
+        "4",
+        "49",
+        "2",
+        "3",
+        "1",
+        "6",
+        "5",
+        "b",
+        "42/x,",
+        "99",
+    )
+    return dice.choice((f"42{body}", f"{dice.choice(kinds)}{body}", noise(dice)))
+
+
+def test_nonsense_is_said_once_a_minute(caplog: pytest.LogCaptureFixture) -> None:
+    now = [0.0]
+    nonsense = Nonsense(lambda: now[0])
+    for _ in range(1000):
+        nonsense.tell("a kind", "what it was")
+    nonsense.tell("another kind", "with\na line break")
+    now[0] = 61.0
+    nonsense.tell("a kind", "what it was")
+    assert [record.getMessage().partition(": ")[2] for record in caplog.records] == [
+        "what it was",
+        "with a line break",
+        "what it was (and 999 more since the last such line)",
+    ]
+
+
+def test_kinds_that_differ_each_time_are_said_together(caplog: pytest.LogCaptureFixture) -> None:
+    nonsense = Nonsense(time.monotonic)
+    for i in range(1000):
+        nonsense.tell(str(i), i)
+    assert len(caplog.records) < 40
