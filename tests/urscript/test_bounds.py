@@ -1,5 +1,7 @@
 """However a script is written, its work comes in small steps and its memory has bounds."""
 
+import gc
+
 import pytest
 
 from urproto.versions import PolyscopeVersion
@@ -96,3 +98,17 @@ def test_a_program_has_a_largest_number_of_defs() -> None:
     error = error_of(f"def program():\n{defs}end\n")
     assert "more than 5000 defs" in error.message
     assert error.line == 2 + 2 * 5000
+
+
+def test_compiling_leaves_nothing_for_the_garbage_collector() -> None:
+    """A collector that finds tens of thousands of objects stops the control loop for many periods."""
+    text = "def p():\n" + "".join(f"  x{i} = {i} + 1\n  l{i} = [1, x{i}, p[0, 0, 0, 0, 0, {i}]]\n" for i in range(50))
+    text += "  def f(a):\n    if a > 0:\n      return f(a - 1)\n    end\n    return a\n  end\n  f(3)\nend\n"
+    compile_text(text.replace("p()", "first()"))  # what is made once
+    gc.collect()
+    gc.disable()
+    try:
+        compile_text(text)
+        assert gc.collect() < 50
+    finally:
+        gc.enable()
