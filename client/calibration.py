@@ -16,6 +16,7 @@ from urproto.modes import KinematicsStatus
 from urproto.primary.state import ConfigurationData, KinematicsInfo
 from urproto.robots import DH, MODELS, Calibration, CalibrationError, Kinematics, RobotModel, load_model
 from urproto.robots.calibrated import CalibratedKinematics
+from urproto.yamltext import NotYaml, load_yaml
 
 __all__ = [
     "calibration_of",
@@ -37,11 +38,11 @@ def read_calibration(path: Path) -> Calibration:
     Raises FileError for a file that cannot be read or is none.
     """
     try:
-        return Calibration.from_mapping(yaml.safe_load(path.read_text("utf-8")), str(path))
+        return Calibration.from_mapping(load_yaml(path.read_bytes()), str(path))
     except OSError as error:
         raise FileError(path, error.strerror or str(error)) from error
-    except (yaml.YAMLError, UnicodeError) as error:
-        raise FileError(path, f"it is not YAML: {' '.join(str(error).split())}") from error
+    except NotYaml as error:
+        raise FileError(path, f"it is not YAML: {error}") from error
     except CalibrationError as error:
         raise FileError(path, str(error).removeprefix(f"{path}: ")) from error
 

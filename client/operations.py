@@ -108,12 +108,12 @@ class Operation(Generic[Answer]):
             raise RobotRefused(
                 self.line,
                 f"PolyScope {version} does not know it",
-                f"known to {self.available}: update the controller, or do without",
+                f"it exists on {self.available}: update the controller, or do without",
             )
 
     def _advice(self, reply: str) -> str:
         if wire.is_not_understood(reply):
-            return f"{_UNKNOWN}; known to {self.available}"
+            return f"{_UNKNOWN}; it exists on {self.available}"
         return _REMOTE_CONTROL if "remote control" in reply.lower() else self.advice
 
 

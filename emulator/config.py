@@ -3,12 +3,10 @@
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Final
-
-import yaml
 
 from emulator.controller import ControllerConfig
 from emulator.devices.robotiq import MODELS, GripperModel
@@ -21,6 +19,7 @@ from emulator.realtime import RealTime
 from emulator.safety.configuration import SafetyConfiguration, factory_configuration
 from emulator.safety.files import load_safety_file
 from emulator.safety.installation import SafetySettingsError
+from emulator.servers.admission import ClientLimits
 from emulator.services import POLYSCOPE_X
 from emulator.world.file import WorldFileError, WorldPlan, read_world
 from urproto import robots
@@ -31,18 +30,19 @@ from urproto.robots import (
     Calibration,
     CalibrationError,
     RobotModel,
-    UnknownModel,
     calibration_hash,
     load_model,
 )
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+from urproto.yamltext import NotYaml, load_yaml
 
 __all__ = [
     "JOINT_NAMES",
     "PORTS",
     "ConfigError",
     "EmulatorConfig",
+    "check_client_limits",
     "check_encoder_speeds",
     "check_enforced_remote_control",
     "choose_gripper",
@@ -85,6 +85,7 @@ class EmulatorConfig:
     faults: what goes wrong from the start on, or later.
     control: whether the control API is served. control_host: where; without one on host, or on 127.0.0.1 if
     other machines reach that. control_token: what its clients present; needed where other machines reach it.
+    client_limits: how many clients each port has at a time.
     """
 
     controller: ControllerConfig
@@ -99,6 +100,7 @@ class EmulatorConfig:
     control: bool = True
     control_host: str = ""
     control_token: str = ""
+    client_limits: ClientLimits = field(default_factory=ClientLimits)
     faults: tuple[Fault, ...] = ()
 
     def __post_init__(self) -> None:
@@ -142,11 +144,14 @@ class EmulatorConfig:
         return [name for name in there if name not in _FIRST_VERSION or _FIRST_VERSION[name].covers(self._version)]
 
 
-def choose_model(name: str) -> RobotModel:
-    """The arm of this name. Raises ConfigError listing the known ones."""
+def choose_model(name: str | None, polyscope: str | None = None) -> RobotModel:
+    """The arm of this name; without one the UR3, or the UR3e where the version asked for is an e-Series one.
+
+    Raises ConfigError listing the known arms.
+    """
     try:
-        return load_model(name.lower())
-    except UnknownModel as error:
+        return load_model((name or robots.default_model(polyscope)).lower())
+    except ValueError as error:
         raise ConfigError(str(error)) from error
 
 
@@ -175,11 +180,11 @@ def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:
 def read_yaml(path: Path) -> Any:
     """What a YAML file says. Raises ConfigError."""
     try:
-        return yaml.safe_load(path.read_text("utf-8"))
+        return load_yaml(path.read_bytes())
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeError) as error:
-        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    except NotYaml as error:
+        raise ConfigError(f"{path} is not YAML: {error}") from error
 
 
 def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
@@ -245,6 +250,17 @@ def check_encoder_speeds(*ticks_per_s: float) -> tuple[float, float]:
             )
     first, second = ticks_per_s
     return first, second
+
+
+def check_client_limits(port: int, address: int | None) -> ClientLimits:
+    """Clients of one port, in all and from one address: half of all unless given. Raises ConfigError."""
+    if port < 1:
+        raise ConfigError(f"a port needs room for 1 client or more, not {port}")
+    if address is None:
+        return ClientLimits(port, max(1, port // 2))
+    if not 1 <= address <= port:
+        raise ConfigError(f"of {port} clients of a port, 1 to {port} may come from one address, not {address}")
+    return ClientLimits(port, address)
 
 
 def check_enforced_remote_control(wanted: bool, model: RobotModel) -> bool:

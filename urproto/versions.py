@@ -45,7 +45,7 @@ class PolyscopeVersion:
 
         Raises ValueError when the text is not of that form.
         """
-        if not re.fullmatch(r"\d+\.\d+(\.\d+){0,2}", text.strip()):
+        if not re.fullmatch(r"[0-9]{1,9}\.[0-9]{1,9}(\.[0-9]{1,9}){0,2}", text.strip()):
             raise ValueError(
                 f"{text!r} is not a PolyScope version: give major.minor[.bugfix[.build]], for example 3.15.8"
             )
@@ -92,7 +92,7 @@ class Availability:
         """For people: ``CB3 since 3.12, e-Series since 5.6``."""
         firsts = ((Series.CB3, self.cb3), (Series.E, self.e))
         return ", ".join(
-            f"{series.value} since {_first(first)}" if first else f"{series.value} never" for series, first in firsts
+            f"{series.value} since {_first(first)}" if first else f"not on {series.value}" for series, first in firsts
         )
 
 

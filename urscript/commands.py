@@ -10,7 +10,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from urproto.robots import RobotModel, choose_version, load_model
+from urproto.robots import RobotModel, choose_version, default_model, load_model
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
 __all__ = ["GROUP", "SUCCESS", "TROUBLE", "USAGE_ERROR", "Command", "add_controller_options", "chosen_controller"]
@@ -32,9 +32,6 @@ class Command:
     run: Callable[[Namespace], int]
 
 
-_USUAL_MODEL = {Series.CB3: "ur3", Series.E: "ur3e"}
-
-
 def add_controller_options(parser: ArgumentParser) -> None:
     """``--model`` and ``--polyscope``, the same for every command and with the emulator's defaults."""
     usual = DEFAULT_VERSION[Series.CB3]
@@ -48,8 +45,5 @@ def add_controller_options(parser: ArgumentParser) -> None:
 
 def chosen_controller(options: Namespace) -> tuple[RobotModel, PolyscopeVersion]:
     """The arm and the version that these options ask for. Raises ValueError."""
-    name = options.model
-    if name is None:
-        name = _USUAL_MODEL[PolyscopeVersion.parse(options.polyscope).series if options.polyscope else Series.CB3]
-    model = load_model(name.lower())
+    model = load_model((options.model or default_model(options.polyscope)).lower())
     return model, choose_version(options.polyscope, model)

@@ -12,11 +12,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
-import yaml
-
 from client.errors import ControllerError
+from urproto.yamltext import NotYaml, load_yaml
 
-__all__ = ["ControllersFile", "read_controllers", "sections", "usual_controllers"]
+__all__ = ["ControllersFile", "read_controllers", "sections", "text_of", "usual_controllers"]
 
 _MANAGER: Final = "controller_manager"
 _PARAMETERS: Final = ("ros__parameters", "ros_parameters")
@@ -57,7 +56,15 @@ def usual_controllers(tf_prefix: str = "") -> ControllersFile:
 
 def read_controllers(path: Path, tf_prefix: str = "") -> ControllersFile:
     """Read a controllers file. Raises ControllerError, OSError."""
-    return _parse(path.read_text("utf-8"), str(path), {"tf_prefix": tf_prefix})
+    return _parse(text_of(path), str(path), {"tf_prefix": tf_prefix})
+
+
+def text_of(path: Path) -> str:
+    """What stands in a parameter file. Raises ControllerError, OSError."""
+    try:
+        return path.read_text("utf-8")
+    except UnicodeDecodeError as error:
+        raise ControllerError(str(path), f"it is no text: {error}") from None
 
 
 def _parse(text: str, name: str, variables: Mapping[str, str]) -> ControllersFile:
@@ -86,8 +93,8 @@ def _parse(text: str, name: str, variables: Mapping[str, str]) -> ControllersFil
 def sections(text: str, name: str, variables: Mapping[str, str]) -> dict[str, Mapping[str, Any]]:
     """The parameters of each node of a parameter file of ROS 2. Raises ControllerError."""
     try:
-        content = yaml.safe_load(_filled(text, name, variables))
-    except yaml.YAMLError as error:
+        content = load_yaml(_filled(text, name, variables))
+    except NotYaml as error:
         raise ControllerError(name, f"it is no YAML: {error}") from None
     if not isinstance(content, Mapping):
         raise ControllerError(name, "it has no sections")

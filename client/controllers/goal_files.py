@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from client.controllers.configuration import sections
+from client.controllers.configuration import sections, text_of
 from client.controllers.goals import JointTrajectoryPoint
 from client.errors import ControllerError
 
@@ -87,9 +87,7 @@ class GoalFile:
 
 def read_goals(path: Path, node: str | None = None) -> GoalFile:
     """The goals of a node, of the only one there is when it is not named. Raises ControllerError, OSError."""
-    found = {
-        name: given for name, given in sections(path.read_text("utf-8"), str(path), {}).items() if "goal_names" in given
-    }
+    found = {name: given for name, given in sections(text_of(path), str(path), {}).items() if "goal_names" in given}
     if node is None and len(found) == 1:
         (node,) = found
     if node is None or node not in found:

@@ -25,7 +25,8 @@ _NO_INERTIA: Any = (0, 0, 0, 0, 0, 0)  # a tuple stands for a list that scripts 
 @LIBRARY.builtin()
 def set_tcp(host: ProgramHost, pose: PoseArg, tcp_name: Str = "") -> None:
     """Use another TCP, given from the tool flange."""
-    host.controller.set_tcp(six(numbers(pose, 6, "set_tcp: the pose")))
+    with within_range():
+        host.controller.set_tcp(six(numbers(pose, 6, "set_tcp: the pose")))
 
 
 @LIBRARY.builtin()

@@ -23,8 +23,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, TypeVar
 
-import yaml
-
 from emulator.programs.trees.document import DocumentError, read_document
 from emulator.safety.configuration import (
     CHANNELS,
@@ -43,6 +41,7 @@ from emulator.safety.configuration import (
 from emulator.safety.installation import SafetySettingsError, read_safety_settings
 from urproto.robots.model import RobotModel
 from urproto.versions import Series
+from urproto.yamltext import NotYaml, load_yaml
 
 __all__ = ["load_safety_file"]
 
@@ -62,7 +61,7 @@ def load_safety_file(path: Path, model: RobotModel) -> SafetyConfiguration:
     try:
         if path.suffix == ".installation":
             return _from_installation(path.read_bytes())
-        return _from_yaml(path.read_text("utf-8"), model)
+        return _from_yaml(path.read_bytes(), model)
     except SafetySettingsError as error:
         raise SafetySettingsError(f"{path}: {error}") from error
 
@@ -78,11 +77,11 @@ def _from_installation(data: bytes) -> SafetyConfiguration:
     return read_safety_settings(settings.text)
 
 
-def _from_yaml(text: str, model: RobotModel) -> SafetyConfiguration:
+def _from_yaml(text: bytes, model: RobotModel) -> SafetyConfiguration:
     try:
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError) as error:
-        raise SafetySettingsError(f"it is not YAML: {' '.join(str(error).split())}") from error
+        content = load_yaml(text)
+    except NotYaml as error:
+        raise SafetySettingsError(f"it is not YAML: {error}") from error
     table = _mapping(content if content is not None else {}, "the file", _KEYS)
     preset = _word(table.get("preset", "default"), "preset", PRESETS)
     orientation = table.get("tool_orientation")

@@ -19,11 +19,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import yaml
-
 from emulator.world.shapes import Box, Plane, Shape, Sphere, WorldObject
 from emulator.world.world import POINT, World
 from urproto.robots import RobotModel
+from urproto.yamltext import NotYaml, load_yaml
 
 if TYPE_CHECKING:
     from emulator.world.links import Links
@@ -68,9 +67,9 @@ def _links(model: RobotModel) -> "Links":
 def read_world(path: Path) -> WorldPlan:
     """What a YAML file says. Raises WorldFileError naming the file and the place, and OSError."""
     try:
-        content = yaml.safe_load(path.read_text("utf-8"))
-    except (yaml.YAMLError, UnicodeError) as error:
-        raise WorldFileError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+        content = load_yaml(path.read_bytes())
+    except NotYaml as error:
+        raise WorldFileError(f"{path} is not YAML: {error}") from error
     try:
         return _plan(content)
     except ValueError as error:

@@ -123,9 +123,9 @@ def test_a_refusal_tells_request_and_answer(serve):
 
 REFUSED = [
     (dashboard.UNLOCK_PROTECTIVE_STOP, "wait until 5 s after the stop"),
-    (dashboard.load("gone.urp"), "known to CB3 since 3.0"),  # the table does not know the line
-    (dashboard.USER_ROLE, "known to CB3 since 3.1, e-Series never"),
-    (dashboard.set_user_role(UserRole.OPERATOR), "e-Series never: update the controller"),
+    (dashboard.load("gone.urp"), "exists on CB3 since 3.0"),  # the table does not know the line
+    (dashboard.USER_ROLE, "CB3 since 3.1, not on e-Series"),
+    (dashboard.set_user_role(UserRole.OPERATOR), "not on e-Series: update the controller"),
     (dashboard.add_to_log(""), "not empty"),
     (Operation("in local", dashboard.POWER_ON.read), "then connect again"),
 ]
@@ -145,7 +145,7 @@ def test_what_the_version_lacks_is_not_sent():
     asking = core.ask(dashboard.SERIAL_NUMBER)
     assert next(asking) == b"PolyscopeVersion\n"
     assert asking.send(b"") is None
-    with pytest.raises(RobotRefused, match=r"3\.11\.0\.0 does not know it - known to CB3 since 3\.12"):
+    with pytest.raises(RobotRefused, match=r"3\.11\.0\.0 does not know it - it exists on CB3 since 3\.12"):
         asking.send(b"URSoftware 3.11.0.0 (Feb 1 2020)\n")
     again = core.ask(dashboard.SERIAL_NUMBER)  # the version is known now
     with pytest.raises(RobotRefused):

@@ -30,6 +30,10 @@ wrist_3_joint: 0.0
 
 def test_models() -> None:
     assert choose_model("UR3").name == "ur3"
+    assert choose_model(None).name == "ur3"
+    assert choose_model(None, "5.11").name == "ur3e"
+    with pytest.raises(ConfigError, match="is not a PolyScope version"):
+        choose_model(None, "new")
     with pytest.raises(ConfigError, match="ur99") as caught:
         choose_model("ur99")
     assert all(name in str(caught.value) for name in MODELS)

@@ -16,6 +16,7 @@ from urproto.robots.model import (
     RobotModel,
     UnknownModel,
     choose_version,
+    default_model,
     load_model,
 )
 
@@ -32,6 +33,7 @@ __all__ = [
     "UnknownModel",
     "calibration_hash",
     "choose_version",
+    "default_model",
     "kinematics_of",
     "load_model",
 ]

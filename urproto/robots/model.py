@@ -199,6 +199,17 @@ def load_model(name: str) -> RobotModel:
     return RobotModel.from_toml((_DATA / f"{name}.toml").read_text(encoding="utf-8"), name)
 
 
+_DEFAULT_MODEL: Final = {Series.CB3: "ur3", Series.E: "ur3e"}
+
+
+def default_model(version: str | None) -> str:
+    """Name of the arm that nobody named: ur3, or ur3e where the PolyScope version asked for is an e-Series one.
+
+    Raises ValueError when the text is no version.
+    """
+    return _DEFAULT_MODEL[PolyscopeVersion.parse(version).series if version else Series.CB3]
+
+
 _RUNS: Final = {Series.CB3: (3, 15, "3.0 to 3.15"), Series.E: (5, sys.maxsize, "5.x")}
 """Major version, newest minor and both in words; the CB3 line ended with 3.15."""
 

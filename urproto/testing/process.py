@@ -100,6 +100,11 @@ class EmulatorProcess:
         return self._process is not None and self._process.poll() is None
 
     @property
+    def pid(self) -> int:
+        """Of its process, for limits and signals. Raises EmulatorError before it was started."""
+        return self._started().pid
+
+    @property
     def crashed(self) -> bool:
         """Whether it ended by itself, other than well."""
         return self._process is not None and not self._ended_here and self._process.poll() not in (None, 0)

@@ -33,13 +33,13 @@ _FORMS: Final[Mapping[str, tuple[str, _Form]]] = {
 _NO_MATTER: Final = {"speed", "control_token", "log_level", "ephemeral_ports"}  # of a robot without ports or pace
 
 
-def virtual_robot(model: str = "ur3", *, calibration: str | Path | None = None, **options: Any) -> "VirtualRobot":
+def virtual_robot(model: str | None = None, *, calibration: str | Path | None = None, **options: Any) -> "VirtualRobot":
     """The arm of this name, with options as ``ur-emulator`` has them; those of ports and pace do not matter here.
 
     Raises ValueError for a value, TypeError for an option that there is not.
     """
     controller = load("emulator.controller")
-    arm = _config().choose_model(model)
+    arm = _config().choose_model(model, options.get("polyscope"))
     arm = _config().read_calibration(None if calibration is None else Path(calibration), arm)
     known = {field.name for field in fields(controller.ControllerConfig)}
     wanted: dict[str, Any] = {}

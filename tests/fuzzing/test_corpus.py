@@ -1,0 +1,15 @@
+"""What the fuzzer found worth keeping is read again: nothing of it may fail."""
+
+import pytest
+from fuzz import kept
+from fuzz_targets import TARGETS
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_corpus(name: str) -> None:
+    target = TARGETS[name]
+    for data in [*target.seeds(), *kept(name)]:
+        try:
+            target(data)
+        except Exception as error:
+            raise AssertionError(f"{name} fails on {data!r}") from error

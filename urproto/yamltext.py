@@ -1,0 +1,45 @@
+"""YAML that a person or another program wrote: plain data, or one error that says why not."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import yaml
+
+__all__ = ["NotYaml", "load_yaml"]
+
+_MOST_VALUES: Final = 1_000_000  # with aliases written out; a guess: no settings have so many
+
+
+class NotYaml(ValueError):  # noqa: N818 - what the text is
+    """The text is not YAML, or its aliases stand for more than any settings hold; one line says where and why."""
+
+
+def load_yaml(text: bytes | str) -> Any:
+    """The content of a document. Raises NotYaml; bytes are UTF-8."""
+    try:
+        content = yaml.safe_load(text if isinstance(text, str) else text.decode("utf-8"))
+        size = _size(content, {})
+    except RecursionError:
+        raise NotYaml("it is nested too deeply") from None
+    except (yaml.YAMLError, UnicodeError) as error:
+        raise NotYaml(" ".join(str(error).split())) from error
+    except (ValueError, ArithmeticError, TypeError, AttributeError) as error:
+        # a date of the 99th day, a number with no digits: the loader's constructors let through any
+        raise NotYaml(f"a value is not what it looks like: {error}") from error
+    if size > _MOST_VALUES:
+        raise NotYaml(f"its aliases stand for more than {_MOST_VALUES} values")
+    return content
+
+
+def _size(value: Any, known: dict[int, int]) -> int:
+    """Values with aliases written out, each container counted once. Raises NotYaml for one that contains itself."""
+    if not isinstance(value, Mapping | list | tuple | set):
+        return 1
+    size = known.get(id(value))
+    if size == 0:
+        raise NotYaml("an alias leads into itself")
+    if size is None:
+        known[id(value)] = 0
+        size = 1 + sum(_size(item, known) for item in (value.values() if isinstance(value, Mapping) else value))
+        known[id(value)] = size
+    return size
