@@ -44,7 +44,7 @@ def measure(seconds: float = SECONDS) -> Table:
 def _run(model: str, crowd: "Crowd", seconds: float) -> list[str]:
     serve = child("serve", model)
     assert serve.stdout is not None
-    ports = json.loads(serve.stdout.readline())["ports"]
+    ports = json.loads(serve.stdout.readline())
     healthy, received = connect(ports["rtde"], 1 / load_model(model).series.period_s), bytearray()
     with crowd(serve, ports) as let_in:
         until = time.monotonic() + seconds

@@ -2,10 +2,12 @@
 
 Three processes run at the same time: the emulator, the clients, and a loop that does nothing
 but sleep until the next deadline and look at the clock. What the loop cannot do, nothing can.
+The emulator also tells how long the garbage collector held it up.
 """
 
 import asyncio
 import ctypes
+import gc
 import json
 import select
 import socket
@@ -13,7 +15,8 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 from table import Table
 
@@ -21,12 +24,14 @@ from emulator.app import Emulator
 from emulator.clock import ClockStatistics, RealClock
 from emulator.config import EmulatorConfig
 from emulator.controller import ControllerConfig
-from emulator.realtime import claim_real_time
+from emulator.realtime import claim_real_time, spare_the_collector
 from urproto.robots import load_model
 from urproto.rtde.codec import RequestProtocol, RTDEDecoder, SetupOutputs, Start
 
 SECONDS = 60.0
 CLIENTS = 5
+PROGRAM_EVERY_S = 2.0
+PROGRAM_LINES = 400  # of assignments, each program with other ones: none is known from before
 NAMES = ("timestamp", "actual_q", "actual_qd", "target_q", "actual_TCP_pose", "robot_mode", "runtime_state")
 SHARES = (0.5, 0.99, 0.999, 1.0)
 _START_REPLY = 4  # bytes; data follow at once
@@ -37,29 +42,30 @@ def measure(seconds: float = SECONDS) -> Table:
     """One row for each arm, number of clients, and loop."""
     rows = []
     for model in ("ur3", "ur5e"):
-        for clients in (0, CLIENTS):
-            rows += _run(model, clients, seconds)
+        for clients, programs in ((0, False), (CLIENTS, False), (CLIENTS, True)):
+            rows += _run(model, clients, seconds, programs=programs)
     note = (
         f"Lateness of the start of each control period over {seconds:g} s, RTDE clients at the full rate. "
         "Missed: began a whole period late. Lost: packages a client did not get. "
-        "The nanosleep loop ran at the same time."
+        "The nanosleep loop ran at the same time. Collector: the processor time of the longest garbage collection. "
+        f"With programs, another one of {PROGRAM_LINES} lines was sent every {PROGRAM_EVERY_S:g} s."
     )
-    columns = ["arm", "rate", "clients", "what", "p50", "p99", "p99.9", "worst", "missed", "lost"]
+    columns = ["arm", "rate", "clients", "what", "p50", "p99", "p99.9", "worst", "missed", "collector", "lost"]
     return Table("Control period", note, columns, rows)
 
 
-def _run(model: str, clients: int, seconds: float) -> list[list[str]]:
+def _run(model: str, clients: int, seconds: float, *, programs: bool) -> list[list[str]]:
     period_s = load_model(model).series.period_s
     serve = child("serve", model)
     assert serve.stdout is not None
-    port = json.loads(serve.stdout.readline())["port"]
+    ports = json.loads(serve.stdout.readline())
     sleeping = child("sleep", str(period_s), str(seconds))
-    lost = _receive(port, clients, period_s, seconds)
+    lost = _receive(ports, clients, period_s, seconds, programs=programs)
     served, slept = result(serve), result(sleeping)
-    head = [model, f"{1 / period_s:.0f} Hz", str(clients)]
+    head = [model, f"{1 / period_s:.0f} Hz", f"{clients}, programs" if programs else str(clients)]
     return [
         [*head, "emulator", *served, str(lost)],
-        [*head, "nanosleep loop", *slept, ""],
+        [*head, "nanosleep loop", *slept, "", ""],
     ]
 
 
@@ -76,16 +82,25 @@ def result(process: "subprocess.Popen[str]") -> list[str]:
     return row
 
 
-def _receive(port: int, clients: int, period_s: float, seconds: float) -> int:
+def _receive(ports: Mapping[str, int], clients: int, period_s: float, seconds: float, *, programs: bool) -> int:
     """Packages that did not come, over all clients."""
-    received = {connect(port, 1 / period_s): bytearray() for _ in range(clients)}
-    until = time.monotonic() + seconds
+    received = {connect(ports["rtde"], 1 / period_s): bytearray() for _ in range(clients)}
+    until, next_program, count = time.monotonic() + seconds, time.monotonic(), 0
     while (left := until - time.monotonic()) > 0:
-        for connection in select.select(list(received), [], [], left)[0]:
+        if programs and time.monotonic() >= next_program:
+            _send_program(ports["secondary"], count)
+            next_program, count = next_program + PROGRAM_EVERY_S, count + 1
+        for connection in select.select(list(received), [], [], min(left, PROGRAM_EVERY_S))[0]:
             received[connection] += connection.recv(65536)
     for connection in received:
         connection.close()
     return sum(gaps(bytes(data), period_s) for data in received.values())
+
+
+def _send_program(port: int, count: int) -> None:
+    lines = "".join(f"  x{line} = {line} + {count}\n" for line in range(PROGRAM_LINES))
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        connection.sendall(f"def program_{count}():\n{lines}  sleep(1)\nend\n".encode())
 
 
 def gaps(data: bytes, period_s: float) -> int:
@@ -94,12 +109,12 @@ def gaps(data: bytes, period_s: float) -> int:
     return round((stamps[-1] - stamps[0]) / period_s) + 1 - len(stamps)
 
 
-def connect(port: int, frequency_hz: float, host: str = "127.0.0.1") -> socket.socket:
+def connect(port: int, frequency_hz: float, host: str = "127.0.0.1", names: tuple[str, ...] = NAMES) -> socket.socket:
     """An RTDE client that streams."""
     connection = socket.create_connection((host, port))
     for request, most in (
         (RequestProtocol(2), 4096),
-        (SetupOutputs(NAMES, frequency_hz), 4096),
+        (SetupOutputs(names, frequency_hz), 4096),
         (Start(), _START_REPLY),
     ):
         connection.sendall(request.encode(2))
@@ -129,10 +144,32 @@ async def _serve(config: EmulatorConfig) -> None:
         asyncio.get_running_loop().add_reader(sys.stdin, ended.set)
         await asyncio.sleep(0.5)  # the first periods pay for first-time costs
         assert isinstance(emulator.clock, RealClock)
+        spare_the_collector()
         emulator.clock.statistics = ClockStatistics()
-        _say({"port": emulator.ports["rtde"], "ports": emulator.ports})
-        await ended.wait()
-        _say(_row(emulator.clock.statistics))
+        with _collections() as took_s:
+            _say(dict(emulator.ports))
+            await ended.wait()
+        _say([*_row(emulator.clock.statistics), f"{1000.0 * max(took_s, default=0.0):.2f} ms"])
+
+
+@contextmanager
+def _collections() -> Iterator[list[float]]:
+    """Processor time [s] of each garbage collection meanwhile."""
+    took_s: list[float] = []
+    begun_s = 0.0
+
+    def see(phase: str, _: object) -> None:
+        nonlocal begun_s
+        if phase == "start":
+            begun_s = time.thread_time()
+        else:
+            took_s.append(time.thread_time() - begun_s)
+
+    gc.callbacks.append(see)
+    try:
+        yield took_s
+    finally:
+        gc.callbacks.remove(see)
 
 
 def sleep(period_s: float, seconds: float) -> None:

@@ -40,7 +40,7 @@ def measure(seconds: float = SECONDS) -> Table:
         f"An arm that moves for {seconds:g} s; the browser shows the Move screen. Share of a core: of the pendant's "
         "process. Lateness and missed periods: of the emulator's control loop."
     )
-    columns = ["arm", "beside it", "share of a core", "memory", "p50", "p99", "p99.9", "worst", "missed"]
+    columns = ["arm", "beside it", "share of a core", "memory", "p50", "p99", "p99.9", "worst", "missed", "collector"]
     return Table("Teach pendant", note, columns, rows)
 
 

@@ -2,20 +2,27 @@
 
 The emulator is a process of its own. A thread of this one streams joint angles by `Robot.servo_j`, receives every
 state, and counts; hogs are processes that do nothing but count. Nobody holds them back, the machine decides.
+
+Beside it stand bare sockets: a thread that receives the same packages and does nothing with them, and one that sends 32
+bytes after each. What they cost, waking up costs on this machine, in Python.
 """
 
 import math
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final, Literal
 
-from jitter import serve_at
+from jitter import connect, serve_at
 from table import Table
 
 from client import LateSetpointError, ProgramEndedError, Robot
+from client.driver.realtime import real_time
+from client.robot.state import MORE_OUTPUTS, OUTPUTS
 
 SECONDS: Final = 5.0
 HOGS: Final = 4
@@ -29,13 +36,14 @@ def measure(seconds: float = SECONDS) -> Table:
     assert serve.stdout is not None
     serve.stdout.readline()
     try:
-        rows = [_stream(hogs, how, seconds) for hogs in (0, HOGS) for how in ("auto", "off")]
+        rows = [_bare(seconds), *(_stream(hogs, how, seconds) for hogs in (0, HOGS) for how in ("auto", "off"))]
     finally:
         serve.communicate()
     about = (
         f"`Robot.servo_j` for {seconds:g} s beside an emulated UR5e; busy processes that want a whole core each. Cost: "
         "processor time of the client, in shares of a core, from receiving to sending. Without: control periods that "
-        "got no setpoint. Late: setpoints after which the robot had stopped the arm."
+        "got no setpoint. Late: setpoints after which the robot had stopped the arm. Bare: two threads that only "
+        "receive the packages and send 32 bytes."
     )
     columns = ["hogs", "real time", "rate", "cost", "setpoints", "without", "longest gap", "late", "programs ended"]
     return Table("Streaming", about, columns, rows)
@@ -76,6 +84,45 @@ def _stream(hogs: int, how: Literal["auto", "off"], seconds: float) -> list[str]
     ]
 
 
+def _bare(seconds: float) -> list[str]:
+    """The same sockets and threads, and nothing else."""
+    packages = connect(30004, 500.0, HOST, ("timestamp", *OUTPUTS, *MORE_OUTPUTS))
+    sink = subprocess.Popen([sys.executable, __file__, "sink"], stdout=subprocess.PIPE, text=True)
+    assert sink.stdout is not None
+    setpoints = socket.create_connection((HOST, int(sink.stdout.readline())))
+    setpoints.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    came, sent = threading.Semaphore(0), 0
+
+    def receive() -> None:
+        with real_time("auto"):
+            while packages.recv(65536):
+                came.release()
+
+    receiving = threading.Thread(target=receive)
+    with packages, setpoints, real_time("auto"):
+        cost_s, began_s = time.process_time(), time.monotonic()
+        receiving.start()
+        while time.monotonic() < began_s + seconds:
+            came.acquire()
+            setpoints.send(b"\0" * 32)
+            sent += 1
+        took_s, cost_s = time.monotonic() - began_s, time.process_time() - cost_s
+        packages.shutdown(socket.SHUT_RDWR)
+        receiving.join()
+    sink.communicate()
+    return ["0", "bare", f"{sent / took_s:.0f} Hz", f"{cost_s / took_s:.1%}", str(sent), "", "", "", ""]
+
+
+def _sink() -> None:
+    """Take what comes over one connection, until it ends."""
+    with socket.create_server((HOST, 0)) as server:
+        sys.stdout.write(f"{server.getsockname()[1]}\n")
+        sys.stdout.flush()
+        with server.accept()[0] as connection:
+            while connection.recv(4096):
+                pass
+
+
 @contextmanager
 def _busy(count: int) -> Iterator[None]:
     hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
@@ -89,5 +136,7 @@ def _busy(count: int) -> Iterator[None]:
 
 if __name__ == "__main__" and sys.argv[1:] == ["serve"]:
     serve_at("ur5e", HOST)
+elif __name__ == "__main__" and sys.argv[1:] == ["sink"]:
+    _sink()
 elif __name__ == "__main__":
     sys.stdout.write(measure().markdown())

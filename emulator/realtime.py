@@ -15,7 +15,14 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-__all__ = ["Overload", "RealTime", "RealTimeRefused", "claim_real_time", "give_way_under_overload"]
+__all__ = [
+    "Overload",
+    "RealTime",
+    "RealTimeRefused",
+    "claim_real_time",
+    "give_way_under_overload",
+    "spare_the_collector",
+]
 
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4  # MCL_ flags of mlockall(2)
 _PRIORITY: Final = 1  # the lowest above all that has none
@@ -49,8 +56,7 @@ def claim_real_time(wanted: RealTime = RealTime.AUTO) -> list[str]:
     For a process that is nothing but emulators: the scheduling class, the locked memory and the frozen heap concern
     the whole process, or the thread that calls. Raises RealTimeRefused.
     """
-    gc.collect()
-    gc.freeze()
+    spare_the_collector()
     if sys.platform != "linux":
         if wanted is RealTime.ON:
             raise RealTimeRefused("--realtime on needs Linux: leave it at auto")
@@ -63,6 +69,12 @@ def claim_real_time(wanted: RealTime = RealTime.AUTO) -> list[str]:
     if missing and wanted is RealTime.ON:
         raise RealTimeRefused(f"--realtime on: the system grants no {' and no '.join(missing)}: {_HOW}")
     return [name for name, given in granted.items() if given]
+
+
+def spare_the_collector() -> None:
+    """What lives now is not looked at by the garbage collector any more: a whole look takes many control periods."""
+    gc.collect()
+    gc.freeze()
 
 
 def _take_priority() -> bool:

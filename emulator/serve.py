@@ -15,7 +15,7 @@ from emulator.config import ConfigError, EmulatorConfig
 from emulator.logs import ERROR, OUTPUT
 from emulator.pendant import Pendant
 from emulator.readiness import check_ready
-from emulator.realtime import RealTime, claim_real_time, give_way_under_overload
+from emulator.realtime import RealTime, claim_real_time, give_way_under_overload, spare_the_collector
 from emulator.welcome import first_screen, ready_line
 from urproto.commandline import console
 
@@ -42,6 +42,7 @@ async def serve(
         _stop_on_signals(emulator.stop)
         screen.print(first_screen(emulator))
         await check_ready(config.host, emulator.ports, elsewhere={"control": config.host_of("control")})
+        spare_the_collector()  # of what the emulator made of itself since
         if ports_file is not None:
             write_ports(ports_file, emulator.ports)
         emulator.inject(config.faults)

@@ -46,6 +46,7 @@ from urscript.syntax import (
     Scope,
     Unary,
 )
+from urscript.work import released
 
 __all__ = ["MUTATORS", "CallWarning", "ExpressionCompiler", "Unit"]
 
@@ -343,13 +344,13 @@ class ExpressionCompiler:
     def _user_call(self, node: Call, plan: FunctionPlan, place: Place) -> ast.expr:
         parameters = plan.definition.scope.parameters
         bound = bind_arguments(node, [Slot((p.name,), p.default is None) for p in parameters])
-        defaults = ExpressionCompiler(self.unit, Scope(""))  # a default sees globals only
         arguments: list[ast.expr] = []
-        for value, parameter in zip(bound, parameters, strict=True):
-            if value is not None:
-                arguments.append(self.expression(value))
-            elif parameter.default is not None:
-                arguments.append(defaults.expression(parameter.default))
+        with released(ExpressionCompiler(self.unit, Scope(""))) as defaults:  # a default sees globals only
+            for value, parameter in zip(bound, parameters, strict=True):
+                if value is not None:
+                    arguments.append(self.expression(value))
+                elif parameter.default is not None:
+                    arguments.append(defaults.expression(parameter.default))
         if plan.recursive:
             depth = call("_deeper", place, load("_depth", place)) if self.recursive else constant(1, place)
             arguments.insert(0, depth)

@@ -42,7 +42,7 @@ from urscript.syntax import (
     While,
     Word,
 )
-from urscript.work import Steps
+from urscript.work import Steps, released
 
 __all__ = ["STATEMENT", "PythonFunction", "compile_function", "compile_interpreted", "compile_main"]
 
@@ -74,10 +74,10 @@ class PythonFunction:
 def compile_main(unit: Unit) -> Steps[list[PythonFunction]]:
     """The program body as the generator function ``main``, and the functions it is divided into."""
     program = unit.program
-    compiler = _BodyCompiler(unit, program.scope, charged=True, divided=True)
     place = place_of(program.body[0] if program.body else Node(1, 1))
-    body = yield from compiler.body(program.body, place)
-    return [*compiler.pieces, PythonFunction(function("main", [], body, place), compiler.inline)]
+    with released(_BodyCompiler(unit, program.scope, charged=True, divided=True)) as compiler:
+        body = yield from compiler.body(program.body, place)
+        return [*compiler.pieces, PythonFunction(function("main", [], body, place), compiler.inline)]
 
 
 def compile_function(unit: Unit, plan: FunctionPlan) -> Steps[list[PythonFunction]]:
@@ -85,14 +85,16 @@ def compile_function(unit: Unit, plan: FunctionPlan) -> Steps[list[PythonFunctio
     definition = plan.definition
     scope, place = definition.scope, place_of(definition)
     boxed = lends_its_scope(scope, unit.builtins)
-    compiler = _BodyCompiler(unit, scope, charged=plan.generator, recursive=plan.recursive, boxed=boxed)
     parameters = [f"v_{parameter.name}" for parameter in scope.parameters]
     if plan.recursive:
         parameters.insert(0, "_depth")
-    body = yield from compiler.body(definition.body, place)
-    if boxed:
-        body.insert(0, _boxed_locals(compiler, place))
-    return [PythonFunction(function(plan.symbol, parameters, body, place), compiler.inline)]
+    with released(
+        _BodyCompiler(unit, scope, charged=plan.generator, recursive=plan.recursive, boxed=boxed)
+    ) as compiler:
+        body = yield from compiler.body(definition.body, place)
+        if boxed:
+            body.insert(0, _boxed_locals(compiler, place))
+        return [PythonFunction(function(plan.symbol, parameters, body, place), compiler.inline)]
 
 
 def compile_interpreted(unit: Unit) -> Steps[list[PythonFunction]]:
@@ -102,10 +104,10 @@ def compile_interpreted(unit: Unit) -> Steps[list[PythonFunction]]:
     """
     program = unit.program
     place = place_of(program.body[0] if program.body else Node(1, 1))
-    compiler = _BodyCompiler(unit, program.scope, charged=True, divided=True, boxed=True)
-    body = yield from compiler.body(program.body, place)
-    whole = function(STATEMENT, ["_locals", "_pieces"], body, place)
-    return [*compiler.pieces, PythonFunction(whole, compiler.inline)]
+    with released(_BodyCompiler(unit, program.scope, charged=True, divided=True, boxed=True)) as compiler:
+        body = yield from compiler.body(program.body, place)
+        whole = function(STATEMENT, ["_locals", "_pieces"], body, place)
+        return [*compiler.pieces, PythonFunction(whole, compiler.inline)]
 
 
 def _boxed_locals(compiler: ExpressionCompiler, place: Place) -> ast.stmt:

@@ -39,7 +39,7 @@ from urscript.syntax import (
     Word,
 )
 from urscript.tokens import Token, tokenize
-from urscript.work import Steps
+from urscript.work import Steps, released
 
 __all__ = ["is_secondary", "normalize", "parse", "parse_statements"]
 
@@ -70,8 +70,8 @@ def parse(source: str, errors: list[CompileError] | None = None, *, statements: 
     errors are added there instead, and what did not parse is missing in the tree.
     """
     tokens = yield from tokenize(source)
-    parser = _Parser(source, tokens, errors)
-    return (yield from parser.statements() if statements else parser.program())
+    with released(_Parser(source, tokens, errors)) as parser:
+        return (yield from parser.statements() if statements else parser.program())
 
 
 def parse_statements(source: str) -> Steps[Program]:
@@ -80,7 +80,8 @@ def parse_statements(source: str) -> Steps[Program]:
     Raises CompileError.
     """
     tokens = yield from tokenize(source)
-    return (yield from _Parser(source, tokens, None, inner=True).statements())
+    with released(_Parser(source, tokens, None, inner=True)) as parser:
+        return (yield from parser.statements())
 
 
 class _Parser(RecoveringParser):

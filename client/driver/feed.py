@@ -7,6 +7,7 @@ for too long: what waits in the socket while this machine is busy is no silence.
 
 import logging
 import threading
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
@@ -49,8 +50,7 @@ class StateFeed:
         self._on_silence = on_silence
         self._silence_s = silence_s
         self._realtime = realtime
-        self._news = threading.Condition()
-        self._waiting = 0
+        self._gates: deque[threading.Lock] = deque()  # of threads that wait for the next state; opened by releasing
         self._closing = threading.Event()
         self._client: BlockingRTDEClient | None = None
         self._thread = threading.Thread(target=self._work, name="robot's states", daemon=True)
@@ -78,13 +78,13 @@ class StateFeed:
 
     def wait(self, count: int, timeout_s: float) -> State:
         """The newest state, once there are more than ``count``, for a thread; NoAnswerError from a silent robot."""
-        with self._news:
-            self._waiting += 1
-            try:
-                came = self._news.wait_for(lambda: self.count > count or self.silent, timeout_s)
-            finally:
-                self._waiting -= 1
-        if self.count <= count and (self.silent or not came):
+        if self.count <= count and not self.silent:
+            gate = threading.Lock()
+            gate.acquire()
+            self._gates.append(gate)
+            if self.count <= count and not self.silent:  # nothing came before the gate was there to be opened
+                gate.acquire(timeout=timeout_s)
+        if self.count <= count:
             assert self._client is not None
             raise NoAnswerError(self._client.host, self._client.port, self._silence_s)
         return self.state
@@ -115,14 +115,16 @@ class StateFeed:
         self.count += 1
         self.silent = False
         self._on_state(state)
-        if self._waiting:  # last: who wakes up then need not wait for this thread
-            with self._news:
-                self._news.notify_all()
+        self._open_gates()  # last: who wakes up then need not wait for this thread
+
+    def _open_gates(self) -> None:
+        """Let who waits go on. Others may come meanwhile: they have seen the newest count, or wait for the next."""
+        while self._gates:
+            self._gates.popleft().release()
 
     def _fall_silent(self) -> None:
         self.silent = True
-        with self._news:
-            self._news.notify_all()
+        self._open_gates()
         self._on_silence()
 
     def _reconnect(self) -> None:

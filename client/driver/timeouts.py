@@ -1,5 +1,6 @@
 """How long the control program waits for the driver's next message."""
 
+from functools import lru_cache
 from typing import Final
 
 from urproto.errors import LocalProtocolError
@@ -14,6 +15,7 @@ _STOP_MS: Final = 100
 _LONGEST_MS: Final = 2**31 - 1
 
 
+@lru_cache(maxsize=64)  # asked for with every setpoint
 def read_timeout_ms(mode: ControlMode, timeout_s: float, period_s: float) -> int:
     """The timeout [ms] that is sent for `timeout_s` in this mode.
 

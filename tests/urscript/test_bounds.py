@@ -1,5 +1,7 @@
 """However a script is written, its work comes in small steps and its memory has bounds."""
 
+import gc
+
 import pytest
 
 from urproto.versions import PolyscopeVersion
@@ -114,3 +116,17 @@ def test_a_long_chain_of_operators_is_compiled_or_refused_with_advice(sign: str)
 def test_a_file_of_odd_blanks_is_read(data: bytes) -> None:
     file = ScriptFile("odd.script", data)
     assert (file.problems(LIBRARY_SET, VERSION) == []) is data.startswith(b"#")
+
+
+def test_compiling_leaves_nothing_for_the_garbage_collector() -> None:
+    """A collector that finds tens of thousands of objects stops the control loop for many periods."""
+    text = "def p():\n" + "".join(f"  x{i} = {i} + 1\n  l{i} = [1, x{i}, p[0, 0, 0, 0, 0, {i}]]\n" for i in range(50))
+    text += "  def f(a):\n    if a > 0:\n      return f(a - 1)\n    end\n    return a\n  end\n  f(3)\nend\n"
+    compile_text(text.replace("p()", "first()"))  # what is made once
+    gc.collect()
+    gc.disable()
+    try:
+        compile_text(text)
+        assert gc.collect() < 50
+    finally:
+        gc.enable()
