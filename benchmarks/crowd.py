@@ -37,7 +37,7 @@ def measure(seconds: float = SECONDS) -> Table:
         f"second, spread over the ports. The third crowd meets a limit of {FEW} files and connections, and connects "
         "again whenever it is turned away. Missed: periods that began a whole period late."
     )
-    columns = ["arm", "crowd", "p50", "p99", "p99.9", "worst", "missed", "lost", "sockets"]
+    columns = ["arm", "crowd", "p50", "p99", "p99.9", "worst", "missed", "collector", "lost", "sockets"]
     return Table("A crowd of clients", note, columns, rows)
 
 

@@ -67,7 +67,7 @@ def configure(
     port_offset: Annotated[int, typer.Option(help="Added to each of the usual ports.")] = 0,
     ephemeral_ports: Annotated[bool, typer.Option("--ephemeral-ports", help="Take free ports instead.")] = False,
     programs: Annotated[
-        Path | None, typer.Option(help="Folder that load looks in; its default.installation is loaded at boot.")
+        Path | None, typer.Option(help="Folder for load; the default.installation in it is loaded at boot.")
     ] = None,
     initial_positions: Annotated[
         Path | None, typer.Option(help="YAML file: joint names to radians (default: URSim's).")

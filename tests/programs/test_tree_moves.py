@@ -110,6 +110,41 @@ def test_a_variable_feature_takes_its_waypoints_along(arm):
     assert pose_dist(arm.pose, pose_trans((0.0, 0.05, 0.0, 0.0, 0.0, 0.0), flange(BACK))) < 1e-3
 
 
+def test_a_direction_takes_a_variable_feature_as_it_was_saved(arm):
+    """PolyScope writes its pose, never its name: 2,236 places in public scripts."""
+    feature = tag(
+        "GeomPoseNode",
+        tag("toolPosition", value="0.1, 0.25, 0.0"),
+        tag("toolAxisAngle", value="0.0, 0.0, 0.0"),
+        name="table",
+        isVariable="true",
+    )
+    (arm.folder / "cell.installation").write_text(installation(tag("Features", tag("GeomPoseNode", feature))))
+    on_table = '<feature class="GeomFeatureReference" referencedName="table"/>'
+    up = tag(DIRECTION, children(distance_of()), selectedDirection="ZPlus")
+    start = arm.pose
+    arm.play(
+        assign("table", "p[0, 0, 0, 3.14159265, 0, 0]"), move(up, kind="MoveL", feature=on_table), installation="cell"
+    )
+    assert arm.pose[2] == pytest.approx(start[2] + 0.05, abs=2e-3)
+
+
+@pytest.mark.parametrize("feature", [BASE, ""], ids=["the base as its feature", "no feature"])
+def test_a_variable_waypoint_follows_the_base_where_that_is_a_variable(arm, feature):
+    """Seen in public scripts of 3.15: with <feature> pose_trans(Base, ...), without it the variable alone."""
+    view = tag("BaseView", tag("BaseView", isVariable="true"))
+    (arm.folder / "cell.installation").write_text(installation(tag("Features", view)))
+    goal = tag("Waypoint", tag("variable", name="goal"), tag("motionParameters"), type="Variable")
+    start = arm.pose
+    arm.play(
+        assign("goal", "get_actual_tcp_pose()"),
+        assign("Base", "p[0, 0, 0.03, 0, 0, 0]"),
+        move(goal, kind="MoveL", feature=feature),
+        installation="cell",
+    )
+    assert arm.pose[2] == pytest.approx(start[2] + (0.03 if feature else 0.0), abs=1e-3)
+
+
 def test_the_tcp_of_a_move_and_of_a_set(arm):
     tcps = '<tcp name="TCP" offset="0, 0, 0.1, 0, 0, 0"/><tcp name="Long" offset="0, 0, 0.02, 0, 0, 0"/>'
     (arm.folder / "cell.installation").write_text(installation(tcps=tcps))

@@ -173,6 +173,15 @@ def test_an_event_happens_beside_the_program_when_its_expression_is_true(arm):
     assert arm.texts == ["seen", "seen"]
 
 
+def test_of_two_events_that_are_due_the_first_goes_first(arm):
+    """One chain of if and elif: seen in all eleven public scripts with more than one event."""
+    first = tag("Event", expression("n < 3"), children(say("first"), assign("n", "n + 1")))
+    second = tag("Event", expression("m < 1"), children(say("second"), assign("m", "m + 1")))
+    zero = (tag("variable", expression("0"), name=name) for name in "nm")
+    arm.play(sleep(0.5), others=(tag("InitVariablesNode", tag("variables", *zero)), first, second))
+    assert arm.texts == ["first", "first", "first", "second"]
+
+
 def test_setting_outputs(arm):
     arm.start(
         main(

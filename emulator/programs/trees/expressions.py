@@ -57,5 +57,5 @@ def _part(writer: "Writer", part: Element) -> str:
     if part.tag == "ExpressionWaypoint" and (waypoint := part.child("Waypoint")):
         return writer.waypoint(waypoint)[0]
     if part.tag == "ExpressionGeomFeature":
-        return writer.feature(part.child("feature"))
+        return writer.feature(part.child("feature"), variable=True)
     raise DocumentError(f"an expression has a <{part.tag}>, which is not known")

@@ -7,11 +7,14 @@ from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.numbers import numbers
 from urproto.robots.pose import Pose, Vec3, matrix_to_rotvec, rotvec_to_matrix
 
-__all__ = ["read_features"]
+__all__ = ["BASE_VARIABLE", "read_features"]
+
+BASE_VARIABLE: Final = "Base"  # the base as a feature that programs use as a variable
 
 _POINT: Final = "GeomPoseNode"
 _LINE: Final = "GeomLineNode"
 _PLANE: Final = "GeomPlaneNode"
+_BASE: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class _DegenerateError(Exception):
@@ -24,6 +27,9 @@ def read_features(root: Element) -> tuple[dict[str, Pose], frozenset[str]]:
     variables = set()
     tree = root.child("Features", "GeomFeatures")
     for element in tree.walk() if tree else ():
+        if element.tag == "BaseView" and element.get("isVariable") == "true":
+            features[BASE_VARIABLE] = _BASE
+            variables.add(BASE_VARIABLE)
         name = element.get("name")
         try:
             pose = _pose(element) if name else None

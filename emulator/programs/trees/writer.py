@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from emulator.programs.trees.document import DocumentError, Element
+from emulator.programs.trees.features import BASE_VARIABLE
 from emulator.programs.trees.naming import identifier, quoted
 from emulator.programs.trees.numbers import list_text, pose_text, taught_pose
 from urproto.versions import PolyscopeVersion, Series
@@ -174,16 +175,21 @@ class Writer:
             self.line(f"global {name}_p={pose_text(pose)}")
             self.line(f"global {name}_q={list_text(joints)}")
 
-    def feature(self, reference: Element | None) -> str:
-        """URScript of a feature's pose in the base frame. Raises DocumentError for one the installation lacks."""
+    def feature(self, reference: Element | None, *, variable: bool = False) -> str:
+        """URScript of a feature's pose in the base frame; of the variable that has it, if wanted and there is one.
+
+        Raises DocumentError for a feature that the installation lacks.
+        """
         name = "" if reference is None else reference.get("referencedName") or reference.get("featureName")
+        if variable and name == BASE and BASE_VARIABLE in self.installation.feature_variables:
+            return BASE_VARIABLE
         if name in ("", BASE):
             return NO_POSE
         if name == TOOL:
             return "get_forward_kin()"
         if name not in self.installation.features:
             raise DocumentError(f"the installation {self.installation.name} has no feature called {name}")
-        if name in self.installation.feature_variables:
+        if variable and name in self.installation.feature_variables:
             return identifier(name)
         return pose_text(self.installation.features[name])
 
@@ -212,7 +218,7 @@ class Writer:
                 self.line(f"global {name}=0")
                 self.line(f"global {name}_is_counting=False")
             with self.block("thread Timer_Thread():"), self.block("while (True):"):
-                for name in self.timers:
+                for name in reversed(self.timers):  # as PolyScope has them
                     with self.block(f"if ({name}_is_counting):"):
                         self.line(f"{name} = {name} + get_steptime()")
                 self.line("sync()")

@@ -142,8 +142,8 @@ def _of_flange(way: Move, pose: str) -> str:
 
 
 def _in_feature(writer: Writer, way: Move, pose: str) -> str:
-    """A pose that is relative to the move's feature."""
-    feature = writer.feature(way.element.child("feature"))
+    """A pose that is relative to the move's feature, as it is by then if it is a variable."""
+    feature = writer.feature(way.element.child("feature"), variable=True)
     return pose if feature == NO_POSE else f"pose_trans({feature}, {pose})"
 
 

@@ -63,7 +63,7 @@ def thread(writer: Writer, element: Element) -> Steps[None]:
 
 @node("Event")
 def event(writer: Writer, element: Element) -> Steps[None]:
-    """Done whenever its expression is true, beside the robot program; one thread looks at all events in turn."""
+    """Done whenever its expression is true, beside the robot program; one thread looks for the first that is due."""
     if not writer.once("events"):
         return
     events = [
@@ -72,9 +72,12 @@ def event(writer: Writer, element: Element) -> Steps[None]:
     with writer.into("threads"):
         with writer.block("thread EventThread():"), writer.block("while (True):"):
             for each in events:
-                with writer.block(f"if ({expression_text(writer, each.child('expression'))}):"):
+                condition = expression_text(writer, each.child("expression"))
+                writer.line(f"{'if' if each is events[0] else 'elif'} ({condition}):")
+                with writer.indented():
                     writer.label(each, "Event")
                     yield from translate_children(writer, each)
+            writer.line("end")
             writer.line("sync()")
         writer.line("eventThread = run EventThread()")
 
