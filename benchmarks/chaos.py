@@ -32,6 +32,7 @@ from pathlib import Path
 from jitter import connect
 
 from urproto import modbus
+from urproto.errors import ProtocolError, RobotRefused
 from urproto.rtde import codec
 from urproto.rtde.codec import RTDEDecoder
 from urproto.rtde.fields import OUTPUT_FIELDS
@@ -710,7 +711,7 @@ def meet_robots(count: int) -> None:
 
     kinds = [
         lambda host, port: client.BlockingDashboardClient(host, port, timeout_s=0.5),
-        lambda host, port: client.BlockingRTDEClient(host, port, timeout_s=0.5),
+        lambda host, port: client.BlockingRTDEClient(host, ["timestamp"], port=port, timeout_s=0.5),
         lambda host, port: client.BlockingPrimaryClient(host, port, timeout_s=0.5),
         lambda host, port: client.BlockingRealtimeClient(host, port, timeout_s=0.5),
     ]
@@ -724,7 +725,7 @@ def meet_robots(count: int) -> None:
                     for name in ("robot_mode", "read", "receive", "next_state"):
                         if hasattr(victim, name):
                             getattr(victim, name)()
-            except (errors.ClientError, OSError) as error:
+            except (errors.ClientError, ProtocolError, RobotRefused) as error:
                 seen[type(error).__name__] = seen.get(type(error).__name__, 0) + 1
             except Exception as error:
                 strange.append(f"{type(error).__name__}: {error}")

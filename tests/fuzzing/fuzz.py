@@ -75,7 +75,7 @@ def _work(name: str, findings: Path, command: str, arguments: Sequence[str]) -> 
 def _place(error: BaseException) -> object:
     """What tells one failure from another: its kind and the innermost line of ours."""
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if str(REPOSITORY) in frame.filename]
-    return type(error).__name__, [(frame.filename, frame.lineno) for frame in frames[-1:]]
+    return type(error).__name__, *((frame.filename, frame.lineno) for frame in frames[-1:])
 
 
 def _targets() -> dict[str, object]:
