@@ -14,6 +14,7 @@ from typing import Final
 
 from client.gates import GATES
 from urproto.errors import LocalProtocolError
+from urproto.external_control import GREETING
 from urproto.versions import PolyscopeVersion, Series
 
 __all__ = ["PROGRAM_NAME", "ControlProgram", "ToolCommunication"]
@@ -131,6 +132,7 @@ class ControlProgram:
     host: the driver's address as the robot sees it; the ports are the driver's.
     servoj_lookahead_s (0.03 to 0.2) and servoj_gain (100 to 2000): smoothing of servoj.
     tool_voltage, tool_communication: set when the program starts; None leaves them alone.
+    token: what the program says on each connection so that the driver knows it; "" is a program that says nothing.
     """
 
     host: str
@@ -141,11 +143,14 @@ class ControlProgram:
     servoj_gain: int = 2000
     tool_voltage: int | None = None
     tool_communication: ToolCommunication | None = None
+    token: str = ""
 
     def __post_init__(self) -> None:
         check_servo_parameters(self.servoj_lookahead_s, self.servoj_gain)
         if '"' in self.host or not self.host.isprintable() or not self.host:
             raise LocalProtocolError(f"{self.host!r} is no address")
+        if self.token and not self.token.isalnum():
+            raise LocalProtocolError(f"{self.token!r} is no token: letters and digits only")
 
     def render(self, version: PolyscopeVersion) -> str:
         """The program as the External Control URCap wants it: bare statements between anchors."""
@@ -185,6 +190,7 @@ class ControlProgram:
             "TARGET_PAYLOAD": _INERTIA if _at_least(version, "5.10") else _NO_INERTIA,
             "GONE": GONE_TEXT,
             "LATE": LATE_TEXT,
+            "GREET": f'socket_send_line("{GREETING.decode()}{self.token}", name)' if self.token else "",
             "HOST": self.host,
             "REVERSE_PORT": str(self.reverse_port),
             "TRAJECTORY_PORT": str(self.trajectory_port),

@@ -12,6 +12,7 @@ ClientError
 ├── ScriptFailedError        a script did not compile or failed while running
 ├── ProgramNotRunningError   the robot's control program is not connected to the driver
 ├── ProgramEndedError        it ended while something was under way
+├── ProgramStaysError        it was told to end, and does not
 ├── ControllerError          a controller, or a change of controllers, that cannot be had
 │   └── GoalRejectedError    a controller does not take a goal
 └── MotionError              the arm did not do what it was asked to
@@ -47,6 +48,7 @@ __all__ = [
     "PortTakenError",
     "ProgramEndedError",
     "ProgramNotRunningError",
+    "ProgramStaysError",
     "ProtectiveStopError",
     "RecordingError",
     "RobotUnreachableError",
@@ -179,6 +181,18 @@ class ProgramEndedError(ClientError):
         self.port = port
         self.doing = doing
         self.why = why
+
+
+class ProgramStaysError(ClientError):
+    """The control program is still connected to the driver's ``port`` ``waited_s`` after it was told to end [s]."""
+
+    def __init__(self, port: int, waited_s: float) -> None:
+        super().__init__(
+            f"the control program has not left port {port} within {waited_s:g} s: it may be paused, or the robot "
+            "frozen; stop it on the pendant, then start it again"
+        )
+        self.port = port
+        self.waited_s = waited_s
 
 
 class ControllerError(ClientError):

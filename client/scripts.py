@@ -6,12 +6,11 @@ A text is sent as a program with a name; a controller reports that name, and err
 import itertools
 import re
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Final
 
 from client.errors import ScriptFailedError
 from urproto.errors import LocalProtocolError
-from urproto.modes import ReportLevel, SafetyMode
+from urproto.modes import ReportLevel, SafetyMode, mode_name
 from urproto.primary.framing import PrimaryMessage
 from urproto.primary.messages import ErrorCodeMessage, RuntimeExceptionMessage, SafetyModeMessage, TextMessage
 from urproto.primary.state import RobotStateData
@@ -125,8 +124,3 @@ class ScriptRun:
 
     def result(self) -> ScriptResult:
         return ScriptResult(self.script.name, tuple(self._texts), tuple(self._errors))
-
-
-def mode_name(modes: type[IntEnum], value: int) -> str:
-    """The mode's name; the number when it has none."""
-    return modes(value).name if value in list(modes) else str(value)

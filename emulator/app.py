@@ -30,6 +30,7 @@ from emulator.servers.base import PortServer
 from emulator.servers.control import ControlServer
 from emulator.servers.dashboard import DashboardServer
 from emulator.servers.gripper import GripperServer
+from emulator.servers.intake import SHARE, Intake
 from emulator.servers.interpreter import InterpreterServer
 from emulator.servers.modbus import ModbusServer
 from emulator.servers.modbus_client import ModbusClient
@@ -67,14 +68,17 @@ class Emulator:
         self.controller = Controller(config.controller)
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
         self.servers: dict[str, PortServer] = {}
+        self._intake = Intake(SHARE * self.controller.period_s)
         self._renew_servers()
         real = self.clock if isinstance(self.clock, RealClock) else None
         self._scripts = ScriptPort()
+        self._scripts.intake = self._intake
         places = ChainMap[str, PortServer]({self._scripts.name: self._scripts}, self.servers)
         self.faults = FaultInjector(self.controller, places, real, self)
         self.control = LiveControl(self.controller, real or OwnPace(), self.servers, self.faults)
         if config.control:
             self.servers["control"] = ControlServer(self.controller, self.control, config.control_token)
+            self.servers["control"].limits = config.client_limits
         self.stopped = asyncio.Event()
         self.tool_device = ""
         self.moved: dict[str, str] = {}
@@ -130,6 +134,8 @@ class Emulator:
     def _renew_servers(self) -> None:
         """Servers of the controller; the hooks of those before them go on."""
         for server in make_servers(self.controller, tool_line=self.config.tool_device is not None):
+            server.limits = self.config.client_limits
+            server.intake = self._intake
             if server.name in self.servers:
                 server.succeed(self.servers[server.name])
             self.servers[server.name] = server
@@ -232,6 +238,7 @@ class Emulator:
 
     def _tick(self) -> None:
         power = self._power
+        self._intake.new_period()
         if power.is_off:
             self._tick_without_controller()
             return

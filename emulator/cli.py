@@ -66,7 +66,9 @@ def configure(
     ] = "127.0.0.1",
     port_offset: Annotated[int, typer.Option(help="Added to each of the usual ports.")] = 0,
     ephemeral_ports: Annotated[bool, typer.Option("--ephemeral-ports", help="Take free ports instead.")] = False,
-    programs: Annotated[Path | None, typer.Option(help="Folder that the dashboard's load looks in.")] = None,
+    programs: Annotated[
+        Path | None, typer.Option(help="Folder that load looks in; its default.installation is loaded at boot.")
+    ] = None,
     initial_positions: Annotated[
         Path | None, typer.Option(help="YAML file: joint names to radians (default: URSim's).")
     ] = None,
@@ -81,7 +83,10 @@ def configure(
         bool, typer.Option("--enforce-remote-control", help="Refuse orders unless in remote control (e-Series).")
     ] = False,
     script_network: Annotated[
-        ScriptNetwork, typer.Option(help="Addresses that sockets and XML-RPC of scripts may connect to.")
+        ScriptNetwork,
+        typer.Option(
+            help="Addresses that sockets and XML-RPC of scripts may connect to; any: but no emulator's control API."
+        ),
     ] = ScriptNetwork.ANY,
     external_control: Annotated[
         str | None,
@@ -128,6 +133,10 @@ def configure(
         list[str] | None,
         typer.Option(metavar="KIND,NAME=VALUE,...", help="What goes wrong (docs/faults.md); may be repeated."),
     ] = None,
+    most_clients: Annotated[int, typer.Option(help="Clients that each port has at a time.")] = 256,
+    most_clients_per_address: Annotated[
+        int | None, typer.Option(help="Of them, those from one address (default: half).")
+    ] = None,
     no_control: Annotated[bool, typer.Option("--no-control", help="Serve no control API.")] = False,
     world: Annotated[Path | None, typer.Option(help="YAML file: what stands around the arm and pushes back.")] = None,
 ) -> "EmulatorConfig":
@@ -168,6 +177,7 @@ def configure(
         control=not no_control,
         control_host=control_host,
         control_token=control_token,
+        client_limits=checked.check_client_limits(most_clients, most_clients_per_address),
         faults=checked.read_faults(fault or ()),
     )
 

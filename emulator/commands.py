@@ -20,6 +20,7 @@ from emulator.robot.installation import Payload
 from urproto.dashboard import failed
 from urproto.modbus import ExceptionCode, exception_response
 from urproto.robotiq import Request as GripperRequest
+from urproto.text import strip
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
@@ -69,7 +70,7 @@ class DashboardLine(Command):
 
     @property
     def failure(self) -> str:
-        return failed(self.text.strip())
+        return failed(strip(self.text))
 
 
 @dataclass(frozen=True, slots=True)

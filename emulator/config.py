@@ -3,7 +3,7 @@
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Final
@@ -19,6 +19,7 @@ from emulator.realtime import RealTime
 from emulator.safety.configuration import SafetyConfiguration, factory_configuration
 from emulator.safety.files import load_safety_file
 from emulator.safety.installation import SafetySettingsError
+from emulator.servers.admission import ClientLimits
 from emulator.services import POLYSCOPE_X
 from emulator.world.file import WorldFileError, WorldPlan, read_world
 from urproto import robots
@@ -41,6 +42,7 @@ __all__ = [
     "PORTS",
     "ConfigError",
     "EmulatorConfig",
+    "check_client_limits",
     "check_encoder_speeds",
     "check_enforced_remote_control",
     "choose_gripper",
@@ -83,6 +85,7 @@ class EmulatorConfig:
     faults: what goes wrong from the start on, or later.
     control: whether the control API is served. control_host: where; without one on host, or on 127.0.0.1 if
     other machines reach that. control_token: what its clients present; needed where other machines reach it.
+    client_limits: how many clients each port has at a time.
     """
 
     controller: ControllerConfig
@@ -97,6 +100,7 @@ class EmulatorConfig:
     control: bool = True
     control_host: str = ""
     control_token: str = ""
+    client_limits: ClientLimits = field(default_factory=ClientLimits)
     faults: tuple[Fault, ...] = ()
 
     def __post_init__(self) -> None:
@@ -246,6 +250,17 @@ def check_encoder_speeds(*ticks_per_s: float) -> tuple[float, float]:
             )
     first, second = ticks_per_s
     return first, second
+
+
+def check_client_limits(port: int, address: int | None) -> ClientLimits:
+    """Clients of one port, in all and from one address: half of all unless given. Raises ConfigError."""
+    if port < 1:
+        raise ConfigError(f"a port needs room for 1 client or more, not {port}")
+    if address is None:
+        return ClientLimits(port, max(1, port // 2))
+    if not 1 <= address <= port:
+        raise ConfigError(f"of {port} clients of a port, 1 to {port} may come from one address, not {address}")
+    return ClientLimits(port, address)
 
 
 def check_enforced_remote_control(wanted: bool, model: RobotModel) -> bool:

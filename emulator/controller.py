@@ -31,6 +31,7 @@ from emulator.lifecycle.errorcodes import StopCause
 from emulator.lifecycle.power import Power, PowerEvent, PowerState, PowerTimings
 from emulator.lifecycle.safety import Safety, SafetyEvent
 from emulator.lifecycle.speed import Speed
+from emulator.lifecycle.startup import Startup
 from emulator.mailbox import Mailbox, Reply
 from emulator.motion import Motion, MotionFault
 from emulator.programs.runner import Programs
@@ -69,10 +70,11 @@ class ControllerConfig:
 
     version: None takes the default of the model's series. initial_q: where the arm
     stands [rad]. running: start with the brakes released. uptime_s: clients wait for 40 s of it.
-    programs_dir: where ``load`` looks and reports are written. external_control: where the driver
-    hands out the program of External Control nodes, before what the installation says. remote_control: what
-    ``is in remote control`` answers; commands are accepted either way, as by a simulator, unless
-    enforce_remote_control says that a local arm takes none, as a real e-Series arm.
+    programs_dir: where ``load`` looks and reports are written; its default.installation, and the program which that
+    names, are loaded at boot. external_control: where the driver hands out the program of External Control nodes,
+    before what the installation says. remote_control: what ``is in remote control`` answers; commands are accepted
+    either way, as by a simulator, unless enforce_remote_control says that a local arm takes none, as a real
+    e-Series arm.
     encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
     gripper: what is mounted on the arm; gripper_object_mm: width of what its fingers meet.
     safety: limits, planes and safety inputs; None takes a simulator's, which limits the joints only.
@@ -159,6 +161,7 @@ class Controller:
 
         self.guard = Guard(self)
         self.last_good_q = self.motion.q  # where the arm was in the last period in which its state made sense
+        self.startup = Startup(self)
         self._mailbox = Mailbox(self)
         self._subscribers: list[Callable[[Snapshot], None]] = []
         self._own_sensor = self.model.series is Series.E
@@ -275,11 +278,16 @@ class Controller:
         Where the program asked for it, it is paused instead.
         """
         if self.programs.pauses_on(cause.code, cause.argument):
-            self.messages.error(cause.code, cause.argument, ReportLevel.WARNING, cause.text)
-            self.programs.pause(f"pause_on_error_code: C{cause.code}A{cause.argument}")
+            self.warn(cause.code, cause.argument, cause.text)
         elif self.safety_event(SafetyEvent.PROTECTIVE_STOP):
             self.messages.error(cause.code, cause.argument, ReportLevel.WARNING, cause.text)
             self.safety_board.count_stop(cause.joint)
+
+    def warn(self, code: int, argument: int, text: str) -> None:
+        """Report something that stops nothing; a program that asked for it (pause_on_error_code) is paused."""
+        self.messages.error(code, argument, ReportLevel.WARNING, text)
+        if self.programs.pauses_on(code, argument):
+            self.programs.pause(f"pause_on_error_code: C{code}A{argument}")
 
     @property
     def local_control(self) -> bool:
@@ -327,6 +335,7 @@ class Controller:
         if self.encoders.enabled:
             self.encoders.advance(self.signals.digital_inputs)
         self.input_actions.advance(self)
+        self.startup.advance()
 
     def _advance_timers(self) -> None:
         self.power.advance(self.period_s)
@@ -396,6 +405,8 @@ class Controller:
         if self._fault is not None:
             self.protective_stop(StopCause(self._fault.code, self._fault.argument, self._fault.text, self._fault.joint))
             self._fault = None
+        for warning in self.motion.take_warnings():
+            self.warn(warning.code, warning.argument, warning.text)
         self.safety_board.judge(changed=self._arm_changed)
 
     # the snapshot

@@ -26,6 +26,7 @@ from emulator.reporting import reports
 from emulator.robot.installation import InstallationError
 from urproto import dashboard as replies
 from urproto.modes import RuntimeState, SafetyMode
+from urproto.text import lower, strip
 from urproto.versions import Availability, PolyscopeVersion, Series
 
 if TYPE_CHECKING:
@@ -40,6 +41,10 @@ _USER_ROLES: Final = ("PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED")
 _OPERATIONAL_MODES: Final = ("MANUAL", "AUTOMATIC")
 _SHOWN_ROOT: Final = "/programs"
 _RELEASE_DATE: Final = "Jun 20 2022"  # of 3.15.8; other versions show the same, which is a guess
+# PolyScope answers when program and installation are loaded. Drivers wait 1 s for that, which simulators keep to unless
+# the machine is slow (an issue of the ROS 2 driver tells of one). How long it takes is a guess.
+_LOAD_S: Final = 0.6
+_MOST_WORDS: Final = 4  # of a command's name
 _START_WITHIN_S: Final = 0.1  # a program shorter than a period is never seen playing (guess)
 
 
@@ -75,7 +80,7 @@ def execute(controller: "Controller", line: str, *, restricted: bool = False) ->
 
     ``restricted``: what needs remote control is refused.
     """
-    text = line.strip()
+    text = strip(line)
     if not text:
         return None
     found = _find(text, controller.version)
@@ -89,10 +94,10 @@ def execute(controller: "Controller", line: str, *, restricted: bool = False) ->
 
 def _find(text: str, version: PolyscopeVersion) -> tuple[DashboardCommand, str] | None:
     """The command with the most words that begins the line, and the rest of the line."""
-    words = text.split(" ")
-    for count in range(len(words), 0, -1):
-        entry = COMMANDS.get(" ".join(words[:count]).lower())
-        argument = " ".join(words[count:]).strip()
+    words = text.split(" ", _MOST_WORDS)
+    for count in range(min(len(words), _MOST_WORDS), 0, -1):
+        entry = COMMANDS.get(lower(" ".join(words[:count])))
+        argument = strip(" ".join(words[count:]))
         if entry and entry.available.covers(version) and (entry.takes_argument or not argument):
             return entry, argument
     return None
@@ -123,6 +128,8 @@ def load(controller: "Controller", name: str) -> _Waiting:
         return f"File not found: {name}"
     controller.programs.stop("another program is loaded")
     yield from _until(controller, RuntimeState.STOPPED)
+    for _ in range(round(_LOAD_S / controller.period_s)):
+        yield
     try:
         yield from in_periods(controller.programs.load_steps(path), controller.period_s)
     except (OSError, ValueError) as error:
@@ -138,6 +145,7 @@ def play(controller: "Controller") -> _Waiting:
     programs = controller.programs
     if not controller.may_play or is_running(programs.state):
         return replies.failed("play")
+    controller.startup.allow_start(True)
     submission = programs.play()
     while submission.accepted is None:
         yield
@@ -154,6 +162,7 @@ def play(controller: "Controller") -> _Waiting:
 def stop(controller: "Controller") -> _Waiting:
     """Stop the running program; also answered when none runs."""
     controller.programs.stop("dashboard")
+    controller.startup.allow_start(False)
     yield from _until(controller, RuntimeState.STOPPED)
     return replies.STOPPED
 
@@ -304,7 +313,7 @@ def add_to_log(controller: "Controller", text: str) -> str:
 @command("setUserRole", cb3="1.8.14035", e=None)
 def set_user_role(controller: "Controller", role: str) -> str:
     """Set what the pendant's user may do: programmer, operator, none, locked, restricted."""
-    if role.upper() not in _USER_ROLES:
+    if lower(role).upper() not in _USER_ROLES:
         return f"Failed setting user role: {role}"
     controller.user_role = role.upper()
     return f"Setting user role: {role}"
@@ -319,7 +328,7 @@ def get_user_role(controller: "Controller") -> str:
 @command("set operational mode", cb3=None, e="5.0", remote_only=True)
 def set_operational_mode(controller: "Controller", mode: str) -> str:
     """Let the dashboard control the operational mode: manual or automatic."""
-    if mode.upper() not in _OPERATIONAL_MODES:
+    if lower(mode).upper() not in _OPERATIONAL_MODES:
         return f"Failed setting operational mode: {mode}"
     controller.operational_mode = mode.upper()
     return f"Operational mode {mode} is set"

@@ -15,6 +15,7 @@ from queue import SimpleQueue
 from typing import Final, TextIO, cast
 
 from urproto.commandline import console
+from urproto.text import show_anything
 
 __all__ = ["ERROR", "OUTPUT", "BackgroundStream", "LogLevel", "log_to_stderr"]
 
@@ -61,6 +62,7 @@ class BackgroundStream(io.TextIOBase):
     @contextmanager
     def in_background(self) -> Iterator[None]:
         """Let a thread write meanwhile. At the end what still waits is written, if that does not take long."""
+        show_anything(self._target)
         self._waiting = waiting = SimpleQueue[str | None]()
         writer = threading.Thread(target=self._write_all, args=(waiting,), name=f"{self._name} writer", daemon=True)
         writer.start()

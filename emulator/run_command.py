@@ -25,7 +25,8 @@ def _arguments(parser: ArgumentParser) -> None:
         "--script-network",
         choices=list(ScriptNetwork),
         default=ScriptNetwork.ANY,
-        help="addresses that sockets and XML-RPC of the script may connect to (default any)",
+        help="addresses that sockets and XML-RPC of the script may connect to (default any, but no emulator's control "
+        "API)",
     )
     parser.add_argument("--world", type=Path, metavar="WORLD", help="YAML file: what stands around the arm")
     parser.add_argument(

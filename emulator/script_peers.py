@@ -17,6 +17,7 @@ The file names each peer by its address and says what it answers:
 What a socket is sent that no answer fits is left unanswered; an XML-RPC method that is not named is a fault.
 """
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
@@ -26,8 +27,8 @@ from urllib.parse import urlsplit
 from xmlrpc.client import Fault, dumps, loads
 
 from emulator.programs.sockets import ScriptSocket, ScriptSocketBackend, SocketState
+from urproto.text import from_bytes, strip, to_bytes
 from urproto.yamltext import NotYaml, load_yaml
-from urscript.values import from_bytes, to_bytes
 
 __all__ = ["Peers", "PeersError", "StubPeers", "read_peers"]
 
@@ -120,7 +121,7 @@ def _mapping(value: Any, what: str) -> dict[Any, Any]:
 
 def _address(text: str, path: Path) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
-    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+    if not host or re.fullmatch("[0-9]{1,5}", port) is None or not 0 < int(port) < 65536:
         raise PeersError(f"{path}: {text!r} is not an address: give host:port, for example 192.168.1.10:5000")
     return host.strip("[]"), int(port)
 
@@ -175,7 +176,7 @@ class _Lines:
     answers: Mapping[str, Iterator[bytes]]
 
     def __call__(self, data: bytes) -> tuple[bytes, bytes]:
-        text = from_bytes(data).strip()
+        text = strip(from_bytes(data))
         found = self.answers.get(text) or next((a for key, a in self.answers.items() if fnmatchcase(text, key)), None)
         return (b"" if found is None else next(found)), b""
 

@@ -7,11 +7,11 @@ own: how the pendant's software answers a program's question is not public.
 """
 
 from collections.abc import Callable
-from math import isfinite, nan
 from typing import TYPE_CHECKING, Final
 
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.safety import SafetyEvent
+from urproto.text import lower, number, words
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
@@ -22,16 +22,17 @@ _Handler = Callable[["Controller", str], None]
 
 TEXT_COMMANDS: Final[dict[str, _Handler]] = {}
 _WITH_ARGUMENT: Final[set[str]] = set()
+_MOST_WORDS: Final = 4  # of a command's name
 
 
 def execute(controller: "Controller", line: str) -> bool:
     """Carry out a line if it is a text command; False when it is not (then it is URScript)."""
-    words = line.split("#", 1)[0].split()
-    for count in range(len(words), 0, -1):
-        command = " ".join(words[:count]).lower()
+    said = words(line.split("#", 1)[0])
+    for count in range(min(len(said), _MOST_WORDS), 0, -1):
+        command = lower(" ".join(said[:count]))
         handler = TEXT_COMMANDS.get(command)
         if handler is not None:
-            argument = " ".join(words[count:])
+            argument = " ".join(said[count:])
             if bool(argument) != (command in _WITH_ARGUMENT):
                 return False
             handler(controller, argument)
@@ -39,11 +40,11 @@ def execute(controller: "Controller", line: str) -> bool:
     return False
 
 
-def _text_command(words: str, *, argument: bool = False) -> Callable[[_Handler], _Handler]:
+def _text_command(name: str, *, argument: bool = False) -> Callable[[_Handler], _Handler]:
     def register(handler: _Handler) -> _Handler:
-        TEXT_COMMANDS[words] = handler
+        TEXT_COMMANDS[name] = handler
         if argument:
-            _WITH_ARGUMENT.add(words)
+            _WITH_ARGUMENT.add(name)
         return handler
 
     return register
@@ -102,12 +103,8 @@ def _run_program(controller: "Controller", _: str) -> None:
 def _set_speed(controller: "Controller", argument: str) -> None:
     """Speed slider, 0 to 1."""
     try:
-        fraction = float(argument)
+        controller.speed.set_slider(number(argument))
     except ValueError:
-        fraction = nan
-    if isfinite(fraction):
-        controller.speed.set_slider(fraction)
-    else:
         controller.messages.note(f"'set speed {argument}' ignored: give a number from 0 to 1")
 
 

@@ -47,7 +47,7 @@ THIRD_PARTY = {
     ),
     "rich": ("emulator", "client", "urproto.commandline"),
 }
-URSCRIPT_SEES = ("urproto.robots.pose", "urproto.versions")
+URSCRIPT_SEES = ("urproto.robots.pose", "urproto.text", "urproto.versions")
 URSCRIPT_COMMANDS_SEE = (*URSCRIPT_SEES, "urproto.robots")  # which arm means which version
 # what runs whole emulators for tests may name the emulator, for type checkers
 FOR_TESTS = ("urproto.pytest_plugin", "urproto.testing")

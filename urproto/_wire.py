@@ -5,6 +5,7 @@ from functools import lru_cache
 from typing import Any
 
 from urproto.errors import LocalProtocolError, RemoteProtocolError
+from urproto.text import from_bytes, to_bytes
 
 MAX_SHORT_TEXT = 255  # bytes: a title's or name's length travels in one byte
 
@@ -21,19 +22,6 @@ def pack(layout: str, *values: Any) -> bytes:
         return big_endian(layout).pack(*values)
     except (struct.error, OverflowError) as error:
         raise LocalProtocolError(f"{values!r} does not fit the layout {layout!r}: {error}") from error
-
-
-def to_text(data: bytes) -> str:
-    """Decode wire text; bytes that are not UTF-8 survive a round trip."""
-    return data.decode("utf-8", "surrogateescape")
-
-
-def to_bytes(text: str) -> bytes:
-    """Encode wire text; lone surrogates that no UTF-8 can carry become question marks."""
-    try:
-        return text.encode("utf-8", "surrogateescape")
-    except UnicodeEncodeError:
-        return text.encode("utf-8", "replace")
 
 
 def short_text(text: str) -> bytes:
@@ -75,7 +63,7 @@ class Reader:
     def short_text(self) -> str:
         """Text behind a length byte."""
         (size,) = self.unpack("B")
-        return to_text(self.take(size))
+        return from_bytes(self.take(size))
 
     def rest(self) -> bytes:
         """Everything that is left."""

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 from urproto.errors import RemoteProtocolError
 from urproto.modes import RobotMode, SafetyMode, SafetyStatus
+from urproto.text import from_bytes, lines, to_bytes
 from urproto.versions import PolyscopeVersion
 
 __all__ = [
@@ -133,7 +134,7 @@ def is_not_understood(reply: str) -> bool:
 
 def encode_line(text: str) -> bytes:
     """A line on the wire. Line breaks inside become spaces: an answer is one line."""
-    return " ".join(text.splitlines()).encode("utf-8", "replace") + b"\n"
+    return to_bytes(" ".join(lines(text))) + b"\n"
 
 
 class LineDecoder:
@@ -145,7 +146,7 @@ class LineDecoder:
         self.error: RemoteProtocolError | None = None
 
     def feed(self, data: bytes) -> list[str]:
-        """Take bytes, give the lines they complete; bytes that are not UTF-8 are replaced.
+        """Take bytes, give the lines they complete, as `urproto.text` holds them.
 
         A line over the limit ends the stream: lines before it are still given, and this
         call, or the next one if there were any, raises RemoteProtocolError; ``error`` is
@@ -160,7 +161,7 @@ class LineDecoder:
                 self.error = RemoteProtocolError(f"a dashboard line is longer than {self._max_line} bytes")
                 self._buffer.clear()
             elif end >= 0:
-                lines.append(self._buffer.removesuffix(b"\r").decode("utf-8", "replace"))
+                lines.append(from_bytes(self._buffer.removesuffix(b"\r")))
                 self._buffer.clear()
             start = len(data) + 1 if end < 0 else end + 1
         if self.error is not None and not lines:
@@ -220,7 +221,7 @@ def parse_boolean(reply: str) -> bool:
 
 def parse_polyscope_version(reply: str) -> PolyscopeVersion:
     """The number in ``URSoftware 3.15.8.106339 (Jun 20 2022)``."""
-    match = re.search(r"\d+\.\d+(\.\d+){0,2}", reply)
+    match = re.search(r"[0-9]{1,9}\.[0-9]{1,9}(\.[0-9]{1,9}){0,2}", reply)
     if match is None:
         raise RemoteProtocolError(f"there is no version number in {reply!r}")
     return PolyscopeVersion.parse(match[0])

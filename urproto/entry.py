@@ -15,6 +15,9 @@ INTERRUPTED = 130
 def run(module: str) -> None:
     """Load a module and end with what its ``main`` returns."""
     try:
+        from urproto.text import show_anything
+
+        show_anything(sys.stdout, sys.stderr)
         sys.exit(import_module(module).main())
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)

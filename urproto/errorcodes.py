@@ -45,7 +45,7 @@ _TEXTS: Final[dict[int, str]] = {
     162: "The protective stop was probably caused by a wrong payload",
     163: "More than 50 protective stops on one joint within eight hours",
     164: "A wrist is close to a safety plane",
-    171: "A blend was skipped: the waypoint's radius is too small or overlaps the next",
+    171: "There is a problem with a blend",
     172: "Illegal control mode",
     173: "The joint torques are too high",
     174: "The joint torques jumped too far",
@@ -80,6 +80,15 @@ _TEXTS: Final[dict[int, str]] = {
 
 _ARGUMENTS: Final[dict[int, dict[int, str]]] = {
     62: {1: "above 80 °C", 3: "loaded for long while it stood", 11: "above 85 °C, switched off"},
+    171: {
+        0: "a waypoint of a movec was skipped",
+        1: "the radius in a movec is too small",
+        3: "a waypoint of a servoc was skipped",
+        **dict.fromkeys(range(4, 8), "overlapping blends in a movej, a waypoint was skipped"),
+        9: "a waypoint of a movep was skipped",
+        10: "the radius in a movep is too small",
+        **dict.fromkeys(range(11, 15), "overlapping blends in a movel, a waypoint was skipped"),
+    },
     191: {
         1: "joint position",
         2: "joint speed",

@@ -10,6 +10,9 @@ The driver listens, the robot's program connects. Every message is a fixed numbe
 | 50003 | trajectory      | `TrajectoryPoint`, 21 words   | `TrajectoryResult`, 1 word           |
 | 50004 | script commands | `ScriptCommand`, 28 words     | tool contact's `TrajectoryResult`, `Answer` |
 
+This project's own control program begins what it says on 50001, 50003 and 50004 with a line, `GREETING` and a
+word its driver gave it. The vendor's program says nothing until it has a result.
+
 Source: what Universal_Robots_Client_Library 2.14 sends and its control program reads; the script
 commands from 100 on and their answers are this project's own. Encoding raises LocalProtocolError
 for what a word cannot carry, decoding RemoteProtocolError.
@@ -25,6 +28,7 @@ from typing import Final, Generic, Self, TypeVar
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 
 __all__ = [
+    "GREETING",
     "REQUEST_PROGRAM",
     "SCALE",
     "Answer",
@@ -42,6 +46,7 @@ __all__ = [
     "TrajectoryPoint",
     "TrajectoryResult",
     "from_words",
+    "split_greeting",
     "to_words",
 ]
 
@@ -51,8 +56,22 @@ SCALE: Final = 1_000_000
 REQUEST_PROGRAM: Final = b"request_program\n"
 """What the robot asks the script sender; the program that answers it ends without any mark."""
 
+GREETING: Final = b"external_control "
+"""How the first line of this project's control program begins on each connection; its driver's token follows."""
+
+_LONGEST_GREETING: Final = 128  # bytes; guess
 _LARGEST: Final = (2**31 - 1) / SCALE
 _WORD: Final = struct.Struct(">i")
+
+
+def split_greeting(data: bytes) -> tuple[str | None, bytes] | None:
+    """What a control program says first: its token, None without one, and what follows. None: more bytes will tell."""
+    if not data.startswith(GREETING[: len(data)]):
+        return None, data
+    line, end, rest = data.partition(b"\n")
+    if not end:
+        return (None, data) if len(data) > _LONGEST_GREETING else None
+    return line.removeprefix(GREETING).decode("ascii", "replace"), rest
 
 
 class ControlMode(IntEnum):

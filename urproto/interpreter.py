@@ -12,6 +12,7 @@ from enum import Enum
 from typing import Final
 
 from urproto.errors import RemoteProtocolError
+from urproto.text import from_bytes, strip, to_bytes
 from urproto.versions import Availability
 
 __all__ = [
@@ -39,7 +40,7 @@ LAST_ID: Final = 65535
 MAX_LINE: Final = 16384
 """Longest line [bytes]; a limit of this implementation."""
 
-_ANSWER: Final = re.compile(r"(ack|state): *(\d+): ?(.*)|discard: *([^:]*): ?(.*)", re.DOTALL)
+_ANSWER: Final = re.compile(r"(ack|state): *([0-9]{1,10}): ?(.*)|discard: *([^:]*): ?(.*)", re.DOTALL)
 
 
 class InterpreterCommand(Enum):
@@ -55,7 +56,7 @@ class InterpreterCommand(Enum):
     @classmethod
     def of(cls, line: str) -> "InterpreterCommand | None":
         """The command that a line is; None for statements."""
-        return _COMMANDS.get(line.strip().lower())
+        return _COMMANDS.get(strip(line).lower())
 
 
 _COMMANDS: Final = {command.value: command for command in InterpreterCommand}
@@ -109,7 +110,7 @@ def parse_answer(text: str) -> InterpreterAnswer:
 
 def encode_answer(text: str) -> bytes:
     """The bytes of an answer; the statement in it as it came."""
-    return text.encode("utf-8", "surrogateescape") + b"\n"
+    return to_bytes(text) + b"\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +153,7 @@ class StatementDecoder:
             del self._buffer[self._max_line :]
 
     def _line(self) -> str | TooLong:
-        text = self._buffer.removesuffix(b"\r").decode("utf-8", "surrogateescape")
+        text = from_bytes(self._buffer.removesuffix(b"\r"))
         over, self._over = self._over, False
         self._buffer.clear()
         return TooLong(text[:60]) if over else text

@@ -6,6 +6,7 @@ definitions; a value only one source has is marked.
 """
 
 from enum import IntEnum, IntFlag
+from typing import TypeVar
 
 __all__ = [
     "AnalogDomain",
@@ -28,7 +29,32 @@ __all__ = [
     "ToolDigitalOutputMode",
     "ToolMode",
     "ToolOutputMode",
+    "mode_name",
+    "mode_of",
 ]
+
+Mode = TypeVar("Mode", bound=IntEnum)
+
+
+def mode_of(modes: type[Mode], number: int) -> Mode:
+    """The member of an enumeration; ``UNKNOWN(n)``, equal to its number, for one that is not known here.
+
+    A newer robot may have more of them than these tables, and a broken one may send anything.
+    """
+    try:
+        return modes(number)
+    except ValueError:
+        unknown = int.__new__(modes, number)
+        unknown._name_, unknown._value_ = f"UNKNOWN({number})", number
+        return unknown
+
+
+def mode_name(modes: type[IntEnum], number: float) -> str:
+    """The member's name; ``UNKNOWN(n)`` when it has none."""
+    try:
+        return modes(number).name  # type: ignore[arg-type]  # 7.0, as the realtime interface sends it, is 7 here too
+    except ValueError:
+        return f"UNKNOWN({number if isinstance(number, int) else format(number, 'g')})"
 
 
 class RobotMode(IntEnum):

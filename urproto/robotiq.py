@@ -8,12 +8,12 @@ its number of digits, so that nothing may follow it. ``ack`` never has a line en
 Facts: the programs and clients that the gripper's maker and ur_rtde published.
 """
 
-import math
 import re
 from dataclasses import dataclass
 from typing import Final
 
 from urproto.errors import RemoteProtocolError
+from urproto.text import from_bytes, number, strip
 
 __all__ = ["ACK", "NACK", "PORT", "UNKNOWN", "Get", "Request", "RequestDecoder", "Set", "Unclear", "encode_value"]
 
@@ -24,6 +24,7 @@ UNKNOWN: Final = "?"  # the value while the gripper does not answer, as ur_rtde 
 _LONGEST_LINE: Final = 1024  # bytes (guess)
 _GET: Final = re.compile(r"GET\s+([A-Z]{3})", re.ASCII)
 _SET: Final = re.compile(r"SET((?:\s+[A-Z]{3}\s+\S+)+)", re.ASCII)
+_VALUE: Final = re.compile(r"([A-Z]{3})\s+(\S+)", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,14 +69,14 @@ class RequestDecoder:
         self._buffer = bytearray(rest)
         if max(map(len, (*lines, rest))) > _LONGEST_LINE:
             raise RemoteProtocolError(f"a request to the gripper is longer than {_LONGEST_LINE} bytes")
-        texts = (line.decode("ascii", "replace").strip() for line in lines)
+        texts = (strip(from_bytes(line)) for line in lines)
         return [_parse(text) for text in texts if text]
 
     def flush(self) -> list[Request]:
         """The request that has no line end, if it can be one."""
         if not self._buffer:
             return []
-        found = _GET.fullmatch(self._buffer.decode("ascii", "replace"))
+        found = _GET.fullmatch(from_bytes(self._buffer))
         if found is None:
             return []
         self._buffer.clear()
@@ -91,19 +92,17 @@ def _parse(text: str) -> Request:
     if found := _GET.fullmatch(text):
         return Get(found[1])
     if found := _SET.fullmatch(text):
-        words = found[1].split()
-        numbers = [_number(word) for word in words[1::2]]
-        if None not in numbers:
-            return Set(
-                tuple((name, number) for name, number in zip(words[::2], numbers, strict=True) if number is not None)
-            )
+        values = [(name, _whole(word)) for name, word in _VALUE.findall(found[1])]
+        wanted = tuple((name, value) for name, value in values if value is not None)
+        if len(wanted) == len(values):
+            return Set(wanted)
     return Unclear(text)
 
 
-def _number(word: str) -> int | None:
+def _whole(word: str) -> int | None:
     """Programs also send whole numbers as floats."""
     try:
-        value = float(word)
+        value = number(word)
     except ValueError:
         return None
-    return int(value) if math.isfinite(value) and value == int(value) else None
+    return int(value) if value.is_integer() else None

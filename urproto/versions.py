@@ -45,7 +45,7 @@ class PolyscopeVersion:
 
         Raises ValueError when the text is not of that form.
         """
-        if not re.fullmatch(r"\d+\.\d+(\.\d+){0,2}", text.strip()):
+        if not re.fullmatch(r"[0-9]{1,9}\.[0-9]{1,9}(\.[0-9]{1,9}){0,2}", text.strip()):
             raise ValueError(
                 f"{text!r} is not a PolyScope version: give major.minor[.bugfix[.build]], for example 3.15.8"
             )

@@ -150,16 +150,17 @@ class ExpressionParser:
             self.fail("expected an expression")
         left = operand(self.take())
         while (binding := _BINARY_POWER.get(self.token.kind, 0)) > power:
-            self._deeper()
+            self._deeper(f"the expression has more than {_MAX_DEPTH} operators: write it as several statements")
             operator = self.take()
             left = Binary(operator.line, operator.column, operator.kind, left, self.expression(binding))
         self._depth = depth
         return left
 
-    def _deeper(self) -> None:
+    def _deeper(self, otherwise: str = f"the expression is nested more than {_MAX_DEPTH} deep") -> None:
+        """A chain of operators nests, too, and so does the code that is made of it."""
         self._depth += 1
         if self._depth > _MAX_DEPTH:
-            self.fail(f"the expression is nested more than {_MAX_DEPTH} deep")
+            self.fail(otherwise)
 
     def _constant(self, token: Token) -> Expression:
         return Constant(token.line, token.column, _CONSTANTS[token.kind])

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Self
 
+from urproto.text import from_bytes, to_bytes, words
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
 from urscript.compiler import find_problems
 from urscript.errors import CompileError, ScriptError, ScriptWarning
 from urscript.parser import is_secondary, normalize
 from urscript.splitter import ScriptSplitter, Unit
-from urscript.values import from_bytes, to_bytes
 from urscript.work import Steps, run_to_end
 
 __all__ = ["FileUnit", "ScriptFile", "inlined", "is_inlined", "split_steps"]
@@ -99,7 +99,7 @@ class FileUnit:
 
 
 def _is_stray(line: str) -> bool:
-    return line.split(None, 1)[0].rstrip(":") in _CLOSING
+    return words(line)[0].rstrip(":") in _CLOSING
 
 
 class ScriptFile:

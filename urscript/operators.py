@@ -18,7 +18,6 @@ from urscript.values import (
     INT_MIN,
     MAX_ELEMENTS,
     MAX_NESTING,
-    MAX_STRING,
     UNSET,
     BoundedList,
     Matrix,
@@ -26,6 +25,7 @@ from urscript.values import (
     Struct,
     Value,
     is_number,
+    joined,
     type_name,
 )
 
@@ -129,9 +129,7 @@ def add(left: Value, right: Value) -> Value:
         result = left + right
         return result if result.__class__ is float or INT_MIN <= result <= INT_MAX else wrap32(result)
     if left.__class__ is str and right.__class__ is str:
-        if len(left) + len(right) > MAX_STRING:
-            raise RuntimeFault(f"String exceeds maximum length ({MAX_STRING} Bytes).")
-        return left + right
+        return joined(left, right)
     return _elementwise(_ADD, left, right)
 
 

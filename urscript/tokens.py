@@ -9,6 +9,7 @@ first fault of the text and not the first odd character.
 import re
 from typing import NamedTuple
 
+from urproto.text import BLANKS
 from urscript.work import Steps
 
 __all__ = ["KEYWORDS", "Token", "tokenize"]
@@ -74,7 +75,7 @@ def tokenize(source: str) -> Steps[list[Token]]:
                 line += text.count("\n")
                 line_start = match.start(group) + text.rindex("\n") + 1
         fresh = False
-    tail = source.rstrip()
+    tail = source.rstrip(BLANKS)
     end_line = tail.count("\n") + 1
     add(Token("end of text", "", end_line, len(tail) - (tail.rfind("\n") + 1) + 1, True))
     return tokens

@@ -16,8 +16,9 @@ Values are never changed in place: ``a[0] = 1`` makes a new list and binds ``a``
 how assignment and argument passing copy without copying. A built-in must therefore neither
 change its arguments nor keep a list it will change later.
 
-Strings are byte strings on the controller. Here they are text decoded from UTF-8, undecodable
-bytes as surrogate escapes; `to_bytes` and `from_bytes` are the one way across.
+Strings are byte strings on the controller. Here they are text as `urproto.text` holds it, always in the form that
+`from_bytes` gives, so that equal bytes are equal strings: what joins two strings puts a character together whose bytes
+came in halves.
 """
 
 import math
@@ -25,6 +26,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, NoReturn, TypeAlias
 
+from urproto.text import from_bytes, to_bytes
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
 
@@ -54,9 +56,8 @@ __all__ = [
     "Value",
     "copy_value",
     "cut_text",
-    "from_bytes",
     "is_number",
-    "to_bytes",
+    "joined",
     "to_text",
     "type_name",
 ]
@@ -176,14 +177,16 @@ def type_name(value: object) -> str:
 # text
 
 
-def to_bytes(text: str) -> bytes:
-    """The bytes of a string, as sent on sockets."""
-    return text.encode("utf-8", "surrogateescape")
-
-
-def from_bytes(data: bytes) -> str:
-    """A string from bytes, reversible whatever the bytes are."""
-    return data.decode("utf-8", "surrogateescape")
+def joined(left: str, right: str) -> str:
+    """Two strings, one after the other; RuntimeFault beyond 1023 bytes."""
+    text = left + right
+    size = len(text)
+    if not text.isascii():
+        data = to_bytes(text)
+        text, size = from_bytes(data), len(data)  # two halves of a character become one
+    if size > MAX_STRING:
+        raise RuntimeFault(f"String exceeds maximum length ({MAX_STRING} Bytes).")
+    return text
 
 
 def _float_text(value: float) -> str:

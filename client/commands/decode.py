@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import asdict
 from enum import Enum
-from io import BufferedIOBase, BufferedReader, TextIOWrapper
+from io import BufferedIOBase, BufferedReader
 from pathlib import Path
 from typing import Annotated
 
@@ -43,8 +43,6 @@ def decode_command(
     """Print a captured stream of any controller port, one line a message. A line with ! could not be read: status 1."""
     chosen = CODECS[codec.value] if codec else None
     session = Session(Choice(chosen, side, tuple(port or ()), port_offset, form), _as_json if as_json else None)
-    if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # a file name in any script, a terminal in ASCII
     with ExitStack() as opened:
         source = _stdin() if file == "-" else _open(file, opened)
         try:

@@ -7,7 +7,7 @@ from rich.table import Table
 from client import rtde
 from client.commands.options import PortOffset, RobotIP
 from urproto.commandline import AsJson, console, print_json
-from urproto.modes import RobotMode, RuntimeState, SafetyMode
+from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_name
 from urproto.rtde.fields import OUTPUT_FIELDS
 
 __all__ = ["state_command"]
@@ -25,7 +25,7 @@ def state_command(as_json: AsJson = False, robot_ip: RobotIP = "127.0.0.1", port
         state = robot.receive()
         version = robot.core.version
     if as_json:
-        modes = {name: _NAMES[name](state[name]) for name in _NAMES}
+        modes = {name: mode_name(_NAMES[name], state[name]) for name in _NAMES}
         print_json({"robot_ip": robot_ip, "polyscope": str(version), **state, **modes})
         return
     table = Table("variable", "value", "unit", title=f"{robot_ip}, PolyScope {version}")
@@ -36,6 +36,6 @@ def state_command(as_json: AsJson = False, robot_ip: RobotIP = "127.0.0.1", port
 
 def _readable(name: str, value: Any) -> str:
     if name in _NAMES:
-        return _NAMES[name](value).name
+        return mode_name(_NAMES[name], value)
     numbers = value if isinstance(value, tuple) else (value,)
     return ", ".join(f"{number:.4f}" for number in numbers)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from client.decoding import show
-from client.decoding.streams import FramedStream, Framing, Line
+from client.decoding.streams import FramedStream, Framing, Line, Stream
 from urproto.external_control import (
     Answer,
     ControlMode,
@@ -19,7 +19,9 @@ from urproto.external_control import (
     TrajectoryAction,
     TrajectoryPoint,
     TrajectoryResult,
+    split_greeting,
 )
+from urproto.modes import mode_name
 
 __all__ = ["COMMANDS", "RESULTS", "REVERSE", "TRAJECTORY", "command_stream", "result_stream", "reverse_stream",
            "trajectory_stream"]  # fmt: skip
@@ -96,9 +98,43 @@ def command_stream() -> FramedStream:
     return FramedStream(COMMANDS, _told(ScriptCommand.decode, _command))
 
 
-def result_stream() -> FramedStream:
+def result_stream() -> Stream:
     """What the robot sends on the trajectory and script command interfaces."""
-    return FramedStream(RESULTS, _told(ReplyDecoder.decode, _reply))
+    return _Greeted(FramedStream(RESULTS, _told(ReplyDecoder.decode, _reply)))
+
+
+class _Greeted:
+    """A stream that may begin with the control program's greeting, which is text."""
+
+    def __init__(self, rest: Stream) -> None:
+        self._rest = rest
+        self._unread: bytes | None = b""  # None once it has been told, or does not come
+
+    def feed(self, data: bytes) -> Iterator[Line]:
+        """Take bytes, tell what they complete."""
+        if self._unread is not None:
+            data = self._unread + data
+            if (greeting := split_greeting(data)) is None:
+                self._unread = data
+                return
+            self._unread = None
+            token, rest = greeting
+            if token is not None:
+                yield Line(f"greeting: {show.quoted(token)}")
+            data = rest
+        yield from self._rest.feed(data)
+
+    def lost(self, size: int) -> None:
+        """So many bytes are missing here."""
+        self._unread = None
+        self._rest.lost(size)
+
+    def end(self) -> Iterator[Line]:
+        """No more bytes come."""
+        if self._unread:
+            unread, self._unread = self._unread, None
+            yield from self._rest.feed(unread)
+        yield from self._rest.end()
 
 
 def _told(decode: Callable[[bytes], Any], tell: Callable[[Any], str]) -> Callable[[bytes], Iterator[Line]]:
@@ -111,10 +147,10 @@ def _told(decode: Callable[[bytes], Any], tell: Callable[[Any], str]) -> Callabl
 def _reverse(message: ReverseMessage) -> str:
     timeout = f"read_timeout_ms={message.read_timeout_ms}"
     if message.mode is ControlMode.FORWARD:
-        action = show.enum_name(TrajectoryAction, message.words[0])
+        action = mode_name(TrajectoryAction, message.words[0])
         return f"{message.mode.name} {action} points={message.words[1]} {timeout}"
     if message.mode is ControlMode.FREEDRIVE:
-        return f"{message.mode.name} {show.enum_name(FreedriveAction, message.words[0])} {timeout}"
+        return f"{message.mode.name} {mode_name(FreedriveAction, message.words[0])} {timeout}"
     if message.mode.real_time:
         return f"{message.mode.name} {show.value(message.values)} {timeout}"
     return f"{message.mode.name} {timeout}"  # its payload may be anything
@@ -134,7 +170,7 @@ def _reply(reply: TrajectoryResult | Answer) -> str:
 
 def _command(command: ScriptCommand) -> str:
     if command.kind is ScriptCommandKind.ASK:
-        return f"ASK {show.enum_name(Question, command.words[0])}"
+        return f"ASK {mode_name(Question, command.words[0])}"
     count = _PARAMETERS[command.kind]
     values: list[float] = list(command.values[:count])
     if count and command.kind in _FLAG_FIRST:

@@ -9,6 +9,7 @@ from client.decoding.streams import FramedStream, Framing, Line, trouble
 from urproto import modbus
 from urproto.errors import RemoteProtocolError
 from urproto.modbus import ExceptionCode, Frame, Function, ModbusException, ModbusRequest
+from urproto.modes import mode_name
 
 __all__ = ["FRAMING", "Conversation"]
 
@@ -83,12 +84,12 @@ def _is_answer(pdu: bytes) -> bool:
 
 def _head(what: str, frame: Frame) -> str:
     function = frame.pdu[0] & ~_ERROR_BIT
-    name = show.enum_name(Function, function).lower()
+    name = mode_name(Function, function).lower()
     return f"{what} {frame.transaction} unit {frame.unit} {name if not name.isdigit() else f'function {name}'}"
 
 
 def _exception(code: int) -> str:
-    return f"exception {show.enum_name(ExceptionCode, code)}"
+    return f"exception {mode_name(ExceptionCode, code)}"
 
 
 def _asked(request: ModbusRequest) -> str:

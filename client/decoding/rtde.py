@@ -14,6 +14,7 @@ from enum import Enum
 from client.decoding import show
 from client.decoding.streams import FramedStream, Framing, Line
 from urproto.errors import RemoteProtocolError
+from urproto.modes import mode_name
 from urproto.rtde import codec
 from urproto.rtde.codec import PackageType
 from urproto.rtde.fields import INPUT_FIELDS
@@ -198,7 +199,7 @@ def _package(data: bytes) -> codec.Package:
 def _told(what: str, kind: int, item: object) -> Line:
     name = PackageType(kind).name.lower()
     if isinstance(item, codec.TextMessage | codec.ClientMessage):
-        level = show.enum_name(codec.MessageLevel, item.level)
+        level = mode_name(codec.MessageLevel, item.level)
         return Line(f"{name} {level}: {show.quoted(item.text)} from {show.quoted(item.source)}")
     if isinstance(item, codec.VersionReply):
         return Line(f"{what} {name}: {item.version}")

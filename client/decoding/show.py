@@ -8,7 +8,7 @@ from typing import Any
 from urproto import modes
 from urproto.primary.messages import NO_TIMESTAMP_US
 
-__all__ = ["enum_name", "escaped", "message", "pairs", "quoted", "value"]
+__all__ = ["escaped", "message", "pairs", "quoted", "value"]
 
 _ENUMS: Mapping[str, type[IntEnum]] = {
     "control_mode": modes.ControlMode,
@@ -48,11 +48,6 @@ def _character(char: str) -> str:
     )
 
 
-def enum_name(members: type[IntEnum], number: float) -> str:
-    """The member's name; the number when it has none."""
-    return next((member.name for member in members if member == number), f"{number:g}")
-
-
 def value(item: Any, name: str = "") -> str:
     """One value, ``name`` tells which enumeration a number belongs to."""
     if isinstance(item, bool) or item is None:
@@ -70,7 +65,7 @@ def value(item: Any, name: str = "") -> str:
 
 def _number(number: float, name: str) -> str:
     if name in _ENUMS:
-        return enum_name(_ENUMS[name], number)
+        return modes.mode_name(_ENUMS[name], number)
     if name == "timestamp_us" and number == NO_TIMESTAMP_US:
         return "none"
     return str(number) if isinstance(number, int) else f"{number:.9g}"

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import secrets
 from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack, suppress
 from types import TracebackType
@@ -16,7 +17,7 @@ from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.reverse import Pulse, ReverseEndpoint
 from client.driver.robot import RobotLink, cancel
 from client.driver.sender import ScriptSender
-from client.errors import ClientError, ProgramNotRunningError
+from client.errors import ClientError, ProgramNotRunningError, ProgramStaysError
 from client.gates import require
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import ControlMode
@@ -33,6 +34,8 @@ _END_TIMEOUT_S: Final = 2.0  # guess: a ramp to rest from full speed takes 0.8 s
 
 _BREATH_S: Final = 0.1
 _SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within this
+_GREETING_S: Final = 0.2  # guess: who has said nothing for so long is no program of ours
+_LINGER_S: Final = 2.0  # guess: a program that was disconnected has ended, by the robot's state too
 
 _logger = logging.getLogger(__name__)
 
@@ -58,6 +61,10 @@ class DriverCore:
         self._lost_why = ""  # the driver's own fault that the last program ended, if it was
         self._restart: asyncio.Task[None] | None = None
         self._partners: dict[Endpoint, Peer | None] = {}
+        self._token = secrets.token_hex(8)  # not against who listens in: against who connects by accident
+        self._starting = False  # a program of ours, which will greet
+        self._seen_ended = True  # the robot's state has shown the end of the last program that was here, and
+        self._left_s = 0.0  # when it left, by the loop's clock
         self._open = AsyncExitStack()
 
     async def __aenter__(self) -> Self:
@@ -71,6 +78,7 @@ class DriverCore:
             self._own_address = self.config.own_address or self.robot.own_address
             self.reverse.period_s = self.version.series.period_s
             for endpoint in self._endpoints:
+                endpoint.token = self._token
                 endpoint.host = self._own_address if self.config.listen_on is None else self.config.listen_on
                 await opening.enter_async_context(endpoint)
             await self._check_calibration()
@@ -79,6 +87,7 @@ class DriverCore:
                 partner.listeners.append(self._partner_changed)
             self.robot.on_silence.append(self._robot_is_silent)
             self.robot.on_text.append(self._heard)
+            self.robot.on_modes.append(self._look_for_end)
             opening.enter_context(self.pulse)
             opening.push_async_callback(cancel, asyncio.create_task(self._breathe()))
             self._open = opening.pop_all()
@@ -89,7 +98,7 @@ class DriverCore:
     ) -> None:
         """End the program, which stops the arm, and close everything."""
         try:
-            with suppress(TimeoutError):
+            with suppress(ProgramStaysError):
                 await self.stop_program()
         finally:
             await self._open.aclose()
@@ -165,11 +174,15 @@ class DriverCore:
         self._lost_why = self.pulse.bitten = ""
         self.pulse.breathe()
         self.robot.forget_errors()
-        if self.config.headless:
-            await self.robot.send_script(self._program().render_headless(self.version))
-        else:
-            await self._play()
-        await self._wait_for_program()
+        self._starting = self.config.headless
+        try:
+            if self.config.headless:
+                await self.robot.send_script(self._program().render_headless(self.version))
+            else:
+                await self._play()
+            await self._wait_for_program()
+        finally:
+            self._starting = False
 
     async def stop_program(self) -> None:
         """End the control program, which stops the arm; does nothing when it is not running."""
@@ -193,6 +206,7 @@ class DriverCore:
             servoj_gain=config.servoj_gain,
             tool_voltage=config.tool_voltage,
             tool_communication=config.tool_communication,
+            token=self._token,
         )
 
     def _require(self, feature: str) -> None:
@@ -256,10 +270,12 @@ class DriverCore:
     def _program_changed(self, connected: bool) -> None:
         self._has_played = False
         if connected:
+            self._seen_ended = False
             self._partners = {end: end.current_peer for end in (self.trajectory, self.commands)}
             self.reverse.keep_alive(self.config.keep_alive_timeout_s)
             asyncio.get_running_loop().call_later(_SETTLE_S, self._expect_partners, self.reverse.current_peer)
             return
+        self._left_s = asyncio.get_running_loop().time()
         partners, self._partners = self._partners, {}
         for peer in partners.values():  # only its own: a new program may have connected to these already
             if peer is not None:
@@ -287,10 +303,38 @@ class DriverCore:
         _logger.error("the robot is not connected to port %d: its program is ended", endpoint.port)
         if self.reverse.connected:
             self.reverse.stop()
+            asyncio.get_running_loop().call_later(_END_TIMEOUT_S, self.reverse.peer.abort)  # should it not obey
+
+    def _look_for_end(self, state: Mapping[str, Any]) -> None:
+        self._seen_ended = self._seen_ended or state["runtime_state"] in _ENDED
+
+    def _admit_foreign_program(self) -> None:
+        """A control program with another text than ours, such as the vendor's, does not say who it is.
+
+        Three silent connections from one address are taken for one while the robot's state shows that a program runs,
+        which is not the one that was here last.
+        """
+        vacant = not self.reverse.connected
+        if self._starting or self.state["runtime_state"] not in _PLAYED or not (vacant or self._seen_ended):
+            return
+        now_s = asyncio.get_running_loop().time()
+        if (vacant and not self._seen_ended and now_s - self._left_s < _LINGER_S) or (
+            not vacant and self.reverse.peer.proven
+        ):
+            return
+        ends = (self.trajectory, self.commands, self.reverse)
+        for address in {peer.address for peer in self.reverse.waiting if now_s - peer.arrived_s > _GREETING_S}:
+            newest = [[peer for peer in end.waiting if peer.address == address][-1:] for end in ends]
+            if all(newest):
+                _logger.warning("a control program that is not this driver's connects from %s", address)
+                for end, (peer,) in zip(ends, newest, strict=True):
+                    end.admit(peer)
+                return
 
     async def _breathe(self) -> None:
         while True:
             self.pulse.breathe()
+            self._admit_foreign_program()
             await asyncio.sleep(_BREATH_S)
 
     # late, or lost

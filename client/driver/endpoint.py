@@ -1,8 +1,10 @@
 """A port of the driver that the robot's program connects to.
 
-Here the driver is the server. One robot is served at a time: a new connection from the same
-address replaces the old one, which is a program that was started again before the end of the
-last was noticed; other addresses are sent away while a robot is there.
+Here the driver is the server. One robot is served at a time, and anybody may connect: port scanners do. So
+a newcomer has to prove that it is the robot's program. A program of this driver's own says a token that
+the driver has put into it, and takes the place of the old connection at once: it was started again before the end
+of the last one was noticed. Who says something else is sent away. Who says nothing, as the vendor's program does, waits
+until its endpoint's owner admits it, and never replaces a program that has proved itself.
 """
 
 import asyncio
@@ -15,18 +17,24 @@ from types import TracebackType
 from typing import Final, Self, cast
 
 from client.connection import DEFAULT_TIMEOUT_S
-from client.errors import ProgramNotRunningError
+from client.errors import ProgramNotRunningError, ProgramStaysError
+from urproto.external_control import split_greeting
 
 __all__ = ["Endpoint", "Peer", "tell"]
 
 _MOST_UNSENT: Final = 8192  # bytes of a trajectory, beyond what the system buffers; guess
 _HINT: Final = "start the program on the robot and wait for it"
+_MOST_WAITING: Final = 8  # connections that have not proved themselves, on each port; guess
+_PATIENCE_S: Final = 10.0  # for one that does not; guess
 
 _logger = logging.getLogger(__name__)
 
 
 class Peer(asyncio.Protocol):
-    """One connection of a robot."""
+    """A connection of a robot, or of somebody who may be one.
+
+    proven: it has said the token. arrived_s: when, by the loop's clock.
+    """
 
     def __init__(self, endpoint: "Endpoint") -> None:
         self._endpoint = endpoint
@@ -35,6 +43,9 @@ class Peer(asyncio.Protocol):
         self._loop = asyncio.get_running_loop()
         self.gone = self._loop.create_future()
         self.address = ""
+        self.proven = False
+        self.arrived_s = self._loop.time()
+        self.unread: bytes | None = b""  # the beginning of its greeting; None once it has greeted, or will not
         self.transport: asyncio.Transport
         self._socket: socket.socket
 
@@ -92,11 +103,16 @@ class Endpoint:
 
     port: 0 takes a free one, which `port` then is. host: the own address to listen on, all
     of them when empty. listeners: called with True and False as the robot comes and goes.
+    token: what the robot's program says first. Without one, the first who comes is the robot until it leaves, then
+    the next.
+    waiting: who has connected and not proved itself, oldest first.
     """
 
     def __init__(self, port: int, host: str = "") -> None:
         self.port = port
         self.host = host
+        self.token = ""
+        self.waiting: list[Peer] = []
         self.listeners: list[Callable[[bool], None]] = []
         self._peers: set[Peer] = set()
         self._peer: Peer | None = None
@@ -149,8 +165,11 @@ class Endpoint:
             raise ProgramNotRunningError(self.port, f"none came within {timeout_s:g} s; {_HINT}") from None
 
     async def wait_disconnected(self, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        """Wait until no robot is there. Raises TimeoutError."""
-        await self._wait_until(False, timeout_s)
+        """Wait until no robot is there. Raises ProgramStaysError."""
+        try:
+            await self._wait_until(False, timeout_s)
+        except TimeoutError:
+            raise ProgramStaysError(self.port, timeout_s) from None
 
     async def _wait_until(self, connected: bool, timeout_s: float) -> None:
         async with asyncio.timeout(timeout_s):
@@ -171,26 +190,69 @@ class Endpoint:
 
     def _arrived(self, peer: Peer) -> None:
         self._peers.add(peer)
-        if self._peer is not None and self._peer.address != peer.address:
-            _logger.warning("%s is sent away: port %d serves %s", peer.address, self.port, self._peer.address)
-            peer.abort()
-            return
-        if self._peer is not None:
-            before, self._peer = self._peer, None
+        robot = self._peer
+        if robot is None and not self.token:
+            self.admit(peer)
+        elif robot is not None and robot.address != peer.address and (robot.proven or not self.token):
+            self._send_away(peer, f"this port serves {robot.address}")
+        else:
+            if len(self.waiting) >= _MOST_WAITING:  # the oldest goes: a program of ours proves itself at once
+                self._send_away(self.waiting[0], f"{_MOST_WAITING} others wait here")
+            self.waiting.append(peer)
+            asyncio.get_running_loop().call_later(_PATIENCE_S, self._lose_patience, peer)
+
+    def admit(self, peer: Peer) -> None:
+        """From here on this connection is the robot's; the last one is ended."""
+        if peer in self.waiting:
+            self.waiting.remove(peer)
+        before, self._peer = self._peer, None
+        if before is not None:
             before.abort()
             self._lost(before)
         self._peer = peer
         self._found(peer)
 
     def _received(self, peer: Peer, data: bytes) -> None:
-        if peer is self._peer:
+        if peer.unread is not None:
+            data = self._greeted(peer, peer.unread + data)
+        if data and peer is self._peer:
             self.data_received(data)
+
+    def _greeted(self, peer: Peer, data: bytes) -> bytes:
+        """Look for a greeting at the beginning of what somebody says; what follows it."""
+        greeting = split_greeting(data)
+        if greeting is None:
+            peer.unread = data
+            return b""
+        peer.unread = None
+        token, rest = greeting
+        if token is None and peer is not self._peer:
+            self._send_away(peer, f"no control program says {data[:40]!r}")
+        elif token and token == self.token:
+            peer.proven = True
+            if peer is not self._peer:
+                self.admit(peer)
+        return rest
+
+    def _send_away(self, peer: Peer, why: str) -> None:
+        _logger.warning("%s is sent away from port %d: %s", peer.address, self.port, why)
+        if peer in self.waiting:
+            self.waiting.remove(peer)
+        peer.abort()
+
+    def _lose_patience(self, peer: Peer) -> None:
+        if peer in self.waiting:
+            self._send_away(peer, f"it has not shown for {_PATIENCE_S:g} s that it is the robot's program")
 
     def _left(self, peer: Peer) -> None:
         self._peers.discard(peer)
+        if peer in self.waiting:
+            self.waiting.remove(peer)
         if peer is self._peer:
             self._peer = None
             self._lost(peer)
+            if self.waiting and not self.token:
+                self.admit(self.waiting[0])
 
     # for kinds of endpoints
 

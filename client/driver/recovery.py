@@ -35,7 +35,7 @@ class Recovery(DriverCore):
         before: list[SafetyMode] = [self.robot.safety_mode]
 
         def changed(_: Mapping[str, Any]) -> None:
-            if self.robot.safety_mode is not before[0]:
+            if self.robot.safety_mode != before[0]:
                 before[0] = self.robot.safety_mode
                 callback(before[0])
 
@@ -74,7 +74,7 @@ class Recovery(DriverCore):
 
     def _note(self, state: Mapping[str, Any]) -> None:
         mode = self.robot.safety_mode
-        if mode is self._safety_mode:
+        if mode == self._safety_mode:
             return
         self._safety_mode = mode
         if mode is SafetyMode.PROTECTIVE_STOP:

@@ -17,7 +17,7 @@ from client.errors import ClientError, ConnectionLostError, NoAnswerError, Robot
 from client.primary import PrimaryClient
 from client.rtde import BlockingRTDEClient, RTDEClient
 from urproto.errors import RemoteProtocolError, RobotRefused
-from urproto.modes import RobotMode, SafetyMode
+from urproto.modes import RobotMode, SafetyMode, mode_of
 from urproto.primary.messages import ErrorCodeMessage, PopupMessage, RuntimeExceptionMessage, TextMessage
 from urproto.primary.state import ConfigurationData, KinematicsInfo, RobotStateData
 from urproto.versions import PolyscopeVersion
@@ -27,9 +27,6 @@ __all__ = ["RobotLink", "cancel"]
 _NEEDED: Final = ("timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction")
 _KEPT: Final = 100  # error reports and popups, each
 _AGAIN_S: Final = 1.0  # between attempts to get a lost connection back
-
-_ROBOT_MODES: Final = frozenset(int(mode) for mode in RobotMode)
-_SAFETY_MODES: Final = frozenset(int(mode) for mode in SafetyMode)
 
 _logger = logging.getLogger(__name__)
 
@@ -106,15 +103,13 @@ class RobotLink:
 
     @property
     def robot_mode(self) -> RobotMode:
-        """As RTDE says; NO_CONTROLLER for one that is not known here."""
-        value = self.state["robot_mode"]
-        return RobotMode(value) if value in _ROBOT_MODES else RobotMode.NO_CONTROLLER
+        """As RTDE says; ``UNKNOWN(n)`` for one that is not known here."""
+        return mode_of(RobotMode, self.state["robot_mode"])
 
     @property
     def safety_mode(self) -> SafetyMode:
-        """As RTDE says; UNDEFINED_SAFETY_MODE for one that is not known here."""
-        value = self.state["safety_mode"]
-        return SafetyMode(value) if value in _SAFETY_MODES else SafetyMode.UNDEFINED_SAFETY_MODE
+        """As RTDE says; ``UNKNOWN(n)`` for one that is not known here."""
+        return mode_of(SafetyMode, self.state["safety_mode"])
 
     @property
     def primary_state(self) -> RobotStateData | None:

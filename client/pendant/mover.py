@@ -12,7 +12,14 @@ from typing import Any, ClassVar, Final
 
 from client.calibration import geometry_of, model_of
 from client.driver.core import MOVABLE
-from client.errors import ClientError, MotionError, MotionStoppedError, ProgramEndedError, SafetyStopError
+from client.errors import (
+    ClientError,
+    LateSetpointError,
+    MotionError,
+    MotionStoppedError,
+    ProgramEndedError,
+    SafetyStopError,
+)
 from client.pendant.jogging import Bounds, Ramp, Velocity
 from client.robot import AsyncRobot
 from urproto.errors import ProtocolError, RobotRefused
@@ -24,7 +31,6 @@ STALE_S: Final = 0.4
 """A button that has not been heard of for so long is no longer held."""
 
 _IDLE_S: Final = 10.0  # then the control program ends
-_LATE_S: Final = 0.1  # between two speeds; after 0.2 s without one the control program ends
 _ENDING_S: Final = 0.5  # guess: a program that has ended is said to run for no longer
 _TROUBLE: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 _JOGGING: Final = "Jogging"
@@ -53,7 +59,6 @@ class Mover:
         self._ending: asyncio.Task[None] | None = None
         self._hand: asyncio.Event | None = None
         self._stops = 0
-        self._longest_gap_s = 0.0
         self._leaving = False
         self.doing = ""
         self.slowed = ""
@@ -107,10 +112,12 @@ class Mover:
             while (held := self._held) is not None:
                 try:
                     await self._jog_while_held(held)
+                except LateSetpointError:
+                    pass  # this machine was too slow, so the arm has stopped; it goes on for who still holds the button
                 except ProgramEndedError:
-                    if self._longest_gap_s < _LATE_S:
+                    if self._robot is None or not self._robot.driver.lost_why:
                         raise
-                    # this machine was too slow, so the arm has stopped; it goes on for who still holds the button
+                    # this machine was slower still, so the program ended: it is started again for them
         except _TROUBLE as error:
             self._failed = self._holder
             await self._give_back_quietly()
@@ -126,16 +133,10 @@ class Mover:
         ramp = Ramp(held.of, _bounds(robot))
         state = robot.state
         async with robot.velocity_j() if held.of == "joints" else robot.velocity_l() as follow:
-            now, self._longest_gap_s = asyncio.get_running_loop().time, 0.0
             while (wanted := self._wanted(held.of)) is not None or not ramp.at_rest:
                 speeds = ramp.next(wanted, state.q_rad, state.pose_base_tcp, 1.0 / self.RATE_HZ)
                 self.slowed = ramp.slowed
-                last, begun = state.timestamp_s, now()
-                try:
-                    state = await follow(speeds)
-                finally:
-                    gap = max(now() - begun, robot.state.timestamp_s - last)
-                    self._longest_gap_s = max(self._longest_gap_s, gap)
+                state = await follow(speeds)
         self.slowed = ""
 
     def _wanted(self, of: str) -> tuple[float, ...] | None:

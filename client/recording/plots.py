@@ -15,7 +15,7 @@ from client.recording.extras import extra
 from client.recording.recording import Recording
 from client.recording.tracking import Tracking
 from urproto.joints import JOINT_NAMES
-from urproto.modes import SafetyMode
+from urproto.modes import SafetyMode, mode_name
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -179,8 +179,7 @@ def _stops(recording: Recording) -> Iterator[tuple[float, float, str]]:
 
 
 def _mode_name(mode: int) -> str:
-    known = {int(one): one.name for one in SafetyMode}
-    return known.get(mode, f"safety mode {mode}").replace("_", " ").lower()
+    return mode_name(SafetyMode, mode).replace("_", " ").lower()
 
 
 def _names(tracking: Tracking) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Self, cast
 
 from urproto.errors import LocalProtocolError
-from urproto.modes import RobotMode, RuntimeState, SafetyMode
+from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_of
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
 
@@ -103,19 +103,19 @@ class RobotState:
         return cast(Joints, self.values["actual_TCP_force"])
 
     @property
-    def robot_mode(self) -> int:
-        """A `RobotMode`, or the number of one that is not known here."""
-        return _named(RobotMode, self.values["robot_mode"])
+    def robot_mode(self) -> RobotMode:
+        """``UNKNOWN(n)`` for one that is not known here."""
+        return mode_of(RobotMode, self.values["robot_mode"])
 
     @property
-    def safety_mode(self) -> int:
-        """A `SafetyMode`, or the number of one that is not known here."""
-        return _named(SafetyMode, self.values["safety_mode"])
+    def safety_mode(self) -> SafetyMode:
+        """``UNKNOWN(n)`` for one that is not known here."""
+        return mode_of(SafetyMode, self.values["safety_mode"])
 
     @property
-    def runtime_state(self) -> int:
-        """A `RuntimeState`, or the number of one that is not known here."""
-        return _named(RuntimeState, self.values["runtime_state"])
+    def runtime_state(self) -> RuntimeState:
+        """``UNKNOWN(n)`` for one that is not known here."""
+        return mode_of(RuntimeState, self.values["runtime_state"])
 
     @property
     def speed_fraction(self) -> float:
@@ -141,11 +141,3 @@ def check_signal(number: int) -> int:
     if not 0 <= number < SIGNALS:
         raise LocalProtocolError(f"there is no digital signal {number}: 0-7 standard, 8-15 configurable, 16-17 tool")
     return number
-
-
-def _named(kind: Any, number: int) -> int:
-    """A member of the enum where it has one: newer robots may have more."""
-    try:
-        return cast(int, kind(number))
-    except ValueError:
-        return number

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from emulator.builtins.geometry import arm_pose, joints_for, nearest_angle, pose_for
 from emulator.builtins.values import Vector6, numbers, six, within_range
+from emulator.guard import plausible
 from emulator.motion.torque import TorqueCommand
 from emulator.programs.host import Frames, ProgramHost
 from emulator.robot.drives import COULOMB_SHARE, VISCOUS_SHARE
@@ -263,6 +264,8 @@ def reset_revolution_counter(host: ProgramHost, qNear: Joints | None = None) -> 
     if not host.motion.idle:
         raise RuntimeFault("reset_revolution_counter: the arm is moving; stop it first")
     near = 0.0 if qNear is None else qNear[5]
+    if not plausible(near):
+        raise RuntimeFault(f"reset_revolution_counter: no wrist is near {near:g} rad")
     with host.motion_control() as motion, within_range():
         motion.set_position((*motion.q[:5], nearest_angle(motion.q[5], near)))
 

@@ -25,7 +25,8 @@ _NO_INERTIA: Any = (0, 0, 0, 0, 0, 0)  # a tuple stands for a list that scripts 
 @LIBRARY.builtin()
 def set_tcp(host: ProgramHost, pose: PoseArg, tcp_name: Str = "") -> None:
     """Use another TCP, given from the tool flange."""
-    host.controller.set_tcp(six(numbers(pose, 6, "set_tcp: the pose")))
+    with within_range():
+        host.controller.set_tcp(six(numbers(pose, 6, "set_tcp: the pose")))
 
 
 @LIBRARY.builtin()
@@ -135,7 +136,17 @@ def _sixes(values: object, what: str) -> list[Vector6]:
 
 
 def use_payload(host: ProgramHost, payload: Payload, transition_s: float = 0.0) -> None:
-    """Take over another payload; the force/torque readings are zeroed, as the Script Manual says."""
+    """Take over another payload; the force/torque readings are zeroed, as the Script Manual says.
+
+    Beyond the arm's rating, too: arms were seen to take that, and then to rise by themselves where it was not there. On
+    the pendant twice the rating was the most.
+    """
+    model = host.controller.model
+    if payload.mass > model.payload_max_kg:
+        host.note_once(
+            f"the program has set a payload of {payload.mass:g} kg, and the {model.title} is rated for "
+            f"{model.payload_max_kg:g} kg: an arm would carry less far, and more slowly, than this one"
+        )
     host.controller.installation.set_payload(payload, transition_s)
     host.arm.zero_force()
 

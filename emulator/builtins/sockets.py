@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from emulator.programs.host import Frames, ProgramHost
 from emulator.programs.sockets import ScriptSocket
+from urproto.text import from_bytes, to_bytes
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
@@ -27,8 +28,6 @@ from urscript.values import (
     Int,
     Num,
     Str,
-    from_bytes,
-    to_bytes,
     to_text,
     type_name,
 )

@@ -18,7 +18,7 @@ _LEAST_JERK_GAIN = 0.01  # Script Manual
 
 @LIBRARY.builtin()
 def pause_on_error_code(host: ProgramHost, code: Int, argument: Int | None = None) -> None:
-    """Pause the program where error `code` would stop the arm protectively, until the program ends.
+    """Pause the program where error `code` is reported, instead of a protective stop, until the program ends.
 
     Any argument of the code when `argument` is omitted.
     """

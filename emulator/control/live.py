@@ -9,6 +9,7 @@ from emulator.control.timing import Pace
 from emulator.control.verbs import verb
 from emulator.controller import Controller
 from emulator.faults.injector import FaultInjector
+from emulator.servers.admission import TurnedAway
 
 __all__ = ["LiveControl", "Port"]
 
@@ -23,6 +24,9 @@ class Port(Protocol):
 
     @property
     def peers(self) -> list[str]: ...
+
+    @property
+    def turned_away(self) -> TurnedAway: ...
 
 
 class LiveControl(Control):
@@ -41,6 +45,15 @@ class LiveControl(Control):
     def connections(self) -> dict[str, list[str]]:
         """Who is connected to each port: addresses of the clients, in the order they came."""
         return {name: server.peers for name, server in self._ports.items()}
+
+    @verb
+    def turned_away(self) -> dict[str, dict[str, int]]:
+        """How many clients each port has turned away since the start, by reason; only ports that did.
+
+        http, tls: what web browsers send; port full, address full: more clients than the limits allow;
+        no descriptors: the process has no room for more files and connections.
+        """
+        return {name: counts for name, server in self._ports.items() if (counts := server.turned_away.counts)}
 
     def _wait(self, steps: Waiting[_T]) -> _T:
         return cast(_T, steps)

@@ -12,6 +12,7 @@ from emulator.safety.commands import Jog, SetSafetyInput
 from emulator.safety.configuration import SafetyInput
 from emulator.safety.signals import SafetyDevice
 from emulator.snapshot import Vector6
+from urscript.values import INT_MAX, INT_MIN
 
 __all__ = ["ModeVerbs"]
 
@@ -40,6 +41,8 @@ class ModeVerbs(ControlBase):
     @verb
     def protective_stop(self, code: int = SCRIPT_PROTECTIVE_STOP.code, argument: int = 0) -> None:
         """Stop the arm protectively, with this error code in the log."""
+        if not (0 <= code <= INT_MAX and INT_MIN <= argument <= INT_MAX):
+            raise BadArguments(f"C{code}A{argument} is no error code: both numbers have 32 bits")
         self.controller.protective_stop(StopCause(code, argument))
 
     @verb

@@ -98,7 +98,7 @@ def _described(name: str, function: Callable[..., Any]) -> Verb:
 
 
 def _finite(value: object) -> bool:
-    if isinstance(value, float):
+    if isinstance(value, float | int):
         return abs(value) < _ABSURD
     if isinstance(value, list | tuple):
         return all(map(_finite, value))

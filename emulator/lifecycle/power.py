@@ -54,14 +54,15 @@ class PowerTimings:
     """How long the steps take [s].
 
     No recording of a simulator is public. What bounds it are suites that pass on simulators: ur_rtde's gives an arm
-    that is off 3 s from `brake release` until it moves, the official C++ library's tests reckon with 2.3 s. The split
-    is a guess. A real arm needs about 5-10 s for power and 2-6 s for the brakes.
+    that is off 3 s from `brake release` until it moves; the official C++ library's sends a script 0.7 s after it, and
+    after loading a program, which takes less than a second. The split is a guess. A real arm needs about 5-10 s for
+    power and 2-6 s for the brakes.
     """
 
     controller_boot_s: float = 0.0  # 0: the controller is up when the emulator is
-    joint_boot_s: float = 0.7
-    power_on_s: float = 0.3
-    brake_release_s: float = 1.0
+    joint_boot_s: float = 0.4
+    power_on_s: float = 0.2
+    brake_release_s: float = 0.5
 
 
 REPORTS: Final[dict[PowerState, PowerReport]] = {

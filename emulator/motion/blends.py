@@ -11,16 +11,19 @@ so nothing is lost when no next move comes. Between two tool paths positions and
 pair is added in joint space. A hand-over is the same with A = "coast to a standstill".
 """
 
-from math import acos, cos, sin, sqrt, tan
+from math import acos, cos, dist, sin, sqrt, tan
 from typing import Protocol
 
-from emulator.motion.legs import Leg, ToolLeg, mark_after_start
+from emulator.motion.circular_moves import ArcLeg
+from emulator.motion.faults import MotionWarning, blend_cut, waypoint_skipped
+from emulator.motion.legs import JointLeg, Leg, ToolLeg, mark_after_start
 from emulator.motion.tool_moves import LineLeg
 from emulator.motion.vectors import Joints, Vec3, as_six, lerp, norm3, sub
 from urproto.robots.pose import Pose, pose_add, pose_sub
 
-__all__ = ["Blend", "Coast", "Leaving", "blend_into"]
+__all__ = ["Blend", "Coast", "Leaving", "blend_into", "overlap"]
 
+_TOUCHING_M = 1e-5  # blends that overlap by less touch: people write radii of half a leg (guess)
 _CORNERS_ROUNDED = (0.01, 2.8)  # rad: movep rounds corners that turn by this much; sharper or flatter ones are added
 
 
@@ -143,6 +146,31 @@ def blend_into(leaving: Leaving, entering: Leg, radius_m: float | None) -> Blend
     if isinstance(before, ToolLeg) and isinstance(entering, ToolLeg):
         return ToolBlend(leaving, before, entering, exit_speed)
     return Blend(leaving, entering, exit_speed)
+
+
+def overlap(leg: Leg, radius_m: float, before_m: float) -> MotionWarning | None:
+    """What is wrong with the blends at a leg's ends: ``before_m`` is the radius at its start, ``radius_m`` at its goal.
+
+    C171: the waypoint at the goal has to be skipped, since both blends do not fit into the leg (Script Manual).
+    Where only one end has a blend there is nothing to overlap with; one that is longer than the leg is cut (guess).
+    """
+    if radius_m <= 0.0 and before_m <= 0.0:
+        return None
+    distance = dist(leg.point(0.0), leg.point(leg.length))
+    if radius_m + before_m <= distance + _TOUCHING_M:
+        return None
+    if radius_m > 0.0 and before_m > 0.0:
+        return waypoint_skipped(_skipped(leg), radius_m, before_m, distance)
+    return blend_cut(radius_m + before_m, distance) if leg.length > 0.0 else None
+
+
+def _skipped(leg: Leg) -> int:
+    """The argument of C171. There are four for movej and movel; which of them means what is a guess."""
+    if isinstance(leg, ArcLeg):
+        return 0
+    if isinstance(leg, JointLeg):
+        return 4
+    return 9 if isinstance(leg, LineLeg) and leg.process else 11
 
 
 def _same_tool(before: Leg, after: Leg) -> bool:

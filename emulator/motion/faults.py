@@ -1,10 +1,12 @@
-"""Why a movement had to end in a protective stop."""
+"""Why a movement had to end in a protective stop, or went another way than it was told to."""
 
 from dataclasses import dataclass
 
 __all__ = [
     "MotionFault",
+    "MotionWarning",
     "bad_setpoint",
+    "blend_cut",
     "conveyor_too_fast",
     "frame_lost",
     "frame_too_fast",
@@ -12,8 +14,10 @@ __all__ = [
     "near_singularity",
     "off_the_path",
     "path_out_of_reach",
+    "slider_raised",
     "sudden_jump",
     "unreachable",
+    "waypoint_skipped",
 ]
 
 # Report codes and arguments of the controller's error list. Which of them a real controller gives for a pose out of
@@ -22,6 +26,8 @@ _CLOSE_TO_JOINT_LIMIT = 150
 _CONVEYOR_SPEED = 195
 _TOOL_SPEED = 2
 _POSITION_DEVIATES = 153
+_BLEND_ISSUE = 171
+_BLEND_OVERLAP = 197
 _PATH_SANITY = 204
 _SUDDEN_JUMP = 1
 _INVALID_SETPOINT = 5
@@ -43,6 +49,40 @@ class MotionFault(Exception):  # noqa: N818 - it is what the controller calls a 
 
     def __str__(self) -> str:
         return f"C{self.code}A{self.argument}: {self.text}"
+
+
+@dataclass(frozen=True, slots=True)
+class MotionWarning:
+    """Something that a program should know of a movement that goes on; ``code`` and ``argument`` as of a fault."""
+
+    code: int
+    argument: int
+    text: str
+
+    @property
+    def skips(self) -> bool:
+        """The arm does not go to the waypoint."""
+        return self.code == _BLEND_ISSUE
+
+
+def waypoint_skipped(argument: int, radius_m: float, before_m: float, distance_m: float) -> MotionWarning:
+    """Two blends overlap: the arm does not go to the second waypoint. The argument tells the kind of move."""
+    return MotionWarning(
+        _BLEND_ISSUE,
+        argument,
+        f"overlapping blends, a waypoint is skipped: its blend radius of {radius_m:.4f} m and that of the waypoint "
+        f"before, {before_m:.4f} m, do not fit into the {distance_m:.4f} m between them; make the radii smaller",
+    )
+
+
+def blend_cut(radius_m: float, distance_m: float) -> MotionWarning:
+    """A blend would reach beyond the waypoint at the other end of a move. When a controller gives this code: guess."""
+    return MotionWarning(
+        _BLEND_OVERLAP,
+        0,
+        f"a blend radius of {radius_m:.4f} m reaches beyond the waypoint at the other end of the move, "
+        f"{distance_m:.4f} m away: the blend is cut to half of that; make the radius smaller",
+    )
 
 
 def joint_limit(joint: int, position_rad: float, lower_rad: float, upper_rad: float) -> MotionFault:
@@ -113,6 +153,19 @@ def sudden_jump(joint: int, change_rad_s: float, speed_rad_s: float) -> MotionFa
         f"the path offset, conveyor or frame asks joint {joint} to change its speed by {change_rad_s:.2f} rad/s to "
         f"{speed_rad_s:.2f} rad/s within one control period; make what is added to the path smoother, or filter it",
         joint,
+    )
+
+
+def slider_raised() -> MotionFault:
+    """The time of a servoj goes on after it has stood still.
+
+    Issues 58 of the official C++ library and 90 of the ROS 2 driver: with the speed slider at 0, the next higher value
+    stopped the arm protectively. The drivers keep it at 1 % or more since. The code is a guess.
+    """
+    return MotionFault(
+        _PATH_SANITY,
+        _SUDDEN_JUMP,
+        "the speed slider was at 0 and was raised during a servoj; keep it at 0.01 or more, or pause the program",
     )
 
 

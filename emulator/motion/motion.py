@@ -7,7 +7,7 @@ outside the joint limits, not a number) gives a failed Move, and the next `advan
 from collections.abc import Callable, Sequence
 from math import isfinite
 
-from emulator.motion.blends import Coast, Leaving, blend_into
+from emulator.motion.blends import Coast, Leaving, blend_into, overlap
 from emulator.motion.circular_moves import ArcLeg, circle_through
 from emulator.motion.compliance import Compliance, Task
 from emulator.motion.displacing import DisplacingStepper
@@ -97,32 +97,39 @@ class Motion(DisplacingStepper):
         return self._follow(lambda start: LineLeg(self._reach, start, goal, Limits(v, a), t, process=process), r)
 
     def _follow(self, make_leg: Callable[[Joints], Leg], radius_m: float) -> Move:
-        """Begin a leg: from rest, by blending with the leg before, or by taking over from an arm in motion."""
-        before = self._generator
+        """Begin a leg: from rest, by blending with the leg before, or by taking over from an arm in motion.
+
+        A waypoint whose blend overlaps the one before is skipped: the leg before goes on, and the next move may blend
+        with that.
+        """
+        before, radius_m = self._generator, max(radius_m, 0.0)
+        end = None
         try:
-            if (
-                isinstance(before, PathMotion)
-                and self._blendable
-                and (end := before.leg_end(self._start()[0])) is not None
-            ):
-                return self._install(self._path(make_leg, radius_m, end, before.radius_m))
-            movement = self._path(make_leg, radius_m, self._coast(), None)
+            if isinstance(before, PathMotion) and self._blendable:
+                end = before.leg_end(self._start()[0])
+            leaving = self._coast() if end is None else end
+            leg = self._planned(make_leg, leaving)
         except MotionFault as fault:
             return self._refuse(fault)
-        self._take_over()
-        return self._install(movement)
+        corner_m = before.radius_m if isinstance(before, PathMotion) and end is not None else None
+        warning = overlap(leg, radius_m, corner_m or 0.0)
+        if warning is not None:
+            self._warnings.append(warning)
+            if warning.skips:
+                return Move(ready=True)
+        blend = None if leaving is None else blend_into(leaving, leg, corner_m)
+        if end is None:
+            self._take_over()
+        return self._install(PathMotion(leg, radius_m, blend))
 
-    def _path(
-        self, make_leg: Callable[[Joints], Leg], radius_m: float, leaving: Leaving | None, corner_m: float | None
-    ) -> PathMotion:
-        """The leg, entered from rest or through a blend that stays within corner_m of its start."""
+    def _planned(self, make_leg: Callable[[Joints], Leg], leaving: Leaving | None) -> Leg:
+        """The leg from where the motion before ends. Raises MotionFault when the tool cannot get to its goal."""
         leg = make_leg(self._start()[0] if leaving is None else leaving.corner)
         if self.wrench_limit is not None:
             self.wrench_limit.slow(leg, self.tcp_offset)
         if isinstance(leg, ToolLeg) and leg.length < _DIRECTION_M:
             self._reachable(leg.goal())
-        blend = None if leaving is None else blend_into(leaving, leg, corner_m)
-        return PathMotion(leg, max(radius_m, 0.0), blend)
+        return leg
 
     def _coast(self) -> Coast | None:
         """From the present speed to rest within the position limits; None at rest."""

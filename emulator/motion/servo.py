@@ -11,6 +11,7 @@ joint trajectory drivers tolerate. A target further away is approached within th
 
 from math import exp, inf, sqrt
 
+from emulator.motion.faults import slider_raised
 from emulator.motion.profile import Limits
 from emulator.motion.reach import Reach
 from emulator.motion.tool_moves import path_length
@@ -45,6 +46,13 @@ class JointServo:
         self._h = self._next_h = 0.0  # the last step
         self._begun = False
         self._overdue = False  # it was ready before the last step
+        self._slider_at_0 = False
+
+    def slider(self, fraction: float) -> None:
+        """Where the speed slider stands in this period. Raises MotionFault when it was at 0 and is no more."""
+        if self._slider_at_0 and fraction > 0.0:
+            raise slider_raised()
+        self._slider_at_0 = fraction <= 0.0
 
     def command(self, target: Joints, t: float, lookahead_time: float, gain: float) -> None:
         """New target [rad] that rules for t seconds of the program's time, one period at least."""

@@ -11,13 +11,14 @@ from enum import Enum, auto
 
 from emulator.motion.compliance import Compliance, Pushing
 from emulator.motion.contact import Contact
-from emulator.motion.faults import MotionFault
+from emulator.motion.faults import MotionFault, MotionWarning
 from emulator.motion.generator import Generator
 from emulator.motion.pacing import RAMP_RAD_S2, Excess, Pacer
 from emulator.motion.path_motion import PathMotion
 from emulator.motion.path_offset import OffsetSettings
 from emulator.motion.position_limits import PositionLimits
 from emulator.motion.reach import Reach
+from emulator.motion.servo import JointServo
 from emulator.motion.speed import JointSpeed, ToolSpeed
 from emulator.motion.stops import brake_together
 from emulator.motion.superposition import Superposition
@@ -70,6 +71,7 @@ class Stepper:
         self.hard_transitions = True  # set_safety_mode_transition_hardness; what holds before it is called is a guess
         self.wrench_limit: WrenchLimit | None = None  # tool_wrench_limit_set
         self.fault: MotionFault | None = None  # the last one
+        self._warnings: list[MotionWarning] = []
         self.displacement_lost: MotionFault | None = None  # the one that ended what was added to the path
         self._limits = PositionLimits(model, period_s)
         self._kinematics = kinematics_of(model)
@@ -178,6 +180,14 @@ class Stepper:
         """Where the joints may go from now on [rad]."""
         self._limits.low, self._limits.high = low, high
 
+    def take_warnings(self) -> tuple[MotionWarning, ...]:
+        """What was wrong with the commands since the last call, though the arm moves."""
+        if not self._warnings:
+            return ()
+        warnings = tuple(self._warnings)
+        self._warnings.clear()
+        return warnings
+
     def set_position(self, q: Joints) -> None:
         """Put the arm elsewhere. Raises ValueError while it moves, or outside the position limits."""
         position = as_six(q)
@@ -255,6 +265,8 @@ class Stepper:
     def _proposal(self, generator: Generator, running: float) -> Joints | None:
         if not generator.scaled:
             return generator.propose(self.period_s, self._nominal)
+        if isinstance(generator, JointServo) and self._mode is Holding.RUN:
+            generator.slider(running)
         speed = self._nominal_qd if self._beside else self.qd
         excess = self._excess if isinstance(generator, _GOVERNED) else None
         target = self._pacer.advance(generator, self._nominal, speed, running, self._ramp, excess)

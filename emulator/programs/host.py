@@ -104,9 +104,10 @@ class ProgramHost:
 
     def frames(self, seconds: float) -> int:
         """Control periods that cover a time, at least 1. Raises RuntimeFault for a time that is not finite."""
-        if not math.isfinite(seconds):
-            raise RuntimeFault(f"{seconds} is not a time in seconds")
-        return max(1, math.ceil(seconds / self.period_s - _ROUNDING))
+        periods = seconds / self.period_s
+        if not math.isfinite(periods):
+            raise RuntimeFault(f"{seconds:g} is not a time in seconds")
+        return max(1, math.ceil(periods - _ROUNDING))
 
     def note_once(self, text: str) -> None:
         """Tell the log something about this program that would be said again and again."""

@@ -8,6 +8,7 @@ from emulator.programs.trees.document import DocumentError
 from emulator.programs.trees.folder import ProgramsFolder
 from emulator.programs.trees.installation_file import InstallationFile, read_installation_steps
 from emulator.programs.trees.program import ExternalControlCode, ProgramTree, TreeError, read_tree_steps, script_steps
+from urproto.text import from_bytes
 from urproto.versions import PolyscopeVersion
 from urscript.compiler import compile_steps
 from urscript.errors import CompileError
@@ -120,4 +121,4 @@ def _script(path: Path, text: str) -> Steps[LoadedProgram]:
 
 
 def _read(path: Path) -> str:
-    return path.read_bytes().decode("utf-8", "surrogateescape").removeprefix("\ufeff")
+    return from_bytes(path.read_bytes()).removeprefix("\ufeff")

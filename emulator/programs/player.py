@@ -44,8 +44,8 @@ class Player:
         """The submission that waits for its driver."""
         return None if self._asked is None else self._asked.submission
 
-    def load_steps(self, path: Path) -> Steps[None]:
-        """Choose a program, in pieces for a control loop.
+    def load_steps(self, path: Path, *, by_default: bool = False) -> Steps[None]:
+        """Choose a program, in pieces for a control loop. by_default: unless another one is chosen by then.
 
         The installation that a program tree was saved with is loaded too, if it is in the programs
         folder. Raises ProgramLoadError or OSError; then what was loaded remains.
@@ -54,6 +54,8 @@ class Player:
         loaded = yield from load_steps(
             path, controller.config.programs_dir, controller.installation.file, controller.version
         )
+        if by_default and self.loaded is not None:
+            return
         for note in loaded.notes:
             controller.messages.note(note)
         if loaded.installation is not None:

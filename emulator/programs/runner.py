@@ -33,6 +33,7 @@ from emulator.programs.watchdog import Watchdogs
 from emulator.snapshot import Snapshot
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED
+from urproto.versions import Series
 from urscript.compiler import CompiledProgram
 from urscript.runtime import Runtime
 from urscript.work import Steps, run_to_end
@@ -165,6 +166,10 @@ class Programs:
         """
         yield from self._player.load_steps(path)
         self.stop("another program was loaded")
+
+    def load_default_steps(self, path: Path) -> Steps[None]:
+        """As `load_steps`, for a controller that boots: what clients chose or started meanwhile stays."""
+        return self._player.load_steps(path, by_default=True)
 
     def play(self) -> Submission:
         """Resume the paused program or start the loaded one; not accepted when neither is possible."""
@@ -304,6 +309,8 @@ class Programs:
             return
         if self._controller.motion.paused:  # a protective stop without a program
             self._controller.motion.resume()
+        if self._controller.version.series is Series.E:  # vendor's word; PolyScope's scripts do not ask for it
+            self._controller.arm.zero_force()
         self._host = ProgramHost(self._controller, name=program.name)
         self._main = Runtime(program, self._host)
         self._host.attach(self._main)

@@ -22,9 +22,14 @@ SocketState = Literal["connecting", "open", "closed"]
 
 
 class ScriptNetwork(StrEnum):
-    """Which addresses the sockets and remote procedure calls of scripts may connect to."""
+    """Which addresses the sockets and remote procedure calls of scripts may connect to.
+
+    The control API of an emulator on this machine is none of them, unless it is named: who reaches that can do
+    anything, and anybody who reaches a script port can write a script.
+    """
 
     ANY = "any"
+    ANY_AND_CONTROL = "any-and-control"
     LOOPBACK = "loopback"
     NONE = "none"
 

@@ -16,6 +16,7 @@ from emulator.programs.sockets import ScriptSocket, ScriptSocketBackend
 from emulator.programs.trees.installation_file import InstallationFile
 from emulator.programs.trees.naming import quoted
 from emulator.programs.trees.program import ExternalControlCode
+from urproto.text import from_bytes
 
 __all__ = ["DriverAddress", "ProgramRequest", "split_program"]
 
@@ -32,7 +33,7 @@ _LAST_LINE: Final = b"# NODE_CONTROL_LOOP_ENDS"
 _HEADER_BEGIN: Final = re.compile(r"^ *# HEADER_BEGIN *$", re.MULTILINE)
 _HEADER_END: Final = re.compile(r"^ *# HEADER_END *$", re.MULTILINE)
 _LINE_END: Final = re.compile(r"\r\n?|\n")
-_WELL_FORMED: Final = re.compile(r"(?P<host>\[[^\]\s]+\]|[^:\s\[\]]*)(?::(?P<port>\d+))?")
+_WELL_FORMED: Final = re.compile(r"(?P<host>\[[^\]\s]+\]|[^:\s\[\]]*)(?::(?P<port>[0-9]{1,5}))?")
 _URCAP: Final = "External Control"
 _NOTHING: Final = "null"  # what Java calls a line that does not come: such a program does not compile (seen)
 
@@ -60,7 +61,7 @@ class DriverAddress:
         """What the URCap's page of an installation says."""
         data = installation.contributions.get(_URCAP, {})
         port = data.get("port_nr", "").strip()
-        valid = port.isascii() and port.isdecimal() and len(port) <= 5 and 0 < int(port) < 65536
+        valid = re.fullmatch("[0-9]{1,5}", port) is not None and 0 < int(port) < 65536
         return cls(data.get("host_ip", "").strip() or None, int(port) if valid else None)
 
     def over(self, other: "DriverAddress") -> "DriverAddress":
@@ -145,7 +146,7 @@ class ProgramRequest:
         return self._quiet_s >= _LONG_PAUSE_S or _LAST_LINE in inbox
 
     def _program(self) -> ExternalControlCode:
-        text = self._socket.inbox.decode("utf-8", "replace")
+        text = from_bytes(self._socket.inbox)
         lines = _LINE_END.sub("\n", text).removesuffix("\n") if text else _NOTHING
         return split_program(" " + lines.replace("\n", "\n ") + "\n")
 

@@ -8,7 +8,8 @@ from typing import Any, Final
 from emulator.reporting.messages import MessageLog
 from urproto.modes import RequestedType
 from urproto.primary.messages import PopupMessage, RequestValueMessage
-from urscript.values import INT_MAX, INT_MIN, MAX_STRING, to_bytes
+from urproto.text import lower, number, strip, to_bytes, whole_number
+from urscript.values import INT_MAX, INT_MIN, MAX_STRING
 
 __all__ = ["Popup", "Popups"]
 
@@ -138,12 +139,12 @@ _WORDS: Final = {"true": True, "yes": True, "false": False, "no": False}
 
 def _typed(text: str, requested: RequestedType) -> Any:
     """What an operator means by a text; the text itself when it is of another type."""
-    text = text.strip()
+    text = strip(text)
     try:
         if requested is RequestedType.INTEGER:
-            return int(text)
+            return whole_number(text)
         if requested is RequestedType.FLOAT:
-            return float(text)
+            return number(text)
     except ValueError:
         return text
-    return _WORDS.get(text.lower(), text) if requested is RequestedType.BOOLEAN else text
+    return _WORDS.get(lower(text), text) if requested is RequestedType.BOOLEAN else text

@@ -19,6 +19,7 @@ from urproto.primary.program_state import (
     Value,
     has_matrices,
 )
+from urproto.text import to_bytes
 from urproto.versions import PolyscopeVersion
 from urscript import values as script
 from urscript.values import cut_text
@@ -93,7 +94,7 @@ class ProgramReporter:
         for thread in view.threads:
             label = cut_text(thread.label, _LONGEST_LABEL)
             shown = ProgramThread(thread.label_id, label, cut_text(thread.name, _LONGEST_LABEL))
-            size += 12 + len(shown.label.encode(errors="replace")) + len(shown.name)
+            size += 12 + len(to_bytes(shown.label)) + len(to_bytes(shown.name))
             if size > _MESSAGE:
                 break
             threads.append(shown)
@@ -165,7 +166,7 @@ class _Fitter:
 
     def _text(self, value: script.Value) -> str:
         text = cut_text(value, self._room - 3)
-        self._room -= 3 + len(script.to_bytes(text))
+        self._room -= 3 + len(to_bytes(text))
         return text
 
     def _list(self, items: list[script.Value]) -> Value:

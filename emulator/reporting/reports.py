@@ -11,6 +11,8 @@ from calendar import isleap, monthrange
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from urproto.text import READABLE, readable, strip, to_bytes
+
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
@@ -24,7 +26,7 @@ _CRASH: Final = "crash_"  # likewise
 def write_log(controller: "Controller") -> Path:
     """Write the log. Raises OSError when it cannot be written."""
     path = _directory(controller) / "log_history.txt"
-    path.write_text(_log(controller), "utf-8")
+    path.write_text(_log(controller), "utf-8", READABLE)
     return path
 
 
@@ -33,7 +35,7 @@ def write_flight_report(controller: "Controller", kind: str) -> str:
     if kind.lower() not in _FLIGHT_REPORTS:
         raise ValueError(f"no report {kind!r}: choose one of {', '.join(_FLIGHT_REPORTS)}")
     report_id = f"{controller.serial_number}_{controller.step_count}_{kind.lower()}"
-    (_directory(controller) / f"{_FLIGHT_REPORT}{report_id}.txt").write_text(_summary(controller), "utf-8")
+    (_directory(controller) / f"{_FLIGHT_REPORT}{report_id}.txt").write_text(_summary(controller), "utf-8", READABLE)
     return report_id
 
 
@@ -43,16 +45,16 @@ def write_support_file(controller: "Controller", directory: str) -> Path:
     Raises ValueError for a directory outside the programs directory, OSError.
     """
     root = _directory(controller)
-    target = (root / directory.strip().lstrip("/")).resolve()
+    target = (root / strip(directory).lstrip("/")).resolve()
     if not target.is_relative_to(root.resolve()) or not target.is_dir():
         raise ValueError(f"{directory!r} is not a directory below the programs directory")
     write_flight_report(controller, "system")
     path = target / f"ur_{controller.serial_number}_{_date_and_time(controller.wall_clock_ns // 1_000_000_000)}.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("log_history.txt", _log(controller))
-        archive.writestr("state.txt", _summary(controller))
+        archive.writestr("log_history.txt", readable(_log(controller)))
+        archive.writestr("state.txt", readable(_summary(controller)))
         for report in sorted((*root.glob(f"{_FLIGHT_REPORT}*.txt"), *root.glob(f"{_CRASH}*.zip"))):
-            archive.write(report, report.name)
+            archive.write(report, readable(report.name))
     return path
 
 
@@ -63,12 +65,12 @@ def write_crash(controller: "Controller", stage: str, trace: str) -> Path:
     about = f"{_head(controller)}{arm}\nuptime {controller.time_s:.3f} s, control period {controller.step_count}\n"
     path = _directory(controller) / f"{_CRASH}{controller.serial_number}_{controller.step_count}.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("traceback.txt", f"while {stage}\n{trace}")
-        archive.writestr("about.txt", f"{about}{config}\n")
-        archive.writestr("state.txt", _summary(controller))
-        archive.writestr("log_history.txt", _log(controller))
+        archive.writestr("traceback.txt", readable(f"while {stage}\n{trace}"))
+        archive.writestr("about.txt", readable(f"{about}{config}\n"))
+        archive.writestr("state.txt", readable(_summary(controller)))
+        archive.writestr("log_history.txt", readable(_log(controller)))
         if view is not None:
-            archive.writestr("program.script", view.program.source.encode("utf-8", "surrogateescape"))
+            archive.writestr("program.script", to_bytes(view.program.source))
     return path
 
 

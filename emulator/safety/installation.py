@@ -21,13 +21,14 @@ from emulator.safety.configuration import (
     ToolSphere,
 )
 from urproto.robots.model import Joints
+from urproto.text import lines
 
 __all__ = ["SafetySettingsError", "read_safety_settings"]
 
 Sections = Mapping[str, Mapping[str, str]]
 _Function = TypeVar("_Function", SafetyInput, SafetyOutput)
 _SECTION: Final = re.compile(r"\[([^\]\[=]+)\]")
-_NUMBER: Final = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|true|false")
+_NUMBER: Final = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|true|false")
 _WORDS: Final = {"true": 1.0, "false": 0.0}
 _PLANES: Final = 8
 _ONLY_E: Final = ("elbow_speed", "elbow_force", "stopping_time", "stopping_distance")
@@ -70,7 +71,7 @@ def read_safety_settings(text: str) -> SafetyConfiguration:
 def _sections(text: str) -> Sections:
     sections: dict[str, dict[str, str]] = {}
     current: dict[str, str] | None = None
-    for line in map(str.strip, text.splitlines()):
+    for line in map(str.strip, lines(text)):
         if match := _SECTION.fullmatch(line):
             current = sections.setdefault(match[1], {})
         elif line and current is not None and " = " in line:

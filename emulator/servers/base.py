@@ -17,6 +17,7 @@ import logging
 import os
 import socket
 import struct
+import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -26,19 +27,34 @@ from functools import partial
 from typing import Any, Final, Protocol, TypeAlias
 
 from emulator.commands import Command, ServingFailed
+from emulator.servers.admission import Acceptor, ClientLimits, Reason, TurnedAway
+from emulator.servers.intake import Intake
+from emulator.servers.web import Opening, Visitor
 from emulator.snapshot import Snapshot
 from urproto.errors import RemoteProtocolError
 from urproto.versions import PolyscopeVersion
 
 __all__ = ["BytesHook", "CommandQueue", "Connection", "ControllerDoor", "Direction", "Hooks", "PortServer"]
 
-_READ_BYTES: Final = 8192  # at once, so that a flood leaves time to others (guess)
+_READ_BYTES: Final = 1024  # at once: a message a byte takes some ms then (guess)
 _SEND_BUFFER: Final = 256 * 1024  # the system's, per connection: what a late reader finds is no older (guess)
 _MOST_UNDELIVERED: Final = 1024 * 1024  # bytes that must be delivered and are not read (guess)
 _MOST_WAITING: Final = 64  # requests of one connection before it is not read further (guess)
 _BACKLOG: Final = 128
 _LISTEN_AGAIN_S: Final = 0.5  # between attempts to have a port back that somebody else took (guess)
 _RESET: Final = struct.pack("ii", 1, 0)  # SO_LINGER: on, no time: closing sends RST
+_WRONG_PORT: Final = {
+    Visitor.HTTP: (
+        Reason.HTTP,
+        "sent an HTTP request and was disconnected; nothing of it was carried out. This is no web server: close the "
+        "web page that did it, or mend the port in your program. HTTP is for the control API",
+    ),
+    Visitor.TLS: (
+        Reason.TLS,
+        "began with TLS and was disconnected. A robot's connections are not encrypted: close the web page that did it, "
+        "or connect without TLS",
+    ),
+}
 
 _logger = logging.getLogger(__name__)
 
@@ -116,10 +132,13 @@ class Hooks:
 class Connection(asyncio.BufferedProtocol):
     """One client of one port. This base takes no notice of what the client sends.
 
-    most_undelivered: bytes that may wait for a client that does not read.
+    most_undelivered: bytes that may wait for a client that does not read. for_browsers: whether the first bytes may
+    be a web browser's, who is disconnected elsewhere. patient: whether bytes may be kept back until that is known.
     """
 
     most_undelivered = _MOST_UNDELIVERED
+    for_browsers = False
+    patient = True
 
     def __init__(self, server: "PortServer") -> None:
         self.server = server
@@ -131,6 +150,7 @@ class Connection(asyncio.BufferedProtocol):
         self._wants_reading = True
         self._stalls: set[object] = set()  # who keeps it from being read
         self._closing = self._ended = False  # once what is kept back has passed
+        self._opening = None if self.for_browsers else Opening(patient=self.patient)
 
     # for the kinds of connection
 
@@ -238,7 +258,7 @@ class Connection(asyncio.BufferedProtocol):
             self._write(transport, passed)
         if self._closing and not self._late:
             transport.close()
-        elif self._ended and not self._kept[Direction.RECEIVED] and not self.at_end():
+        elif self._ended and not self._kept[Direction.RECEIVED] and not self._at_end():
             self.close()
 
     # both sides
@@ -252,11 +272,32 @@ class Connection(asyncio.BufferedProtocol):
 
     def _receive(self, data: bytes) -> None:
         try:
+            if self._opening is not None:
+                data = self._judge(self._opening, data)
             if data:
                 self.received(data)
         except RemoteProtocolError as error:
             _logger.warning("%s: %s is disconnected: %s", self.server.name, self.peer, error)
             self.close()
+
+    def _judge(self, opening: Opening, data: bytes) -> bytes:
+        """What may be read of a connection that has just begun; a web browser's ends."""
+        passed = opening.feed(data)
+        if isinstance(opening.verdict, Visitor):
+            reason, text = _WRONG_PORT[opening.verdict]
+            self.server.turned_away.count(reason, self.peer, text)
+            if self._transport is not None:
+                self._transport.abort()
+        elif not opening.verdict:
+            self._opening = None
+        return passed
+
+    def _at_end(self) -> bool:
+        """What began like a browser's request and did not go on was none."""
+        opening, self._opening = self._opening, None
+        if opening is not None and not isinstance(opening.verdict, Visitor):
+            self._receive(opening.rest())
+        return self.is_open and self.at_end()
 
     def _read(self) -> None:
         transport, going = self._transport, self._wants_reading and not self._stalls
@@ -290,7 +331,9 @@ class Connection(asyncio.BufferedProtocol):
         return self._read_buffer
 
     def buffer_updated(self, nbytes: int) -> None:
+        began_s = time.thread_time()
         self._arrived(bytes(self._read_buffer[:nbytes]))
+        self.server.intake.spent(self, time.thread_time() - began_s)
 
     def _arrived(self, data: bytes) -> None:
         if self.server.hooks.on_bytes:
@@ -299,7 +342,7 @@ class Connection(asyncio.BufferedProtocol):
 
     def eof_received(self) -> bool:
         self._ended = bool(self._kept[Direction.RECEIVED])
-        return self._ended or self.at_end()
+        return self._ended or self._at_end()
 
     def _read_rest(self) -> None:
         """What the client sent before it reset the connection: asyncio drops that when a write notices the reset first.
@@ -317,6 +360,7 @@ class Connection(asyncio.BufferedProtocol):
         if exc is not None and self in self.server.connections:
             self._read_rest()
         self._transport = None
+        self.server.gone(self)
         if self in self.server.connections:
             self.server.connections.remove(self)
             _logger.info("%s: %s disconnected%s", self.server.name, self.peer, f" ({exc})" if exc else "")
@@ -347,6 +391,11 @@ class CommandQueue:
         self._unanswered = 0
 
     @property
+    def full(self) -> bool:
+        """True when no more should be put into it for now."""
+        return len(self._waiting) > _MOST_WAITING
+
+    @property
     def idle(self) -> bool:
         """True when everything has been answered."""
         return not self._waiting and not self._unanswered
@@ -355,7 +404,7 @@ class CommandQueue:
         """Carry out a command after those before it."""
         self._waiting.append((command, reply))
         self._post()
-        if len(self._waiting) > _MOST_WAITING:
+        if self.full:
             self._read_on(False)
 
     def clear(self) -> None:
@@ -380,15 +429,23 @@ class CommandQueue:
 
 
 class PortServer:
-    """Listens on one port and keeps the connections to it."""
+    """Listens on one port and keeps the connections to it.
+
+    limits: how many; turned_away: who did not get one. intake: what reading from them may cost.
+    """
 
     def __init__(self, name: str, controller: ControllerDoor) -> None:
         self.name = name
         self.controller = controller
         self.hooks = Hooks()
+        self.limits = ClientLimits()
+        self.turned_away = TurnedAway(name)
+        self.intake = Intake()
         self.connections: list[Connection] = []
+        self._clients: dict[Connection, str] = {}  # and their addresses, also of those that are being welcomed
+        self._welcoming: set[asyncio.Task[object]] = set()
         self._unsubscribe: Callable[[], None] | None = None
-        self._listening: asyncio.Server | None = None
+        self._listening: Acceptor | None = None
         self._address = ("", 0)
         self._returning: asyncio.Task[None] | None = None
 
@@ -434,8 +491,8 @@ class PortServer:
             self._unsubscribe = controller.subscribe(self._tell)
 
     def succeed(self, other: "PortServer") -> None:
-        """Take over the hooks of a server that is gone, and its port until there is another."""
-        self.hooks, self._address = other.hooks, other._address
+        """Take over the hooks of a server that is gone, its counts, and its port until there is another."""
+        self.hooks, self.turned_away, self._address = other.hooks, other.turned_away, other._address
 
     async def stop(self) -> None:
         """End every connection and listen no longer."""
@@ -443,6 +500,8 @@ class PortServer:
         self.leave()
         if returning is not None:
             await asyncio.wait([returning])
+        if self._welcoming:
+            await asyncio.wait(self._welcoming)
         for connection in tuple(self.connections):
             connection.close_now()
         while self.connections:
@@ -481,11 +540,38 @@ class PortServer:
 
     async def _listen(self, host: str, port: int) -> None:
         listening = _listen(self.name, host, port)
-        loop = asyncio.get_running_loop()
         self._address = (host, int(listening.getsockname()[1]))
-        # not serving yet, so that nothing can come between and leave a port without owner
-        self._listening = await loop.create_server(self.connect, sock=listening, backlog=_BACKLOG, start_serving=False)
-        await self._listening.start_serving()
+        self._listening = Acceptor(listening, self._refusal, self._welcome, self.turned_away)
+
+    def _refusal(self, address: str) -> tuple[Reason, str] | None:
+        """What keeps one more client from this address out."""
+        limits, clients = self.limits, len(self._clients)
+        reason = limits.broken_by(clients, list(self._clients.values()).count(address))
+        if reason is None:
+            return None
+        if reason is Reason.PORT_FULL:
+            told = f"{clients} clients are connected to this port, as many as --most-clients allows"
+        else:
+            told = f"its address has {limits.address} clients here, as many as --most-clients-per-address allows"
+        return reason, f"was turned away: {told}. Close those that are not needed"
+
+    def _welcome(self, client: socket.socket, address: str) -> None:
+        connection = self.connect()
+        self._clients[connection] = address
+        welcoming = asyncio.get_running_loop().create_task(self._connect(connection, client))
+        self._welcoming.add(welcoming)
+        welcoming.add_done_callback(self._welcoming.discard)
+
+    async def _connect(self, connection: Connection, client: socket.socket) -> None:
+        try:
+            await asyncio.get_running_loop().connect_accepted_socket(lambda: connection, client)
+        except OSError as error:
+            self.gone(connection)
+            _logger.info("%s: a client vanished while it connected: %s", self.name, error)
+
+    def gone(self, connection: Connection) -> None:
+        """There is room for another client."""
+        self._clients.pop(connection, None)
 
 
 def _listen(name: str, host: str, port: int) -> socket.socket:

@@ -18,7 +18,9 @@ from emulator.control.live import LiveControl, is_waiting
 from emulator.control.openapi import listing, openapi
 from emulator.control.verbs import BadArguments, NotPossible, Verb, verbs_of
 from emulator.servers.base import Connection, ControllerDoor, PortServer
+from emulator.servers.own_ports import ControlMark
 from emulator.snapshot import Snapshot
+from urproto.text import from_bytes, readable_in, to_bytes
 
 __all__ = ["ControlServer"]
 
@@ -43,9 +45,21 @@ class ControlServer(PortServer):
         super().__init__("control", controller)
         self.control = control
         self.token = token
+        self._mark: ControlMark | None = None
 
     def connect(self) -> Connection:
         return _HttpConnection(self)
+
+    async def _listen(self, host: str, port: int) -> None:
+        await super()._listen(host, port)
+        if self._listening is not None:
+            self._mark = ControlMark(*self._listening.address)
+
+    def close_port(self) -> None:
+        super().close_port()
+        if self._mark is not None:
+            self._mark.close()
+            self._mark = None
 
     def publish(self, snapshot: Snapshot) -> None:
         """Go on with verbs that take time."""
@@ -56,6 +70,7 @@ class ControlServer(PortServer):
 
 class _HttpConnection(Connection):
     server: ControlServer
+    for_browsers = True  # or those that speak as they do: the requests say whether they are pages
 
     def __init__(self, server: ControlServer) -> None:
         super().__init__(server)
@@ -121,8 +136,8 @@ class _HttpConnection(Connection):
     def _carry_out(self) -> Any:
         """What the request asks for, or the steps to it."""
         assert self._request is not None
-        headers = {name.decode(): value.decode("latin-1") for name, value in self._request.headers}
-        method, path = self._request.method.decode(), self._request.target.decode("latin-1").partition("?")[0]
+        headers = {name.decode(): from_bytes(value) for name, value in self._request.headers}
+        method, path = self._request.method.decode(), from_bytes(self._request.target).partition("?")[0]
         self._check_host(headers.get("host", ""))
         if method == "GET" and path in ("/", "/health"):
             return {"name": "ur-emulator control API", "documentation": "/openapi.json", "verbs": "/verbs"}
@@ -173,13 +188,13 @@ class _HttpConnection(Connection):
 
     def _check_token(self, authorization: str) -> None:
         wanted = self.server.token
-        if wanted and not hmac.compare_digest(authorization.encode(), f"Bearer {wanted}".encode()):
+        if wanted and not hmac.compare_digest(to_bytes(authorization), to_bytes(f"Bearer {wanted}")):
             raise _Refused(_UNAUTHORIZED, "send the header Authorization: Bearer and the token")
 
     def _reply(self, status: int, content: Any) -> None:
         if self._http.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
             return
-        body = msgspec.json.encode(content)
+        body = _json(content)
         headers = [("Content-Type", "application/json"), ("Content-Length", str(len(body)))]
         if status == _UNAUTHORIZED:
             headers.append(("WWW-Authenticate", "Bearer"))
@@ -189,6 +204,13 @@ class _HttpConnection(Connection):
             self._http.start_next_cycle()
         except h11.LocalProtocolError:  # the request was broken, or the client wants the connection closed
             self.close()
+
+
+def _json(content: Any) -> bytes:
+    try:
+        return msgspec.json.encode(content)
+    except UnicodeEncodeError:  # seldom enough that the whole is only looked through then
+        return msgspec.json.encode(readable_in(content))
 
 
 def _outcome(work: Callable[[], Any]) -> tuple[int, Any]:

@@ -280,6 +280,8 @@ class RTDESession:
             return f"a frequency of {frequency_hz} Hz"
         # whole periods, rounded down as the guide says; the addend forgives binary fractions
         self._every = max(1, int(min(most_hz / frequency_hz + 1e-9, 2.0**31)))
+        # where data flow, the next package comes at the new rate; nobody waits out a slow one
+        self._periods_left = min(self._periods_left, self._every + 1)
         return ""
 
     def _renew_packer(self) -> None:

@@ -1,7 +1,8 @@
 """TCP connections that scripts open (``socket_open`` and its family, remote procedure calls).
 
 Where they may lead is decided by address, after a name was resolved, and the connection goes
-to the address that was judged: a name cannot mean something else a moment later.
+to the address that was judged: a name cannot mean something else a moment later. A control API on
+this machine is no place for them, this robot's or another's, unless the script network says so.
 
 Their bytes pass hooks like those of a port, one that listens nowhere (``ScriptPort``).
 """
@@ -16,7 +17,7 @@ from typing import Final, cast
 
 from emulator.programs.sockets import ScriptNetwork, SocketState
 from emulator.servers.base import Connection, ControllerDoor, PortServer
-from emulator.servers.own_ports import OwnPorts
+from emulator.servers.own_ports import OwnPorts, leads_to_control
 
 __all__ = ["NetworkSockets", "ScriptPort"]
 
@@ -75,13 +76,23 @@ class NetworkSockets:
         """The numeric addresses and ports to try, in order. Raises OSError when none is there, or permitted."""
         network = self._network
         found = [] if network is ScriptNetwork.NONE else await _resolve(address, port)
-        permitted = [numeric for numeric in found if network is ScriptNetwork.ANY or _is_loopback(numeric)]
-        if network is not ScriptNetwork.ANY and not permitted:
+        near = (ScriptNetwork.LOOPBACK, ScriptNetwork.NONE)
+        permitted = [numeric for numeric in found if network not in near or _is_loopback(numeric)]
+        reached = [self._own_ports.reach(numeric, port) for numeric in permitted]
+        if network is not ScriptNetwork.ANY_AND_CONTROL:
+            reached = [place for place in reached if not leads_to_control(*place)]
+        if not reached and (found or network is ScriptNetwork.NONE):
             where = f"{address}:{port}" + (f" ({', '.join(found)})" if found and found != [address] else "")
-            text = f"a script may not connect to {where}: the script network is {network}"
+            if permitted:
+                why = (
+                    f"there is an emulator's control API (--script-network {ScriptNetwork.ANY_AND_CONTROL} permits it)"
+                )
+            else:
+                why = f"the script network is {network}"
+            text = f"a script may not connect to {where}: {why}"
             self._note(text)
             raise PermissionError(text)
-        return [self._own_ports.reach(numeric, port) for numeric in permitted]
+        return reached
 
 
 async def _resolve(address: str, port: int) -> list[str]:
@@ -109,6 +120,7 @@ class _Wire(Connection):
     """The connection itself. ``opened``, ``received`` and ``lost`` of its owner are called."""
 
     most_undelivered = 2 * _MOST_UNSENT  # the script is told before, and waits
+    for_browsers = True  # it is the script who connects: the peer may say what it likes
 
     def __init__(self, server: PortServer, owner: "_NetworkSocket") -> None:
         super().__init__(server)

@@ -22,25 +22,43 @@ class ScriptConnection(Connection):
         super().__init__(server)
         self._read_only = read_only or server.controller.snapshot.local_control
         self._splitter = ScriptSplitter()
-        self._queue = CommandQueue(server.controller, self.read_on)
+        self._queue = CommandQueue(server.controller, self._go_on)
+        self._ended = False
 
     def received(self, data: bytes) -> None:
-        self._hand_over(self._splitter.feed(data))
+        self._splitter.add(data)
+        self._take_units()
 
     def at_end(self) -> bool:
         """A unit whose last line end is missing counts all the same: clients close right after it (guess)."""
-        self._hand_over(self._splitter.flush())
+        self._ended = True
+        self._splitter.add(b"\n")
+        self._take_units()
         return False
 
-    def _hand_over(self, units: list[Unit]) -> None:
-        for unit in units:
-            if unit.kind == "error" or not unit.complete:
-                problem = "is too long" if unit.kind == "error" else "ends in the middle"
-                _logger.warning(
-                    "%s: what %s sent %s and is ignored: %.60r", self.server.name, self.peer, problem, unit.text
-                )
-                continue
-            passed = self.server.hooks.message(self, Direction.RECEIVED, unit)
-            if passed is not None:
-                refused = self._read_only
-                self._queue.put(RefusedScript(passed.text) if refused else ScriptUnit(passed.text, passed.kind))
+    def _go_on(self, going: bool) -> None:
+        """The queue is full, or empty again; units that came with those before wait in the splitter."""
+        if going:
+            self._take_units()
+        self.read_on(going and not self._queue.full)
+
+    def _take_units(self) -> None:
+        while not self._queue.full:
+            unit = self._splitter.next()
+            if unit is None and self._ended:
+                unit = self._splitter.rest()
+            if unit is None:
+                return
+            self._hand_over(unit)
+
+    def _hand_over(self, unit: Unit) -> None:
+        if unit.kind == "error" or not unit.complete:
+            problem = "is too long" if unit.kind == "error" else "ends in the middle"
+            _logger.warning(
+                "%s: what %s sent %s and is ignored: %.60r", self.server.name, self.peer, problem, unit.text
+            )
+            return
+        passed = self.server.hooks.message(self, Direction.RECEIVED, unit)
+        if passed is not None:
+            refused = self._read_only
+            self._queue.put(RefusedScript(passed.text) if refused else ScriptUnit(passed.text, passed.kind))

@@ -26,6 +26,8 @@ class ToolCommunicationServer(PortServer):
 
 
 class _ToolConnection(Connection):
+    patient = False  # a device may answer to a single letter
+
     def __init__(self, server: PortServer) -> None:
         super().__init__(server)
         self._queue = CommandQueue(server.controller, self._read_on)

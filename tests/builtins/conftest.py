@@ -99,10 +99,11 @@ class Rig:
         assert len(self.exceptions) == before + 1, "the program did not fail"
         return self.exceptions[-1].text
 
-    def value(self, expression: str) -> Any:
-        """What an expression of the language is worth."""
+    def value(self, expression: str, *, meanwhile: Callable[[], None] = lambda: None) -> Any:
+        """What an expression of the language is worth. meanwhile: called when the program has begun, before it asks."""
         before = len(self.exceptions)
-        self.start(f"global result = {expression}\nsync()\nsync()")
+        self.start(f"sync()\nsync()\nsync()\nglobal result = {expression}\nsync()\nsync()")
+        meanwhile()
         self.until(lambda: "result" in self.controller.programs.variables or len(self.exceptions) > before, 5.0)
         assert self.exceptions[before:] == []
         result = self.controller.programs.variables["result"]

@@ -1,8 +1,12 @@
 """What a program can pile up has bounds."""
 
+from collections.abc import Callable, Iterator
+
 import pytest
 
+from emulator.builtins import LIBRARIES
 from tests.builtins.conftest import Rig
+from urscript.builtins import Builtin, Library
 
 ROW = "[" + ",".join(["1.5"] * 60) + "]"
 SQUARE = "[" + ",".join([ROW] * 60) + "]"
@@ -94,3 +98,51 @@ def test_numbers_that_are_none_stop_the_program_with_a_word(rig, call, number):
     fault = rig.fault(call.format(number))
     assert "internal error" not in fault
     assert "must be" in fault
+
+
+_LARGE = "1e308"
+_ODD: dict[str, tuple[str, ...]] = {  # by what a parameter takes, what few think of
+    "Num": (_LARGE, f"-{_LARGE}", "0"),
+    "Int": (_LARGE, "2147483647", "-1"),
+    "Const String": ('"\udce9\x85"', '""'),
+    "Pose": (f"p[{', '.join([_LARGE] * 6)}]", "p[0,0,0,1e12,1e12,1e12]"),
+    "List": (f"[{', '.join([_LARGE] * 6)}]", f"[{', '.join(['1e12'] * 6)}]", "[]", '["\udce9"]'),
+    "any": (_LARGE, '"\udce9"', f"p[0,0,0,0,0,{_LARGE}]"),
+}
+_USUAL = {
+    "Num": "1.0",
+    "Int": "1",
+    "Bool": "True",
+    "Const String": '"a"',
+    "Pose": "p[0.1,0.2,0.3,0,0,0]",
+    "List": "[1,2,3,4,5,6]",
+    "Matrix": "[[1,2],[3,4]]",
+}
+
+
+def _calls(builtin: Builtin) -> Iterator[str]:
+    """Calls with one odd argument each."""
+    titles = ["List" if "List" in p.kind.title else p.kind.title for p in builtin.parameters]
+    usual = [_USUAL.get(title, "1") for title in titles]
+    for index, title in enumerate(titles):
+        for odd in _ODD.get(title, ()):
+            yield f"{builtin.name}({', '.join([*usual[:index], odd, *usual[index + 1 :]])})"
+
+
+@pytest.mark.parametrize("library", LIBRARIES, ids=lambda library: library.chapter)
+def test_no_builtin_stumbles_over_an_odd_argument(make_rig: Callable[..., Rig], library: Library) -> None:
+    rig = make_rig("ur3e", None)
+    for builtin in library.builtins.values():
+        for call in () if builtin.name == "powerdown" else _calls(builtin):
+            before = len(rig.exceptions)
+            rig.start(call)
+            rig.tick(6)
+            assert not [m.text for m in rig.exceptions[before:] if "internal error" in m.text], call
+            controller = rig.controller
+            assert controller.guard.problem is None, call
+            if controller.programs.busy or controller.safety.stopped:
+                rig = make_rig("ur3e", None)
+
+
+def test_a_time_too_long_to_count_is_no_time(rig: Rig) -> None:
+    assert rig.fault("sleep(1e308)") == "1e+308 is not a time in seconds"

@@ -150,13 +150,16 @@ def test_a_base_acceleration_is_three_numbers(rig):
 def test_the_wrench_is_about_the_flange_on_e_series_and_at_the_tcp_on_cb3(rig, cb3):
     """Script Manual, get_tcp_force; the official ROS drivers reckon with it."""
     wrench = np.array([3.0, -5.0, 7.0, 0.1, 0.2, -0.3])
+
+    def push():
+        for arm in (rig, cb3):
+            arm.controller.external_wrench = tuple(wrench)
+
     for arm in (rig, cb3):
         arm.run("set_tcp(p[0.05, 0, 0.2, 0, 0, 0])\nsync()")
-        arm.controller.external_wrench = tuple(wrench)
-        arm.tick()
     flange, tcp = (np.array(rig.value(f"get_actual_{name}_pose()")[:3]) for name in ("tool_flange", "tcp"))
     expected = [*wrench[:3], *(wrench[3:] + np.cross(tcp - flange, wrench[:3]))]
-    assert rig.value("get_tcp_force()") == pytest.approx(expected, abs=1e-12)
+    assert rig.value("get_tcp_force()", meanwhile=push) == pytest.approx(expected, abs=1e-12)
     assert rig.controller.snapshot.actual_TCP_force == pytest.approx(expected, abs=1e-12)
     assert cb3.value("get_tcp_force()") == pytest.approx(list(wrench), abs=1e-12)
 
@@ -188,10 +191,28 @@ def test_an_unset_payload_is_estimated_from_what_the_sensor_reads(rig):
         at_flange = np.array(weights(mass, cog, [arm.flange_pose[3:]])[0])
         lever = np.subtract(arm.tcp_pose[:3], arm.flange_pose[:3])
         torque = at_flange[3:] - np.cross(lever, at_flange[:3])
-        rig.controller.external_wrench = tuple(float(v) for v in [*at_flange[:3], *torque])
-        rig.tick()
         poses.append("p" + str([float(v) for v in rig.value("get_actual_tcp_pose()")]))
-        wrenches.append([float(v) for v in rig.value("get_tcp_force()")])
+
+        def hang(wrench=(*at_flange[:3], *torque)):
+            rig.controller.external_wrench = tuple(map(float, wrench))
+
+        wrenches.append([float(v) for v in rig.value("get_tcp_force()", meanwhile=hang)])
+        rig.controller.external_wrench = (0.0,) * 6
     members = rig.value(f"estimate_payload([{', '.join(poses)}], {wrenches})").members
     assert members["mass"] == pytest.approx(mass, abs=1e-6)
     assert members["cog"] == pytest.approx(list(cog), abs=1e-6)
+
+
+@pytest.mark.parametrize("command", ["set_payload(12)", "set_target_payload(12, [0, 0, 0])", "set_payload_mass(12)"])
+def test_a_payload_beyond_the_rating_is_taken_and_noted_once(rig, command):
+    rig.run(f"{command}\n{command}")
+    assert rig.controller.installation.payload.mass == 12
+    notes = [line for line in rig.controller.messages.history if "rated for" in line]
+    assert len(notes) == 1
+    assert "12 kg" in notes[0]
+    assert "the UR5e is rated for 5 kg" in notes[0]
+
+
+def test_a_payload_within_the_rating_is_no_matter(rig):
+    rig.run("set_payload(5)")
+    assert not any("rated for" in line for line in rig.controller.messages.history)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from urproto.modes import RuntimeState, SafetyMode
+from urproto.modes import ReportLevel, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 from urproto.robots.pose import pose_sub, pose_trans
 
@@ -60,6 +60,32 @@ def test_movel_goes_straight(rig):
 def test_movel_takes_joint_angles_too(rig):
     rig.run(f"movej([0.3, -1.4, 1.4, -1.6, -1.5, 0.2])\nmovel({START})")
     assert rig.q == pytest.approx(HOME, abs=1e-6)
+
+
+OVERLAPPING = """
+p0 = get_actual_tcp_pose()
+movel(pose_add(p0, p[0, 0.1, 0, 0, 0, 0]), r=0.04)
+movel(pose_add(p0, p[0, 0.1, -0.06, 0, 0, 0]), r=0.04)
+movel(pose_add(p0, p[0, 0, -0.1, 0, 0, 0]))
+textmsg(point_dist(get_actual_tcp_pose(), pose_add(p0, p[0, 0, -0.1, 0, 0, 0])) < 1e-6)
+"""
+
+
+@pytest.mark.parametrize("series", ["rig", "cb3"])
+def test_overlapping_blends_are_told_of_as_an_error_code(series, request):
+    robot = request.getfixturevalue(series)
+    robot.run(OVERLAPPING)
+    assert robot.texts == ["True"]
+    said = [m for m in robot.messages if isinstance(m, ErrorCodeMessage)]
+    assert [(m.code, m.argument, m.level) for m in said] == [(171, 11, ReportLevel.WARNING)]
+    assert "overlapping blends, a waypoint is skipped" in said[0].text
+    assert robot.controller.snapshot.safety_mode == SafetyMode.NORMAL
+
+
+def test_a_program_that_asks_for_it_is_paused_by_a_skipped_waypoint(rig):
+    rig.start(f"pause_on_error_code(171)\n{OVERLAPPING}")
+    rig.until(lambda: rig.state is RuntimeState.PAUSED)
+    assert rig.controller.snapshot.safety_mode == SafetyMode.NORMAL
 
 
 def test_movec_and_movep_arrive(rig):

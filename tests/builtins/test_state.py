@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from urproto.modes import RuntimeState
 from urproto.robots.pose import pose_trans
 from urscript.values import Matrix, Pose
 
@@ -189,14 +190,40 @@ def test_gravity_is_used_and_read_back(rig):
     assert rig.value("get_gravity()") == [0, 9.82, 0]
 
 
-def test_external_force_is_felt_and_can_be_zeroed(rig):
-    rig.controller.external_wrench = (3.0, 0.0, 4.0, 0.0, 0.0, 0.0)
-    rig.tick(2)
-    assert rig.value("force()") == pytest.approx(5.0)
-    assert rig.value("get_tcp_force()") == [3, 0, 4, 0, 0, 0]
-    assert max(map(abs, rig.value("get_joint_torques()"))) > 0.5
-    rig.run("zero_ftsensor()")
+def test_external_force_is_felt_and_can_be_zeroed(cb3):
+    cb3.controller.external_wrench = (3.0, 0.0, 4.0, 0.0, 0.0, 0.0)
+    cb3.tick(2)
+    assert cb3.value("force()") == pytest.approx(5.0)
+    assert cb3.value("get_tcp_force()") == [3, 0, 4, 0, 0, 0]
+    assert max(map(abs, cb3.value("get_joint_torques()"))) > 0.5
+    cb3.run("zero_ftsensor()")
+    assert cb3.value("force()") == pytest.approx(0.0)
+
+
+def test_the_sensor_of_an_e_series_arm_is_zeroed_by_every_program_that_starts(rig):
+    """The vendor's word, in two issues of the ROS driver (512 and 643)."""
+    wrench = (3.0, 0.0, 4.0, 0.0, 0.0, 0.0)
+
+    def push():
+        rig.controller.external_wrench = wrench
+
+    assert rig.value("force()", meanwhile=push) == pytest.approx(5.0)
+    assert rig.controller.snapshot.actual_TCP_force == pytest.approx(wrench)
     assert rig.value("force()") == pytest.approx(0.0)
+    assert rig.controller.snapshot.ft_raw_wrench != pytest.approx((0.0,) * 6)  # the sensor itself still feels it
+
+
+def test_a_secondary_program_and_a_program_that_goes_on_do_not_zero_the_sensor(rig):
+    rig.start("sleep(5)")
+    rig.controller.external_wrench = (3.0, 0.0, 4.0, 0.0, 0.0, 0.0)
+    rig.submit("sec beside():\n  set_standard_digital_out(0, True)\nend\n")
+    rig.tick(2)
+    rig.controller.programs.pause()
+    rig.until(lambda: rig.state is RuntimeState.PAUSED, 1.0)
+    rig.controller.programs.resume()
+    rig.until(lambda: rig.state is RuntimeState.PLAYING, 1.0)
+    assert rig.controller.signals.digital_outputs & 1
+    assert rig.controller.snapshot.actual_TCP_force[2] == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize("name", ["ft_rtde_input_enable", "enable_external_ft_sensor"])
@@ -204,7 +231,8 @@ def test_force_sensor_can_come_from_rtde(rig, name):
     rig.controller.ft_input.wrench_flange = (0.0, 0.0, 7.0, 0.0, 0.0, 0.0)
     assert rig.value("force()") == 0.0
     rig.run(f"{name}(True, 0.5, [0, 0, 0.03], [0, 0, 0.01])")
-    assert rig.value("force()") == pytest.approx(7.0)
+    rig.tick()
+    assert math.hypot(*rig.controller.snapshot.actual_TCP_force[:3]) == pytest.approx(7.0)
     assert rig.controller.ft_input.sensor_mass == 0.5
     rig.run(f"{name}(False)")
     rig.tick(2)

@@ -11,7 +11,8 @@ import zipfile
 import pytest
 
 from emulator import dashboard
-from urproto.modes import RobotMode, RuntimeState
+from emulator.lifecycle.power import PowerTimings
+from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.versions import PolyscopeVersion
 
 MOVE = "def far():\n  movej([1.0, -1.0, 0.5, -1.0, 0.3, 0.2], a=1.0, v=0.5)\nend\n"
@@ -280,3 +281,21 @@ def test_shutdown_switches_off_and_asks_to_end(ready):
     ready.ask("shutdown")
     assert ready.controller.shutdown_requested
     assert ready.now.robot_mode is RobotMode.POWER_OFF
+
+
+def test_load_answers_when_the_program_is_loaded(make, programs):
+    rig = make(programs_dir=programs, running=True)
+    begun = rig.now.timestamp
+    assert rig.ask("load far.script", within_s=0.9).startswith("Loading program")  # drivers wait for a second
+    assert rig.now.timestamp - begun > 0.3
+
+
+@pytest.mark.parametrize(("model", "version"), [("ur5", "3.14"), ("ur5e", "5.9")])
+def test_a_script_0_7_s_after_the_brake_release_and_the_time_of_a_load_is_run(make, programs, model, version):
+    """What the official C++ library's suite does, and simulators let it."""
+    rig = make(model, version, programs_dir=programs, timings=PowerTimings())
+    rig.ask("brake release")
+    rig.seconds(0.7)
+    rig.ask("load far.script")
+    rig.script("protective_stop()\n")
+    rig.until(lambda now: now.safety_mode is SafetyMode.PROTECTIVE_STOP, within_s=1.0)

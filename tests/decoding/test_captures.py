@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from client.decoding.codecs import CODECS
 from client.decoding.session import InputForm
 from urproto import modbus
-from urproto.external_control import ReverseMessage, TrajectoryResult
+from urproto.external_control import GREETING, ReverseMessage, TrajectoryResult
 from urproto.rtde import codec
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.recipes import Recipe
@@ -143,7 +143,9 @@ def test_several_connections_each_with_its_protocol():
         502: Conversation().open().say(False, modbus.encode_frame(modbus.Frame(1, 0, modbus.encode_request(read))))
         .say(True, modbus.encode_frame(modbus.Frame(1, 0, modbus.encode_response(read, (1, 0))))),
         50001: Conversation().open().say(True, ReverseMessage.keep_alive(1000).encode()),
-        50003: Conversation().open().say(False, TrajectoryResult.SUCCESS.to_bytes(4, "big")),
+        50003: Conversation()
+        .open()
+        .say(False, GREETING + b"0123abcd\n" + TrajectoryResult.SUCCESS.to_bytes(4, "big")),
         63352: Conversation().open().say(False, b"SET GTO 1\n").say(True, b"ack"),
         443: Conversation().open().say(True, b"\x16\x03"),
     }  # fmt: skip
@@ -158,6 +160,7 @@ def test_several_connections_each_with_its_protocol():
         "request 1 unit 0 read_coils: 3..4",
         "answer 1 unit 0 read_coils: 3..4 = [1, 0]",
         "IDLE read_timeout_ms=1000",
+        'greeting: "0123abcd"',
         "result: SUCCESS",
         "SET GTO 1",
         "ack",

@@ -22,6 +22,7 @@ from urproto.external_control import (
 )
 
 HOST = "127.0.0.1"
+TOKEN = "0123abcd"
 Q = [0.1, -1.5, 1.5, 0.0, 0.25, -3.0]
 
 
@@ -46,6 +47,9 @@ class Robot:
             with suppress(ConnectionError):
                 while await self.reader.read(65536):
                     pass
+
+    def greet(self) -> None:
+        self.writer.write(f"external_control {TOKEN}\n".encode())
 
     def answer(self, *words: int) -> None:
         self.writer.write(struct.pack(f">{len(words)}i", *words))
@@ -111,19 +115,84 @@ async def test_no_robot():
             await reverse.wait_connected(0.05)
 
 
-async def test_a_new_program_of_the_same_robot_replaces_the_old_connection():
+async def test_a_new_program_that_knows_the_token_replaces_the_old_connection():
     async with ReverseEndpoint(0, HOST) as reverse:
+        reverse.token = TOKEN
         told = []
         reverse.listeners.append(told.append)
         old = await Robot.at(reverse)
+        old.greet()
         await reverse.wait_connected()
         new = await Robot.at(reverse)
+        for part in (b"exter", b"nal_control", b" 0123", b"abcd\n"):
+            assert told == [True]
+            new.writer.write(part)
+            await asyncio.sleep(0.01)
         await old.gone()
         reverse.keep_alive()
         assert (await new.words(8))[7] == 0
         assert told == [True, False, True]
         old.close()
         new.close()
+
+
+SAID = [
+    b"",
+    b"GET / HTTP/1.1\r\n\r\n",
+    b"external_control 0123abce\n",
+    b"external_control ",
+    b"external_control" * 99,
+    b"\xff",
+]
+
+
+@pytest.mark.parametrize("said", SAID)
+async def test_nobody_else_takes_the_place_of_a_robot(said):
+    """Or that of no robot: who knows no token waits, or is sent away."""
+    async with ReverseEndpoint(0, HOST) as reverse:
+        reverse.token = TOKEN
+        told = []
+        reverse.listeners.append(told.append)
+        strangers = [await Robot.at(reverse) for _ in range(30)]
+        for stranger in strangers:
+            stranger.writer.write(said)
+        robot = await Robot.at(reverse)
+        robot.greet()
+        await reverse.wait_connected()
+        more = [await Robot.at(reverse) for _ in range(3)]
+        more[0].close()
+        for stranger in more[1:]:
+            stranger.writer.write(said)
+        reverse.keep_alive()
+        assert (await robot.words(8))[7] == 0
+        assert told == [True]
+        for connection in (*strangers, *more, robot):
+            connection.writer.transport.abort()
+
+
+async def test_without_a_token_the_next_one_waits_until_the_robot_has_left():
+    async with ReverseEndpoint(0, HOST) as reverse:
+        first = await Robot.at(reverse)
+        await reverse.wait_connected()
+        second = await Robot.at(reverse)
+        reverse.keep_alive()
+        assert (await first.words(8))[7] == 0
+        peer = reverse.peer
+        first.close()
+        await peer.gone
+        reverse.stop()
+        assert (await second.words(8))[7] == -2
+        second.close()
+
+
+async def test_a_greeting_is_no_result():
+    async with TrajectoryEndpoint(0, HOST) as trajectory:
+        trajectory.token = TOKEN
+        robot = await Robot.at(trajectory)
+        robot.writer.write(b"external_control 0123abcd\n\0\0\0\2")
+        await trajectory.wait_connected()
+        assert await trajectory.result(5) is TrajectoryResult.FAILURE
+        robot.close()
 
 
 async def test_another_robot_is_sent_away():

@@ -3,6 +3,7 @@
 import asyncio
 import socket
 import struct
+from dataclasses import replace
 
 import pytest
 from driver_rig import CALM_S, HOME, HOST, Pair, swing
@@ -12,7 +13,7 @@ from client.errors import NoAnswerError, ProgramEndedError, ProgramNotRunningErr
 from client.rtde import RTDEClient
 from emulator.lifecycle.power import PowerEvent
 from urproto.errors import RobotRefused
-from urproto.external_control import ControlMode, TrajectoryResult
+from urproto.external_control import GREETING, ControlMode, TrajectoryResult
 from urproto.modes import SafetyMode
 
 LONG = points.movej([HOME[0] + 1.5, *HOME[1:]], v=0.5)
@@ -108,11 +109,72 @@ async def test_a_driver_that_freezes_during_a_trajectory_stops_the_arm(connect):
 async def test_a_program_that_reaches_one_port_only_is_ended(connect):
     async with connect(start=False) as pair:
         reader, writer = await asyncio.open_connection(HOST, pair.driver.reverse.port)
+        writer.write(GREETING + pair.driver.reverse.token.encode() + b"\n")
         async with asyncio.timeout(5):
             while struct.unpack(">8i", await reader.readexactly(32))[7] != ControlMode.STOPPED:
                 pass
         writer.close()
         await pair.driver.reverse.wait_disconnected()
+
+
+@pytest.mark.parametrize("robot", ["ur5e"], indirect=True)
+async def test_port_scans_in_motion_change_nothing(pair):
+    """From the robot's address, on every port: connections that end at once, are silent, or speak something else."""
+    told = []
+    pair.driver.on_program_state(told.append)
+    await pair.driver.start_trajectory([points.movej([HOME[0] + 0.6, *HOME[1:]], v=0.5)])
+    await pair.until(lambda: pair.snapshot.target_qd[0] > 0.1)
+    kept = []
+    for said in (b"", b"\0" * 200, b"GET / HTTP/1.0\r\n\r\n", GREETING + b"guessed\n"):
+        for endpoint in (pair.driver.trajectory, pair.driver.commands, pair.driver.reverse, pair.driver.sender) * 3:
+            _, writer = await asyncio.open_connection(HOST, endpoint.port)
+            writer.write(said)
+            kept.append(writer)
+            (await asyncio.open_connection(HOST, endpoint.port))[1].close()
+    assert await pair.driver.trajectory_result(10) is TrajectoryResult.SUCCESS
+    assert pair.driver.program_running
+    assert told == []
+    for writer in kept:
+        writer.transport.abort()
+
+
+@pytest.mark.parametrize("robot", ["ur5e"], indirect=True)
+async def test_a_program_that_is_started_again_beside_silent_strangers_takes_over_at_once(pair):
+    ends = (pair.driver.trajectory, pair.driver.commands, pair.driver.reverse)
+    strangers = [await asyncio.open_connection(HOST, endpoint.port) for endpoint in ends]
+    before = pair.driver.reverse.peer
+    pair.robot.controller.programs.submit(pair.driver._program().render_headless(pair.driver.version))
+    await pair.until(lambda: pair.driver.reverse.current_peer not in (None, before), 3.0)
+    assert pair.driver.reverse.peer.proven
+    await pair.until(lambda: pair.driver.program_running)
+    here = [pair.q[0] - 0.05, *pair.q[1:]]
+    assert await pair.driver.execute([points.movej(here, v=1, a=5)], 10) is TrajectoryResult.SUCCESS
+    for _, writer in strangers:
+        writer.transport.abort()
+
+
+@pytest.mark.parametrize("robot", ["ur5e"], indirect=True)
+async def test_a_control_program_that_says_nothing_is_admitted_while_a_program_runs(connect):
+    """As the vendor's; and the one that follows it. Strangers are not, whatever runs."""
+    async with connect(start=False) as pair:
+        foreign = replace(pair.driver._program(), token="").render_headless(pair.driver.version)
+        strangers = [
+            await asyncio.open_connection(HOST, end.port)
+            for end in (pair.driver.trajectory, pair.driver.commands, pair.driver.reverse)
+        ]
+        await asyncio.sleep(0.5)
+        assert not pair.driver.program_running  # nothing plays on the robot
+        for _, writer in strangers:
+            writer.close()
+        for _ in range(2):
+            pair.robot.controller.programs.submit(foreign)
+            await pair.driver.wait_for_program(5)
+            here = [pair.q[0] - 0.05, *pair.q[1:]]
+            assert await pair.driver.execute([points.movej(here, v=1, a=5)], 10) is TrajectoryResult.SUCCESS
+            pair.robot.controller.programs.stop()
+            await pair.driver.reverse.wait_disconnected()
+        await pair.driver.start_program()
+        assert pair.driver.reverse.peer.proven
 
 
 async def test_an_idle_program_lives_as_long_as_its_driver(connect):

@@ -123,12 +123,68 @@ def test_chain_of_blends_ends_exactly(rig):
     assert min(tool_speeds(rig)[60:-60]) > 0.1
 
 
-def test_radius_larger_than_the_leg_is_cut_to_half_of_it(rig):
+def codes(rig):
+    return [(warning.code, warning.argument) for warning in rig.motion.take_warnings()]
+
+
+def test_radius_larger_than_the_leg_is_cut_to_half_of_it_and_that_is_said(rig):
     waypoint = add(rig.pose(), 0.1)
     rig.finish(rig.motion.movel(waypoint, r=5.0))
+    assert codes(rig) == [(197, 0)]
     assert dist(rig.pose()[:3], waypoint[:3]) == pytest.approx(0.05, abs=1e-3)
     rig.finish(rig.motion.movel(add(waypoint, 0.0, 0.1)))
+    assert codes(rig) == [(197, 0)]  # the same blend, at its other end
     assert rig.fault is None
+
+
+@pytest.mark.parametrize(("command", "argument"), [("movej", 4), ("movel", 11), ("movep", 9), ("movec", 0)])
+def test_a_waypoint_whose_blend_overlaps_the_one_before_is_skipped(rig, command, argument):
+    """Script Manual, movej: this move will be skipped, and a warning tells of overlapping blends."""
+    start = rig.pose()
+    corner, skipped, goal = add(start, 0.1), add(start, 0.1, 0.05), add(start, 0.0, 0.1)
+    rig.finish(rig.motion.movel(corner, r=0.03, v=0.2))
+    if command == "movec":
+        move = rig.motion.movec(add(start, 0.12, 0.03), skipped, r=0.03)
+    elif command == "movej":
+        move = rig.motion.movej(
+            rig.kinematics.inverse_near(skipped, rig.motion.q, rig.model.q_min, rig.model.q_max), r=0.03
+        )
+    else:
+        move = getattr(rig.motion, command)(skipped, r=0.03)
+    assert move.ready
+    assert codes(rig) == [(171, argument)]
+    rig.step()
+    rig.finish(rig.motion.movel(goal, v=0.2))
+    assert rig.pose() == pytest.approx(goal, abs=1e-9)
+    assert min(dist(at, skipped[:3]) for at in places(rig)) > 0.03
+    assert min(dist(at, corner[:3]) for at in places(rig)) < 0.03  # and this one is blended with, not skipped
+    assert min(tool_speeds(rig)[60:-60]) > 0.02
+    assert codes(rig) == []
+
+
+def test_skipping_the_last_waypoint_leaves_the_arm_at_the_one_before(rig):
+    waypoint = add(rig.pose(), 0.1)
+    rig.finish(rig.motion.movel(waypoint, r=0.04))
+    assert rig.motion.movel(add(waypoint, 0.05), r=0.04).ready
+    rig.rest()
+    assert rig.pose() == pytest.approx(waypoint, abs=1e-9)
+
+
+@pytest.mark.parametrize("radius", [0.05, 0.0])
+def test_blends_that_touch_and_waypoints_without_one_are_not_skipped(rig, radius):
+    start = rig.pose()
+    goal = add(start, 0.1, 0.1)
+    rig.finish(rig.motion.movel(add(start, 0.1), r=0.05))
+    rig.finish(rig.motion.movel(goal, r=radius))
+    rig.rest()
+    assert rig.pose() == pytest.approx(goal, abs=1e-9)
+    assert codes(rig) == []
+
+
+def test_a_move_to_where_the_arm_is_warns_of_nothing(rig):
+    rig.finish(rig.motion.movel(rig.pose(), r=0.05))
+    rig.finish(rig.motion.movej(rig.motion.q, r=0.05))
+    assert codes(rig) == []
 
 
 @pytest.mark.parametrize("after", [10, 150, 300])

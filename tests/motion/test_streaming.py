@@ -240,3 +240,31 @@ def test_stop_ignores_the_slider(rig):
     """A stop must end in time even when the operator slows the program down."""
     rig.finish(rig.motion.speedj((1.0, 0, 0, 0, 0, 0), a=10.0))
     assert rig.finish(rig.motion.stopj(4.0), 0.01) == pytest.approx(0.25, abs=0.004)
+
+
+@pytest.mark.parametrize("period_s", [0.002, 0.008])
+def test_raising_the_slider_from_0_during_servoj_is_a_fault(make_rig, period_s):
+    """Seen with the ROS drivers: the arm stands at 0, and the next value stops it protectively."""
+    rig = make_rig(period_s=period_s)
+    goal = (0.32, *rig.motion.q[1:])
+    rig.motion.servoj(goal, t=5.0)
+    rig.steps(20)
+    rig.steps(200, fraction=0.0)
+    assert rig.fault is None
+    assert rig.motion.qd == ZERO
+    rig.step(fraction=0.5)
+    assert rig.fault is not None
+    assert rig.fault.code == 204
+    assert "slider" in rig.fault.text
+    rig.rest()
+
+
+def test_a_pause_during_servoj_is_no_slider_at_0(rig):
+    move = rig.motion.servoj((0.32, *rig.motion.q[1:]), t=0.5)
+    rig.steps(20)
+    rig.motion.pause()
+    rig.steps(100)
+    rig.motion.resume()
+    rig.steps(20, fraction=0.01)
+    rig.finish(move)
+    assert rig.fault is None

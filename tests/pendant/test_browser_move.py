@@ -215,7 +215,6 @@ def test_two_browsers_are_in_step_and_one_of_them_moves(bent: Rig, open_page: Op
     assert q(bent)[1] == pytest.approx(before[1], abs=1e-3)
 
 
-@pytest.mark.xfail(strict=False, reason="beside many browsers on two cores the arm comes to rest; why is not yet known")
 def test_a_browser_that_leaves_does_not_stop_the_one_that_moves(bent: Rig, open_page: Open) -> None:
     one, other = open_page("move"), open_page("move")
     before = q(bent)

@@ -1,6 +1,7 @@
 """What a pendant's mover does to an arm: it moves while somebody says so, and nothing else does at that time."""
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Callable
 
 import pytest
@@ -110,6 +111,22 @@ async def test_the_arm_moves_while_a_button_is_held_and_rests_when_it_is_let_go(
 async def test_it_rests_too_when_nothing_more_is_heard_of_the_button(bench: Bench) -> None:
     await bench.held(UP, "me", lambda: bench.moving)
     await bench.until(lambda: bench.at_rest)
+    await bench.idle()
+    assert bench.errors == []
+
+
+async def test_a_machine_that_was_too_slow_for_a_moment_goes_on_for_who_still_holds_the_button(bench: Bench) -> None:
+    hung = list[bool]()
+
+    def hangs_once_and_goes_on() -> bool:
+        if not hung and bench.q[0] > START[0] + 0.1:
+            hung.append(True)
+            time.sleep(0.25)  # the robot waits for setpoints for 0.2 s, and the mover for a button for 0.4 s
+        return bench.q[0] > START[0] + 0.4
+
+    await bench.held(BASE_LEFT, "me", hangs_once_and_goes_on)
+    assert hung
+    bench.mover.release("me")
     await bench.idle()
     assert bench.errors == []
 

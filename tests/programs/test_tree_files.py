@@ -1,6 +1,7 @@
 """Program files: what can be loaded, from where, and what a damaged or hostile file does."""
 
 import gzip
+import math
 from contextlib import suppress
 
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 from tree_rig import Arm, children, installation, line, main, move, say, sleep, tag, urp, waypoint
 
 from emulator.programs.trees.document import DocumentError, read_document
-from emulator.programs.trees.installation_file import read_variables
+from emulator.programs.trees.installation_file import read_installation, read_variables
 from emulator.programs.trees.naming import identifier
 from urproto.modes import RuntimeState
 from urproto.primary.messages import RuntimeExceptionMessage
@@ -226,6 +227,25 @@ def test_the_installation_of_a_program_is_loaded_with_it(arm):
     assert arm.ask("play") == "Starting program"
     arm.until(lambda: len(arm.texts) == 2)  # every run sets the tool anew
     assert arm.controller.installation.tcp[2] in (0.2, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("base_angle", "tilt", "gravity"),
+    [
+        (0.0, math.pi / 2, (0.0, -9.82, 0.0)),
+        (math.pi / 2, math.pi / 2, (9.82, 0.0, 0.0)),
+        (
+            math.pi / 4,
+            math.pi / 6,
+            (9.82 * 0.5 * math.sqrt(0.5), -9.82 * 0.5 * math.sqrt(0.5), 9.82 * math.cos(math.pi / 6)),
+        ),
+    ],
+)
+def test_a_tilted_arm_feels_gravity_from_where_its_base_says(base_angle, tilt, gravity):
+    """The signs are those of the rounding errors in set_gravity of three public scripts, whose arms hang."""
+    view = tag("View", tag("WorldtoMarshal", baseAngle=str(base_angle), tiltAngle=str(tilt)))
+    file = read_installation(installation(tag("Features", view)).encode(), "tilted")
+    assert file.gravity == pytest.approx(gravity, abs=1e-9)
 
 
 def test_a_broken_installation_is_an_error_and_a_missing_one_is_not(arm):

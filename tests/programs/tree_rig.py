@@ -95,14 +95,14 @@ def urp(*roots: str, **attributes: Any) -> bytes:
 
 
 class Arm:
-    """A running UR5e with a programs folder, in virtual time."""
+    """An arm with a programs folder, in virtual time; a running UR5e unless told otherwise."""
 
     patience_s = 30.0  # of `until`
 
-    def __init__(self, folder: Path, **config: Any) -> None:
+    def __init__(self, folder: Path, model: str = "ur5e", *, running: bool = True, **config: Any) -> None:
         self.folder = folder
         self.controller = Controller(
-            ControllerConfig(model=load_model("ur5e"), running=True, programs_dir=folder, initial_q=HOME, **config)
+            ControllerConfig(model=load_model(model), running=running, programs_dir=folder, initial_q=HOME, **config)
         )
         self.controller.programs.socket_backend = MemorySockets(("10.0.0.1", 50001))
         self.messages: list[RobotMessage] = []

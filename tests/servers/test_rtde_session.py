@@ -1,7 +1,7 @@
 """Sessions of the RTDE server, without sockets. Names and layouts are those of the RTDE guide."""
 
 import struct
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import pytest
@@ -126,6 +126,20 @@ def test_frequency_is_rounded_to_whole_periods(version: PolyscopeVersion, freque
     sent = [package is not None for package in talk.packages(min(4 * every, 400))]
     # the answer and the first package must not leave together: clients read one and take it for the other
     assert sent == [index >= every and index % every == 0 for index in range(len(sent))]
+
+
+@pytest.mark.parametrize(("first_hz", "then_hz", "every"), [(0.01, 125.0, 1), (1.0, 25.0, 5), (125.0, 25.0, 5)])
+def test_another_frequency_while_data_flow_holds_from_the_next_package_on(
+    first_hz: float, then_hz: float, every: int
+) -> None:
+    talk = Conversation(RTDEHost(PolyscopeVersion.parse("3.15")))
+    talk.ask(SetupOutputs(("timestamp",), first_hz))
+    talk.ask(Start())
+    talk.packages(3)
+    talk.ask(SetupOutputs(("timestamp",), then_hz))
+    sent = [index for index, package in enumerate(talk.packages(5 * every)) if package is not None]
+    assert sent[0] <= every
+    assert all(after - before == every for before, after in pairwise(sent))
 
 
 @pytest.mark.parametrize("frequency_hz", [0.0, -1.0, float("nan"), float("inf")])

@@ -5,6 +5,7 @@ import errno
 import os
 import socket
 import struct
+import sys
 from collections.abc import AsyncIterator, Callable
 
 import pytest
@@ -14,8 +15,10 @@ from emulator.config import EmulatorConfig
 from emulator.controller import ControllerConfig
 from emulator.programs.sockets import ScriptNetwork, ScriptSocket
 from emulator.servers import script_sockets
+from emulator.servers.own_ports import ControlMark, leads_to_control
 from emulator.servers.script_sockets import NetworkSockets
 from urproto.robots import load_model
+from urproto.testing.process import EmulatorProcess
 
 HOST = "127.0.0.1"
 
@@ -260,3 +263,125 @@ async def test_a_name_that_means_nothing_is_a_failure_with_a_reason(sockets: Net
             await asyncio.sleep(0.005)
     assert nowhere.failure
     assert "Unknown error" not in nowhere.failure
+
+
+# the control API
+
+
+async def reaches(sockets: NetworkSockets, address: str, port: int) -> bool:
+    opened = sockets.open(address, port)
+    await until(lambda: opened.state != "connecting")
+    return opened.state == "open"
+
+
+@pytest.fixture
+async def control() -> AsyncIterator[int]:
+    """The port of a control API on 127.0.0.1, of another robot in this process."""
+    controller = ControllerConfig(model=load_model("ur3"))
+    async with Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True)) as emulator:
+        yield emulator.ports["control"]
+
+
+@pytest.mark.parametrize("address", [HOST, "localhost", "0.0.0.0", "::ffff:127.0.0.1", "2130706433", "127.1", "name"])
+async def test_the_control_api_is_refused_however_it_is_spelled(
+    address: str, control: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if address == "name":
+        told_names(monkeypatch, name=[HOST])
+    notes: list[str] = []
+    sockets = NetworkSockets(note=notes.append)
+    assert not await reaches(sockets, address, control)
+    (note,) = notes
+    assert note.startswith(f"a script may not connect to {address}:{control}")
+    assert "control API" in note
+    assert "--script-network any-and-control" in note
+    await sockets.close()
+
+
+async def test_a_name_that_leads_elsewhere_too_leads_there_only(
+    control: int, peer: Peer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told_names(monkeypatch, both=["127.0.0.9", HOST])
+    sockets = NetworkSockets()
+    assert await sockets._permitted("both", control) == [("127.0.0.9", control)]
+    assert await sockets._permitted("both", peer.port) == [("127.0.0.9", peer.port), (HOST, peer.port)]
+
+
+@pytest.mark.parametrize("network", list(ScriptNetwork))
+async def test_only_who_is_told_reaches_the_control_api(network: ScriptNetwork, control: int) -> None:
+    sockets = NetworkSockets(network)
+    assert await reaches(sockets, HOST, control) == (network is ScriptNetwork.ANY_AND_CONTROL)
+    await sockets.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="control APIs of other processes are not known there")
+async def test_the_control_api_of_another_process_is_known() -> None:
+    """As of a fleet, whose robots are in several processes, and of robots of other tests."""
+    with EmulatorProcess(["--ephemeral-ports"]) as other:
+        port = other.ports["control"]
+        assert leads_to_control(other.host, port)
+        assert not leads_to_control(other.host, other.ports["dashboard"])
+        assert not await reaches(NetworkSockets(), other.host, port)
+    assert not leads_to_control(other.host, port), "the mark is gone with its process"
+
+
+async def test_a_control_api_on_every_address_is_known_by_each() -> None:
+    mark = ControlMark("0.0.0.0", 30080)
+    try:
+        assert leads_to_control(HOST, 30080)
+        assert leads_to_control("127.0.0.77", 30080)
+        assert not leads_to_control("192.0.2.1", 30080), "of another machine"
+        assert not leads_to_control("::1", 30080)
+    finally:
+        mark.close()
+    assert not leads_to_control(HOST, 30080)
+
+
+def turn_an_input_on(port: int) -> str:
+    """A program that asks a control API to do so, byte by byte where URScript has no escapes."""
+    head = ["POST /verbs/set_digital_input HTTP/1.1", f"Host: {HOST}", "Content-Type: application/json"]
+    lines = [f'socket_send_string("{line}")\nendline()' for line in (*head, "Content-Length: 24", "")]
+    body = "socket_send_byte(34)\n".join(
+        f'socket_send_string("{part}")\n' for part in ["{", "index", ":0,", "level", ":true}"]
+    )
+    return "\n".join(
+        [
+            "def prog():",
+            "def endline():\nsocket_send_byte(13)\nsocket_send_byte(10)\nend",
+            f'opened = socket_open("{HOST}", {port})',
+            *lines,
+            f'{body}sleep(0.1)\ntextmsg("opened ", opened)\nend\n',
+        ]
+    )
+
+
+@pytest.mark.parametrize("network", [ScriptNetwork.ANY, ScriptNetwork.ANY_AND_CONTROL])
+async def test_a_program_uses_its_own_control_api_only_if_told(network: ScriptNetwork) -> None:
+    controller = ControllerConfig(model=load_model("ur5e"), running=True)
+    config = EmulatorConfig(controller=controller, ephemeral_ports=True, script_network=network)
+    async with Emulator(config) as emulator:
+        emulator.controller.programs.submit(turn_an_input_on(emulator.ports["control"]))
+        log = emulator.controller.messages.history
+        await until(lambda: any("opened " in line for line in log))
+        told = network is ScriptNetwork.ANY_AND_CONTROL
+        assert any(line.endswith(f"opened {told}") for line in log)
+        assert bool(emulator.controller.snapshot.actual_digital_input_bits & 1) is told
+
+
+async def test_a_remote_procedure_call_does_not_reach_the_control_api() -> None:
+    controller = ControllerConfig(model=load_model("ur5e"), running=True)
+    async with Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True)) as emulator:
+        url = f"http://{HOST}:{emulator.ports['control']}/"
+        emulator.controller.programs.submit(f'def prog():\n rpc_factory("xmlrpc", "{url}").ports()\nend\n')
+        log = emulator.controller.messages.history
+        await until(lambda: any("an emulator's control API" in line for line in log))
+
+
+async def test_a_program_reaches_its_own_script_port_as_on_an_arm() -> None:
+    controller = ControllerConfig(model=load_model("ur3"), running=True)
+    async with Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True)) as emulator:
+        emulator.controller.programs.submit(
+            f'def prog():\n socket_open("{HOST}", 30002)\n socket_send_line("set_standard_digital_out(3, True)")\n'
+            " sleep(0.2)\nend\n"
+        )
+        await until(lambda: bool(emulator.controller.snapshot.actual_digital_output_bits & 8))

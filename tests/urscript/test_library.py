@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from urscript.values import Matrix, Pose, from_bytes, to_bytes, to_text
+from urproto.text import from_bytes, to_bytes
+from urscript.values import Matrix, Pose, to_text
 
 CALLS = [
     ("acos(1)", 0.0),

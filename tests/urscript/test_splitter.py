@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from urproto.text import to_bytes
 from urscript import CompileError, ScriptSplitter, Unit
-from urscript.values import to_bytes
 
 
 def split(data: bytes, size: int = 1 << 20) -> list[Unit]:

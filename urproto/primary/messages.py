@@ -12,10 +12,11 @@ tests of the official C++ client.
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
-from urproto._wire import Reader, pack, short_text, to_bytes, to_text
+from urproto._wire import Reader, pack, short_text
 from urproto.errors import RemoteProtocolError
 from urproto.modes import MessageSource, ReportDataType, ReportLevel, RequestedType
 from urproto.primary._wire import ROBOT_MESSAGE, frame
+from urproto.text import from_bytes, to_bytes
 from urproto.versions import Availability, PolyscopeVersion
 
 __all__ = [
@@ -105,7 +106,7 @@ def _encode_item(how: str, value: Any) -> bytes:
 
 def _decode_item(how: str, reader: Reader) -> Any:
     if how == "text":
-        return to_text(reader.rest())
+        return from_bytes(reader.rest())
     if how == "short":
         return reader.short_text()
     return reader.unpack(how)[0]
@@ -348,7 +349,7 @@ def _long_text(text: str) -> bytes:
 
 def _read_long_text(reader: Reader) -> str:
     (size,) = reader.unpack("i")
-    return to_text(reader.take(size))
+    return from_bytes(reader.take(size))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,10 +15,11 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from urproto._wire import Reader, big_endian, pack, short_text, to_bytes, to_text
+from urproto._wire import Reader, big_endian, pack, short_text
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.primary._wire import PROGRAM_STATE, frame
 from urproto.primary.messages import NO_TIMESTAMP_US
+from urproto.text import from_bytes, to_bytes
 from urproto.versions import Availability, PolyscopeVersion
 
 __all__ = [
@@ -192,7 +193,7 @@ class _Parser:
 
     def _string(self) -> str:
         (size,) = self._reader.unpack("H")
-        return to_text(self._reader.take(size))
+        return from_bytes(self._reader.take(size))
 
     def _list(self) -> Value:
         (count,) = self._reader.unpack("H")
@@ -280,12 +281,12 @@ def decode_program_state(
     reader = Reader(payload, "program state")
     timestamp_us, kind = reader.unpack("QB")
     if kind == _VARIABLE:
-        return VariableMessage(timestamp_us=timestamp_us, title=reader.short_text(), text=to_text(reader.rest()))
+        return VariableMessage(timestamp_us=timestamp_us, title=reader.short_text(), text=from_bytes(reader.rest()))
     if kind not in (_NAMES, _VALUES):
         return UnknownProgramState(timestamp_us=timestamp_us, kind=kind, body=reader.rest())
     (start_index,) = reader.unpack("H")
     if kind == _NAMES:
-        text = to_text(reader.rest()).removesuffix("\n")
+        text = from_bytes(reader.rest()).removesuffix("\n")
         names = tuple(text.split("\n")) if text else ()
         return GlobalVariableNames(timestamp_us=timestamp_us, start_index=start_index, names=names)
     values = _read_values(reader, version)

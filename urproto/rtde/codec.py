@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple
 
-from urproto._wire import Reader, pack, short_text, to_bytes, to_text
+from urproto._wire import Reader, pack, short_text
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.rtde.recipes import Recipe, split_names
+from urproto.text import from_bytes, to_bytes
 from urproto.versions import PolyscopeVersion
 
 __all__ = [
@@ -97,7 +98,7 @@ class RTDEDecoder:
     """
 
     def __init__(self) -> None:
-        self._buffer = b""
+        self._buffer = bytearray()
         self.error: RemoteProtocolError | None = None
 
     def feed(self, data: bytes) -> list[Package]:
@@ -109,10 +110,10 @@ class RTDEDecoder:
         """
         packages: list[Package] = []
         if self.error is None:
-            data = self._buffer + data if self._buffer else data
-            start, end = 0, len(data)
+            self._buffer += data
+            start, end = 0, len(self._buffer)
             while end - start >= _HEADER.size:
-                size, kind = _HEADER.unpack_from(data, start)
+                size, kind = _HEADER.unpack_from(self._buffer, start)
                 if size < _HEADER.size:
                     self.error = RemoteProtocolError(
                         f"an RTDE package cannot have size {size}, its header alone has 3 bytes"
@@ -120,11 +121,11 @@ class RTDEDecoder:
                     break
                 if end - start < size:
                     break
-                packages.append(Package(kind, data[start + _HEADER.size : start + size]))
+                packages.append(Package(kind, bytes(self._buffer[start + _HEADER.size : start + size])))
                 start += size
-            self._buffer = data[start:]
+            del self._buffer[:start]
         if self.error is not None:
-            self._buffer = b""
+            self._buffer.clear()
             if not packages:
                 raise self.error
         return packages
@@ -208,7 +209,7 @@ class SetupOutputs:
     @classmethod
     def read(cls, reader: Reader, protocol: int) -> "SetupOutputs":
         frequency_hz = None if protocol == 1 else reader.unpack("d")[0]
-        return cls(split_names(to_text(reader.rest())), frequency_hz)
+        return cls(split_names(from_bytes(reader.rest())), frequency_hz)
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +226,7 @@ class SetupOutputsReply:
     @classmethod
     def read(cls, reader: Reader, protocol: int) -> "SetupOutputsReply":
         recipe_id = 1 if protocol == 1 else reader.unpack("B")[0]
-        return cls(split_names(to_text(reader.rest())), recipe_id)
+        return cls(split_names(from_bytes(reader.rest())), recipe_id)
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,7 +240,7 @@ class SetupInputs:
 
     @classmethod
     def read(cls, reader: Reader, protocol: int) -> "SetupInputs":
-        return cls(split_names(to_text(reader.rest())))
+        return cls(split_names(from_bytes(reader.rest())))
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +256,7 @@ class SetupInputsReply:
     @classmethod
     def read(cls, reader: Reader, protocol: int) -> "SetupInputsReply":
         (recipe_id,) = reader.unpack("B")
-        return cls(split_names(to_text(reader.rest())), recipe_id)
+        return cls(split_names(from_bytes(reader.rest())), recipe_id)
 
 
 @dataclass(frozen=True, slots=True)
@@ -377,7 +378,7 @@ class TextMessage:
         if protocol != 1:
             return cls(reader.short_text(), reader.short_text(), *reader.unpack("B"))
         (level,) = reader.unpack("B")
-        return cls(to_text(reader.rest()), "", level)
+        return cls(from_bytes(reader.rest()), "", level)
 
 
 Request = RequestProtocol | GetVersion | SetupOutputs | SetupInputs | Start | Pause | InputData | ClientMessage

@@ -1,10 +1,11 @@
 """Lists: length, and making one of a given size."""
 
+from urproto.text import to_bytes
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
 from urscript.operators import check_size, whole
-from urscript.values import MAX_ELEMENTS, Any_, BoundedList, Int, Matrix, Struct, Value, to_bytes, type_name
+from urscript.values import MAX_ELEMENTS, Any_, BoundedList, Int, Matrix, Struct, Value, type_name
 
 __all__ = ["LIBRARY"]
 

@@ -11,6 +11,7 @@ from urscript.operators import check_product_size, wrap32
 from urscript.values import (
     INT_MAX,
     INT_MIN,
+    MOST_PHYSICAL,
     Any_,
     Int,
     ListArg,
@@ -207,6 +208,8 @@ def transpose(m: Any_) -> Value:
 def inv(m: Any_) -> Value:
     """The inverse of a square matrix, or of a pose."""
     if isinstance(m, Pose):
+        if not all(-MOST_PHYSICAL <= value <= MOST_PHYSICAL for value in m):
+            raise RuntimeFault(f"inv: a pose must be finite, no number beyond {MOST_PHYSICAL:g}")
         return Pose(pose_inv(m))
     if not isinstance(m, Matrix) or m.shape[0] != m.shape[1]:
         raise RuntimeFault("inv: the argument must be a square matrix")

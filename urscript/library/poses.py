@@ -10,7 +10,7 @@ from urscript.values import Joints, ListArg, Num, Pose, PoseArg, is_number
 
 __all__ = ["LIBRARY"]
 
-LIBRARY = Library("poses")
+LIBRARY = Library("poses", physical=True)
 
 
 def _three(name: str, values: list[float]) -> list[float]:

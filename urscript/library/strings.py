@@ -4,9 +4,10 @@ import math
 import re
 import sys
 
+from urproto.text import BLANKS, from_bytes, to_bytes
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
-from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Int, Str, Value, from_bytes, to_bytes, to_text
+from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Int, Str, Value, joined, to_text
 
 __all__ = ["LIBRARY"]
 
@@ -39,13 +40,7 @@ def str_at(src: Str, index: Int) -> str:
 @LIBRARY.builtin(cb3="3.8", e="5.2")
 def str_cat(op1: Any_, op2: Any_) -> str:
     """The texts of two values, one after the other; a runtime error beyond 1023 bytes."""
-    text = to_text(op1) + to_text(op2)
-    if not text.isascii():
-        data = to_bytes(text)
-        text = from_bytes(data)  # two halves of a character become one
-        if len(data) > MAX_STRING:
-            raise RuntimeFault(f"String exceeds maximum length ({MAX_STRING} Bytes).")
-    return to_text(text)
+    return joined(to_text(op1), to_text(op2))
 
 
 @LIBRARY.builtin(cb3="3.8", e="5.2")
@@ -92,7 +87,7 @@ def to_num(str_: Str) -> Value:
     if special:
         return math.copysign(float(special[2]), -1.0 if special[1] == "-" else 1.0)
     match = _NUMBER.match(str_)
-    if not match or str_[match.end() :].strip():
+    if not match or str_[match.end() :].strip(BLANKS):
         raise RuntimeFault(f'to_num: "{str_[:40]}" is not a number')
     sign = -1 if match[1] == "-" else 1
     digits = match[2]

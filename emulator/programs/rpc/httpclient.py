@@ -16,6 +16,7 @@ import h11
 from emulator.programs.host import Frames, ProgramHost
 from emulator.programs.rpc.remote import RemoteError, authority, connect
 from emulator.programs.sockets import ScriptSocket
+from urproto.text import from_bytes
 from urscript.meter import pay
 
 __all__ = ["HttpConnection", "HttpUrl"]
@@ -153,5 +154,5 @@ class HttpConnection:
 
 def _check_status(response: h11.Response) -> None:
     if response.status_code != _OK:
-        reason = response.reason.decode("ascii", "replace")
+        reason = from_bytes(response.reason)
         raise RemoteError(f"the server answered with HTTP {response.status_code} {reason}".rstrip())

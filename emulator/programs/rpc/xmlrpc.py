@@ -25,6 +25,7 @@ from xml.parsers import expat
 from xml.sax.saxutils import escape
 from xmlrpc.client import Fault, Unmarshaller
 
+from urproto.text import to_bytes
 from urscript.errors import RuntimeFault
 from urscript.meter import charge, pay
 from urscript.values import (
@@ -38,7 +39,6 @@ from urscript.values import (
     Struct,
     Value,
     is_number,
-    to_bytes,
     type_name,
 )
 

@@ -21,7 +21,7 @@ _MAX_BYTES: Final = 16 << 20  # of XML; the largest of 643 public programs has 3
 _MAX_ELEMENTS: Final = 1_000_000
 _MAX_DEPTH: Final = 200
 _MAX_REFERENCES: Final = 20  # references that lead to references
-_STEP: Final = re.compile(r"([^\[\]]+)(?:\[(\d+)\])?")
+_STEP: Final = re.compile(r"([^\[\]]+)(?:\[([0-9]{1,9})\])?")
 
 
 class DocumentError(ValueError):

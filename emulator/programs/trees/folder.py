@@ -3,6 +3,8 @@
 from pathlib import Path, PurePosixPath
 from typing import Final
 
+from urproto.text import from_bytes
+
 __all__ = ["ROOTS", "ProgramsFolder"]
 
 ROOTS: Final = ("/ursim/programs", "/programs", "/root/programs")  # where clients and files believe the folder is
@@ -45,7 +47,7 @@ class ProgramsFolder:
         path = self.find(name)
         if path is None or path.stat().st_size > _LARGEST:
             return None
-        return path.read_bytes().decode("utf-8", "replace").removeprefix("\ufeff")
+        return from_bytes(path.read_bytes()).removeprefix("\ufeff")
 
 
 def _relative(name: str) -> PurePosixPath | None:

@@ -14,9 +14,12 @@ from emulator.programs.trees.numbers import number, numbers, six
 from emulator.safety.configuration import SafetyConfiguration
 from emulator.safety.installation import SafetySettingsError, read_safety_settings
 from urproto.robots.pose import Pose
+from urproto.text import from_bytes, lines, strip
 from urscript.work import Steps, run_to_end
 
 __all__ = [
+    "DefaultProgram",
+    "InputTrigger",
     "InstallationFile",
     "PayloadSetting",
     "load_installation_file",
@@ -61,6 +64,27 @@ class PayloadSetting:
 
 
 @dataclass(frozen=True, slots=True)
+class InputTrigger:
+    """An input, by PolyScope's name or the user's, and the level that it has to reach."""
+
+    pin: str
+    level: bool
+
+
+@dataclass(frozen=True, slots=True)
+class DefaultProgram:
+    """What the controller does by itself. ``name``: path in the programs folder; ``load``: at boot.
+
+    release_brakes, start: what switches the arm on, and plays the program; None for nothing.
+    """
+
+    name: str = ""
+    load: bool = False
+    release_brakes: InputTrigger | None = None
+    start: InputTrigger | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class InstallationFile:
     """An installation as programs need it. Without a file they leave tool and mounting as they are.
 
@@ -69,7 +93,7 @@ class InstallationFile:
     as a kind of `emulator.programs.trees.pins` and a number. variables: name and URScript value.
     tool_*: as for set_tool_voltage, set_tool_communication, set_tool_output_mode, set_tool_digital_output_mode.
     gravity: as for set_gravity [m/s2]. home: joints [rad]. contributions: data of URCaps by URCap name.
-    safety: what it would have confirmed; None without a readable one.
+    safety: what it would have confirmed; None without a readable one. default_program: what happens by itself.
     """
 
     name: str = "default"
@@ -93,6 +117,7 @@ class InstallationFile:
     tool_outputs: tuple[int, ...] = (1, 1)
     contributions: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     safety: SafetyConfiguration | None = None
+    default_program: DefaultProgram = field(default_factory=DefaultProgram)
 
 
 def read_installation_steps(path: Path) -> Steps[InstallationFile]:
@@ -146,6 +171,23 @@ def _installation(root: Element, name: str, variables: bytes) -> InstallationFil
         tool_outputs=tuple(_OUTPUT_KINDS.get(_tool(root, f"toolDigitalOutput{port}"), 1) for port in (0, 1)),
         contributions=_contributions(root),
         safety=_safety(root),
+        default_program=_default_program(root),
+    )
+
+
+def _default_program(root: Element) -> DefaultProgram:
+    settings = root.child("DefaultProgramSettings")
+    if settings is None:
+        return DefaultProgram()
+
+    def trigger(pin: str, level: str) -> InputTrigger | None:
+        return InputTrigger(settings.get(pin), settings.get(level) == "true") if settings.get(pin) else None
+
+    return DefaultProgram(
+        name=settings.get("fileName"),
+        load=settings.get("autoLoad") == "true",
+        release_brakes=trigger("nameOfSensorToInitialize", "triggerValueToInitialize"),
+        start=trigger("nameOfSensorToAutoStartProgram", "triggerValueToStartProgram"),
     )
 
 
@@ -167,15 +209,15 @@ def read_variables(data: bytes) -> dict[str, str]:
     if text.lstrip().startswith(b"<"):
         variables = (element for element in read_document(text).walk() if element.tag == "variable")
         return {element.get("name"): element.get("value") for element in variables if element.get("value")}
-    lines = (line.strip().partition("=") for line in text.decode("utf-8", "replace").splitlines())
+    entries = (strip(line).partition("=") for line in lines(from_bytes(text)))
     return {
-        name.strip(): _unescaped(value) for name, equals, value in lines if equals and not name.startswith(("#", "!"))
+        strip(name): _unescaped(value) for name, equals, value in entries if equals and not name.startswith(("#", "!"))
     }
 
 
 def _unescaped(value: str) -> str:
     """Java writes a backslash before what would otherwise separate, and letters outside ASCII as numbers."""
-    numbers_read = _ESCAPED_LETTER.sub(lambda match: chr(int(match[1], 16)), value.strip())
+    numbers_read = _ESCAPED_LETTER.sub(lambda match: chr(int(match[1], 16)), strip(value))
     return re.sub(r"\\(.)", r"\1", numbers_read)
 
 
@@ -215,12 +257,12 @@ def _three(values: list[float]) -> tuple[float, float, float]:
 
 
 def _gravity(root: Element) -> tuple[float, float, float]:
-    """As PolyScope's mounting page turns the arm: tilted about x, then turned about z (signs: guess)."""
+    """As PolyScope's mounting page turns the arm: tilted about x, then turned about z (signs as in public scripts)."""
     for element in root.walk():
         if "tiltAngle" in element.attributes:
             tilt, turn = number(element.get("tiltAngle")), number(element.get("baseAngle", "0"))
             across, along = _GRAVITY * math.sin(tilt), _GRAVITY * math.cos(tilt)
-            return (across * math.sin(turn) + 0.0, across * math.cos(turn) + 0.0, along + 0.0)
+            return (across * math.sin(turn) + 0.0, -across * math.cos(turn) + 0.0, along + 0.0)
     return (0.0, 0.0, _GRAVITY)
 
 
@@ -259,7 +301,7 @@ def _tool_serial(root: Element) -> tuple[bool, int, int, int, float, float]:
     baud = _tool(root, "baudRate").removeprefix("BAUD_")
     return (
         _tool(root, "enabled") == "true",
-        int(baud) if baud.isdigit() else 115200,
+        int(baud) if re.fullmatch("[0-9]{1,9}", baud) else 115200,
         _PARITIES.get(_tool(root, "parity"), 0),
         2 if _tool(root, "stopBits") == "TWO" else 1,
         number(_tool(root, "rxIdleChars") or "1.5"),

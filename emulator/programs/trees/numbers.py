@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from emulator.programs.trees.document import DocumentError, Element
 from urproto.robots.pose import Pose, matrix_to_rotvec, pose_inv, pose_trans
+from urproto.text import number as text_number
 
 __all__ = ["list_text", "number", "number_text", "numbers", "pose_text", "six", "taught_pose"]
 
@@ -14,12 +15,9 @@ _DIGITS = 12  # behind the point, as PolyScope writes poses
 def number(text: str, what: str = "number") -> float:
     """One finite number. Raises DocumentError."""
     try:
-        value = float(text)
+        return text_number(text)
     except ValueError:
         raise DocumentError(f"{text!r} is no {what}") from None
-    if not math.isfinite(value):
-        raise DocumentError(f"{text!r} is no {what}")
-    return value
 
 
 def numbers(text: str) -> list[float]:

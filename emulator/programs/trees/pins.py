@@ -1,6 +1,7 @@
 """Inputs and outputs by the names that programs use for them."""
 
 import re
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
 from emulator.programs.trees.document import DocumentError, Element
@@ -9,9 +10,9 @@ from emulator.programs.trees.naming import quoted
 if TYPE_CHECKING:
     from emulator.programs.trees.writer import Writer
 
-__all__ = ["PINS", "pin_name", "pin_reading", "pin_writing", "resolve_pin"]
+__all__ = ["PINS", "find_pin", "pin_name", "pin_reading", "pin_writing", "resolve_pin"]
 
-_NUMBERED: Final = re.compile(r"(\w+)\[(\d+)\]")
+_NUMBERED: Final = re.compile(r"(\w+)\[([0-9]{1,9})\]")
 
 # name without the number -> reading and writing call, as PolyScope writes them
 PINS: Final[dict[str, tuple[str, str]]] = {
@@ -41,16 +42,19 @@ def pin_name(pin: Element | None) -> str:
     return name
 
 
+def find_pin(name: str, names: Mapping[str, tuple[str, str]]) -> tuple[str, str] | None:
+    """Kind (a key of PINS, or modbus) and number (or signal name) of a pin; ``names``: those of the installation."""
+    match = _NUMBERED.fullmatch(name)
+    return (match[1], match[2]) if match and match[1] in PINS else names.get(name)
+
+
 def resolve_pin(writer: "Writer", pin: Element | None) -> tuple[str, str]:
     """Kind (a key of PINS, or modbus) and number (or signal name) of a pin.
 
     Raises DocumentError for a name that neither PolyScope nor the installation gives.
     """
     name = pin_name(pin)
-    match = _NUMBERED.fullmatch(name)
-    if match and match[1] in PINS:
-        return match[1], match[2]
-    found = writer.installation.pins.get(name)
+    found = find_pin(name, writer.installation.pins)
     if found is None:
         raise DocumentError(f"the installation {writer.installation.name} has no input or output called {name}")
     return found

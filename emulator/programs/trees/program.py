@@ -15,6 +15,7 @@ from emulator.programs.trees.preamble import write_preamble
 from emulator.programs.trees.registry import NODES, translate
 from emulator.programs.trees.twin import NO_TWIN, TwinScript, read_twin
 from emulator.programs.trees.writer import ExternalControlCode, TreeError, Writer
+from urproto.text import from_bytes
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.work import Steps, run_to_end
 
@@ -146,7 +147,7 @@ def read_tree(path: Path, folder: ProgramsFolder | None = None) -> ProgramTree:
 def read_tree_steps(path: Path, folder: ProgramsFolder | None = None) -> Steps[ProgramTree]:
     """`read_tree` in pieces, for a control loop."""
     beside = path.with_suffix(".script")
-    text = beside.read_bytes().decode("utf-8", "replace").removeprefix("\ufeff") if beside.is_file() else ""
+    text = from_bytes(beside.read_bytes()).removeprefix("\ufeff") if beside.is_file() else ""
     twin = yield from read_twin(text)
     root = yield from read_steps(path.read_bytes())
     return ProgramTree(root, path.stem, twin, folder)

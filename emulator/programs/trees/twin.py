@@ -10,6 +10,7 @@ import re
 from dataclasses import dataclass, field
 from typing import Final
 
+from urproto.text import lines
 from urscript.work import Steps
 
 __all__ = ["NO_TWIN", "TwinBlock", "TwinScript", "read_twin"]
@@ -20,7 +21,7 @@ _BEGIN: Final = re.compile(r"\s*# begin: URCap (Program|Installation) Node\s*$")
 _END: Final = re.compile(r"(?:.*\s)?# end: URCap (Program|Installation) Node\s*$")
 _SOURCE: Final = re.compile(r"\s*#\s*Source: (.*)$")
 _TYPE: Final = re.compile(r"\s*#\s*Type: (.*)$")
-_LABEL: Final = re.compile(r'\s*\$ (\d+) "(.*?)"(?: "(?:breakAfter|noBreak)")?\s*$')
+_LABEL: Final = re.compile(r'\s*\$ ([0-9]{1,9}) "(.*?)"(?: "(?:breakAfter|noBreak)")?\s*$')
 _DEFINES: Final = re.compile(r"\s*(?:(?:def|thread)\s+(\w+)\s*\(|(?:global\s+)?(\w+)\s*=[^=])")
 _WORD: Final = re.compile(r"\w+")
 _LINES_AT_ONCE: Final = 200  # well under a millisecond
@@ -74,7 +75,7 @@ def read_twin(script: str) -> Steps[TwinScript]:
     """Blocks and labels of a script, in pieces for a control loop."""
     twin = TwinScript([], {})
     open_blocks: list[TwinBlock] = []
-    for index, line in enumerate(script.splitlines()):
+    for index, line in enumerate(lines(script)):
         if index % _LINES_AT_ONCE == 0:
             yield _PIECE_WORK
         marked = _MARK in line

@@ -6,6 +6,7 @@ from emulator.programs.trees.naming import identifier
 from emulator.programs.trees.nodes.waits import child_text
 from emulator.programs.trees.registry import node, translate_children
 from emulator.programs.trees.writer import Writer
+from urproto.text import lines
 from urscript.work import Steps
 
 __all__: list[str] = []
@@ -23,7 +24,7 @@ def script(writer: Writer, element: Element) -> None:
     name = child_text(element, "file")
     writer.label(element, f"Script: {name.rpartition('/')[2]}")
     text = _file_text(writer, element, name)
-    for line in text.splitlines():
+    for line in lines(text):
         writer.line(line)
 
 

@@ -8,6 +8,7 @@ from emulator.programs.trees.nodes.flow import count_time
 from emulator.programs.trees.nodes.moves import DIRECTION
 from emulator.programs.trees.registry import node
 from emulator.programs.trees.writer import TreeError, Writer
+from urproto.text import lines
 
 __all__ = ["is_external_control"]
 
@@ -69,5 +70,5 @@ def _external_control(writer: Writer, element: Element) -> None:
     page = writer.installation.contributions.get(_EXTERNAL_CONTROL, {})
     writer.label(element, f"Control by {page.get('name') or _UNNAMED}")
     if writer.once("external control header"):
-        writer.raw(code.header.splitlines())
-    writer.raw(code.node.splitlines())
+        writer.raw(lines(code.header))
+    writer.raw(lines(code.node))

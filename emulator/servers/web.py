@@ -1,0 +1,94 @@
+"""What a web browser says first, to a port that is not for it.
+
+A page of any site can make a browser send requests to this machine and its network: a POST whose body is a script or
+lines for the dashboard, one to the RTDE port whose body begins where a package would, a TLS handshake with text of the
+page's choice in its session ticket. So the first bytes of a connection are looked at before anybody reads them. What
+browsers send is known by its first line or its first nine bytes, and no client of a robot begins like that:
+
+- an HTTP request line, ``METHOD target HTTP/1.1``: the method in upper case, the target a path, a URL or ``*``.
+- a TLS record that holds nothing but a ClientHello: its two lengths agree.
+"""
+
+import re
+from enum import StrEnum
+from typing import Final
+
+__all__ = ["Opening", "Visitor", "visitor"]
+
+_METHOD: Final = re.compile(rb"[A-Z][A-Z0-9_-]{0,31}")
+_CONNECT: Final = b"CONNECT"  # the one method whose target is host and port
+_TARGETS: Final = (b"/", b"*", b"http://", b"https://")
+_VERSION: Final = b"HTTP/"
+_LONGEST_TARGET: Final = 2048  # bytes: what still looks like a request then is one (guess)
+_HANDSHAKE: Final = b"\x16\x03"
+_CLIENT_HELLO: Final = 1
+
+
+class Visitor(StrEnum):
+    """Who has come to the wrong port."""
+
+    HTTP = "http"
+    TLS = "tls"
+
+
+def visitor(start: bytes) -> Visitor | bool:
+    """Who a connection comes from that begins like this; False: none of them; True: any of them, more has to come."""
+    if not start:
+        return True
+    return _tls(start) if start[0] == _HANDSHAKE[0] else _http(start)
+
+
+def _http(start: bytes) -> Visitor | bool:
+    line, ended, _ = start.partition(b"\n")
+    method, *more = line.split(b" ", 2)
+    if _METHOD.fullmatch(method) is None:
+        return False
+    target, version = (*more, None, None)[:2]
+    if target is None:
+        return not ended
+    if method != _CONNECT and not any(target.startswith(known) or known.startswith(target) for known in _TARGETS):
+        return False
+    if len(target) > _LONGEST_TARGET or (version is not None and version.startswith(_VERSION)):
+        return Visitor.HTTP
+    return not ended and (version is None or _VERSION.startswith(version))
+
+
+def _tls(start: bytes) -> Visitor | bool:
+    """Record type, version 3.x, length; handshake type, length."""
+    if not _HANDSHAKE.startswith(start[:2]) or start[2:3] > b"\x04":
+        return False
+    if len(start) < 6:
+        return True
+    length = int.from_bytes(start[3:5]) - 4
+    if start[5] != _CLIENT_HELLO or length < 0:
+        return False
+    announced, seen = length.to_bytes(3), start[6:9]
+    if seen == announced:
+        return Visitor.TLS
+    return announced.startswith(seen)
+
+
+class Opening:
+    """The first bytes of a connection, until it is known whether a browser sent them.
+
+    patient: keep them back so long. Otherwise they pass at once, for clients that wait for what a single byte does.
+    """
+
+    def __init__(self, *, patient: bool) -> None:
+        self._patient = patient
+        self._start = b""
+        self._passed = 0
+        self.verdict: Visitor | bool = True
+
+    def feed(self, data: bytes) -> bytes:
+        """What may be read now. Look at ``verdict`` first: of a visitor's bytes there is none."""
+        self._start += data
+        self.verdict = visitor(self._start)
+        if isinstance(self.verdict, Visitor) or (self.verdict and self._patient):
+            return b""
+        return self.rest()
+
+    def rest(self) -> bytes:
+        """What was kept back: nothing more comes."""
+        rest, self._passed = self._start[self._passed :], len(self._start)
+        return rest

@@ -1,0 +1,276 @@
+"""The default program: loaded at boot, and what inputs release the brakes and start it."""
+
+import gzip
+from pathlib import Path
+
+import pytest
+from tree_rig import Arm, installation, main, say, sleep, tag
+
+from emulator.io.signals import CONFIGURABLE, STANDARD
+from emulator.lifecycle.power import PowerTimings
+from urproto.modes import RobotMode, RuntimeState
+
+both_series = pytest.mark.parametrize("model", ["ur5", "ur5e"])
+TCP = '<tcp name="TCP" offset="0, 0, 0.1, 0, 0, 0"/>'
+NONE = "No program loaded"
+QUICK = PowerTimings(joint_boot_s=0.02, power_on_s=0.02, brake_release_s=0.02)
+CUBE = "Loaded program: /programs/cube/Cube.urp"
+
+
+def settings(name: str = "cube/Cube.urp", load: bool = True, **inputs: tuple[str, bool]) -> str:
+    """What PolyScope writes; release, start: the input and the level."""
+    attributes = {"fileName": name, "autoLoad": str(load).lower()}
+    for key, (sensor, level) in {
+        "release": ("nameOfSensorToInitialize", "triggerValueToInitialize"),
+        "start": ("nameOfSensorToAutoStartProgram", "triggerValueToStartProgram"),
+    }.items():
+        if key in inputs:
+            attributes |= {sensor: inputs[key][0], level: str(inputs[key][1]).lower()}
+    return tag("DefaultProgramSettings", **attributes)
+
+
+class Box(Arm):
+    """A controller that is off, with a default.installation of such settings. high: inputs, from the beginning."""
+
+    def __init__(self, folder: Path, model: str, *default: str, high: tuple[int, ...] = (), **config) -> None:
+        self.install(folder, *default)
+        self.folder, self.high = folder, high
+        self.save("cube/Cube.urp", main(say("cube"), sleep(0.1)))
+        self.save("other.urp", main(say("other")))
+        super().__init__(folder, model, running=False, **{"timings": QUICK, **config})
+
+    def tick(self) -> None:
+        for index in self.high:
+            self.drive(index, True)
+        self.high = ()
+        super().tick()
+
+    @staticmethod
+    def install(folder: Path, *settings: str, name: str = "default") -> None:
+        (folder / f"{name}.installation").write_bytes(gzip.compress(installation(*settings, tcps=TCP).encode()))
+
+    def drive(self, index: int, level: bool, group=STANDARD) -> None:
+        self.controller.signals.set_digital_input(group, index, level)
+
+    @property
+    def mode(self) -> RobotMode:
+        return self.controller.snapshot.robot_mode
+
+    @property
+    def loaded(self) -> str:
+        return self.ask("get loaded program")
+
+    @property
+    def runs(self) -> int:
+        return self.texts.count("cube")
+
+    def release(self) -> None:
+        self.ask("brake release")
+        self.until(lambda: self.mode is RobotMode.RUNNING, 1.0)
+
+    def pulse(self, index: int = 0) -> None:
+        for level in (True, False):
+            self.drive(index, level)
+            self.seconds(0.05)
+
+
+@both_series
+def test_a_controller_boots_with_its_installation_and_default_program(tmp_path, model):
+    box = Box(tmp_path, model, settings())
+    assert box.controller.snapshot.actual_TCP_pose == pytest.approx(box.controller.arm.tcp_pose)
+    assert box.controller.installation.tcp[2] == 0.1
+    assert box.loaded == CUBE
+    assert box.ask("programState") == "STOPPED Cube.urp"
+    box.release()
+    assert box.ask("play") == "Starting program"
+    box.until(lambda: box.runs)
+
+
+def test_a_default_program_that_is_not_to_be_loaded_is_not(tmp_path):
+    box = Box(tmp_path, "ur5e", settings(load=False))
+    assert box.controller.installation.tcp[2] == 0.1
+    assert box.loaded == NONE
+
+
+def test_without_an_installation_nothing_happens(tmp_path):
+    assert Arm(tmp_path).ask("get loaded program") == NONE
+    assert Arm(tmp_path).controller.messages.history == Arm(tmp_path / "none").controller.messages.history
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("gone.urp", b"", "the default program gone.urp of default.installation is not in the programs folder"),
+        ("../outside.urp", b"", "the default program ../outside.urp of default.installation is not in the programs"),
+        ("bad.urp", b"\x1f\x8b?", "loading the default program bad.urp failed: "),
+        ("bad.txt", b"hello", "loading the default program bad.txt failed: bad.txt is no program"),
+    ],
+)
+def test_a_default_program_that_cannot_be_loaded_is_a_line_in_the_log(tmp_path, name, content, says):
+    folder = tmp_path / "programs"
+    folder.mkdir()
+    (tmp_path / "outside.urp").write_bytes(b"?")
+    if content:
+        (folder / name).write_bytes(content)
+    box = Box(folder, "ur5e", settings(name))
+    assert [says in line for line in box.controller.messages.history].count(True) == 1
+    assert len(box.controller.messages.history) == 1
+    assert box.loaded == NONE
+    assert box.controller.installation.tcp[2] == 0.1
+
+
+@pytest.mark.parametrize("content", [b"", b"?", b"\x1f\x8b", b"<Installation/>", b"<URProgram/>", "directory"])
+def test_an_installation_that_cannot_be_read_is_a_line_in_the_log(tmp_path, content):
+    path = tmp_path / "default.installation"
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+        box = Arm(tmp_path)
+        assert len(box.controller.messages.history) == 1
+        assert "default.installation is not used: " in box.controller.messages.history[0]
+    else:
+        path.mkdir()
+        box = Arm(tmp_path)
+    assert box.ask("get loaded program") == NONE
+    assert box.controller.installation.tcp[2] == 0.0
+
+
+@both_series
+@pytest.mark.parametrize("level", [True, False])
+def test_an_edge_of_an_input_switches_the_arm_on(tmp_path, model, level):
+    box = Box(tmp_path, model, settings(release=("digital_in[3]", level)), high=() if level else (3,))
+    box.seconds(0.5)
+    box.drive(4, level)
+    box.seconds(0.5)
+    assert box.mode is RobotMode.POWER_OFF
+    box.drive(3, level)
+    box.until(lambda: box.mode is RobotMode.RUNNING, 1.0)
+    box.ask("power off")
+    box.seconds(0.5)  # a level is no edge
+    assert box.mode is RobotMode.POWER_OFF
+
+
+@both_series
+def test_an_edge_starts_the_program_each_time(tmp_path, model):
+    box = Box(tmp_path, model, settings(start=("digital_in[0]", True)))
+    box.pulse()
+    box.release()
+    box.seconds(0.5)
+    assert box.runs == 0  # the arm was not ready when the edge came
+    for count in (1, 2):
+        box.pulse()
+        box.until(lambda count=count: box.runs == count and box.state is RuntimeState.STOPPED, 5.0)
+    box.drive(0, True)
+    box.seconds(0.5)
+    assert box.runs == 3  # and once only, however long it is high
+
+
+@both_series
+@pytest.mark.parametrize("level", [True, False])
+def test_a_level_that_is_there_at_boot_is_enough(tmp_path, model, level):
+    """The manual's warning: no edge is needed then, and inputs are low by themselves."""
+    both = ("digital_in[2]", level)
+    box = Box(tmp_path, model, settings(release=both, start=both), high=(2,) if level else ())
+    box.until(lambda: box.runs == 1, 2.0)
+    box.seconds(0.5)
+    assert box.runs == 1
+
+
+def test_stop_keeps_the_input_from_starting_until_play(tmp_path):
+    box = Box(tmp_path, "ur5e", settings(start=("digital_in[0]", True)))
+    box.release()
+    box.seconds(0.1)
+    box.drive(0, True)
+    box.until(lambda: box.state is RuntimeState.PLAYING, 1.0)
+    box.ask("stop")
+    box.drive(0, False)
+    box.seconds(0.1)
+    box.pulse()
+    box.seconds(0.5)
+    assert box.runs == 1
+    box.ask("play")
+    box.until(lambda: box.runs == 2 and box.state is RuntimeState.STOPPED, 5.0)
+    box.pulse()
+    box.until(lambda: box.runs == 3, 5.0)
+
+
+def test_only_the_default_program_is_started(tmp_path):
+    box = Box(tmp_path, "ur5e", settings(load=False, start=("digital_in[0]", True)))
+    box.release()
+    box.pulse()
+    box.ask("load other.urp")
+    box.pulse()
+    box.seconds(0.5)
+    assert box.texts == []
+    box.ask("load cube/Cube.urp")
+    box.seconds(0.1)
+    box.pulse()
+    box.until(lambda: box.texts == ["cube"], 5.0)
+
+
+@pytest.mark.parametrize("remote", [False, True])
+def test_inputs_act_in_remote_control_only_where_that_is_enforced(tmp_path, remote):
+    box = Box(
+        tmp_path,
+        "ur5e",
+        settings(release=("digital_in[3]", True), start=("digital_in[0]", True)),
+        remote_control=remote,
+        enforce_remote_control=True,
+    )
+    box.seconds(0.1)
+    box.drive(3, True)
+    box.seconds(0.5)
+    assert (box.mode is RobotMode.RUNNING) is remote
+    box.release()
+    box.seconds(0.1)
+    box.pulse()
+    box.seconds(0.5)
+    assert box.runs == (1 if remote else 0)
+
+
+def test_the_input_may_have_a_name_or_be_a_register(tmp_path):
+    names = tag("IOs", tag("ConfigurableInputNames", value=",,go,,,,,"))
+    box = Box(tmp_path, "ur5e", names, settings(release=("GP_bool_in[5]", True), start=("go", True)))
+    box.seconds(0.1)
+    box.controller.registers.input.set_bit(5, True)
+    box.until(lambda: box.mode is RobotMode.RUNNING, 1.0)
+    box.seconds(0.1)
+    box.drive(2, True, CONFIGURABLE)
+    box.until(lambda: box.runs == 1, 1.0)
+
+
+@pytest.mark.parametrize("pin", ["digital_in[8]", "analog_in[0]", "digital_out[0]", "nothing"])
+def test_an_input_that_is_none_is_a_line_in_the_log(tmp_path, pin):
+    box = Box(tmp_path, "ur5e", settings(release=(pin, False)))
+    box.seconds(0.5)
+    assert box.mode is RobotMode.POWER_OFF
+    assert len([line for line in box.controller.messages.history if f"{pin} is no digital input" in line]) == 1
+
+
+def test_another_installation_begins_with_the_level_that_its_input_has(tmp_path):
+    box = Box(tmp_path, "ur5e", settings(), high=(1,))
+    Box.install(tmp_path, settings(release=("digital_in[1]", True)), name="second")
+    box.ask("load installation second.installation")
+    box.seconds(0.5)
+    assert box.mode is RobotMode.POWER_OFF
+    box.drive(1, False)
+    box.seconds(0.1)
+    box.drive(1, True)
+    box.until(lambda: box.mode is RobotMode.RUNNING, 1.0)
+
+
+def test_a_controller_that_takes_time_to_boot_loads_meanwhile(tmp_path):
+    box = Box(tmp_path, "ur5e", settings(), timings=PowerTimings(controller_boot_s=0.5))
+    assert box.mode is RobotMode.BOOTING
+    box.until(lambda: box.loaded == CUBE, 0.5)
+    assert box.mode is RobotMode.BOOTING
+
+
+def test_what_a_client_loads_while_the_controller_boots_stays(tmp_path):
+    box = Box(tmp_path, "ur5e")
+    box.save("long.urp", main(*(say(f"line {number}") for number in range(1000))))
+    Box.install(tmp_path, settings("long.urp"))
+    rebooted = Arm(tmp_path, running=False, timings=PowerTimings(controller_boot_s=0.1))
+    assert rebooted.ask("load other.urp").startswith("Loading program")
+    rebooted.seconds(3.0)
+    assert rebooted.ask("get loaded program") == "Loaded program: /programs/other.urp"
+    assert Arm(tmp_path).ask("get loaded program") == "Loaded program: /programs/long.urp"

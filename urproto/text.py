@@ -1,0 +1,133 @@
+"""Text from strangers: the one rule by which bytes become ``str`` and leave again.
+
+A string of the controller is a row of bytes, and a client may send any. So text is held as Python holds the names of
+files (PEP 383): decoded as UTF-8, and what is not UTF-8 byte by byte as surrogate escapes (``from_bytes``). It leaves
+
+- as the very bytes that came, by ``to_bytes``: on the controller's own ports, to sockets, into script files;
+- as Unicode that everybody takes, by ``readable``: as JSON and HTML, in logs and reports, in recordings, on Foxglove
+  and ROS. There a byte that is not UTF-8 shows as ``\\xe9``. Streams and files do so with ``errors=READABLE``.
+
+Nothing else encodes or decodes what a client sent.
+
+What a protocol calls a blank, a digit or a number is ASCII. Python's ``str.split()``, ``strip()``, ``isdigit()``,
+``int()`` and ``float()`` take more: 0x1c to 0x1f, 0x85 and all of Unicode's spaces as blanks, ``'²'`` and ``'٣'`` as
+digits, ``'1_0'`` as ten. ``strip``, ``words``, ``lines``, ``lower``, ``whole_number`` and ``number`` take what the
+protocols do.
+"""
+
+import codecs
+import re
+from io import TextIOWrapper
+from typing import Any, Final, TextIO
+
+__all__ = [
+    "BLANKS",
+    "READABLE",
+    "from_bytes",
+    "lines",
+    "lower",
+    "number",
+    "readable",
+    "readable_in",
+    "show_anything",
+    "strip",
+    "to_bytes",
+    "whole_number",
+    "words",
+]
+
+BLANKS: Final = " \t\n\r\f\v"
+READABLE: Final = "readable"  # the error handler of that name
+
+_OTHER_SURROGATES: Final = re.compile("[\ud800-\udc7f\udd00-\udfff]")
+_LINE_BREAK: Final = re.compile("\r\n|\n|\r")
+_WORD: Final = re.compile(rf"[^{BLANKS}]+")
+_WHOLE: Final = re.compile(r"[+-]?[0-9]{1,400}")  # more digits than any number of a protocol has; int() refuses 4300
+_NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+
+
+def from_bytes(data: bytes | bytearray) -> str:
+    """Text from bytes, reversible whatever they are."""
+    return data.decode("utf-8", "surrogateescape")
+
+
+def to_bytes(text: str) -> bytes:
+    """The bytes that text came from. Of what no bytes become, lone surrogates from elsewhere, question marks."""
+    try:
+        return text.encode("utf-8", "surrogateescape")
+    except UnicodeEncodeError:
+        return _OTHER_SURROGATES.sub("?", text).encode("utf-8", "surrogateescape")
+
+
+def readable(text: str) -> str:
+    """Text that can be encoded in UTF-8: bytes that are none show as ``\\xe9``."""
+    return text if text.isascii() else text.encode("utf-8", READABLE).decode("utf-8")
+
+
+def readable_in(value: Any) -> Any:
+    """A value of dicts, lists, tuples and scalars, all text in it readable; tuples become lists, as in JSON."""
+    if isinstance(value, str):
+        return readable(value)
+    if isinstance(value, dict):
+        return {readable_in(name): readable_in(item) for name, item in value.items()}
+    return [readable_in(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def show_anything(*streams: TextIO) -> None:
+    """Let these streams, a terminal in any encoding perhaps, take every text."""
+    for stream in streams:
+        if isinstance(stream, TextIOWrapper):  # what a test put in its place may be another
+            stream.reconfigure(errors=READABLE)
+
+
+def _escaped(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(_escape, error.object[error.start : error.end])), error.end
+
+
+def _escape(letter: str) -> str:
+    if "\udc80" <= letter <= "\udcff":
+        return f"\\x{ord(letter) - 0xDC00:02x}"
+    return letter.encode("ascii", "backslashreplace").decode("ascii")
+
+
+codecs.register_error(READABLE, _escaped)
+
+
+def lower(text: str) -> str:
+    """Lower case, of ASCII letters only: the Kelvin sign is no k."""
+    return from_bytes(to_bytes(text).lower())
+
+
+def strip(text: str) -> str:
+    """Without the blanks at both ends."""
+    return text.strip(BLANKS)
+
+
+def lines(text: str) -> list[str]:
+    """Lines that end with LF, CR LF or CR, without their ends."""
+    found = _LINE_BREAK.split(text)
+    return found if found[-1] else found[:-1]
+
+
+def words(text: str) -> list[str]:
+    """What stands between blanks."""
+    return _WORD.findall(text)
+
+
+def whole_number(text: str) -> int:
+    """A decimal number without fraction, blanks around it allowed. Raises ValueError."""
+    if not _WHOLE.fullmatch(strip(text)):
+        raise ValueError(f"{text[:40]!r} is not a whole number")
+    return int(text)
+
+
+def number(text: str) -> float:
+    """A decimal number, blanks around it allowed; not ``inf`` and ``nan``. Raises ValueError, also beyond 1.8e308."""
+    if not _NUMBER.fullmatch(strip(text)):
+        raise ValueError(f"{text[:40]!r} is not a number")
+    value = float(strip(text))
+    if value in (float("inf"), float("-inf")):
+        raise ValueError(f"{text[:40]} is too large for a number")
+    return value
