@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 
 from client.connection import DEFAULT_TIMEOUT_S, POLL, AsyncConnection, BlockingConnection, Connection, Flow, TimeLimit
 from client.errors import NoAnswerError, ScriptFailedError
-from client.scripts import MAY_RUN, Script, ScriptResult, ScriptRun, mode_name, prepare
+from client.scripts import MAY_RUN, Script, ScriptResult, ScriptRun, mode_name, prepare, telling_its_end
 from client.textcommands import (
     BRAKE_RELEASE,
     PAUSE_PROGRAM,
@@ -175,9 +175,14 @@ class PrimaryCore:
         run = yield from self.start(text, name, timeout_s=start_timeout_s)
         return (yield from self.finish(run, timeout_s=timeout_s))
 
-    def start(self, text: str, name: str | None = None, *, timeout_s: float = _START_S) -> Flow[ScriptRun]:
-        """The first half of ``execute``: until the program runs. `ScriptRun.script` has its name."""
-        script = prepare(text, name)
+    def start(
+        self, text: str, name: str | None = None, *, timeout_s: float = _START_S, to_its_end: bool = False
+    ) -> Flow[ScriptRun]:
+        """The first half of ``execute``: until the program runs. `ScriptRun.script` has its name.
+
+        to_its_end: let ``finish`` raise ScriptFailedError when somebody stops the program; see `telling_its_end`.
+        """
+        script = telling_its_end(prepare(text, name)) if to_its_end else prepare(text, name)
         yield from self._catch_up()
         self._check_ready(script)
         run = ScriptRun(script)

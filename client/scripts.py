@@ -5,7 +5,7 @@ A text is sent as a program with a name; a controller reports that name, and err
 
 import itertools
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from client.errors import ScriptFailedError
@@ -15,7 +15,7 @@ from urproto.primary.framing import PrimaryMessage
 from urproto.primary.messages import ErrorCodeMessage, RuntimeExceptionMessage, SafetyModeMessage, TextMessage
 from urproto.primary.state import RobotStateData
 
-__all__ = ["MAY_RUN", "Script", "ScriptResult", "ScriptRun", "is_secondary", "mode_name", "prepare"]
+__all__ = ["MAY_RUN", "Script", "ScriptResult", "ScriptRun", "is_secondary", "mode_name", "prepare", "telling_its_end"]
 
 MAY_RUN: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED, SafetyMode.RECOVERY)
 _GRAVE: Final = (ReportLevel.VIOLATION, ReportLevel.FAULT, ReportLevel.CRITICAL_FAULT)
@@ -25,16 +25,25 @@ _HEAD: Final = re.compile(r"\A(?:[ \t]*(?:#[^\n]*)?\r?\n)*[ \t]*(def|sec)\s+(\w+
 _NAME: Final = re.compile(r"[A-Za-z_]\w*\Z", re.ASCII)
 _WIRE_LINE: Final = re.compile(r"(?<=syntax_error_on_line:)\d+")  # the controller names the line in such a text too
 
+# The last line of a text, beside comments; and what may end a program before it.
+_LAST_END: Final = re.compile(r"^([ \t]*)end[ \t]*(?:#[^\n]*)?(?:\s*#[^\n]*)*\s*\Z", re.MULTILINE)
+_DEFINITION: Final = re.compile(r"^([ \t]*)(?:def|sec)\b", re.MULTILINE)
+_ENDS_EARLY: Final = re.compile(r"^[^#\n]*\b(?:halt|return)\b", re.MULTILINE)
+
 _numbers = itertools.count(1)
 
 
 @dataclass(frozen=True, slots=True)
 class Script:
-    """A program ready to be sent. ``shift``: lines put before the caller's text."""
+    """A program ready to be sent.
+
+    shift: lines put before the caller's text. last_words: what it says (textmsg) at its end, empty when it does not.
+    """
 
     name: str
     text: str
     shift: int = 0
+    last_words: str = ""
 
     def line(self, reported: int) -> int:
         """The caller's line for the one a controller reports, both from 1."""
@@ -62,6 +71,21 @@ def prepare(text: str, name: str | None = None) -> Script:
     return Script(head[2], text)
 
 
+def telling_its_end(script: Script) -> Script:
+    """The program with a line more, by which one sees that it has come to its end and was not stopped.
+
+    As it is where that cannot be had: a program that may end in its middle (halt, return), or whose last line is not
+    clearly the end of the only program in the text.
+    """
+    end = _LAST_END.search(script.text)
+    outer = [match[1] for match in _DEFINITION.finditer(script.text)]
+    if end is None or _ENDS_EARLY.search(script.text) or outer.count(end[1]) != 1 or outer[0] != end[1]:
+        return script
+    words = f"{script.name} has come to its end"
+    text = f'{script.text[: end.start()]}{end[1]}  textmsg("{words}")\n{script.text[end.start() :]}'
+    return replace(script, text=text, last_words=words)
+
+
 def is_secondary(text: str) -> bool:
     """Whether it is a ``sec`` program."""
     head = _HEAD.match(text)
@@ -76,7 +100,7 @@ def _wrapped(text: str, name: str) -> Script:
 
 @dataclass(frozen=True, slots=True)
 class ScriptResult:
-    """A program that ran to its end, or was stopped by somebody: controllers do not tell which.
+    """A program that ran to its end, or was stopped by somebody: controllers do not tell which (`telling_its_end`).
 
     texts: what it said with textmsg(). errors: error codes that came meanwhile, none grave.
     """
@@ -95,10 +119,13 @@ class ScriptRun:
         self._errors: list[ErrorCodeMessage] = []
         self._stopped: SafetyMode | int | None = None
         self._states_since = 0
+        self._came_to_its_end = not script.last_words
 
     def watch(self, message: PrimaryMessage) -> None:
         """Take note; raises ScriptFailedError for what ends a program."""
-        if isinstance(message, TextMessage):
+        if isinstance(message, TextMessage) and self.script.last_words and message.text == self.script.last_words:
+            self._came_to_its_end = True
+        elif isinstance(message, TextMessage):
             self._texts.append(message.text)
         elif isinstance(message, RuntimeExceptionMessage):
             line = self.script.line(message.line)
@@ -123,4 +150,6 @@ class ScriptRun:
         return ScriptFailedError(line, column, text, self.script.name, tuple(self._errors))
 
     def result(self) -> ScriptResult:
+        if not self._came_to_its_end:
+            raise self.failed("it was stopped before its end: by somebody, or by another program that took its place")
         return ScriptResult(self.script.name, tuple(self._texts), tuple(self._errors))

@@ -14,7 +14,7 @@ from client.commands.options import PortOffset, RobotIP
 from client.connection import DEFAULT_TIMEOUT_S
 from client.errors import ClientError, RecordingError
 from client.recording import live
-from client.recording.files import Recorder, Writer, convert, field_names, read
+from client.recording.files import Recorder, Writer, convert, field_names, read, told
 from client.recording.live import (
     FOXGLOVE_PORT,
     PLOTJUGGLER_PORT,
@@ -63,6 +63,8 @@ def record_command(
         typer.echo(f"recording {_what(robot, names)} into {file}. Ctrl-C ends it.", err=True)
         follow(robot, [recorder.write], interrupts, duration)
     typer.echo(f"{file}: {recorder.count} states")
+    if recorder.left_out:
+        typer.echo(f"note: {recorder.left_out} states of the robot had no time (timestamp) and were left out", err=True)
 
 
 def stream_command(
@@ -119,17 +121,22 @@ def convert_command(
     """Write a recording in another format."""
     check_free(target, overwrite)
     recording = convert(file, target)
+    _tell(file, recording)
     typer.echo(f"{target}: {len(recording)} states of {len(recording.values)} variables")
     if recording.controllers:
         typer.echo(f"without what controllers told ({', '.join(recording.controllers)}): it stays in {file}", err=True)
 
 
 def read_telling(path: Path) -> Recording:
-    """A recording; one without a proper end is told."""
+    """A recording; it is told when it is damaged or has no proper end."""
     recording = read(path)
-    if reason := recording.info.get("cut_off"):
-        typer.echo(f"note: {path} has no proper end ({reason}); what is there counts", err=True)
+    _tell(path, recording)
     return recording
+
+
+def _tell(path: Path, recording: Recording) -> None:
+    if what := told(recording.info):
+        typer.echo(f"note: {path}: {'; '.join(what)}; the {len(recording)} states that are left count", err=True)
 
 
 def check_free(path: Path, overwrite: bool) -> None:
@@ -168,9 +175,9 @@ def _stamped(writers: Sequence[Writer]) -> list[Sink]:
     stamps = Stamps()
 
     def write(values: Any) -> None:
-        time_ns = stamps.of(values["timestamp"])
-        for writer in writers:
-            writer.write(values, time_ns)
+        if (time_ns := stamps.of(values["timestamp"])) is not None:
+            for writer in writers:
+                writer.write(values, time_ns)
 
     return [write]
 

@@ -19,7 +19,11 @@ def send_command(
     port_offset: PortOffset = 0,
     wait: Annotated[bool, typer.Option("--wait", help="Wait until the program ends.")] = False,
 ) -> None:
-    """Send a script and wait until it runs. Status 1 when it is no URScript, or when an error or a stop ends it."""
+    """Send a script and wait until it runs. Status 1 when it is no URScript, or when an error or a stop ends it.
+
+    With --wait the robot's log has a line more, by which the end of the program is told from a stop; programs that use
+    halt or return go without.
+    """
     try:
         text = file.read_text("utf-8")
     except UnicodeDecodeError as error:
@@ -31,7 +35,7 @@ def send_command(
             robot.run(robot.core.send_secondary(text))
             typer.echo(f"sent {file}")
             return
-        run = robot.run(robot.core.start(text))
+        run = robot.run(robot.core.start(text, to_its_end=wait))
         typer.echo(f"{run.script.name} is running")
         if wait:
             robot.run(robot.core.finish(run), float("inf"))

@@ -1,19 +1,23 @@
 """Recordings by file name: ``.mcap``, ``.csv`` or ``.npz``."""
 
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Protocol, Self
+
+import numpy as np
 
 from client.errors import RecordingError
 from client.recipes import unknown_fields
 from client.recording.mcapfile import McapWriter, read_mcap
 from client.recording.recording import DEFAULT_FIELDS, Info, Recording
-from client.recording.stamps import Stamps
+from client.recording.stamps import LONGEST_S, Stamps
 from client.recording.tables import CsvWriter, NpzWriter, read_csv, read_npz
 
-__all__ = ["FORMATS", "Recorder", "Writer", "convert", "field_names", "open_writer", "read"]
+__all__ = ["FORMATS", "Recorder", "Writer", "convert", "field_names", "open_writer", "read", "told"]
 
 FORMATS: Final = (".mcap", ".csv", ".npz")
 _DEFAULT: Final = "default"
@@ -29,11 +33,19 @@ class Writer(Protocol):
         """Finish."""
 
 
+class FileWriter(Writer, Protocol):
+    """A file that they go to; saved: states that are in it for sure."""
+
+    @property
+    def saved(self) -> int: ...
+
+
 class Recorder:
     """Writes RTDE states into a file; use it with ``with``, which also finishes the file.
 
     path: its suffix says the format. names: the variables, ``timestamp`` is always among them.
-    info: whatever is worth knowing later. Raises RecordingError.
+    info: whatever is worth knowing later. Raises RecordingError; where a file cannot be written any more, it says how
+    many states are in it. count: states it was given; left_out: those without a time, which are not in the file.
 
         with Recorder("run.mcap") as recorder, Robot(host, outputs=DEFAULT_FIELDS) as robot:
             robot.inner.driver.robot.on_state.append(recorder.write)
@@ -49,6 +61,8 @@ class Recorder:
         self.path = Path(path)
         self.names = field_names(names)
         self.count = 0
+        self.left_out = 0
+        self._failure = ""
         self._writer = open_writer(self.path, self.names, info or {})
         self._stamps = Stamps(now_ns)
 
@@ -58,12 +72,26 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except RecordingError:
+            if error is None:  # else it has been told, or matters less
+                raise
 
     def write(self, values: Mapping[str, Any]) -> None:
-        """Add a state; more variables than the recording's do no harm."""
-        self._writer.write({name: values[name] for name in self.names}, self._stamps.of(values["timestamp"]))
+        """Add a state; more variables than the recording's do no harm.
+
+        A file that cannot be written any more is an error once, and again when it is closed.
+        """
+        time_ns = self._stamps.of(values["timestamp"])
+        if time_ns is None:
+            self.left_out += 1
+            return
         self.count += 1
+        if self._failure:
+            return
+        with self._telling():
+            self._writer.write({name: values[name] for name in self.names}, time_ns)
 
     def write_controller(self, controller: str, state: Any) -> None:
         """Add the state of a trajectory controller, see `McapWriter.write_controller`; its time_s is the robot's.
@@ -72,14 +100,36 @@ class Recorder:
         """
         if not isinstance(self._writer, McapWriter):
             raise RecordingError(f"{self.path}: only .mcap files hold states of controllers")
-        self._writer.write_controller(controller, state, self._stamps.of(state.time_s))
+        time_ns = self._stamps.of(state.time_s)
+        if time_ns is not None and not self._failure:
+            with self._telling():
+                self._writer.write_controller(controller, state, time_ns)
 
     def close(self) -> None:
         """Finish the file."""
-        self._writer.close()
+        with self._telling():
+            self._writer.close()
+
+        if self._failure:
+            raise self._told_failure()
+
+    @contextmanager
+    def _telling(self) -> Iterator[None]:
+        try:
+            yield
+        except RecordingError as error:
+            self._failure = str(error)
+            raise self._told_failure() from error
+
+    def _told_failure(self) -> RecordingError:
+        lost = self.count - self._writer.saved
+        saved = f"{self._writer.saved} states are in the file for sure"
+        return RecordingError(
+            f"{self._failure}; {saved}, the last {lost} may be lost: free some space and record again"
+        )
 
 
-def open_writer(path: Path, names: Collection[str], info: Info) -> Writer:
+def open_writer(path: Path, names: Collection[str], info: Info) -> FileWriter:
     """A file to write, by its suffix. Raises RecordingError."""
     try:
         if _suffix(path) == ".csv":
@@ -97,10 +147,28 @@ def read(path: Path | str) -> Recording:
         recording = readers[_suffix(path)](path)
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{path} is no text: {error}") from error
     if not len(recording):
-        raise RecordingError(f"{path} is a recording without a single state")
+        why = "; ".join(told(recording.info))
+        raise RecordingError(f"{path} is a recording without a single state" + (f": {why}" if why else ""))
+    return _with_times(path, recording)
+
+
+def told(info: Info) -> list[str]:
+    """What there is to say about a recording that is not as it was made."""
+    return [info[key] for key in ("cut_off", "left_out") if key in info]
+
+
+def _with_times(path: Path, recording: Recording) -> Recording:
+    """Without the states whose time is none. Raises RecordingError when there are no others."""
+    stamps = recording["timestamp"]
+    sound = np.isfinite(stamps) & (np.abs(stamps) < LONGEST_S)
+    if bad := int(len(sound) - sound.sum()):
+        if bad == len(sound):
+            raise RecordingError(f"{path}: none of its {bad} states has a time (timestamp)")
+        parts = [recording.info["left_out"]] if "left_out" in recording.info else []
+        left_out = "; ".join([*parts, f"{bad} of {len(sound)} states have no time and are left out"])
+        values = {name: array[sound] for name, array in recording.values.items()}
+        return replace(recording, values=values, info={**recording.info, "left_out": left_out})
     return recording
 
 
@@ -109,12 +177,16 @@ def convert(source: Path, target: Path) -> Recording:
     if source.resolve() == target.resolve():
         raise RecordingError(f"{target} would be overwritten while it is read: choose another name")
     recording = read(source)
-    writer = open_writer(target, tuple(recording.values), recording.info)
+    info = {name: text for name, text in recording.info.items() if name not in ("cut_off", "left_out")}
+    writer = open_writer(target, tuple(recording.values), info)
     try:
-        for values, time_ns in zip(recording.states(), recording.times_ns, strict=True):
-            writer.write(values, time_ns)
-    finally:
-        writer.close()
+        try:
+            for values, time_ns in zip(recording.states(), recording.times_ns, strict=True):
+                writer.write(values, time_ns)
+        finally:
+            writer.close()
+    except RecordingError as error:
+        raise RecordingError(f"{error}; {writer.saved} of {len(recording)} states are in it for sure") from error
     return recording
 
 

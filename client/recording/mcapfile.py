@@ -1,6 +1,8 @@
 """Recordings as MCAP files that ROS 2, PlotJuggler and Foxglove open."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from os import SEEK_END
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
@@ -8,6 +10,7 @@ from client.errors import RecordingError
 from client.recording.cdr import MessageType
 from client.recording.definitions import ros_name
 from client.recording.extras import extra
+from client.recording.output import FLUSH_S, OutputFile
 from client.recording.recording import ROBOT, Columns, Info, Recording
 from client.recording.topics import JOINTS, RTDE_TOPIC, ControllerTopic, Topic, Topics, controller_message
 from client.recording.tracking import Tracking, TrackingBuilder
@@ -19,7 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["McapWriter", "read_mcap"]
 
 _WHAT: Final = "an MCAP file"
-_CHUNK: Final = 1 << 18  # bytes, a fraction of a second: what a crash costs
+_CHUNK: Final = 1 << 18  # bytes; a chunk also ends after FLUSH_S, which bounds what a crash costs
+_MOST_IN_CHUNK: Final = 1 << 30  # bytes, unpacked; guess: what says more is damaged
 _METADATA: Final = "ur-client"
 _JOINT_STATES: Final = "/joint_states"
 _CONTROLLER_STATE: Final = "control_msgs/msg/JointTrajectoryControllerState"
@@ -27,13 +31,23 @@ _RTDE_NAMES: Final = {ros_name(name): name for name in OUTPUT_FIELDS}
 
 
 class McapWriter:
-    """Each state as messages on the topics of the ROS 2 driver, and whole on ``/rtde``."""
+    """Each state as messages on the topics of the ROS 2 driver, and whole on ``/rtde``.
+
+    saved: states that are in the file.
+    """
 
     def __init__(self, path: Path, names: Collection[str], info: Info) -> None:
         with extra("record", _WHAT):
             from mcap.writer import Writer
-        self._file = path.open("wb")
-        self._writer = Writer(self._file, chunk_size=_CHUNK)
+        self.saved = 0
+        self._count = 0
+        self._file = OutputFile(path)
+        self._written = 0  # bytes in the file when somebody last looked, and
+        self._flushed_s = time.monotonic()  # when a chunk was ended last
+        stream: Any = self._file  # as much of a stream as is used
+        self._writer = Writer(stream, chunk_size=_CHUNK)
+        # there is no public way to end a chunk before it is full
+        self._end_chunk: Callable[[], None] = getattr(self._writer, "_Writer__finalize_chunk", lambda: None)
         self._writer.start(profile="ros2", library="ur-client")
         if info:
             self._writer.add_metadata(_METADATA, dict(info))
@@ -42,9 +56,16 @@ class McapWriter:
         self._channels: dict[str, int] = {}
 
     def write(self, values: Mapping[str, Any], time_ns: int) -> None:
-        """Add a state."""
+        """Add a state. Raises RecordingError."""
         for topic, data in self._topics.encoded(values, time_ns):
             self._add(topic, data, time_ns)
+        if (now_s := time.monotonic()) - self._flushed_s > FLUSH_S:
+            self._end_chunk()
+            self._flushed_s = now_s
+        self._count += 1
+        if (written := self._file.tell()) != self._written:
+            self._written = written
+            self.saved = self._count
 
     def write_controller(self, controller: str, state: Any, time_ns: int) -> None:
         """Add the state of a trajectory controller of this program.
@@ -56,10 +77,15 @@ class McapWriter:
         self._add(topic, topic.type.encode(controller_message(state, time_ns)), time_ns)
 
     def close(self) -> None:
-        """Finish the file: its index and its end."""
+        """Finish the file: its index and its end. Raises RecordingError."""
         finish: Callable[[], None] = self._writer.finish
-        finish()
-        self._file.close()
+        try:
+            if not self._file.failed:
+                self._end_chunk()
+                self.saved = self._count
+                finish()
+        finally:
+            self._file.close()
 
     def _add(self, topic: Topic | ControllerTopic, data: bytes, time_ns: int) -> None:
         if topic.name not in self._channels:
@@ -75,47 +101,82 @@ class McapWriter:
 def read_mcap(path: Path) -> Recording:
     """A file of `McapWriter`, or any ROS 2 bag in MCAP with ``/joint_states`` of a UR arm.
 
-    Of a file without its end, as a crash leaves it, what is there is read; info says so.
-    Raises RecordingError.
+    Of a file without its end, as a crash leaves it, what is there is read, and so is what is around damaged chunks;
+    info says so. Raises RecordingError.
     """
-    with extra("record", _WHAT):
-        from mcap.records import Channel, Message, Metadata, Schema
     content = _Content()
     with path.open("rb") as file:
-        for record in _records(file, content.info):
-            if isinstance(record, Schema):
-                content.schemas[record.id] = record
-            elif isinstance(record, Channel):
-                content.take_channel(record)
-            elif isinstance(record, Metadata) and record.name == _METADATA:
-                content.info |= record.metadata
-            elif isinstance(record, Message):
-                content.take_message(record.channel_id, record.log_time, record.data)
+        damage = _Damage()
+        content.take(_records(file, damage))
+        if damage.chunks:  # they may have had the channels of others, which the file's end has once more
+            file.seek(0)
+            channels, content, damage = content.channels, _Content(), _Damage()
+            content.take([*channels, *_records(file, damage)])
+    content.info |= damage.told(content.unreadable)
     return content.recording(path)
 
 
-def _records(file: BinaryIO, info: dict[str, str]) -> Iterator[object]:
-    """The records of a file up to the first that cannot be read."""
+class _Damage:
+    """What of a file could not be read."""
+
+    def __init__(self) -> None:
+        self.chunks = 0
+        self.why = ""  # of the first chunk
+        self.cut_off = ""
+
+    def told(self, messages: int) -> dict[str, str]:
+        """As `Recording.info` has it; messages: that could not be read either."""
+        parts = [f"{self.chunks} damaged parts of the file ({self.why})"] if self.chunks else []
+        parts += [f"{messages} damaged messages"] if messages else []
+        left_out = {"left_out": f"left out: {', '.join(parts)}"} if parts else {}
+        return left_out | ({"cut_off": self.cut_off} if self.cut_off else {})
+
+
+def _records(file: BinaryIO, damage: _Damage) -> Iterator[object]:
+    """The records of a file up to the first that cannot be read; damaged chunks are passed over."""
     with extra("record", _WHAT):
-        from mcap.stream_reader import StreamReader
-    records = StreamReader(file).records
+        from mcap.records import Chunk
+        from mcap.stream_reader import StreamReader, breakup_chunk
+    size = file.seek(0, SEEK_END)
+    file.seek(0)
+    records = StreamReader(file, emit_chunks=True, record_size_limit=size).records
+    end = 0  # of the last record that could be read
     while True:
         try:
             record = next(records, None)
         except Exception as error:  # of struct, of the decompressors, of the reader itself: it lets through any
-            info["cut_off"] = str(error) or type(error).__name__
+            damage.cut_off = f"{_said(error)}; the last {size - end} of {size} bytes cannot be read"
             return
+        end = file.tell()
         if record is None:
             return
-        yield record
+        if not isinstance(record, Chunk):
+            yield record
+            continue
+        try:
+            if record.uncompressed_size > _MOST_IN_CHUNK:
+                raise ValueError(f"a chunk of {record.uncompressed_size} bytes")
+            inside = breakup_chunk(record, validate_crc=True)
+        except Exception as error:  # as above
+            damage.chunks += 1
+            damage.why = damage.why or _said(error)
+            continue
+        yield from inside
+
+
+def _said(error: Exception) -> str:
+    return str(error) or type(error).__name__
 
 
 class _Content:
     """What has been read of a file."""
 
     def __init__(self) -> None:
-        self.schemas: dict[int, Schema] = {}
+        self.channels: list[object] = []  # and their schemas, as they came
         self.info: dict[str, str] = {}
+        self.unreadable = 0  # messages
+        self._problem: RecordingError | None = None  # of the first
+        self._schemas: dict[int, Schema] = {}
         self._types: dict[int, MessageType] = {}  # by channel
         self._rtde: Columns | None = None
         self._rtde_channel: int | None = None
@@ -125,22 +186,41 @@ class _Content:
         self._began_ns: dict[str, int] = {}
         self._controllers: dict[int, TrackingBuilder] = {}  # by channel
 
-    def take_channel(self, channel: "Channel") -> None:
-        schema = self.schemas.get(channel.schema_id)
+    def take(self, records: Iterable[object]) -> None:
+        with extra("record", _WHAT):
+            from mcap.records import Channel, Message, Metadata, Schema
+        for record in records:
+            if isinstance(record, Message):
+                try:
+                    self._take_message(record.channel_id, record.log_time, record.data)
+                except RecordingError as error:
+                    self.unreadable += 1
+                    self._problem = self._problem or error
+            elif isinstance(record, Metadata) and record.name == _METADATA:
+                self.info |= record.metadata
+            elif isinstance(record, Schema):
+                self.channels.append(record)
+                self._schemas[record.id] = record
+            elif isinstance(record, Channel):
+                self.channels.append(record)
+                self._take_channel(record)
+
+    def _take_channel(self, channel: "Channel") -> None:
+        schema = self._schemas.get(channel.schema_id)
         if channel.id in self._types or schema is None:
             return
         controller = _controller_of(channel.topic) if schema.name == _CONTROLLER_STATE else ""
         wanted = controller or channel.topic in (RTDE_TOPIC, _JOINT_STATES)
         if not wanted or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
             return
-        kind = self._types[channel.id] = MessageType(schema.name, schema.data.decode())
+        kind = self._types[channel.id] = MessageType(schema.name, schema.data.decode("utf-8", "replace"))
         if controller:
             self._controllers[channel.id] = TrackingBuilder(controller)
         if channel.topic == RTDE_TOPIC:
             self._rtde_channel = channel.id
             self._rtde = Columns(tuple(name for lower, name in _RTDE_NAMES.items() if lower in kind.names))
 
-    def take_message(self, channel: int, time_ns: int, data: bytes) -> None:
+    def _take_message(self, channel: int, time_ns: int, data: bytes) -> None:
         if channel not in self._types:
             return
         message = self._types[channel].decode(data)
@@ -172,6 +252,8 @@ class _Content:
             self._joints.append(values)
 
     def recording(self, path: Path) -> Recording:
+        if self._problem is not None and not self._began_ns:
+            raise self._problem
         if self._rtde is not None:
             columns, topic = self._rtde, RTDE_TOPIC
         elif self._has_joints:

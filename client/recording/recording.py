@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from client.errors import RecordingError
+from client.recording.stamps import JUMP_S
 from client.recording.tracking import Tracking
 from urproto.joints import JOINT_NAMES
 from urproto.rtde.fields import OUTPUT_FIELDS
@@ -59,7 +60,7 @@ class Recording:
     controllers: what trajectory controllers wanted and what the joints did, by the controllers' names.
 
     info has, where the file keeps such things: ``robot``, ``polyscope``, ``began_ns`` (since
-    1970), and ``cut_off`` with the reason when the file has no proper end.
+    1970), ``cut_off`` with the reason when the file has no proper end, and ``left_out``: what of it could not be used.
     """
 
     values: Mapping[str, NDArray[Any]]
@@ -90,7 +91,7 @@ class Recording:
     def time_s(self) -> NDArray[np.float64]:
         """Since the first state (n,) [s], by the robot's clock; a new start of the robot takes no time."""
         steps = np.diff(self.values["timestamp"])
-        steps[steps < 0.0] = 0.0
+        steps[(steps < 0.0) | (steps > JUMP_S)] = 0.0
         return np.concatenate(([0.0], np.cumsum(steps)))[: len(self)]
 
     def tracking(self, controller: str | None = None) -> Tracking:
@@ -118,7 +119,8 @@ class Recording:
     @property
     def times_ns(self) -> list[int]:
         """Of each state, since 1970 where the file knows that, else since the robot's start."""
-        began = int(self.info.get("began_ns", 0)) or round(float(self.values["timestamp"][0]) * _NS)
+        said = self.info.get("began_ns", "")
+        began = int(said) if said.isdecimal() else round(float(self.values["timestamp"][0]) * _NS)
         return [began + round(float(time_s) * _NS) for time_s in self.time_s]
 
     def states(self) -> Iterator[dict[str, Any]]:
@@ -138,10 +140,27 @@ class Columns:
 
     def append(self, values: Mapping[str, Any]) -> None:
         """Add a state. Raises KeyError when a variable is missing."""
+        self._rows += self.row(values)
+
+    def row(self, values: Mapping[str, Any]) -> bytes:
+        """A state as it is kept. Raises KeyError when a variable is missing."""
         row = np.empty((), self._dtype)
         for name in self.names:
             row[name] = values[name]
-        self._rows += row.tobytes()
+        return row.tobytes()
+
+    def extend(self, rows: bytes) -> int:
+        """Add what `row` has made; how many bytes at the end are no whole row."""
+        rest = len(rows) % self._dtype.itemsize
+        self._rows += rows[: len(rows) - rest]
+        return rest
+
+    def __len__(self) -> int:
+        return len(self._rows) // self._dtype.itemsize
+
+    def drop_last(self) -> None:
+        """Forget the last state."""
+        del self._rows[-self._dtype.itemsize :]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What has been collected, as `Recording.values`."""

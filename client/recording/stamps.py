@@ -1,19 +1,25 @@
 """When a state was, in wall time, without the jitter of its arrival."""
 
+import math
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
-__all__ = ["Stamps", "header", "seconds_and_rest"]
+__all__ = ["JUMP_S", "LONGEST_S", "Stamps", "header", "seconds_and_rest"]
 
 _NS = 1_000_000_000
 _BOOT_S = 1.0  # the clock of a robot that has booted is farther back; guess
+JUMP_S: Final = 1e6
+"""A clock that goes on by more between two states has been set; guess: nobody waits for a robot for 11 days."""
+LONGEST_S: Final = 1e9
+"""No robot has been on for so long: what is beyond is no time; guess."""
 
 
 class Stamps:
     """Wall time of the first state; from there on the robot's own clock goes on.
 
-    A clock that goes far backwards is that of a robot that has booted anew: the wall clock counts again.
+    A clock that goes far backwards, or very far ahead, is that of a robot that has booted anew: the wall clock
+    counts again.
     """
 
     def __init__(self, now_ns: Callable[[], int] = time.time_ns) -> None:
@@ -21,9 +27,11 @@ class Stamps:
         self._anchor: tuple[float, int] | None = None
         self._last_s = 0.0
 
-    def of(self, timestamp_s: float) -> int:
-        """Nanoseconds since 1970 of a state, by its RTDE variable ``timestamp``."""
-        if self._anchor is None or timestamp_s < self._last_s - _BOOT_S:
+    def of(self, timestamp_s: float) -> int | None:
+        """Nanoseconds since 1970 of a state, by its RTDE variable ``timestamp``; None for what is no time."""
+        if not (math.isfinite(timestamp_s) and abs(timestamp_s) < LONGEST_S):
+            return None
+        if self._anchor is None or not -_BOOT_S <= timestamp_s - self._last_s <= JUMP_S:
             self._anchor = (timestamp_s, self._now_ns())
         self._last_s = timestamp_s
         begin_s, begin_ns = self._anchor

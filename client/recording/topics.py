@@ -1,5 +1,6 @@
 """ROS 2 messages out of RTDE variables, on the topics and in the units of the ROS 2 driver for UR."""
 
+import struct
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -65,14 +66,21 @@ class Topics:
         self._told: dict[str, tuple[int, Values]] = {}
 
     def encoded(self, values: Values, time_ns: int) -> Iterable[tuple[Topic, bytes]]:
-        """The messages of one state."""
+        """The messages of one state. A topic whose message has no place for it, as for a mode of 1000, is left out."""
         for topic in self.topics:
-            message = topic.message(values)
-            if topic.slowly and not self._news(topic.name, message, time_ns):
-                continue
-            if topic.stamped:
-                message = {**message, "header": header(time_ns, message.get("frame_id", ""))}
-            yield topic, topic.type.encode(message)
+            try:
+                yield from self._encoded(topic, values, time_ns)
+            except (struct.error, ArithmeticError, ValueError):
+                if topic.name == RTDE_TOPIC:
+                    raise
+
+    def _encoded(self, topic: Topic, values: Values, time_ns: int) -> Iterable[tuple[Topic, bytes]]:
+        message = topic.message(values)
+        if topic.slowly and not self._news(topic.name, message, time_ns):
+            return
+        if topic.stamped:
+            message = {**message, "header": header(time_ns, message.get("frame_id", ""))}
+        yield topic, topic.type.encode(message)
 
     def _news(self, name: str, message: Values, time_ns: int) -> bool:
         told_ns, told = self._told.get(name, (0, {}))

@@ -125,6 +125,7 @@ def test_send(
         ("protective_stop", "PROTECTIVE_STOP C209A0", ("restart_safety", "release_brakes")),
         ("press_emergency_stop", "ROBOT_EMERGENCY_STOP", ("release_emergency_stop", "release_brakes")),
         ("power_off", "the robot mode is POWER_OFF", ("release_brakes",)),
+        ("stop", "it was stopped before its end", ()),
     ],
 )
 def test_waiting_ends_when_the_robot_stops(tmp_path: Path, verb: str, reason: str, mended_by: tuple[str, ...]) -> None:
@@ -134,7 +135,10 @@ def test_waiting_ends_when_the_robot_stops(tmp_path: Path, verb: str, reason: st
         with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as sending:
             assert sending.stdout is not None
             assert sending.stdout.readline() == "long is running\n"
-            getattr(robot.control, verb)()
+            if verb == "stop":
+                run("client", "dashboard", "stop", host=robot.host)
+            else:
+                getattr(robot.control, verb)()
             _, said = sending.communicate(timeout=DEADLINE_S)
     assert sending.returncode == 1
     assert "program long:" in said

@@ -5,7 +5,7 @@ import pytest
 from client.connection import POLL, TimeLimit
 from client.errors import NoAnswerError, ScriptFailedError
 from client.primary import BRAKE_RELEASE, POWER_ON, STOP_PROGRAM, UNLOCK_PROTECTIVE_STOP, PrimaryCore
-from client.scripts import prepare
+from client.scripts import prepare, telling_its_end
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.modes import ReportLevel, RobotMode, SafetyMode
 from urproto.primary.messages import (
@@ -115,6 +115,46 @@ def test_a_program_to_its_end():
     assert robot.sent == [PROGRAM + "\n"]
     assert robot.limits == [3, None, 60, None]
     assert (result.name, result.texts, [error.label for error in result.errors]) == ("hello", ("1",), ["C171A4"])
+
+
+@pytest.mark.parametrize("ended", [True, False])
+def test_a_program_that_is_stopped_has_not_come_to_its_end(ended):
+    said = [TextMessage(text="hello has come to its end")] if ended else []
+    robot = Robot(says(key(PROGRAM_STARTED, "hello"), *said), says(key(PROGRAM_STOPPED, "hello"), state()))
+    core = PrimaryCore()
+    run = robot.run(core.start(PROGRAM, to_its_end=True))
+    assert robot.sent == ['def hello():\n  textmsg(1)\n  textmsg("hello has come to its end")\nend\n']
+    if ended:
+        assert robot.run(core.finish(run)).texts == ()
+    else:
+        with pytest.raises(ScriptFailedError, match="program hello: it was stopped before its end"):
+            robot.run(core.finish(run))
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("def f():\n  def g():\n    a = 1\n  end\n  g()\nend # f\n\n# that is all\n", True),
+        ("  def f():\n  end", True),
+        ("def f():\n  # never halt\nend", True),
+        ("def f():\n  if x:\n    halt\n  end\nend", False),
+        ("def f():\n  return 1\nend", False),
+        ("def f():\nend\ndef g():\nend", False),
+        ("def f():\nend\nf()", False),
+        ("def f():\ndef g():\nend\nend", False),
+        ("def f():\n  if x:\n    y = 1\n  end", False),
+    ],
+)
+def test_what_can_tell_its_end(text, told):
+    script = telling_its_end(prepare(text))
+    assert bool(script.last_words) is told
+    assert (script.text != text) is told
+    if told:
+        extra = f'  textmsg("{script.last_words}")'
+        lines = script.text.splitlines()
+        (place,) = [number for number, line in enumerate(lines) if line.endswith(extra)]
+        assert lines[place + 1].split("#")[0].strip() == "end"
+        assert lines[:place] + lines[place + 1 :] == text.splitlines()
 
 
 def test_a_program_that_was_replaced_by_one_of_the_same_name():
