@@ -675,11 +675,12 @@ def soak(robot_s: float) -> Result:
         )
         for _ in range(generator.randint(100, 1000)):
             robot.step()
-        if rounds % 10 == 0:
+        if rounds % 3 == 0:
             robot.press_emergency_stop()
             robot.step(50)
             robot.release_emergency_stop()
-            robot.make_ready()
+            robot.release_brakes()
+            robot.run_until("robot_mode == RUNNING")
             stops += 1
         samples.append(memory_mib(os.getpid()))
     growth = slope(samples[int(len(samples) * WARM_SHARE) :])
