@@ -37,17 +37,7 @@ check: $(VENV)/.dev
 	@echo "make check: all clean"
 
 # The wheel installs into a clean environment and is not confused by namesakes in the current folder.
-wheel-# What enemies and accidents do, against bars; a quarter of an hour or more. ARGS=--quick takes a minute.
-chaos: $(VENV)/.dev
-	$(BIN)/python benchmarks/chaos.py $(ARGS)
-
-# Inputs that any reader of foreign bytes fails on, looked for with coverage: TIME seconds each, ARGS="rtde scripts" for
-# some of them only, ARGS=--keep to keep what covered more.
-TIME ?= 60
-fuzz: $(VENV)/.fuzz
-	$(BIN)/python tests/fuzzing/fuzz.py --time $(TIME) $(ARGS)
-
-check: $(VENV)/.dev
+wheel-check: $(VENV)/.dev
 	$(BIN)/python tests/packaging/check_wheel.py
 
 benchmarks: $(VENV)/.dev
