@@ -710,6 +710,7 @@ def meet_robots(count: int) -> None:
     """The process of the clients."""
     import client
     from client import errors
+    from client.dashboard import ROBOT_MODE
 
     kinds = [
         lambda host, port: client.BlockingDashboardClient(host, port, timeout_s=0.5),
@@ -724,9 +725,12 @@ def meet_robots(count: int) -> None:
             try:
                 victim = kinds[number % len(kinds)](host, port)
                 with victim:
-                    for name in ("robot_mode", "read", "receive", "next_state"):
-                        if hasattr(victim, name):
-                            getattr(victim, name)()
+                    if isinstance(victim, client.BlockingDashboardClient):
+                        victim.ask(ROBOT_MODE)
+                    elif isinstance(victim, client.BlockingPrimaryClient):
+                        victim.run(victim.core.robot_state())
+                    else:
+                        victim.receive()
             except (errors.ClientError, ProtocolError, RobotRefused) as error:
                 seen[type(error).__name__] = seen.get(type(error).__name__, 0) + 1
             except Exception as error:
