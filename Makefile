@@ -7,7 +7,7 @@ ARGS   ?=
 # one more than there are cores: a good part of the tests waits for robots in real time
 JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 1)
 
-.PHONY: emulator test soak check wheel-check benchmarks docs clean
+.PHONY: emulator test soak chaos fuzz check wheel-check benchmarks docs constraints clean
 
 emulator: $(VENV)/.base
 	$(BIN)/ur-emulator --model $(MODEL) $(ARGS)
@@ -21,6 +21,16 @@ test: $(VENV)/.dev
 soak: $(VENV)/.dev
 	RANDOM_PROGRAMS=10000 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 tests/motion/test_random_programs.py
 	HOSTILE_ROBOTS=4000 $(BIN)/python -m pytest --timeout 0 tests/client/test_hostile_robots.py
+
+# What enemies and accidents do, against bars; a quarter of an hour or more. ARGS=--quick takes a minute.
+chaos: $(VENV)/.dev
+	$(BIN)/python benchmarks/chaos.py $(ARGS)
+
+# Inputs that any reader of foreign bytes fails on, looked for with coverage: TIME seconds each, ARGS="rtde scripts" for
+# some of them only, ARGS=--keep to keep what covered more.
+TIME ?= 60
+fuzz: $(VENV)/.fuzz
+	$(BIN)/python tests/fuzzing/fuzz.py --time $(TIME) $(ARGS)
 
 check: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -51,9 +61,20 @@ $(VENV)/.base: pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --progress-bar on --editable '.[pendant]'
 	touch $@
 
-$(VENV)/.dev: pyproject.toml | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --editable '.[test,check]'
+# CI takes what constraints.txt names, each file by its hash; elsewhere the newest packages are tried.
+$(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(if $(CI),tests/install_locked.sh $(BIN)/python,$(BIN)/python -m pip install --quiet --editable '.[test,check]')
 	touch $@ $(VENV)/.base
+
+$(VENV)/.fuzz: $(VENV)/.dev
+	$(BIN)/python -m pip install --quiet --editable '.[fuzz]'
+	touch $@
+
+# The newest packages that fit pyproject.toml, for every Python from 3.11 on and every system, with their hashes.
+constraints: | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv pip compile pyproject.toml --extra test --extra check --universal --python-version 3.11 --upgrade \
+	    --generate-hashes --custom-compile-command "make constraints" --quiet --output-file constraints.txt
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

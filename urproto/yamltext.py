@@ -23,7 +23,7 @@ def load_yaml(text: bytes | str) -> Any:
         raise NotYaml("it is nested too deeply") from None
     except (yaml.YAMLError, UnicodeError) as error:
         raise NotYaml(" ".join(str(error).split())) from error
-    except (ValueError, ArithmeticError, TypeError, AttributeError) as error:
+    except (ValueError, ArithmeticError, TypeError, AttributeError, LookupError) as error:
         # a date of the 99th day, a number with no digits: the loader's constructors let through any
         raise NotYaml(f"a value is not what it looks like: {error}") from error
     if size > _MOST_VALUES:

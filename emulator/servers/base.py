@@ -279,6 +279,10 @@ class Connection(asyncio.BufferedProtocol):
         except RemoteProtocolError as error:
             _logger.warning("%s: %s is disconnected: %s", self.server.name, self.peer, error)
             self.close()
+        except MemoryError:
+            _logger.warning("%s: %s is disconnected: no memory for what it sends", self.server.name, self.peer)
+            if self._transport is not None:
+                self._transport.abort()
 
     def _judge(self, opening: Opening, data: bytes) -> bytes:
         """What may be read of a connection that has just begun; a web browser's ends."""

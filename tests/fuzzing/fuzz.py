@@ -26,7 +26,7 @@ LONGEST_INPUT = 4096  # bytes; a corpus is read by people and replayed by every 
 MOST_KEPT = 48  # inputs of a target
 LONGEST_KEPT = 1024  # bytes
 _CHATTER = ("#", "INFO:", "stat::", "MERGE", "WARNING: Failed to find", "Done ", '"')
-HANGING_S = 20  # one input
+HANGING_S = 120  # one input; of the wall, since the machine may have other work
 MEMORY_MB = 3000
 
 
@@ -75,7 +75,7 @@ def _work(name: str, findings: Path, command: str, arguments: Sequence[str]) -> 
 def _place(error: BaseException) -> object:
     """What tells one failure from another: its kind and the innermost line of ours."""
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if str(REPOSITORY) in frame.filename]
-    return type(error).__name__, [(frame.filename, frame.lineno) for frame in frames[-1:]]
+    return type(error).__name__, *((frame.filename, frame.lineno) for frame in frames[-1:])
 
 
 def _targets() -> dict[str, object]:
@@ -95,7 +95,12 @@ def _fuzz(name: str, seconds: int, findings: Path, *, keep_new: bool) -> None:
             path.mkdir()
         for number, data in enumerate([*kept(name), *_seeds(name)]):
             Path(known, f"seed{number}").write_bytes(data)
-        options = [f"-timeout={HANGING_S}", f"-rss_limit_mb={MEMORY_MB}", f"-artifact_prefix={findings}/{name}-"]
+        options = [
+            f"-timeout={HANGING_S}",
+            f"-report_slow_units={HANGING_S}",
+            f"-rss_limit_mb={MEMORY_MB}",
+            f"-artifact_prefix={findings}/{name}-",
+        ]
         options += [f"-max_len={LONGEST_INPUT}", "-print_final_stats=1", "-verbosity=1"]
         command = _command(Path(folder), name, findings)
         output = _run(command, [f"-max_total_time={seconds}", *options, str(found), str(known)])

@@ -474,6 +474,7 @@ _STRANGE_YAML: Final = (
     b"2001-99-99",
     b"[" * 2000,
     b"a: !!int x",
+    b"a: !!int",
     b"? [a]\n: b",
     b"a: &a [*a]",
     b"1: .nan",

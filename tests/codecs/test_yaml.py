@@ -1,0 +1,32 @@
+"""YAML of strangers is plain data or one error, whatever the loader thinks of it."""
+
+import pytest
+
+from urproto.yamltext import NotYaml, load_yaml
+
+MULTIPLYING = "a0: &a0 [1, 1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 9))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("2001-99-99", "month must be in 1..12"),
+        ("a: !!int", "not what it looks like"),
+        ("[" * 3000, "nested too deeply"),
+        ("a: &a [*a]", "leads into itself"),
+        (MULTIPLYING, "more than 1000000 values"),
+        (b"a: \xe4", "utf-8"),
+        ("a: [", "expected the node content"),
+    ],
+)
+def test_what_is_no_settings(text: str | bytes, reason: str) -> None:
+    with pytest.raises(NotYaml, match=reason):
+        load_yaml(text)
+
+
+def test_aliases_are_fine_that_stand_for_little() -> None:
+    assert load_yaml("a: &a {x: 1}\nb: {<<: *a, y: 2}\nc: [*a, *a]") == {
+        "a": {"x": 1},
+        "b": {"x": 1, "y": 2},
+        "c": [{"x": 1}, {"x": 1}],
+    }

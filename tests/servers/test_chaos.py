@@ -1,0 +1,28 @@
+"""A little of everything that `make chaos` does: its bars hold here, too."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CHAOS = Path(__file__).resolve().parents[2] / "benchmarks" / "chaos.py"
+SCENARIOS = (
+    "flood", "drivers", "hostile", "descriptors", "disk", "memory", "clock", "slow", "clients", "soak",
+)  # fmt: skip
+
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="it limits and stops processes by what Linux has for that"),
+    pytest.mark.timeout(300),
+]
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_chaos(scenario: str) -> None:
+    done = subprocess.run([sys.executable, str(CHAOS), "--quick", scenario], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_no_scenario_is_left_out() -> None:
+    done = subprocess.run([sys.executable, str(CHAOS), "--help"], capture_output=True, text=True, check=True)
+    assert ", ".join(SCENARIOS) in " ".join(done.stdout.split())
