@@ -2,6 +2,8 @@
 
 import ast
 import difflib
+import math
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -40,6 +42,7 @@ from urscript.syntax import (
     MethodCall,
     Name,
     Node,
+    NumberList,
     PoseLiteral,
     Program,
     Run,
@@ -59,6 +62,12 @@ _ORDER: dict[str, tuple[str, type[ast.cmpop]]] = {
     ">=": ("_ge", ast.GtE),
 }
 _LOGIC: dict[str, type[ast.boolop]] = {"and": ast.And, "or": ast.Or}
+_MOST_ERRORS = 1000
+"""Unknown names that are told, unless they stand before the first one."""
+
+_MOST_OWNERS = 50
+"""Unknown variables for which all functions are asked whether it is theirs."""
+
 _MOST_HINTS = 5
 """Unknown names for which a known one is looked up, which takes about a millisecond each."""
 
@@ -90,13 +99,17 @@ class Unit:
     stepped: bool = False  # every statement asks the host first
     used: dict[str, Builtin] = field(default_factory=dict)
     errors: list[CompileError] = field(default_factory=list)
+    first_error: tuple[float, float] = (math.inf, math.inf)  # line and column
     warnings: list[CallWarning] = field(default_factory=list)
 
     def name_not_found(self, name: str, node: Node, kind: str, hint: str, candidates: Callable[[], list[str]]) -> None:
         """Note the error; a program can hold thousands, so only in some of them other names are looked for."""
+        if len(self.errors) >= _MOST_ERRORS and (node.line, node.column) > self.first_error:
+            return  # what comes first in the text is what counts
         if not hint and len(self.errors) < _MOST_HINTS:
             hint = _suggestion(name, candidates())
         message = f"{kind} '{name}' is not known" + (f"; {hint}" if hint else "")
+        self.first_error = min(self.first_error, (node.line, node.column))
         self.errors.append(CompileError.name_not_found(name, message, node.line, node.column, self.source))
 
 
@@ -128,6 +141,7 @@ class ExpressionCompiler:
             Constant: self._constant,
             Name: self._name,
             ListLiteral: self._list,
+            NumberList: self._number_list,
             PoseLiteral: self._pose,
             Unary: self._unary,
             Binary: self._binary,
@@ -190,8 +204,8 @@ class ExpressionCompiler:
         if name in unit.program.damaged:
             return
         if kind == "variable":
-            candidates = [*unit.program.globals, *scope.locals, *scope.assigned]
-            unit.name_not_found(name, node, kind, self._variable_hint(name), lambda: candidates)
+            hint = self._variable_hint(name) if len(unit.errors) < _MOST_OWNERS else ""
+            unit.name_not_found(name, node, kind, hint, lambda: [*unit.program.globals, *scope.locals, *scope.assigned])
         else:
             hint = self._function_hint(name, kind)
             unit.name_not_found(name, node, kind, hint, lambda: [*unit.plans, *unit.builtins])
@@ -243,6 +257,12 @@ class ExpressionCompiler:
             return ast.List(elts=items, ctx=ast.Load(), **place)
         return call("_list", place, *items)
 
+    def _number_list(self, node: NumberList, place: Place) -> ast.expr:
+        """As bytes, since Python's compiler takes its time over each element of a constant that has some."""
+        self.size += len(node.values) // 32
+        layout = "<" + "".join("i" if value.__class__ is int else "d" for value in node.values)
+        return call("_numbers", place, constant(layout, place), constant(struct.pack(layout, *node.values), place))
+
     def _pose(self, node: PoseLiteral, place: Place) -> ast.expr:
         return call("_pose", place, *[self.expression(item) for item in node.items])
 
@@ -290,7 +310,7 @@ class ExpressionCompiler:
     def _warn_of_sum(self, node: Binary, kinds: tuple[KindSet, KindSet]) -> None:
         """A text and what can only be a number or a list are not added."""
         other, kind = (node.right, kinds[1]) if _is_text(node.left) else (node.left, kinds[0])
-        if is_number(kind) or kind == VECTOR or isinstance(other, (Constant, ListLiteral, PoseLiteral)):
+        if is_number(kind) or kind == VECTOR or isinstance(other, (Constant, ListLiteral, NumberList, PoseLiteral)):
             message = (
                 "Type error: a text is only added to a text: str_cat() joins any two values, to_str() makes a text"
             )

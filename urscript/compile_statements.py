@@ -196,10 +196,12 @@ class _BodyCompiler(ExpressionCompiler):
         code: list[ast.stmt] = []
         movable: list[ast.stmt] = []
         start = self.inline
+        outer, self.stored_globals = self.stored_globals, set[str]()  # each piece declares its own
         for run, work in _runs(statements, extra):
             charged = [*charge(work, place_of(run[0]), park=True), *(yield from self._plain(run))]
             if not self._divided or _leads_out(run):
                 code += [*movable, *charged]
+                outer |= self.stored_globals
                 movable, start = [], self.inline
                 continue
             movable += charged
@@ -208,6 +210,7 @@ class _BodyCompiler(ExpressionCompiler):
                 movable, start = [], self.inline
         if self._divided and self.inline >= start + _REST:
             movable = [self._piece(movable, self.inline - start, place_of(run[0]))]
+        self.stored_globals |= outer
         return code + movable
 
     def _piece(self, code: list[ast.stmt], size: int, place: Place) -> ast.stmt:
@@ -216,6 +219,7 @@ class _BodyCompiler(ExpressionCompiler):
         name = f"{STATEMENT if self.boxed else 'main'}_{number + 1}"
         parameters = ["_locals"] if self.boxed else []
         self.pieces.append(PythonFunction(function(name, parameters, self._with_globals(code, place), place), size))
+        self.stored_globals = set()
         self._elsewhere += size
         piece = subscript(load("_pieces", place), number, place) if self.boxed else load(name, place)
         run = ast.Call(piece, [load(parameter, place) for parameter in parameters], [], **place)

@@ -438,6 +438,7 @@ _HELPERS: dict[str, Any] = {
     "_gt": operators.gt,
     "_ge": operators.ge,
     "_pose": operators.pose_literal,
+    "_numbers": operators.number_list,
     "_struct": operators.make_struct,
     "_len": len,
     "_index": operators.index,
