@@ -49,6 +49,7 @@ from urscript.syntax import (
     Scope,
     Unary,
 )
+from urscript.values import MAX_STRING
 
 __all__ = ["MUTATORS", "CallWarning", "ExpressionCompiler", "Unit"]
 
@@ -297,7 +298,7 @@ class ExpressionCompiler:
             # Python compares a number literal with any number itself, and refuses anything else.
             simple = numbers or _is_number(node.left) or _is_number(node.right)
             return _compare(left, native(), right, place) if simple else call(helper, place, left, right)
-        if numbers or isinstance(node.left, Constant) or isinstance(node.right, Constant):
+        if numbers or _is_short(node.left) or _is_short(node.right):
             return _compare(left, ast.Eq() if operator == "==" else ast.NotEq(), right, place)
         return call("_eq" if operator == "==" else "_ne", place, left, right)
 
@@ -449,6 +450,11 @@ def _compare(left: ast.expr, operator: ast.cmpop, right: ast.expr, place: Place)
 
 def _is_number(node: Expression) -> bool:
     return isinstance(node, Constant) and node.value.__class__ in (int, float)
+
+
+def _is_short(node: Expression) -> bool:
+    """True for what is compared in no time, with whatever it is."""
+    return isinstance(node, Constant) and (node.value.__class__ is not str or len(str(node.value)) <= MAX_STRING)
 
 
 def _is_text(node: Expression) -> bool:

@@ -293,7 +293,9 @@ def truth(value: Value) -> bool:
 
 
 def eq(left: Value, right: Value) -> bool:
-    if left.__class__ not in _SCALARS and right.__class__ not in _SCALARS:
+    if left.__class__ is str:
+        charge(len(left) // 64)
+    elif left.__class__ not in _SCALARS and right.__class__ not in _SCALARS:
         charge(2 * _size(left))
     return bool(left == right)
 
