@@ -103,8 +103,8 @@ class ProgramHost:
         return hook is not None and hook(self, line, column, thread)
 
     def frames(self, seconds: float) -> int:
-        """Control periods that cover a time, at least 1. Raises RuntimeFault for a time that is not finite."""
-        if not math.isfinite(seconds):
+        """Control periods that cover a time, at least 1. Raises RuntimeFault for a time nobody can count."""
+        if not math.isfinite(seconds / self.period_s):
             raise RuntimeFault(f"{seconds} is not a time in seconds")
         return max(1, math.ceil(seconds / self.period_s - _ROUNDING))
 
