@@ -138,25 +138,26 @@ class ExpressionCompiler:
         self.stored_globals: set[str] = set()
         self.size = 0  # expressions compiled so far
         self._kinds: dict[int, KindSet] = {}  # of arithmetic that is compiled, by the node's id
-        self._handlers: dict[type, Callable[[Any, Place], ast.expr]] = {
-            Constant: self._constant,
-            Name: self._name,
-            ListLiteral: self._list,
-            NumberList: self._number_list,
-            PoseLiteral: self._pose,
-            Unary: self._unary,
-            Binary: self._binary,
-            Index: self._index,
-            Member: self._member,
-            Call: self._call,
-            MethodCall: self._method,
-            Run: self._run,
+        # functions, not methods of this object: a cycle would keep the whole tree until it is collected
+        self._handlers: dict[type, Callable[[Any, Any, Place], ast.expr]] = {
+            Constant: ExpressionCompiler._constant,
+            Name: ExpressionCompiler._name,
+            ListLiteral: ExpressionCompiler._list,
+            NumberList: ExpressionCompiler._number_list,
+            PoseLiteral: ExpressionCompiler._pose,
+            Unary: ExpressionCompiler._unary,
+            Binary: ExpressionCompiler._binary,
+            Index: ExpressionCompiler._index,
+            Member: ExpressionCompiler._member,
+            Call: ExpressionCompiler._call,
+            MethodCall: ExpressionCompiler._method,
+            Run: ExpressionCompiler._run,
         }
 
     def expression(self, node: Expression) -> ast.expr:
         """Python for the value of an expression."""
         self.size += 1
-        return self._handlers[node.__class__](node, place_of(node))
+        return self._handlers[node.__class__](self, node, place_of(node))
 
     def operand(self, node: Expression) -> ast.expr:
         """As `expression`, for code that refuses a variable without a value itself."""

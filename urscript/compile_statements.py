@@ -136,13 +136,13 @@ class _BodyCompiler(ExpressionCompiler):
         self._counted = 0  # of the size, whose work was yielded
         self._charged = charged  # a generator, so that it can park
         self._divided = divided
-        self._compilers: dict[type, Callable[[Any, Place], list[ast.stmt]]] = {
-            Assign: self._assign,
-            ExpressionStatement: self._expression_statement,
-            Return: self._return,
-            Word: self._word,
-            ThreadControl: self._thread_control,
-            Label: self._label,
+        self._compilers: dict[type, Callable[[Any, Any, Place], list[ast.stmt]]] = {
+            Assign: _BodyCompiler._assign,
+            ExpressionStatement: _BodyCompiler._expression_statement,
+            Return: _BodyCompiler._return,
+            Word: _BodyCompiler._word,
+            ThreadControl: _BodyCompiler._thread_control,
+            Label: _BodyCompiler._label,
         }
 
     @property
@@ -181,7 +181,7 @@ class _BodyCompiler(ExpressionCompiler):
             elif isinstance(statement, While):
                 code += yield from self._while(statement, place)
             else:
-                code += self._compilers[statement.__class__](statement, place)
+                code += self._compilers[statement.__class__](self, statement, place)
             if self.size >= self._counted + _SLICE:
                 yield (self.size - self._counted) * _WORK
                 self._counted = self.size

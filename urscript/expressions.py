@@ -6,8 +6,9 @@ index, member.
 """
 
 from bisect import bisect_left
+from collections.abc import Callable
 from operator import attrgetter
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from urscript.errors import Cause, CompileError
 from urscript.hints import end_with_word, syntax_hint
@@ -76,20 +77,20 @@ class ExpressionParser:
         self.odd_end: int | None = None  # where the first ``end if`` or its like stands
         self.scope = Scope("")
         self._depth = 0
-        self._operands = {
-            "name": self._name,
-            "number": self._number,
-            "string": self._string,
-            "True": self._constant,
-            "False": self._constant,
-            "None": self._constant,
-            "(": self._parenthesis,
-            "[": self._list,
-            "-": self._unary,
-            "+": self._unary,
-            "not": self._not,
-            "!": self._not,
-            "run": self._run,
+        self._operands: dict[str, Callable[[Any, Token], Expression]] = {  # no methods: see `ExpressionCompiler`
+            "name": ExpressionParser._name,
+            "number": ExpressionParser._number,
+            "string": ExpressionParser._string,
+            "True": ExpressionParser._constant,
+            "False": ExpressionParser._constant,
+            "None": ExpressionParser._constant,
+            "(": ExpressionParser._parenthesis,
+            "[": ExpressionParser._list,
+            "-": ExpressionParser._unary,
+            "+": ExpressionParser._unary,
+            "not": ExpressionParser._not,
+            "!": ExpressionParser._not,
+            "run": ExpressionParser._run,
         }
 
     # tokens
@@ -155,7 +156,7 @@ class ExpressionParser:
         operand = self._operands.get(self.token.kind)
         if operand is None:
             self.fail("expected an expression")
-        left = self._operators(operand(self.take()), power)
+        left = self._operators(operand(self, self.take()), power)
         self._depth = depth
         return left
 

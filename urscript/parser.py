@@ -9,6 +9,7 @@ two statements on one line, or a statement and its ``end``, with nothing between
 
 import re
 from collections.abc import Callable
+from typing import Any
 
 from urscript.errors import CompileError
 from urscript.expressions import BLOCK_ENDS
@@ -105,22 +106,22 @@ class _Parser(RecoveringParser):
         self._blocks = 0
         self._loops = 0
         self._counted = 0  # tokens whose work was yielded
-        self._compounds: dict[str, Callable[[Token], Steps[Statement]]] = {
-            "def": self._function,
-            "thread": self._function,
-            "if": self._if,
-            "while": self._while,
+        self._compounds: dict[str, Callable[[Any, Token], Steps[Statement]]] = {
+            "def": _Parser._function,
+            "thread": _Parser._function,
+            "if": _Parser._if,
+            "while": _Parser._while,
         }
-        self._statements: dict[str, Callable[[Token], Statement]] = {
-            "return": self._return,
-            "break": self._loop_word,
-            "continue": self._loop_word,
-            "halt": self._word,
-            "enter_critical": self._word,
-            "exit_critical": self._word,
-            "join": self._thread_control,
-            "kill": self._thread_control,
-            "$": self._label,
+        self._statements: dict[str, Callable[[Any, Token], Statement]] = {
+            "return": _Parser._return,
+            "break": _Parser._loop_word,
+            "continue": _Parser._loop_word,
+            "halt": _Parser._word,
+            "enter_critical": _Parser._word,
+            "exit_critical": _Parser._word,
+            "join": _Parser._thread_control,
+            "kill": _Parser._thread_control,
+            "$": _Parser._label,
         }
 
     def program(self) -> Steps[Program]:
@@ -203,11 +204,11 @@ class _Parser(RecoveringParser):
         kind = self.token.kind
         self.started = self.measured = first
         if kind in self._compounds:
-            statement = yield from self._compounds[kind](self.take())
+            statement = yield from self._compounds[kind](self, self.take())
         else:
             handler = self._statements.get(kind)
             if handler is not None:
-                statement = handler(self.take())
+                statement = handler(self, self.take())
             else:
                 declared = self.take().kind if kind in _DECLARATIONS else None
                 statement = yield from self._assignment_or_call(declared)

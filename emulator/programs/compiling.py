@@ -24,11 +24,11 @@ __all__ = ["WORK_PER_SECOND", "Compiling", "Job", "Submission", "WorkShare", "in
 
 LIBRARY_SET: Final = LibrarySet(LIBRARIES)
 
-WORK_PER_SECOND: Final = 500_000
+WORK_PER_SECOND: Final = 400_000
 """Work done on compiling per second of controller time [units of `urscript.work`], in equal shares per period.
 
-About a quarter of a period on an idle machine; the official control script (48 kB) takes 0.2 s, and its driver
-expects the program to call back within 0.5 s.
+About a third of a period on an idle machine; the official control script (48 kB) takes a quarter of a second, and
+its driver expects the program to call back within 0.5 s.
 """
 
 ResultT = TypeVar("ResultT")
