@@ -30,7 +30,7 @@ from emulator.servers.base import PortServer
 from emulator.servers.control import ControlServer
 from emulator.servers.dashboard import DashboardServer
 from emulator.servers.gripper import GripperServer
-from emulator.servers.intake import SHARE, Intake
+from emulator.servers.intake import Intake
 from emulator.servers.interpreter import InterpreterServer
 from emulator.servers.modbus import ModbusServer
 from emulator.servers.modbus_client import ModbusClient
@@ -68,7 +68,7 @@ class Emulator:
         self.controller = Controller(config.controller)
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
         self.servers: dict[str, PortServer] = {}
-        self._intake = Intake(SHARE * self.controller.period_s)
+        self._intake = Intake(self.controller.period_s)
         self._renew_servers()
         real = self.clock if isinstance(self.clock, RealClock) else None
         self._scripts = ScriptPort()
@@ -238,7 +238,6 @@ class Emulator:
 
     def _tick(self) -> None:
         power = self._power
-        self._intake.new_period()
         if power.is_off:
             self._tick_without_controller()
             return

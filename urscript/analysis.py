@@ -10,8 +10,11 @@ from dataclasses import dataclass, replace
 
 from urscript.builtins import Builtin
 from urscript.syntax import FunctionDef, Program, Scope
+from urscript.work import Steps
 
 __all__ = ["FunctionPlan", "lends_its_scope", "plan_functions"]
+
+_WORK = 5  # of planning a function, besides its calls
 
 _PLAIN_COST = 400
 """Most work of a plain function with all it calls, in units of the meter: about 20 us."""
@@ -38,18 +41,22 @@ class FunctionPlan:
 
 def plan_functions(
     program: Program, builtins: Mapping[str, Builtin], known: Mapping[str, FunctionPlan], prefix: str = "f"
-) -> dict[str, FunctionPlan]:
+) -> Steps[dict[str, FunctionPlan]]:
     """A plan for every def and thread of the program, by name.
 
     ``known``: functions compiled before that it may call. ``prefix``: sets its symbols apart from theirs.
     """
-    callees = {name: _callees(f.scope, program) for name, f in program.functions.items()}
+    callees: dict[str, list[str]] = {}
+    for name, function in program.functions.items():
+        callees[name] = _callees(function.scope, program)
+        yield _WORK + len(function.scope.calls)
     plans: dict[str, FunctionPlan] = {}
     for name in _leaves_first(callees):
         definition = program.functions[name]
         scope = definition.scope
+        yield _WORK + len(scope.calls)
         called = [plans[callee] for callee in callees[name]] + _known_callees(scope, program, known)
-        cost = scope.cost + sum(plan.cost for plan in called)
+        cost = min(scope.cost + sum(plan.cost for plan in called), _PLAIN_COST + 1)  # all there is to know
         generator = (
             _takes_time(scope, program, builtins, known) or cost > _PLAIN_COST or any(plan.generator for plan in called)
         )
@@ -57,6 +64,7 @@ def plan_functions(
     for name, definition in program.functions.items():
         recursive = not definition.scope.is_thread
         plans.setdefault(name, FunctionPlan(definition, f"{prefix}_{name}", _PLAIN_COST, True, recursive))
+        yield 1
     return plans
 
 

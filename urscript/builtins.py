@@ -22,12 +22,13 @@ return annotation says so.
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any, Literal, NoReturn, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 from urproto.versions import Availability, PolyscopeVersion
 from urscript.errors import RuntimeFault
+from urscript.meter import METER
 from urscript.values import (
     ANY,
     LIST,
@@ -87,6 +88,7 @@ class Builtin:
     status: Status
     note: str
     doc: str
+    work: int = 0  # of a call beyond that of any [meter units]
 
     @property
     def signature(self) -> str:
@@ -106,6 +108,8 @@ class Builtin:
             return function
         accepts = tuple(map(_acceptor, self.parameters))
         call = _CALLERS.get(len(accepts), _call_many)(function, accepts, self._mismatch)
+        if self.work:
+            call = _charging(call, self.work)
         returns = self.returns
         return call if returns is None else lambda *arguments: returns(call(*arguments))
 
@@ -148,16 +152,19 @@ class Library:
         note: str = "",
         aliases: Mapping[str, str | tuple[str, ...]] | None = None,
         takes_scope: bool = False,
+        work: int = 0,
     ) -> Callable[[FunctionT], FunctionT]:
         """Declare the decorated function; `cb3` and `e` are the first versions that have it, None for never.
 
         With `takes_scope` its parameter after the host is the caller's variables (`urscript.interpreter.Locals`).
+        `work`: what a call takes beyond any other [units of `urscript.meter`], so that one in a loop slows the loop.
         Raises TypeError when the signature cannot be offered to scripts.
         """
 
         def declare(function: FunctionT) -> FunctionT:
             availability = Availability.since(cb3, e)
-            self._add(_describe(self, function, availability, status, note, aliases or {}, takes_scope=takes_scope))
+            described = _describe(self, function, availability, status, note, aliases or {}, takes_scope=takes_scope)
+            self._add(replace(described, work=work))
             return function
 
         return declare
@@ -222,6 +229,14 @@ class LibrarySet:
     def elsewhere(self, version: PolyscopeVersion) -> dict[str, Availability]:
         """The built-ins that only controllers of other versions have, and which."""
         return {n: b.availability for n, b in self._builtins.items() if not b.availability.covers(version)}
+
+
+def _charging(call: AnyFunction, work: int) -> AnyFunction:
+    def charged(*arguments: Value) -> Value:
+        METER.left -= work
+        return call(*arguments)
+
+    return charged
 
 
 def _describe(

@@ -2,6 +2,8 @@
 
 import ast
 import difflib
+import math
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -40,13 +42,14 @@ from urscript.syntax import (
     MethodCall,
     Name,
     Node,
+    NumberList,
     PoseLiteral,
     Program,
     Run,
     Scope,
     Unary,
 )
-from urscript.work import released
+from urscript.values import MAX_STRING
 
 __all__ = ["MUTATORS", "CallWarning", "ExpressionCompiler", "Unit"]
 
@@ -60,6 +63,12 @@ _ORDER: dict[str, tuple[str, type[ast.cmpop]]] = {
     ">=": ("_ge", ast.GtE),
 }
 _LOGIC: dict[str, type[ast.boolop]] = {"and": ast.And, "or": ast.Or}
+_MOST_ERRORS = 1000
+"""Unknown names that are told, unless they stand before the first one."""
+
+_MOST_OWNERS = 50
+"""Unknown variables for which all functions are asked whether it is theirs."""
+
 _MOST_HINTS = 5
 """Unknown names for which a known one is looked up, which takes about a millisecond each."""
 
@@ -91,13 +100,17 @@ class Unit:
     stepped: bool = False  # every statement asks the host first
     used: dict[str, Builtin] = field(default_factory=dict)
     errors: list[CompileError] = field(default_factory=list)
+    first_error: tuple[float, float] = (math.inf, math.inf)  # line and column
     warnings: list[CallWarning] = field(default_factory=list)
 
     def name_not_found(self, name: str, node: Node, kind: str, hint: str, candidates: Callable[[], list[str]]) -> None:
         """Note the error; a program can hold thousands, so only in some of them other names are looked for."""
+        if len(self.errors) >= _MOST_ERRORS and (node.line, node.column) > self.first_error:
+            return  # what comes first in the text is what counts
         if not hint and len(self.errors) < _MOST_HINTS:
             hint = _suggestion(name, candidates())
         message = f"{kind} '{name}' is not known" + (f"; {hint}" if hint else "")
+        self.first_error = min(self.first_error, (node.line, node.column))
         self.errors.append(CompileError.name_not_found(name, message, node.line, node.column, self.source))
 
 
@@ -125,24 +138,26 @@ class ExpressionCompiler:
         self.stored_globals: set[str] = set()
         self.size = 0  # expressions compiled so far
         self._kinds: dict[int, KindSet] = {}  # of arithmetic that is compiled, by the node's id
-        self._handlers: dict[type, Callable[[Any, Place], ast.expr]] = {
-            Constant: self._constant,
-            Name: self._name,
-            ListLiteral: self._list,
-            PoseLiteral: self._pose,
-            Unary: self._unary,
-            Binary: self._binary,
-            Index: self._index,
-            Member: self._member,
-            Call: self._call,
-            MethodCall: self._method,
-            Run: self._run,
+        # functions, not methods of this object: a cycle would keep the whole tree until it is collected
+        self._handlers: dict[type, Callable[[Any, Any, Place], ast.expr]] = {
+            Constant: ExpressionCompiler._constant,
+            Name: ExpressionCompiler._name,
+            ListLiteral: ExpressionCompiler._list,
+            NumberList: ExpressionCompiler._number_list,
+            PoseLiteral: ExpressionCompiler._pose,
+            Unary: ExpressionCompiler._unary,
+            Binary: ExpressionCompiler._binary,
+            Index: ExpressionCompiler._index,
+            Member: ExpressionCompiler._member,
+            Call: ExpressionCompiler._call,
+            MethodCall: ExpressionCompiler._method,
+            Run: ExpressionCompiler._run,
         }
 
     def expression(self, node: Expression) -> ast.expr:
         """Python for the value of an expression."""
         self.size += 1
-        return self._handlers[node.__class__](node, place_of(node))
+        return self._handlers[node.__class__](self, node, place_of(node))
 
     def operand(self, node: Expression) -> ast.expr:
         """As `expression`, for code that refuses a variable without a value itself."""
@@ -191,8 +206,8 @@ class ExpressionCompiler:
         if name in unit.program.damaged:
             return
         if kind == "variable":
-            candidates = [*unit.program.globals, *scope.locals, *scope.assigned]
-            unit.name_not_found(name, node, kind, self._variable_hint(name), lambda: candidates)
+            hint = self._variable_hint(name) if len(unit.errors) < _MOST_OWNERS else ""
+            unit.name_not_found(name, node, kind, hint, lambda: [*unit.program.globals, *scope.locals, *scope.assigned])
         else:
             hint = self._function_hint(name, kind)
             unit.name_not_found(name, node, kind, hint, lambda: [*unit.plans, *unit.builtins])
@@ -244,6 +259,12 @@ class ExpressionCompiler:
             return ast.List(elts=items, ctx=ast.Load(), **place)
         return call("_list", place, *items)
 
+    def _number_list(self, node: NumberList, place: Place) -> ast.expr:
+        """As bytes, since Python's compiler takes its time over each element of a constant that has some."""
+        self.size += len(node.values) // 32
+        layout = "<" + "".join("i" if value.__class__ is int else "d" for value in node.values)
+        return call("_numbers", place, constant(layout, place), constant(struct.pack(layout, *node.values), place))
+
     def _pose(self, node: PoseLiteral, place: Place) -> ast.expr:
         return call("_pose", place, *[self.expression(item) for item in node.items])
 
@@ -278,7 +299,7 @@ class ExpressionCompiler:
             # Python compares a number literal with any number itself, and refuses anything else.
             simple = numbers or _is_number(node.left) or _is_number(node.right)
             return _compare(left, native(), right, place) if simple else call(helper, place, left, right)
-        if numbers or isinstance(node.left, Constant) or isinstance(node.right, Constant):
+        if numbers or _is_short(node.left) or _is_short(node.right):
             return _compare(left, ast.Eq() if operator == "==" else ast.NotEq(), right, place)
         return call("_eq" if operator == "==" else "_ne", place, left, right)
 
@@ -291,7 +312,7 @@ class ExpressionCompiler:
     def _warn_of_sum(self, node: Binary, kinds: tuple[KindSet, KindSet]) -> None:
         """A text and what can only be a number or a list are not added."""
         other, kind = (node.right, kinds[1]) if _is_text(node.left) else (node.left, kinds[0])
-        if is_number(kind) or kind == VECTOR or isinstance(other, (Constant, ListLiteral, PoseLiteral)):
+        if is_number(kind) or kind == VECTOR or isinstance(other, (Constant, ListLiteral, NumberList, PoseLiteral)):
             message = (
                 "Type error: a text is only added to a text: str_cat() joins any two values, to_str() makes a text"
             )
@@ -344,13 +365,13 @@ class ExpressionCompiler:
     def _user_call(self, node: Call, plan: FunctionPlan, place: Place) -> ast.expr:
         parameters = plan.definition.scope.parameters
         bound = bind_arguments(node, [Slot((p.name,), p.default is None) for p in parameters])
+        defaults = ExpressionCompiler(self.unit, Scope(""))  # a default sees globals only
         arguments: list[ast.expr] = []
-        with released(ExpressionCompiler(self.unit, Scope(""))) as defaults:  # a default sees globals only
-            for value, parameter in zip(bound, parameters, strict=True):
-                if value is not None:
-                    arguments.append(self.expression(value))
-                elif parameter.default is not None:
-                    arguments.append(defaults.expression(parameter.default))
+        for value, parameter in zip(bound, parameters, strict=True):
+            if value is not None:
+                arguments.append(self.expression(value))
+            elif parameter.default is not None:
+                arguments.append(defaults.expression(parameter.default))
         if plan.recursive:
             depth = call("_deeper", place, load("_depth", place)) if self.recursive else constant(1, place)
             arguments.insert(0, depth)
@@ -430,6 +451,11 @@ def _compare(left: ast.expr, operator: ast.cmpop, right: ast.expr, place: Place)
 
 def _is_number(node: Expression) -> bool:
     return isinstance(node, Constant) and node.value.__class__ in (int, float)
+
+
+def _is_short(node: Expression) -> bool:
+    """True for what is compared in no time, with whatever it is."""
+    return isinstance(node, Constant) and (node.value.__class__ is not str or len(str(node.value)) <= MAX_STRING)
 
 
 def _is_text(node: Expression) -> bool:

@@ -42,7 +42,7 @@ from urscript.syntax import (
     While,
     Word,
 )
-from urscript.work import Steps, released
+from urscript.work import Steps
 
 __all__ = ["STATEMENT", "PythonFunction", "compile_function", "compile_interpreted", "compile_main"]
 
@@ -74,10 +74,10 @@ class PythonFunction:
 def compile_main(unit: Unit) -> Steps[list[PythonFunction]]:
     """The program body as the generator function ``main``, and the functions it is divided into."""
     program = unit.program
+    compiler = _BodyCompiler(unit, program.scope, charged=True, divided=True)
     place = place_of(program.body[0] if program.body else Node(1, 1))
-    with released(_BodyCompiler(unit, program.scope, charged=True, divided=True)) as compiler:
-        body = yield from compiler.body(program.body, place)
-        return [*compiler.pieces, PythonFunction(function("main", [], body, place), compiler.inline)]
+    body = yield from compiler.body(program.body, place)
+    return [*compiler.pieces, PythonFunction(function("main", [], body, place), compiler.inline)]
 
 
 def compile_function(unit: Unit, plan: FunctionPlan) -> Steps[list[PythonFunction]]:
@@ -85,16 +85,14 @@ def compile_function(unit: Unit, plan: FunctionPlan) -> Steps[list[PythonFunctio
     definition = plan.definition
     scope, place = definition.scope, place_of(definition)
     boxed = lends_its_scope(scope, unit.builtins)
+    compiler = _BodyCompiler(unit, scope, charged=plan.generator, recursive=plan.recursive, boxed=boxed)
     parameters = [f"v_{parameter.name}" for parameter in scope.parameters]
     if plan.recursive:
         parameters.insert(0, "_depth")
-    with released(
-        _BodyCompiler(unit, scope, charged=plan.generator, recursive=plan.recursive, boxed=boxed)
-    ) as compiler:
-        body = yield from compiler.body(definition.body, place)
-        if boxed:
-            body.insert(0, _boxed_locals(compiler, place))
-        return [PythonFunction(function(plan.symbol, parameters, body, place), compiler.inline)]
+    body = yield from compiler.body(definition.body, place)
+    if boxed:
+        body.insert(0, _boxed_locals(compiler, place))
+    return [PythonFunction(function(plan.symbol, parameters, body, place), compiler.inline)]
 
 
 def compile_interpreted(unit: Unit) -> Steps[list[PythonFunction]]:
@@ -104,10 +102,10 @@ def compile_interpreted(unit: Unit) -> Steps[list[PythonFunction]]:
     """
     program = unit.program
     place = place_of(program.body[0] if program.body else Node(1, 1))
-    with released(_BodyCompiler(unit, program.scope, charged=True, divided=True, boxed=True)) as compiler:
-        body = yield from compiler.body(program.body, place)
-        whole = function(STATEMENT, ["_locals", "_pieces"], body, place)
-        return [*compiler.pieces, PythonFunction(whole, compiler.inline)]
+    compiler = _BodyCompiler(unit, program.scope, charged=True, divided=True, boxed=True)
+    body = yield from compiler.body(program.body, place)
+    whole = function(STATEMENT, ["_locals", "_pieces"], body, place)
+    return [*compiler.pieces, PythonFunction(whole, compiler.inline)]
 
 
 def _boxed_locals(compiler: ExpressionCompiler, place: Place) -> ast.stmt:
@@ -138,13 +136,13 @@ class _BodyCompiler(ExpressionCompiler):
         self._counted = 0  # of the size, whose work was yielded
         self._charged = charged  # a generator, so that it can park
         self._divided = divided
-        self._compilers: dict[type, Callable[[Any, Place], list[ast.stmt]]] = {
-            Assign: self._assign,
-            ExpressionStatement: self._expression_statement,
-            Return: self._return,
-            Word: self._word,
-            ThreadControl: self._thread_control,
-            Label: self._label,
+        self._compilers: dict[type, Callable[[Any, Any, Place], list[ast.stmt]]] = {
+            Assign: _BodyCompiler._assign,
+            ExpressionStatement: _BodyCompiler._expression_statement,
+            Return: _BodyCompiler._return,
+            Word: _BodyCompiler._word,
+            ThreadControl: _BodyCompiler._thread_control,
+            Label: _BodyCompiler._label,
         }
 
     @property
@@ -183,7 +181,7 @@ class _BodyCompiler(ExpressionCompiler):
             elif isinstance(statement, While):
                 code += yield from self._while(statement, place)
             else:
-                code += self._compilers[statement.__class__](statement, place)
+                code += self._compilers[statement.__class__](self, statement, place)
             if self.size >= self._counted + _SLICE:
                 yield (self.size - self._counted) * _WORK
                 self._counted = self.size
@@ -198,10 +196,12 @@ class _BodyCompiler(ExpressionCompiler):
         code: list[ast.stmt] = []
         movable: list[ast.stmt] = []
         start = self.inline
+        outer, self.stored_globals = self.stored_globals, set[str]()  # each piece declares its own
         for run, work in _runs(statements, extra):
             charged = [*charge(work, place_of(run[0]), park=True), *(yield from self._plain(run))]
             if not self._divided or _leads_out(run):
                 code += [*movable, *charged]
+                outer |= self.stored_globals
                 movable, start = [], self.inline
                 continue
             movable += charged
@@ -210,6 +210,7 @@ class _BodyCompiler(ExpressionCompiler):
                 movable, start = [], self.inline
         if self._divided and self.inline >= start + _REST:
             movable = [self._piece(movable, self.inline - start, place_of(run[0]))]
+        self.stored_globals |= outer
         return code + movable
 
     def _piece(self, code: list[ast.stmt], size: int, place: Place) -> ast.stmt:
@@ -218,6 +219,7 @@ class _BodyCompiler(ExpressionCompiler):
         name = f"{STATEMENT if self.boxed else 'main'}_{number + 1}"
         parameters = ["_locals"] if self.boxed else []
         self.pieces.append(PythonFunction(function(name, parameters, self._with_globals(code, place), place), size))
+        self.stored_globals = set()
         self._elsewhere += size
         piece = subscript(load("_pieces", place), number, place) if self.boxed else load(name, place)
         run = ast.Call(piece, [load(parameter, place) for parameter in parameters], [], **place)

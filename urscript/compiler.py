@@ -21,7 +21,7 @@ from urscript.errors import CompileError, ScriptError, ScriptWarning
 from urscript.inference import Kinds, infer_kinds
 from urscript.parser import normalize, parse
 from urscript.syntax import Label, Program, ProgramKind
-from urscript.work import Steps, run_to_end
+from urscript.work import Steps, let_go, run_to_end
 
 __all__ = [
     "FILE_NAME",
@@ -75,6 +75,8 @@ _cache: dict[_Key, CompiledProgram] = {}  # the one used last is last
 _MAX_FUNCTION = 50_000
 """Longest function [statements and expressions]: Python compiles one in one go, this one in about 0.2 s (a guess)."""
 
+_FUNCTION_WORK = 60  # of Python's compiler, for a function
+_INTERFACE_WORK = 8  # of what callers need to know of a function
 _PYTHON_WORK = 4  # of Python's compiler, for each expression and statement
 
 
@@ -154,7 +156,11 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, steppe
         code = yield from generate(unit, _bodies(unit), FILE_NAME)
     raise_first_error(unit)
     program = unit.program
-    return CompiledProgram(
+    functions: dict[str, FunctionPlan] = {}
+    for name, plan in unit.plans.items():
+        functions[name] = plan.interface
+        yield _INTERFACE_WORK
+    compiled = CompiledProgram(
         name=program.name,
         kind=program.kind,
         source=source,
@@ -163,10 +169,14 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, steppe
         warnings=tuple(unit.warnings),
         code=tuple(code),
         builtins=unit.used,
-        functions={name: plan.interface for name, plan in unit.plans.items()},
+        functions=functions,
         libraries=libraries,
         version=version,
     )
+    yield from let_go(program.body)
+    for definition in program.functions.values():
+        yield from let_go(definition.body)
+    return compiled
 
 
 @contextmanager
@@ -187,7 +197,7 @@ def _parsed(
 ) -> Steps[Unit]:
     program = yield from parse(source, errors, statements=statements)
     builtins = libraries.available(version)
-    plans = plan_functions(program, builtins, known={})
+    plans = yield from plan_functions(program, builtins, known={})
     kinds = yield from infer_kinds(program, builtins)
     return make_unit(program, source, libraries, builtins, plans, version, kinds)
 
@@ -227,7 +237,7 @@ def generate(unit: Unit, bodies: list[Steps[list[PythonFunction]]], file_name: s
             if unit.errors:
                 continue  # only to find more errors
             _check_length(function, unit.source)
-            yield function.size * _PYTHON_WORK
+            yield _FUNCTION_WORK + function.size * _PYTHON_WORK
             code.append(_python(function, file_name))
     return code
 

@@ -5,8 +5,10 @@ on): ``or xor`` · ``and`` · ``not`` · comparison · ``+ -`` · ``* / %`` · u
 index, member.
 """
 
-from collections.abc import Callable, Sequence
-from typing import NoReturn
+from bisect import bisect_left
+from collections.abc import Callable
+from operator import attrgetter
+from typing import Any, NoReturn
 
 from urscript.errors import Cause, CompileError
 from urscript.hints import end_with_word, syntax_hint
@@ -20,12 +22,14 @@ from urscript.syntax import (
     Member,
     MethodCall,
     Name,
+    NumberList,
     PoseLiteral,
     Run,
     Scope,
     Unary,
 )
 from urscript.tokens import Token
+from urscript.work import Steps
 
 __all__ = ["BLOCK_ENDS", "ExpressionParser"]
 
@@ -50,8 +54,15 @@ _MAX_DEPTH = 150
 """Deepest nesting of one expression: a guess, far above real programs and below what Python's compiler bears."""
 
 
-_MAX_TOKENS = 40_000
-"""Longest simple statement [words and signs]: it is read in one step. More than the longest list takes (a guess)."""
+_MAX_TOKENS = 2_000
+"""Longest expression [words and signs]: it is read in one step. A list that is assigned may have as long elements."""
+
+_MAX_LIST_TOKENS = 40_000
+"""Longest list that is assigned [words and signs]: more than the longest takes (a guess)."""
+
+_SLICE = 64  # words and signs of a long list between two yields
+_WORK = 2  # of one of these
+_VECTOR = 50  # numbers that make a list long enough to be kept as one constant
 
 
 class ExpressionParser:
@@ -62,22 +73,24 @@ class ExpressionParser:
         self.tokens = tokens
         self.at = 0
         self.started = 0  # where the statement began
+        self.measured = 0  # where what may not get too long began
+        self.odd_end: int | None = None  # where the first ``end if`` or its like stands
         self.scope = Scope("")
         self._depth = 0
-        self._operands = {
-            "name": self._name,
-            "number": self._number,
-            "string": self._string,
-            "True": self._constant,
-            "False": self._constant,
-            "None": self._constant,
-            "(": self._parenthesis,
-            "[": self._list,
-            "-": self._unary,
-            "+": self._unary,
-            "not": self._not,
-            "!": self._not,
-            "run": self._run,
+        self._operands: dict[str, Callable[[Any, Token], Expression]] = {  # no methods: see `ExpressionCompiler`
+            "name": ExpressionParser._name,
+            "number": ExpressionParser._number,
+            "string": ExpressionParser._string,
+            "True": ExpressionParser._constant,
+            "False": ExpressionParser._constant,
+            "None": ExpressionParser._constant,
+            "(": ExpressionParser._parenthesis,
+            "[": ExpressionParser._list,
+            "-": ExpressionParser._unary,
+            "+": ExpressionParser._unary,
+            "not": ExpressionParser._not,
+            "!": ExpressionParser._not,
+            "run": ExpressionParser._run,
         }
 
     # tokens
@@ -99,16 +112,8 @@ class ExpressionParser:
             self.fail(f"expected {_EXPECTED.get(kind) or repr(kind)} {where}")
         return self.take()
 
-    def fail(
-        self,
-        problem: str,
-        token: Token | None = None,
-        blamed: Callable[[Sequence[Token]], Cause | None] = lambda tokens: None,
-    ) -> NoReturn:
-        """Raise the syntax error at the next token, or at the given one.
-
-        blamed: finds out of all tokens what is to blame for it.
-        """
+    def fail(self, problem: str, token: Token | None = None, blamed: Cause | None = None) -> NoReturn:
+        """Raise the syntax error at the next token, or at the given one. blamed: what is to blame for it."""
         token = token or self.token
         if token.text == '"':
             problem = "the string that starts here is never closed"
@@ -119,7 +124,8 @@ class ExpressionParser:
             problem += f"; the string that starts in line {string.line} is closed only here"
         else:
             at = self.tokens.index(token, min(self.started, self.at))
-            cause = end_with_word(self.tokens, at) or blamed(self.tokens)
+            odd = self.odd_end is not None and self.odd_end < at - 1
+            cause = end_with_word(self.tokens, self.odd_end or 0) if odd else blamed
             hint = cause.text if cause else syntax_hint(self.tokens, at, self.started)
             problem += f"; {hint}" if hint else ""
         message = f"syntax error at {found}: {problem}"
@@ -127,15 +133,17 @@ class ExpressionParser:
 
     def string_before(self, line: int) -> Token | None:
         """A string that began in an earlier line and ends in this one."""
-        strings = (token for token in self.tokens if token.kind == "string" and token.line < line)
-        return next((token for token in strings if token.line + token.text.count("\n") == line), None)
+        at = bisect_left(self.tokens, line, key=attrgetter("line")) - 1
+        before = self.tokens[max(at, 0)]
+        spans = before.kind == "string" and before.line < line == before.line + before.text.count("\n")
+        return before if spans else None
 
     def another(self) -> bool:
         """Step past a comma, if there is one, in a row of any length."""
         if self.token.kind != ",":
             return False
-        if self.at - self.started > _MAX_TOKENS:
-            self.fail(f"the statement is longer than {_MAX_TOKENS} words and signs")
+        if self.at - self.measured > _MAX_TOKENS:
+            self.fail(f"the expression is longer than {_MAX_TOKENS} words and signs: assign lists to variables first")
         self.take()
         return True
 
@@ -148,11 +156,38 @@ class ExpressionParser:
         operand = self._operands.get(self.token.kind)
         if operand is None:
             self.fail("expected an expression")
-        left = operand(self.take())
+        left = self._operators(operand(self, self.take()), power)
+        self._depth = depth
+        return left
+
+    def _operators(self, left: Expression, power: int) -> Expression:
+        """Go on behind the first operand of an expression."""
         while (binding := _BINARY_POWER.get(self.token.kind, 0)) > power:
             self._deeper()
             operator = self.take()
             left = Binary(operator.line, operator.column, operator.kind, left, self.expression(binding))
+        return left
+
+    def long_list(self) -> Steps[Expression]:
+        """As `expression`, for one that begins with a list, which may be long."""
+        depth = self._depth
+        opening = self.take()
+        self._deeper()
+        items: list[Expression] = []
+        counted = self.at
+        while self.token.kind != "]" or items:
+            self.measured = self.at
+            items.append(self.expression())
+            if self.at >= counted + _SLICE:
+                yield (self.at - counted) * _WORK
+                counted = self.at
+            if self.at - self.started > _MAX_LIST_TOKENS:
+                self.fail(f"the list is longer than {_MAX_LIST_TOKENS} words and signs")
+            if not self.another():
+                break
+        self.expect("]", "to close '['")
+        self.measured = self.at
+        left = self._operators(self._postfix(_list_of(opening, items)), 0)
         self._depth = depth
         return left
 
@@ -285,3 +320,12 @@ class ExpressionParser:
         method = MethodCall(name.line, name.column, target, name.text, arguments)
         self.scope.methods.append(method)
         return method
+
+
+def _list_of(opening: Token, items: list[Expression]) -> Expression:
+    """A list; one of many numbers as a constant, which no later stage goes through."""
+    values = [item.value for item in items if isinstance(item, Constant)]
+    numbers = tuple(value for value in values if isinstance(value, (int, float)) and value.__class__ is not bool)
+    if len(items) < _VECTOR or len(numbers) < len(items):
+        return ListLiteral(opening.line, opening.column, items)
+    return NumberList(opening.line, opening.column, numbers)

@@ -10,6 +10,7 @@ from typing import Final
 
 from urscript.errors import Cause
 from urscript.tokens import Token
+from urscript.work import Steps
 
 __all__ = [
     "END_WORDS",
@@ -168,18 +169,17 @@ def _touch(left: Token, right: Token) -> bool:
 
 # blocks and their ends
 
+_WORK: Final = 1  # of a token whose indentation is looked at
+_SLICE: Final = 50  # of these between two yields
 
 _OPENING: Final = frozenset(["def", "sec", "thread", "if", "while"])
 _BLOCK_WORDS: Final = _OPENING | {"for", "function", "switch", "else", "elif"}
 
 
-def end_with_word(tokens: Sequence[Token], at: int) -> Cause | None:
-    """The first ``end if`` or its like before a token: an opening word behind ``end``, and nothing behind that."""
-    for number in range(at - 1):
-        if is_end_with_word(tokens, number):
-            word = tokens[number + 1]
-            return Cause(word.line, word.column, f"{_END}, not 'end {word.text}'")
-    return None
+def end_with_word(tokens: Sequence[Token], at: int) -> Cause:
+    """What is wrong with the ``end if``, or its like, at a token."""
+    word = tokens[at + 1]
+    return Cause(word.line, word.column, f"{_END}, not 'end {word.text}'")
 
 
 def is_end_with_word(tokens: Sequence[Token], at: int) -> bool:
@@ -200,9 +200,9 @@ class _Block:
     indented: bool | None = None  # what it holds, further than itself; None while that is not known
 
 
-def unclosed_block(tokens: Sequence[Token]) -> Cause | None:
+def unclosed_block(tokens: Sequence[Token]) -> Steps[Cause | None]:
     """By its indentation, the block whose ``end`` is missing."""
-    found = _by_indentation(tokens)
+    found = yield from _by_indentation(tokens)
     if found is None or not found[2]:
         return None
     block, token, _ = found
@@ -213,9 +213,9 @@ def unclosed_block(tokens: Sequence[Token]) -> Cause | None:
     )
 
 
-def misplaced_end(tokens: Sequence[Token]) -> Cause | None:
+def misplaced_end(tokens: Sequence[Token]) -> Steps[Cause | None]:
     """By its indentation, the ``end`` that is one too many."""
-    found = _by_indentation(tokens)
+    found = yield from _by_indentation(tokens)
     if found is None or found[2]:
         return None
     block, token, _ = found
@@ -223,11 +223,13 @@ def misplaced_end(tokens: Sequence[Token]) -> Cause | None:
     return Cause(token.line, token.column, text)
 
 
-def _by_indentation(tokens: Sequence[Token]) -> tuple[Token, Token, bool] | None:
+def _by_indentation(tokens: Sequence[Token]) -> Steps[tuple[Token, Token, bool] | None]:
     """The first block that does not end as its indentation shows, where that shows, and whether its end is missing."""
     blocks: list[_Block] = []
     line = column = 0
-    for token in tokens:
+    for number, token in enumerate(tokens, 1):
+        if number % _SLICE == 0:
+            yield _SLICE * _WORK
         first = token.line > line
         if first:
             line, column = token.line, token.column

@@ -6,7 +6,6 @@ going through all assignments until nothing changes. What cannot be told is left
 which look at the values themselves.
 """
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -26,6 +25,7 @@ from urscript.syntax import (
     ListLiteral,
     Member,
     Name,
+    NumberList,
     PoseLiteral,
     Program,
     Return,
@@ -65,10 +65,10 @@ _KIND_OF_RESULT: Final[tuple[tuple[Any, KindSet], ...]] = (  # by annotation; an
     (list[float], VECTOR),
     (list[int], VECTOR),
 )
-_SLICE: Final = 20  # stores between two yields
+_SLICE: Final = 40  # work between two yields
 _MOST_ROUNDS: Final = 8
 """Rounds before everything counts as anything: programs need two to four, and a text made to need more gets none."""
-_WORK: Final = 2  # of one store in one round
+_WORK: Final = 2  # of one store, or call, that is found
 
 
 def is_number(kind: KindSet) -> bool:
@@ -118,7 +118,7 @@ class Kinds:
                 return self._result(node)
             case Run():
                 return INT
-            case PoseLiteral():
+            case PoseLiteral() | NumberList():
                 return VECTOR
             case ListLiteral():
                 return self._list(scope, node)
@@ -168,6 +168,7 @@ class _Store:
     scope: Scope
     value: Expression | None  # None: something that is neither number nor vector
     part: bool = False
+    work: int = 2  # of looking at it once
 
     def kind(self, kinds: Kinds) -> KindSet:
         """What the variable may be because of this."""
@@ -184,37 +185,48 @@ def infer_kinds(program: Program, builtins: Mapping[str, Builtin]) -> Steps[Kind
 
     Of nothing when they would take too long to find, or when statements that come later can assign to its variables.
     """
-    if any(call.name == _INTERPRETER for scope in _scopes(program) for call in scope.calls):
-        return Kinds(program, builtins, {})
-    stores = [*_stores(program, program.scope, program.body)]
-    for definition in program.functions.values():
-        stores += _stores(program, definition.scope, definition.body)
-        yield _WORK * len(definition.body)
+    stores: list[_Store] = []
+    for scope, body in ((program.scope, program.body), *((f.scope, f.body) for f in program.functions.values())):
+        for number, call in enumerate(scope.calls, 1):
+            if call.name == _INTERPRETER:
+                return Kinds(program, builtins, {})
+            if number % _SLICE == 0:
+                yield _SLICE * _WORK
+        for number, store in enumerate(_stores(program, scope, body), 1):
+            stores.append(store)
+            if number % _SLICE == 0:
+                yield _SLICE * _WORK
+        yield _WORK
+    constants = yield from _constants(stores)
     variables: dict[Variable, KindSet] = {}
-    kinds = Kinds(program, builtins, variables, _constants(stores))
+    kinds = Kinds(program, builtins, variables, constants)
     for _ in range(_MOST_ROUNDS):
-        changed = False
-        for start in range(0, len(stores), _SLICE):
-            for store in stores[start : start + _SLICE]:
-                known = variables.get(store.variable, 0)
-                found = known | store.kind(kinds)
-                if found != known:
-                    variables[store.variable] = found
-                    changed = True
-            yield _WORK * _SLICE
+        changed, work = False, 0
+        for store in stores:
+            work += store.work
+            if work >= _SLICE:
+                yield work
+                work = 0
+            known = variables.get(store.variable, 0)
+            found = known | store.kind(kinds)
+            if found != known:
+                variables[store.variable] = found
+                changed = True
         if not changed:
             return kinds
     return Kinds(program, builtins, {})
 
 
-def _constants(stores: Sequence[_Store]) -> dict[str, Expression]:
+def _constants(stores: Sequence[_Store]) -> Steps[dict[str, Expression]]:
     """What global variables get that get nothing else."""
-    times = Counter(store.variable for store in stores)
-    return {
-        store.variable[1]: store.value
-        for store in stores
-        if store.variable[0] == _GLOBAL and times[store.variable] == 1 and store.value is not None and not store.part
-    }
+    found: dict[str, Expression | None] = {}
+    for number, store in enumerate(stores, 1):
+        scope, name = store.variable
+        if scope == _GLOBAL:
+            found[name] = None if name in found or store.part else store.value
+        if number % _SLICE == 0:
+            yield _SLICE
+    return {name: value for name, value in found.items() if value is not None}
 
 
 _NO_SCOPE: Final = Scope("")  # where the defaults of parameters are evaluated
@@ -226,7 +238,7 @@ def _stores(program: Program, scope: Scope, body: list[Statement]) -> Iterator[_
         yield _Store((_RESULT, scope.name), scope, None)
     for statement in _flat(body):
         if isinstance(statement, Return):
-            yield _Store((_RESULT, scope.name), scope, statement.value)
+            yield _Store((_RESULT, scope.name), scope, statement.value, work=_work(statement))
         elif isinstance(statement, Assign):
             yield _assignment(program, scope, statement)
     for call in scope.calls:
@@ -240,9 +252,14 @@ def _assignment(program: Program, scope: Scope, statement: Assign) -> _Store:
     target, value = statement.target, statement.value
     variable = _variable(program, scope, _root(target))
     if isinstance(target, Name):
-        return _Store(variable, scope, value)
+        return _Store(variable, scope, value, work=_work(statement))
     simple = isinstance(target, Index) and isinstance(target.target, Name) and len(target.positions) == 1
-    return _Store(variable, scope, value if simple else None, part=True)
+    return _Store(variable, scope, value if simple else None, part=True, work=_work(statement))
+
+
+def _work(statement: Assign | Return) -> int:
+    """Of looking at what a statement assigns or returns: half a unit a token."""
+    return 1 + statement.cost // 2
 
 
 def _arguments(called: Scope, scope: Scope, call: Call) -> Iterator[_Store]:
@@ -255,10 +272,6 @@ def _arguments(called: Scope, scope: Scope, call: Call) -> Iterator[_Store]:
     for parameter, value in zip(parameters, bound, strict=True):
         variable = (called.name, parameter.name)
         yield _Store(variable, _NO_SCOPE, parameter.default) if value is None else _Store(variable, scope, value)
-
-
-def _scopes(program: Program) -> list[Scope]:
-    return [program.scope, *(definition.scope for definition in program.functions.values())]
 
 
 def _variable(program: Program, scope: Scope, name: str) -> Variable:

@@ -82,7 +82,7 @@ def compile_statement(
         tree.scope.locals |= scope.own | scope.declared
         available = program.libraries.available(program.version)
         builtins = {name: builtin for name, builtin in available.items() if not builtin.takes_scope}
-        plans = plan_functions(tree, builtins, functions, prefix=f"f{serial}")
+        plans = yield from plan_functions(tree, builtins, functions, prefix=f"f{serial}")
         unit = make_unit(tree, source, program.libraries, builtins, {**functions, **plans}, program.version)
         bodies = [*(compile_function(unit, plan) for plan in plans.values()), compile_interpreted(unit)]
         code = yield from generate(unit, bodies, STATEMENT_FILE)

@@ -15,6 +15,7 @@ from urscript.values import KindMismatchError, Pose, is_number, type_name
 
 __all__ = ["call_problems", "literal_value"]
 
+_LONGEST: Final = 20  # elements of a list that is looked at: no built-in asks for more
 UNKNOWN: Final = object()
 """The value of what is no literal."""
 
@@ -44,7 +45,7 @@ def literal_value(node: Expression) -> Any:
         case PoseLiteral():
             items = [literal_value(item) for item in node.items]
             return Pose(map(float, items)) if all(map(is_number, items)) else UNKNOWN
-        case ListLiteral():
+        case ListLiteral() if len(node.items) <= _LONGEST:
             items = [literal_value(item) for item in node.items]
             nested = any(isinstance(item, list) for item in items)
             return UNKNOWN if nested or any(item is UNKNOWN for item in items) else items

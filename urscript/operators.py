@@ -7,6 +7,7 @@ lists combine element by element, poses do not combine.
 
 import math
 import operator
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NoReturn
@@ -50,6 +51,7 @@ __all__ = [
     "mul",
     "ne",
     "neg",
+    "number_list",
     "pos",
     "pose_literal",
     "retype",
@@ -289,7 +291,9 @@ def truth(value: Value) -> bool:
 
 
 def eq(left: Value, right: Value) -> bool:
-    if left.__class__ not in _SCALARS and right.__class__ not in _SCALARS:
+    if left.__class__ is str:
+        charge(len(left) // 64)
+    elif left.__class__ not in _SCALARS and right.__class__ not in _SCALARS:
         charge(2 * _size(left))
     return bool(left == right)
 
@@ -340,6 +344,12 @@ def _nested(items: list[Value]) -> Value:
         if all(fits):
             return Matrix(tuple(map(tuple, items)))
     return items
+
+
+def number_list(layout: str, data: bytes) -> list[float]:
+    """A long list of numbers, packed."""
+    METER.left -= 2 * len(layout)
+    return list(struct.unpack(layout, data))
 
 
 def pose_literal(*items: Value) -> Pose:

@@ -9,6 +9,7 @@ two statements on one line, or a statement and its ``end``, with nothing between
 
 import re
 from collections.abc import Callable
+from typing import Any
 
 from urscript.errors import CompileError
 from urscript.expressions import BLOCK_ENDS
@@ -39,12 +40,13 @@ from urscript.syntax import (
     Word,
 )
 from urscript.tokens import Token, tokenize
-from urscript.work import Steps, released
+from urscript.work import Steps, let_go
 
 __all__ = ["is_secondary", "normalize", "parse", "parse_statements"]
 
 _LEADING = re.compile(r"(?:[ \t\r\f\v\n]|#[^\n]*)*")
-_SECONDARY = re.compile(r"\s*sec\b")
+_SECONDARY = re.compile(rf"\ufeff?{_LEADING.pattern}sec\b")
+_DECLARATIONS = frozenset(["global", "local"])
 _MAX_BLOCKS = 60
 """Deepest nesting of blocks: a guess, above real programs and below what Python's compiler bears."""
 
@@ -59,7 +61,7 @@ def normalize(text: str) -> str:
 
 def is_secondary(text: str) -> bool:
     """Whether a text, which may have errors, begins like a secondary program."""
-    return _SECONDARY.match(normalize(text)) is not None
+    return _SECONDARY.match(text) is not None
 
 
 def parse(source: str, errors: list[CompileError] | None = None, *, statements: bool = False) -> Steps[Program]:
@@ -70,8 +72,18 @@ def parse(source: str, errors: list[CompileError] | None = None, *, statements: 
     errors are added there instead, and what did not parse is missing in the tree.
     """
     tokens = yield from tokenize(source)
-    with released(_Parser(source, tokens, errors)) as parser:
-        return (yield from parser.statements() if statements else parser.program())
+    parser = _Parser(source, tokens, errors)
+    error: CompileError | None = None
+    try:
+        program = yield from parser.statements() if statements else parser.program()
+    except CompileError as found:
+        for body in parser.bodies:
+            yield from let_go(body)
+        error = found.with_traceback(None)
+    yield from let_go(tokens)
+    if error is not None:
+        raise error
+    return program
 
 
 def parse_statements(source: str) -> Steps[Program]:
@@ -80,8 +92,7 @@ def parse_statements(source: str) -> Steps[Program]:
     Raises CompileError.
     """
     tokens = yield from tokenize(source)
-    with released(_Parser(source, tokens, None, inner=True)) as parser:
-        return (yield from parser.statements())
+    return (yield from _Parser(source, tokens, None, inner=True).statements())
 
 
 class _Parser(RecoveringParser):
@@ -91,27 +102,26 @@ class _Parser(RecoveringParser):
         super().__init__(source, tokens, errors)
         self._inner = inner  # statements of a scope that exists
         self._program = Program("statement", "", [], self.scope, {}, {}, [], self.damaged)
+        self.bodies: list[list[Statement]] = [self._program.body]  # to be let go of when the text is refused
         self._blocks = 0
         self._loops = 0
         self._counted = 0  # tokens whose work was yielded
-        self._compounds: dict[str, Callable[[Token], Steps[Statement]]] = {
-            "def": self._function,
-            "thread": self._function,
-            "if": self._if,
-            "while": self._while,
+        self._compounds: dict[str, Callable[[Any, Token], Steps[Statement]]] = {
+            "def": _Parser._function,
+            "thread": _Parser._function,
+            "if": _Parser._if,
+            "while": _Parser._while,
         }
-        self._statements: dict[str, Callable[[Token], Statement]] = {
-            "return": self._return,
-            "global": self._declaration,
-            "local": self._declaration,
-            "break": self._loop_word,
-            "continue": self._loop_word,
-            "halt": self._word,
-            "enter_critical": self._word,
-            "exit_critical": self._word,
-            "join": self._thread_control,
-            "kill": self._thread_control,
-            "$": self._label,
+        self._statements: dict[str, Callable[[Any, Token], Statement]] = {
+            "return": _Parser._return,
+            "break": _Parser._loop_word,
+            "continue": _Parser._loop_word,
+            "halt": _Parser._word,
+            "enter_critical": _Parser._word,
+            "exit_critical": _Parser._word,
+            "join": _Parser._thread_control,
+            "kill": _Parser._thread_control,
+            "$": _Parser._label,
         }
 
     def program(self) -> Steps[Program]:
@@ -123,7 +133,7 @@ class _Parser(RecoveringParser):
         else:
             yield from self.statements()
         if self.token.kind != "end of text":
-            self.complain("the program ended before this", misplaced_end)
+            yield from self.complain("the program ended before this", misplaced_end)
         return program
 
     def _program_name(self) -> None:
@@ -147,10 +157,12 @@ class _Parser(RecoveringParser):
     def _close(self, where: str, body: list[Statement]) -> Steps[None]:
         """Step past the ``end`` of a block; recovering, the body takes in branches that cannot be there."""
         while self.recovering and self.token.kind in ("else", "elif"):
-            self.complain(f"expected 'end' {where}", unclosed_block)
+            yield from self.complain(f"expected 'end' {where}", unclosed_block)
             self.skip_header()
             body += yield from self._open_block()
         if self.token.kind == "end":
+            if self.odd_end is None and is_end_with_word(self.tokens, self.at):
+                self.odd_end = self.at
             self.take()
             if self.recovering and is_end_with_word(self.tokens, self.at - 1):
                 self.take()
@@ -158,7 +170,7 @@ class _Parser(RecoveringParser):
         elif self._at_end_word():
             self.at_end_word(self.take())
         else:
-            self.complain(f"expected 'end' {where}", unclosed_block)
+            yield from self.complain(f"expected 'end' {where}", unclosed_block)
 
     def _at_end_word(self) -> bool:
         """True at an ``endif``, which ends a block for the purpose of finding more errors."""
@@ -172,6 +184,7 @@ class _Parser(RecoveringParser):
         if self._blocks > _MAX_BLOCKS:
             self.give_up(f"blocks are nested more than {_MAX_BLOCKS} deep")
         body: list[Statement] = []
+        self.bodies.append(body)
         while self.token.kind not in BLOCK_ENDS and not self._at_end_word():
             yield from self._add_statement(body)
         self._blocks -= 1
@@ -189,12 +202,16 @@ class _Parser(RecoveringParser):
         """One statement; its cost is the number of its tokens and the surcharges of its calls."""
         first, surcharge = self.at, self.scope.cost
         kind = self.token.kind
-        self.started = first
+        self.started = self.measured = first
         if kind in self._compounds:
-            statement = yield from self._compounds[kind](self.take())
+            statement = yield from self._compounds[kind](self, self.take())
         else:
             handler = self._statements.get(kind)
-            statement = handler(self.take()) if handler else self._assignment_or_call(None)
+            if handler is not None:
+                statement = handler(self, self.take())
+            else:
+                declared = self.take().kind if kind in _DECLARATIONS else None
+                statement = yield from self._assignment_or_call(declared)
             if self.at >= self._counted + _SLICE:
                 yield (self.at - self._counted) * _WORK
                 self._counted = self.at
@@ -205,31 +222,34 @@ class _Parser(RecoveringParser):
 
     # simple statements
 
-    def _declaration(self, token: Token) -> Statement:
-        return self._assignment_or_call(token.kind)
-
-    def _assignment_or_call(self, declared: str | None) -> Statement:
+    def _assignment_or_call(self, declared: str | None) -> Steps[Statement]:
         start = self.token
         if start.kind not in ("name", "run"):
             if self.token.kind in BLOCK_ENDS:
-                self.fail("there is no open block that it could belong to", None, misplaced_end)
+                blamed = yield from misplaced_end(self.tokens)
+                self.fail("there is no open block that it could belong to", None, blamed)
             self.fail("expected a statement")
         value = self.expression(_ABOVE_OPERATORS)
         if self.token.kind == "=":
-            return self._assign(value, start, declared)
+            return (yield from self._assign(value, start, declared))
         if declared:
             self.fail(f"'{declared}' needs an assignment")
         if not isinstance(value, (Call, MethodCall, Run)):
             self.fail("this is neither an assignment nor a call" if self.token.kind in BLOCK_ENDS else "expected '='")
         return ExpressionStatement(value.line, value.column, value)
 
-    def _assign(self, target: Expression, start: Token, declared: str | None) -> Statement:
+    def _assign(self, target: Expression, start: Token, declared: str | None) -> Steps[Statement]:
         if not isinstance(target, (Name, Index, Member)) or not _is_variable(target):
             self.fail("this cannot be assigned to", start)
         self.take()
         if isinstance(target, Name):
             self._bind(target.name, declared)
-        return Assign(target.line, target.column, target, self.expression())
+        if self.token.kind == "[":
+            value = yield from self.long_list()
+            self._counted = self.at
+        else:
+            value = self.expression()
+        return Assign(target.line, target.column, target, value)
 
     def _bind(self, name: str, declared: str | None) -> None:
         at_program_level = self.scope is self._program.scope and not self._inner

@@ -13,6 +13,7 @@ from urscript.errors import Cause, CompileError
 from urscript.expressions import ExpressionParser
 from urscript.hints import FOREIGN_BLOCKS
 from urscript.tokens import KEYWORDS, Token
+from urscript.work import Steps
 
 __all__ = ["RecoveringParser"]
 
@@ -38,10 +39,13 @@ class RecoveringParser(ExpressionParser):
         """True when errors are gathered."""
         return self._errors is not None
 
-    def complain(self, problem: str, blamed: Callable[[Sequence[Token]], Cause | None]) -> None:
-        """A syntax error at the next token, after which reading goes on there."""
+    def complain(self, problem: str, blamed: Callable[[Sequence[Token]], Steps[Cause | None]]) -> Steps[None]:
+        """A syntax error at the next token, after which reading goes on there.
+
+        blamed: finds out of all tokens what is to blame for it.
+        """
         try:
-            self.fail(problem, None, blamed)
+            self.fail(problem, None, (yield from blamed(self.tokens)))
         except CompileError as error:
             self._note(error)
 

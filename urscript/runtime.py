@@ -38,7 +38,7 @@ from urscript.compile_statements import STATEMENT
 from urscript.compiler import FILE_NAME, CompiledProgram
 from urscript.errors import RuntimeFault, ScriptRuntimeError
 from urscript.interpreter import STATEMENT_FILE, CompiledStatement, Locals
-from urscript.meter import METER
+from urscript.meter import METER, charge
 from urscript.methods import call_method, member, refuse_list_methods
 from urscript.tracebacks import error_position, message_of, position
 from urscript.values import UNSET, Value
@@ -59,6 +59,8 @@ MAX_THREADS = 64
 
 MAX_CALL_DEPTH = 200
 """Deepest recursion. A guess; vendor programs recurse a few levels."""
+
+_THREAD_WORK = 150  # of starting or killing a thread [meter units]
 
 ThreadBody = Generator[bool | None, None, Value]
 
@@ -355,6 +357,7 @@ class Runtime:
         return handle
 
     def _start_child(self, body: Callable[[], ThreadBody], name: str) -> int:
+        charge(_THREAD_WORK)
         current = self.current
         handle = self._start(body, name, current.id if current is not None else None)
         if current is not None:
@@ -366,6 +369,7 @@ class Runtime:
             raise RuntimeFault("Type error: kill expects a thread handle")
         if handle not in self._threads or handle == 0:
             return
+        charge(_THREAD_WORK)
         doomed = self._family(handle)
         for thread in doomed:
             if thread is not self.current:
@@ -438,6 +442,7 @@ _HELPERS: dict[str, Any] = {
     "_gt": operators.gt,
     "_ge": operators.ge,
     "_pose": operators.pose_literal,
+    "_numbers": operators.number_list,
     "_struct": operators.make_struct,
     "_len": len,
     "_index": operators.index,

@@ -23,6 +23,7 @@ __all__ = [
     "MethodCall",
     "Name",
     "Node",
+    "NumberList",
     "Parameter",
     "PoseLiteral",
     "Program",
@@ -64,6 +65,13 @@ class PoseLiteral(Node):
 @dataclass(slots=True)
 class ListLiteral(Node):
     items: list["Expression"]
+
+
+@dataclass(slots=True)
+class NumberList(Node):
+    """A list of number literals that is so long that no stage shall go through it."""
+
+    values: tuple[float, ...]
 
 
 @dataclass(slots=True)
@@ -111,7 +119,7 @@ class Run(Node):
 
 
 Expression: TypeAlias = (
-    Constant | Name | PoseLiteral | ListLiteral | Unary | Binary | Index | Member | Call | MethodCall | Run
+    Constant | Name | PoseLiteral | ListLiteral | NumberList | Unary | Binary | Index | Member | Call | MethodCall | Run
 )
 
 

@@ -1,7 +1,7 @@
 """The tokenizer.
 
 Newlines are white space; a token only remembers whether one came before it outside brackets,
-which the parser needs in three places (calls, indexing, bare ``return``). Nothing is an error
+which the parser needs in three places (calls, indexing, bare ``return``). Only a token of absurd length is an error
 here: what cannot start a token becomes an ``invalid`` token, so that the parser reports the
 first fault of the text and not the first odd character.
 """
@@ -10,6 +10,7 @@ import re
 from typing import NamedTuple
 
 from urproto.text import BLANKS
+from urscript.errors import CompileError
 from urscript.work import Steps
 
 __all__ = ["KEYWORDS", "Token", "tokenize"]
@@ -21,16 +22,20 @@ enter_critical exit_critical and or xor not True False None
 KEYWORDS = frozenset(_KEYWORDS.split())
 
 _TOKEN = re.compile(
-    r"""[ \t\r\f\v]*(?:
+    r"""[ \t\r\f\v]{0,1000}+(?:
         (?P<newline>\n)
-      | (?P<comment>\#[^\n]*)
-      | (?P<name>[A-Za-z_][A-Za-z0-9_]*)
-      | (?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)
+      | (?P<comment>\#[^\n]{0,49999})
+      | (?P<name>[A-Za-z_][A-Za-z0-9_]{0,49999})
+      | (?P<number>(?:[0-9]{1,49999}+\.?[0-9]{0,49999}+|\.[0-9]{1,49999}+)(?:[eE][+-]?[0-9]{1,49999}+)?)
       | (?P<operator>==|!=|<=|>=|[-+*/%<>=()\[\],:.!$])
-      | (?P<string>"[^"]*")
+      | (?P<string>"(?:[^"]{0,49997}+"|[^"]{49999}))
+      | (?P<blank>[ \t\r\f\v])
       | (?P<invalid>[^ \t\r\f\v\n]))""",
     re.VERBOSE,
 )
+
+_LONGEST = 50_000
+"""Longest token [characters], as the expression above has it: a step takes in no more than some of them (a guess)."""
 
 _WORK = 2  # of a token and the space around it; a line end and a comment count as much
 _SLICE = 32  # of these between two yields, wherever lines end: a text may be one line
@@ -47,11 +52,15 @@ class Token(NamedTuple):
 
 
 def tokenize(source: str) -> Steps[list[Token]]:
-    """The tokens of a text, closed by one of kind ``end of text``."""
+    """The tokens of a text, closed by one of kind ``end of text``. Raises CompileError for one of absurd length."""
     tokens: list[Token] = []
     add = tokens.append
     line, line_start, depth, fresh = 1, 0, 0, True
-    for number, match in enumerate(_TOKEN.finditer(source), 1):
+    last, end_line, end_start = 0, 1, 0  # where the last token or comment ends, and its line
+    number = 0
+    matches = _TOKEN.finditer(source)
+    while (match := next(matches, None)) is not None:
+        number += 1
         if number % _SLICE == 0:
             yield _SLICE * _WORK
         group = match.lastgroup
@@ -60,10 +69,20 @@ def tokenize(source: str) -> Steps[list[Token]]:
             line_start = match.end()
             fresh = fresh or depth == 0
             continue
-        if group is None or group == "comment":
+        if group is None or group == "blank":
             continue
         text = match[group]
+        if group == "comment":
+            if len(text) == _LONGEST:  # the rest of the line too, faster than a regular expression does it
+                end = source.find("\n", match.end())
+                matches = _TOKEN.finditer(source, end) if end >= 0 else iter(())
+                text = source[match.start(group) : end if end >= 0 else None]
+            last, end_line, end_start = match.start(group) + len(text.rstrip(BLANKS)), line, line_start
+            continue
         column = match.start(group) - line_start + 1
+        if len(text) >= _LONGEST:
+            message = f"syntax error: a {group} here is longer than {_LONGEST - 2} characters"
+            raise CompileError.syntax(message, line, column, source)
         if group == "name":
             add(Token(text if text in KEYWORDS else group, text, line, column, fresh))
         elif group == "operator":
@@ -74,8 +93,7 @@ def tokenize(source: str) -> Steps[list[Token]]:
             if group == "string" and "\n" in text:
                 line += text.count("\n")
                 line_start = match.start(group) + text.rindex("\n") + 1
+        last, end_line, end_start = match.end(), line, line_start
         fresh = False
-    tail = source.rstrip(BLANKS)
-    end_line = tail.count("\n") + 1
-    add(Token("end of text", "", end_line, len(tail) - (tail.rfind("\n") + 1) + 1, True))
+    add(Token("end of text", "", end_line, last - end_start + 1, True))
     return tokens

@@ -5,17 +5,25 @@ result. One unit of work is about a microsecond on a small machine: every number
 from measuring, and all that matters is that they fit together.
 """
 
-from collections.abc import Generator, Iterator
-from contextlib import contextmanager
-from typing import TypeAlias, TypeVar
+from collections.abc import Generator
+from typing import Any, TypeAlias, TypeVar
 
-__all__ = ["Steps", "released", "run_to_end"]
+__all__ = ["Steps", "let_go", "run_to_end"]
 
 ResultT = TypeVar("ResultT")
-WorkerT = TypeVar("WorkerT")
 
 Steps: TypeAlias = Generator[int, None, ResultT]
 """Yields the work done since the last yield; returns the result."""
+
+
+_SLICE = 100  # elements that are forgotten at a time
+
+
+def let_go(items: list[Any]) -> Steps[None]:
+    """Empty a list that nobody needs any more: Python takes half a second to forget millions of objects at once."""
+    while items:
+        del items[-_SLICE:]
+        yield _SLICE // 10
 
 
 def run_to_end(steps: Steps[ResultT]) -> ResultT:
@@ -26,16 +34,3 @@ def run_to_end(steps: Steps[ResultT]) -> ResultT:
         except StopIteration as end:
             result: ResultT = end.value
             return result
-
-
-@contextmanager
-def released(worker: WorkerT) -> Iterator[WorkerT]:
-    """Empty a parser or compiler at the end of its work.
-
-    They keep tables of their own methods, and so themselves, and with them the tokens and trees of the whole text:
-    tens of thousands of objects that only the garbage collector would find, which stops a control loop meanwhile.
-    """
-    try:
-        yield worker
-    finally:
-        vars(worker).clear()

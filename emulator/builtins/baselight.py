@@ -11,19 +11,21 @@ __all__ = ["LIBRARY"]
 LIBRARY = Library("baselight", host=True)
 
 
-@LIBRARY.builtin(cb3=None, e="5.20", note="of UR20 and UR30; other arms have none and log that")
+@LIBRARY.builtin(cb3=None, e="5.20", note="of UR20 and UR30; other arms have none and log that", work=60)
 def set_baselight_off(host: ProgramHost) -> None:
     """Switch the base light off."""
     _light(host, BaseLight("off"))
 
 
-@LIBRARY.builtin(cb3=None, e="5.20", status="partial", note="kept as the light's mode; the colour is not worked out")
+@LIBRARY.builtin(
+    cb3=None, e="5.20", status="partial", note="kept as the light's mode; the colour is not worked out", work=60
+)
 def set_baselight_iec(host: ProgramHost) -> None:
     """Let the base light show the state of the arm in the colours of IEC 60204-1."""
     _light(host, BaseLight("iec"))
 
 
-@LIBRARY.builtin(cb3=None, e="5.20", note="of UR20 and UR30; other arms have none and log that")
+@LIBRARY.builtin(cb3=None, e="5.20", note="of UR20 and UR30; other arms have none and log that", work=60)
 def set_baselight_solid(host: ProgramHost, r: Int, g: Int, b: Int) -> None:
     """Show one colour in the base light: red, green, blue, each 0 to 255."""
     if not all(0 <= part <= 255 for part in (r, g, b)):

@@ -81,7 +81,9 @@ def force_mode_get_gain_scaling(host: ProgramHost) -> float:
     return host.motion.force_gain_scaling
 
 
-@LIBRARY.builtin(cb3=None, e="5.0", status="partial", note="an admittance driven by the emulated contact force")
+@LIBRARY.builtin(
+    cb3=None, e="5.0", status="partial", note="an admittance driven by the emulated contact force", work=130
+)
 def screw_driving(host: ProgramHost, f: Num, v_limit: Num) -> None:
     """Follow a screw: push with `f` [N] along the TCP's z axis, no faster than `v_limit` [m/s].
 
@@ -101,7 +103,9 @@ def end_screw_driving(host: ProgramHost) -> None:
     host.motion.end_force_mode()
 
 
-@LIBRARY.builtin(status="partial", note="the arm follows the emulated external force; its payload is always right")
+@LIBRARY.builtin(
+    status="partial", note="the arm follows the emulated external force; its payload is always right", work=90
+)
 def freedrive_mode(host: ProgramHost, freeAxes: ListArg = _ALL_AXES, feature: Any_ = _ORIGIN) -> None:
     """Let the arm be moved by hand along the axes of `feature` that `freeAxes` marks with 1.
 
@@ -113,7 +117,7 @@ def freedrive_mode(host: ProgramHost, freeAxes: ListArg = _ALL_AXES, feature: An
     host.motion.freedrive(six(freeAxes), _feature(feature))
 
 
-@LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="the arm follows the emulated external force")
+@LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="the arm follows the emulated external force", work=90)
 def freedrive_mode_no_incorrect_payload_check(host: ProgramHost) -> None:
     """freedrive_mode() without looking at the payload first."""
     freedrive_mode(host)
@@ -132,7 +136,7 @@ def get_freedrive_status(host: ProgramHost) -> int:
     return sum(distance < bound for bound in _SINGULARITY_BOUNDS)
 
 
-@LIBRARY.builtin(status="partial", note="the arm follows the emulated external force")
+@LIBRARY.builtin(status="partial", note="the arm follows the emulated external force", work=90)
 def teach_mode(host: ProgramHost) -> None:
     """Freedrive by its old name."""
     freedrive_mode(host)
@@ -167,7 +171,7 @@ def zero_ftsensor(host: ProgramHost) -> None:
     host.arm.zero_force()
 
 
-@LIBRARY.builtin(cb3="3.0", e="5.0", status="partial", note=_SENSOR_NOTE)
+@LIBRARY.builtin(cb3="3.0", e="5.0", status="partial", note=_SENSOR_NOTE, work=60)
 def ft_rtde_input_enable(
     host: ProgramHost,
     enable: Bool,
@@ -192,7 +196,7 @@ def ft_rtde_input_enable(
         host.watch(_SENSOR_INPUT, _SENSOR_MIN_HZ, "pause")
 
 
-@LIBRARY.builtin(cb3="3.3", e="5.0", status="partial", note=_SENSOR_NOTE)
+@LIBRARY.builtin(cb3="3.3", e="5.0", status="partial", note=_SENSOR_NOTE, work=90)
 def enable_external_ft_sensor(
     host: ProgramHost,
     enable: Bool,

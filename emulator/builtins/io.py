@@ -81,25 +81,25 @@ def get_digital_out(host: ProgramHost, n: Int) -> bool:
     return _read_output(host, *_old(n))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=60)
 def set_standard_digital_out(host: ProgramHost, n: Int, b: Bool) -> None:
     """Set standard digital output 0 to 7."""
     _write_output(host, STANDARD, n, b)
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=60)
 def set_configurable_digital_out(host: ProgramHost, n: Int, b: Bool) -> None:
     """Set configurable digital output 0 to 7."""
     _write_output(host, CONFIGURABLE, n, b)
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=60)
 def set_tool_digital_out(host: ProgramHost, n: Int, b: Bool) -> None:
     """Set tool digital output 0 or 1."""
     _write_output(host, TOOL, n, b)
 
 
-@LIBRARY.builtin(note="deprecated")
+@LIBRARY.builtin(note="deprecated", work=60)
 def set_digital_out(host: ProgramHost, n: Int, b: Bool) -> None:
     """Set standard digital output 0 to 7, or the tool's as 8 and 9."""
     group, index = _old(n)

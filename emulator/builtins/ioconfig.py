@@ -126,7 +126,7 @@ def set_input_actions_to_default(host: ProgramHost) -> None:
     host.controller.input_actions.clear()
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=90)
 def set_runstate_standard_digital_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
     """Standard digital output 0 to 7 by run state.
 
@@ -137,26 +137,26 @@ def set_runstate_standard_digital_output_to_value(host: ProgramHost, outputId: I
     _runstate(host, STANDARD, outputId, state)
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=90)
 def set_runstate_configurable_digital_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
     """Configurable digital output 0 to 7 by run state; `state` as for the standard ones."""
     _runstate(host, CONFIGURABLE, outputId, state)
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=90)
 def set_runstate_tool_digital_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
     """Tool digital output 0 or 1 by run state; `state` 0 to 5 as for the standard ones."""
     _runstate(host, TOOL, outputId, state)
 
 
-@LIBRARY.builtin(cb3="3.3", e="5.0")
+@LIBRARY.builtin(cb3="3.3", e="5.0", work=90)
 def set_runstate_gp_boolean_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
     """Boolean output register by run state; `state` as for the standard outputs."""
     with within_range():
         host.programs.outputs.set_register(outputId, _action(host, state))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=90)
 def set_runstate_standard_analog_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
     """Analog output 0 or 1 by run state: minimum and maximum for low and high; `state` as for the standard ones."""
     with within_range():
@@ -166,19 +166,19 @@ def set_runstate_standard_analog_output_to_value(host: ProgramHost, outputId: In
 _OLD_NOTE = "undocumented; public programs give an empty list only; listed outputs follow the program (a guess)"
 
 
-@LIBRARY.builtin(status="partial", note=_OLD_NOTE)
+@LIBRARY.builtin(status="partial", note=_OLD_NOTE, work=200)
 def set_runstate_outputs(host: ProgramHost, outputs: ListArg) -> None:
     """Numbers of the standard outputs that are high while a program runs."""
     _runstate_list(host, STANDARD, outputs)
 
 
-@LIBRARY.builtin(status="partial", note=_OLD_NOTE)
+@LIBRARY.builtin(status="partial", note=_OLD_NOTE, work=200)
 def set_runstate_standard_digital_outputs(host: ProgramHost, outputs: ListArg) -> None:
     """Numbers of the standard outputs that are high while a program runs."""
     _runstate_list(host, STANDARD, outputs)
 
 
-@LIBRARY.builtin(status="partial", note=_OLD_NOTE)
+@LIBRARY.builtin(status="partial", note=_OLD_NOTE, work=200)
 def set_runstate_configurable_digital_outputs(host: ProgramHost, outputs: ListArg) -> None:
     """Numbers of the configurable outputs that are high while a program runs."""
     _runstate_list(host, CONFIGURABLE, outputs)

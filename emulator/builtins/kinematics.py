@@ -23,7 +23,7 @@ _JACOBIAN: Final = 350
 _DYNAMICS: Final = 800
 
 
-@LIBRARY.builtin(cb3="3.1", e="5.0")
+@LIBRARY.builtin(cb3="3.1", e="5.0", work=60)
 def get_forward_kin(host: ProgramHost, q: Joints | None = None, tcp: PoseOrJoints | None = None) -> Pose:
     """TCP pose in the base frame of joint angles `q` [rad] (the present ones) with `tcp` (the active one)."""
     charge(_FORWARD)

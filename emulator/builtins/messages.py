@@ -17,6 +17,8 @@ LIBRARY = Library("messages", host=True)
 _POPUP_BYTES: Final = 3500  # a title comes on top
 _TEXT_BYTES: Final = 4000  # clients read primary packages into 4096 bytes
 _LOG_WORK: Final = 200  # of a line on its way to the log and the clients [meter units]
+_BYTE_WORK: Final = 0.5  # of a byte of it: a loop shall not fill the network
+_POPUP_WORK: Final = 1500  # of a dialogue
 
 
 @LIBRARY.builtin()
@@ -45,7 +47,7 @@ def popup(
     `close popup` on the dashboard server closes it.
     """
     shown = host.controller.popups.show(
-        cut_text(s, _POPUP_BYTES), title=title, warning=warning, error=error, blocking=blocking and not host.secondary
+        _popup_text(s), title=title, warning=warning, error=error, blocking=blocking and not host.secondary
     )
     if shown.blocking:
         host.suspend(shown)
@@ -83,7 +85,7 @@ def request_string_from_primary_client(host: ProgramHost, Text: Str) -> Frames[s
 
 
 def _ask(host: ProgramHost, text: str, kind: RequestedType) -> Frames[Any]:
-    question: Popup = host.remember(host.controller.popups.request(cut_text(text, _POPUP_BYTES), kind))
+    question: Popup = host.remember(host.controller.popups.request(_popup_text(text), kind))
     while question.open:
         yield
     if question.answer is None:
@@ -92,5 +94,12 @@ def _ask(host: ProgramHost, text: str, kind: RequestedType) -> Frames[Any]:
 
 
 def _log_text(value: Any) -> str:
-    charge(_LOG_WORK)
-    return cut_text(value, _TEXT_BYTES)
+    text = cut_text(value, _TEXT_BYTES)
+    charge(_LOG_WORK + int(_BYTE_WORK * len(text)))
+    return text
+
+
+def _popup_text(value: Any) -> str:
+    text = cut_text(value, _POPUP_BYTES)
+    charge(_POPUP_WORK + int(_BYTE_WORK * len(text)))
+    return text

@@ -25,7 +25,7 @@ _ADDED_TYPES: Final = tuple(type_ for type_ in SIGNAL_TYPES if type_ != 23)
 _MAX_COMMAND: Final = 252  # bytes behind the function code: Modbus Application Protocol
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=130)
 def modbus_add_signal(
     host: ProgramHost,
     IP: Str,
@@ -55,7 +55,7 @@ def modbus_add_signal(
         )
 
 
-@LIBRARY.builtin(cb3=None, e="5.10")
+@LIBRARY.builtin(cb3=None, e="5.10", work=130)
 def modbus_add_rw_signal(
     host: ProgramHost,
     IP: Str,
@@ -127,7 +127,7 @@ def modbus_get_time_since_signal_invalid(host: ProgramHost, signal_name: Str) ->
         return host.programs.modbus.invalid_s(host.programs.modbus.get(signal_name))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=60)
 def modbus_send_custom_command(
     host: ProgramHost, IP: Str, slave_number: Int, function_code: Int, data: ListArg
 ) -> None:
@@ -227,7 +227,7 @@ def read_port_bit(host: ProgramHost, address: Int) -> bool:
         return bool(modbus_map.read_coil(host.controller, address))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=60)
 def read_port_register(host: ProgramHost, address: Int) -> int:
     """A register of the robot's Modbus server, signed: -32768 to 32767. 128 to 255 are free for any use."""
     with within_range():

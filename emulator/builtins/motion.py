@@ -244,7 +244,7 @@ def _friction_scale(name: str, given: Sequence[float] | None, usual: Vector6) ->
     return six(given)
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=130)
 def set_pos(host: ProgramHost, q: Joints) -> None:
     """Put the simulated arm at joint angles [rad] at once; only while it stands still."""
     if not host.motion.idle:

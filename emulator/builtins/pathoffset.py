@@ -34,7 +34,7 @@ def path_offset_disable(host: ProgramHost, a: Num = 20) -> Frames[None]:
         yield from host.until_ready(motion.disable_path_offset(a))
 
 
-@LIBRARY.builtin(cb3=None, e=_SINCE, note="without effect before path_offset_enable()")
+@LIBRARY.builtin(cb3=None, e=_SINCE, note="without effect before path_offset_enable()", work=60)
 def path_offset_set(host: ProgramHost, offset: PoseOrJoints, type_: Int) -> None:
     """Add this offset [m, rotation vector] to the path; each component is cut to path_offset_set_max_offset().
 
@@ -45,7 +45,7 @@ def path_offset_set(host: ProgramHost, offset: PoseOrJoints, type_: Int) -> None
     host.motion.set_path_offset(six(numbers(offset, 6, "path_offset_set: offset")), _frame("path_offset_set", type_))
 
 
-@LIBRARY.builtin(cb3=None, e=_SINCE)
+@LIBRARY.builtin(cb3=None, e=_SINCE, work=60)
 def path_offset_get(host: ProgramHost, type_: Int) -> Pose:
     """The offset applied now, filtered and limited, as one of this `type` (see path_offset_set)."""
     return Pose(host.motion.path_offset(_frame("path_offset_get", type_)))

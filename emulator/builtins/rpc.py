@@ -15,6 +15,7 @@ from emulator.programs.rpc.xmlrpc import BadReplyError, Reply, encode_call, to_v
 from urscript.builtins import Library
 from urscript.compiler import STRUCT
 from urscript.errors import RuntimeFault
+from urscript.meter import charge
 from urscript.methods import Handle
 from urscript.values import Str, Value
 
@@ -23,6 +24,7 @@ __all__ = ["LIBRARY"]
 LIBRARY: Final = Library("remote procedure calls", host=True)
 
 _CLOSE: Final = "closeXMLRPCClientConnection"
+_FACTORY_WORK: Final = 4000  # meter units: taking a URL apart takes some 50 us
 _LONGEST_TEXT: Final = 300  # of what a server says about its errors (guess)
 
 
@@ -38,6 +40,7 @@ def rpc_factory(host: ProgramHost, type_: Str, url: Str) -> Frames[Handle]:
     """
     if type_ != "xmlrpc":
         raise RuntimeFault(f'rpc_factory: there is no RPC type "{type_}": the only one is "xmlrpc"')
+    charge(_FACTORY_WORK)
     stream = PacketConnection.parse(host, url)
     try:
         if stream is None:

@@ -22,7 +22,7 @@ _MOST_INERTIA = 133.0  # kg m2: Script Manual, set_target_payload
 _NO_INERTIA: Any = (0, 0, 0, 0, 0, 0)  # a tuple stands for a list that scripts see
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=90)
 def set_tcp(host: ProgramHost, pose: PoseArg, tcp_name: Str = "") -> None:
     """Use another TCP, given from the tool flange."""
     with within_range():
@@ -41,27 +41,27 @@ def get_gravity(host: ProgramHost) -> list[float]:
     return list(host.controller.installation.gravity)
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=90)
 def set_payload(host: ProgramHost, m: Num, cog: ListArg | None = None) -> None:
     """Payload mass [kg] and centre of gravity from the flange [m], the TCP when omitted."""
     centre = _xyz(host.controller.installation.tcp) if cog is None else three(cog, "set_payload: cog")
     use_payload(host, Payload.of(checked_mass(m), centre))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=90)
 def set_payload_mass(host: ProgramHost, m: Num) -> None:
     """Payload mass [kg]."""
     use_payload(host, Payload.of(checked_mass(m), host.controller.installation.target_payload.cog))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=90)
 def set_payload_cog(host: ProgramHost, CoG: ListArg) -> None:
     """Payload centre of gravity from the flange [m]."""
     use_payload(host, Payload.of(host.controller.installation.target_payload.mass, three(CoG, "set_payload_cog: CoG")))
 
 
 # On CB3 from the first version on: the official control script names it there, in branches that never run.
-@LIBRARY.builtin(cb3="3.0", e="5.10")
+@LIBRARY.builtin(cb3="3.0", e="5.10", work=200)
 def set_target_payload(
     host: ProgramHost,
     m: Num,

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from emulator.programs.host import Frames, ProgramHost
-from emulator.programs.sockets import ScriptSocket
+from emulator.programs.sockets import MOST_SOCKETS, ScriptSocket
 from urproto.text import from_bytes, to_bytes
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
@@ -36,7 +36,6 @@ __all__ = ["LIBRARY"]
 
 LIBRARY = Library("sockets", host=True)
 
-_MOST_SOCKETS: Final = 64  # open in one program (a guess); a file descriptor each
 _CONNECT_S: Final = 2.0  # Script Manual, socket_open
 _VARIABLE_S: Final = 2.0  # Script Manual, socket_get_var
 _MOST_VALUES: Final = 30  # Script Manual, socket_read_ascii_float and the other list readers
@@ -50,7 +49,7 @@ def socket_open(host: ProgramHost, address: Str, port: Int, socket_name: Str = _
     """Connect; False when that fails or takes longer than 2 s. An open socket of that name is closed first."""
     if not 0 < port < 65536:
         raise RuntimeFault(f"socket_open: there is no port {port}: they are 1 to 65535")
-    if len(host.sockets) >= _MOST_SOCKETS and host.sockets.get(socket_name) is None:
+    if len(host.sockets) >= MOST_SOCKETS and host.sockets.get(socket_name) is None:
         return False
     socket = host.programs.socket_backend.open(address, port)
     host.sockets.put(socket_name, socket)

@@ -67,55 +67,55 @@ def get_target_joint_accelerations(host: ProgramHost) -> list[float]:
     return list(host.motion.qdd)
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=130)
 def get_actual_tcp_pose(host: ProgramHost) -> Pose:
     """Measured TCP pose in the base frame."""
     return Pose(forward(host, host.actual_q))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=300)
 def get_actual_tcp_speed(host: ProgramHost) -> list[float]:
     """Measured TCP velocity in the base frame [m/s, rad/s]."""
     return list(twist_of(host, host.arm.q, host.arm.qd))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=130)
 def get_actual_tool_flange_pose(host: ProgramHost) -> Pose:
     """Measured pose of the tool flange in the base frame."""
     return Pose(forward(host, host.actual_q, _ZERO))
 
 
-@LIBRARY.builtin(note="undocumented; PolyScope's force nodes use it")
+@LIBRARY.builtin(note="undocumented; PolyScope's force nodes use it", work=130)
 def tool_pose(host: ProgramHost) -> Pose:
     """Measured TCP pose in the base frame."""
     return Pose(forward(host, host.actual_q))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=130)
 def get_target_tcp_pose(host: ProgramHost) -> Pose:
     """Commanded TCP pose in the base frame."""
     return Pose(forward(host, host.target_q))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=300)
 def get_target_tcp_speed(host: ProgramHost) -> list[float]:
     """Commanded TCP velocity in the base frame [m/s, rad/s]."""
     return list(twist_of(host, host.motion.q, host.motion.qd))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=130)
 def get_target_tcp_pose_along_path(host: ProgramHost) -> Pose:
     """Commanded TCP pose as it would be without path offset and conveyor tracking."""
     return Pose(forward(host, host.motion.path_q))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=300)
 def get_target_tcp_speed_along_path(host: ProgramHost) -> list[float]:
     """Commanded TCP velocity as it would be without path offset and conveyor tracking [m/s, rad/s]."""
     return list(twist_of(host, host.motion.path_q, host.motion.path_qd))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=130)
 def get_target_waypoint(host: ProgramHost) -> Pose:
     """TCP pose the movement in progress leads to, without path offset and conveyor; without one, where the path is."""
     waypoint = host.motion.target_waypoint

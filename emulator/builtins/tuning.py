@@ -46,7 +46,11 @@ def high_holding_torque_disable(host: ProgramHost) -> None:
 
 
 @LIBRARY.builtin(
-    cb3=None, e="5.19", status="partial", note="movej, movel, movep, movec and optimove; not blends, stops and streams"
+    cb3=None,
+    e="5.19",
+    status="partial",
+    note="movej, movel, movep, movec and optimove; not blends, stops and streams",
+    work=130,
 )
 def tool_wrench_limit_set(
     host: ProgramHost,

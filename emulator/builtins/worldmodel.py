@@ -45,7 +45,7 @@ def delete_frame(host: ProgramHost, name: Str) -> None:
         _world(host).delete(name, arm_pose(host))
 
 
-@LIBRARY.builtin(cb3=None, e="5.10")
+@LIBRARY.builtin(cb3=None, e="5.10", work=200)
 def delete_all_frames(host: ProgramHost) -> None:
     """Delete every frame but "world", "base", "flange" and "tcp", as delete_frame() would."""
     with within_range():
@@ -113,7 +113,7 @@ def set_mass_properties(host: ProgramHost, frame: Str, m: Num, cog: ListArg, ine
         _world(host).set_mass(frame, properties)
 
 
-@LIBRARY.builtin(cb3=None, e="5.20")
+@LIBRARY.builtin(cb3=None, e="5.20", work=300)
 def set_payload_from_attached_frames(host: ProgramHost) -> None:
     """Make the payload of the masses of all frames that are attached, in however many steps, to TCP or flange."""
     with within_range():

@@ -4,8 +4,10 @@ The share is counted in the compiler's units of work and not in time, so that a 
 in the same period on every machine.
 """
 
+import gc
 from collections import deque
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
 
@@ -22,11 +24,11 @@ __all__ = ["WORK_PER_SECOND", "Compiling", "Job", "Submission", "WorkShare", "in
 
 LIBRARY_SET: Final = LibrarySet(LIBRARIES)
 
-WORK_PER_SECOND: Final = 750_000
+WORK_PER_SECOND: Final = 400_000
 """Work done on compiling per second of controller time [units of `urscript.work`], in equal shares per period.
 
-About 0.9 ms of a 2 ms period on an idle machine; the official control script (48 kB) takes 0.1 s, and its driver
-expects the program to call back within 0.5 s.
+About a third of a period on an idle machine; the official control script (48 kB) takes a quarter of a second, and
+its driver expects the program to call back within 0.5 s.
 """
 
 ResultT = TypeVar("ResultT")
@@ -49,13 +51,13 @@ class WorkShare:
         self._left = self._share
 
     def new_period(self) -> None:
-        """Another control period, another share."""
-        self._left = self._share
+        """Another control period, another share, of which what was overdrawn is paid back first."""
+        self._left = min(self._share, self._left + self._share)
 
     def work(self, job: Job[ResultT]) -> bool:
         """Go on with a job; True when it is done, False when it needs a later period. Raises what the job raises.
 
-        Work that is more than a whole share is done in a period of its own.
+        A piece that is more than a whole share is done in a period of its own, and nothing in some after it.
         """
         while job.price <= self._left or self._left == self._share:
             self._left -= job.price
@@ -119,7 +121,7 @@ class Compiling:
         """Refuse every main program that waits; False when there is none."""
         dropped = [submission for submission in self._waiting if submission.main]
         if self._waiting and self._waiting[0].main:
-            self._job = None
+            self._leave_job()
         for submission in dropped:
             self._waiting.remove(submission)
             submission.accepted = False
@@ -127,10 +129,16 @@ class Compiling:
 
     def abandon(self) -> None:
         """Refuse everything that waits."""
-        waiting, self._job = tuple(self._waiting), None
+        self._leave_job()
+        waiting = tuple(self._waiting)
         self._waiting.clear()
         for submission in waiting:
             submission.accepted = False
+
+    def _leave_job(self) -> None:
+        if self._job is not None:
+            self._job.steps.close()
+            self._job = None
 
     def next(self) -> Submission | None:
         """The next submission that is compiled, or has an error; None when it needs a later period."""
@@ -151,7 +159,32 @@ class Compiling:
         return self._waiting.popleft()
 
 
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Without the garbage collector, which would go through every token and node of a large program, at once.
+
+    Nothing of them is garbage before the program is compiled, and most of it is gone at once after that.
+    """
+    global _resting
+    _resting += 1
+    gc.disable()
+    try:
+        yield
+    finally:
+        _resting -= 1
+        if not _resting:
+            gc.enable()
+
+
+_resting = 0  # jobs on their way, of all controllers of this process
+
+
 def _work(submission: Submission) -> Steps[CompiledProgram]:
+    with uncollected():
+        return (yield from _compile(submission))
+
+
+def _compile(submission: Submission) -> Steps[CompiledProgram]:
     if submission.translation is not None:
         submission.text = yield from submission.translation
     return (yield from compile_steps(submission.text, LIBRARY_SET, submission.version, stepped=submission.stepped))

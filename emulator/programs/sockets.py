@@ -5,9 +5,10 @@ and ``inbox`` once per control period. ``MemorySockets`` is a backend without a 
 """
 
 from enum import StrEnum
-from typing import Literal, Protocol
+from typing import Final, Literal, Protocol
 
 __all__ = [
+    "MOST_SOCKETS",
     "MemorySocket",
     "MemorySockets",
     "NoNetwork",
@@ -17,6 +18,9 @@ __all__ = [
     "SocketState",
     "SocketTable",
 ]
+
+MOST_SOCKETS: Final = 64
+"""Connections of one program (a guess); a file descriptor each."""
 
 SocketState = Literal["connecting", "open", "closed"]
 

@@ -42,6 +42,9 @@ def test_a_statement_that_is_too_long_is_refused_before_it_is_read_to_its_end() 
     error = error_of("a = [" + ",".join([longest] * 3) + "]\n")
     assert "longer than 40000" in error.message
     assert error.column < 45_000
+    error = error_of(f"textmsg([{longest}])\n")
+    assert "longer than 2000 words and signs: assign lists to variables first" in error.message
+    assert error.column < 2_100
 
 
 def test_thousands_of_unknown_names_are_one_error_the_first() -> None:

@@ -189,6 +189,9 @@ def test_program_stops_at_its_fault(run, text, line, column, message):
 
 # text, line, column, problem
 SYNTAX_PROBLEMS = [
+    (f"a = [{'[1, 2], ' * 7000}3]", 1, 53340, "the list is longer than 40000 words and signs"),
+    (f"textmsg([{'1, ' * 1000}3])", 1, 3008, "longer than 2000 words and signs: assign lists to variables first"),
+    (f'textmsg("{"x" * 50_000}")', 1, 9, "a string here is longer than 49998 characters"),
     ("def f():\n  run t(1)\nend", 2, 9, "expected ')' since a thread takes no arguments"),
     ("def f():\n  run 1()\nend", 2, 7, "expected a name after run, that of the thread to start"),
     ("def f():\n  run t\nend", 3, 1, "expected '(' after the thread's name"),

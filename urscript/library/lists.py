@@ -16,6 +16,7 @@ def _length(name: str, value: Value) -> int:
     if isinstance(value, list):
         return len(value)
     if isinstance(value, str):
+        charge(len(value) // 16)
         return len(to_bytes(value))
     if isinstance(value, Matrix):
         return len(value.rows)

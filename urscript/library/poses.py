@@ -19,13 +19,13 @@ def _three(name: str, values: list[float]) -> list[float]:
     return values
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=60)
 def pose_add(p_1: PoseArg, p_2: PoseArg) -> Pose:
     """Positions added, rotations multiplied."""
     return Pose(pose.pose_add(p_1, p_2))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=60)
 def pose_sub(p_to: PoseArg, p_from: PoseArg) -> Pose:
     """The pose that `pose_add` adds to `p_from` to give `p_to`."""
     return Pose(pose.pose_sub(p_to, p_from))
@@ -37,7 +37,7 @@ def pose_inv(p_from: PoseArg) -> Pose:
     return Pose(pose.pose_inv(p_from))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=60)
 def pose_trans(p_from: PoseArg, p_from_to: PoseArg) -> Pose:
     """`p_from_to`, given in the frame `p_from`, in the frame `p_from` is given in."""
     return Pose(pose.pose_trans(p_from, p_from_to))
@@ -55,25 +55,25 @@ def point_dist(p_from: PoseArg, p_to: PoseArg) -> float:
     return pose.point_dist(p_from, p_to)
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=60)
 def interpolate_pose(p_from: PoseArg, p_to: PoseArg, alpha: Num) -> Pose:
     """The pose at `alpha` of the way, 0 is `p_from` and 1 is `p_to`; extrapolates beyond."""
     return Pose(pose.interpolate_pose(p_from, p_to, alpha))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=60)
 def rotvec2rpy(rotation_vector: ListArg) -> list[float]:
     """Rotation vector to roll, pitch, yaw [rad]."""
     return list(pose.rotvec_to_rpy(*_three("rotvec2rpy", rotation_vector)))
 
 
-@LIBRARY.builtin()
+@LIBRARY.builtin(work=60)
 def rpy2rotvec(rpy_vector: ListArg) -> list[float]:
     """Roll, pitch, yaw to rotation vector [rad]."""
     return list(pose.rpy_to_rotvec(*_three("rpy2rotvec", rpy_vector)))
 
 
-@LIBRARY.builtin(cb3=None, e="5.0")
+@LIBRARY.builtin(cb3=None, e="5.0", work=60)
 def wrench_trans(T_from_to: PoseArg, w_from: Joints) -> list[float]:
     """The wrench `w_from` [N, Nm] moved to the frame `T_from_to`."""
     return list(pose.wrench_trans(T_from_to, w_from))

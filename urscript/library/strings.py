@@ -7,6 +7,7 @@ import sys
 from urproto.text import BLANKS, from_bytes, to_bytes
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
+from urscript.meter import charge
 from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Int, Str, Value, joined, to_text
 
 __all__ = ["LIBRARY"]
@@ -20,13 +21,22 @@ _LONGEST_INT = 400  # digits, more than any number in range has
 _SPECIAL = re.compile(r"[ \t\r\n\f\v]*([+-]?)(inf|infinity|nan)\Z", re.IGNORECASE)
 
 
+_BYTES_A_UNIT = 16  # of work, for what goes through a whole string
+
+
 def _slice(text: str, start: int, stop: int) -> str:
     """Bytes `start` to `stop` of a string."""
-    return text[start:stop] if text.isascii() else from_bytes(to_bytes(text)[start:stop])
+    return text[start:stop] if text.isascii() else from_bytes(_bytes(text)[start:stop])
 
 
 def _length(text: str) -> int:
-    return len(text) if text.isascii() else len(to_bytes(text))
+    return len(text) if text.isascii() else len(_bytes(text))
+
+
+def _bytes(text: str) -> bytes:
+    """The bytes of a string, which may be a long literal: its work is charged."""
+    charge(len(text) // _BYTES_A_UNIT)
+    return to_bytes(text)
 
 
 @LIBRARY.builtin(cb3="3.8", e="5.2")
@@ -54,7 +64,7 @@ def str_find(src: Str, target: Str, start_from: Int = 0) -> int:
     """Index of the first `target` in `src` at or after `start_from`, -1 when there is none."""
     if start_from < 0:
         raise RuntimeFault(f"str_find: start_from must not be negative, it is {start_from}")
-    return to_bytes(src).find(to_bytes(target), start_from)
+    return _bytes(src).find(_bytes(target), start_from)
 
 
 @LIBRARY.builtin(cb3="3.8", e="5.2")
@@ -83,6 +93,7 @@ def to_num(str_: Str) -> Value:
     Leading blanks, a sign, 0x, INF and NAN are understood; anything else is a runtime error, and so is an int
     beyond 32 bits or a float too large for one.
     """
+    charge(len(str_) // _BYTES_A_UNIT)
     special = _SPECIAL.match(str_)
     if special:
         return math.copysign(float(special[2]), -1.0 if special[1] == "-" else 1.0)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Final, Protocol
 
 from emulator.programs.host import Frames, ProgramHost
-from emulator.programs.sockets import ScriptSocket
+from emulator.programs.sockets import MOST_SOCKETS, ScriptSocket
 
 __all__ = ["RemoteConnection", "RemoteError", "authority", "connect"]
 
@@ -39,6 +39,8 @@ def authority(address: str, port: int) -> str:
 
 def connect(host: ProgramHost, address: str, port: int) -> Frames[ScriptSocket]:
     """An open connection, which ends with the program. Raises RemoteError when there is none to be had."""
+    if len(host.sockets) >= MOST_SOCKETS:
+        raise RemoteError(f"the program has {MOST_SOCKETS} connections open already: it can use a handle again")
     socket = host.programs.socket_backend.open(address, port)
     host.sockets.hold(socket)
     try:

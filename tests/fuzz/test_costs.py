@@ -1,0 +1,150 @@
+"""No text, program or stream takes more than its share of a control period. Many more in `make soak`."""
+
+import os
+from collections.abc import Callable
+from random import Random
+
+import pytest
+from costs import SOURCES, busy_program, least_time, long_source, longest_tick, slowness, source, tick_times
+
+from emulator.servers.intake import SHARE, Intake
+from urproto.dashboard import LineDecoder
+from urproto.interpreter import StatementDecoder
+from urproto.modbus import FrameDecoder
+from urproto.robotiq import RequestDecoder
+from urproto.rtde.codec import RTDEDecoder
+from urproto.versions import Series
+from urscript.splitter import ScriptSplitter
+
+WANTED = os.environ.get("RANDOM_COSTS")
+EACH = int(WANTED or 12) // 2
+HALF_S = {"ur3": Series.CB3.period_s / 2, "ur5e": Series.E.period_s / 2}
+MOST_OF_A_PIECE_S = 0.016
+COMPILED_WITHIN = 10  # periods
+SIZE = 2000 if WANTED is None else 20_000
+
+CHUNK = 1024  # as a port reads
+STREAMS: dict[str, tuple[Callable[[], object], Callable[[int], bytes]]] = {
+    "blanks": (ScriptSplitter, lambda n: b" " * n),
+    "lines": (ScriptSplitter, lambda n: b"\n" * n),
+    "a comment": (ScriptSplitter, lambda n: b"#" + b"x" * n),
+    "comments": (ScriptSplitter, lambda n: b"# x\n" * (n // 4)),
+    "byte order marks": (ScriptSplitter, lambda n: b"\xef\xbb\xbf" * (n // 3)),
+    "a word": (ScriptSplitter, lambda n: b"x" * n),
+    "a word in a block": (ScriptSplitter, lambda n: b"def f():\n" + b"x" * n),
+    "words in a block": (ScriptSplitter, lambda n: b"def f():\n" + b"a " * (n // 2)),
+    "a string in a block": (ScriptSplitter, lambda n: b'def f():\n"' + b"x" * n),
+    "a comment in a block": (ScriptSplitter, lambda n: b"def f():\n#" + b"x" * n),
+    "quotes in a block": (ScriptSplitter, lambda n: b"def f():\n" + b'"' * n),
+    "nested blocks": (ScriptSplitter, lambda n: b"if " * (n // 3)),
+    "dashboard lines": (LineDecoder, lambda n: b"robotmode\n" * (n // 10)),
+    "interpreter, a line": (StatementDecoder, lambda n: b"x" * n),
+    "interpreter, lines": (StatementDecoder, lambda n: b"x\n" * (n // 2)),
+    "gripper": (RequestDecoder, lambda n: b"GET POS\n" * (n // 8)),
+    "Modbus": (FrameDecoder, lambda n: b"\0\1\0\0\0\6\0\3\0\x80\0\1" * (n // 12)),
+    "RTDE, long packages": (RTDEDecoder, lambda n: (b"\xff\xffU" + bytes(0xFFFC)) * (n // 0xFFFF)),
+    "RTDE, short packages": (RTDEDecoder, lambda n: b"\0\3U" * (n // 3)),
+}
+
+
+def feed(make: Callable[[], object], data: bytes) -> None:
+    decoder = make()
+    for start in range(0, len(data), CHUNK):
+        decoder.feed(data[start : start + CHUNK])  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("name", STREAMS)
+def test_a_byte_costs_the_same_however_many_came_before(name: str) -> None:
+    """Four times the bytes take four times as long; what begins over at each chunk takes sixteen times as long."""
+    make, data = STREAMS[name]
+    few, many = data(250_000), data(1_000_000)
+    for _ in range(3):
+        ratio = least_time(lambda: feed(make, many)) / least_time(lambda: feed(make, few))
+        if ratio < 9:
+            break
+    assert ratio < 9
+
+
+@pytest.mark.parametrize("data", [b" " * 400_000, b"#" + b"x" * 400_000], ids=["blanks", "a comment"])
+def test_one_byte_at_a_time_is_as_good(data: bytes) -> None:
+    def one_by_one(count: int) -> None:
+        splitter = ScriptSplitter()
+        for byte in data[:count]:
+            splitter.feed(bytes([byte]))
+
+    assert least_time(lambda: one_by_one(40_000)) < 9 * least_time(lambda: one_by_one(10_000))
+
+
+@pytest.mark.timeout(0 if WANTED else 120)
+@pytest.mark.parametrize("model", HALF_S)
+def test_a_busy_program_leaves_half_the_period(model: str) -> None:
+    bound_s = HALF_S[model] * slowness()
+    for seed in range(EACH):
+        text = busy_program(Random(seed))
+        longest, period = longest_tick(text, 80, model, bound_s, after=COMPILED_WITHIN)
+        assert longest <= bound_s, f"seed {seed}, period {period}: {longest * 1e3:.2f} ms\n{text[-400:]}"
+
+
+@pytest.mark.timeout(0 if WANTED else 120)
+@pytest.mark.parametrize("name", SOURCES)
+def test_no_piece_of_compiling_a_long_text_holds_the_robot_up(name: str) -> None:
+    """Two periods of a CB3 arm: the longest pieces that cannot be interrupted, and the end of a job, take longer than
+    half of one; they are paid back in the periods after them."""
+    bound_s = MOST_OF_A_PIECE_S * slowness()
+    longest, period = longest_tick(source(name, SIZE), 300, "ur3", bound_s)
+    assert longest <= bound_s, f"period {period}: {longest * 1e3:.2f} ms"
+
+
+@pytest.mark.timeout(0 if WANTED else 120)
+@pytest.mark.skipif(not WANTED, reason="each kind of text is there already: mixtures are for the soak")
+def test_random_long_texts() -> None:
+    bound_s = MOST_OF_A_PIECE_S * slowness()
+    for seed in range(EACH // 10):
+        longest, period = longest_tick(long_source(Random(seed), SIZE), 600, "ur3", bound_s)
+        assert longest <= bound_s, f"seed {seed}, period {period}: {longest * 1e3:.2f} ms"
+
+
+def test_compiling_takes_its_share_on_the_average_whatever_a_piece_takes() -> None:
+    """A function that Python compiles in one go is paid for in the periods after it."""
+    body = "".join(f"    if n == {i}:\n      return {i}\n    end\n" for i in range(600))
+    text = f"def p():\n  def f(n):\n{body}    return 0\n  end\n  while True:\n    sync()\n  end\nend\n"
+    for _ in range(3):
+        times = tick_times(text, 200, "ur5e")
+        if sum(times) <= len(times) * HALF_S["ur5e"] * slowness():
+            break
+    assert sum(times) <= len(times) * HALF_S["ur5e"] * slowness()
+
+
+class _Reader:
+    def __init__(self) -> None:
+        self.stalled = False
+
+    def stall(self, reason: object) -> None:
+        self.stalled = True
+
+    def unstall(self, reason: object) -> None:
+        self.stalled = False
+
+
+async def test_clients_together_are_read_within_their_share_of_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Virtual time: two clients that always have something to say, and what it costs to read them."""
+    now_s, wakes = 0.0, []
+
+    class Loop:
+        def call_later(self, delay_s: float, call: Callable[[], None]) -> None:
+            wakes.append((now_s + delay_s, call))
+
+    monkeypatch.setattr("emulator.servers.intake.time.monotonic", lambda: now_s)
+    monkeypatch.setattr("emulator.servers.intake.asyncio.get_running_loop", Loop)
+    intake, readers, used_s = Intake(0.002), [_Reader(), _Reader()], 0.0
+    for _ in range(20_000):
+        for reader in readers:
+            if not reader.stalled:
+                intake.spent(reader, 0.0003)
+                used_s += 0.0003
+                now_s += 0.0003
+        now_s += 0.0001
+        while wakes and wakes[0][0] <= now_s:
+            wakes.pop(0)[1]()
+    assert 0.8 * SHARE < used_s / now_s < 1.05 * SHARE
+    assert not all(reader.stalled for reader in readers) or wakes  # nobody waits for ever

@@ -1,0 +1,18 @@
+"""Whatever numbers a program has, the controller does not fail, and publishes finite ones. Many more in `make soak`."""
+
+import os
+from random import Random
+
+import pytest
+from extreme_programs import program, run
+
+EACH = int(os.environ.get("RANDOM_EXTREMES", "8")) // 4
+
+
+@pytest.mark.timeout(0 if "RANDOM_EXTREMES" in os.environ else 120)
+@pytest.mark.parametrize("dynamic", [False, True], ids=["ideal", "dynamic"])
+@pytest.mark.parametrize("model", ["ur3", "ur5e"])
+def test_no_numbers_make_the_controller_fail(model: str, dynamic: bool) -> None:
+    for seed in range(EACH):
+        chance = Random(seed)
+        run([program(chance, model) for _ in range(3)], model, chance, dynamic=dynamic)
