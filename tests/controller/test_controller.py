@@ -173,8 +173,8 @@ def test_default_timings_are_those_of_a_simulator(make):
         if snapshot.robot_mode is RobotMode.IDLE:
             controller.post(DashboardLine("brake release"))
     start = times[RobotMode.BOOTING]
-    assert 0.5 <= times[RobotMode.IDLE] - start <= 4.0
-    assert 0.5 <= times[RobotMode.RUNNING] - times[RobotMode.IDLE] <= 6.0
+    assert 0.4 <= times[RobotMode.IDLE] - start <= 4.0
+    assert 0.4 <= times[RobotMode.RUNNING] - times[RobotMode.IDLE] <= 6.0
 
 
 def test_brakes_are_released_in_the_time_that_suites_for_simulators_give(make):
