@@ -21,7 +21,7 @@ test: $(VENV)/.dev
 # client, half an hour. The tests run a few of each.
 soak: $(VENV)/.dev
 	RANDOM_PROGRAMS=10000 RANDOM_EXTREMES=2000 RANDOM_COSTS=2000 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 \
-		tests/motion/test_random_programs.py tests/fuzz
+		tests/motion/test_random_programs.py tests/fuzzing
 	HOSTILE_ROBOTS=4000 $(BIN)/python -m pytest --timeout 0 tests/client/test_hostile_robots.py
 
 # What enemies and accidents do, against bars; a quarter of an hour or more. ARGS=--quick takes a minute.
