@@ -203,7 +203,9 @@ def test_an_early_ctrl_c_ends_in_silence(command: str, tmp_path: Path) -> None:
     (tmp_path / "x").write_text("sleep(60)\n")
     environment = os.environ | {"UR_ROBOT_IP": "127.0.0.1"}
     chance = random.Random(1)
-    begin = "import sys\nprint('begun', flush=True)\nfrom urproto.entry import {}\nsys.argv = {}\n{}()"
+    # whoever started the tests in the background may have told them to ignore Ctrl-C
+    begin = "import signal, sys\nsignal.signal(signal.SIGINT, signal.default_int_handler)\nprint('begun', flush=True)\n"
+    begin += "from urproto.entry import {}\nsys.argv = {}\n{}()"
     words = command.split()
     entry = words[0].replace("-", "_")
     for _ in range(4):
