@@ -41,6 +41,7 @@ _SEND_BUFFER: Final = 256 * 1024  # the system's, per connection: what a late re
 _MOST_UNDELIVERED: Final = 1024 * 1024  # bytes that must be delivered and are not read (guess)
 _MOST_WAITING: Final = 64  # requests of one connection before it is not read further (guess)
 _BACKLOG: Final = 128
+_LINGER_S: Final = 1.0  # for a client that talks on after it was told why nobody listens (guess)
 _LISTEN_AGAIN_S: Final = 0.5  # between attempts to have a port back that somebody else took (guess)
 _RESET: Final = struct.pack("ii", 1, 0)  # SO_LINGER: on, no time: closing sends RST
 _WRONG_PORT: Final = {
@@ -150,6 +151,8 @@ class Connection(asyncio.BufferedProtocol):
         self._wants_reading = True
         self._stalls: set[object] = set()  # who keeps it from being read
         self._closing = self._ended = False  # once what is kept back has passed
+        self._deaf = False  # what the client still says is thrown away
+        self._lingering: asyncio.TimerHandle | None = None
         self._opening = None if self.for_browsers else Opening(patient=self.patient)
 
     # for the kinds of connection
@@ -188,6 +191,21 @@ class Connection(asyncio.BufferedProtocol):
             self._closing = True
         elif self._transport is not None:
             self._transport.close()
+
+    def hang_up(self) -> None:
+        """Deliver what was sent, and end the connection once the client has done so, or soon.
+
+        A connection that is closed while bytes of the client are unread is reset, and the client may lose the answer.
+        """
+        transport = self._transport
+        if transport is None or self._deaf:
+            return
+        if self._late:
+            self.close()
+            return
+        self._deaf = True
+        transport.write_eof()
+        self._lingering = asyncio.get_running_loop().call_later(_LINGER_S, self.close_now)
 
     def close_now(self) -> None:
         """End the connection, without waiting for a client that does not read."""
@@ -271,6 +289,8 @@ class Connection(asyncio.BufferedProtocol):
             transport.write(data)
 
     def _receive(self, data: bytes) -> None:
+        if self._deaf:
+            return
         try:
             if self._opening is not None:
                 data = self._judge(self._opening, data)
@@ -346,7 +366,7 @@ class Connection(asyncio.BufferedProtocol):
 
     def eof_received(self) -> bool:
         self._ended = bool(self._kept[Direction.RECEIVED])
-        return self._ended or self._at_end()
+        return not self._deaf and (self._ended or self._at_end())
 
     def _read_rest(self) -> None:
         """What the client sent before it reset the connection: asyncio drops that when a write notices the reset first.
@@ -364,6 +384,8 @@ class Connection(asyncio.BufferedProtocol):
         if exc is not None and self in self.server.connections:
             self._read_rest()
         self._transport = None
+        if self._lingering is not None:
+            self._lingering.cancel()
         self.server.gone(self)
         if self in self.server.connections:
             self.server.connections.remove(self)

@@ -81,7 +81,7 @@ class _HttpConnection(Connection):
 
     def received(self, data: bytes) -> None:
         self._feed(data)
-        self._read()
+        self._proceed()
 
     def at_end(self) -> bool:
         """Who ends its side waits no longer for a verb that takes time."""
@@ -96,20 +96,20 @@ class _HttpConnection(Connection):
         """A control period is over."""
         if self._steps is not None:
             self._answer(self._next_step)
-            self._read()
+            self._proceed()
 
     def _feed(self, data: bytes) -> None:
         if self._http.their_state is not h11.ERROR:
             self._http.receive_data(data)
 
-    def _read(self) -> None:
+    def _proceed(self) -> None:
         """Carry out the requests that are complete, one after the other."""
         while self._steps is None:
             try:
                 event = self._http.next_event()
             except h11.RemoteProtocolError as error:
                 self._reply(error.error_status_hint, {"error": str(error)})
-                self.close()
+                self.hang_up()
                 return
             if event is h11.NEED_DATA or event is h11.PAUSED or isinstance(event, h11.ConnectionClosed):
                 return
@@ -129,7 +129,6 @@ class _HttpConnection(Connection):
         """Reply with what the work returns or how it fails, or keep the steps it wants more time for."""
         status, content = _outcome(work)
         self._steps = content if is_waiting(content) else None
-        self.read_on(self._steps is None)
         if self._steps is None:
             self._reply(status, content)
 
@@ -203,7 +202,7 @@ class _HttpConnection(Connection):
         try:
             self._http.start_next_cycle()
         except h11.LocalProtocolError:  # the request was broken, or the client wants the connection closed
-            self.close()
+            self.hang_up()
 
 
 def _json(content: Any) -> bytes:

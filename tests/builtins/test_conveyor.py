@@ -234,7 +234,8 @@ def test_weaving_as_the_manual_shows_it(rig):
         """
     )
     start = rig.controller.snapshot.actual_TCP_pose
-    while rig.state is not RuntimeState.STOPPED or not heights:
+    rig.until(lambda: rig.state is RuntimeState.PLAYING)
+    while rig.state is not RuntimeState.STOPPED:
         rig.tick()
         heights.append(rig.controller.snapshot.actual_TCP_pose[2])
     assert rig.exceptions == []

@@ -241,30 +241,34 @@ def test_force_sensor_can_come_from_rtde(rig, name):
 
 def test_contact_is_found_against_the_direction_of_motion(rig):
     assert rig.value("tool_contact(direction=[0, 0, -1, 0, 0, 0])") == 0
-    rig.controller.external_wrench = (0.0, 0.0, 40.0, 0.0, 0.0, 0.0)
-    rig.run(
+    rig.start(
         """
-        sleep(0.1)
+        sleep(0.2)
         textmsg(tool_contact(direction=[0, 0, -1, 0, 0, 0]) > 40)
         textmsg(tool_contact([0, 0, 0, 0, 0, 0]) > 40)
         textmsg(tool_contact(direction=[0, 0, 1, 0, 0, 0]))
         textmsg(tool_contact(direction=[1, 0, 0, 0, 0, 0]))
         """
     )
+    rig.until(lambda: rig.state is RuntimeState.PLAYING)  # which zeroes the sensor
+    rig.controller.external_wrench = (0.0, 0.0, 40.0, 0.0, 0.0, 0.0)
+    rig.until(lambda: rig.state is RuntimeState.STOPPED)
     assert rig.texts == ["True", "True", "0", "0"]
 
 
 def test_the_threshold_and_the_last_three_numbers_of_a_contact(rig):
-    rig.controller.external_wrench = (0.0, 0.0, 10.0, 0.0, 0.0, 0.0)
-    rig.run(
+    rig.start(
         """
-        sleep(0.1)
+        sleep(0.2)
         textmsg(tool_contact([0, 0, -1, 0, 0, 0]))
         textmsg(tool_contact([0, 0, -1, 0, 0, 0], force_threshold=5) > 40)
         textmsg(tool_contact([0, 0, 0, 1, 0, 0], 5) > 40)
         textmsg(tool_contact([0, 0, -1, 0, 0, 0], 11))
         """
     )
+    rig.until(lambda: rig.state is RuntimeState.PLAYING)  # which zeroes the sensor
+    rig.controller.external_wrench = (0.0, 0.0, 10.0, 0.0, 0.0, 0.0)
+    rig.until(lambda: rig.state is RuntimeState.STOPPED)
     assert rig.texts == ["0", "True", "True", "0"]
     assert "force_threshold" in rig.fault("tool_contact([0, 0, -1, 0, 0, 0], -1)")
 
