@@ -8,7 +8,7 @@ import sys
 import time
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -74,10 +74,9 @@ def test_a_taken_port_is_told_and_the_robot_stays(tmp_path: Path) -> None:
 
 
 def test_a_pendant_that_was_killed_is_started_anew_and_said_so() -> None:
-    with emulator() as (process, host):
+    with emulator() as (process, host), closing(RemoteControl(host, CONTROL_API_PORT)) as control:
         url = f"http://{host}:6080"
         read_until(process, "Teach pendant of")
-        control = RemoteControl(host, CONTROL_API_PORT)
         first = control.pendant()
         assert (first["state"], first["starts"], first["port"], first["trouble"]) == ("running", 1, 6080, "")
         with BlockingRTDEClient(host, ("timestamp",)) as robot:

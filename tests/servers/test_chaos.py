@@ -1,4 +1,4 @@
-"""A little of everything that `make chaos` does: its bars hold here, too."""
+"""A little of what `make chaos` does: its bars hold here, too."""
 
 import subprocess
 import sys
@@ -10,6 +10,8 @@ CHAOS = Path(__file__).resolve().parents[2] / "benchmarks" / "chaos.py"
 SCENARIOS = (
     "flood", "drivers", "hostile", "descriptors", "disk", "memory", "clock", "slow", "clients", "soak",
 )  # fmt: skip
+HERE = ("descriptors", "disk", "memory", "soak")
+"""Those whose bars hold on a busy machine too; the others measure time, and belong to `make chaos`."""
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="it limits and stops processes by what Linux has for that"),
@@ -17,7 +19,7 @@ pytestmark = [
 ]
 
 
-@pytest.mark.parametrize("scenario", SCENARIOS)
+@pytest.mark.parametrize("scenario", HERE)
 def test_chaos(scenario: str) -> None:
     done = subprocess.run([sys.executable, str(CHAOS), "--quick", scenario], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
