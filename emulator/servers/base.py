@@ -18,12 +18,10 @@ import os
 import socket
 import struct
 import time
-from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import partial
 from typing import Any, Final, Protocol, TypeAlias
 
 from emulator.commands import Command, ServingFailed
@@ -34,12 +32,11 @@ from emulator.snapshot import Snapshot
 from urproto.errors import RemoteProtocolError
 from urproto.versions import PolyscopeVersion
 
-__all__ = ["BytesHook", "CommandQueue", "Connection", "ControllerDoor", "Direction", "Hooks", "PortServer"]
+__all__ = ["BytesHook", "Connection", "ControllerDoor", "Direction", "Hooks", "PortServer", "Reply"]
 
 _READ_BYTES: Final = 1024  # at once: a message a byte takes some ms then (guess)
 _SEND_BUFFER: Final = 256 * 1024  # the system's, per connection: what a late reader finds is no older (guess)
 _MOST_UNDELIVERED: Final = 1024 * 1024  # bytes that must be delivered and are not read (guess)
-_MOST_WAITING: Final = 64  # requests of one connection before it is not read further (guess)
 _BACKLOG: Final = 128
 _LINGER_S: Final = 1.0  # for a client that talks on after it was told why nobody listens (guess)
 _LISTEN_AGAIN_S: Final = 0.5  # between attempts to have a port back that somebody else took (guess)
@@ -205,7 +202,8 @@ class Connection(asyncio.BufferedProtocol):
             return
         self._deaf = True
         transport.write_eof()
-        self._lingering = asyncio.get_running_loop().call_later(_LINGER_S, self.close_now)
+        if self.is_open:
+            self._lingering = asyncio.get_running_loop().call_later(_LINGER_S, self.close_now)
 
     def close_now(self) -> None:
         """End the connection, without waiting for a client that does not read."""
@@ -400,58 +398,6 @@ def _place_after(hooks: list[BytesHook], hook: BytesHook) -> int:
 def _peer_name(transport: asyncio.BaseTransport) -> str:
     address = transport.get_extra_info("peername")
     return f"{address[0]}:{address[1]}" if address else "a client"
-
-
-class CommandQueue:
-    """Hands one connection's commands to the controller in order, ``at_once`` of them unanswered.
-
-    ``read_on`` is called with False when too many wait and with True when they are done.
-    The queue outlives its connection: a script sent just before closing still runs.
-    """
-
-    def __init__(self, controller: ControllerDoor, read_on: Callable[[bool], None], at_once: int = 1) -> None:
-        self._controller = controller
-        self._read_on = read_on
-        self._at_once = at_once
-        self._waiting: deque[tuple[Command, Reply | None]] = deque()
-        self._unanswered = 0
-
-    @property
-    def full(self) -> bool:
-        """True when no more should be put into it for now."""
-        return len(self._waiting) > _MOST_WAITING
-
-    @property
-    def idle(self) -> bool:
-        """True when everything has been answered."""
-        return not self._waiting and not self._unanswered
-
-    def put(self, command: Command, reply: Reply | None = None) -> None:
-        """Carry out a command after those before it."""
-        self._waiting.append((command, reply))
-        self._post()
-        if self.full:
-            self._read_on(False)
-
-    def clear(self) -> None:
-        """Forget what was not yet handed over."""
-        self._waiting.clear()
-
-    def _post(self) -> None:
-        while self._waiting and self._unanswered < self._at_once:
-            command, reply = self._waiting.popleft()
-            self._unanswered += 1
-            self._controller.post(command, partial(self._answered, reply))
-
-    def _answered(self, reply: Reply | None, answer: Any) -> None:
-        self._unanswered -= 1
-        try:
-            if reply is not None:
-                reply(answer)
-        finally:
-            self._post()
-            if not self._waiting:
-                self._read_on(True)
 
 
 class PortServer:

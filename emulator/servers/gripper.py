@@ -2,7 +2,8 @@
 
 from emulator.commands import GripperCall
 from emulator.devices.gripper_requests import GripperSession
-from emulator.servers.base import CommandQueue, Connection, ControllerDoor, Direction, PortServer
+from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
+from emulator.servers.command_queue import CommandQueue
 from emulator.snapshot import Snapshot
 from urproto.robotiq import Request, RequestDecoder
 

@@ -8,7 +8,8 @@ the answers of statements before them.
 import logging
 
 from emulator.commands import InterpreterLine
-from emulator.servers.base import CommandQueue, Connection, ControllerDoor, Direction, PortServer
+from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
+from emulator.servers.command_queue import CommandQueue
 from urproto.interpreter import Reason, StatementDecoder, TooLong, discard, encode_answer
 
 __all__ = ["InterpreterServer"]

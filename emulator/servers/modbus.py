@@ -3,7 +3,8 @@
 from functools import partial
 
 from emulator.commands import ModbusCall
-from emulator.servers.base import CommandQueue, Connection, ControllerDoor, Direction, PortServer
+from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
+from emulator.servers.command_queue import CommandQueue
 from urproto.modbus import Frame, FrameDecoder, encode_frame
 
 __all__ = ["ModbusServer"]

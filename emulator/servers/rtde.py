@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from emulator.commands import Command, RTDEInputs
-from emulator.servers.base import CommandQueue, Connection, ControllerDoor, Direction, PortServer
+from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
+from emulator.servers.command_queue import CommandQueue
 from emulator.servers.rtde_session import Packer, RTDEHost, RTDESession
 from emulator.snapshot import Snapshot
 from urproto.rtde.codec import Package, Reply, RTDEDecoder, TextMessage

@@ -3,7 +3,8 @@
 import logging
 
 from emulator.commands import RefusedScript, ScriptUnit
-from emulator.servers.base import CommandQueue, Connection, Direction, PortServer
+from emulator.servers.base import Connection, Direction, PortServer
+from emulator.servers.command_queue import CommandQueue
 from urscript.splitter import ScriptSplitter, Unit
 
 __all__ = ["ScriptConnection"]

@@ -5,7 +5,8 @@ has the line to itself, others are connected and wait until it is theirs.
 """
 
 from emulator.commands import ToolBytes
-from emulator.servers.base import CommandQueue, Connection, ControllerDoor, Direction, PortServer
+from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
+from emulator.servers.command_queue import CommandQueue
 from emulator.snapshot import Snapshot
 
 __all__ = ["ToolCommunicationServer"]

@@ -74,18 +74,18 @@ def test_a_taken_port_is_told_and_the_robot_stays(tmp_path: Path) -> None:
 
 
 def test_a_pendant_that_was_killed_is_started_anew_and_said_so() -> None:
-    with emulator() as (process, host), closing(RemoteControl(host, CONTROL_API_PORT)) as control:
-        url = f"http://{host}:6080"
+    with emulator() as (process, host):
         read_until(process, "Teach pendant of")
-        first = control.pendant()
-        assert (first["state"], first["starts"], first["port"], first["trouble"]) == ("running", 1, 6080, "")
-        with BlockingRTDEClient(host, ("timestamp",)) as robot:
-            os.kill(first["pid"], signal.SIGKILL)
-            said = read_until(process, "(started anew: start 2)")
-            assert robot.latest()["timestamp"] > 0.0
+        with closing(RemoteControl(host, CONTROL_API_PORT)) as control:
+            first = control.pendant()
+            assert (first["state"], first["starts"], first["port"], first["trouble"]) == ("running", 1, 6080, "")
+            with BlockingRTDEClient(host, ("timestamp",)) as robot:
+                os.kill(first["pid"], signal.SIGKILL)
+                said = read_until(process, "(started anew: start 2)")
+                assert robot.latest()["timestamp"] > 0.0
+            again = control.pendant()
         assert "The teach pendant was killed (SIGKILL) after" in said
-        assert answers(url)
-        again = control.pendant()
+        assert answers(f"http://{host}:6080")
         assert (again["state"], again["starts"]) == ("running", 2)
         assert again["pid"] != first["pid"]
         assert again["trouble"].startswith("it was killed (SIGKILL)")

@@ -91,6 +91,10 @@ class MemoryTransport(asyncio.Transport):
     def resume_reading(self) -> None:
         self._reading = True
 
+    def write_eof(self) -> None:
+        """This client ends its side as soon as it hears that the other has ended."""
+        self.close()
+
     def close(self) -> None:
         if not self._closing:
             self._closing = True

@@ -155,7 +155,7 @@ def test_a_port_in_use(tmp_path: Path) -> None:
     [
         (["--model", "ur4"], "unknown robot model 'ur4': known are"),
         (["--polyscope", "new"], "'new' is not a PolyScope version"),
-        (["--polyscope", "5.22"], "UR3 is a CB3 arm"),
+        (["--model", "ur3", "--polyscope", "5.22"], "UR3 is a CB3 arm"),
         (["--initial-positions", "missing.yaml"], "cannot read missing.yaml: No such file"),
         (["--safety", "missing.yaml"], "cannot read missing.yaml: No such file"),
         (["--programs", "missing"], "the programs folder missing is not a folder"),

@@ -9,7 +9,8 @@ import pytest
 from server_rig import FakeController, MemoryClient
 
 from emulator.commands import Command
-from emulator.servers.base import CommandQueue, Connection, Direction, PortServer
+from emulator.servers.base import Connection, Direction, PortServer
+from emulator.servers.command_queue import CommandQueue
 from urproto.errors import RemoteProtocolError
 
 MIB = 1024 * 1024

@@ -192,6 +192,7 @@ SYNTAX_PROBLEMS = [
     (f"a = [{'[1, 2], ' * 7000}3]", 1, 53340, "the list is longer than 40000 words and signs"),
     (f"textmsg([{'1, ' * 1000}3])", 1, 3008, "longer than 2000 words and signs: assign lists to variables first"),
     (f'textmsg("{"x" * 50_000}")', 1, 9, "a string here is longer than 49998 characters"),
+    ("a = [1, 2 3]", 1, 11, "expected ']' to close '['"),
     ("def f():\n  run t(1)\nend", 2, 9, "expected ')' since a thread takes no arguments"),
     ("def f():\n  run 1()\nend", 2, 7, "expected a name after run, that of the thread to start"),
     ("def f():\n  run t\nend", 3, 1, "expected '(' after the thread's name"),
@@ -383,7 +384,7 @@ FAULTS = [
         "5.22",
     ),
     (
-        "def f():\n  thread t():\n    sync()\n  end\n  while True:\n    run t()\n  end\nend",
+        "def f():\n  thread t():\n    sleep(9)\n  end\n  while True:\n    run t()\n  end\nend",
         6,
         5,
         "More than 64 threads are running",
