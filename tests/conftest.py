@@ -16,7 +16,7 @@ from hypothesis import settings
 from urproto.testing.leaks import Belongings
 
 # Examples are not timed: a busy machine is no bug. In CI they are the same every time; elsewhere new ones are tried.
-settings.register_profile("project", deadline=None, derandomize="CI" in os.environ)
+settings.register_profile("project", deadline=None, derandomize="CI" in os.environ, max_examples=50)
 settings.load_profile("project")
 
 HERE = Path(__file__).parent

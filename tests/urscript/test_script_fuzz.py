@@ -110,7 +110,7 @@ def test_any_text(text):
     attempt(text)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(st.lists(st.sampled_from(ATOMS), max_size=25), st.booleans())
 def test_any_sequence_of_fragments(atoms, wrapped):
     text = "\n".join(atoms)
@@ -153,7 +153,7 @@ EXPRESSION = st.recursive(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(EXPRESSION)
 def test_any_expression_has_a_value_or_a_fault(expression):
     program = compile_script(f"x = {expression}", SET, VERSION)
