@@ -36,7 +36,7 @@ REAL_TIME = (
     "servers",
     "traffic",
 )  # folders of tests that the wall clock can disturb
-MORE_TRIES = 2
+MORE_TRIES = 3
 CHUNK = 16  # tests that a worker gets at a time; a share of all that are left, pytest-xdist's own, leaves one idle
 # for minutes while the other has most of those in real time
 
