@@ -95,8 +95,8 @@ def test_a_waypoint_in_a_variable_and_a_relative_one(arm):
     assert pose_dist(arm.pose, flange(ASIDE)) < 1e-3
 
 
-def test_a_variable_feature_takes_its_waypoints_along(arm):
-    """The feature was moved 0.05 m along y since the waypoint was taught."""
+def variable_table(arm):
+    """A cell with a variable feature, at y = 0.25 m; the element that refers to it."""
     feature = tag(
         "GeomPoseNode",
         tag("toolPosition", value="0.1, 0.25, 0.0"),
@@ -105,22 +105,19 @@ def test_a_variable_feature_takes_its_waypoints_along(arm):
         isVariable="true",
     )
     (arm.folder / "cell.installation").write_text(installation(tag("Features", tag("GeomPoseNode", feature))))
-    on_table = '<feature class="GeomFeatureReference" referencedName="table"/>'
+    return '<feature class="GeomFeatureReference" referencedName="table"/>'
+
+
+def test_a_variable_feature_takes_its_waypoints_along(arm):
+    """The feature was moved 0.05 m along y since the waypoint was taught."""
+    on_table = variable_table(arm)
     arm.play(move(waypoint(BACK, feature="0.1, 0.2, 0.0, 0.0, 0.0, 0.0"), feature=on_table), installation="cell")
     assert pose_dist(arm.pose, pose_trans((0.0, 0.05, 0.0, 0.0, 0.0, 0.0), flange(BACK))) < 1e-3
 
 
 def test_a_direction_takes_a_variable_feature_as_it_was_saved(arm):
     """PolyScope writes its pose, never its name: 2,236 places in public scripts."""
-    feature = tag(
-        "GeomPoseNode",
-        tag("toolPosition", value="0.1, 0.25, 0.0"),
-        tag("toolAxisAngle", value="0.0, 0.0, 0.0"),
-        name="table",
-        isVariable="true",
-    )
-    (arm.folder / "cell.installation").write_text(installation(tag("Features", tag("GeomPoseNode", feature))))
-    on_table = '<feature class="GeomFeatureReference" referencedName="table"/>'
+    on_table = variable_table(arm)
     up = tag(DIRECTION, children(distance_of()), selectedDirection="ZPlus")
     start = arm.pose
     arm.play(
