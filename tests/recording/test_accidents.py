@@ -12,6 +12,7 @@ from random import Random
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from recording_rig import record
 from typer.testing import CliRunner
 
@@ -153,10 +154,16 @@ def test_a_damaged_chunk_costs_that_chunk_only(states, tmp_path: Path) -> None:
     many = [state | {"timestamp": 100.0 + 0.002 * number} for number, state in enumerate(states * 4)]
     path = record(tmp_path / "run.mcap", many)
     whole = path.read_bytes()
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    chunks = summary.chunk_indexes
+    assert len(chunks) > 2
     random = Random(1)
-    for start in (2_000, len(whole) // 2):  # the first has the channels and schemas of all
+    for chunk in (chunks[0], chunks[len(chunks) // 2]):  # the first has the channels and schemas of all
         damaged = bytearray(whole)
-        damaged[start : start + 50] = random.randbytes(50)
+        middle = chunk.chunk_start_offset + chunk.chunk_length // 2
+        damaged[middle : middle + 50] = random.randbytes(50)
         path.write_bytes(bytes(damaged))
         found = read(path)
         assert len(many) // 2 < len(found) < len(many)
