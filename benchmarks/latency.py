@@ -27,7 +27,7 @@ from table import Table
 from client import BlockingRTDEClient
 from client.driver import URDriver
 from client.driver.blocking import Blocking, blocking
-from client.driver.timeouts import LONGEST_REAL_TIME_S
+from client.driver.endpoint import LONGEST_REAL_TIME_S
 
 SAMPLES: Final = 200
 OFFSET_RAD: Final = 0.002  # of the last joint: too little to matter, far above rounding

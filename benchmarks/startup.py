@@ -9,7 +9,7 @@ from pathlib import Path
 
 from table import Table
 
-from emulator.config import PORTS
+from emulator.ports import PORTS
 from emulator.readiness import NotReady, check_ready
 
 REPEATS = 5

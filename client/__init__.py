@@ -33,10 +33,12 @@ if TYPE_CHECKING:
         ScriptFailedError,
     )
     from client.modbus import BlockingModbusClient, ModbusClient
-    from client.primary import BlockingPrimaryClient, PrimaryClient, ScriptResult
+    from client.primary import BlockingPrimaryClient, PrimaryClient
     from client.realtime import BlockingRealtimeClient, RealtimeClient
     from client.robot import AsyncRobot, Robot, RobotState
-    from client.rtde import BlockingRTDEClient, RTDEClient, read_recipe
+    from client.rtde import BlockingRTDEClient, RTDEClient
+    from client.rtde_core import read_recipe
+    from client.scripts import ScriptResult
     from client.tool_communication import ToolCommunication
 
 __all__ = [

@@ -2,7 +2,5 @@
 
 from urproto.entry import ur_client as main
 
-__all__ = ["main"]
-
 if __name__ == "__main__":
     main()

@@ -18,17 +18,6 @@ from urproto.robots import DH, MODELS, Calibration, CalibrationError, Kinematics
 from urproto.robots.calibrated import CalibratedKinematics
 from urproto.yamltext import NotYaml, load_yaml
 
-__all__ = [
-    "calibration_of",
-    "described",
-    "geometry_of",
-    "is_nominal",
-    "model_of",
-    "parameters",
-    "read_calibration",
-    "write_calibration",
-]
-
 _SAME_LENGTH_M: Final = 0.01  # configuration data and data files give the same lengths, but for old hardware's
 
 

@@ -8,8 +8,6 @@ import typer
 
 from urproto.commandline import Deferred, application, load_from, version_of
 
-__all__ = ["app", "main"]
-
 _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     "dashboard": ("dashboard:dashboard_command", "Send one dashboard command and print the answer."),
     "state": ("state:state_command", "Print what the robot is doing right now."),

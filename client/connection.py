@@ -27,17 +27,6 @@ from typing import Final, Generic, Literal, Self, TypeVar
 
 from client.errors import ClientError, ConnectionLostError, NoAnswerError, RobotUnreachableError
 
-__all__ = [
-    "DEFAULT_TIMEOUT_S",
-    "POLL",
-    "AsyncConnection",
-    "BlockingConnection",
-    "Connection",
-    "Flow",
-    "Reconnect",
-    "TimeLimit",
-]
-
 Result = TypeVar("Result")
 
 DEFAULT_TIMEOUT_S = 5.0  # for connecting and for each flow; guess: ample for a dashboard "load"

@@ -16,8 +16,6 @@ from client.gates import GATES
 from urproto.errors import LocalProtocolError
 from urproto.versions import PolyscopeVersion, Series
 
-__all__ = ["GREETING", "PROGRAM_NAME", "ControlProgram", "ToolCommunication", "split_greeting"]
-
 PROGRAM_NAME: Final = "external_control"
 _POLYSCOPE_X: Final = 10
 

@@ -33,32 +33,6 @@ from pathlib import Path
 from urproto.modes import SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 
-__all__ = [
-    "ClientError",
-    "ConnectionLostError",
-    "ControllerError",
-    "DeviceError",
-    "FileError",
-    "GoalRejectedError",
-    "LateSetpointError",
-    "MissingExtraError",
-    "MotionError",
-    "MotionStoppedError",
-    "NoAnswerError",
-    "OutOfReachError",
-    "PortTakenError",
-    "ProgramEndedError",
-    "ProgramNotRunningError",
-    "ProgramStaysError",
-    "ProtectiveStopError",
-    "RecordingError",
-    "RobotUnreachableError",
-    "Ros2Error",
-    "SafetyStopError",
-    "ScriptFailedError",
-    "WaitTimeoutError",
-]
-
 
 class ClientError(Exception):
     """Base of what the client raises itself."""

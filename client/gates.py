@@ -6,8 +6,6 @@ from typing import Final
 from urproto.errors import RobotRefused
 from urproto.versions import PolyscopeVersion, Series
 
-__all__ = ["GATES", "Gate", "require"]
-
 _POLYSCOPE_X: Final = 10
 
 

@@ -29,8 +29,6 @@ from urproto.modbus import (
 )
 from urproto.ports import CONTROLLER_PORTS
 
-__all__ = ["GENERAL_REGISTERS", "PORT", "BlockingModbusClient", "ModbusClient", "ModbusCore"]
-
 PORT: Final = CONTROLLER_PORTS["modbus"]
 GENERAL_REGISTERS: Final = range(128, 256)
 """Addresses of the registers that are free for any use."""

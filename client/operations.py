@@ -15,49 +15,6 @@ from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.modes import RobotMode, SafetyMode, SafetyStatus
 from urproto.versions import Availability, PolyscopeVersion
 
-__all__ = [
-    "BRAKE_RELEASE",
-    "CLEAR_OPERATIONAL_MODE",
-    "CLOSE_POPUP",
-    "CLOSE_SAFETY_POPUP",
-    "IS_IN_REMOTE_CONTROL",
-    "IS_PROGRAM_SAVED",
-    "IS_RUNNING",
-    "LOADED_PROGRAM",
-    "OPERATIONAL_MODE",
-    "PAUSE",
-    "PLAY",
-    "POLYSCOPE_VERSION",
-    "POWER_OFF",
-    "POWER_ON",
-    "PROGRAM_STATE",
-    "QUIT",
-    "RESTART_SAFETY",
-    "ROBOT_MODE",
-    "ROBOT_MODEL",
-    "SAFETY_MODE",
-    "SAFETY_STATUS",
-    "SAVE_LOG",
-    "SERIAL_NUMBER",
-    "SHUTDOWN",
-    "STOP",
-    "UNLOCK_PROTECTIVE_STOP",
-    "USER_ROLE",
-    "VERSION",
-    "WORDS",
-    "Operation",
-    "add_to_log",
-    "command",
-    "generate_flight_report",
-    "generate_support_file",
-    "judged",
-    "load",
-    "load_installation",
-    "popup",
-    "set_operational_mode",
-    "set_user_role",
-]
-
 Answer = TypeVar("Answer")
 
 _ALWAYS: Final = Availability.since("3.0", "5.0")  # or before: what came in 1.x is in every version of both series

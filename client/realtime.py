@@ -12,8 +12,6 @@ from collections import deque
 from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Connection, Flow
 from urproto.realtime import RealtimeDecoder, RealtimeState
 
-__all__ = ["PORT", "BlockingRealtimeClient", "RealtimeClient", "RealtimeCore"]
-
 PORT = 30003
 
 

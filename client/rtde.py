@@ -15,10 +15,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Connection, Flow
-from client.recipes import Names, read_recipe
-from client.rtde_core import RTDECore, State
-
-__all__ = ["PORT", "BlockingRTDEClient", "RTDEClient", "RTDECore", "read_recipe"]
+from client.rtde_core import Names, RTDECore, State
 
 PORT = 30004
 _RECONNECT_S = 60.0  # guess: a controller boots in about a minute

@@ -15,8 +15,6 @@ from urproto.primary.framing import PrimaryMessage
 from urproto.primary.messages import ErrorCodeMessage, RuntimeExceptionMessage, SafetyModeMessage, TextMessage
 from urproto.primary.state import RobotStateData
 
-__all__ = ["MAY_RUN", "Script", "ScriptResult", "ScriptRun", "is_secondary", "mode_name", "prepare", "telling_its_end"]
-
 MAY_RUN: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED, SafetyMode.RECOVERY)
 _GRAVE: Final = (ReportLevel.VIOLATION, ReportLevel.FAULT, ReportLevel.CRITICAL_FAULT)
 

@@ -19,8 +19,6 @@ from typing import Final, Self, cast
 from client.connection import DEFAULT_TIMEOUT_S
 from client.errors import DeviceError, RobotUnreachableError
 
-__all__ = ["PORT", "ToolCommunication"]
-
 PORT: Final = 54321
 _PAUSE_S: Final = 0.5  # between attempts to connect again (guess)
 _READ_BYTES: Final = 4096

@@ -2,7 +2,5 @@
 
 from urproto.entry import ur_emulator as main
 
-__all__ = ["main"]
-
 if __name__ == "__main__":
     main()

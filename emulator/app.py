@@ -15,15 +15,15 @@ from types import TracebackType
 from typing import Final, Self
 
 from emulator.clock import Clock, RealClock
-from emulator.config import PORTS, ConfigError, EmulatorConfig
-from emulator.control.live import LiveControl
+from emulator.config import ConfigError, EmulatorConfig
+from emulator.control.control import LiveControl
 from emulator.control.timing import OwnPace
 from emulator.controller import Controller
 from emulator.devices.tool_line import SerialDevice
-from emulator.faults.fault import Fault, FaultError, FaultImpossible
+from emulator.faults.fault import Fault, FaultError, FaultImpossible, rebooted, show_gone
 from emulator.faults.injector import FaultInjector
-from emulator.faults.reboot import rebooted, show_gone
 from emulator.guard import Novelty
+from emulator.ports import PORTS
 from emulator.reporting.primary_state import robot_state
 from emulator.reporting.program_state import ProgramReporter
 from emulator.servers.base import PortServer
@@ -34,18 +34,13 @@ from emulator.servers.intake import Intake
 from emulator.servers.interpreter import InterpreterServer
 from emulator.servers.modbus import ModbusServer
 from emulator.servers.modbus_client import ModbusClient
-from emulator.servers.own_ports import OwnPorts
-from emulator.servers.primary import PrimaryServer
-from emulator.servers.realtime import RealtimeServer
+from emulator.servers.primary import PrimaryServer, RealtimeServer
 from emulator.servers.rtde import RTDEServer
-from emulator.servers.script_sockets import NetworkSockets, ScriptPort
-from emulator.servers.tool_communication import ToolCommunicationServer
-from emulator.servers.tool_device import open_tool_device
+from emulator.servers.script_sockets import NetworkSockets, OwnPorts, ScriptPort
+from emulator.servers.tool_device import ToolCommunicationServer, open_tool_device
 from emulator.snapshot import Snapshot
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.primary.state import encode_robot_state
-
-__all__ = ["Emulator", "make_servers"]
 
 _MAY_MOVE: Final = ("modbus", "control")
 _LISTEN_AGAIN_S: Final = 0.5  # between attempts to have the ports back after an outage (guess)

@@ -29,8 +29,6 @@ from urscript.errors import ScriptError
 from urscript.files import FileUnit, ScriptFile
 from urscript.runtime import ScriptThread
 
-__all__ = ["Batch", "Stimulus"]
-
 _SECONDARY_FAILED: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"
 
 

@@ -21,8 +21,6 @@ from emulator.ports import PORTS
 from emulator.readiness import Finding, find_out, run_script
 from urproto.commandline import AsJson, application, print_json, version_of
 
-__all__ = ["app", "main"]
-
 _FAILED: Final = 1
 _UNREACHABLE: Final = 3
 _PAUSE_S: Final = 0.25  # between two tries while waiting

@@ -27,13 +27,6 @@ from urproto.ports import PENDANT_PORT
 if TYPE_CHECKING:
     from emulator.config import EmulatorConfig
 
-__all__ = [
-    "ROBOT_OPTIONS",
-    "configure",
-    "main",
-    "mistakes_in_one_line",
-    "with_robot_options",
-]
 
 _USAGE_ERROR = 2
 

@@ -24,8 +24,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
-__all__ = ["Clock", "ClockStatistics", "FastClock", "RealClock", "StepClock"]
-
 Tick = Callable[[], object]
 
 _NS: Final = 1_000_000_000

@@ -20,44 +20,51 @@ from emulator.safety.configuration import SafetyConfiguration, factory_configura
 from emulator.safety.files import load_safety_file
 from emulator.safety.installation import SafetySettingsError
 from emulator.servers.admission import ClientLimits
-from emulator.services import POLYSCOPE_X
 from emulator.world.file import WorldFileError, WorldPlan, read_world
 from urproto import robots
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
-from urproto.robots import (
-    START_Q,
-    Calibration,
-    CalibrationError,
-    RobotModel,
-    calibration_hash,
-    load_model,
-)
+from urproto.robots import START_Q, Calibration, CalibrationError, RobotModel, calibration_hash, load_model
 from urproto.robots.model import Joints
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urproto.yamltext import NotYaml, load_yaml
 
-__all__ = [
-    "JOINT_NAMES",
-    "PORTS",
-    "ConfigError",
-    "EmulatorConfig",
-    "check_client_limits",
-    "check_encoder_speeds",
-    "check_enforced_remote_control",
-    "choose_gripper",
-    "choose_model",
-    "choose_version",
-    "is_loopback",
-    "read_calibration",
-    "read_driver_address",
-    "read_faults",
-    "read_initial_positions",
-    "read_programs_dir",
-    "read_safety",
-    "read_surroundings",
-    "read_yaml",
-]
+
+@dataclass(frozen=True, slots=True)
+class MissingService:
+    """A service, where a robot has it, why it is not here and what does the same here."""
+
+    name: str
+    ports: str
+    reason: str
+    instead: str
+
+
+POLYSCOPE_X: Final = MissingService(
+    "Robot API of PolyScope X",
+    "HTTP 80, /universal-robots/robot-api",
+    "PolyScope X (10.x) is another product; 3.x and 5.x never had it",
+    "the dashboard server, which 10.x no longer has",
+)
+
+NOT_EMULATED: Final = (
+    POLYSCOPE_X,
+    MissingService("EtherNet/IP adapter", "TCP 44818, UDP 2222", "a fieldbus", "its registers by RTDE or Modbus"),
+    MissingService(
+        "PROFINET IO device, PROFIsafe",
+        "UDP 34964 and Ethernet frames",
+        "a fieldbus",
+        "its registers by RTDE or Modbus",
+    ),
+    MissingService("SSH and SFTP", "TCP 22", "there is no Linux to log in to", "the folder of --programs"),
+    MissingService(
+        "Screen of the teach pendant",
+        "VNC 5900, HTTP 6080 (simulators)",
+        "PolyScope's screen is the vendor's",
+        "the dashboard server and the script ports",
+    ),
+)
+
 
 _logger = logging.getLogger(__name__)
 _FIRST_VERSION: Final = {"interpreter": INTERPRETER_MODE}  # the other ports are as old as the series

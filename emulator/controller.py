@@ -16,23 +16,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from emulator.commands import Command
+from emulator.commands import Command, Mailbox, Reply
 from emulator.devices.robotiq import Gripper, GripperModel
 from emulator.devices.tool_line import ToolLine
 from emulator.guard import MOVING, PUBLISHING, Guard, plausible
-from emulator.io.baselight import BaseLight
 from emulator.io.encoders import Encoders
-from emulator.io.ftinput import ForceInput
-from emulator.io.inputactions import InputActions
+from emulator.io.inputs import InputActions
 from emulator.io.modbus_map import PortMemory
-from emulator.io.registers import Registers
-from emulator.io.signals import Signals
-from emulator.lifecycle.errorcodes import StopCause
+from emulator.io.signals import BaseLight, ForceInput, Registers, Signals
 from emulator.lifecycle.power import Power, PowerEvent, PowerState, PowerTimings
+from emulator.lifecycle.runstate import Speed, StopCause
 from emulator.lifecycle.safety import Safety, SafetyEvent
-from emulator.lifecycle.speed import Speed
 from emulator.lifecycle.startup import Startup
-from emulator.mailbox import Mailbox, Reply
 from emulator.motion import Motion, MotionFault
 from emulator.programs.runner import Programs
 from emulator.programs.trees.installation_file import InstallationFile
@@ -53,8 +48,6 @@ from urproto.robots import START_Q, RobotModel
 from urproto.robots.pose import Pose
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.versions import DEFAULT_VERSION, Availability, PolyscopeVersion, Series
-
-__all__ = ["Controller", "ControllerConfig"]
 
 _ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 # As found in program files of the vendor's simulators; clients want digits only, starting with 20.

@@ -17,8 +17,6 @@ from emulator.control.verbs import BadArguments, NotPossible
 from urproto.commandline import application, console
 from urproto.ports import CONTROL_API_PORT
 
-__all__ = ["app"]
-
 _FAILED: Final = 1
 _USAGE_ERROR: Final = 2
 _LONG: Final = ("tuple[", "list[", "Sequence[")  # types of several values

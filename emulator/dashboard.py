@@ -32,7 +32,6 @@ from urproto.versions import Availability, PolyscopeVersion, Series
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["COMMANDS", "DashboardCommand", "available_commands", "execute"]
 
 _Waiting = Generator[None, None, str]
 _Answer = str | _Waiting

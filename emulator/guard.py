@@ -22,7 +22,6 @@ from emulator.safety.causes import Cause
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["MOVING", "PUBLISHING", "Guard", "Novelty", "Problem", "place_of", "plausible"]
 
 _MOST: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: no arm reaches that, and nothing it carries (guess)
 MOVING: Final = "moving the arm"

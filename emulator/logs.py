@@ -17,8 +17,6 @@ from typing import Final, TextIO, cast
 from urproto.commandline import console
 from urproto.text import show_anything
 
-__all__ = ["ERROR", "OUTPUT", "BackgroundStream", "LogLevel", "log_to_stderr"]
-
 _MOST_WAITING: Final = 10_000  # texts: some megabytes (guess)
 _GOODBYE_S: Final = 2.0  # how long the end waits for what is still to be written (guess)
 

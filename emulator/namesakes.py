@@ -12,8 +12,6 @@ from typing import Final
 
 import emulator
 
-__all__ = ["Namesake", "find_namesakes", "installation"]
-
 _DISTRIBUTION: Final = "ur-emulator"
 _PACKAGES: Final = ("client", "emulator", "urproto", "urscript")
 _ROOT: Final = Path(emulator.__file__).absolute().parents[1]

@@ -5,8 +5,6 @@ from typing import Final
 
 from urproto.ports import CONTROL_API_PORT, CONTROLLER_PORTS
 
-__all__ = ["PORTS"]
-
 PORTS: Final[Mapping[str, int]] = {
     **CONTROLLER_PORTS,
     "control": CONTROL_API_PORT,

@@ -49,8 +49,6 @@ from urproto.rtde.codec import (
     decode_reply,
 )
 
-__all__ = ["Finding", "NotReady", "check_ready", "find_out", "run_script"]
-
 _TIMEOUT_S: Final = 15.0  # guess; an idle machine needs 0.2 s, one that starts eight robots at once some seconds
 _READ_BYTES: Final = 4096
 _PROTOCOL: Final = 2

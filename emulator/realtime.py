@@ -15,15 +15,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-__all__ = [
-    "Overload",
-    "RealTime",
-    "RealTimeRefused",
-    "claim_real_time",
-    "give_way_under_overload",
-    "spare_the_collector",
-]
-
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4  # MCL_ flags of mlockall(2)
 _PRIORITY: Final = 1  # the lowest above all that has none
 _LOOK_S: Final = 0.5  # how often the load is looked at

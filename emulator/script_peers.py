@@ -30,8 +30,6 @@ from emulator.programs.sockets import ScriptSocket, ScriptSocketBackend, SocketS
 from urproto.text import from_bytes, strip, to_bytes
 from urproto.yamltext import NotYaml, load_yaml
 
-__all__ = ["Peers", "PeersError", "StubPeers", "read_peers"]
-
 _ANY: Final = "*"
 _HTTP_PORT: Final = 80
 

@@ -26,8 +26,6 @@ from urproto.modes import (
 from urproto.primary.messages import RobotMessage
 from urproto.primary.program_state import VariableMessage
 
-__all__ = ["Snapshot", "Vector3", "Vector6"]
-
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 

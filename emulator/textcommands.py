@@ -16,7 +16,6 @@ from urproto.text import lower, number, words
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["TEXT_COMMANDS", "execute"]
 
 _Handler = Callable[["Controller", str], None]
 

@@ -9,7 +9,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from client.controllers import JOINTS, ControlledRobot, ErrorCode, JointTrajectory, JointTrajectoryPoint
+from client.controllers import JOINT_NAMES, ControlledRobot, ErrorCode, JointTrajectory, JointTrajectoryPoint
 from client.controllers.goal_files import read_goals
 from client.recording import draw, read
 
@@ -23,7 +23,7 @@ ALLOWED_RAD = 0.02
 
 
 def to(point: JointTrajectoryPoint) -> JointTrajectory:
-    return JointTrajectory(JOINTS, (replace(point, time_from_start_s=SECONDS),))
+    return JointTrajectory(JOINT_NAMES, (replace(point, time_from_start_s=SECONDS),))
 
 
 async def drive(goals: list[JointTrajectoryPoint], slider: float, file: Path | None = None, stop: bool = False) -> None:

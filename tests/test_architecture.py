@@ -21,7 +21,7 @@ MAY_IMPORT = {
 }
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
-    "cyclonedds": ("client.ros2.dds", "client.ros2.idl"),
+    "cyclonedds": ("client.ros2.dds", "client.ros2.dds"),
     "coal": ("emulator.world.links",),
     "h11": ("emulator.programs.rpc.httpclient", "emulator.servers.control"),
     "msgspec": ("emulator.control", "emulator.faults", "emulator.servers.control", "emulator.fleet.plan"),
@@ -60,7 +60,7 @@ MAY_TOUCH_OUTSIDE = (
     "emulator.realtime",
     "emulator.app",
     "emulator.cli",
-    "emulator.pendant",
+    "emulator.serve",
     "emulator.script_run",
     "emulator.serve",
     "emulator.readiness",

@@ -18,17 +18,6 @@ from urproto.text import readable
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = [
-    "AsJson",
-    "Deferred",
-    "application",
-    "completing",
-    "console",
-    "load_from",
-    "plain_json",
-    "print_json",
-    "version_of",
-]
 
 _UNWRAPPED: Final = 10_000  # columns of what is no terminal: whoever reads a file or a pipe wants whole lines
 

@@ -13,51 +13,6 @@ from urproto.modes import RobotMode, SafetyMode, SafetyStatus
 from urproto.text import from_bytes, lines, to_bytes
 from urproto.versions import PolyscopeVersion
 
-__all__ = [
-    "BRAKE_RELEASING",
-    "CLOSING_POPUP",
-    "CLOSING_SAFETY_POPUP",
-    "DISCONNECTED",
-    "GREETING",
-    "LOG_ADDED",
-    "MAX_LINE",
-    "NOT_IN_REMOTE_CONTROL",
-    "NO_LOG_MESSAGE",
-    "NO_PROGRAM_LOADED",
-    "PAUSING",
-    "POWERING_OFF",
-    "POWERING_ON",
-    "RESTARTING_SAFETY",
-    "SHOWING_POPUP",
-    "SHUTTING_DOWN",
-    "STARTING",
-    "STOPPED",
-    "UNLOCKING",
-    "UNLOCK_TOO_EARLY",
-    "UNNAMED_PROGRAM",
-    "LineDecoder",
-    "OperationalMode",
-    "ProgramState",
-    "UserRole",
-    "encode_line",
-    "failed",
-    "is_not_understood",
-    "not_understood",
-    "parse_boolean",
-    "parse_flight_report",
-    "parse_loaded_program",
-    "parse_loading",
-    "parse_operational_mode",
-    "parse_polyscope_version",
-    "parse_program_saved",
-    "parse_program_state",
-    "parse_robot_mode",
-    "parse_safety_mode",
-    "parse_safety_status",
-    "parse_support_file",
-    "parse_user_role",
-]
-
 GREETING = "Connected: Universal Robots Dashboard Server"
 
 POWERING_ON = "Powering on"

@@ -6,8 +6,6 @@ It loads next to nothing itself, since an interrupt before it could not be caugh
 import sys
 from importlib import import_module
 
-__all__ = ["INTERRUPTED", "run", "ur_client", "ur_emulator", "urscript"]
-
 INTERRUPTED = 130
 """Exit status of a program that Ctrl-C ended, as shells have it."""
 

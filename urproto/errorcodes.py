@@ -6,8 +6,6 @@ people only; drivers look at the code and the level.
 
 from typing import Final
 
-__all__ = ["error_text"]
-
 _JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 
 _TEXTS: Final[dict[int, str]] = {

@@ -6,8 +6,6 @@ ProtocolError
 RobotRefused              the protocol was followed and the robot said no
 """
 
-__all__ = ["LocalProtocolError", "ProtocolError", "RemoteProtocolError", "RobotRefused"]
-
 
 class ProtocolError(Exception):
     """Base of both kinds of protocol violation."""

@@ -26,27 +26,6 @@ from typing import Final, Generic, NoReturn, Self, TypeVar
 
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 
-__all__ = [
-    "REQUEST_PROGRAM",
-    "SCALE",
-    "Answer",
-    "ControlMode",
-    "FreedriveAction",
-    "MessageDecoder",
-    "MotionType",
-    "Question",
-    "ReplyDecoder",
-    "ReverseMessage",
-    "ScriptCommand",
-    "ScriptCommandKind",
-    "SplineType",
-    "TrajectoryAction",
-    "TrajectoryPoint",
-    "TrajectoryResult",
-    "from_words",
-    "to_words",
-]
-
 SCALE: Final = 1_000_000
 """Every physical value (rad, m, N, s, …) is sent as round(value * SCALE)."""
 

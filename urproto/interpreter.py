@@ -15,22 +15,6 @@ from urproto.errors import RemoteProtocolError
 from urproto.text import from_bytes, strip, to_bytes
 from urproto.versions import Availability
 
-__all__ = [
-    "AVAILABLE",
-    "LAST_ID",
-    "MAX_LINE",
-    "InterpreterAnswer",
-    "InterpreterCommand",
-    "Reason",
-    "StatementDecoder",
-    "TooLong",
-    "ack",
-    "discard",
-    "encode_answer",
-    "parse_answer",
-    "state",
-]
-
 AVAILABLE: Final = Availability.since("3.12", "5.6")
 """Versions with interpreter mode (a guess: the vendor's article says 5.10, function lists are older)."""
 

@@ -2,8 +2,6 @@
 
 from typing import Final
 
-__all__ = ["JOINT_NAMES"]
-
 JOINT_NAMES: Final = (
     "shoulder_pan_joint",
     "shoulder_lift_joint",

@@ -12,21 +12,6 @@ from typing import Final
 
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 
-__all__ = [
-    "ExceptionCode",
-    "Frame",
-    "FrameDecoder",
-    "Function",
-    "ModbusException",
-    "ModbusRequest",
-    "decode_request",
-    "decode_response",
-    "encode_frame",
-    "encode_request",
-    "encode_response",
-    "exception_response",
-]
-
 _HEADER: Final = struct.Struct(">HHHB")  # transaction, protocol (0), bytes that follow, unit
 _ERROR_BIT: Final = 0x80
 _MAX_PDU: Final = 253  # bytes

@@ -8,31 +8,6 @@ definitions; a value only one source has is marked.
 from enum import IntEnum, IntFlag
 from typing import TypeVar
 
-__all__ = [
-    "AnalogDomain",
-    "ControlMode",
-    "ControllerBox",
-    "JointMode",
-    "KinematicsStatus",
-    "MessageSource",
-    "ReportDataType",
-    "ReportLevel",
-    "RequestedType",
-    "RobotMode",
-    "RobotStatusBits",
-    "RobotSubType",
-    "RobotType",
-    "RuntimeState",
-    "SafetyMode",
-    "SafetyStatus",
-    "SafetyStatusBits",
-    "ToolDigitalOutputMode",
-    "ToolMode",
-    "ToolOutputMode",
-    "mode_name",
-    "mode_of",
-]
-
 Mode = TypeVar("Mode", bound=IntEnum)
 
 

@@ -5,8 +5,6 @@ from typing import Final
 
 from urproto.robotiq import PORT as GRIPPER_PORT
 
-__all__ = ["CONTROLLER_PORTS", "CONTROL_API_PORT", "PENDANT_PORT"]
-
 CONTROLLER_PORTS: Final[Mapping[str, int]] = {
     "dashboard": 29999,
     "primary": 30001,

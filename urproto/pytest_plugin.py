@@ -54,8 +54,7 @@ def make_ur_emulator(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, _ur_tasks: None
 ) -> Iterator[MakeEmulator]:
     """Start emulators with options as the marker ``ur_model`` has them, each on an address of its own."""
-    from urproto.testing.options import command_line, write_positions
-    from urproto.testing.process import EmulatorProcess
+    from urproto.testing.process import EmulatorProcess, command_line, write_positions
 
     emulators = request.node.stash[_started] = []
 

@@ -18,17 +18,6 @@ from typing import Any
 from urproto.errors import RemoteProtocolError
 from urproto.versions import Availability, PolyscopeVersion
 
-__all__ = [
-    "COLUMNS",
-    "Column",
-    "RealtimeDecoder",
-    "RealtimeState",
-    "decode_realtime",
-    "encode_realtime",
-    "packet_size",
-    "realtime_packer",
-]
-
 RealtimeState = dict[str, Any]
 
 _SIZE = struct.Struct(">i")

@@ -15,8 +15,6 @@ from typing import Final
 from urproto.errors import RemoteProtocolError
 from urproto.text import from_bytes, number, strip
 
-__all__ = ["ACK", "NACK", "PORT", "UNKNOWN", "Get", "Request", "RequestDecoder", "Set", "Unclear", "encode_value"]
-
 PORT: Final = 63352
 ACK: Final = b"ack"
 NACK: Final = b"nack"  # guess: what is not understood is not acknowledged

@@ -22,23 +22,6 @@ from enum import Enum
 from io import TextIOWrapper
 from typing import Any, Final, TextIO, TypeVar, cast
 
-__all__ = [
-    "BLANKS",
-    "READABLE",
-    "from_bytes",
-    "from_readable",
-    "lines",
-    "lower",
-    "number",
-    "readable",
-    "readable_in",
-    "show_anything",
-    "strip",
-    "to_bytes",
-    "whole_number",
-    "words",
-]
-
 _Value = TypeVar("_Value")
 
 BLANKS: Final = " \t\n\r\f\v"

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Self
 
-__all__ = ["DEFAULT_VERSION", "Availability", "PolyscopeVersion", "Series"]
-
 
 class Series(Enum):
     """Controller generation. The control period is a property of the series [s]."""

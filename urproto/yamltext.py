@@ -5,8 +5,6 @@ from typing import Any, Final
 
 import yaml
 
-__all__ = ["NotYaml", "load_yaml"]
-
 _MOST_VALUES: Final = 1_000_000  # with aliases written out; a guess: no settings have so many
 
 

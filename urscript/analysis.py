@@ -12,8 +12,6 @@ from urscript.builtins import Builtin
 from urscript.syntax import FunctionDef, Program, Scope
 from urscript.work import Steps
 
-__all__ = ["FunctionPlan", "lends_its_scope", "plan_functions"]
-
 _WORK = 5  # of planning a function, besides its calls
 
 _PLAIN_COST = 400

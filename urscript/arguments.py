@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 from urscript.syntax import Call, Expression
 
-__all__ = ["BindingError", "Slot", "bind_arguments"]
-
 
 class BindingError(Exception):
     """A call does not fit the parameters. The controller reports it when the call is executed."""

@@ -44,8 +44,6 @@ from urscript.values import (
     type_name,
 )
 
-__all__ = ["OMITTED", "Builtin", "Library", "LibrarySet", "Parameter", "Status"]
-
 Status: TypeAlias = Literal["supported", "partial", "refused"]
 AnyFunction: TypeAlias = Callable[..., Any]
 FunctionT = TypeVar("FunctionT", bound=AnyFunction)

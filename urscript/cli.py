@@ -21,8 +21,6 @@ from urscript.errors import CompileError
 from urscript.files import ScriptFile
 from urscript.library import LIBRARIES
 
-__all__ = ["commands", "main", "make_parser"]
-
 LIBRARY_GROUP = "urscript.libraries"
 """Entry points that name a list of `Library`; the emulator's holds the robot's built-ins."""
 

@@ -3,7 +3,7 @@
 A package that can do something with scripts names a `Command` in its metadata:
 
     [project.entry-points."urscript.commands"]
-    run = "emulator.run_command:COMMAND"
+    run = "emulator.script_run:COMMAND"
 """
 
 from argparse import ArgumentParser, Namespace
@@ -12,8 +12,6 @@ from dataclasses import dataclass
 
 from urproto.robots import RobotModel, choose_version, default_model, load_model
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
-
-__all__ = ["GROUP", "SUCCESS", "TROUBLE", "USAGE_ERROR", "Command", "add_controller_options", "chosen_controller"]
 
 GROUP = "urscript.commands"
 """The group of entry points; the name of an entry point is that of its command."""

@@ -51,8 +51,6 @@ from urscript.syntax import (
 )
 from urscript.values import MAX_STRING
 
-__all__ = ["MUTATORS", "CallWarning", "ExpressionCompiler", "Unit"]
-
 MUTATORS = frozenset(["append", "clear", "insert", "pop", "remove"])
 """List methods that change the list: the variable is bound to the list they return."""
 

@@ -44,8 +44,6 @@ from urscript.syntax import (
 )
 from urscript.work import Steps
 
-__all__ = ["STATEMENT", "PythonFunction", "compile_function", "compile_interpreted", "compile_main"]
-
 STATEMENT = "statement"
 """Name in Python of the function that an interpreted statement becomes."""
 

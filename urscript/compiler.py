@@ -23,18 +23,6 @@ from urscript.parser import normalize, parse
 from urscript.syntax import Label, Program, ProgramKind
 from urscript.work import Steps, let_go, run_to_end
 
-__all__ = [
-    "FILE_NAME",
-    "CallWarning",
-    "CompiledProgram",
-    "compile_script",
-    "compile_steps",
-    "find_problems",
-    "generate",
-    "make_unit",
-    "raise_first_error",
-]
-
 FILE_NAME = "<urscript>"
 """The file name of compiled programs in tracebacks."""
 

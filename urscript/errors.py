@@ -13,8 +13,6 @@ is how the controller counts.
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-__all__ = ["Cause", "CompileError", "RuntimeFault", "ScriptError", "ScriptRuntimeError", "ScriptWarning"]
-
 
 class RuntimeFault(Exception):  # noqa: N818  # becomes an error only with a place in a script
     """A built-in refuses its arguments or cannot go on. The runtime adds line and column."""

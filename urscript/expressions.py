@@ -31,8 +31,6 @@ from urscript.syntax import (
 from urscript.tokens import Token
 from urscript.work import Steps
 
-__all__ = ["BLOCK_ENDS", "ExpressionParser"]
-
 _BINARY_POWER = {
     "or": 1, "xor": 1, "and": 2,
     "==": 4, "!=": 4, "<": 4, ">": 4, "<=": 4, ">=": 4,

@@ -21,8 +21,6 @@ from urscript.parser import is_secondary, normalize
 from urscript.splitter import ScriptSplitter, Unit
 from urscript.work import Steps, run_to_end
 
-__all__ = ["FileUnit", "ScriptFile", "inlined", "is_inlined", "split_steps"]
-
 _ENDED_BEFORE: Final = "the program ended before this"
 _CLOSING: Final = ("end", "else", "elif")
 _SIGNATURE: Final = re.compile(r"\s*(def|thread)\s+(\w+)\s*\(\s*([^)]?)")

@@ -12,18 +12,6 @@ from urscript.errors import Cause
 from urscript.tokens import Token
 from urscript.work import Steps
 
-__all__ = [
-    "END_WORDS",
-    "FOREIGN_BLOCKS",
-    "FUNCTIONS",
-    "VARIABLES",
-    "end_with_word",
-    "is_end_with_word",
-    "misplaced_end",
-    "syntax_hint",
-    "unclosed_block",
-]
-
 _COUNT: Final = "URScript has no 'for': count in a while loop"
 _BRANCH: Final = "another branch begins with 'elif', and the last one with 'else:'"
 _NO_TYPE: Final = "variables are not declared: write name = value"

@@ -38,8 +38,6 @@ from urscript.syntax import (
 from urscript.values import Pose
 from urscript.work import Steps
 
-__all__ = ["FLOAT", "INT", "VECTOR", "KindSet", "Kinds", "arithmetic", "infer_kinds", "is_local", "is_number"]
-
 KindSet: TypeAlias = int
 """What a value may be: the sum of some of the four below; 0 when no value is known to arrive."""
 

@@ -23,8 +23,6 @@ from urscript.syntax import Assign, If, Name, Program, Statement, While
 from urscript.values import Value
 from urscript.work import Steps
 
-__all__ = ["STATEMENT_FILE", "CompiledStatement", "Locals", "compile_statement"]
-
 STATEMENT_FILE = "<statement>"
 """The file name of interpreted code in tracebacks: its lines are not lines of the program."""
 

@@ -13,8 +13,6 @@ from urscript.builtins import Builtin, Parameter
 from urscript.syntax import Call, Constant, Expression, ListLiteral, PoseLiteral, Unary
 from urscript.values import KindMismatchError, Pose, is_number, type_name
 
-__all__ = ["call_problems", "literal_value"]
-
 _LONGEST: Final = 20  # elements of a list that is looked at: no built-in asks for more
 UNKNOWN: Final = object()
 """The value of what is no literal."""

@@ -8,8 +8,6 @@ measuring time keeps programs deterministic.
 
 from collections.abc import Generator
 
-__all__ = ["METER", "Meter", "charge", "pay"]
-
 
 class Meter:
     """`left` is the work the running thread may still do in this frame, in units of about 50 ns."""

@@ -12,8 +12,6 @@ from urscript.operators import check_size, whole
 from urscript.operators import member as struct_member
 from urscript.values import BoundedList, Value, to_text, type_name
 
-__all__ = ["Handle", "call_method", "member", "refuse_list_methods"]
-
 MethodResult = tuple[Value, Value]
 
 

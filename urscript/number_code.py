@@ -13,8 +13,6 @@ from urscript.pycode import LOAD, STORE, Place, call, constant, load
 from urscript.syntax import Binary, Constant, Expression, Index, Name
 from urscript.values import INT_MAX, INT_MIN
 
-__all__ = ["ARITHMETIC_HELPERS", "element", "number_arithmetic"]
-
 ARITHMETIC_HELPERS: Final = {"+": "_add", "-": "_sub", "*": "_mul", "/": "_div", "%": "_mod"}
 """What does the operation for operands of any kind, by its name in compiled code."""
 

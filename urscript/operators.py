@@ -30,42 +30,6 @@ from urscript.values import (
     type_name,
 )
 
-__all__ = [
-    "add",
-    "cell",
-    "check_product_size",
-    "check_size",
-    "div",
-    "eq",
-    "fault",
-    "ge",
-    "gt",
-    "index",
-    "le",
-    "list_literal",
-    "list_without_texts",
-    "lt",
-    "make_struct",
-    "member",
-    "mod",
-    "mul",
-    "ne",
-    "neg",
-    "number_list",
-    "pos",
-    "pose_literal",
-    "retype",
-    "retype_fixed",
-    "set_item",
-    "set_path",
-    "sub",
-    "truth",
-    "whole",
-    "without_value",
-    "wrap",
-    "wrap32",
-]
-
 _SCALARS: frozenset[Any] = frozenset([type(None), bool, int, float, str])
 _NUMBERS: frozenset[Any] = frozenset([int, float])
 _ORDERED: frozenset[Any] = frozenset([bool, int, float])

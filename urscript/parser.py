@@ -42,8 +42,6 @@ from urscript.syntax import (
 from urscript.tokens import Token, tokenize
 from urscript.work import Steps, let_go
 
-__all__ = ["is_secondary", "normalize", "parse", "parse_statements"]
-
 _LEADING = re.compile(r"(?:[ \t\r\f\v\n]|#[^\n]*)*")
 _SECONDARY = re.compile(rf"\ufeff?{_LEADING.pattern}sec\b")
 _DECLARATIONS = frozenset(["global", "local"])

@@ -5,23 +5,6 @@ from typing import TypedDict
 
 from urscript.syntax import Node
 
-__all__ = [
-    "LOAD",
-    "STORE",
-    "Place",
-    "assign",
-    "attribute",
-    "call",
-    "charge",
-    "constant",
-    "function",
-    "item",
-    "load",
-    "place_of",
-    "subscript",
-    "yield_from",
-]
-
 LOAD, STORE = ast.Load(), ast.Store()
 
 

@@ -15,8 +15,6 @@ from urscript.hints import FOREIGN_BLOCKS
 from urscript.tokens import KEYWORDS, Token
 from urscript.work import Steps
 
-__all__ = ["RecoveringParser"]
-
 ResultT = TypeVar("ResultT")
 
 _IN_EXPRESSIONS = frozenset(["and", "or", "xor", "not", "True", "False", "None", "run"])

@@ -27,10 +27,11 @@ A thread handle is an int, so ``thread = 0`` is a handle of no thread: killing a
 nothing. A kill takes the children of the thread with it.
 """
 
+import re
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
-from types import FrameType, GeneratorType
-from typing import Any, Protocol, cast
+from types import CodeType, FrameType, GeneratorType, TracebackType
+from typing import Any, Final, Protocol, cast
 
 from urscript import operators
 from urscript.builtins import OMITTED
@@ -40,10 +41,55 @@ from urscript.errors import RuntimeFault, ScriptRuntimeError
 from urscript.interpreter import STATEMENT_FILE, CompiledStatement, Locals
 from urscript.meter import METER, charge
 from urscript.methods import call_method, member, refuse_list_methods
-from urscript.tracebacks import error_position, message_of, position
-from urscript.values import UNSET, Value
+from urscript.values import TYPE_NAMES, UNSET, Value
 
-__all__ = ["Host", "Runtime", "ScriptThread", "StepHost"]
+
+def position(code: CodeType, instruction: int) -> tuple[int, int]:
+    """Line and column (from 1) of an instruction; column 1 when Python runs without column tables."""
+    positions = list(code.co_positions())
+    line, _, column, _ = positions[instruction // 2]
+    return line or 0, (column or 0) + 1
+
+
+def error_position(trace: TracebackType | None) -> tuple[int, int, bool]:
+    """Line, column, and whether the error arose in compiled code itself and not in something it called.
+
+    An error in an interpreted statement is where the program called interpreter_mode(); only in
+    a thread of interpreted code, which the program has no line for, the line is the statement's.
+    """
+    places = {FILE_NAME: (0, 0), STATEMENT_FILE: (0, 0)}
+    inside = False
+    while trace is not None:
+        code = trace.tb_frame.f_code
+        inside = code.co_filename in places
+        if inside:
+            places[code.co_filename] = position(code, trace.tb_lasti)
+        trace = trace.tb_next
+    line, column = places[FILE_NAME] if places[FILE_NAME][0] else places[STATEMENT_FILE]
+    return line, column, inside
+
+
+# How Python words what compiled code runs into itself.
+_VARIABLE: Final = re.compile(r".*'v_(\w+)'")
+_COMPARISON: Final = re.compile(r"'([<>]=?)' not supported between instances of '(\w+)' and '(\w+)'")
+_TYPE_NAMES: Final = {python.__name__: name for python, name in TYPE_NAMES.items()}
+
+
+def message_of(error: Exception, inside: bool) -> str:
+    if isinstance(error, RuntimeFault):
+        return str(error)
+    if isinstance(error, RecursionError):
+        return "Functions call each other too deeply"
+    if inside and isinstance(error, NameError):
+        variable = _VARIABLE.search(str(error))
+        return f"Variable '{variable[1]}' is used before it has a value" if variable else str(error)
+    if inside and isinstance(error, TypeError):
+        comparison = _COMPARISON.match(str(error))
+        names = [_TYPE_NAMES.get(name, name) for name in comparison.group(2, 3)] if comparison else ["?", "?"]
+        sign = comparison[1] if comparison else "<"
+        return f"Type error: operator {sign} cannot be used with '{names[0]}' and '{names[1]}'"
+    return f"internal error: {error!r}"
+
 
 WORK_PER_SECOND = 4_000_000
 """Work all threads may do per second of controller time [meter units of about 50 ns]: 0.4 ms of a 2 ms frame.

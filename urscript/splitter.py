@@ -19,8 +19,6 @@ from typing import Literal
 
 from urproto.text import from_bytes
 
-__all__ = ["MAX_UNIT_BYTES", "ScriptSplitter", "Unit"]
-
 MAX_UNIT_BYTES = 4_000_000
 """Longest unit [bytes]. A guess: several times the longest program seen in the wild."""
 

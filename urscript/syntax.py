@@ -7,37 +7,6 @@ gathers, for the program body and for each def and thread, what the later stages
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
-__all__ = [
-    "Assign",
-    "Binary",
-    "Call",
-    "Constant",
-    "Expression",
-    "ExpressionStatement",
-    "FunctionDef",
-    "If",
-    "Index",
-    "Label",
-    "ListLiteral",
-    "Member",
-    "MethodCall",
-    "Name",
-    "Node",
-    "NumberList",
-    "Parameter",
-    "PoseLiteral",
-    "Program",
-    "ProgramKind",
-    "Return",
-    "Run",
-    "Scope",
-    "Statement",
-    "ThreadControl",
-    "Unary",
-    "While",
-    "Word",
-]
-
 ProgramKind: TypeAlias = Literal["program", "secondary", "statement"]
 
 

@@ -13,8 +13,6 @@ from urproto.text import BLANKS
 from urscript.errors import CompileError
 from urscript.work import Steps
 
-__all__ = ["KEYWORDS", "Token", "tokenize"]
-
 _KEYWORDS = """
 def end thread sec if elif else while break continue return halt global local run kill join
 enter_critical exit_critical and or xor not True False None

@@ -30,38 +30,6 @@ from urproto.text import from_bytes, to_bytes
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
 
-__all__ = [
-    "MAX_ELEMENTS",
-    "MAX_NESTING",
-    "MAX_STRING",
-    "MOST_PHYSICAL",
-    "TYPE_NAMES",
-    "UNSET",
-    "Any_",
-    "Bool",
-    "BoundedList",
-    "Int",
-    "Joints",
-    "Kind",
-    "ListArg",
-    "Matrix",
-    "NotPhysicalError",
-    "Num",
-    "PhysicalKind",
-    "Pose",
-    "PoseArg",
-    "PoseOrJoints",
-    "Str",
-    "Struct",
-    "Value",
-    "copy_value",
-    "cut_text",
-    "is_number",
-    "joined",
-    "to_text",
-    "type_name",
-]
-
 Value: TypeAlias = Any
 """Any value of the language; see the table above."""
 

@@ -8,8 +8,6 @@ from measuring, and all that matters is that they fit together.
 from collections.abc import Generator
 from typing import Any, TypeAlias, TypeVar
 
-__all__ = ["Steps", "let_go", "run_to_end"]
-
 ResultT = TypeVar("ResultT")
 
 Steps: TypeAlias = Generator[int, None, ResultT]

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, TypeAlias
 
 import typer
 
-from client.commands.progress import MotionProgress
+from client.commands.following import MotionProgress
 from client.controllers import (
     ControlledRobot,
     ControllersFile,
@@ -24,19 +24,6 @@ from client.driver.config import ROBOT_PORTS
 from client.driver.realtime import real_time
 from client.errors import ControllerError
 from urproto.modes import SafetyMode
-
-__all__ = [
-    "ControllersOption",
-    "MakeReady",
-    "RecordOption",
-    "SpeedSlider",
-    "Target",
-    "controllers_file",
-    "follow",
-    "run",
-    "say_result",
-    "watch",
-]
 
 _DRAWN_S: Final = 0.1
 _INTERRUPTED: Final = 130  # exit status of a program that Ctrl-C ended

@@ -8,14 +8,11 @@ from typing import Annotated
 import typer
 from rich.text import Text
 
-from client.commands.options import ROBOT_IP_VARIABLE, PortOffset
-from client.doctor.findings import Finding, Grade, exit_status
+from client.commands.following import ROBOT_IP_VARIABLE, PortOffset
 from client.doctor.machine import examine_machine
 from client.doctor.network import examine_own_ports, examine_ports, examine_replies, examine_stream
-from client.doctor.robot import examine_calibration, examine_versions
+from client.doctor.robot import Finding, Grade, examine_calibration, examine_versions, exit_status
 from urproto.commandline import AsJson, console, print_json
-
-__all__ = ["doctor_command"]
 
 _STYLES = {Grade.GOOD: "green", Grade.UNKNOWN: "dim", Grade.WEAK: "yellow", Grade.BROKEN: "bold red"}
 

@@ -8,11 +8,9 @@ from typing import Annotated
 
 import typer
 
-from client.commands.options import PortOffset, RobotIP
+from client.commands.following import PortOffset, RobotIP
 from client.recording.extras import extra
 from urproto.ports import PENDANT_PORT
-
-__all__ = ["pendant_command"]
 
 
 def pendant_command(

@@ -1,21 +1,151 @@
 """``ur-client proxy``: all connections of a robot, seen and recorded on their way."""
 
 import asyncio
+import json
 import signal
-from collections.abc import Callable
-from contextlib import suppress
+import sys
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack, suppress
+from dataclasses import asdict
+from enum import Enum
+from io import BufferedIOBase, BufferedReader
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from client.commands.options import PortOffset, RobotIP
-from client.traffic.identity import ask_identity
-from client.traffic.ports import choose_ports
+from client.commands.following import PortOffset, RobotIP
+from client.decoding.codecs import CODECS, Side
+from client.decoding.session import Choice, InputForm, Session
+from client.decoding.streams import Line
+from client.traffic.ports import ask_identity, choose_ports
 from client.traffic.proxy import Proxy, Route, driver_routes, robot_routes
-from client.traffic.recorder import Recorder
+from client.traffic.recording import Recorder, Recording
+from client.traffic.replay import ReplayRobot
+from urproto.commandline import AsJson, print_json
 
-__all__ = ["proxy_command", "until_interrupted"]
+_CHUNK = 65536  # bytes
+_UNREADABLE = 1  # exit status when something could not be decoded
+
+CodecName = Enum("CodecName", {name: name for name in CODECS}, type=str)  # type: ignore[misc] # made for the help text
+
+
+def decode_command(
+    file: Annotated[str, typer.Argument(help="Captured bytes, the same as hexadecimal text, or a pcap; - is stdin.")],
+    codec: Annotated[
+        CodecName | None, typer.Option("--as", help="What the bytes are; else port or look decide.")
+    ] = None,
+    side: Annotated[
+        Side | None, typer.Option("--from", help="Who sent bytes of one direction (the driver is a client).")
+    ] = None,
+    port: Annotated[
+        list[int] | None,
+        typer.Option("--port", help="The port the bytes are of; in a pcap, show this one. Repeatable."),
+    ] = None,
+    port_offset: Annotated[int, typer.Option("--port-offset", help="What the emulator added to each port.")] = 0,
+    form: Annotated[InputForm, typer.Option("--input", help="What the file is.")] = InputForm.AUTO,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a line of JSON for every message.")] = False,
+) -> None:
+    """Print a captured stream of any controller port, one line a message. A line with ! could not be read: status 1."""
+    chosen = CODECS[codec.value] if codec else None
+    session = Session(Choice(chosen, side, tuple(port or ()), port_offset, form), _as_json if as_json else None)
+    with ExitStack() as opened:
+        source = _stdin() if file == "-" else _open(file, opened)
+        try:
+            _pump(source, session)
+        except KeyboardInterrupt:  # the usual end of an endless stream
+            _show(session.end())
+    if session.troubles:
+        raise typer.Exit(_UNREADABLE)
+
+
+def _as_json(line: Line) -> str:
+    return json.dumps(asdict(line))
+
+
+def _stdin() -> BufferedIOBase:
+    stdin = sys.stdin.buffer
+    assert isinstance(stdin, BufferedIOBase)
+    return stdin
+
+
+def _open(file: str, opened: ExitStack) -> BufferedReader:
+    try:
+        return opened.enter_context(Path(file).open("rb"))
+    except OSError as error:
+        raise typer.BadParameter(f"cannot read {file}: {error.strerror}") from error
+
+
+def _pump(source: BufferedIOBase, session: Session) -> None:
+    while data := source.read1(_CHUNK):
+        _show(session.feed(data))
+    _show(session.end())
+
+
+def _show(lines: Iterable[str]) -> None:
+    sys.stdout.write("".join(f"{line}\n" for line in lines))  # at once: Ctrl-C between lines would lose the rest
+    sys.stdout.flush()
+
+
+_DIFFERENT = 1
+
+
+def compare_command(
+    first: Annotated[Path, typer.Argument(help="A recording (pcapng, pcap), or a table of `watch --csv`.")],
+    second: Annotated[Path, typer.Argument(help="The one to compare it with.")],
+    tolerance: Annotated[
+        list[str] | None,
+        typer.Option("--tolerance", help="For a unit or a field, as rad=0.01 or actual_q=0.01. Repeatable."),
+    ] = None,
+    offset: Annotated[
+        float | None, typer.Option("--offset", help="What to add to the first one's robot time [s]; else found.")
+    ] = None,
+    port_offset: PortOffset = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Tell whether two recordings show the same, and where they part; exit status 1 when they differ."""
+    from client.traffic.compare import compare_sources, read_source  # numpy: the other commands start without it
+    from client.traffic.report import as_object, report
+
+    comparison = compare_sources(
+        read_source(first, port_offset), read_source(second, port_offset), tolerance or (), offset
+    )
+    if as_json:
+        print_json(as_object(comparison))
+    else:
+        typer.echo(report(comparison), nl=False)
+    if not comparison.same:
+        raise typer.Exit(_DIFFERENT)
+
+
+def replay_traffic_command(
+    file: Annotated[Path, typer.Argument(help="A recording: pcapng of `ur-client proxy`, or any pcap.")],
+    listen: Annotated[str, typer.Option("--listen", help="Address of this machine for the clients.")] = "127.0.0.1",
+    speed: Annotated[float, typer.Option("--speed", help="Recorded seconds a second.")] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin states again at their end; else close.")] = False,
+    recorded_offset: Annotated[
+        int, typer.Option("--recorded-offset", help="What the robot had added to each port when it was recorded.")
+    ] = 0,
+    port_offset: PortOffset = 0,
+) -> None:
+    """Be the robot of a recording, until Ctrl-C: states by their times, answers by their requests."""
+    recording = Recording.read(file, recorded_offset)
+    for trouble in recording.troubles:
+        typer.echo(f"! {trouble}", err=True)
+    try:
+        asyncio.run(_play(recording, listen, speed, loop, port_offset))
+    except OSError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+async def _play(recording: Recording, listen: str, speed: float, loop: bool, port_offset: int) -> None:
+    robot = ReplayRobot(recording, listen, speed=speed, loop=loop, port_offset=port_offset, say=typer.echo)
+    async with robot:
+        for name, port in robot.ports.items():
+            typer.echo(f"{name}: {listen}:{port}")
+        typer.echo(f"Replaying {recording.path}. Ctrl-C ends it.")
+        await until_interrupted()
+
 
 _UNRECORDED = 1  # exit status when the recording ended before the proxy
 

@@ -1,18 +1,21 @@
 """``ur-client record``, ``stream`` and ``convert``: a robot's states into files and onto screens."""
 
+import ipaddress
+import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeAlias
 
 import typer
 
-from client import rtde
-from client.commands.describe import model_of_robot
-from client.commands.following import Interrupts, Sink, follow
-from client.commands.options import PortOffset, RobotIP
+from client import primary, rtde
+from client.calibration import calibration_of, described, read_calibration
+from client.commands.following import Interrupts, MotionProgress, PortOffset, RobotIP, Sink, follow
 from client.connection import DEFAULT_TIMEOUT_S
-from client.errors import ClientError, RecordingError
+from client.driver.config import ROBOT_PORTS
+from client.errors import ClientError, FileError, RecordingError
 from client.recording import live
 from client.recording.files import Recorder, Writer, convert, field_names, read, told
 from client.recording.live import (
@@ -22,12 +25,169 @@ from client.recording.live import (
     FoxgloveServer,
     address_of,
 )
+from client.recording.motion import JointPath, joint_path
+from client.recording.plots import deviations, draw
 from client.recording.recording import Recording
 from client.recording.stamps import Stamps
+from client.robot import Robot
 from urproto.errors import ProtocolError, RobotRefused
+from urproto.robots import MODELS, RobotModel, UnknownModel, load_model
+from urproto.robots.description import urdf
 from urproto.robots.description import urdf as urdf_of
+from urproto.robots.meshes import MeshesMissing
 
-__all__ = ["Overwrite", "check_free", "convert_command", "read_telling", "record_command", "stream_command"]
+
+def describe_command(
+    model: Annotated[str | None, typer.Argument(help="The arm, for example ur3 or ur5e.")] = None,
+    robot_ip: Annotated[
+        str | None, typer.Option("--robot-ip", help="Ask this robot for its model and calibration instead.")
+    ] = None,
+    port_offset: PortOffset = 0,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.")] = Path("robot.urdf"),
+    calibration: Annotated[Path | None, typer.Option(help="Calibration file of the arm.")] = None,
+    meshes: Annotated[
+        Path | None, typer.Option(help="Folder of meshes, as ur_description's meshes/ur5e; without, simple shapes.")
+    ] = None,
+    prefix: Annotated[str, typer.Option(help="Put before the name of every link and joint.")] = "",
+) -> None:
+    """Write the URDF of an arm: joints, limits, inertias, geometry and, if there is one, calibration."""
+    if (model is None) == (robot_ip is None):
+        raise typer.BadParameter("give either a model or --robot-ip")
+    try:
+        arm = load_model(model.lower()) if model else model_of_robot(robot_ip or "", port_offset)
+        if calibration is not None:
+            measured = read_calibration(calibration)
+            measured.check_model(arm)
+            arm = replace(arm, calibration=measured.dh)
+        text = urdf(arm, meshes=meshes, prefix=prefix)
+    except (UnknownModel, MeshesMissing) as error:
+        raise typer.BadParameter(str(error)) from error
+    try:
+        output.write_text(text, "utf-8")
+    except OSError as error:
+        raise FileError(output, error.strerror or str(error)) from error
+    typer.echo(f"{output}: {arm.title}, " + ("nominal" if arm.calibration is None else "calibrated"))
+
+
+def model_of_robot(host: str, port_offset: int = 0) -> RobotModel:
+    """A robot's arm with its calibration. Raises RobotRefused when it is not known here."""
+    with primary.BlockingPrimaryClient(host, primary.PORT + port_offset) as robot:
+        calibration = calibration_of(robot.run(robot.core.kinematics_info()))
+        arm = robot.run(robot.core.configuration_data())
+    model = described(arm, calibration)
+    if model is None:
+        known = ", ".join(MODELS)
+        what = f"robot type {arm.robot_type}, sub type {arm.sub_type}"
+        raise RobotRefused("its model", f"it is not known here ({what})", f"known are {known}")
+    return model
+
+
+def plot_command(
+    file: Annotated[Path, typer.Argument(help="A recording: .mcap, .csv or .npz.", exists=True, dir_okay=False)],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Picture to write: .png, .svg, .pdf or .html.")
+    ] = None,
+    title: Annotated[str | None, typer.Option("--title", help="Above the picture; the file's name without it.")] = None,
+    controller: Annotated[
+        str | None, typer.Option("--controller", help='Whose desired motion; "robot" is the robot\'s own controller.')
+    ] = None,
+    limit: Annotated[
+        float | None, typer.Option("--limit", min=0.0, help="Draw a line here, for the deviation from the path [rad].")
+    ] = None,
+    overwrite: "Overwrite" = False,
+) -> None:
+    """Draw desired and actual positions and speeds, their differences and the speed scaling of a recording."""
+    output = file.with_suffix(".png") if output is None else output
+    check_free(output, overwrite)
+    recording = read_telling(file)
+    draw(recording, output, file.name if title is None else title, controller=controller, limit_rad=limit)
+    typer.echo(f"{output}: {len(recording)} states, {recording.time_s[-1]:.2f} s")
+    tracking = recording.tracking(controller)
+    if tracking.compared:
+        worst = max(deviations(recording, controller=controller), key=lambda deviation: deviation.largest)
+        typer.echo(f"desired by: {tracking.source}")
+        typer.echo(f"largest position error: {worst.largest:.5f} rad ({worst.joint}, rms {worst.rms:.5f} rad)")
+        typer.echo(f"largest deviation from the path: {tracking.largest_path_deviation:.5f} rad")
+
+
+_APPROACH_RAD_S: Final = 0.3  # slow enough to press a button; guess
+_APPROACH_RAD_S2: Final = 0.5
+_LOOK_S: Final = 0.1
+_INTERRUPTED: Final = 130  # exit status of a program that Ctrl-C ended
+
+
+def replay_command(
+    file: Annotated[Path, typer.Argument(help="A recording: .mcap, .csv or .npz.", exists=True, dir_okay=False)],
+    speed: Annotated[float, typer.Option("--speed", help="Times the recorded speed.")] = 1.0,
+    yes: Annotated[bool, typer.Option("--yes", help="Move a real arm without asking.")] = False,
+    make_ready: Annotated[
+        bool, typer.Option("--make-ready", help="Power the arm on and release its brakes first, if need be.")
+    ] = False,
+    robot_ip: RobotIP = "127.0.0.1",
+    port_offset: PortOffset = 0,
+) -> None:
+    """Move the arm along the recorded path: slowly to its start, then as recorded; Ctrl-C stops it softly."""
+    if not 0.0 < speed <= 10.0:
+        raise typer.BadParameter(f"--speed is above 0 and at most 10, not {speed:g}")
+    path = joint_path(read_telling(file), speed)
+    ports = {name: port + port_offset for name, port in ROBOT_PORTS.items()}
+    try:
+        with Robot(robot_ip, robot_ports=ports) as robot:
+            _check(robot, path)
+            if not yes and not _on_this_machine(robot_ip):
+                _ask(robot_ip, robot, path)
+            if make_ready:
+                robot.make_ready()
+            _move(robot, path)
+    except KeyboardInterrupt:
+        typer.echo("stopped", err=True)
+        raise typer.Exit(_INTERRUPTED) from None
+    typer.echo(f"{file}: {path.duration_s:.2f} s replayed")
+
+
+def _check(robot: Robot, path: JointPath) -> None:
+    arm = robot.inner.driver.robot.configuration
+    if arm is None:
+        raise RobotRefused("replay", "it does not report its limits", "look whether its primary port (30001) answers")
+    path.check(arm)
+
+
+def _on_this_machine(address: str) -> bool:
+    """Where only emulators are."""
+    try:
+        return address == "localhost" or ipaddress.ip_address(address).is_loopback
+    except ValueError:  # a name
+        return False
+
+
+def _ask(address: str, robot: Robot, path: JointPath) -> None:
+    away = max(abs(a - b) for a, b in zip(robot.q, path.start_rad, strict=True))
+    question = (
+        f"The arm at {address} will move by up to {away:.2f} rad to the start of the path, and then for "
+        f"{path.duration_s:.1f} s along it. Nothing looks for obstacles. Is the way free?"
+    )
+    if not sys.stdin.isatty():
+        raise ClientError(f"{question} Nobody can answer here: say --yes if it is")
+    if not typer.confirm(question):
+        raise typer.Exit(1)
+
+
+def _move(robot: Robot, path: JointPath) -> None:
+    robot.move_j(path.start_rad, speed_rad_s=_APPROACH_RAD_S, acceleration_rad_s2=_APPROACH_RAD_S2)
+    robot.sequence(path.points(), wait=False)
+    with MotionProgress("replay") as progress:
+        done_s, last_s = 0.0, robot.state.timestamp_s
+        while robot.moving:
+            try:
+                robot.wait_done(_LOOK_S)
+            except TimeoutError:
+                now_s = robot.state.timestamp_s
+                done_s += (now_s - last_s) * robot.state.speed_fraction
+                last_s = now_s
+                progress.update(min(1.0, done_s / path.duration_s))
+        progress.update(1.0)
+    robot.wait_done()  # a failure between two looks
+
 
 _STREAM_HZ: Final = 50.0  # more than a screen shows
 

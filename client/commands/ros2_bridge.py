@@ -5,12 +5,10 @@ from typing import Annotated
 import typer
 
 from client.commands.control import ControllersOption, MakeReady, Target, run, watch
-from client.commands.options import PortOffset, RobotIP
+from client.commands.following import PortOffset, RobotIP
 from client.recording.extras import extra
+from client.ros2.dds import check_namespace, check_prefix
 from client.ros2.domain import Domain, read_domain
-from client.ros2.names import check_namespace, check_prefix
-
-__all__ = ["ros2_bridge_command", "serve"]
 
 _CONTROLLER = "scaled_joint_trajectory_controller"
 

@@ -1,16 +1,213 @@
 """``ur-client state``: what the robot is doing, once."""
 
-from typing import Any
+import asyncio
+import json
+import signal
+import sys
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Any
 
+import typer
+from rich.live import Live
 from rich.table import Table
 
-from client import rtde
-from client.commands.options import PortOffset, RobotIP
-from urproto.commandline import AsJson, console, print_json
+from client import dashboard, primary, rtde
+from client.calibration import calibration_of, is_nominal, write_calibration
+from client.commands.following import Interrupts, PortOffset, RobotIP, Sink, follow
+from client.connection import DEFAULT_TIMEOUT_S
+from client.decoding import show
+from client.errors import FileError
+from client.operations import WORDS, judged
+from client.rtde_core import unknown_fields
+from client.scripts import is_secondary
+from client.tool_communication import PORT, ToolCommunication
+from urproto.commandline import AsJson, completing, console, plain_json, print_json
+from urproto.errors import RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_name
 from urproto.rtde.fields import OUTPUT_FIELDS
+from urproto.text import from_bytes
 
-__all__ = ["state_command"]
+
+def tool_comm_command(
+    device: Annotated[Path, typer.Option(help="Path of the serial device to make.")] = Path("/tmp/ttyUR"),
+    robot_ip: RobotIP = "127.0.0.1",
+    port_offset: PortOffset = 0,
+) -> None:
+    """Offer the serial line at the robot's tool (e-Series) as a device of this machine, until Ctrl-C."""
+    asyncio.run(_offer(ToolCommunication(robot_ip, PORT + port_offset, device, typer.echo)))
+
+
+async def _offer(line: ToolCommunication) -> None:
+    loop = asyncio.get_running_loop()
+    async with line:
+        running = loop.create_task(line.run())
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, running.cancel)
+        typer.echo(f"{line.device} is the tool of {line.host}:{line.port}. Ctrl-C ends it.")
+        await asyncio.wait([running])
+    if not running.cancelled():
+        running.result()
+
+
+def calibration_command(
+    robot_ip: RobotIP = "127.0.0.1",
+    port_offset: PortOffset = 0,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The YAML file to write.")] = Path(
+        "my_robot_calibration.yaml"
+    ),
+) -> None:
+    """Write the robot's calibration in the format of ur_description."""
+    with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
+        calibration = calibration_of(robot.run(robot.core.kinematics_info()))
+        nominal = is_nominal(calibration, robot.run(robot.core.configuration_data()))
+    write_calibration(output, calibration)
+    typer.echo(f"{output}: {calibration.hash}" + (", nominal: this arm has no deviations" if nominal else ""))
+
+
+def send_command(
+    file: Annotated[Path, typer.Argument(help="A URScript file.", exists=True, dir_okay=False)],
+    robot_ip: RobotIP = "127.0.0.1",
+    port_offset: PortOffset = 0,
+    wait: Annotated[bool, typer.Option("--wait", help="Wait until the program ends.")] = False,
+) -> None:
+    """Send a script and wait until it runs. Status 1 when it is no URScript, or when an error or a stop ends it.
+
+    With --wait the robot's log has a line more, by which the end of the program is told from a stop; programs that use
+    halt or return go without.
+    """
+    text = from_bytes(file.read_bytes())
+    if "\0" in text:
+        raise FileError(file, "is no text")
+    with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
+        if is_secondary(text):
+            if wait:
+                raise typer.BadParameter("a controller does not report the end of a sec program: leave --wait out")
+            robot.run(robot.core.send_secondary(text))
+            typer.echo(f"sent {file}")
+            return
+        run = robot.run(robot.core.start(text, to_its_end=wait))
+        typer.echo(f"{run.script.name} is running")
+        if wait:
+            robot.run(robot.core.finish(run), float("inf"))
+            typer.echo(f"{run.script.name} has ended")
+
+
+_REFUSED = 1
+
+
+def dashboard_command(
+    line: Annotated[
+        str,
+        typer.Argument(help='A dashboard command, for example "power on".', autocompletion=completing(lambda: WORDS)),
+    ],
+    as_json: AsJson = False,
+    robot_ip: RobotIP = "127.0.0.1",
+    port_offset: PortOffset = 0,
+) -> None:
+    """Send one dashboard command and print the answer. Status 1 when the robot does not know it, refuses or fails."""
+    with dashboard.BlockingDashboardClient(robot_ip, dashboard.PORT + port_offset) as robot:
+        try:
+            answer, done = robot.ask(judged(line)), True
+        except RobotRefused as refusal:
+            if not as_json:
+                raise
+            answer, done = refusal.answer, False
+    if not as_json:
+        typer.echo(answer)
+        return
+    print_json({"command": line, "answer": answer, "done": done})
+    if not done:
+        raise typer.Exit(_REFUSED)
+
+
+_DRAWN_HZ = 10.0  # how often a table is drawn: nobody reads faster
+
+
+def watch_command(
+    fields: Annotated[
+        list[str],
+        typer.Argument(
+            help="RTDE outputs, for example actual_q robot_mode.", autocompletion=completing(lambda: OUTPUT_FIELDS)
+        ),
+    ],
+    robot_ip: RobotIP = "127.0.0.1",
+    port_offset: PortOffset = 0,
+    rate: Annotated[float, typer.Option("--rate", help="How often a second the robot sends them.")] = 10.0,
+    plain: Annotated[bool, typer.Option("--plain", help="Print lines, as without a terminal.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a line of JSON for every state.")] = False,
+    csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every state to this file too.")] = None,
+) -> None:
+    """Show values of a robot as they change, until Ctrl-C."""
+    if problem := unknown_fields(fields):
+        raise typer.BadParameter(problem)
+    names = list(dict.fromkeys(fields))
+    timeout_s = DEFAULT_TIMEOUT_S + 2 / rate if rate > 0 else DEFAULT_TIMEOUT_S
+    port = rtde.PORT + port_offset
+    with ExitStack() as opened:
+        interrupts = opened.enter_context(Interrupts())
+        client = rtde.BlockingRTDEClient(robot_ip, names, frequency_hz=rate, port=port, timeout_s=timeout_s)
+        robot = interrupts.wait(lambda: opened.enter_context(client))
+        sinks = [_csv_sink(csv_file, names, opened)] if csv_file else []
+        lines = _json_lines if as_json else _lines
+        in_table = sys.stdout.isatty() and not (plain or as_json)
+        sinks.append(_live_table(robot, opened) if in_table else lines)
+        follow(robot, sinks, interrupts)
+
+
+def _lines(state: Mapping[str, Any]) -> None:
+    sys.stdout.write(f"{show.pairs(state.items())}\n")
+    sys.stdout.flush()
+
+
+def _json_lines(state: Mapping[str, Any]) -> None:
+    sys.stdout.write(f"{json.dumps(plain_json(state))}\n")
+    sys.stdout.flush()
+
+
+def _live_table(robot: rtde.BlockingRTDEClient, opened: ExitStack) -> Sink:
+    live = opened.enter_context(Live(console=console(), auto_refresh=False))
+    each = max(1, round(robot.core.rate_hz / _DRAWN_HZ))
+    count = 0
+
+    def draw(state: Mapping[str, Any]) -> None:
+        nonlocal count
+        count += 1
+        if count % each == 0:
+            live.update(state_table(state, f"{robot.host}, PolyScope {robot.core.version}"), refresh=True)
+
+    return draw
+
+
+def state_table(state: Mapping[str, Any], title: str) -> Table:
+    """A row for each variable, a column for each element of the longest vector."""
+    rows = {name: value if isinstance(value, tuple) else (value,) for name, value in state.items()}
+    width = max(map(len, rows.values()), default=1)
+    table = Table("variable", title=title)
+    for index in range(width):
+        table.add_column(str(index) if width > 1 else "value", justify="right")
+    table.add_column("unit")
+    for name, values in rows.items():
+        cells = [_cell(name, value) for value in values] + [""] * (width - len(values))
+        table.add_row(name, *cells, OUTPUT_FIELDS[name].unit)
+    return table
+
+
+def _cell(name: str, value: Any) -> str:
+    return f"{value:.4f}" if isinstance(value, float) else show.value(value, name)
+
+
+def _csv_sink(path: Path, names: list[str], opened: ExitStack) -> Sink:
+    from client.recording.tables import CsvWriter  # numpy: a table on the screen does without
+
+    try:
+        writer = CsvWriter(path, names)
+    except OSError as error:
+        raise typer.BadParameter(f"cannot write {path}: {error.strerror}") from error
+    opened.callback(writer.close)
+    return writer.write
+
 
 _STATE = (
     "timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction",

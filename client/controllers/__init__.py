@@ -11,13 +11,14 @@ from client.controllers.goals import (
     Result,
     Tolerance,
 )
-from client.controllers.loop import RTDE_OUTPUTS, ControlLoop
+from client.controllers.loop import ControlLoop
 from client.controllers.manager import ControllerManager
 from client.controllers.robot import BlockingControlledRobot, ControlledRobot
-from client.controllers.ur_states import JOINTS
+from client.controllers.ur_states import RTDE_OUTPUTS
+from urproto.joints import JOINT_NAMES
 
 __all__ = [
-    "JOINTS",
+    "JOINT_NAMES",
     "RTDE_OUTPUTS",
     "BlockingControlledRobot",
     "ControlLoop",

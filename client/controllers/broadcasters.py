@@ -3,20 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final
 
-from client.controllers.controller import Controller, controller_type
-from client.controllers.interfaces import Interfaces
+from client.controllers.controller import Controller, Interfaces, Topic, controller_type
 from client.controllers.parameters import without_effect
-from client.controllers.topics import Topic
-
-__all__ = [
-    "ForceTorqueSensorBroadcaster",
-    "JointState",
-    "JointStateBroadcaster",
-    "PoseBroadcaster",
-    "PoseStamped",
-    "SpeedScalingStateBroadcaster",
-    "WrenchStamped",
-]
 
 _KINDS: Final = ("position", "velocity", "effort")
 _NO_ROS: Final = "names of topics are a matter of ROS"

@@ -7,12 +7,45 @@ WAITING, then SUCCESS or FAILURE. One is under way at a time, the others wait in
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol, TypeVar
 
-from client.controllers.interfaces import Interfaces
+from client.controllers.controller import Controller, Interfaces
 from client.driver.endpoint import tell
 
-__all__ = ["FAILURE", "SUCCESS", "WAITING", "Call", "Calls"]
+
+class Prefixed(Protocol):
+    """Parameters of which one is in front of all names of interfaces."""
+
+    @property
+    def tf_prefix(self) -> str: ...
+
+
+Parameters = TypeVar("Parameters", bound=Prefixed)
+
+
+class CallingController(Controller[Parameters]):
+    """Base: every request is a `Call`, which the robot answers by a command interface."""
+
+    def __init__(self, name: str, parameters: Parameters, update_rate_hz: float) -> None:
+        super().__init__(name, parameters, update_rate_hz)
+        self._calls = Calls(self.commands)
+
+    def on_activate(self, time_s: float) -> None:
+        self._calls = Calls(self.commands, self.parameters.tf_prefix)
+
+    def on_deactivate(self) -> None:
+        self._calls.end_all("the controller was deactivated")
+
+    def update(self, time_s: float, period_s: float) -> None:
+        self._calls.update(time_s)
+
+    def _send(
+        self, what: str, values: Mapping[str, float], answer: str, seen: Callable[[], bool] | None = None
+    ) -> "Call":
+        """See `Calls.send`. Raises ControllerError while it is not active."""
+        self.check_active()
+        return self._calls.send(what, values, answer, seen)
+
 
 FAILURE: Final = 0.0
 SUCCESS: Final = 1.0

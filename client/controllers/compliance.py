@@ -5,18 +5,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, ClassVar, Final
 
-from client.controllers.calling import CallingController
-from client.controllers.calls import Call
+from client.controllers.calls import Call, CallingController
 from client.controllers.controller import Controller, controller_type
 from client.controllers.parameters import without_effect
-
-__all__ = [
-    "FORCE_MODE_COMMANDS",
-    "ForceModeController",
-    "FreedriveModeController",
-    "ToolContactController",
-    "ToolContactState",
-]
 
 _IN_ROBOT_TIME: Final = "the answer is waited for in robot time"
 _AXES: Final = ("x", "y", "z", "rx", "ry", "rz")

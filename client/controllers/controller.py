@@ -3,15 +3,140 @@
 A new controller is one class decorated with `controller_type`; its docstring is its help.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, ClassVar, Final, Generic, TypeVar
+from typing import Any, ClassVar, Final, Generic, Protocol, Self, TypeVar
 
-from client.controllers.interfaces import Interfaces
+from client.driver.endpoint import tell
 from client.errors import ControllerError
 
-__all__ = ["CONTROLLER_TYPES", "LIFE_CYCLE", "Controller", "LifecycleState", "NoParameters", "controller_type"]
+
+class Hardware(Protocol):
+    """A robot as interfaces.
+
+    states, commands: all there are. failure: why the arm cannot be moved and will not be by
+    itself; None while all is well, also while the robot merely waits.
+    """
+
+    states: "Interfaces"
+    commands: "Interfaces"
+    failure: str | None
+
+    def read(self, state: Mapping[str, Any], period_s: float) -> None:
+        """Set the states from what the robot reported."""
+
+    def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
+        """Whether these command interfaces can be begun and ended together; raises ControllerError if not."""
+
+    def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
+        """Begin and end them."""
+
+    def write(self, time_s: float, period_s: float) -> None:
+        """Do what is commanded."""
+
+    def take_halt(self) -> str | None:
+        """Why the arm was stopped by something else than its controllers since the last call; None if it was not."""
+
+
+Message = TypeVar("Message")
+
+
+class Topic(Generic[Message]):
+    """The newest message of a kind, and who wants to be called with each.
+
+    name: as in ROS 2, where ~ stands for the controller.
+    """
+
+    __slots__ = ("_listeners", "latest", "name")
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.latest: Message | None = None
+        self._listeners: list[Callable[[Message], object]] = []
+
+    def subscribe(self, listener: Callable[[Message], object]) -> Callable[[], None]:
+        """Call back with each message, within the control cycle: briefly. Gives what ends it."""
+        self._listeners.append(listener)
+        return lambda: self._listeners.remove(listener)
+
+    def publish(self, message: Message) -> None:
+        """Keep it, and tell everybody; a listener that raises is logged and harms nobody else."""
+        self.latest = message
+        if self._listeners:
+            tell(self._listeners, message)
+
+
+NO_COMMAND: Final = math.nan
+"""On a command interface: nothing to do."""
+
+
+class UnknownInterfaceError(LookupError):
+    """``names`` are not among the interfaces."""
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self.names = tuple(names)
+        super().__init__(f"there is no interface {', '.join(self.names)}")
+
+
+class Interfaces:
+    """State or command interfaces, named as in ros2_control ("elbow_joint/position"); each is NaN until it is set.
+
+    `lend` gives a part of them, in any order: whoever has it reads and writes the same numbers.
+    """
+
+    __slots__ = ("_places", "_store", "names")
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self.names = tuple(names)
+        self._places = {name: place for place, name in enumerate(self.names)}
+        self._store = [NO_COMMAND] * len(self.names)
+
+    def lend(self, names: Sequence[str]) -> Self:
+        """The interfaces with these names, in this order. Raises UnknownInterfaceError."""
+        if unknown := [name for name in names if name not in self._places]:
+            raise UnknownInterfaceError(unknown)
+        part = object.__new__(type(self))
+        part.names = tuple(names)
+        part._places = {name: self._places[name] for name in part.names}
+        part._store = self._store
+        return part
+
+    def get(self) -> list[float]:
+        """All values, in the order of the names."""
+        store = self._store
+        return [store[place] for place in self._places.values()]
+
+    def put(self, values: Sequence[float]) -> None:
+        """Set all values, in the order of the names."""
+        for place, value in zip(self._places.values(), values, strict=True):
+            self._store[place] = value
+
+    def fill(self, value: float) -> None:
+        """Set all values to one."""
+        for place in self._places.values():
+            self._store[place] = value
+
+    def take(self) -> list[float] | None:
+        """All values, which are NaN from then on; None while any of them is NaN."""
+        values = self.get()
+        if any(value != value for value in values):
+            return None
+        self.fill(NO_COMMAND)
+        return values
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __getitem__(self, name: str) -> float:
+        return self._store[self._places[name]]
+
+    def __setitem__(self, name: str, value: float) -> None:
+        self._store[self._places[name]] = value
 
 
 class LifecycleState(StrEnum):

@@ -7,14 +7,6 @@ from typing import Any, ClassVar
 
 from client.controllers.controller import Controller, controller_type
 
-__all__ = [
-    "ForwardCommandController",
-    "ForwardCommandParameters",
-    "JointGroupParameters",
-    "JointGroupPositionController",
-    "JointGroupVelocityController",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class ForwardCommandParameters:

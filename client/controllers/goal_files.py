@@ -22,8 +22,6 @@ from client.controllers.configuration import sections, text_of
 from client.controllers.goals import JointTrajectoryPoint
 from client.errors import ControllerError
 
-__all__ = ["GOAL_TIME_S", "GoalFile", "NamedGoal", "read_goals"]
-
 GOAL_TIME_S: Final = 4.0
 """How long the publishers of ROS give each goal."""
 

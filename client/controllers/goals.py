@@ -7,18 +7,6 @@ from typing import Final
 
 from client.driver.endpoint import tell
 
-__all__ = [
-    "ErrorCode",
-    "Feedback",
-    "FollowJointTrajectory",
-    "GoalHandle",
-    "GoalStatus",
-    "JointTrajectory",
-    "JointTrajectoryPoint",
-    "Result",
-    "Tolerance",
-]
-
 
 class ErrorCode(IntEnum):
     """How a goal ended. Source: control_msgs/FollowJointTrajectory."""

@@ -4,13 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
-from client.controllers.calling import CallingController
-from client.controllers.calls import Call
-from client.controllers.controller import controller_type
+from client.controllers.calls import Call, CallingController
+from client.controllers.controller import Topic, controller_type
 from client.controllers.parameters import without_effect
-from client.controllers.topics import Topic
-
-__all__ = ["GPIOController", "IOStates", "ToolData"]
 
 _EVERY_CYCLE: Final = "the effect is waited for in robot time"
 _ANSWER: Final = "gpio/io_async_success"

@@ -1,9 +1,10 @@
 """Follows trajectories of joint angles, setpoint by setpoint."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final
 
-from client.controllers.controller import Controller, controller_type
+from client.controllers.controller import Controller, Interfaces, Topic, controller_type
 from client.controllers.goals import (
     ErrorCode,
     Feedback,
@@ -13,26 +14,103 @@ from client.controllers.goals import (
     JointTrajectoryPoint,
     Tolerance,
 )
-from client.controllers.interfaces import Interfaces
-from client.controllers.joint_trajectory_parameters import (
-    JointConstraints,
-    JointTrajectoryParameters,
-    ScaledJointTrajectoryParameters,
-)
+from client.controllers.parameters import BY_NAME, without_effect
 from client.controllers.pid import Gains, Pid
-from client.controllers.replacement import blended, filled
-from client.controllers.stopping import deceleration
-from client.controllers.tolerances import ToleranceError, Tolerances, violation, with_goal
-from client.controllers.topics import Topic
-from client.controllers.trajectory import Path, Sample
-from client.controllers.validation import TrajectoryRules
+from client.controllers.trajectory import Path, Sample, blended, filled
+from client.controllers.validation import ToleranceError, Tolerances, TrajectoryRules, violation, with_goal
 from client.errors import GoalRejectedError
 
-__all__ = [
-    "ControllerState",
-    "JointTrajectoryController",
-    "ScaledJointTrajectoryController",
-]
+
+def deceleration(
+    q_rad: Sequence[float], qd_rad_s: Sequence[float], limits_rad_s2: Sequence[float]
+) -> list[JointTrajectoryPoint]:
+    """Points of the way to rest on which each joint (n,) brakes steadily with its own limit.
+
+    There is a point wherever a joint comes to rest; cubic interpolation between them is exact.
+    """
+    moments = sorted({0.0, *(abs(v) / a for v, a in zip(qd_rad_s, limits_rad_s2, strict=True))})
+    return [_after(t, q_rad, qd_rad_s, limits_rad_s2) for t in moments]
+
+
+def _after(
+    t: float, q_rad: Sequence[float], qd_rad_s: Sequence[float], limits_rad_s2: Sequence[float]
+) -> JointTrajectoryPoint:
+    positions, speeds = [], []
+    for q, v, a in zip(q_rad, qd_rad_s, limits_rad_s2, strict=True):
+        stop_s = abs(v) / a
+        share = 1.0 - min(t, stop_s) / stop_s if stop_s > 0.0 else 0.0  # of the speed that is left
+        positions.append(q + v * stop_s * (1.0 - share * share) / 2.0)
+        speeds.append(v * share)
+    return JointTrajectoryPoint(tuple(positions), tuple(speeds), time_from_start_s=t)
+
+
+_EVERY_CYCLE: Final = "states and results are told in the cycle they come about"
+
+
+@dataclass(frozen=True, slots=True)
+class JointConstraints:
+    """Tolerances of one joint [rad], and how fast it may brake [rad/s2]; 0 is none."""
+
+    trajectory: float = 0.0
+    goal: float = 0.0
+    max_deceleration_on_cancel: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Constraints:
+    """goal_time [s]: how late the arm may be, 0 for any time; stopped_velocity_tolerance [rad/s] at the end."""
+
+    stopped_velocity_tolerance: float = 0.01
+    goal_time: float = 0.0
+    decelerate_on_cancel: bool = False
+    joints: dict[str, JointConstraints] = field(default_factory=dict, metadata=BY_NAME)
+
+
+@dataclass(frozen=True, slots=True)
+class GainsByJoint:
+    """For controllers that command speeds or torques."""
+
+    joints: dict[str, Gains] = field(default_factory=dict, metadata=BY_NAME)
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedScaling:
+    """Where the factor comes from by which time passes slower; state_interface "" keeps it as it is."""
+
+    initial_scaling_factor: float = 1.0
+    state_interface: str = ""
+    command_interface: str = without_effect("", "the speed slider is moved by io_and_status_controller")
+
+
+@dataclass(frozen=True, slots=True)
+class JointTrajectoryParameters:
+    """As of ros2_controllers; what ROS 2 publishes at rates of its own comes every cycle here."""
+
+    joints: tuple[str, ...]
+    command_interfaces: tuple[str, ...]
+    state_interfaces: tuple[str, ...]
+    command_joints: tuple[str, ...] = ()
+    allow_partial_joints_goal: bool = False
+    allow_trajectory_replacement: bool = True
+    interpolate_from_desired_state: bool = False
+    allow_integration_in_goal_trajectories: bool = False
+    allow_nonzero_velocity_at_trajectory_end: bool = False
+    set_last_command_interface_value_as_state_on_activation: bool = True
+    interpolation_method: str = "splines"
+    cmd_timeout: float = 0.0
+    constraints: Constraints = field(default_factory=Constraints)
+    gains: GainsByJoint = field(default_factory=GainsByJoint)
+    speed_scaling: SpeedScaling = field(default_factory=SpeedScaling)
+    state_publish_rate: float = without_effect(50.0, _EVERY_CYCLE)
+    action_monitor_rate: float = without_effect(20.0, _EVERY_CYCLE)
+
+
+@dataclass(frozen=True, slots=True)
+class ScaledJointTrajectoryParameters(JointTrajectoryParameters):
+    """With the name of the state interface that holds the scaling factor."""
+
+    speed_scaling_interface_name: str = "speed_scaling/speed_scaling_factor"
+
 
 _COMMANDS: Final = ("position", "velocity", "effort")
 _STATES: Final = ("position", "velocity", "acceleration")

@@ -22,8 +22,6 @@ from client.controllers.ur_states import RTDE_OUTPUTS
 from client.driver import URDriver
 from client.errors import ControllerError
 
-__all__ = ["RTDE_OUTPUTS", "ControlLoop"]
-
 _FIRST_STATE_S: Final = 5.0  # guess: a robot that sends states at all does so within this
 _REST_S: Final = 3.0  # guess: a ramp to rest takes less than one second
 _AT_REST_RAD_S: Final = 0.005  # guess: above the noise of an arm that stands

@@ -6,17 +6,13 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any, Final
 
-from client.controllers import types
+from client.controllers import configuration
 from client.controllers.configuration import ControllersFile
-from client.controllers.controller import LIFE_CYCLE, Controller, LifecycleState
-from client.controllers.hardware import Hardware
-from client.controllers.interfaces import Interfaces
+from client.controllers.controller import LIFE_CYCLE, Controller, Hardware, Interfaces, LifecycleState
 from client.controllers.modes import MOTION, mode_of
 from client.controllers.parameters import Reading, read_parameters
 from client.driver.endpoint import tell
 from client.errors import ControllerError
-
-__all__ = ["ControllerInfo", "ControllerManager", "InterfaceInfo"]
 
 _logger = logging.getLogger(__name__)
 
@@ -68,7 +64,7 @@ class ControllerManager:
         """Make a controller, as the file describes it or as given here. Raises ControllerError."""
         if name in self._controllers:
             raise ControllerError(name, "it is loaded already")
-        kind = types.find(name, type_name or self.file.type_of(name))
+        kind = configuration.find(name, type_name or self.file.type_of(name))
         given = self.file.parameters_of(name) if parameters is None else parameters
         reading = Reading()
         read = read_parameters(kind.parameters_type, given, name, reading)

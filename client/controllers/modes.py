@@ -7,8 +7,6 @@ from collections.abc import Iterable
 from enum import StrEnum
 from typing import Final
 
-__all__ = ["MOTION", "CommandMode", "conflict", "mode_of"]
-
 
 class CommandMode(StrEnum):
     """Ways to command the arm; all joints are in the same one."""

@@ -12,8 +12,6 @@ from typing import Any, Final, TypeVar, cast, get_args, get_origin, get_type_hin
 
 from client.errors import ControllerError
 
-__all__ = ["BY_NAME", "Reading", "read_parameters", "without_effect"]
-
 BY_NAME: Final[Mapping[str, Any]] = {"by name": True}
 """Metadata of a dictionary of all the mappings that no other field takes."""
 

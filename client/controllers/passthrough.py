@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, ClassVar, Final
 
-from client.controllers.controller import Controller, controller_type
+from client.controllers.controller import NO_COMMAND, Controller, controller_type
 from client.controllers.goals import (
     ErrorCode,
     Feedback,
@@ -19,13 +19,9 @@ from client.controllers.goals import (
     JointTrajectoryPoint,
     Tolerance,
 )
-from client.controllers.interfaces import NO_COMMAND
-from client.controllers.replacement import filled
-from client.controllers.tolerances import ToleranceError, Tolerances, violation, with_goal
-from client.controllers.validation import TrajectoryRules
+from client.controllers.trajectory import filled
+from client.controllers.validation import ToleranceError, Tolerances, TrajectoryRules, violation, with_goal
 from client.errors import GoalRejectedError
-
-__all__ = ["PASSTHROUGH", "PassthroughParameters", "PassthroughTrajectoryController", "Transfer"]
 
 PASSTHROUGH: Final = "trajectory_passthrough"
 _POINT: Final = ("setpoint_positions", "setpoint_velocities", "setpoint_accelerations")

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from math import inf
 
-__all__ = ["Gains", "Pid"]
-
 
 @dataclass(frozen=True, slots=True)
 class Gains:

@@ -9,9 +9,10 @@ with BlockingControlledRobot("192.168.1.10", make_ready=True) as robot:
     robot.command("forward_velocity_controller", [0, 0, 0, 0, 0, 0.1])
 """
 
+import asyncio
 import math
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
 from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
@@ -20,18 +21,49 @@ from typing import Any, Final, Self, TypeVar
 from client.controllers.configuration import ControllersFile
 from client.controllers.controller import LifecycleState
 from client.controllers.goals import FollowJointTrajectory, JointTrajectory, JointTrajectoryPoint, Result
-from client.controllers.loop import RTDE_OUTPUTS, ControlLoop
+from client.controllers.joint_trajectory import JointTrajectoryController
+from client.controllers.loop import ControlLoop
 from client.controllers.manager import ControllerManager
-from client.controllers.recorded import DEFAULT_FIELDS, listen, recorded
-from client.controllers.ur_states import JOINTS
-from client.driver import points
+from client.controllers.ur_states import RTDE_OUTPUTS
+from client.driver import URDriver, points
 from client.driver.blocking import Blocking, blocking
 from client.driver.realtime import real_time_thread
 from client.errors import MotionError
+from client.recording import DEFAULT_FIELDS, BackgroundRecorder
 from client.robot import AsyncRobot
-from client.robot.reach import Reach
+from client.robot.moves import Reach
+from urproto.joints import JOINT_NAMES
 
-__all__ = ["BlockingControlledRobot", "ControlledRobot"]
+_WITH_CONTROLLERS = ".mcap"  # other formats have no place for their states
+
+
+@asynccontextmanager
+async def recorded(driver: URDriver, path: Path) -> AsyncIterator[BackgroundRecorder]:
+    """Record the robot's states while the context lasts; the driver receives `DEFAULT_FIELDS`.
+
+    A process of its own writes, so that the control loop is not late. Raises RecordingError.
+    """
+    info = {"robot": driver.config.robot, "polyscope": str(driver.version)}
+    recorder = await asyncio.to_thread(BackgroundRecorder, path, DEFAULT_FIELDS, info)
+    driver.robot.on_state.append(recorder.write)
+    try:
+        yield recorder
+    finally:
+        driver.robot.on_state.remove(recorder.write)
+        await asyncio.to_thread(recorder.close)
+
+
+def listen(recorder: BackgroundRecorder, manager: ControllerManager) -> None:
+    """Record the states of the trajectory controllers, too, that are loaded from now on."""
+
+    def begin(controller: object) -> None:
+        if isinstance(controller, JointTrajectoryController):
+            name = controller.name
+            controller.state_topic.subscribe(lambda state: recorder.write_controller(name, state))
+
+    if recorder.path.suffix.lower() == _WITH_CONTROLLERS:
+        manager.on_load.append(begin)
+
 
 Answer = TypeVar("Answer")
 
@@ -98,7 +130,7 @@ class ControlledRobot(ControlLoop):
         link = self.driver.robot
         if link.configuration is None:
             return
-        stands = dict(zip((self._prefix + joint for joint in JOINTS), self.driver.state["actual_q"], strict=True))
+        stands = dict(zip((self._prefix + joint for joint in JOINT_NAMES), self.driver.state["actual_q"], strict=True))
         names = trajectory.joint_names
         targets = [stands | dict(zip(names, point.positions, strict=False)) for point in trajectory.points]
         moves = [points.movej([target[joint] for joint in stands]) for target in targets]

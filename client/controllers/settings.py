@@ -4,12 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from client.controllers.calling import CallingController
-from client.controllers.calls import Call
+from client.controllers.calls import Call, CallingController
 from client.controllers.controller import Controller, controller_type
 from client.controllers.parameters import without_effect
-
-__all__ = ["FrictionModelController", "GravityUpdateController", "URConfigurationController"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,14 +7,13 @@ from typing import Any, Final, Protocol
 
 from client.controllers.calls import FAILURE, SUCCESS
 from client.controllers.compliance import FORCE_MODE_COMMANDS, ToolContactState
-from client.controllers.interfaces import NO_COMMAND, Interfaces
+from client.controllers.controller import NO_COMMAND, Interfaces
 from client.controllers.passthrough import PASSTHROUGH
-from client.controllers.ur_states import JOINTS, URStates
+from client.controllers.ur_states import URStates
 from client.errors import ClientError
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
-
-__all__ = ["ArmDriver", "Spawn", "URCommands"]
+from urproto.joints import JOINT_NAMES
 
 _DIGITAL: Final = tuple(f"gpio/standard_digital_output_cmd_{pin}" for pin in range(18))
 _SET_OUTPUT: Final = ("set_standard_digital_out", "set_configurable_digital_out", "set_tool_digital_out")
@@ -90,7 +89,7 @@ class URCommands:
     """The interfaces (`all`), with `prefix` in front of every name; `obey` does what is set on them once."""
 
     def __init__(self, prefix: str, driver: ArmDriver, states: URStates, spawn: Spawn) -> None:
-        joints = [f"{prefix}{joint}/{kind}" for kind in ("position", "velocity", "effort") for joint in JOINTS]
+        joints = [f"{prefix}{joint}/{kind}" for kind in ("position", "velocity", "effort") for joint in JOINT_NAMES]
         self._prefix = prefix
         self._driver = driver
         self._states = states
@@ -104,7 +103,7 @@ class URCommands:
 
     def joints(self, kind: str) -> Interfaces:
         """Of one kind, base to wrist 3."""
-        return self.all.lend([f"{self._prefix}{joint}/{kind}" for joint in JOINTS])
+        return self.all.lend([f"{self._prefix}{joint}/{kind}" for joint in JOINT_NAMES])
 
     def part(self, names: Sequence[str]) -> Interfaces:
         """Some of them, named without the prefix."""
@@ -286,7 +285,7 @@ def _names() -> tuple[str, ...]:
         _FORCE_ANSWER,
         "force_mode/disable_cmd",
         *(f"freedrive_mode/{name}" for name in ("enable", "abort", "async_success")),
-        *(f"{PASSTHROUGH}/{part}_{joint}" for part in points for joint in range(len(JOINTS))),
+        *(f"{PASSTHROUGH}/{part}_{joint}" for part in points for joint in range(len(JOINT_NAMES))),
         *(f"{PASSTHROUGH}/{name}" for name in ("abort", "transfer_state", "time_from_start", "trajectory_size")),
         "tool_contact/tool_contact_set_state",
     )

@@ -11,21 +11,20 @@ import logging
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from client.controllers.interfaces import NO_COMMAND
+from client.controllers.controller import NO_COMMAND
 from client.controllers.modes import MOTION, CommandMode, conflict, mode_of
 from client.controllers.passthrough import PASSTHROUGH, Transfer
 from client.controllers.ur_commands import ArmDriver, Spawn, URCommands
-from client.controllers.ur_states import JOINTS, URStates
+from client.controllers.ur_states import URStates
 from client.driver import points
-from client.driver.timeouts import LONGEST_REAL_TIME_S
+from client.driver.endpoint import LONGEST_REAL_TIME_S
 from client.errors import ClientError, ControllerError, LateSetpointError
 from client.gates import GATES
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
+from urproto.joints import JOINT_NAMES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.versions import PolyscopeVersion
-
-__all__ = ["URHardware"]
 
 _MOVABLE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 _WAITING: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.SAFEGUARD_STOP)  # a program is paused in these, not ended
@@ -39,7 +38,7 @@ _logger = logging.getLogger(__name__)
 
 
 class URHardware:
-    """Of a driver; see `client.controllers.hardware.Hardware`.
+    """Of a driver; see `client.controllers.controller.Hardware`.
 
     spawn: runs what takes longer than a cycle. version: the robot's. prefix: in front of all
     names. setpoint_timeout_s: how long the robot goes on without the next setpoint.
@@ -75,7 +74,7 @@ class URHardware:
         self._held_up = False  # setpoints were late
         self._stands = False  # and the program knows where
         self._forgiven_s = 0.0  # until when the program may be missing
-        self._offset = [0.0] * len(JOINTS)
+        self._offset = [0.0] * len(JOINT_NAMES)
         self._return_s = 0.0
         self._trajectory: list[TrajectoryPoint] = []
         self._last_s = 0.0
@@ -145,7 +144,7 @@ class URHardware:
         starting, stopping = self._modes_of(start), self._modes_of(stop)
         for kind in (CommandMode.POSITION, CommandMode.VELOCITY, CommandMode.EFFORT):
             if kind in starting and not set(self._orders.joints(kind).names) <= set(start):
-                raise ControllerError("hardware", f"all {len(JOINTS)} joints have to be commanded in {kind}")
+                raise ControllerError("hardware", f"all {len(JOINT_NAMES)} joints have to be commanded in {kind}")
         if pair := conflict((self._modes - stopping) | starting):
             raise ControllerError("hardware", f"{pair[0]} and {pair[1]} cannot be commanded at the same time")
         if CommandMode.EFFORT in starting and (refusal := GATES["torque"].refusal(self._version)):
@@ -249,13 +248,13 @@ class URHardware:
 
     def _take_point(self) -> None:
         parts = [
-            self._orders.part([f"{PASSTHROUGH}/{part}_{joint}" for joint in range(len(JOINTS))]).get()
+            self._orders.part([f"{PASSTHROUGH}/{part}_{joint}" for joint in range(len(JOINT_NAMES))]).get()
             for part in ("setpoint_positions", "setpoint_velocities", "setpoint_accelerations")
         ]
         q, qd, qdd = (None if any(value != value for value in part) else part for part in parts)
         time_s = self._orders[f"{PASSTHROUGH}/time_from_start"]
         assert q is not None  # the controller has checked it
-        at_rest = [0.0] * len(JOINTS)
+        at_rest = [0.0] * len(JOINT_NAMES)
         self._trajectory.append(points.spline(q, qd or at_rest, time_s - self._last_s, qdd))
         self._last_s = time_s
 

@@ -7,12 +7,10 @@ report stays NaN.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
-from client.controllers.interfaces import Interfaces
-from urproto.joints import JOINT_NAMES as JOINTS
+from client.controllers.controller import Interfaces
+from urproto.joints import JOINT_NAMES
 from urproto.robots.pose import pose_inv, pose_trans, rotvec_to_quaternion, wrench_trans
 from urproto.versions import PolyscopeVersion, Series
-
-__all__ = ["JOINTS", "RTDE_OUTPUTS", "URStates"]
 
 RTDE_OUTPUTS: Final = (
     "actual_q", "actual_qd", "actual_current", "speed_scaling", "actual_TCP_force", "actual_TCP_pose",
@@ -72,7 +70,7 @@ class URStates:
     """The interfaces (`all`), with `prefix` in front of every name, and what fills them."""
 
     def __init__(self, prefix: str, version: PolyscopeVersion) -> None:
-        joints = [f"{prefix}{joint}/{kind}" for kind in ("position", "velocity", "effort") for joint in JOINTS]
+        joints = [f"{prefix}{joint}/{kind}" for kind in ("position", "velocity", "effort") for joint in JOINT_NAMES]
         bits = [f"{name}_{place}" for name, count in _BITS.values() for place in range(count)]
         rest = (*_SINGLE.values(), *bits, *_names(_VECTORS.values()), *_WRENCH, *_POSE, *_VERSION, *_OTHERS)
         self.all = Interfaces([*joints, *(prefix + name for name in rest)])
@@ -93,7 +91,7 @@ class URStates:
 
     def joints(self, kind: str) -> Interfaces:
         """Of one kind, base to wrist 3."""
-        return self.all.lend([f"{self._prefix}{joint}/{kind}" for joint in JOINTS])
+        return self.all.lend([f"{self._prefix}{joint}/{kind}" for joint in JOINT_NAMES])
 
     def take(self, state: Mapping[str, Any]) -> None:
         """Set them from RTDE variables by name; those that are not there are left alone."""

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from urproto.errors import RemoteProtocolError
 from urproto.text import from_bytes, readable
 
-__all__ = ["MAGIC_SIZE", "Packet", "PacketReader", "open_capture"]
-
 MAGIC_SIZE = 4
 _LONGEST = 1 << 20  # bytes of a packet or block; tcpdump cuts packets at 256 kB
 _PCAP = {  # magic number: byte order, ticks a second

@@ -8,8 +8,6 @@ from collections.abc import Iterable
 
 from urproto.text import to_bytes
 
-__all__ = ["head_of_capture", "packet_block"]
-
 _SECTION, _INTERFACE, _ENHANCED_PACKET = 0x0A0D0D0A, 1, 6
 _COMMENT, _APPLICATION, _NAME, _TSRESOL = 1, 4, 2, 9
 _ETHERNET = 1

@@ -12,19 +12,6 @@ from dataclasses import dataclass, field
 
 from client.decoding.packets import Endpoint, Segment
 
-__all__ = [
-    "MAX_CONNECTIONS",
-    "Closed",
-    "Connection",
-    "Connections",
-    "Data",
-    "Ends",
-    "Event",
-    "Lost",
-    "opens",
-    "possible_servers",
-]
-
 MAX_CONNECTIONS = 256  # followed at once; the one that was silent longest is given up
 _MAX_HELD = 256  # segments
 _MAX_HELD_BYTES = 1 << 18

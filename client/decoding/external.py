@@ -23,9 +23,6 @@ from urproto.external_control import (
 )
 from urproto.modes import mode_name
 
-__all__ = ["COMMANDS", "RESULTS", "REVERSE", "TRAJECTORY", "command_stream", "result_stream", "reverse_stream",
-           "trajectory_stream"]  # fmt: skip
-
 _LIKELY_TIMEOUT_MS = 60_000  # guess: what waits longer is no message; drivers use 2 ms to a few seconds
 _PARAMETERS = {  # how many words of a command mean something
     ScriptCommandKind.ZERO_FTSENSOR: 0,

@@ -11,8 +11,6 @@ from urproto.errors import RemoteProtocolError
 from urproto.modbus import ExceptionCode, Frame, Function, ModbusException, ModbusRequest
 from urproto.modes import mode_name
 
-__all__ = ["FRAMING", "Conversation"]
-
 _HEADER = struct.Struct(">HHHB")
 _MAX_UNANSWERED = 64  # requests remembered
 _ERROR_BIT = 0x80

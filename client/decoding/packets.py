@@ -11,8 +11,6 @@ from ipaddress import ip_address
 
 from client.decoding.capture import Packet
 
-__all__ = ["Endpoint", "Segment", "UnreadablePacketError", "tcp_segment"]
-
 _IPV4, _IPV6 = 0x0800, 0x86DD
 _VLAN_TAGS = (0x8100, 0x88A8, 0x9100)
 _TCP = 6

@@ -21,8 +21,6 @@ from urproto.rtde.fields import INPUT_FIELDS
 from urproto.rtde.recipes import type_names
 from urproto.rtde.types import IN_USE, NOT_FOUND, FieldType
 
-__all__ = ["FRAMING", "Conversation", "Sender", "sender_of"]
-
 _HEADER = struct.Struct(">HB")
 _MAX_RECIPES = 256  # what a recipe's number can say
 _MAX_UNANSWERED = 16  # requests remembered; guess: clients wait for each answer

@@ -24,8 +24,6 @@ from client.decoding.packets import Endpoint, Segment, UnreadablePacketError, tc
 from client.decoding.streams import Line, Stream, trouble
 from urproto.errors import RemoteProtocolError
 
-__all__ = ["Choice", "InputForm", "Session", "as_text"]
-
 _HEX_TEXT = re.compile(rb"(?:#[^\n]*(?:\n|$)|0[xX]|[0-9a-fA-F]|[\s,:;])*")
 _HEX_NOISE = re.compile(rb"#[^\n]*(?=\n|$)|0[xX]|[\s,:;]")
 _LOOKED_AT = 4096  # bytes of an input that tell its form

@@ -9,8 +9,6 @@ from urproto import modes
 from urproto.primary.messages import NO_TIMESTAMP_US
 from urproto.text import readable
 
-__all__ = ["escaped", "message", "pairs", "quoted", "value"]
-
 _ENUMS: Mapping[str, type[IntEnum]] = {
     "control_mode": modes.ControlMode,
     "controller_box": modes.ControllerBox,

@@ -11,8 +11,6 @@ from urproto.primary.framing import MAX_MESSAGE_SIZE, OtherMessage, PrimaryDecod
 from urproto.primary.messages import ErrorCodeMessage, UnknownMessage
 from urproto.primary.state import RobotStateData
 
-__all__ = ["PRIMARY", "REALTIME", "primary_stream", "realtime_stream"]
-
 _HEADER = struct.Struct(">iB")
 _LIKELY_SIZE = 65536  # bytes; guess: ample for a message, too short for most of what is none
 # Names of the official C++ client. Sizes tell where those end that are not read here.

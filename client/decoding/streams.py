@@ -13,8 +13,6 @@ from client.decoding import show
 from urproto.errors import ProtocolError, RemoteProtocolError
 from urproto.text import from_bytes
 
-__all__ = ["FramedStream", "Framing", "Line", "LineStream", "Stream", "trouble"]
-
 _TOLD_AT_ONCE = 1 << 20  # bytes of garbage that are told as one stretch
 
 

@@ -8,8 +8,6 @@ from urproto import interpreter
 from urproto.errors import RemoteProtocolError
 from urproto.interpreter import InterpreterCommand
 
-__all__ = ["BytesStream", "answer_stream", "line_stream", "statement_stream", "unended_stream"]
-
 _LONGEST_LINE = 8192  # bytes; what is longer is told in pieces
 
 

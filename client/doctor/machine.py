@@ -11,9 +11,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from client.doctor.findings import Finding, Grade
-
-__all__ = ["examine_machine", "governor", "preemption", "priority"]
+from client.doctor.robot import Finding, Grade
 
 _ENOUGH_PRIORITY = 1  # any real-time priority is above everything else
 _PRIORITY = (

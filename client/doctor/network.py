@@ -11,14 +11,11 @@ from typing import Final
 
 from client import dashboard, primary, realtime, rtde
 from client.connection import DEFAULT_TIMEOUT_S
-from client.doctor.findings import Finding, Grade
+from client.doctor.robot import Finding, Grade
+from client.driver.endpoint import REVERSE_PORT, SENDER_PORT
 from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
-from client.driver.reverse import REVERSE_PORT
-from client.driver.sender import SENDER_PORT
 from client.errors import ClientError
 from urproto.errors import ProtocolError, RobotRefused
-
-__all__ = ["examine_own_ports", "examine_ports", "examine_replies", "examine_stream", "judge_stream"]
 
 _PORTS: Final = {"primary": primary.PORT, "RTDE": rtde.PORT, "dashboard": dashboard.PORT, "realtime": realtime.PORT}
 _NEEDED: Final = ("primary", "RTDE")  # PolyScope X has no dashboard of this kind

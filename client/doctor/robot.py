@@ -2,17 +2,41 @@
 
 import platform
 from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from client import primary
 from client.calibration import calibration_of, is_nominal, read_calibration
-from client.doctor.findings import Finding, Grade
 from client.errors import ClientError, FileError
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.robots import Calibration, CalibrationError
 
-__all__ = ["examine_calibration", "examine_versions"]
+
+class Grade(StrEnum):
+    """How bad it is."""
+
+    GOOD = "good"
+    UNKNOWN = "cannot be seen"
+    WEAK = "weak"  # works, but less well than it could
+    BROKEN = "broken"  # something will not work
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """``mend``: the command, or what to do, where it is not good."""
+
+    grade: Grade
+    subject: str
+    text: str
+    mend: str = ""
+
+
+def exit_status(findings: list[Finding]) -> int:
+    """1 when something will not work, else 0."""
+    return int(any(finding.grade is Grade.BROKEN for finding in findings))
+
 
 _PACKAGES = ("ur-emulator", "ur-rtde", "pin", "numpy")
 

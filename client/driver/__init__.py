@@ -4,13 +4,10 @@
 """
 
 from client.driver import points
-from client.driver.calibration import calibration_hash
-from client.driver.config import DriverConfig
+from client.driver.config import DriverConfig, calibration_hash
 from client.driver.driver import BlockingURDriver, URDriver
-from client.driver.endpoint import Endpoint
+from client.driver.endpoint import Endpoint, ReverseEndpoint, ScriptSender
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
-from client.driver.reverse import ReverseEndpoint
-from client.driver.sender import ScriptSender
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
 
 __all__ = [

@@ -17,8 +17,6 @@ from contextlib import AbstractAsyncContextManager, AbstractContextManager, cont
 from types import TracebackType
 from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, cast, overload
 
-__all__ = ["Blocking", "Part", "blocking", "blocking_context", "carried", "straight"]
-
 Inner = TypeVar("Inner", bound=AbstractAsyncContextManager[Any])
 Component = TypeVar("Component")
 Entered = TypeVar("Entered")

@@ -8,8 +8,6 @@ from client.driver.core import DriverCore
 from urproto.errors import LocalProtocolError
 from urproto.external_control import Question, ScriptCommand, ScriptCommandKind, TrajectoryResult, to_words
 
-__all__ = ["Commands"]
-
 _ZERO3: Final = (0.0, 0.0, 0.0)
 _ZERO6: Final = (0.0,) * 6
 

@@ -3,28 +3,23 @@
 import asyncio
 import logging
 import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, suppress
 from types import TracebackType
 from typing import Any, Final, Self
 
 from client import dashboard
 from client.control_program import GONE_TEXT, LATE_TEXT, ControlProgram
-from client.driver.calibration import calibration_problem
-from client.driver.config import DriverConfig
-from client.driver.endpoint import Endpoint, Peer
+from client.driver.config import DriverConfig, calibration_problem
+from client.driver.endpoint import LONGEST_REAL_TIME_S, Endpoint, Peer, Pulse, ReverseEndpoint, ScriptSender
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
-from client.driver.reverse import Pulse, ReverseEndpoint
 from client.driver.robot import RobotLink, cancel
-from client.driver.sender import ScriptSender
 from client.errors import ClientError, ProgramNotRunningError, ProgramStaysError
 from client.gates import require
 from urproto.errors import LocalProtocolError, RobotRefused
-from urproto.external_control import ControlMode
+from urproto.external_control import ControlMode, FreedriveAction
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.versions import PolyscopeVersion
-
-__all__ = ["DriverCore"]
 
 _PLAYED: Final = (RuntimeState.PLAYING, RuntimeState.PAUSING, RuntimeState.PAUSED, RuntimeState.RESUMING)
 _ENDED: Final = (RuntimeState.STOPPING, RuntimeState.STOPPED)
@@ -377,3 +372,118 @@ class DriverCore:
         if peer is not None:
             _logger.error("the robot is silent: its program is disconnected")
             peer.abort()
+
+
+class Setpoints(DriverCore):
+    """Servoing, speeds, torques and freedrive.
+
+    timeout_s: how long the robot waits for the next message before it stops the arm, from one
+    control period to 0.2 s. Until `idle`, or another mode, the next one has to come within it; one
+    that comes later is not sent but a LateSetpointError, and the program goes on. May be called from
+    any thread. Raises ProgramNotRunningError, LocalProtocolError and, for what this version does not
+    have, RobotRefused.
+    """
+
+    def servoj(self, q_rad: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+        """Joint angles (6,) [rad] to be at one control period from now."""
+        self.reverse.setpoint(ControlMode.SERVOJ, q_rad, timeout_s)
+
+    def servo_pose(self, pose_base_tcp: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+        """Pose of the TCP in the base frame (6,) [m, rotation vector], reached by the nearest joint angles."""
+        self.reverse.setpoint(ControlMode.POSE, pose_base_tcp, timeout_s)
+
+    def speedj(self, qd_rad_s: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+        """Joint speeds (6,) [rad/s]."""
+        self.reverse.setpoint(ControlMode.SPEEDJ, qd_rad_s, timeout_s)
+
+    def speedl(self, velocity_base: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+        """Velocity of the TCP in the base frame (6,) [m/s, rad/s]."""
+        self.reverse.setpoint(ControlMode.SPEEDL, velocity_base, timeout_s)
+
+    def torque(self, torque_Nm: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+        """Joint torques (6,) [Nm] on top of what gravity needs; from 5.23 on."""
+        self._require("torque")
+        self.reverse.setpoint(ControlMode.TORQUE, torque_Nm, timeout_s)
+
+    def idle(self) -> None:
+        """Bring the arm to rest and keep the program running, for as long as the driver lives."""
+        self.reverse.keep_alive(self.config.keep_alive_timeout_s)
+
+    def start_freedrive(self) -> None:
+        """Let the arm be moved by hand until `stop_freedrive`, `idle` or another mode."""
+        self.reverse.freedrive(FreedriveAction.START, self.config.keep_alive_timeout_s)
+
+    def keep_freedrive(self) -> None:
+        """Say that freedrive goes on; the driver does so by itself too."""
+        self.reverse.freedrive(FreedriveAction.NOOP, self.config.keep_alive_timeout_s)
+
+    def stop_freedrive(self) -> None:
+        """Hold the arm where it is."""
+        self.reverse.freedrive(FreedriveAction.STOP, self.config.keep_alive_timeout_s)
+
+
+_LOCKED_S: Final = 5.0  # dashboard manual: it cannot be unlocked for 5 s after it occurred
+_SPARE_S: Final = 0.2  # guess: the state that showed it may have been late
+_UNLOCK_LINE: Final = "set unlock protective stop"
+_UNLOCK_TIMEOUT_S: Final = 5.0
+
+
+class Recovery(DriverCore):
+    """Watches the safety mode."""
+
+    def __init__(self, config: DriverConfig) -> None:
+        super().__init__(config)
+        self._safety_mode: SafetyMode | None = None
+        self._stopped_at_s: float | None = None
+        self.robot.on_modes.append(self._note)
+
+    def on_safety_mode(self, callback: Callable[[SafetyMode], None]) -> None:
+        """Call back with each new safety mode."""
+        before: list[SafetyMode] = [self.robot.safety_mode]
+
+        def changed(_: Mapping[str, Any]) -> None:
+            if self.robot.safety_mode != before[0]:
+                before[0] = self.robot.safety_mode
+                callback(before[0])
+
+        self.robot.on_modes.append(changed)
+
+    @property
+    def protective_stopped(self) -> bool:
+        """True during a protective stop."""
+        return self.robot.safety_mode is SafetyMode.PROTECTIVE_STOP
+
+    async def recover(self) -> None:
+        """Unlock a protective stop, 5 s after it occurred, and start the control program again.
+
+        For a caller who knows why the arm stopped and that it may move again. Raises RobotRefused
+        when something else than a protective stop is the matter, or it comes back at once.
+        """
+        if self.protective_stopped:
+            await self._unlock()
+        await self.start_program()
+
+    async def _unlock(self) -> None:
+        since = self._stopped_at_s if self._stopped_at_s is not None else self.state["timestamp"]
+        while self.state["timestamp"] < since + _LOCKED_S + _SPARE_S:
+            await self.next_state()
+        if self.robot.dashboard is not None:
+            await self.robot.dashboard.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
+        else:
+            await self.robot.send_script(_UNLOCK_LINE)
+        try:
+            async with asyncio.timeout(_UNLOCK_TIMEOUT_S):
+                while self.robot.safety_mode not in MOVABLE:
+                    await self.next_state()
+        except TimeoutError:
+            mode = self.robot.safety_mode.name
+            raise RobotRefused("unlock protective stop", f"it stays in {mode}: remove the cause first") from None
+
+    def _note(self, state: Mapping[str, Any]) -> None:
+        mode = self.robot.safety_mode
+        if mode == self._safety_mode:
+            return
+        self._safety_mode = mode
+        if mode is SafetyMode.PROTECTIVE_STOP:
+            self._stopped_at_s = state["timestamp"]
+            _logger.warning("protective stop")

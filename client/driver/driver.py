@@ -16,11 +16,8 @@ from typing import Any
 from client.driver.blocking import Blocking, blocking, straight
 from client.driver.commands import Commands
 from client.driver.config import DriverConfig
-from client.driver.recovery import Recovery
-from client.driver.setpoints import Setpoints
+from client.driver.core import Recovery, Setpoints
 from client.driver.trajectories import Trajectories
-
-__all__ = ["BlockingURDriver", "URDriver"]
 
 
 class URDriver(Setpoints, Trajectories, Commands, Recovery):

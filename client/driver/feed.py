@@ -16,8 +16,6 @@ from client.errors import ClientError, NoAnswerError
 from client.rtde import BlockingRTDEClient
 from urproto.errors import RemoteProtocolError, RobotRefused
 
-__all__ = ["StateFeed"]
-
 _AGAIN_S: Final = 1.0  # between attempts to get a lost connection back
 
 _logger = logging.getLogger(__name__)

@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from urproto.errors import LocalProtocolError
 from urproto.external_control import MotionType, TrajectoryPoint
 
-__all__ = ["movec", "movej", "movej_pose", "movel", "movep", "optimovej", "optimovel", "spline"]
-
 spline = TrajectoryPoint.spline
 
 

@@ -9,8 +9,6 @@ from typing import Final, Literal
 
 from urproto.errors import LocalProtocolError
 
-__all__ = ["RealTime", "real_time", "real_time_thread"]
-
 RealTime = Literal["auto", "on", "off"]
 """``auto`` takes real-time priority where it is allowed, ``on`` insists on it, ``off`` does without."""
 

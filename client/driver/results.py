@@ -18,8 +18,6 @@ from urproto.external_control import (
     TrajectoryResult,
 )
 
-__all__ = ["COMMAND_PORT", "TRAJECTORY_PORT", "ResultEndpoint", "ScriptCommandEndpoint", "TrajectoryEndpoint"]
-
 TRAJECTORY_PORT: Final = 50003
 COMMAND_PORT: Final = 50004
 _POINTS_AT_ONCE: Final = 64

@@ -22,8 +22,6 @@ from urproto.primary.messages import ErrorCodeMessage, PopupMessage, RuntimeExce
 from urproto.primary.state import ConfigurationData, KinematicsInfo, RobotStateData
 from urproto.versions import PolyscopeVersion
 
-__all__ = ["RobotLink", "cancel"]
-
 _NEEDED: Final = ("timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction")
 _KEPT: Final = 100  # error reports and popups, each
 _AGAIN_S: Final = 1.0  # between attempts to get a lost connection back

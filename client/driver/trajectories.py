@@ -7,8 +7,6 @@ from client.driver.core import DriverCore
 from urproto.errors import LocalProtocolError
 from urproto.external_control import MotionType, TrajectoryAction, TrajectoryPoint, TrajectoryResult
 
-__all__ = ["Trajectories"]
-
 _OPTIMOVES: Final = frozenset(
     [MotionType.OPTIMOVEJ, MotionType.OPTIMOVEL, MotionType.OPTIMOVEJ_POSE, MotionType.OPTIMOVEL_JOINT]
 )

@@ -9,26 +9,68 @@ arm changes.
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cache
 from math import hypot
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from nicegui import ui
-from nicegui.elements.scene import Object3D
+from nicegui import app, ui
+from nicegui.elements.scene.scene_object3d import Object3D
 
 from client.calibration import parameters
-from client.pendant.arm_meshes import ServedMesh, served_meshes
 from client.pendant.arm_shapes import Part, link_parts
-from client.pendant.lathe import Lathe
 from client.pendant.page import Page
 from client.pendant.station import Station
 from urproto.primary.state import KinematicsInfo
-from urproto.robots import CalibrationError, RobotModel
+from urproto.robots import CalibrationError
 from urproto.robots.calibration import Chain, chain_of
-from urproto.robots.meshes import MeshesMissing
+from urproto.robots.meshes import MeshesMissing, PlacedMesh, mesh_file, placed_meshes
+from urproto.robots.model import RobotModel
 from urproto.robots.pose import Matrix3, Vec3, rotvec_to_matrix
 
-__all__ = ["DrawnArm", "arm_scene", "camera_buttons", "chain"]
+_VISUAL: Final = (".glb", ".gltf", ".stl")  # what browsers read; ur_description's .dae is not among it
+_COLLISION: Final = (".stl",)
+
+
+class ServedMesh(NamedTuple):
+    """One link's. url: on this pendant."""
+
+    url: str
+    placed: PlacedMesh
+
+    @property
+    def is_stl(self) -> bool:
+        """It has no colours of its own."""
+        return self.url.endswith(".stl")
+
+
+@cache
+def served_meshes(folder: Path, model: RobotModel) -> tuple[ServedMesh, ...]:
+    """Of base to wrist 3, from the folder itself or the one in it that is named for the model. Raises MeshesMissing."""
+    own = folder / model.name
+    place = own if own.is_dir() else folder
+    return tuple(_served(place, model, mesh) for mesh in placed_meshes(model))
+
+
+def _served(folder: Path, model: RobotModel, mesh: PlacedMesh) -> ServedMesh:
+    try:
+        file = mesh_file(folder, "visual", mesh.name, _VISUAL)
+    except MeshesMissing:
+        file = mesh_file(folder, "collision", mesh.name, _COLLISION)
+    url = f"/meshes/{model.name}/{mesh.name}{file.suffix}"
+    app.add_static_file(local_file=file, url_path=url)
+    return ServedMesh(url, mesh)
+
+
+_SEGMENTS: Final = 28
+
+
+class Lathe(Object3D, component=Path(__file__).with_name("static") / "lathe.js"):
+    """About its z axis. profile: (radius, z), from bottom to top."""
+
+    def __init__(self, profile: Sequence[tuple[float, float]]) -> None:
+        super().__init__([list(point) for point in profile], _SEGMENTS)
+
 
 _BACKGROUND: Final = "#e9edf1"
 _MESH_COLOR: Final = "#d9dde1"

@@ -13,8 +13,6 @@ from urproto.robots.meshes import tube_offsets
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Vec3
 
-__all__ = ["LINK_NAMES", "Part", "link_parts"]
-
 LINK_NAMES: Final = ("base", "shoulder", "upper arm", "forearm", "wrist 1", "wrist 2", "wrist 3")
 _LIGHT: Final = "#d9dde1"  # housings and tubes
 _DARK: Final = "#59636c"  # rims, foot and flange

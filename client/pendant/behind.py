@@ -10,8 +10,6 @@ from client.errors import ClientError
 from client.pendant.asked import Asked
 from client.pendant.dialogues import Dialogues
 
-__all__ = ["Behind", "BehindError"]
-
 _LOOK_AGAIN_S: Final = 0.5
 _LOOK_EVERY_S: Final = 1.0
 _CATALOGUE: Final = ("describe", "fault_kinds", "ports", "safety_causes")

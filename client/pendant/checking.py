@@ -12,11 +12,9 @@ from collections.abc import Callable
 from typing import Final
 
 from client.errors import ClientError
-from client.pendant.draft import Draft, ScriptError
+from client.pendant.programs import Draft, ScriptError
 from urproto.text import from_bytes, lines, readable, to_bytes
 from urproto.versions import PolyscopeVersion
-
-__all__ = ["CheckerError", "check", "keep_checking", "parsed"]
 
 _QUIET_S: Final = 0.5  # guess: who pauses for so long wants to know
 _LOOK_AGAIN_S: Final = 0.2

@@ -4,8 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-__all__ = ["TIMING", "FaultField", "FaultKind", "arguments_of", "fault_kinds"]
-
 TIMING: Final = ("at", "after", "until", "lasting", "once", "probability", "seed")
 """Arguments that every kind has, or every one that strikes on an occasion."""
 

@@ -14,8 +14,6 @@ from client.rtde import RTDEClient
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.rtde.fields import OUTPUT_FIELDS
 
-__all__ = ["Feed", "Feeds"]
-
 _AGAIN_S: Final = 0.5  # between attempts to reach the robot
 _MOST_NUMBERS: Final = 2_000_000  # kept of one feed: 16 MB, half an hour of twelve numbers at 90 Hz
 _LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)

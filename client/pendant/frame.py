@@ -9,8 +9,6 @@ from client.pendant.popups import show_dialogues
 from client.pendant.screens import SCREENS, Screen
 from client.pendant.station import Station
 
-__all__ = ["build"]
-
 _Unbuilt: TypeAlias = dict[str, tuple[Screen, ui.tab_panel]]
 
 

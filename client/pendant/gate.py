@@ -19,8 +19,6 @@ import socketio  # type: ignore[import-untyped]
 from fastapi.responses import PlainTextResponse
 from nicegui import core
 
-__all__ = ["Gate", "Nonsense", "guard_events", "mind_the_logs"]
-
 _FORBIDDEN: Final = 403
 _POLICY: Final = 1008  # the status of web sockets for what is not allowed
 _MOST_PAGES: Final = 200  # guess: each browser has one, and one that never came is there for a minute

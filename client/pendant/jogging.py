@@ -12,8 +12,6 @@ from typing import Final, Literal
 from urproto.robots import Joints, Kinematics
 from urproto.robots.kinematics import Jacobian
 
-__all__ = ["JOINT_TITLES", "Bounds", "Ramp", "Velocity"]
-
 JOINT_TITLES: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
 """As PolyScope calls them."""
 

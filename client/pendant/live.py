@@ -18,8 +18,6 @@ from nicegui import ui
 from client.pendant.gate import Nonsense
 from client.pendant.station import Station
 
-__all__ = ["Held", "Live"]
-
 Kind = Literal["text", "state", "title", "value", "width", "bits", "cells", "plot", "samples", "lines"]
 Read = Callable[[Station], Any]
 Take = Callable[[bool], Any]

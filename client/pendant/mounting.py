@@ -4,12 +4,10 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from client.pendant.choices import take
+from client.pendant.page import take
 from client.pendant.station import Station
 from urproto.robots.pose import Pose, Vec3
 from urproto.versions import Availability
-
-__all__ = ["apply_gravity", "apply_payload", "apply_tcp", "gravity_of", "same_tcp", "tcp_of", "tilt_of"]
 
 GRAVITY: Final = 9.82  # m/s2, as PolyScope writes it
 _SAME: Final = 1e-6

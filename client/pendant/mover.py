@@ -25,8 +25,6 @@ from client.robot import AsyncRobot
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.modes import RobotMode, RuntimeState
 
-__all__ = ["STALE_S", "Mover"]
-
 STALE_S: Final = 0.4
 """A button that has not been heard of for so long is no longer held."""
 

@@ -1,10 +1,13 @@
 """What one browser shows: the frame around the screens, and what all screens share."""
 
-from collections.abc import Awaitable, Callable, Iterator
+import asyncio
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, Final
+from types import TracebackType
+from typing import Any, Final, Self
 
 from nicegui import background_tasks, ui
+from nicegui.elements.mixins.value_element import ValueElement
 
 from client import dashboard
 from client.errors import ClientError
@@ -14,7 +17,103 @@ from client.pendant.station import Station
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.text import readable
 
-__all__ = ["MISTAKES", "Page"]
+_SOON_S: Final = 1.5  # guess: states and answers come within a tenth of that
+
+
+class NotTakenError(ClientError):
+    """The robot was told something, did not say no, and did not do it either."""
+
+
+def choice(
+    page: "Page",
+    element: ValueElement[Any],
+    read: Callable[[Station], Any],
+    choose: Callable[[Any], Awaitable[Any]],
+    what: str,
+) -> None:
+    """Let an element follow the robot, and the robot what is chosen with it; ``what`` is what to call it."""
+    station = page.station
+
+    async def chosen() -> None:
+        wanted = element.value
+        if not await page.attempt(
+            lambda: take(station, lambda: choose(wanted), lambda s: read(s) == wanted, f"{what} {wanted}")
+        ):
+            element.set_value(read(station))
+
+    element.on("update:model-value", chosen)
+    page.live.effect(read, element.set_value)
+
+
+async def take(
+    station: Station, tell: Callable[[], Awaitable[Any]], taken: Callable[[Station], bool], what: str
+) -> None:
+    """Tell the robot something and wait until it has it. Raises NotTakenError, and what ``tell`` raises."""
+    heard = station.log.count
+    await tell()
+    if not await happens(station, taken):
+        said = [event.text for event in station.log.since(heard) if event.severity == "error"]
+        reason = f"it says: {'; '.join(said)}" if said else "is it in local control, or without power?"
+        raise NotTakenError(f"the robot did not take {what}: {reason}")
+
+
+async def happens(station: Station, condition: Callable[[Station], bool]) -> bool:
+    """Whether it holds soon."""
+    try:
+        async with asyncio.timeout(_SOON_S):
+            while not condition(station):
+                await station.next_frame()
+    except TimeoutError:
+        return False
+    return True
+
+
+class Views:
+    """A row of buttons and what they show; ``name`` is that of the screen.
+
+    on_look: told which view a person sees now, "" when it is none of these.
+    """
+
+    def __init__(self, page: "Page", name: str, titles: Mapping[str, str]) -> None:
+        self._page = page
+        self._name = name
+        self.shown = next(iter(titles))
+        self.on_look: list[Callable[[str], None]] = []
+        with ui.tabs().props("dense no-caps align=left inline-label").classes("views") as self._tabs:
+            for key, title in titles.items():
+                ui.tab(key, title).props(f"data-testid={name}-{key}")
+        self._panels = ui.tab_panels(self._tabs, value=self.shown, animated=False).classes("view-panels")
+        self._panels.on_value_change(lambda change: self._turn(change.value))
+        page.live.on_show.append(lambda screen: self._tell())
+
+    def __enter__(self) -> Self:
+        self._panels.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._panels.__exit__(None, None, None)
+
+    @contextmanager
+    def view(self, key: str, classes: str = "") -> Iterator[None]:
+        """What is put here is shown under this key."""
+        with ui.tab_panel(key).classes(f"view {classes}"):
+            yield
+
+    @property
+    def looked_at(self) -> str:
+        """Which view a person sees now."""
+        return self.shown if self._page.live.screen == self._name else ""
+
+    def _turn(self, key: str) -> None:
+        self.shown = key
+        self._tell()
+
+    def _tell(self) -> None:
+        for tell in self.on_look:
+            tell(self.looked_at)
+
 
 MISTAKES: Final = (ClientError, ProtocolError, RobotRefused, OSError, ValueError)
 """What goes wrong with robots and inputs; its text is for people."""

@@ -11,8 +11,6 @@ from client.pendant.feeds import Feed, Feeds
 from client.pendant.series import PRESETS, Series, series
 from client.recording.tables import CsvWriter
 
-__all__ = ["MOST_PANES", "RATES_HZ", "WINDOWS_S", "Pane", "Plots"]
-
 RATES_HZ: Final = (10, 25, 50, 125)
 WINDOWS_S: Final = (5, 10, 20, 30, 60, 120)
 MOST_PANES: Final = 4

@@ -13,8 +13,6 @@ from client.pendant.station import Station
 from urproto.errorcodes import error_text
 from urproto.modes import RequestedType
 
-__all__ = ["show_dialogues"]
-
 _ELSEWHERE: Final = "This question can be answered on the robot's own pendant only."
 _ICONS: Final = {"error": "error", "warning": "warning"}
 

@@ -8,8 +8,6 @@ from urproto.rtde.fields import OUTPUT_FIELDS, Field, available_fields
 from urproto.rtde.types import FieldType
 from urproto.versions import PolyscopeVersion
 
-__all__ = ["PRESETS", "Series", "catalogue", "series"]
-
 _JOINTS: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
 _POSE: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _INERTIA: Final = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")

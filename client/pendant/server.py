@@ -20,8 +20,6 @@ from client.pendant.page import Page
 from client.pendant.screens import SCREENS
 from client.pendant.station import Station
 
-__all__ = ["serve"]
-
 _STATIC: Final = Path(__file__).with_name("static")
 _SHEETS: Final = ("pendant.css", *sorted(path.name for path in _STATIC.glob("screen_*.css")))
 _SCRIPTS: Final = ("pendant.js", *sorted(path.name for path in _STATIC.glob("screen_*.js")))

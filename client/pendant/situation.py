@@ -15,8 +15,6 @@ from typing import Final, Literal, NamedTuple
 from client.errors import ClientError
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 
-__all__ = ["STAGES", "Action", "Known", "NotNowError", "Situation", "Tone", "situation"]
-
 Tone = Literal["unknown", "off", "stopped", "waiting", "ready", "busy"]
 """What colour a lamp has: grey, red, red, yellow, green, blue."""
 

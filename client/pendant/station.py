@@ -14,19 +14,16 @@ from client.calibration import model_of
 from client.dashboard import DashboardClient
 from client.errors import ClientError, NoAnswerError, RobotUnreachableError
 from client.operations import Operation
-from client.pendant.asked import Asked
+from client.pendant.asked import Asked, PortRegisters
 from client.pendant.behind import Behind
 from client.pendant.checking import keep_checking
-from client.pendant.dialogues import Dialogues
+from client.pendant.dialogues import Dialogues, Stops
 from client.pendant.events import EventLog
 from client.pendant.feeds import Feeds
 from client.pendant.mover import Mover
-from client.pendant.port_registers import PortRegisters
-from client.pendant.poses import Poses
+from client.pendant.own_file import Poses, Tools
 from client.pendant.programs import Programs
 from client.pendant.situation import Known, Situation, situation
-from client.pendant.stops import Stops
-from client.pendant.tools import Tools
 from client.pendant.variables import Variables
 from client.primary import PrimaryClient, PrimaryCore
 from client.robot import AsyncRobot
@@ -40,8 +37,6 @@ from urproto.primary.state import ConfigurationData, RobotStateData
 from urproto.robots import RobotModel
 from urproto.text import readable_in
 from urproto.versions import PolyscopeVersion
-
-__all__ = ["FRAME_HZ", "Station"]
 
 Answer = TypeVar("Answer")
 Mode = TypeVar("Mode", RobotMode, SafetyMode, RuntimeState)

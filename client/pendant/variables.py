@@ -4,8 +4,6 @@ from typing import Any, Final
 
 from urproto.primary.program_state import GlobalVariableNames, GlobalVariableValues, MatrixValue, PoseValue, Value
 
-__all__ = ["Variables", "VariablesView", "kind_of", "shown"]
-
 _MOST_SHOWN: Final = 1000
 _LONGEST: Final = 400  # characters of a value on the screen
 

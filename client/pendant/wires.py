@@ -11,8 +11,6 @@ from typing import Any, Final, Protocol
 from urproto.errors import RobotRefused
 from urproto.modes import AnalogDomain
 
-__all__ = ["CONFIGURABLE", "STANDARD", "TOOL", "Group", "Range", "analog_range", "set_analog", "set_digital"]
-
 
 class Robot(Protocol):
     """What is needed of `client.pendant.station.Station`."""

@@ -21,8 +21,6 @@ from client.errors import RecordingError
 from client.recording.files import Recorder, field_names
 from client.recording.recording import DEFAULT_FIELDS, Info
 
-__all__ = ["BackgroundRecorder", "work"]
-
 _READY: Final = b"ready\n"
 _ENDS_S: Final = 30.0  # guess: compressing an hour of npz takes less
 # isolated: a folder of the user's may have the name of a module; the search path is this program's

@@ -15,8 +15,6 @@ from typing import Any, Final
 from client.errors import RecordingError
 from urproto.text import readable
 
-__all__ = ["Field", "MessageType"]
-
 _HEADER: Final = b"\x00\x01\x00\x00"
 _LITTLE_ENDIAN: Final = 1
 _NUMBERS: Final = {

@@ -11,8 +11,6 @@ from typing import Final
 from client.recording.cdr import MessageType
 from urproto.rtde.fields import OUTPUT_FIELDS
 
-__all__ = ["RTDE_TYPE", "message_type", "ros_name", "rtde_type"]
-
 RTDE_TYPE: Final = "ur_client_msgs/msg/RTDEState"
 """The type of the topic that has every variable of a recording; its fields are the recording's."""
 

@@ -5,8 +5,6 @@ from contextlib import contextmanager
 
 from client.errors import MissingExtraError
 
-__all__ = ["extra"]
-
 
 @contextmanager
 def extra(name: str, what: str) -> Iterator[None]:

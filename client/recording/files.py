@@ -11,13 +11,11 @@ from typing import Any, Final, Protocol, Self
 import numpy as np
 
 from client.errors import RecordingError
-from client.recipes import unknown_fields
 from client.recording.mcapfile import McapWriter, read_mcap
 from client.recording.recording import DEFAULT_FIELDS, Info, Recording
 from client.recording.stamps import LONGEST_S, Stamps
 from client.recording.tables import CsvWriter, NpzWriter, read_csv, read_npz
-
-__all__ = ["FORMATS", "Recorder", "Writer", "convert", "field_names", "open_writer", "read", "told"]
+from client.rtde_core import unknown_fields
 
 FORMATS: Final = (".mcap", ".csv", ".npz")
 _DEFAULT: Final = "default"

@@ -17,17 +17,6 @@ from client.recording.topics import Topics
 if TYPE_CHECKING:
     from foxglove import Channel
 
-__all__ = [
-    "FOXGLOVE_PORT",
-    "PLOTJUGGLER_PORT",
-    "PLOTJUGGLER_WEBSOCKET_PORT",
-    "FoxgloveServer",
-    "PlotJugglerSender",
-    "PlotJugglerSocket",
-    "address_of",
-    "datagrams",
-    "plotjuggler",
-]
 
 PLOTJUGGLER_PORT: Final = 9870  # what its UDP server proposes
 PLOTJUGGLER_WEBSOCKET_PORT: Final = 9871  # what its WebSocket server proposes

@@ -12,14 +12,14 @@ from client.recording.definitions import ros_name
 from client.recording.extras import extra
 from client.recording.output import FLUSH_S, OutputFile
 from client.recording.recording import ROBOT, Columns, Info, Recording
-from client.recording.topics import JOINTS, RTDE_TOPIC, ControllerTopic, Topic, Topics, controller_message
+from client.recording.topics import RTDE_TOPIC, ControllerTopic, Topic, Topics, controller_message
 from client.recording.tracking import Tracking, TrackingBuilder
+from urproto.joints import JOINT_NAMES
 from urproto.rtde.fields import OUTPUT_FIELDS
 
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
 
-__all__ = ["McapWriter", "read_mcap"]
 
 _WHAT: Final = "an MCAP file"
 _CHUNK: Final = 1 << 18  # bytes; a chunk also ends after FLUSH_S, which bounds what a crash costs
@@ -243,7 +243,7 @@ class _Content:
         elif self._rtde is not None and channel == self._rtde_channel:
             self._began_ns.setdefault(RTDE_TOPIC, time_ns)
             self._rtde.append({_RTDE_NAMES[name]: value for name, value in message.items() if name in _RTDE_NAMES})
-        elif set(message.get("name", ())) >= set(JOINTS):
+        elif set(message.get("name", ())) >= set(JOINT_NAMES):
             self._began_ns.setdefault(_JOINT_STATES, time_ns)
             values = _joint_values(message, time_ns)
             if not self._has_joints:
@@ -275,7 +275,7 @@ class _Content:
 def _joint_values(message: Mapping[str, Any], time_ns: int) -> dict[str, Any]:
     """RTDE variables of a joint state, whose joints may be in any order."""
     time_s = _stamp_s(message, time_ns)
-    order = [message["name"].index(joint) for joint in JOINTS]
+    order = [message["name"].index(joint) for joint in JOINT_NAMES]
     kinds = {"actual_q": "position", "actual_qd": "velocity", "actual_current": "effort"}
     return {"timestamp": time_s} | {
         name: [message[kind][index] if index < len(message[kind]) else 0.0 for index in order]

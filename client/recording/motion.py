@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 from client.driver import points
 from client.errors import MotionError, RecordingError
 from client.recording.recording import Recording
-from client.robot.reach import Reach
+from client.robot.moves import Reach
 from urproto.external_control import TrajectoryPoint
 from urproto.primary.state import ConfigurationData
-
-__all__ = ["JointPath", "joint_path"]
 
 Array = NDArray[np.float64]
 

@@ -5,8 +5,6 @@ from typing import Any, Final
 
 from client.errors import RecordingError
 
-__all__ = ["FLUSH_S", "OutputFile"]
-
 FLUSH_S: Final = 0.5
 """What is recorded is in the file at most so much later [s], so that a recorder that is killed loses no more."""
 

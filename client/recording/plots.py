@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["FORMATS", "Deviation", "deviations", "draw"]
 
 FORMATS: Final = (".png", ".svg", ".pdf", ".html")
 _SHORT: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")

@@ -14,8 +14,6 @@ from urproto.joints import JOINT_NAMES
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.types import FieldType
 
-__all__ = ["DEFAULT_FIELDS", "ROBOT", "Columns", "Info", "Recording"]
-
 DEFAULT_FIELDS: Final = (
     "timestamp",
     "target_q",

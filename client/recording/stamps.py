@@ -5,8 +5,6 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-__all__ = ["JUMP_S", "LONGEST_S", "Stamps", "header", "seconds_and_rest"]
-
 _NS = 1_000_000_000
 _BOOT_S = 1.0  # the clock of a robot that has booted is farther back; guess
 JUMP_S: Final = 1e6

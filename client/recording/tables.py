@@ -15,8 +15,6 @@ from client.recording.recording import Columns, Info, Recording
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.types import FieldType
 
-__all__ = ["CsvWriter", "NpzWriter", "read_csv", "read_npz"]
-
 _UNFINISHED: Final = b"ur-client recording, not finished\n"  # how a file begins while an NpzWriter is open
 _INFO: Final = "info"  # beside the variables of an npz; no RTDE variable is called so
 

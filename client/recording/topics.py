@@ -8,11 +8,9 @@ from typing import Any, Final
 from client.recording.cdr import MessageType
 from client.recording.definitions import message_type, ros_name, rtde_type
 from client.recording.stamps import header
-from urproto.joints import JOINT_NAMES as JOINTS
+from urproto.joints import JOINT_NAMES
 from urproto.modes import RuntimeState
 from urproto.robots.pose import rotvec_to_quaternion, wrench_trans
-
-__all__ = ["JOINTS", "RTDE_TOPIC", "ControllerTopic", "Topic", "Topics", "controller_message"]
 
 RTDE_TOPIC: Final = "/rtde"
 _AGAIN_NS: Final = 1_000_000_000  # what does not change is told once a second, for those who come late; guess
@@ -112,7 +110,7 @@ def _same(values: Values) -> Values:
 
 def _joint_states(values: Values) -> Values:
     velocity, effort = values.get("actual_qd", ()), values.get("actual_current", ())
-    return {"name": JOINTS, "position": values["actual_q"], "velocity": velocity, "effort": effort}
+    return {"name": JOINT_NAMES, "position": values["actual_q"], "velocity": velocity, "effort": effort}
 
 
 def _controller_state(values: Values) -> Values:
@@ -121,7 +119,7 @@ def _controller_state(values: Values) -> Values:
     target_qd, actual_qd = values.get("target_qd", ()), values.get("actual_qd", ())
     reference = {"positions": target_q, "velocities": target_qd, "accelerations": values.get("target_qdd", ())}
     return {
-        "joint_names": JOINTS,
+        "joint_names": JOINT_NAMES,
         "reference": reference,
         "feedback": {"positions": actual_q, "velocities": actual_qd},
         "error": {"positions": _difference(target_q, actual_q), "velocities": _difference(target_qd, actual_qd)},

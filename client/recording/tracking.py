@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from urproto.joints import JOINT_NAMES
 
-__all__ = ["Tracking", "TrackingBuilder"]
-
 Array = NDArray[np.float64]
 
 _BEHIND_S: Final = 1.0  # an arm that follows is not later than this; guess, its lag is 0.05 s

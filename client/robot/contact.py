@@ -7,8 +7,6 @@ from client.robot.core import RobotCore
 from urproto.errors import LocalProtocolError
 from urproto.external_control import Question, to_words
 
-__all__ = ["Contact", "Force"]
-
 _ANY: Final = (0.0,) * 6
 
 

@@ -8,8 +8,7 @@ from typing import Any, Final
 
 from client.control_program import SPEED_ACCELERATION
 from client.driver.core import MOVABLE
-from client.driver.reverse import StreamStatistics
-from client.driver.timeouts import LONGEST_REAL_TIME_S
+from client.driver.endpoint import LONGEST_REAL_TIME_S, StreamStatistics
 from client.errors import (
     ClientError,
     LateSetpointError,
@@ -20,8 +19,6 @@ from client.errors import (
 )
 from client.robot.core import SETTLE_STATES, RobotCore
 from client.robot.state import RobotState
-
-__all__ = ["Contexts", "Follow"]
 
 _logger = logging.getLogger(__name__)
 

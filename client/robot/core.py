@@ -4,10 +4,12 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final, Self, cast
 from weakref import WeakKeyDictionary
 
+from client import dashboard
 from client.control_program import DECELERATION, SPEED_ACCELERATION
+from client.driver.core import MOVABLE
 from client.errors import (
     ClientError,
     MotionStoppedError,
@@ -16,13 +18,91 @@ from client.errors import (
     ProgramNotRunningError,
     WaitTimeoutError,
 )
-from client.robot.readiness import Readiness
-from client.robot.state import RobotState
+from client.robot.state import RobotState, check_signal
+from client.robot.troubles import Troubles
 from urproto.errors import LocalProtocolError, RobotRefused
-from urproto.external_control import ControlMode, Question
-from urproto.modes import RobotMode
+from urproto.external_control import ControlMode, Question, to_words
+from urproto.modes import RobotMode, SafetyMode
+from urproto.robots import Joints
+from urproto.robots.pose import Pose
 
-__all__ = ["SETTLE_STATES", "RobotCore"]
+_POWER_UP_S: Final = 60.0  # guess: switching an arm on takes up to half a minute
+_LOCAL_CONTROL_CODE: Final = 210  # error code of a script port while the robot is in local control
+_REMOTE: Final = "switch the robot to Remote Control on its teach pendant, then connect again"
+LOCAL_CONTROL: Final = ("it is in local control", _REMOTE)
+_RUN_LINE: Final = "set robotmode run"
+
+
+class Readiness(Troubles):
+    """Makes the arm ready, at first and after a protective stop."""
+
+    async def make_ready(self) -> None:
+        """Power the arm on, release the brakes and start the control program, whatever of it is still to be done.
+
+        The arm moves a little as its brakes are released. Raises SafetyStopError while a stop
+        is in effect, RobotRefused when the robot says no.
+        """
+        await self._refuse_in_stop("make_ready")
+        if self.driver.robot.robot_mode is not RobotMode.RUNNING:
+            await self._release_brakes()
+        if not self.driver.program_running or self._paused:
+            await self._start("make_ready")
+        self._started = True
+
+    async def recover(self) -> None:
+        """Unlock a protective stop, 5 s after it occurred, and start the control program again.
+
+        For a caller who knows why the arm stopped and that it may move. Raises RobotRefused
+        when the stop comes back at once, SafetyStopError for another kind of stop.
+        """
+        if not self.driver.protective_stopped:
+            await self._refuse_in_stop("recover")
+        await self._reporting("recover", self.driver.recover())
+        self._started = True
+
+    async def _release_brakes(self) -> None:
+        if (board := self.driver.robot.dashboard) is not None:
+            await board.ask(dashboard.BRAKE_RELEASE)
+        else:
+            await self.driver.robot.send_script(_RUN_LINE)
+        try:
+            async with asyncio.timeout(_POWER_UP_S):
+                while self.driver.robot.robot_mode is not RobotMode.RUNNING:
+                    await self._next_state("make_ready")
+                    self._check_safety("make_ready")
+        except TimeoutError:
+            mode = self.driver.robot.robot_mode.name
+            advice = f"look at the pendant; e-Series: {_REMOTE}"
+            raise RobotRefused("brake release", f"after {_POWER_UP_S:g} s its mode is {mode}", advice) from None
+
+    async def _start(self, doing: str) -> None:
+        link = self.driver.robot
+        link.reports.clear()
+        link.popups.clear()
+        await self._reporting(doing, self.driver.start_program())
+        self._started = True
+
+    async def _reporting(self, doing: str, start: Coroutine[Any, Any, None]) -> None:
+        """Await the start of the program; one that does not come about is explained."""
+        try:
+            await start
+        except ProgramNotRunningError as error:
+            if await self._in_local_control():
+                why, advice = LOCAL_CONTROL
+                raise RobotRefused(
+                    doing, why, f"{advice}; a simulator, which takes scripts anyway: {error.hint}"
+                ) from None
+            raise
+
+    async def _in_local_control(self) -> bool:
+        if any(report.code == _LOCAL_CONTROL_CODE for report in self.driver.robot.reports):
+            return True
+        try:
+            board = self.driver.robot.dashboard
+            return board is not None and not await board.ask(dashboard.IS_IN_REMOTE_CONTROL)
+        except (RobotRefused, ClientError):  # a version without remote control, or a dashboard that is gone
+            return False
+
 
 _REST_S: Final = 5.0  # guess: a ramp to rest takes less than one second
 SETTLE_STATES: Final = 3  # guess: a command beside the motion is read within one control period
@@ -297,3 +377,129 @@ async def _cancelled(task: "asyncio.Task[Any]") -> None:
     await asyncio.wait({task})
     if not task.cancelled():
         task.exception()  # looked at
+
+
+_EFFECT_S: Final = 2.0  # guess: ten times what the slowest takes, which the primary interface shows
+_SAME_M: Final = 1e-5  # m or rad
+_SET_OUTPUT: Final = ("set_standard_digital_out", "set_configurable_digital_out", "set_tool_digital_out")
+
+
+class Settings(RobotCore):
+    """Any of these works with and without the control program, and beside a motion.
+
+    Raises LocalProtocolError for values that make no sense, RobotRefused when no effect is seen.
+    """
+
+    async def set_digital_out(self, number: int, on: bool) -> None:
+        """Switch a digital output: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
+        bank, index = divmod(check_signal(number), 8)
+        await self._say(f"{_SET_OUTPUT[bank]}({index}, {bool(on)})")
+        await self._take_effect(f"digital output {number}", lambda state: state.digital_out(number) is bool(on))
+
+    async def set_payload(self, mass_kg: float, cog_m: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        """Mass and its centre of gravity (3,) in the flange frame; takes effect within a few control periods."""
+        await self.driver.set_payload(mass_kg, cog_m)
+
+    async def set_target_payload(
+        self,
+        mass_kg: float,
+        cog_m: Sequence[float],
+        inertia_kg_m2: Sequence[float] = (0.0,) * 6,
+        transition_time_s: float = 0.0,
+    ) -> None:
+        """As set_payload with the inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,), taking effect gradually; from 5.10 on."""
+        await self.driver.set_target_payload(mass_kg, cog_m, inertia_kg_m2, transition_time_s)
+
+    async def set_gravity(self, gravity_m_s2: Sequence[float]) -> None:
+        """Acceleration of the base (3,) in its frame: [0, 0, 9.82] for an upright arm."""
+        await self.driver.set_gravity(gravity_m_s2)
+
+    def set_watchdog(self, longest_s: float) -> None:
+        """End the control program, and so stop the arm, when `kick_watchdog` is not called for so long; 0 ends that.
+
+        Without one the arm goes on as long as this process lives, also if the caller's own loop hangs.
+        """
+        self.driver.pulse.watch(longest_s)
+
+    def kick_watchdog(self) -> None:
+        """Say that the caller's own program works; takes no time."""
+        self.driver.pulse.kick()
+
+    async def trigger_protective_stop(self) -> None:
+        """Stop the arm as the robot would after a collision, from any motion. See `recover`."""
+        await self._say("protective_stop()")
+        await self._take_effect("protective stop", lambda state: state.safety_mode == SafetyMode.PROTECTIVE_STOP)
+
+    # asked for
+
+    async def tcp_offset(self) -> Pose:
+        """Flange to TCP (6,) [m, rotation vector], as it is in effect. From 3.6 on."""
+        return cast(Pose, await self.ask("tcp_offset", Question.TCP_OFFSET, gate="tcp_offset"))
+
+    async def history(self, steps: int) -> Joints:
+        """Joint angles (6,) [rad] as measured some control periods ago. From 5.4 on."""
+        if steps < 0:
+            raise LocalProtocolError(f"history goes back 0 periods or more, not {steps}")
+        question = Question.JOINT_POSITIONS_HISTORY
+        return cast(Joints, await self.ask("history", question, number=steps, gate="contact"))
+
+    async def is_steady(self) -> bool:
+        """Whether the arm has stood for a while, and is in neither force mode nor freedrive."""
+        return bool((await self.ask("is_steady", Question.STEADY))[0])
+
+    async def step_time(self) -> float:
+        """The control period [s]."""
+        return (await self.ask("step_time", Question.STEP_TIME))[0]
+
+    async def target_waypoint(self) -> Pose:
+        """Pose of the TCP (6,) that the move under way leads to. From 5.3 on."""
+        return cast(Pose, await self.ask("target_waypoint", Question.TARGET_WAYPOINT, gate="target_waypoint"))
+
+    async def set_tcp(self, pose_flange_tcp: Sequence[float]) -> None:
+        """Flange to TCP (6,) [m, rotation vector]; not while a motion is under way."""
+        if self.moving or self._has_context:
+            await self._check_free("set_tcp")
+        to_words(pose_flange_tcp)
+        if len(pose_flange_tcp) != 6:
+            raise LocalProtocolError(f"a pose has 6 numbers, not {len(pose_flange_tcp)}")
+        if self.driver.program_running and self._obeys:
+            self.driver.set_tcp(pose_flange_tcp)
+        else:
+            await self._say(f"set_tcp(p[{', '.join(str(float(value)) for value in pose_flange_tcp)}])")
+        await self._take_effect("set_tcp", lambda _: self._tcp_is(pose_flange_tcp))
+
+    async def set_speed_slider(self, fraction: float) -> None:
+        """Scale the speed of everything by 0.01 to 1."""
+        await self.driver.set_speed_slider(fraction)
+        await self._take_effect("speed slider", lambda state: abs(state.speed_fraction - fraction) < 1e-3)
+
+    async def _say(self, statement: str) -> None:
+        await self.driver.robot.send_script(f"sec setting():\n  {statement}\nend")
+
+    async def _take_effect(self, what: str, done: Callable[[RobotState], bool]) -> None:
+        try:
+            await self.wait_for(done, _EFFECT_S)
+        except TimeoutError:
+            await self._refuse_in_stop(what)
+            raise RobotRefused(what, *await self._why_no_effect()) from None
+
+    @property
+    def _obeys(self) -> bool:
+        """The control program executes commands: it is not held by a pause or a stop."""
+        return not self._paused and self.driver.robot.safety_mode in MOVABLE
+
+    async def _why_no_effect(self) -> tuple[str, str]:
+        link = self.driver.robot
+        failure = link.take_script_error()
+        why = str(failure) if failure else self._reported()
+        if not why and await self._in_local_control():
+            return LOCAL_CONTROL
+        if not why and link.robot_mode is not RobotMode.RUNNING:
+            return f"its mode is {link.robot_mode.name}", "make_ready() powers it on and releases the brakes"
+        return f"{why or 'nothing changed'} within {_EFFECT_S:g} s", "look at the pendant and its log"
+
+    def _tcp_is(self, pose_flange_tcp: Sequence[float]) -> bool:
+        state = self.driver.robot.primary_state
+        if state is None or state.cartesian is None:
+            return False
+        return all(abs(a - b) < _SAME_M for a, b in zip(state.cartesian.tcp_offset, pose_flange_tcp, strict=True))

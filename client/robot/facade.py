@@ -6,21 +6,19 @@ from functools import partial, update_wrapper
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from client.driver.blocking import Blocking, Part, blocking, blocking_context, carried, straight
+from client.driver.endpoint import StreamStatistics
 from client.driver.realtime import real_time
-from client.driver.reverse import StreamStatistics
 from client.operations import Operation
 from client.robot.contact import Contact, Force
 from client.robot.contexts import Contexts, Follow
+from client.robot.core import Settings
 from client.robot.io import IO
 from client.robot.kinematics import Dynamics, Kinematics
 from client.robot.moves import Moves
 from client.robot.programs import Dashboard, Programs
-from client.robot.settings import Settings
 from client.robot.state import RobotState
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
-
-__all__ = ["AsyncRobot", "Robot"]
 
 Answer = TypeVar("Answer")
 Given = ParamSpec("Given")

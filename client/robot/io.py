@@ -5,8 +5,6 @@ from typing import Any, Final
 from client.robot.core import RobotCore
 from urproto.errors import LocalProtocolError
 
-__all__ = ["IO"]
-
 _ANALOG: Final = 2
 _REGISTERS: Final = 48
 _VOLTS: Final = 10.0

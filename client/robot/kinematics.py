@@ -14,8 +14,6 @@ from urproto.external_control import Question
 from urproto.robots import Joints
 from urproto.robots.pose import Pose, pose_trans
 
-__all__ = ["Dynamics", "Kinematics", "Matrix"]
-
 Matrix = tuple[Joints, ...]
 Numbers = Sequence[float]
 

@@ -14,8 +14,6 @@ from urproto.modes import RobotMode, SafetyMode, SafetyStatus
 from urproto.text import from_bytes
 from urproto.versions import PolyscopeVersion
 
-__all__ = ["Dashboard", "Programs"]
-
 Answer = TypeVar("Answer")
 
 

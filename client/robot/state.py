@@ -9,8 +9,6 @@ from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_of
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
 
-__all__ = ["MORE_OUTPUTS", "OUTPUTS", "SIGNALS", "RobotState", "check_signal"]
-
 OUTPUTS: Final = (
     "actual_q",
     "actual_qd",

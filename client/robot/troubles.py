@@ -22,8 +22,6 @@ from urproto.primary.messages import ErrorCodeMessage
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
 
-__all__ = ["Troubles"]
-
 _FREE_PORTS: Final = {"reverse_port": 0, "trajectory_port": 0, "command_port": 0, "sender_port": 0}
 _WORDS_S: Final = 0.3  # guess: what explains an end arrives within this; the primary interface sends 10 times a second
 _LISTEN_EVERY_S: Final = 0.01

@@ -21,15 +21,14 @@ from typing import Any, Final, Self
 
 from client.calibration import calibration_of, described
 from client.controllers.compliance import FreedriveModeController
-from client.controllers.controller import CONTROLLER_TYPES, Controller, LifecycleState
+from client.controllers.controller import CONTROLLER_TYPES, Controller, LifecycleState, Topic
 from client.controllers.goals import JointTrajectory
 from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.robot import ControlledRobot
-from client.controllers.topics import Topic
 from client.driver.robot import cancel
 from client.errors import ClientError
 from client.recording.definitions import message_type
-from client.ros2.dds import Participant, Publisher
+from client.ros2.dds import Participant, Publisher, resolved
 from client.ros2.messages import (
     DESCRIPTION,
     PUBLICATIONS,
@@ -40,11 +39,8 @@ from client.ros2.messages import (
     Scene,
     Subscription,
 )
-from client.ros2.names import resolved
 from client.ros2.transforms import Frames
 from urproto.robots.description import urdf
-
-__all__ = ["Bridge"]
 
 _AGAIN_S: Final = 1.0  # as in recordings; guess
 _QUIET_S: Final = 1.0  # the same complaint again only after this; guess

@@ -9,9 +9,11 @@ late. Source: rmw_cyclonedds, as for what stands in the user data.
 """
 
 import logging
+import re
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -29,6 +31,7 @@ from cyclonedds.core import (
 )
 from cyclonedds.domain import Domain as DDSDomain
 from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import make_idl_struct, types
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
@@ -36,13 +39,87 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from client.errors import RecordingError, Ros2Error
-from client.recording.cdr import MessageType
+from client.recording.cdr import Field, MessageType
 from client.ros2.domain import Domain
-from client.ros2.idl import idl_type
-from client.ros2.names import dds_topic, dds_type
 from client.ros2.type_hash import type_hash
 
-__all__ = ["Participant", "Publisher"]
+_TOPIC: Final = "rt"  # in front of topics; services have others
+_NAMESPACE: Final = re.compile(r"(/[A-Za-z_]\w*)*", re.ASCII)
+_PREFIX: Final = re.compile(r"([A-Za-z_][\w/]*)?", re.ASCII)
+
+
+def dds_topic(name: str) -> str:
+    """``/joint_states`` is the DDS topic ``rt/joint_states``."""
+    return _TOPIC + name
+
+
+def dds_type(name: str) -> str:
+    """``sensor_msgs/msg/JointState``, or without ``/msg``, is the DDS type ``sensor_msgs::msg::dds_::JointState_``."""
+    package, _, own = name.replace("/msg/", "/").partition("/")
+    return f"{package}::msg::dds_::{own}_"
+
+
+def resolved(name: str, namespace: str, node: str) -> str:
+    """``/x`` stays as it is, ``x`` is in the namespace, ``~/x`` below the node's name."""
+    if name.startswith("/"):
+        return name
+    return f"{namespace}/{name.replace('~', node, 1)}"
+
+
+def check_namespace(text: str) -> str:
+    """A namespace with its slash in front, "" for none. Raises Ros2Error."""
+    namespace = "" if not text.strip("/") else "/" + text.removeprefix("/")
+    if not _NAMESPACE.fullmatch(namespace) or "__" in namespace:
+        raise Ros2Error(
+            f"{text!r} is no namespace: letters, digits and single underscores, parts with a slash between them, "
+            "none beginning with a digit, such as left or cell1/left"
+        )
+    return namespace
+
+
+def check_prefix(text: str) -> str:
+    """What comes before the names of joints and frames. Raises Ros2Error."""
+    if not _PREFIX.fullmatch(text):
+        raise Ros2Error(f"{text!r} is no prefix of joint names: letters, digits and underscores, such as left_")
+    return text
+
+
+_NUMBERS: Final[dict[str, Any]] = {
+    "bool": bool,
+    "byte": types.uint8,
+    "char": types.uint8,
+    "int8": types.int8,
+    "uint8": types.uint8,
+    "int16": types.int16,
+    "uint16": types.uint16,
+    "int32": types.int32,
+    "uint32": types.uint32,
+    "int64": types.int64,
+    "uint64": types.uint64,
+    "float32": types.float32,
+    "float64": types.float64,
+    "string": str,
+}
+
+
+@cache
+def idl_type(kind: MessageType) -> Any:
+    """What CycloneDDS has to know of a type, as one of its classes: its name on DDS and its fields."""
+    return _struct(kind, next(iter(kind.structs)))
+
+
+def _struct(kind: MessageType, name: str) -> Any:
+    fields = {field.name: _field(kind, field) for field in kind.structs[name]}
+    # CycloneDDS writes the colons itself
+    return make_idl_struct(name.rpartition("/")[2], dds_type(name).replace("::", "."), fields)
+
+
+def _field(kind: MessageType, field: Field) -> Any:
+    one = _NUMBERS[field.type] if field.type in _NUMBERS else _struct(kind, field.type)
+    if field.count is None:
+        return one
+    return types.array[one, field.count] if field.count else types.sequence[one]
+
 
 _ENCLAVE: Final = b"enclave=/;"  # ROS 2 counts participants only that have one
 _UNLIMITED: Final = -1

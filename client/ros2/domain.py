@@ -13,8 +13,6 @@ from xml.sax.saxutils import quoteattr
 
 from client.errors import Ros2Error
 
-__all__ = ["Domain", "read_domain"]
-
 _HIGHEST: Final = 232  # the last one whose UDP ports exist
 _PARTICIPANTS: Final = 32  # that are looked for on one machine; rmw_cyclonedds
 _NAMES_INTERFACES: Final = "NetworkInterface"

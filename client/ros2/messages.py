@@ -27,17 +27,6 @@ from client.recording.stamps import header
 from client.recording.topics import controller_message
 from client.ros2.transforms import Frames, transform
 
-__all__ = [
-    "DESCRIPTION",
-    "PUBLICATIONS",
-    "SUBSCRIPTIONS",
-    "TF_STATIC",
-    "Moment",
-    "Publication",
-    "Scene",
-    "Subscription",
-]
-
 TF: Final = "/tf"
 TF_STATIC: Final = "/tf_static"
 DESCRIPTION: Final = "robot_description"

@@ -8,8 +8,6 @@ from urproto.robots import RobotModel
 from urproto.robots.description import JointFrame, joint_frames
 from urproto.robots.pose import pose_trans, rotvec_to_quaternion
 
-__all__ = ["Frames", "transform"]
-
 Values = Mapping[str, Any]
 
 

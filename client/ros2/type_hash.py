@@ -11,8 +11,6 @@ from typing import Any, Final
 
 from client.recording.cdr import Field, MessageType
 
-__all__ = ["type_hash"]
-
 _NESTED: Final = 1
 _IDS: Final = {
     "int8": 2,

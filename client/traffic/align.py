@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from client.traffic.tracks import Track, base_name
 
-__all__ = ["Offset", "find_offset", "numbers"]
-
 Numbers = NDArray[np.float64]
 
 # What moves most smoothly and depends least on the arm comes first.

@@ -8,11 +8,8 @@ from client.errors import FileError
 from client.traffic.align import Offset, find_offset
 from client.traffic.messages import Talk, compare_messages
 from client.traffic.recording import Recording
-from client.traffic.tolerances import Tolerances
 from client.traffic.tracks import Track, tracks_of, tracks_of_csv
-from client.traffic.trajectories import Difference, TrackPair, compare_tracks
-
-__all__ = ["Comparison", "Source", "compare", "compare_sources", "read_source"]
+from client.traffic.trajectories import Difference, Tolerances, TrackPair, compare_tracks
 
 
 @dataclass(frozen=True, slots=True)

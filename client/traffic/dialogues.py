@@ -11,9 +11,6 @@ from urproto import dashboard
 from urproto.errors import RemoteProtocolError
 from urproto.text import from_bytes, readable
 
-__all__ = ["Dialogue", "Requests", "answer_dashboard", "answer_line", "answer_modbus", "cut_frames", "cut_lines",
-           "line_requests", "modbus_requests"]  # fmt: skip
-
 _LONGEST_LINE: Final = 1 << 20  # bytes of a request without an end
 
 CutRequests = Callable[[bytearray], Iterator[bytes]]

@@ -10,8 +10,6 @@ from client.decoding.codecs import CODECS, Codec, Side, codec_of_port
 from client.traffic.ports import port_name
 from client.traffic.recording import Conversation, Recording
 
-__all__ = ["Parting", "Talk", "compare_messages", "messages_of"]
-
 _STATES = re.compile(r"(state:|state of |data \d+: |data: |input \d+: )")  # compared as tracks, or by nobody
 _TIMES = re.compile(r"\btimestamp_us=\S+ ?")
 _ANSWERING: Final = ("dashboard", "rtde", "interpreter", "modbus", "gripper")  # each answer belongs to its request

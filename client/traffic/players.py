@@ -18,8 +18,6 @@ from typing import Protocol
 from client.decoding.streams import Framing
 from client.traffic.recording import Conversation
 
-__all__ = ["Broadcast", "InOrder", "Player", "Script", "Timing", "UnansweredError", "cut"]
-
 
 class UnansweredError(Exception):
     """The recording has no answer to what a client sent; the text says to what."""

@@ -2,12 +2,36 @@
 
 from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
+from typing import Any
 
+from client.dashboard import PORT, DashboardClient
 from client.decoding.codecs import Side, codec_of_port
-from urproto.errors import LocalProtocolError
+from client.errors import ClientError
+from client.operations import POLYSCOPE_VERSION, ROBOT_MODEL, Operation
+from urproto.errors import LocalProtocolError, ProtocolError, RobotRefused
 from urproto.ports import CONTROLLER_PORTS
 
-__all__ = ["DRIVER_PORTS", "ROBOT_PORTS", "choose_ports", "is_traffic", "port_name", "server_is_robot"]
+_PATIENCE_S = 2.0
+_UNKNOWN = "unknown"
+
+
+async def ask_identity(host: str, port_offset: int = 0) -> list[str]:
+    """Model and version, asked of the dashboard: nothing that changes the robot, nor its serial number."""
+    try:
+        async with DashboardClient(host, PORT + port_offset, _PATIENCE_S) as dashboard:
+            version = await _ask(dashboard, POLYSCOPE_VERSION)
+            model = await _ask(dashboard, ROBOT_MODEL)
+    except (ClientError, ProtocolError):
+        version = model = _UNKNOWN
+    return [f"robot: {model}", f"PolyScope: {version}"]
+
+
+async def _ask(dashboard: DashboardClient, operation: Operation[Any]) -> str:
+    try:
+        return str(await dashboard.ask(operation))
+    except RobotRefused:
+        return _UNKNOWN
+
 
 ROBOT_PORTS = CONTROLLER_PORTS
 DRIVER_PORTS = {"reverse": 50001, "script-sender": 50002, "trajectory": 50003, "script-command": 50004}

@@ -18,13 +18,10 @@ from types import TracebackType
 from typing import Final, Self
 
 from client.errors import RobotUnreachableError
-from client.traffic.identity import ask_identity
-from client.traffic.ports import DRIVER_PORTS, ROBOT_PORTS
-from client.traffic.recorder import FLUSH_S, Recorder
+from client.traffic.ports import DRIVER_PORTS, ROBOT_PORTS, ask_identity
+from client.traffic.recording import FLUSH_S, Recorder
 from client.traffic.relay import DIAL_S, Relay, reason_of
 from urproto.errors import LocalProtocolError
-
-__all__ = ["Proxy", "Route", "driver_routes", "record", "robot_routes"]
 
 _LAST_PORT: Final = 65535
 _LOOK_AGAIN_S: Final = 2.0  # how often a port that was closed is tried (guess)

@@ -8,9 +8,7 @@ from collections.abc import Callable
 from typing import Final, cast
 
 from client.decoding.packets import Endpoint
-from client.traffic.recorder import Recorded, Recorder
-
-__all__ = ["DIAL_S", "Relay", "reason_of"]
+from client.traffic.recording import Recorded, Recorder
 
 DIAL_S: Final = 5.0  # how long a robot may take to accept a connection (guess)
 _LINGER: Final = struct.pack("ii", 1, 0)  # closing breaks off

@@ -38,8 +38,6 @@ from client.traffic.rtde_player import RTDELibrary, RTDEPlayer
 from urproto.errors import LocalProtocolError, ProtocolError
 from urproto.versions import PolyscopeVersion
 
-__all__ = ["ReplayRobot"]
-
 _logger = logging.getLogger(__name__)
 
 MakePlayer = Callable[[], Player]

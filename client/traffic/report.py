@@ -10,8 +10,6 @@ from client.traffic.messages import Parting, Talk
 from client.traffic.tracks import base_name
 from client.traffic.trajectories import Difference, TrackPair
 
-__all__ = ["as_object", "report"]
-
 _ROWS = 15  # of a table
 _PARTINGS = 3  # told of a connection
 _MESSAGES = 3  # told of a place

@@ -13,8 +13,6 @@ from urproto.rtde.codec import PackageType
 from urproto.rtde.types import IN_USE, NOT_FOUND, FieldType
 from urproto.versions import PolyscopeVersion
 
-__all__ = ["Exchange", "Outputs", "RTDELog", "Row"]
-
 _TYPES = {kind.wire_name: kind for kind in FieldType}
 
 

@@ -17,8 +17,6 @@ from urproto.rtde.recipes import type_names
 from urproto.rtde.types import NOT_FOUND, FieldType
 from urproto.versions import PolyscopeVersion
 
-__all__ = ["RTDELibrary", "RTDEPlayer"]
-
 _PATIENCE_S: Final = 0.5  # for inputs that a state was sent after (guess)
 _TYPES: Final = {kind.wire_name: kind for kind in FieldType}
 

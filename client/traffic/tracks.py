@@ -17,8 +17,6 @@ from urproto.primary.state import JointData, RobotStateData
 from urproto.realtime import RealtimeDecoder
 from urproto.rtde.fields import OUTPUT_FIELDS
 
-__all__ = ["Track", "base_name", "tracks_of", "tracks_of_csv"]
-
 _PRIMARY_PORTS = (30001, 30002, 30011, 30012)
 _REALTIME_PORTS = (30003, 30013)
 _RTDE_PORTS = (30004,)

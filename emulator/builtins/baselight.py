@@ -1,12 +1,10 @@
 """The light ring in the base."""
 
-from emulator.io.baselight import ARMS_WITH_BASE_LIGHT, BaseLight
+from emulator.io.signals import ARMS_WITH_BASE_LIGHT, BaseLight
 from emulator.programs.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int
-
-__all__ = ["LIBRARY"]
 
 LIBRARY = Library("baselight", host=True)
 

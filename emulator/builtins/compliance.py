@@ -3,14 +3,12 @@
 import math
 from typing import Any
 
-from emulator.builtins.values import Vector6, numbers, six, three, within_range
-from emulator.motion.singularity import distance_to_singularity
+from emulator.builtins.geometry import Vector6, numbers, six, three, within_range
+from emulator.motion.reach import distance_to_singularity
 from emulator.programs.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, Bool, Int, Joints, ListArg, Num, Pose, PoseArg, PoseOrJoints
-
-__all__ = ["LIBRARY"]
 
 LIBRARY = Library("force", host=True, physical=True)
 

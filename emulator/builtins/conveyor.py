@@ -2,17 +2,14 @@
 
 import math
 
-from emulator.builtins.values import six, within_range
+from emulator.builtins.geometry import six, within_range
 from emulator.io.encoders import DecoderType, Encoder
-from emulator.motion.conveyor import CircularConveyor, LinearConveyor
-from emulator.motion.superposition import Source
+from emulator.motion.superposition import CircularConveyor, LinearConveyor, Source
 from emulator.programs.host import Frames, ProgramHost
 from urproto.versions import Series
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, Num, PoseOrJoints, Str
-
-__all__ = ["LIBRARY"]
 
 LIBRARY = Library("conveyor", host=True, physical=True)
 

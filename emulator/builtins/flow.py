@@ -1,13 +1,11 @@
 """Time, and what stops the robot."""
 
-from emulator.lifecycle.errorcodes import SCRIPT_PROTECTIVE_STOP
 from emulator.lifecycle.power import PowerEvent
+from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP
 from emulator.programs.host import Frames, ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int, Num, Struct
-
-__all__ = ["LIBRARY"]
 
 LIBRARY = Library("flow", host=True, physical=True)
 

@@ -8,8 +8,6 @@ from urscript.errors import RuntimeFault
 from urscript.interpreter import Locals
 from urscript.values import Bool
 
-__all__ = ["LIBRARY"]
-
 LIBRARY = Library("interpreter mode", host=True)
 
 

@@ -1,13 +1,11 @@
 """Digital and analog signals of the control box and the tool."""
 
-from emulator.builtins.values import within_range
+from emulator.builtins.geometry import within_range
 from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from emulator.programs.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, Num
-
-__all__ = ["LIBRARY"]
 
 LIBRARY = Library("io", host=True, physical=True)
 

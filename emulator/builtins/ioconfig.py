@@ -1,16 +1,14 @@
 """How signals are set up. PolyScope writes these calls at the head of every program."""
 
-from emulator.builtins.values import within_range
+from emulator.builtins.geometry import within_range
 from emulator.devices.tool_line import SerialSettings
 from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from emulator.programs.host import ProgramHost
-from emulator.programs.output_actions import OutputAction, output_action
+from emulator.programs.outputs import OutputAction, output_action
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolOutputMode
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, ListArg, Num, Str
-
-__all__ = ["LIBRARY", "wants_freedrive"]
 
 LIBRARY = Library("ioconfiguration", host=True)
 

@@ -3,15 +3,12 @@
 from collections.abc import Sequence
 from typing import Final
 
-from emulator.builtins.geometry import active_tcp, forward, in_joint_range, inverse, no_solution
-from emulator.builtins.values import Vector6, six
+from emulator.builtins.geometry import Vector6, active_tcp, forward, in_joint_range, inverse, no_solution, six
 from emulator.programs.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
 from urscript.values import Bool, Joints, Matrix, Num, Pose, PoseArg, PoseOrJoints
-
-__all__ = ["LIBRARY"]
 
 LIBRARY = Library("kinematics", host=True, physical=True)
 

@@ -10,8 +10,6 @@ from urscript.errors import RuntimeFault
 from urscript.meter import charge
 from urscript.values import Any_, Bool, Str, cut_text
 
-__all__ = ["LIBRARY"]
-
 LIBRARY = Library("messages", host=True)
 
 _POPUP_BYTES: Final = 3500  # a title comes on top

@@ -7,17 +7,14 @@ is not there disturbs only programs that use its signals.
 from collections.abc import Sequence
 from typing import Any, Final
 
+from emulator.builtins.geometry import within_range
 from emulator.builtins.ioconfig import wants_freedrive
-from emulator.builtins.values import within_range
 from emulator.io import modbus_map
 from emulator.programs.host import Frames, ProgramHost
-from emulator.programs.modbus import SIGNAL_TYPES, ModbusSignal
-from emulator.programs.modbus_units import ModbusUnit
+from emulator.programs.modbus import SIGNAL_TYPES, ModbusSignal, ModbusUnit
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, Bool, Int, ListArg, Num, Str
-
-__all__ = ["LIBRARY"]
 
 LIBRARY = Library("modbus", host=True)
 

@@ -2,8 +2,16 @@
 
 from collections.abc import Sequence
 
-from emulator.builtins.geometry import arm_pose, joints_for, nearest_angle, pose_for
-from emulator.builtins.values import Vector6, numbers, six, within_range
+from emulator.builtins.geometry import (
+    Vector6,
+    arm_pose,
+    joints_for,
+    nearest_angle,
+    numbers,
+    pose_for,
+    six,
+    within_range,
+)
 from emulator.guard import plausible
 from emulator.motion.torque import TorqueCommand
 from emulator.programs.host import Frames, ProgramHost
@@ -11,8 +19,6 @@ from emulator.robot.drives import COULOMB_SHARE, VISCOUS_SHARE
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, Bool, Int, Joints, Num, Pose, PoseOrJoints, Struct, Value
-
-__all__ = ["LIBRARY"]
 
 LIBRARY = Library("motion", host=True, physical=True)
 

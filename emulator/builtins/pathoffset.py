@@ -1,13 +1,11 @@
 """Path offsets: a Cartesian offset on top of the robot's movements, given anew as often as a program likes."""
 
-from emulator.builtins.values import numbers, six
-from emulator.motion.path_offset import OffsetFrame
+from emulator.builtins.geometry import numbers, six
+from emulator.motion.superposition import OffsetFrame
 from emulator.programs.host import Frames, ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int, Num, Pose, PoseOrJoints
-
-__all__ = ["LIBRARY"]
 
 LIBRARY = Library("path offset", host=True, physical=True)
 

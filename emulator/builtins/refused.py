@@ -7,8 +7,6 @@ from typing import Final
 
 from urscript.builtins import Library
 
-__all__ = ["LIBRARY"]
-
 LIBRARY: Final = Library("refused")
 
 # chapter note: (first CB3 version, first e-Series version, names); None: never on that series. The minor versions

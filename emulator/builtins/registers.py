@@ -2,15 +2,13 @@
 
 from typing import Final, cast
 
-from emulator.builtins.values import within_range
+from emulator.builtins.geometry import within_range
 from emulator.programs.host import ProgramHost
 from emulator.programs.watchdog import WatchdogAction
 from urproto.rtde.fields import INPUT_FIELDS
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, Num, Str
-
-__all__ = ["LIBRARY"]
 
 LIBRARY = Library("registers", host=True)
 

@@ -8,9 +8,8 @@ from collections.abc import Generator
 from typing import Final
 
 from emulator.programs.host import Frames, ProgramHost
-from emulator.programs.rpc.httpclient import HttpConnection, HttpUrl
+from emulator.programs.rpc.httpclient import HttpConnection, HttpUrl, RemoteConnection, RemoteError
 from emulator.programs.rpc.pstream import PacketConnection
-from emulator.programs.rpc.remote import RemoteConnection, RemoteError
 from emulator.programs.rpc.xmlrpc import BadReplyError, Reply, encode_call, to_value
 from urscript.builtins import Library
 from urscript.compiler import STRUCT
@@ -18,8 +17,6 @@ from urscript.errors import RuntimeFault
 from urscript.meter import charge
 from urscript.methods import Handle
 from urscript.values import Str, Value
-
-__all__ = ["LIBRARY"]
 
 LIBRARY: Final = Library("remote procedure calls", host=True)
 

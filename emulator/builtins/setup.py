@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from emulator.builtins.values import Vector3, Vector6, numbers, six, three, within_range
+from emulator.builtins.geometry import Vector3, Vector6, numbers, six, three, within_range
 from emulator.programs.host import ProgramHost
 from emulator.robot import payloadestimate
 from emulator.robot.installation import Payload
@@ -12,8 +12,6 @@ from urproto.robots.pose import pose_inv, pose_trans
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, ListArg, Matrix, Num, PoseArg, Str, Struct
-
-__all__ = ["LIBRARY", "checked_inertia", "checked_mass", "use_payload"]
 
 LIBRARY = Library("setup", host=True, physical=True)
 

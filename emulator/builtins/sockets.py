@@ -32,8 +32,6 @@ from urscript.values import (
     type_name,
 )
 
-__all__ = ["LIBRARY"]
-
 LIBRARY = Library("sockets", host=True)
 
 _CONNECT_S: Final = 2.0  # Script Manual, socket_open

@@ -10,8 +10,6 @@ from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int, Pose, Str
 
-__all__ = ["LIBRARY"]
-
 LIBRARY = Library("state", host=True)
 
 _ZERO = (0.0,) * 6

@@ -2,14 +2,12 @@
 
 import math
 
-from emulator.builtins.values import numbers, six
+from emulator.builtins.geometry import numbers, six
 from emulator.motion.wrenchlimit import WrenchLimit
 from emulator.programs.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int, Num, PoseArg
-
-__all__ = ["LIBRARY"]
 
 LIBRARY = Library("tuning", host=True, physical=True)
 

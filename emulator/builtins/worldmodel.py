@@ -1,16 +1,13 @@
 """The world model: named frames that poses can be given in, and that move with the arm or with each other."""
 
-from emulator.builtins.geometry import arm_pose
+from emulator.builtins.geometry import arm_pose, numbers, six, three, within_range
 from emulator.builtins.setup import checked_inertia, checked_mass, use_payload
-from emulator.builtins.values import numbers, six, three, within_range
 from emulator.motion.frame_tracking import FrameTracking
 from emulator.programs.host import Frames, ProgramHost
 from emulator.robot.worldmodel import MassProperties, WorldModel
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import ListArg, Num, Pose, PoseArg, Str
-
-__all__ = ["LIBRARY"]
 
 LIBRARY = Library("worldmodel", host=True, physical=True)
 

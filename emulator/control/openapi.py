@@ -7,8 +7,6 @@ import msgspec
 
 from emulator.control.verbs import Verb
 
-__all__ = ["listing", "openapi"]
-
 _SCHEMAS: Final = "#/components/schemas/{name}"
 _REFUSALS: Final = {
     "400": "The arguments do not fit the verb.",

@@ -5,19 +5,16 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from emulator import dashboard
-from emulator.control.base import ControlBase, Waiting
-from emulator.control.verbs import BadArguments, verb
+from emulator.control.verbs import BadArguments, ControlBase, Waiting, verb
 from emulator.programs.compiling import Submission, in_periods
-from emulator.programs.listing import program_files
+from emulator.programs.loading import program_files
 from emulator.programs.trees.outline import OutlineNode, outline_steps
-from emulator.programs.trees.program import TreeError
+from emulator.programs.trees.writer import TreeError
 from emulator.programs.urcap import DriverAddress
 from urscript.work import Steps
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
-
-__all__ = ["ProgramVerbs"]
 
 
 class ProgramVerbs(ControlBase):

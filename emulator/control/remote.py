@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING, Any
 from emulator.control.verbs import BadArguments, NotPossible
 from urproto.ports import CONTROL_API_PORT
 
-__all__ = ["ControlClient", "NoControlError", "RemoteControl"]
-
 _BAD_ARGUMENTS, _CONFLICT, _NOT_FOUND = 400, 409, 404
 
 
@@ -72,7 +70,7 @@ def _error(status: int, text: str) -> Exception:
 
 
 if TYPE_CHECKING:
-    from emulator.control.live import LiveControl
+    from emulator.control.control import LiveControl
 
     class RemoteControl(LiveControl):
         """What a type checker sees: the verbs themselves."""

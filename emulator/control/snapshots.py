@@ -16,7 +16,6 @@ from urproto.text import from_readable, readable
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["restore_state", "save_state"]
 
 _FORMAT: Final = 1
 _AT_REST: Final = (PowerState.OFF, PowerState.IDLE, PowerState.RUNNING)

@@ -5,14 +5,11 @@ from dataclasses import fields
 from enum import IntEnum, IntFlag
 from typing import Any, Final
 
-from emulator.control.base import ControlBase
 from emulator.control.snapshots import restore_state, save_state
-from emulator.control.verbs import BadArguments, NotPossible, verb
+from emulator.control.verbs import BadArguments, ControlBase, NotPossible, verb
 from emulator.guard import plausible
 from emulator.robot.installation import Payload
 from emulator.snapshot import Snapshot, Vector3, Vector6
-
-__all__ = ["StateVerbs"]
 
 _FIELDS: Final = tuple(field.name for field in fields(Snapshot) if field.name != "messages")
 

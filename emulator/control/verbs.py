@@ -1,13 +1,34 @@
 """Verbs: typed methods that can also be called by name, with arguments that came as JSON or on a command line."""
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
 
 import msgspec
 
-__all__ = ["BadArguments", "NotPossible", "Verb", "verb", "verbs_of"]
+if TYPE_CHECKING:
+    from emulator.controller import Controller
+
+
+_T = TypeVar("_T")
+Waiting = Generator[None, None, _T]  # yields once for each control period it waits; returns the verb's result
+
+
+class ControlBase(ABC):
+    """A robot under control. Verbs are carried out between two control periods."""
+
+    def __init__(self, controller: "Controller") -> None:
+        self.controller = controller
+
+    @abstractmethod
+    def _wait(self, steps: "Waiting[_T]") -> _T:
+        """Let control periods pass until the steps are done; their result.
+
+        The last thing that a verb does, since who serves many clients takes the steps and goes on later.
+        """
+
 
 _ABSURD: Final = 1e30  # a timestamp in ns is far below
 _MARK: Final = "__verb__"

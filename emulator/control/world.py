@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from emulator.commands import MountPayload
-from emulator.control.base import ControlBase
-from emulator.control.verbs import BadArguments, verb
+from emulator.control.verbs import BadArguments, ControlBase, verb
 from emulator.robot.installation import Payload
 from emulator.snapshot import Vector3, Vector6
 from emulator.world.commands import (
@@ -19,10 +18,8 @@ from emulator.world.commands import (
     WorldCommand,
 )
 from emulator.world.file import describe_thing, read_thing
-from emulator.world.hands import Frame, Push
+from emulator.world.shapes import Frame, Push
 from emulator.world.world import World
-
-__all__ = ["WorldVerbs"]
 
 
 class WorldVerbs(ControlBase):

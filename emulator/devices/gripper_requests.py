@@ -5,8 +5,6 @@ from typing import Final
 from emulator.devices.robotiq import SLAVE_ID, Gripper
 from urproto.robotiq import ACK, NACK, UNKNOWN, Get, Request, Set, encode_value
 
-__all__ = ["GripperSession"]
-
 _SLAVE: Final = "SID"
 _SLAVE_IDS: Final = range(1, 248)  # Modbus
 # the maker's programs read 17 bytes and look for the number behind the bracket; the blanks are a guess

@@ -15,19 +15,6 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum, auto
 from typing import Final
 
-__all__ = [
-    "MODELS",
-    "SLAVE_ID",
-    "TRANSITIONS",
-    "Event",
-    "Fault",
-    "Gripper",
-    "GripperModel",
-    "ObjectStatus",
-    "Phase",
-    "Status",
-]
-
 SLAVE_ID: Final = 9  # of a gripper as delivered
 _MOST: Final = 255
 _ACTIVATION_SPEED: Final = 255  # as SPE (guess)

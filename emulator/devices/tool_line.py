@@ -8,8 +8,6 @@ which a real two-wire line would garble.
 
 from typing import Final, NamedTuple, Protocol
 
-__all__ = ["AS_DELIVERED", "EchoDevice", "SerialDevice", "SerialSettings", "ToolLine"]
-
 _MOST_WAITING: Final = 4096  # bytes each way; more are left to the network, or lost on the device's side (guess)
 _DATA_BITS: Final = 8
 

@@ -8,16 +8,13 @@ from typing import Annotated, Final, Literal
 
 from msgspec import Meta
 
-from emulator.faults.fault import Act, Fault, FaultImpossible, Strikes, register
+from emulator.faults.fault import Act, Fault, FaultImpossible, Site, Strikes, added, register
 from emulator.faults.network import NotNegative
-from emulator.faults.site import Site, added
-from emulator.lifecycle.errorcodes import StopCause
+from emulator.lifecycle.runstate import StopCause
 from emulator.safety.causes import Cause
 from emulator.snapshot import Snapshot, Vector6
 from urproto.modes import JointMode
 from urproto.robots.pose import pose_trans
-
-__all__: list[str] = []
 
 Sensor = Callable[[float, float], tuple[float, float]]  # rad, rad/s
 Joint = Annotated[int, Meta(ge=0, le=5)]

@@ -9,8 +9,6 @@ import msgspec
 from emulator.faults import arm, line, machine, network, program, rtde
 from emulator.faults.fault import KINDS, Fault, FaultError
 
-__all__ = ["SUBJECTS", "checked", "describe", "kinds", "make_fault", "parse_fault"]
-
 SUBJECTS: Final = (network, line, rtde, arm, program, machine)
 _F = TypeVar("_F", bound=Fault)
 _TIMING: Final = tuple(field.name for field in fields(Fault))

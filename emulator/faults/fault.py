@@ -17,17 +17,101 @@ on what ``occasion`` it strikes asks ``strikes()`` each time; one that does not,
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Generator
-from dataclasses import dataclass, fields
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, replace
 from random import Random
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final, TypeAlias, TypeVar
+from typing import Annotated, ClassVar, Final, Protocol, TypeAlias, TypeVar
 
 from msgspec import Meta
 
-if TYPE_CHECKING:
-    from emulator.faults.site import Site
+from emulator.controller import Controller
+from emulator.servers.base import PortServer
+from urproto.modes import JointMode, RobotMode, RuntimeState, ToolMode
 
-__all__ = ["KINDS", "Act", "Fault", "FaultError", "FaultImpossible", "Share", "Strikes", "register"]
+
+def show_gone(controller: Controller) -> None:
+    """Let the last snapshot say that there is no controller, to those who look behind the scenes."""
+    snapshot = controller.snapshot.successor()
+    snapshot.robot_mode = RobotMode.NO_CONTROLLER
+    snapshot.joint_mode = (JointMode.NOT_RESPONDING,) * 6
+    snapshot.tool_mode = ToolMode.NOT_RESPONDING
+    snapshot.runtime_state = RuntimeState.STOPPED
+    snapshot.program_running = snapshot.program_paused = False
+    snapshot.messages = ()
+    controller.snapshot = snapshot
+
+
+def rebooted(before: Controller, boot_s: float, outage_s: float) -> Controller:
+    """The controller after a restart: uptime 0, booting, the arm off where it stood, the calendar gone on."""
+    config = before.config
+    wall_clock_s = before.wall_clock_ns / 1e9 + outage_s
+    timings = replace(config.timings, controller_boot_s=boot_s)
+    config = replace(
+        config, uptime_s=0.0, running=False, initial_q=before.motion.q, wall_clock_s=wall_clock_s, timings=timings
+    )
+    return Controller(config)
+
+
+_ROUNDING: Final = 1e-6  # of a control period; 0.008 / 0.002 must be 4 periods, not 5
+_T = TypeVar("_T")
+
+
+class Rate(Protocol):
+    """The clock of a robot in real time."""
+
+    def delay_next(self, seconds: float, *, made_up: bool) -> None:
+        """Let the next control period come late [s of robot time]; made_up: the ones after it catch up."""
+        ...
+
+    def set_drift(self, share: float) -> None:
+        """Let the robot's time go faster by this share, or slower."""
+        ...
+
+
+class Machine(Protocol):
+    """The control box as a whole."""
+
+    def switch_off(self, *, silent: bool) -> None:
+        """The controller is gone after this period. silent: so suddenly that nobody's connection is ended."""
+        ...
+
+    def switch_on(self, boot_s: float) -> None:
+        """A new controller boots; its uptime begins at 0."""
+        ...
+
+
+@dataclass
+class Site:
+    """One robot. Without ports, clock or machine the faults that need them are impossible."""
+
+    controller: "Controller"
+    servers: Mapping[str, PortServer] = field(default_factory=dict)
+    rate: Rate | None = None
+    machine: Machine | None = None
+
+    def server(self, name: str) -> PortServer:
+        """The server of a port. Raises FaultImpossible."""
+        if not self.servers:
+            raise FaultImpossible("this robot has no ports")
+        if name not in self.servers:
+            raise FaultImpossible(f"this robot has no port {name!r}: it has {', '.join(self.servers)}")
+        return self.servers[name]
+
+    def periods(self, seconds: float) -> int:
+        """Control periods in a time, rounded up."""
+        return max(0, math.ceil(seconds / self.controller.period_s - _ROUNDING))
+
+
+@contextmanager
+def added(places: list[_T], thing: _T, *, first: bool = False) -> Iterator[None]:
+    """Something is in a list while inside."""
+    places.insert(0 if first else len(places), thing)
+    try:
+        yield
+    finally:
+        places.remove(thing)
+
 
 Act: TypeAlias = Generator[None, None, None]
 Share: TypeAlias = Annotated[float, Meta(gt=0.0, le=1.0)]
@@ -63,10 +147,10 @@ class Fault(ABC):
     outside: ClassVar[bool] = False  # it goes on while the controller is off
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for entry in fields(self):
+            value = getattr(self, entry.name)
             if isinstance(value, float) and not math.isfinite(value):
-                raise FaultError(f"{field.name} must be finite, not {value}")
+                raise FaultError(f"{entry.name} must be finite, not {value}")
         for one, other in (("at", "after"), ("until", "lasting")):
             if getattr(self, one) is not None and getattr(self, other) is not None:
                 raise FaultError(f"{one} and {other} contradict each other: give one of them")

@@ -10,14 +10,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from emulator.faults.catalogue import checked, describe
-from emulator.faults.fault import Act, Fault, FaultError, FaultImpossible, Strikes
-from emulator.faults.site import Machine, Rate, Site
+from emulator.faults.fault import Act, Fault, FaultError, FaultImpossible, Machine, Rate, Site, Strikes
 from emulator.servers.base import PortServer
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["FaultInjector"]
 
 _MOST: Final = 100  # faults at a time (guess): the work of a control period is bounded
 _REMEMBERED: Final = 100  # faults that are over

@@ -9,12 +9,9 @@ from typing import Annotated, ClassVar, Final, Literal
 
 from msgspec import Meta
 
-from emulator.faults.fault import Act, Share, Strikes, register
+from emulator.faults.fault import Act, Share, Site, Strikes, added, register
 from emulator.faults.network import ClientFault, NotNegative
-from emulator.faults.site import Site, added
 from emulator.servers.base import Connection, Direction
-
-__all__ = ["LineFault"]
 
 Positive = Annotated[float, Meta(gt=0.0)]
 _MOST_KEPT: Final = 256 * 1024  # bytes of a client, before it is not read further

@@ -8,11 +8,8 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from emulator.faults.fault import Act, Fault, FaultImpossible, Share, Strikes, register
+from emulator.faults.fault import Act, Fault, FaultImpossible, Machine, Rate, Share, Site, Strikes, register
 from emulator.faults.network import NotNegative
-from emulator.faults.site import Machine, Rate, Site
-
-__all__: list[str] = []
 
 
 def _rate(site: Site) -> Rate:

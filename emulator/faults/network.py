@@ -7,11 +7,8 @@ from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
-from emulator.faults.fault import Act, Fault, FaultImpossible, Strikes, register
-from emulator.faults.site import Site, added
+from emulator.faults.fault import Act, Fault, FaultImpossible, Site, Strikes, added, register
 from emulator.servers.base import Connection, Direction, PortServer
-
-__all__ = ["ClientFault", "PortFault"]
 
 NotNegative = Annotated[float, Meta(ge=0.0)]
 _NEVER_BY_ITSELF = "control"  # the port that faults are cleared through has none unless it is named

@@ -5,15 +5,12 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from msgspec import Meta
 
-from emulator.faults.fault import Act, Fault, Strikes, register
-from emulator.faults.site import Site
+from emulator.faults.fault import Act, Fault, Site, Strikes, register
 from urscript.errors import RuntimeFault
 
 if TYPE_CHECKING:
     from emulator.programs.host import ProgramHost
     from urscript.runtime import ScriptThread
-
-__all__: list[str] = []
 
 
 @register

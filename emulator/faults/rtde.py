@@ -3,16 +3,13 @@
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal
 
-from emulator.faults.fault import Act, Fault, FaultImpossible, Strikes, register
+from emulator.faults.fault import Act, Fault, FaultImpossible, Site, Strikes, added, register
 from emulator.faults.network import ClientFault
-from emulator.faults.site import Site, added
 from emulator.servers.base import Connection, Direction
 from emulator.servers.rtde import RTDEServer
 from emulator.servers.rtde_session import RTDEHost
 from emulator.snapshot import Snapshot
 from urproto.rtde.codec import PackageType
-
-__all__: list[str] = []
 
 _KIND: Final = 2  # place of a package's kind, after its size
 StatePort = Literal[

@@ -15,14 +15,13 @@ from emulator.cli import (
     mistakes_in_one_line,
     with_robot_options,
 )
-from emulator.config import PORTS, ConfigError, EmulatorConfig
+from emulator.config import ConfigError, EmulatorConfig
 from emulator.fleet.plan import FIRST_HOST, MOST_ROBOTS, FleetFile, place
 from emulator.fleet.supervisor import AllReady, Died, Event, GivenUp, Restarted, ShutDown, Supervisor
 from emulator.logs import LogLevel, log_to_stderr
+from emulator.ports import PORTS
 from emulator.serve import write_ports
 from urproto.commandline import application, console
-
-__all__ = ["app"]
 
 _LOST: Final = 1
 _DEFAULT_COUNT: Final = 4

@@ -17,8 +17,6 @@ import msgspec
 
 from emulator.config import ConfigError, EmulatorConfig, read_yaml
 
-__all__ = ["FIRST_HOST", "MOST_ROBOTS", "FleetFile", "place"]
-
 FIRST_HOST: Final = "127.0.0.1"
 MOST_ROBOTS: Final = 250  # of one fleet: the last byte of an address (guess; a machine gets tired sooner)
 _MAY_MOVE: Final = ("modbus", "control")  # take a free port where they cannot have their own

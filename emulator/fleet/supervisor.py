@@ -25,8 +25,6 @@ from emulator.config import EmulatorConfig
 from emulator.fleet import worker
 from emulator.fleet.worker import Ended, Failed, Ready
 
-__all__ = ["AllReady", "Died", "Event", "GivenUp", "Restarted", "ShutDown", "Supervisor", "share_out"]
-
 _PAUSE_S: Final = 1.0  # before a process is started again: its ports may need it (guess)
 _MOST_TRIES: Final = 5  # to bring a process back, without a success in between
 _LEAVE_S: Final = 5.0  # for closing the ports, before a process is ended by force (guess)

@@ -19,8 +19,6 @@ from emulator.logs import ERROR
 from emulator.readiness import NotReady, check_ready
 from emulator.realtime import RealTime, RealTimeRefused, claim_real_time, give_way_under_overload
 
-__all__ = ["Ended", "Failed", "Ready", "Report", "run"]
-
 _logger = logging.getLogger(__name__)
 
 

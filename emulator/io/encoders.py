@@ -14,8 +14,6 @@ from typing import Final
 
 from emulator.snapshot import Snapshot
 
-__all__ = ["RANGES", "DecoderType", "Encoder", "Encoders"]
-
 # Script Manual, encoder_enable_set_tick_count: range_id -> lowest count, number of counts
 RANGES: Final = ((-(2**31), 2**32), (0, 2**8), (0, 2**16), (0, 2**24), (0, 2**32))
 _PULSE_RANGE: Final = RANGES[2]  # Script Manual, encoder_get_tick_count: filtered counts are 0 to 65536

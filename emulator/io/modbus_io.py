@@ -16,7 +16,6 @@ from urproto.modes import AnalogDomain
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["Cell", "PortError", "ReadCell", "WriteCell", "analog_registers", "digital_coils", "digital_registers"]
 
 ReadCell = Callable[["Controller"], float]
 WriteCell = Callable[["Controller", int], None]

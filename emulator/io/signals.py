@@ -6,12 +6,144 @@ volts; programs and RTDE set outputs as a ratio of the range.
 """
 
 import math
-from typing import Final
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal
 
-from emulator.snapshot import Snapshot
+from emulator.snapshot import Snapshot, Vector3, Vector6
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolOutputMode
+from urproto.robots.pose import rotvec_to_matrix
 
-__all__ = ["CONFIGURABLE", "STANDARD", "TOOL", "DigitalGroup", "Signals"]
+if TYPE_CHECKING:
+    from emulator.robot.arm import Arm
+
+
+BIT_COUNT: Final = 128  # RTDE guide
+NUMBER_COUNT: Final = 48  # RTDE guide; 24 before 3.9 / 5.3
+_INT32_MIN: Final = -(2**31)
+_INT32_MAX: Final = 2**31 - 1
+
+
+class RegisterBank:
+    """One direction: booleans packed into an integer, int32 values, doubles.
+
+    The tuples handed out stay the same object until a value changes.
+    """
+
+    def __init__(self) -> None:
+        self.bits = 0
+        self.ints: tuple[int, ...] = (0,) * NUMBER_COUNT
+        self.doubles: tuple[float, ...] = (0.0,) * NUMBER_COUNT
+
+    def get_bit(self, index: int) -> bool:
+        """Boolean register 0-127. Raises IndexError outside."""
+        return bool(self.bits >> _checked(index, BIT_COUNT) & 1)
+
+    def set_bit(self, index: int, value: bool) -> None:
+        """Write boolean register 0-127. Raises IndexError outside."""
+        mask = 1 << _checked(index, BIT_COUNT)
+        self.bits = self.bits | mask if value else self.bits & ~mask
+
+    def set_bits(self, first: int, count: int, value: int) -> None:
+        """Write ``count`` booleans from ``first`` on, packed into an integer (bit 0 is ``first``)."""
+        mask = ((1 << count) - 1) << first
+        self.bits = self.bits & ~mask | value << first & mask
+
+    def get_int(self, index: int) -> int:
+        """Integer register 0-47. Raises IndexError outside."""
+        return self.ints[_checked(index, NUMBER_COUNT)]
+
+    def set_int(self, index: int, value: int) -> None:
+        """Write integer register 0-47. Raises IndexError, or OverflowError beyond 32 bits."""
+        if not _INT32_MIN <= value <= _INT32_MAX:
+            raise OverflowError(f"{value} does not fit an integer register: it holds 32 bits, signed")
+        if self.ints[_checked(index, NUMBER_COUNT)] != value:
+            self.ints = (*self.ints[:index], int(value), *self.ints[index + 1 :])
+
+    def get_double(self, index: int) -> float:
+        """Double register 0-47. Raises IndexError outside."""
+        return self.doubles[_checked(index, NUMBER_COUNT)]
+
+    def set_double(self, index: int, value: float) -> None:
+        """Write double register 0-47. Raises IndexError outside."""
+        old = self.doubles[_checked(index, NUMBER_COUNT)]
+        if old != value or math.copysign(1.0, old) != math.copysign(1.0, value):
+            self.doubles = (*self.doubles[:index], float(value), *self.doubles[index + 1 :])
+
+
+class Registers:
+    """``input`` is what clients write, ``output`` what programs write."""
+
+    def __init__(self) -> None:
+        self.input = RegisterBank()
+        self.output = RegisterBank()
+
+    def publish(self, snapshot: Snapshot) -> None:
+        """Write all of them to a snapshot."""
+        given, made = self.input, self.output
+        snapshot.input_bit_registers = given.bits
+        snapshot.input_int_registers, snapshot.input_double_registers = given.ints, given.doubles
+        snapshot.output_bit_registers = made.bits
+        snapshot.output_int_registers, snapshot.output_double_registers = made.ints, made.doubles
+
+
+def _checked(index: int, count: int) -> int:
+    if not 0 <= index < count:
+        raise IndexError(f"there is no register {index}: they are numbered 0 to {count - 1}")
+    return index
+
+
+ARMS_WITH_BASE_LIGHT: Final = ("ur20", "ur30")  # Script Manual, set_baselight_solid
+
+
+@dataclass(frozen=True, slots=True)
+class BaseLight:
+    """``mode``: "iec" shows the state of the arm in the colours of IEC 60204-1 (how it begins is a guess), "solid"
+    the ``colour`` (red, green, blue, each 0 to 255), "off" nothing."""
+
+    mode: Literal["iec", "solid", "off"] = "iec"
+    colour: tuple[int, int, int] | None = None
+
+
+_ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass
+class ForceInput:
+    """What ``ft_rtde_input_enable`` sets and the RTDE input external_force_torque feeds.
+
+    wrench_flange: measured, in the flange's axes, at ``measuring_offset`` from the flange
+    [N, Nm, m] (that the axes are the flange's is a guess). sensor_mass and sensor_cog: the
+    sensor's own weight [kg, m], kept for programs to read; its readings are taken as
+    already free of it.
+    """
+
+    enabled: bool = False
+    wrench_flange: Vector6 = _ZERO6
+    sensor_mass: float = 0.0
+    measuring_offset: Vector3 = (0.0, 0.0, 0.0)
+    sensor_cog: Vector3 = (0.0, 0.0, 0.0)
+
+    def wrench_base(self, arm: "Arm") -> Vector6:
+        """The wrench in the base frame, at the TCP the arm had in the last period."""
+        if self.wrench_flange == _ZERO6:
+            return _ZERO6
+        flange = arm.flange_pose
+        m = rotvec_to_matrix(*flange[3:])
+        force = _rotate(m, *self.wrench_flange[:3])
+        tx, ty, tz = _rotate(m, *self.wrench_flange[3:])
+        ox, oy, oz = _rotate(m, *self.measuring_offset)
+        x, y, z = (f + o - t for f, o, t in zip(flange, (ox, oy, oz), arm.tcp_pose, strict=False))
+        fx, fy, fz = force
+        return (fx, fy, fz, tx + y * fz - z * fy, ty + z * fx - x * fz, tz + x * fy - y * fx)
+
+
+def _rotate(m: tuple[float, ...], x: float, y: float, z: float) -> Vector3:
+    return (
+        m[0] * x + m[1] * y + m[2] * z,
+        m[3] * x + m[4] * y + m[5] * z,
+        m[6] * x + m[7] * y + m[8] * z,
+    )
+
 
 # Ranges of the control box's analog outputs (user manual: 4-20 mA or 0-10 V).
 _CURRENT_LOW_A: Final = 0.004

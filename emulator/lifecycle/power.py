@@ -15,8 +15,6 @@ from typing import Final
 from emulator.snapshot import Snapshot
 from urproto.modes import JointMode, RobotMode, ToolMode
 
-__all__ = ["POWER_TABLE", "Power", "PowerEvent", "PowerReport", "PowerState", "PowerTimings"]
-
 
 class PowerState(Enum):
     """Where the arm is between off and running."""

@@ -11,8 +11,6 @@ from typing import Final
 
 from urproto.modes import SafetyMode, SafetyStatus, SafetyStatusBits
 
-__all__ = ["PROTECTIVE_STOP_LOCK_S", "SAFETY_TABLE", "STOP_CATEGORY", "Safety", "SafetyEvent", "StopCategory"]
-
 PROTECTIVE_STOP_LOCK_S: Final = 5.0  # dashboard manual: no unlock earlier than this after the stop
 
 

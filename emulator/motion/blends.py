@@ -14,14 +14,10 @@ pair is added in joint space. A hand-over is the same with A = "coast to a stand
 from math import acos, cos, dist, sin, sqrt, tan
 from typing import Protocol
 
-from emulator.motion.circular_moves import ArcLeg
 from emulator.motion.faults import MotionWarning, blend_cut, waypoint_skipped
-from emulator.motion.legs import JointLeg, Leg, ToolLeg, mark_after_start
-from emulator.motion.tool_moves import LineLeg
+from emulator.motion.legs import ArcLeg, JointLeg, Leg, LineLeg, ToolLeg, mark_after_start
 from emulator.motion.vectors import Joints, Vec3, as_six, lerp, norm3, sub
 from urproto.robots.pose import Pose, pose_add, pose_sub
-
-__all__ = ["Blend", "Coast", "Leaving", "blend_into", "overlap"]
 
 _TOUCHING_M = 1e-5  # blends that overlap by less touch: people write radii of half a leg (guess)
 _CORNERS_ROUNDED = (0.01, 2.8)  # rad: movep rounds corners that turn by this much; sharper or flatter ones are added

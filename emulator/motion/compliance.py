@@ -14,15 +14,29 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp
 
-from emulator.motion.axes import Axes, cross, dot, into6, of_rotation, out_of, out_of6, unit
 from emulator.motion.contact import Contact, Response, solve, without
 from emulator.motion.faults import MotionFault, near_singularity, off_the_path
 from emulator.motion.pacing import within_speed
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import ZERO, Joints, Vec3, as_six, lerp, norm3, scaled, sub
+from emulator.motion.vectors import (
+    ZERO,
+    Axes,
+    Joints,
+    Vec3,
+    as_six,
+    cross,
+    dot,
+    into6,
+    lerp,
+    norm3,
+    of_rotation,
+    out_of,
+    out_of6,
+    scaled,
+    sub,
+    unit,
+)
 from urproto.robots.pose import Pose, pose_add, pose_sub
-
-__all__ = ["Compliance", "Pushing", "Task"]
 
 _MASS = 20.0  # kg, kg m2 for turning: gives time constants around 0.1 s (guess)
 _INERTIA = 1.0

@@ -12,10 +12,7 @@ from dataclasses import dataclass
 from math import copysign
 from operator import mul
 
-from emulator.motion.axes import Axes, cross, dot, into6
-from emulator.motion.vectors import Joints, Vec3, as_six, lerp
-
-__all__ = ["Contact", "Response", "solve", "without"]
+from emulator.motion.vectors import Axes, Joints, Vec3, as_six, cross, dot, into6, lerp
 
 _EXACT = 1.0 + 1e-9
 _ROUNDS = 4  # of finding out which contacts will push: two are the rule

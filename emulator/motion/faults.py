@@ -2,24 +2,6 @@
 
 from dataclasses import dataclass
 
-__all__ = [
-    "MotionFault",
-    "MotionWarning",
-    "bad_setpoint",
-    "blend_cut",
-    "conveyor_too_fast",
-    "frame_lost",
-    "frame_too_fast",
-    "joint_limit",
-    "near_singularity",
-    "off_the_path",
-    "path_out_of_reach",
-    "slider_raised",
-    "sudden_jump",
-    "unreachable",
-    "waypoint_skipped",
-]
-
 # Report codes and arguments of the controller's error list. Which of them a real controller gives for a pose out of
 # reach is a guess; the others are named in that list.
 _CLOSE_TO_JOINT_LIMIT = 150

@@ -11,16 +11,26 @@ Velocities are (linear, angular) pairs at the tool, in the axes of the base.
 
 from collections.abc import Callable
 
-from emulator.motion.axes import cross, of_rotation, out_of6
 from emulator.motion.faults import frame_lost, frame_too_fast
-from emulator.motion.follower import braked, pursuit
 from emulator.motion.legs import TOOL_LIMITS
-from emulator.motion.path_offset import LEVER_M
+from emulator.motion.path_motion import braked, pursuit
 from emulator.motion.profile import Limits
-from emulator.motion.vectors import ZERO, Joints, Vec3, all_finite, largest, lerp, norm3, scaled, sub
+from emulator.motion.superposition import LEVER_M
+from emulator.motion.vectors import (
+    ZERO,
+    Joints,
+    Vec3,
+    all_finite,
+    cross,
+    largest,
+    lerp,
+    norm3,
+    of_rotation,
+    out_of6,
+    scaled,
+    sub,
+)
 from urproto.robots.pose import Pose, pose_add, pose_inv, pose_sub, pose_trans
-
-__all__ = ["FrameTracking"]
 
 _CATCHING_UP = Limits(0.25, 2.0)  # m/s beyond the frame's own speed, m/s2: as with conveyors (guess)
 _CATCHING_UP_TURN = Limits(_CATCHING_UP.speed / LEVER_M, _CATCHING_UP.acceleration / LEVER_M)

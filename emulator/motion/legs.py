@@ -4,15 +4,14 @@ A leg is planned once, from a standstill at its start to a standstill at its end
 and rad of the leading joint for joint paths.
 """
 
+from math import atan2, cos, pi, sin
 from typing import Protocol
 
 from emulator.motion.faults import MotionFault, path_out_of_reach
 from emulator.motion.profile import Limits, Profile, choose_limits
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import Joints, Vec3, largest, lerp, norm3, sub
-from urproto.robots.pose import Pose
-
-__all__ = ["TOOL_LIMITS", "JointLeg", "Leg", "ToolLeg", "mark_after_start", "mark_before_end"]
+from emulator.motion.vectors import Joints, Vec3, largest, lerp, norm3, scaled, sub
+from urproto.robots.pose import Pose, pose_add, pose_sub
 
 # Bounds of what a program may ask of a tool path [m/s, m/s2]. 1.5 m/s is the default tool speed limit of the safety
 # configuration; the acceleration is a guess (the joints' 40 rad/s2 at a lever of 0.375 m).
@@ -136,3 +135,123 @@ def _mark(leg: Leg, radius_m: float, centre_s: float, far_s: float) -> float:
 
 def _distance(a: Vec3, b: Vec3) -> float:
     return norm3(a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def path_length(distance_m: float, angle_rad: float, equivalent_radius_m: float) -> float:
+    """A tool path's length: its distance, or its turn at the equivalent radius when that is longer (guess)."""
+    return max(distance_m, angle_rad * equivalent_radius_m)
+
+
+class LineLeg(ToolLeg):
+    """The TCP on a straight line, its orientation turning about one axis in step."""
+
+    def __init__(
+        self,
+        reach: Reach,
+        q_start: Joints,
+        goal: Pose,
+        wanted: Limits,
+        duration_s: float = 0.0,
+        *,
+        process: bool = False,
+    ) -> None:
+        self._start = reach.pose(q_start)
+        self._goal = goal
+        self.change = pose_sub(goal, self._start)
+        self.process = process  # movep: rounds corners at constant speed
+        distance = norm3(*self.change[:3])
+        length = path_length(distance, norm3(*self.change[3:]), reach.model.eq_radius)
+        # path length is the TCP's distance, unless turning takes longer
+        self.is_translation = 0.0 < length == distance
+        super().__init__(reach, length, wanted, duration_s)
+
+    def pose(self, s: float) -> Pose:
+        if s >= self.length:
+            return self._goal
+        return pose_add(scaled(self.change, s / self.length), self._start)
+
+
+_STRAIGHT = 1e-9  # m2: three points that span less than this area are taken as a line
+
+
+class Circle:
+    """An arc from a start point: centre, the two in-plane half axes (both ``radius`` long), angle to the end."""
+
+    def __init__(self, centre: Vec3, first: Vec3, second: Vec3, axis: Vec3, angle: float) -> None:
+        self.centre = centre
+        self.first = first
+        self.second = second
+        self.axis = axis
+        self.angle = angle
+        self.radius = norm3(*first)
+
+
+def circle_through(start: Vec3, via: Vec3, end: Vec3) -> Circle | None:
+    """The arc from start over via to end; None when the three lie on a line (a full circle has no plane either)."""
+    to_via, to_end = _minus(via, start), _minus(end, start)
+    normal = _cross(to_via, to_end)
+    area = norm3(*normal)
+    if area < _STRAIGHT:
+        return None
+    axis = _times(normal, 1.0 / area)
+    vv, ee = _dot(to_via, to_via), _dot(to_end, to_end)
+    towards_end = _times(_cross(to_end, normal), vv)
+    towards_via = _times(_cross(normal, to_via), ee)
+    offset = _times(_plus(towards_end, towards_via), 0.5 / (area * area))
+    centre = _plus(start, offset)
+    first = _times(offset, -1.0)
+    second = _cross(axis, first)
+    arm = _minus(end, centre)
+    angle = atan2(_dot(arm, second), _dot(arm, first)) % (2.0 * pi)
+    return Circle(centre, first, second, axis, angle)
+
+
+class ArcLeg(ToolLeg):
+    """The TCP on a circular arc over a via point.
+
+    ``fixed`` keeps the orientation constant relative to the arc (mode 1 of movec); otherwise it turns from the start's
+    to the goal's orientation in step.
+    """
+
+    def __init__(
+        self, reach: Reach, q_start: Joints, circle: Circle, goal: Pose, wanted: Limits, *, fixed: bool = False
+    ) -> None:
+        start = reach.pose(q_start)
+        self._circle = circle
+        self._orientation: Pose = (0.0, 0.0, 0.0, *start[3:])
+        turn = _times(circle.axis, circle.angle) if fixed else pose_sub(goal, start)[3:]
+        self._turn = turn
+        self._goal = pose_add((*goal[:3], *turn), self._orientation) if fixed else goal
+        # an arc in fixed mode turns the tool by its own angle: that costs nothing extra
+        angle = 0.0 if fixed else norm3(*turn)
+        length = path_length(circle.radius * circle.angle, angle, reach.model.eq_radius)
+        super().__init__(reach, length, wanted)
+
+    def pose(self, s: float) -> Pose:
+        if s >= self.length:
+            return self._goal
+        f = s / self.length
+        circle = self._circle
+        angle = f * circle.angle
+        position = _plus(circle.centre, _plus(_times(circle.first, cos(angle)), _times(circle.second, sin(angle))))
+        return pose_add((*position, *_times(self._turn, f)), self._orientation)
+
+
+def _plus(a: Vec3, b: Vec3) -> Vec3:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def _minus(a: Vec3, b: Vec3) -> Vec3:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def _times(a: Vec3, factor: float) -> Vec3:
+    return (a[0] * factor, a[1] * factor, a[2] * factor)
+
+
+def _dot(a: Vec3, b: Vec3) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vec3, b: Vec3) -> Vec3:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

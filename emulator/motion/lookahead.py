@@ -24,8 +24,6 @@ from emulator.motion.path_motion import PathMotion
 from emulator.motion.vectors import ZERO, Joints, largest, scaled, sub
 from urproto.robots.model import RobotModel
 
-__all__ = ["Lookahead"]
-
 _CELL_S = 0.016  # of the movement's own time; shorter where a joint turns more than _TURN_RAD in one (guesses)
 _SHORTEST_CELL_S = _CELL_S / 8192
 _TURN_RAD = 0.05

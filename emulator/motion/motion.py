@@ -8,25 +8,20 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 
 from emulator.motion.blends import Coast, Leaving, blend_into, overlap
-from emulator.motion.circular_moves import ArcLeg, circle_through
 from emulator.motion.compliance import Compliance, Task
-from emulator.motion.displacing import DisplacingStepper
 from emulator.motion.faults import MotionFault, bad_setpoint
-from emulator.motion.legs import TOOL_LIMITS, JointLeg, Leg, ToolLeg
+from emulator.motion.legs import TOOL_LIMITS, ArcLeg, JointLeg, Leg, LineLeg, ToolLeg, circle_through
 from emulator.motion.path_motion import PathMotion
-from emulator.motion.path_offset import OffsetSettings
 from emulator.motion.profile import Limits
 from emulator.motion.servo import JointServo, ToolServo
 from emulator.motion.speed import JointSpeed, ToolSpeed
-from emulator.motion.stepping import Move
+from emulator.motion.stepping import DisplacingStepper, Move
 from emulator.motion.stops import ToolStop
-from emulator.motion.tool_moves import LineLeg
+from emulator.motion.superposition import OffsetSettings
 from emulator.motion.torque import DirectTorque, TorqueCommand, TorqueResponse
 from emulator.motion.vectors import ZERO, Joints, all_finite, as_six, largest, norm3, scaled
 from urproto.modes import ControlMode
 from urproto.robots.pose import Pose
-
-__all__ = ["Motion"]
 
 _HANDOVER_RAD_S2 = 10.0  # leading joint, when a movement of another kind takes over from an arm in motion (guess)
 _TURN_ACCELERATION_MAX = TOOL_LIMITS.acceleration / 0.25  # rad/s2, at the equivalent radius (guess)

@@ -15,13 +15,10 @@ from collections.abc import Callable
 from math import sqrt
 
 from emulator.motion.faults import MotionFault, near_singularity
-from emulator.motion.generator import Generator
 from emulator.motion.lookahead import Lookahead
-from emulator.motion.path_motion import PathMotion
+from emulator.motion.path_motion import Generator, PathMotion
 from emulator.motion.vectors import Joints, largest, sub
 from urproto.robots.model import RobotModel
-
-__all__ = ["RAMP_RAD_S2", "Excess", "Pacer", "within_speed"]
 
 Excess = Callable[[Joints, Joints], float]
 """From a configuration and a step of one period: the largest share of a limit that it takes."""

@@ -7,8 +7,6 @@ from emulator.motion.stops import JointStop
 from emulator.motion.vectors import Joints, as_six
 from urproto.robots.model import RobotModel
 
-__all__ = ["PositionLimits"]
-
 _TOLERANCE_RAD = 1e-9
 
 

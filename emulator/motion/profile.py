@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from math import sqrt
 
-__all__ = ["Limits", "Profile", "choose_limits", "limits_for_duration"]
-
 _SHARE = 3.0  # a timed move speeds up for a third of its time and slows down for a third (guess)
 _LONGEST_S = 1e9  # a longer move is planned as one of 30 years: its acceleration would round to nothing
 

@@ -12,14 +12,12 @@ joint trajectory drivers tolerate. A target further away is approached within th
 from math import exp, inf, sqrt
 
 from emulator.motion.faults import slider_raised
+from emulator.motion.legs import path_length
 from emulator.motion.profile import Limits
 from emulator.motion.reach import Reach
-from emulator.motion.tool_moves import path_length
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, lerp, norm3, scaled, sub
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Pose, point_dist, pose_add, pose_sub
-
-__all__ = ["GAIN_RANGE", "LOOKAHEAD_RANGE_S", "JointServo", "ToolServo"]
 
 LOOKAHEAD_RANGE_S = (0.03, 0.2)  # Script Manual, servoj; values outside are brought to the nearest bound (guess)
 GAIN_RANGE = (100.0, 2000.0)  # Script Manual, servoj

@@ -15,8 +15,6 @@ from emulator.motion.reach import Reach
 from emulator.motion.vectors import ZERO, Joints, largest, lerp, norm3, scaled, sub
 from urproto.robots.pose import Pose, pose_add
 
-__all__ = ["JointSpeed", "ToolSpeed"]
-
 _TIME_TOLERANCE = 1e-9  # s
 
 

@@ -6,30 +6,28 @@ add to that; the result must leave every joint a way to brake before its positio
 MotionFault: the movement is dropped and each joint brakes at its acceleration limit.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 
 from emulator.motion.compliance import Compliance, Pushing
 from emulator.motion.contact import Contact
 from emulator.motion.faults import MotionFault, MotionWarning
-from emulator.motion.generator import Generator
+from emulator.motion.frame_tracking import FrameTracking
 from emulator.motion.pacing import RAMP_RAD_S2, Excess, Pacer
-from emulator.motion.path_motion import PathMotion
-from emulator.motion.path_offset import OffsetSettings
+from emulator.motion.path_motion import Generator, PathMotion
 from emulator.motion.position_limits import PositionLimits
 from emulator.motion.reach import Reach
 from emulator.motion.servo import JointServo
 from emulator.motion.speed import JointSpeed, ToolSpeed
-from emulator.motion.stops import brake_together
-from emulator.motion.superposition import Superposition
+from emulator.motion.stops import JointStop, ToolStop, brake_together
+from emulator.motion.superposition import Kind, OffsetFrame, OffsetSettings, PathOffset, Source, Superposition
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, scaled, sub
 from emulator.motion.wrenchlimit import WrenchLimit
 from urproto.modes import ControlMode
 from urproto.robots.calibrated import kinematics_of
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Pose
-
-__all__ = ["Holding", "Move", "Stepper"]
 
 _SAME_SCALE = 1e-9
 _STEADY_S = 0.5  # Script Manual, is_steady
@@ -396,3 +394,151 @@ class Stepper:
     def _reachable(self, pose_base_tcp: Pose) -> None:
         """Raise MotionFault when no joint configuration has this pose."""
         self._reach.joints(pose_base_tcp, self.q)
+
+
+_BRAKE_SHARE = 1.5  # of the highest acceleration is what the brakes slow a joint by (guess)
+
+
+class StoppingStepper(Stepper):
+    """A stepper whose movement can be held and ended."""
+
+    def pause(self) -> None:
+        """Slow to a standstill on the path; `resume` goes on."""
+        self._mode, self._ramp = Holding.PAUSE, RAMP_RAD_S2
+
+    def resume(self) -> None:
+        """Go on after `pause` or `protective_stop`."""
+        self._mode, self._ramp = Holding.RUN, RAMP_RAD_S2
+
+    def safeguard_stop(self) -> None:
+        """As a protective stop, or as gently as a pause when transitions are soft."""
+        if self.hard_transitions:
+            self.protective_stop()
+        else:
+            self.pause()
+
+    def engage_brakes(self) -> None:
+        """Power is removed (stop category 0): brakes bring each joint to rest, and everything is forgotten."""
+        qd, qdd = self.qd, self.qdd
+        self.halt()
+        if qd != ZERO:
+            self.qd, self.qdd = qd, qdd
+            durations = (abs(speed) / (_BRAKE_SHARE * a) for speed, a in zip(self.qd, self.model.qdd_max, strict=True))
+            self._generator = self._emergency = self._brakes = JointStop(self.q, self.qd, as_six(durations))
+
+    @property
+    def braking(self) -> bool:
+        """The brakes are bringing the arm to rest."""
+        return self._brakes is not None and self._generator is self._brakes
+
+    def mode_changed(self) -> None:
+        """Reduced mode begins or ends: the speed follows as quickly as the joints can, unless transitions are soft."""
+        if self.hard_transitions and self._mode is Holding.RUN:
+            self._ramp = min(self.model.qdd_max)
+
+    def protective_stop(self) -> None:
+        """Stop on the path as quickly as the joints' acceleration limit allows; `resume` goes on."""
+        self._mode, self._ramp = Holding.PAUSE, min(self.model.qdd_max)
+        self._hasten()
+
+    def stop(self, decel: float | None = None) -> None:
+        """Stop on the path, the leading joint slowing by ``decel`` [rad/s2], and end the movement."""
+        self._ramp = RAMP_RAD_S2 if decel is None else decel
+        if self._added is not None:
+            self._let_go()
+            self._generator = brake_together(self._nominal, self._nominal_qd, self._ramp)
+        self._mode = Holding.STOP if self._generator is not None else Holding.RUN
+        self._hasten()
+
+    def _hasten(self) -> None:
+        """A gentle stop of the program's becomes as quick as the one now asked for; who waits for it still does."""
+        stop = self._generator
+        if not isinstance(stop, JointStop | ToolStop) or stop is self._emergency:
+            return
+        speed = self._nominal_qd if self._beside else self.qd
+        if largest(speed) < stop.remaining_s * self._ramp:
+            self._generator = brake_together(self._nominal, speed, self._ramp)
+
+    def halt(self) -> None:
+        """Power is gone: stand still at once and forget everything."""
+        self._drop()
+        self._compliance = self._refusal = self._added = None
+        self._nominal, self._nominal_qd = self.q, ZERO
+        self.qd = self.qdd = ZERO
+        self._mode = Holding.RUN
+
+
+class DisplacingStepper(StoppingStepper):
+    """A stepper whose path can be displaced."""
+
+    def enable_path_offset(self) -> None:
+        """Begin to apply an offset, zero at first. Does nothing when that is so already."""
+        if self._path_offset is None:
+            self._displace(Kind.PATH_OFFSET, PathOffset(self.offset_settings))
+
+    def set_path_offset(self, offset: Sequence[float], frame: OffsetFrame) -> None:
+        """The offset to apply from now on [m, rotation vector]; without effect unless enabled (guess)."""
+        if self._path_offset is not None:
+            self._path_offset.set(as_six(offset), frame)
+
+    def path_offset(self, frame: OffsetFrame) -> Pose:
+        """The offset applied just now, as one of this frame; zero unless enabled."""
+        return ZERO if self._path_offset is None else self._path_offset.get(frame)
+
+    def disable_path_offset(self, a: float) -> Move:
+        """Add no offset any more and stop all joints, the leading one by ``a`` [rad/s2]; ready at rest."""
+        return self._end_source(Kind.PATH_OFFSET, a)
+
+    def track(self, conveyor: Source) -> None:
+        """Take the path along with a conveyor. Raises ValueError while one is tracked."""
+        if self._added is not None and Kind.CONVEYOR in self._added.sources:
+            raise ValueError("a conveyor is tracked already: call stop_conveyor_tracking() first")
+        self._displace(Kind.CONVEYOR, conveyor)
+
+    def stop_tracking(self, a: float) -> Move:
+        """Take the path along no more and stop all joints, the leading one by ``a`` [rad/s2]; ready at rest."""
+        return self._end_source(Kind.CONVEYOR, a)
+
+    def track_frame(self, frame: FrameTracking) -> None:
+        """Take the path along with a frame. Raises ValueError while one is tracked."""
+        if self.tracked_frame is not None:
+            raise ValueError("a frame is tracked already: call frame_tracking_disable() first")
+        self._displace(Kind.FRAME, frame)
+
+    def stop_tracking_frame(self, a: float) -> Move:
+        """Take the path along no more and stop all joints, the leading one by ``a`` [rad/s2]; ready at rest."""
+        return self._end_source(Kind.FRAME, a)
+
+    @property
+    def tracked_frame(self) -> FrameTracking | None:
+        """The frame that the path is taken along with."""
+        source = None if self._added is None else self._added.sources.get(Kind.FRAME)
+        return source if isinstance(source, FrameTracking) else None
+
+    @property
+    def _path_offset(self) -> PathOffset | None:
+        source = None if self._added is None else self._added.sources.get(Kind.PATH_OFFSET)
+        return source if isinstance(source, PathOffset) else None
+
+    def _displace(self, kind: Kind, source: Source) -> None:
+        if self._added is None:
+            if self._compliance is None:
+                self._nominal, self._nominal_qd = self.q, self.qd
+            self._added = Superposition(self.period_s, self._nominal, self._nominal_qd)
+        self._added.add(kind, source)
+
+    def _end_source(self, kind: Kind, a: float) -> Move:
+        """Where the source took the path to becomes the path; from there all joints stop."""
+        added = self._added
+        if added is not None and added.sources.pop(kind, None) is not None:
+            try:
+                self._without(added)
+            except MotionFault as fault:
+                return self._refuse(fault)
+        return self._stop_joints(a)
+
+    def _without(self, added: Superposition) -> None:
+        if added.sources:
+            self._nominal = added.path_for(self._reach, added.q, self._nominal)
+        else:
+            self._let_go()

@@ -5,8 +5,6 @@ from emulator.motion.reach import Reach
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, norm3, scaled, sub
 from urproto.robots.pose import Pose, pose_add
 
-__all__ = ["JointStop", "ToolStop", "brake_together"]
-
 _TIME_TOLERANCE = 1e-9  # s
 
 

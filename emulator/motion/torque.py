@@ -11,8 +11,6 @@ from emulator.motion.stops import JointStop, brake_together
 from emulator.motion.vectors import ZERO, Joints
 from urproto.robots.pose import Pose
 
-__all__ = ["DirectTorque", "TorqueCommand", "TorqueResponse"]
-
 
 @dataclass(frozen=True, slots=True)
 class TorqueCommand:

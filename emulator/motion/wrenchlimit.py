@@ -14,8 +14,6 @@ from emulator.motion.vectors import Joints, Vec3, as_six
 from emulator.robot.installation import Payload
 from urproto.robots.pose import Pose, pose_inv, pose_sub, pose_trans, rotvec_to_matrix, wrench_trans
 
-__all__ = ["WrenchLimit"]
-
 _STRIDES = 16  # that a leg is cut into to look at it
 
 

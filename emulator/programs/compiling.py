@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
 
 from emulator.builtins import LIBRARIES
-from emulator.programs.trees.program import TreeError
+from emulator.programs.trees.writer import TreeError
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
 from urscript.compiler import CompiledProgram, compile_steps
 from urscript.errors import CompileError
 from urscript.parser import is_secondary
 from urscript.work import Steps
-
-__all__ = ["WORK_PER_SECOND", "Compiling", "Job", "Submission", "WorkShare", "in_periods"]
 
 LIBRARY_SET: Final = LibrarySet(LIBRARIES)
 

@@ -10,16 +10,102 @@ from emulator.motion import Motion, Move
 from emulator.motion.vectors import Joints, as_six
 from emulator.programs.sockets import SocketTable
 from emulator.programs.watchdog import Watchdog, WatchdogAction
+from urproto.primary.messages import ProgramThread
+from urscript.compiler import CompiledProgram
 from urscript.errors import RuntimeFault
+from urscript.runtime import Runtime
+from urscript.values import Value
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
     from emulator.programs.runner import Programs
     from emulator.reporting.popups import Popup
     from emulator.robot.arm import Arm
-    from urscript.runtime import Runtime, ScriptThread
+    from urscript.runtime import ScriptThread
 
-__all__ = ["Frames", "ProgramHost", "StepHook"]
+
+class ProgramView:
+    """``number`` counts the programs that were started, so that two runs of one program differ."""
+
+    def __init__(self, number: int, runtime: Runtime) -> None:
+        self.number = number
+        self._runtime = runtime
+
+    @property
+    def program(self) -> CompiledProgram:
+        """What runs, or ran."""
+        return self._runtime.program
+
+    @property
+    def running(self) -> bool:
+        """False when the program is over."""
+        return not self._runtime.finished
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the global variables."""
+        return self._runtime.program.global_names
+
+    def values(self, start: int, stop: int) -> list[Value]:
+        """Values of some of the variables, in the order of the names; None without a value."""
+        return self._runtime.values(start, stop)
+
+    @property
+    def labelled(self) -> bool:
+        """True when the program has labels at all."""
+        return bool(self._runtime.program.labels)
+
+    @property
+    def threads(self) -> tuple[ProgramThread, ...]:
+        """Where each thread stands; number 0 and no text before its first label."""
+        return tuple(
+            ProgramThread(*(thread.label or (0, "")), thread.name.removeprefix("t_"))
+            for thread in self._runtime.threads
+        )
+
+
+_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title seen on a real controller
+
+
+class SecondaryPrograms:
+    """waiting: for the next control period."""
+
+    def __init__(self, controller: "Controller") -> None:
+        self._controller = controller
+        self.waiting: list[CompiledProgram] = []
+
+    def add(self, program: CompiledProgram) -> None:
+        """Run a program in this period, or the next."""
+        self.waiting.append(program)
+
+    def run(self, main: "ProgramHost | None") -> None:
+        """All that wait; ``main``: the host of the main program that runs."""
+        if not self.waiting:
+            return
+        programs, self.waiting = self.waiting, []
+        for program in programs:
+            self._run_one(program, main)
+
+    def _run_one(self, program: CompiledProgram, main: "ProgramHost | None") -> None:
+        host = ProgramHost(self._controller, name=program.name, secondary=True)
+        if main is not None:
+            host.sockets = main.sockets
+        runtime = Runtime(program, host)
+        host.attach(runtime)
+        runtime.step()
+        if (wrong := _what_went_wrong(runtime, program)) is not None:
+            self._controller.messages.key(_EXCEPTION, wrong)
+        runtime.stop()
+        host.withdraw_dialogues()
+        if main is None:
+            host.sockets.close_all()
+
+
+def _what_went_wrong(runtime: Runtime, program: CompiledProgram) -> str | None:
+    if runtime.error is not None:
+        return runtime.error.message
+    return None if runtime.finished else f"{program.name} takes physical time: Runtime is too much behind"
+
 
 ResultT = TypeVar("ResultT")
 Frames: TypeAlias = Generator[None, None, ResultT]

@@ -1,4 +1,4 @@
-"""Running programs: one main program, secondary ones beside it (`emulator.programs.secondary`), what is between two.
+"""Running programs: one main program, secondary ones beside it (`emulator.programs.host`), what is between two.
 
 A new main program ends the running one. The old one's sockets close at once and the next
 program starts some control periods later: a driver that handles its listening socket before
@@ -17,19 +17,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from emulator.lifecycle.runstate import RunEvent, next_run_state
-from emulator.programs.busy import watch
 from emulator.programs.compiling import Compiling, Submission, WorkShare
-from emulator.programs.history import MotionHistory
-from emulator.programs.host import ProgramHost, StepHook
+from emulator.programs.host import ProgramHost, ProgramView, SecondaryPrograms, StepHook
 from emulator.programs.interpreter import Interpreter
-from emulator.programs.loading import LoadedProgram
+from emulator.programs.loading import LoadedProgram, Player
 from emulator.programs.modbus import ModbusSignals
 from emulator.programs.outputs import RunstateOutputs
-from emulator.programs.player import Player
-from emulator.programs.secondary import SecondaryPrograms
 from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
-from emulator.programs.view import ProgramView
-from emulator.programs.watchdog import Watchdogs
+from emulator.programs.watchdog import MotionHistory, Watchdogs, watch
 from emulator.snapshot import Snapshot
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED
@@ -41,7 +36,6 @@ from urscript.work import Steps, run_to_end
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["Programs"]
 
 _SOCKET_GAP_S: Final = 0.012  # between closing sockets and the next program; the official driver needs more than 0.2 ms
 # How long RESUMING lasts. Which controller takes how long is not public; drivers that act on it get ten states a second

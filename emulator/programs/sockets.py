@@ -7,18 +7,6 @@ and ``inbox`` once per control period. ``MemorySockets`` is a backend without a 
 from enum import StrEnum
 from typing import Final, Literal, Protocol
 
-__all__ = [
-    "MOST_SOCKETS",
-    "MemorySocket",
-    "MemorySockets",
-    "NoNetwork",
-    "ScriptNetwork",
-    "ScriptSocket",
-    "ScriptSocketBackend",
-    "SocketState",
-    "SocketTable",
-]
-
 MOST_SOCKETS: Final = 64
 """Connections of one program (a guess); a file descriptor each."""
 

@@ -15,10 +15,8 @@ from typing import Final, Self
 from emulator.programs.sockets import ScriptSocket, ScriptSocketBackend
 from emulator.programs.trees.installation_file import InstallationFile
 from emulator.programs.trees.naming import quoted
-from emulator.programs.trees.program import ExternalControlCode
+from emulator.programs.trees.writer import ExternalControlCode
 from urproto.text import from_bytes
-
-__all__ = ["DriverAddress", "ProgramRequest", "split_program"]
 
 _HOST: Final = "192.168.56.1"
 _PORT: Final = 50002

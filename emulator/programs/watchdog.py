@@ -1,10 +1,100 @@
 """Watchdogs on RTDE inputs: a program stops or pauses when its client falls silent."""
 
-from collections.abc import Mapping
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Final, Literal
 
-__all__ = ["Watchdog", "WatchdogAction", "Watchdogs"]
+from emulator.lifecycle.runstate import BUSY_PROTECTIVE_STOP
+from urproto.modes import ReportLevel
+from urproto.versions import Series
+from urscript.runtime import Runtime, ScriptThread
+
+if TYPE_CHECKING:
+    from emulator.controller import Controller
+
+
+_LONG_S: Final = 1.0
+_TOO_LONG_S: Final = 10.0
+
+_TOO_BUSY: Final = "The program used too much time without moving the robot or waiting: add sync() or sleep()"
+"""Our words for the runtime error that CB3 controllers end such a program with."""
+
+
+def watch(main: Runtime, thread: ScriptThread, controller: "Controller") -> None:
+    """A thread of the main program computes on and on: say so, then end the program (CB3) or stop the arm (e-Series).
+
+    Called in every period in which it went on; again after as long a time, if it was left to go on.
+    """
+    if thread.parked_frames == round(_LONG_S / controller.period_s):
+        argument, text = _describe(thread)
+        controller.messages.error(218, argument, ReportLevel.INFO, text)
+    if thread.parked_frames % round(_TOO_LONG_S / controller.period_s) != 0:
+        return
+    if controller.version.series is Series.E:
+        controller.protective_stop(BUSY_PROTECTIVE_STOP)
+    else:
+        controller.messages.runtime_exception(*thread.position, _TOO_BUSY)
+        main.stop()
+
+
+def _describe(thread: ScriptThread) -> tuple[int, str]:
+    """Argument and text of the error log's entry about it (C218)."""
+    if thread.id == 0:
+        return 0, f"The main program used a lot of time near line {thread.line}"
+    return 1, f"Thread {thread.name} used a lot of time near line {thread.line}"
+
+
+Vector6 = tuple[float, float, float, float, float, float]
+
+_DEPTH_S: Final = 2.0  # guess: long enough to step back to any contact a program still reacts to
+_CONTACT_N: Final = 20.0  # guess: force against the direction that counts as contact
+_CONTACT_NM: Final = 2.0  # guess, likewise for a torque, where no direction is given
+_BEGIN: Final = 0.1  # share of these below which a contact has not begun (guess)
+
+
+class MotionHistory:
+    """A ring of joint positions [rad] and external wrenches on the TCP (base frame, N and Nm)."""
+
+    def __init__(self, period_s: float) -> None:
+        depth = max(1, round(_DEPTH_S / period_s))
+        self._q: deque[Vector6] = deque(maxlen=depth)  # newest first
+        self._wrench: deque[Vector6] = deque(maxlen=depth)
+
+    def record(self, q: Vector6, wrench: Vector6) -> None:
+        """Remember one control period."""
+        self._q.appendleft(q)
+        self._wrench.appendleft(wrench)
+
+    def q_ago(self, steps: int) -> Vector6 | None:
+        """Joint positions ``steps`` control periods ago, the oldest known beyond the ring; None before the first."""
+        return self._q[min(max(steps, 0), len(self._q) - 1)] if self._q else None
+
+    def contact_steps(self, direction: Sequence[float], threshold: float = 0.0) -> int:
+        """Control periods back to just before something resisted a motion along ``direction``; 0 without contact.
+
+        ``direction``: base frame, its first three numbers; all zero means any direction. ``threshold``: the force
+        that counts [N]; 0 takes the usual one. What resists less than that is no contact yet, but part of one that is
+        (Script Manual: back to just before the contact started).
+        """
+        least = threshold or _CONTACT_N
+        if not self._wrench or not any(self._wrench[0]) or not _resists(self._wrench[0], direction[:3], least):
+            return 0
+        steps = 0
+        for wrench in self._wrench:
+            if not _resists(wrench, direction[:3], least, _BEGIN):
+                break
+            steps += 1
+        return steps
+
+
+def _resists(wrench: Vector6, direction: Sequence[float], least: float, share: float = 1.0) -> bool:
+    length = math.hypot(*direction)
+    if length == 0.0:
+        return math.hypot(*wrench[:3]) > share * least or math.hypot(*wrench[3:]) > share * _CONTACT_NM
+    return -sum(f * d for f, d in zip(wrench[:3], direction, strict=True)) / length > share * least
+
 
 WatchdogAction = Literal["ignore", "pause", "stop"]
 

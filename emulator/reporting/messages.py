@@ -19,8 +19,6 @@ from urproto.primary.messages import (
 )
 from urproto.primary.program_state import VariableMessage
 
-__all__ = ["MessageLog"]
-
 _HISTORY_LINES: Final = 10_000  # guess; bounds memory
 
 _logger = logging.getLogger(__name__)

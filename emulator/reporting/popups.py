@@ -11,8 +11,6 @@ from urproto.primary.messages import PopupMessage, RequestValueMessage
 from urproto.text import lower, number, strip, to_bytes, whole_number
 from urscript.values import INT_MAX, INT_MIN, MAX_STRING
 
-__all__ = ["Popup", "Popups"]
-
 _MOST_OPEN: Final = 100
 """Most dialogues open at a time; one more closes the oldest (a guess: a program can open them in a loop)."""
 

@@ -4,8 +4,8 @@ import struct
 from dataclasses import replace
 from zlib import crc32
 
-from emulator.motion.singularity import dexterity
-from emulator.robot.thermals import ROOM_C
+from emulator.motion.reach import dexterity
+from emulator.robot.electrics import ROOM_C
 from emulator.safety.configuration import elbow_radius
 from emulator.snapshot import Snapshot
 from urproto.modes import AnalogDomain, RobotMode, SafetyMode, SafetyStatusBits
@@ -29,8 +29,6 @@ from urproto.primary.state import (
 from urproto.robots import DH, RobotModel
 from urproto.robots.model import Joints
 from urproto.versions import Series
-
-__all__ = ["configuration_data", "kinematics_info", "robot_state"]
 
 _MASTERBOARD_VERSION = 6  # as a UR5e simulator of 5.24 sends it; that all send the same is a guess
 # added to each joint's highest speed: a UR5e simulator of 5.24 sends pi + 0.2; that all do so is a guess

@@ -8,8 +8,8 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from emulator.programs.host import ProgramView
 from emulator.programs.runner import Programs
-from emulator.programs.view import ProgramView
 from urproto.primary.messages import ProgramThread, ProgramThreadsMessage
 from urproto.primary.program_state import (
     GlobalVariableNames,
@@ -23,8 +23,6 @@ from urproto.text import to_bytes
 from urproto.versions import PolyscopeVersion
 from urscript import values as script
 from urscript.values import cut_text
-
-__all__ = ["ProgramReport", "ProgramReporter"]
 
 _MESSAGE: Final = 2000  # bytes; one public client reads into 2048, another believes in no size above 2000
 _CYCLE: Final = 2000  # bytes of values in a cycle, to the end of a message: about 0.3 ms of work (guess)

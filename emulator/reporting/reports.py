@@ -16,7 +16,6 @@ from urproto.text import READABLE, readable, strip, to_bytes
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["write_crash", "write_flight_report", "write_log", "write_support_file"]
 
 _FLIGHT_REPORTS: Final = ("controller", "software", "system")
 _FLIGHT_REPORT: Final = "flightreport_"  # and its id: the beginning of a file's name

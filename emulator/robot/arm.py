@@ -11,24 +11,108 @@ does not know of.
 """
 
 import math
+from collections.abc import Sequence
+from math import pi
 from operator import sub, truediv
+from random import Random
 from typing import TYPE_CHECKING, Final
 
 from emulator.motion.torque import TorqueCommand
+from emulator.robot.body import Body
 from emulator.robot.drives import Drives
 from emulator.robot.installation import Installation, Payload
-from emulator.robot.senses import Senses
-from emulator.robot.toolstate import ToolState
 from emulator.robot.vectors import ZERO6, Rows, cross, into, minus3, minus6, out_of, plus3, plus6, rate6, times6
 from emulator.snapshot import Snapshot, Vector3, Vector6
 from urproto.robots import RobotModel, kinematics_of
-from urproto.robots.pose import Pose, rotvec_to_matrix
+from urproto.robots.kinematics import Kinematics
+from urproto.robots.pose import Pose, pose_trans, rotvec_to_matrix
 from urproto.versions import Series
 
 if TYPE_CHECKING:
     from urproto.robots.dynamics import Dynamics
 
-__all__ = ["CURRENT_WINDOW_A", "Arm"]
+
+_GEAR: Final = 101
+_ANGLE_STEP: Final = 2.0 * pi / 2**19  # rad
+_MOTOR_STEP: Final = 2.0 * pi / (2**17 * _GEAR)  # rad, at the joint
+_CURRENT_A: Final = 0.02  # standard deviations
+_FORCE_N: Final = 0.2
+_TORQUE_NM: Final = 0.01
+_WRENCH: Final = (_FORCE_N, _FORCE_N, _FORCE_N, _TORQUE_NM, _TORQUE_NM, _TORQUE_NM)
+
+
+class Senses:
+    """Encoders, current and force sensors of one arm."""
+
+    def __init__(self, seed: int) -> None:
+        self._chance = Random(seed)
+
+    def joints(self, body: Body, period_s: float) -> tuple[Vector6, Vector6]:
+        """Angles and speeds as the encoders tell them."""
+        return _stepped(body.q, _ANGLE_STEP), _stepped(body.qd, _MOTOR_STEP / period_s)
+
+    def currents(self, current: Vector6) -> Vector6:
+        """Joint currents [A] with noise."""
+        gauss = self._chance.gauss
+        a, b, c, d, e, f = current
+        return (
+            a + gauss(0.0, _CURRENT_A),
+            b + gauss(0.0, _CURRENT_A),
+            c + gauss(0.0, _CURRENT_A),
+            d + gauss(0.0, _CURRENT_A),
+            e + gauss(0.0, _CURRENT_A),
+            f + gauss(0.0, _CURRENT_A),
+        )
+
+    def wrench(self, wrench: Sequence[float]) -> Vector6:
+        """A wrench [N, Nm] with noise."""
+        gauss = self._chance.gauss
+        a, b, c, d, e, f = (value + gauss(0.0, size) for value, size in zip(wrench, _WRENCH, strict=True))
+        return (a, b, c, d, e, f)
+
+
+def _stepped(values: Vector6, step: float) -> Vector6:
+    a, b, c, d, e, f = values
+    return (
+        step * round(a / step),
+        step * round(b / step),
+        step * round(c / step),
+        step * round(d / step),
+        step * round(e / step),
+        step * round(f / step),
+    )
+
+
+class ToolState:
+    """Poses, speeds and accelerations of the TCP in the base frame; the elbow's position and velocity."""
+
+    def __init__(self, kinematics: Kinematics) -> None:
+        self._kinematics = kinematics
+        self.flange_pose: Pose = ZERO6
+        self.pose: Pose = ZERO6
+        self.speed: Vector6 = ZERO6
+        self.acceleration: Vector6 = ZERO6
+        self.elbow_position: Vector3 = (0.0, 0.0, 0.0)
+        self.elbow_velocity: Vector3 = (0.0, 0.0, 0.0)
+
+    def update(self, q: Vector6, qd: Vector6, tcp_offset: Pose, period_s: float, *, started: bool) -> Rows:
+        """One period later; the Jacobian at the TCP. ``started``: nothing was known before."""
+        self.flange_pose = self._kinematics.forward(q)
+        self.pose = self.flange_pose if tcp_offset == ZERO6 else pose_trans(self.flange_pose, tcp_offset)
+        jacobian = self._kinematics.jacobian_at(q, self.pose)
+        speed = times6(jacobian, qd) if qd != ZERO6 else ZERO6
+        changing = speed != self.speed and not started
+        self.acceleration = rate6(speed, self.speed, period_s) if changing else ZERO6
+        self.speed = speed
+        self._update_elbow(q, period_s, moving=qd != ZERO6 and not started)
+        return jacobian
+
+    def _update_elbow(self, q: Vector6, period_s: float, *, moving: bool) -> None:
+        position = self._kinematics.elbow_position(q)
+        x, y, z = minus3(position, self.elbow_position)
+        self.elbow_velocity = (x / period_s, y / period_s, z / period_s) if moving else (0.0, 0.0, 0.0)
+        self.elbow_position = position
+
 
 CURRENT_WINDOW_A: Final[Vector6] = (4.0, 4.0, 4.0, 2.0, 2.0, 2.0)  # of collision detection (guess)
 _MOST_PUSH: Final = 3.0  # times a joint's torque limit: more from outside would break it (guess)

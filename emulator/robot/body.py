@@ -12,8 +12,6 @@ from emulator.snapshot import Vector6
 from urproto.robots import RobotModel
 from urproto.robots.drivetrain import joint_sizes
 
-__all__ = ["STEP_S", "Body"]
-
 STEP_S: Final = 0.001  # every arm's stays well inside the limit of explicit steps
 _BAND: Final = 2.0  # of Coulomb friction, in steps that it takes to stop a rotor
 _BRAKE_SHARE: Final = 1.0  # of the torque limit, which a brake must hold (guess)

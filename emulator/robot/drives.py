@@ -23,8 +23,6 @@ from emulator.robot.vectors import ZERO6, minus6, plus6, rate6
 from emulator.snapshot import Vector6
 from urproto.robots import RobotModel
 
-__all__ = ["COULOMB_SHARE", "VISCOUS_SHARE", "Drives"]
-
 # of the friction that is made up for: defaults of the official drivers' friction model parameters
 VISCOUS_SHARE: Final[Vector6] = (0.9, 0.9, 0.8, 0.9, 0.9, 0.9)
 COULOMB_SHARE: Final[Vector6] = (0.8, 0.8, 0.7, 0.8, 0.8, 0.8)

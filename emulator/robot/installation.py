@@ -14,8 +14,6 @@ from emulator.programs.trees.installation_file import InstallationFile, load_ins
 from emulator.snapshot import Snapshot
 from urproto.robots.pose import Pose
 
-__all__ = ["Installation", "InstallationError", "Payload"]
-
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 

@@ -2,8 +2,6 @@
 
 from enum import StrEnum
 
-__all__ = ["ArmKind"]
-
 
 class ArmKind(StrEnum):
     """What moves the arm: its targets, exactly, or torques."""

@@ -11,8 +11,6 @@ from typing import Final
 
 from urproto.robots.pose import pose_inv, pose_sub, rotvec_to_matrix
 
-__all__ = ["MIN_POSES", "EstimateError", "estimate_payload"]
-
 Vector3 = tuple[float, float, float]
 
 MIN_POSES: Final = 4  # Script Manual, estimate_payload

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 
 from emulator.snapshot import Vector3, Vector6
 
-__all__ = ["ZERO6", "Rows", "cross", "into", "minus3", "minus6", "out_of", "plus3", "plus6", "rate6", "times6"]
-
 ZERO6: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 Matrix3 = tuple[float, ...]  # nine numbers, row by row

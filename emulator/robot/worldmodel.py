@@ -13,8 +13,6 @@ from typing import Final
 from emulator.robot.installation import Payload
 from urproto.robots.pose import Pose, pose_inv, pose_trans, rotvec_to_matrix
 
-__all__ = ["ArmPose", "MassProperties", "WorldModel", "WorldModelError"]
-
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 

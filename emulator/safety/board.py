@@ -5,35 +5,117 @@ the new safety mode demands: stop categories, what becomes of the program, the l
 """
 
 from collections import deque
+from dataclasses import dataclass
+from math import hypot, remainder, tau
 from typing import TYPE_CHECKING, Final
 
-from emulator.lifecycle.errorcodes import StopCause
 from emulator.lifecycle.power import PowerEvent, PowerState
+from emulator.lifecycle.runstate import StopCause
 from emulator.lifecycle.safety import STOP_CATEGORY, SafetyEvent, StopCategory
 from emulator.safety.causes import Cause
-from emulator.safety.conditions import Conditions
+from emulator.safety.conditions import Conditions, SafetyDevice, SafetyInputs, drive_outputs
 from emulator.safety.configuration import (
     RECOVERY_LIMITS,
     LimitSet,
     SafetyConfiguration,
     SafetyInput,
+    SafetyOutput,
     elbow_radius,
     simulator_configuration,
 )
 from emulator.safety.geometry import Boundaries
 from emulator.safety.governor import TRANSITION_S, Governor, manual_limits, operational_positions
-from emulator.safety.outputs import output_levels
-from emulator.safety.signals import SafetyDevice, SafetyInputs, drive_outputs
-from emulator.safety.stops import StopMonitor, StopRecord
 from emulator.safety.supervision import Finding, Supervision
-from emulator.snapshot import Snapshot
+from emulator.snapshot import Snapshot, Vector6
 from urproto.modes import ControlMode, JointMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatusBits
 from urproto.versions import Availability
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["SafetyBoard"]
+
+_STOP_WITHIN_S: Final = 0.524  # CB3 manual: braking begins within 24 ms and takes 500 ms at most
+_REST_RAD_S: Final = 0.2  # CB3 manual: slower than this a joint counts as standing
+
+
+@dataclass(slots=True)
+class StopRecord:
+    """How the last stop went: category, how long it took and how far the tool travelled [m]."""
+
+    category: StopCategory
+    mode: SafetyMode
+    began_s: float
+    duration_s: float = 0.0
+    distance_m: float = 0.0
+    done: bool = False
+
+
+class StopMonitor:
+    """last: the stop under way, or the last one."""
+
+    def __init__(self, controller: "Controller") -> None:
+        self._controller = controller
+        self.last: StopRecord | None = None
+
+    def begin(self, category: StopCategory, mode: SafetyMode) -> None:
+        """The arm is being stopped from now on."""
+        self.last = StopRecord(category, mode, self._controller.time_s)
+
+    def end(self) -> None:
+        """The stop is over, also one that was released before the arm stood: it may move again."""
+        if self.last is not None:
+            self.last.done = True
+
+    def follow(self) -> bool:
+        """Once a control period; True when the stop takes too long."""
+        stop, controller = self.last, self._controller
+        if stop is None or stop.done:
+            return False
+        stop.duration_s = controller.time_s - stop.began_s
+        stop.distance_m += hypot(*controller.arm.tcp_speed[:3]) * controller.period_s
+        stop.done = controller.standing
+        if stop.done:
+            controller.messages.note(
+                f"{stop.mode.name}: stop category {stop.category.value} took {stop.duration_s:.3f} s, "
+                f"the tool travelled {stop.distance_m:.3f} m"
+            )
+            return False
+        stop.done = stop.duration_s > _STOP_WITHIN_S and self._too_slow(stop)
+        return stop.done
+
+    def _too_slow(self, stop: StopRecord) -> bool:
+        """Asked when a stop should be over: the arm still moves, and neither its brakes nor a soft stop are at work."""
+        controller = self._controller
+        monitored = stop.category is not StopCategory.POWER_REMOVED and controller.motion.hard_transitions
+        return monitored and max(map(abs, controller.arm.qd)) > _REST_RAD_S
+
+
+_MOVING_RAD_S: Final = 0.1  # user manual: output "robot moving"
+_HOME_RAD: Final = 0.0297  # 1.7 degrees: e-Series manual, safe home
+
+
+def output_levels(controller: "Controller", home: Vector6 | None) -> dict[SafetyOutput, bool]:
+    """User manual, safety outputs: low is the safe level, and after a violation or fault all are low.
+
+    home: the joint angles of the safe home position [rad].
+    """
+    safety = controller.safety
+    if safety.mode in (SafetyMode.VIOLATION, SafetyMode.FAULT):
+        return dict.fromkeys(SafetyOutput, False)
+    reduced = safety.mode is SafetyMode.REDUCED
+    return {
+        SafetyOutput.SYSTEM_EMERGENCY_STOP: safety.mode is not SafetyMode.ROBOT_EMERGENCY_STOP,
+        SafetyOutput.ROBOT_MOVING: max(map(abs, controller.arm.qd)) <= _MOVING_RAD_S,
+        SafetyOutput.ROBOT_NOT_STOPPING: safety.stopped,
+        SafetyOutput.REDUCED_MODE: not reduced,
+        SafetyOutput.NOT_REDUCED_MODE: reduced,
+        SafetyOutput.SAFE_HOME: home is not None and controller.power.report.powered and _is_at(controller.arm.q, home),
+    }
+
+
+def _is_at(q: Vector6, home: Vector6) -> bool:
+    return all(abs(remainder(a - b, tau)) <= _HOME_RAD for a, b in zip(q, home, strict=True))
+
 
 _STOPS_COUNTED_S: Final = 8 * 3600.0
 _MOST_STOPS: Final = 50  # dashboard manual, on C163

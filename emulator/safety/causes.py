@@ -14,8 +14,6 @@ from emulator.lifecycle.safety import SAFETY_TABLE, STOP_CATEGORY, SafetyEvent, 
 from urproto.modes import ReportLevel, RobotMode, RuntimeState, SafetyMode, SafetyStatus
 from urproto.versions import Series
 
-__all__ = ["CAUSES", "Cause", "CauseRow", "Recovery"]
-
 
 class Recovery(Enum):
     """A step on the way back to a moving arm; the words are those of the documentation."""

@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING
 from emulator.commands import Command
 from emulator.guard import plausible
 from emulator.safety.causes import Cause
+from emulator.safety.conditions import SafetyDevice
 from emulator.safety.configuration import SafetyInput
-from emulator.safety.signals import SafetyDevice
 from urproto.modes import RuntimeState
 from urproto.robots.model import Joints
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["ArmSupply", "FreedriveButton", "Jog", "SetSafetyDevice", "SetSafetyInput", "TripSafety"]
 
 _JOG_RAD_S2 = 1.4
 

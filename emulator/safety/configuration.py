@@ -15,24 +15,6 @@ from typing import Final
 from urproto.robots.model import Joints, RobotModel
 from urproto.versions import Series
 
-__all__ = [
-    "CHANNELS",
-    "PRESETS",
-    "RECOVERY_LIMITS",
-    "BoundaryMode",
-    "LimitSet",
-    "Plane",
-    "SafetyConfiguration",
-    "SafetyInput",
-    "SafetyOutput",
-    "ToolOrientation",
-    "ToolSphere",
-    "elbow_radius",
-    "factory_configuration",
-    "preset_of",
-    "simulator_configuration",
-]
-
 CHANNELS: Final = 8  # configurable inputs, and as many outputs
 Vector3 = tuple[float, float, float]
 Pins = tuple[int, int]  # both channels of a safety signal: configurable pins 0-7

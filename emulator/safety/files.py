@@ -43,8 +43,6 @@ from urproto.robots.model import RobotModel
 from urproto.versions import Series
 from urproto.yamltext import NotYaml, load_yaml
 
-__all__ = ["load_safety_file"]
-
 _Function = TypeVar("_Function", SafetyInput, SafetyOutput)
 
 _KEYS: Final = (

@@ -11,8 +11,6 @@ from urproto.modes import SafetyMode
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Vec3, rotvec_to_matrix
 
-__all__ = ["CLAMPING_M", "Boundaries", "Point", "clamping_distance", "tool_deviation"]
-
 # Between the flange's centre and the lower arm's axis, UR5e with 5.8 (vendor's answer in its forum): a cylinder and a
 # sphere of 37.5 mm each, 28 mm apart. 7 mm more, since the housing is that far beside the axis of our geometry; a
 # reported pose that stops a UR5e is 109 mm away here. That other arms have the same measure is a guess.

@@ -14,8 +14,6 @@ from emulator.robot.arm import Arm
 from emulator.safety.configuration import LimitSet
 from urproto.robots.model import Joints, RobotModel
 
-__all__ = ["MANUAL_SPEED_M_S", "TRANSITION_S", "Governor", "manual_limits", "operational", "operational_positions"]
-
 TRANSITION_S: Final = 0.5  # hardware manuals: for so long both sets of limits are accepted
 MANUAL_SPEED_M_S: Final = 0.25  # user manual: manual mode, unless high speed is allowed
 _SPEED_MARGIN_M_S: Final = 0.15

@@ -23,8 +23,6 @@ from emulator.safety.configuration import (
 from urproto.robots.model import Joints
 from urproto.text import lines
 
-__all__ = ["SafetySettingsError", "read_safety_settings"]
-
 Sections = Mapping[str, Mapping[str, str]]
 _Function = TypeVar("_Function", SafetyInput, SafetyOutput)
 _SECTION: Final = re.compile(r"\[([^\]\[=]+)\]")

@@ -14,8 +14,6 @@ from typing import Final
 from urproto.robots.model import Joints, RobotModel
 from urproto.robots.pose import Vec3
 
-__all__ = ["Capsule", "SelfCollision", "clearance"]
-
 
 @dataclass(frozen=True, slots=True)
 class Capsule:

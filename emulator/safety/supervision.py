@@ -22,8 +22,6 @@ from urproto.modes import SafetyMode
 from urproto.robots.model import RobotModel
 from urproto.versions import Series
 
-__all__ = ["Finding", "Supervision"]
-
 _POSITION_S: Final = 0.1
 _MOTION_S: Final = 0.25
 _COLLISION_S: Final = 0.024  # guess: three periods of a CB3

@@ -20,8 +20,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-__all__ = ["Acceptor", "ClientLimits", "Reason", "TurnedAway"]
-
 _BETWEEN_LINES_S: Final = 60.0
 _SPARE_DESCRIPTORS: Final = 32  # for files, scripts and clients' programs: not given to clients (guess)
 _SPARE_SHARE: Final = 8  # but no more than this part of all (guess)

@@ -32,8 +32,6 @@ from emulator.snapshot import Snapshot
 from urproto.errors import RemoteProtocolError
 from urproto.versions import PolyscopeVersion
 
-__all__ = ["BytesHook", "Connection", "ControllerDoor", "Direction", "Hooks", "PortServer", "Reply"]
-
 _READ_BYTES: Final = 1024  # at once: a message a byte takes some ms then (guess)
 _SEND_BUFFER: Final = 256 * 1024  # the system's, per connection: what a late reader finds is no older (guess)
 _MOST_UNDELIVERED: Final = 1024 * 1024  # bytes that must be delivered and are not read (guess)

@@ -8,8 +8,6 @@ from typing import Any, Final
 from emulator.commands import Command
 from emulator.servers.base import ControllerDoor, Reply
 
-__all__ = ["CommandQueue"]
-
 _MOST_WAITING: Final = 64  # requests of one connection before it is not read further (guess)
 
 

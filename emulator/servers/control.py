@@ -14,15 +14,13 @@ from typing import Any, Final
 import h11
 import msgspec
 
-from emulator.control.live import LiveControl, is_waiting
+from emulator.control.control import LiveControl, is_waiting
 from emulator.control.openapi import listing, openapi
 from emulator.control.verbs import BadArguments, NotPossible, Verb, verbs_of
 from emulator.servers.base import Connection, ControllerDoor, PortServer
-from emulator.servers.own_ports import ControlMark
+from emulator.servers.script_sockets import ControlMark
 from emulator.snapshot import Snapshot
 from urproto.text import from_bytes, readable_in, to_bytes
-
-__all__ = ["ControlServer"]
 
 _MOST_BODY: Final = 4 * 1024 * 1024  # bytes of arguments; a saved state has some 10 kB
 _VERBS: Final[Mapping[str, Verb]] = verbs_of(LiveControl)

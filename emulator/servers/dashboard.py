@@ -5,8 +5,6 @@ from emulator.servers.base import Connection, ControllerDoor, Direction, PortSer
 from emulator.servers.command_queue import CommandQueue
 from urproto.dashboard import DISCONNECTED, GREETING, LineDecoder, encode_line
 
-__all__ = ["DashboardServer"]
-
 
 class DashboardServer(PortServer):
     """Lines in, one answer a line out; each client's lines wait for the answers before them."""

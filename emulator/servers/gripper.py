@@ -7,8 +7,6 @@ from emulator.servers.command_queue import CommandQueue
 from emulator.snapshot import Snapshot
 from urproto.robotiq import Request, RequestDecoder
 
-__all__ = ["GripperServer"]
-
 
 class GripperServer(PortServer):
     """Requests in, values and acknowledgements out."""

@@ -10,8 +10,6 @@ import asyncio
 import time
 from typing import Final, Protocol
 
-__all__ = ["SHARE", "Intake"]
-
 SHARE: Final = 0.25
 """Of a core (guess): as much as is left beside a program that computes and one that is compiled."""
 

@@ -12,8 +12,6 @@ from emulator.servers.base import Connection, ControllerDoor, Direction, PortSer
 from emulator.servers.command_queue import CommandQueue
 from urproto.interpreter import Reason, StatementDecoder, TooLong, discard, encode_answer
 
-__all__ = ["InterpreterServer"]
-
 _AT_ONCE = 64  # lines of one connection in a control period (guess)
 
 _logger = logging.getLogger(__name__)

@@ -7,8 +7,6 @@ from emulator.servers.base import Connection, ControllerDoor, Direction, PortSer
 from emulator.servers.command_queue import CommandQueue
 from urproto.modbus import Frame, FrameDecoder, encode_frame
 
-__all__ = ["ModbusServer"]
-
 _AT_ONCE = 16  # requests of one connection in a control period (guess): clients may send several without waiting
 
 

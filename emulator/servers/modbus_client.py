@@ -13,8 +13,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
-from emulator.programs.modbus_units import DISCONNECTED, ModbusExchange, ModbusUnit
-from emulator.servers.own_ports import OwnPorts
+from emulator.programs.modbus import DISCONNECTED, ModbusExchange, ModbusUnit
+from emulator.servers.script_sockets import OwnPorts
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.modbus import (
     Frame,
@@ -25,9 +25,6 @@ from urproto.modbus import (
     encode_frame,
     encode_request,
 )
-
-__all__ = ["ModbusClient"]
-
 
 _CONNECT_S: Final = 2.0  # guess, as a script socket's
 _ANSWER_S: Final = 1.0  # guess

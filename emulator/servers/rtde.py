@@ -13,7 +13,6 @@ from urproto.rtde.codec import Package, Reply, RTDEDecoder, TextMessage
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["RTDEServer"]
 
 _INPUTS_AT_ONCE: Final = 16  # packages of one client in a control period (guess; clients send one)
 

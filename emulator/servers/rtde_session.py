@@ -50,8 +50,6 @@ from urproto.rtde.recipes import Recipe, type_names
 from urproto.rtde.types import IN_USE, NOT_FOUND
 from urproto.versions import PolyscopeVersion
 
-__all__ = ["TRANSITIONS", "Packer", "RTDEHost", "RTDESession", "Reservations", "SessionEvent", "SessionState"]
-
 Packer = Callable[[Snapshot], bytes]
 
 # The RTDE guide supports 2048; the official client's tests ask PolyScope 3.14, 5.9 and later for 9 kB at once.

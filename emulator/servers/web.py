@@ -13,8 +13,6 @@ import re
 from enum import StrEnum
 from typing import Final
 
-__all__ = ["Opening", "Visitor", "visitor"]
-
 _METHOD: Final = re.compile(rb"[A-Z][A-Z0-9_-]{0,31}")
 _CONNECT: Final = b"CONNECT"  # the one method whose target is host and port
 _TARGETS: Final = (b"/", b"*", b"http://", b"https://")

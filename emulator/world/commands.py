@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING
 
 from emulator.commands import Command
 from emulator.snapshot import Vector6
-from emulator.world.hands import Push
-from emulator.world.shapes import WorldObject
+from emulator.world.shapes import Push, WorldObject
 from emulator.world.world import World
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
-__all__ = ["HAND", "AddObject", "MountTool", "MoveObject", "PushTool", "ReleaseTool", "RemoveObject"]
 
 HAND = "hand"
 

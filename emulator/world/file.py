@@ -27,7 +27,6 @@ from urproto.yamltext import NotYaml, load_yaml
 if TYPE_CHECKING:
     from emulator.world.links import Links
 
-__all__ = ["WorldFileError", "WorldPlan", "describe_thing", "read_thing", "read_world"]
 
 _MATERIAL: Final = ("stiffness", "damping", "friction")
 

@@ -14,16 +14,12 @@ from typing import Any, Final
 import coal
 import numpy as np
 
-from emulator.motion.axes import cross, unit
-from emulator.motion.vectors import ZERO, lerp
+from emulator.motion.vectors import ZERO, cross, lerp, unit
 from emulator.snapshot import Vector3, Vector6
-from emulator.world.shapes import Box, Shape, Sphere, WorldObject
-from emulator.world.touching import force_of
+from emulator.world.shapes import Box, Shape, Sphere, WorldObject, force_of
 from urproto.robots import RobotModel
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.shapes import tube_radius, wrist_radius
-
-__all__ = ["Links", "Touching"]
 
 _CARRYING: Final = (2, 3, 4, 5)  # how many joints carry each link
 _X: Final[Vector3] = (1.0, 0.0, 0.0)

@@ -4,17 +4,129 @@ Lengths in m; poses as everywhere: x, y, z and a rotation vector, in the base fr
 iteration, nothing to load.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from itertools import product
-from math import sqrt
+from math import isfinite, sqrt
 from typing import Final
 
 from emulator.guard import plausible
-from emulator.motion.axes import Axes, dot, of_rotation, out_of
+from emulator.motion.contact import Contact
+from emulator.motion.vectors import Axes, cross, dot, of_rotation, out_of, out_of6
+from emulator.snapshot import Vector3, Vector6
 from urproto.robots.pose import Pose, pose_trans
 
-__all__ = ["Box", "Plane", "Probe", "Shape", "Sphere", "Touch", "WorldObject"]
+_ALMOST = 1e-9
+
+
+class Frame(StrEnum):
+    """In whose axes a wrench is given."""
+
+    BASE = "base"
+    TOOL = "tool"
+
+
+@dataclass(slots=True)
+class Push:
+    """A force [N] and torque [Nm] at the TCP. ``duration_s``: None pushes until it is released.
+
+    Raises ValueError for what is not finite, or no time.
+    """
+
+    wrench: Vector6
+    frame: Frame = Frame.BASE
+    duration_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.wrench) != 6 or not plausible(*self.wrench):
+            raise ValueError(f"a wrench must be six finite numbers, not {list(self.wrench)}")
+        if self.duration_s is not None and not (isfinite(self.duration_s) and self.duration_s > 0.0):
+            raise ValueError(f"a push must last longer than 0 s, not {self.duration_s}")
+
+    def wrench_base(self, pose_base_tcp: Pose) -> Vector6:
+        """In the base frame's axes, for a tool that is there."""
+        return self.wrench if self.frame is Frame.BASE else out_of6(of_rotation(pose_base_tcp), self.wrench)
+
+    def over(self, period_s: float) -> bool:
+        """One period has gone; True when it was the last."""
+        if self.duration_s is None:
+            return False
+        self.duration_s -= period_s
+        return self.duration_s <= _ALMOST
+
+
+NEAR_M: Final = 0.05  # contacts are known from this distance on: more than any tool moves in a period
+_AT_TCP: Final[Pose] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_CREEP_M_S: Final = 1e-3  # friction grows with the sliding speed up to here, and is Coulomb's beyond (guess)
+
+
+def contacts(tool: "WorldObject", things: "Iterable[WorldObject]", tcp: Pose, speed: Vector6) -> Iterator[Contact]:
+    """Where the tool touches, or soon will.
+
+    ``tool``: its pose in the frame of the TCP; its stiffness and the rest do not count, those of the things do.
+    ``tcp``: base frame, and so is ``speed``, of the TCP [m/s, rad/s]. Two boxes touch with their corners; crossing
+    edges go unnoticed.
+    """
+    box = tool.mounted(tcp) if isinstance(tool.shape, Box) else None
+    balls = _balls(tool, tcp) if box is None else [(box.place(probe.centre), probe) for probe in box.shape.probes]
+    for thing in things:
+        for centre, probe in balls:
+            yield from _contact(thing.touch(centre, probe.radius), centre, probe, (thing, 1.0), (tcp, speed))
+        if box is not None:
+            for probe in thing.shape.probes:
+                centre = thing.place(probe.centre)
+                yield from _contact(box.touch(centre, probe.radius), centre, probe, (thing, -1.0), (tcp, speed))
+
+
+def _balls(tool: "WorldObject", tcp: Pose) -> "list[tuple[Vector3, Probe]]":
+    """The parts of a round tool, in the base frame."""
+    centre = (tcp[0], tcp[1], tcp[2]) if tool.pose == _AT_TCP else pose_trans(tcp, tool.pose)[:3]
+    return [(centre, probe) for probe in tool.shape.probes]
+
+
+def _contact(
+    touch: "Touch", centre: Vector3, probe: "Probe", thing: "tuple[WorldObject, float]", tool: tuple[Pose, Vector6]
+) -> Iterator[Contact]:
+    """The contact of a probe in a solid. ``thing``: its material counts; 1 when the probe is the tool's, else -1."""
+    if touch.depth < -NEAR_M:
+        return
+    material, sign = thing
+    tcp, speed = tool
+    x, y, z = touch.out
+    deepest = (centre[0] - x * probe.radius, centre[1] - y * probe.radius, centre[2] - z * probe.radius)
+    lever = (deepest[0] - tcp[0], deepest[1] - tcp[1], deepest[2] - tcp[2])
+    normal = (sign * x, sign * y, sign * z)
+    stiffness, damping = material.stiffness * probe.share, material.damping * probe.share
+    force, grip = force_of(touch.depth, normal, (stiffness, damping, material.friction), velocity_at(lever, speed))
+    yield Contact(lever, normal, touch.depth, stiffness, damping, grip, force)
+
+
+def velocity_at(lever: Vector3, speed: Vector6) -> Vector3:
+    """The velocity of a point of a body, from the body's speed at another."""
+    turn = cross((speed[3], speed[4], speed[5]), lever)
+    return (speed[0] + turn[0], speed[1] + turn[1], speed[2] + turn[2])
+
+
+def force_of(
+    depth: float, normal: Vector3, material: tuple[float, float, float], velocity: Vector3
+) -> tuple[Vector3, float]:
+    """Force on what moves with ``velocity`` [N], and its friction over its sliding speed [N s/m].
+
+    ``material``: stiffness, damping, coefficient of friction. The contact pushes or does nothing.
+    """
+    if depth <= 0.0:
+        return (0.0, 0.0, 0.0), 0.0
+    stiffness, damping, coefficient = material
+    away = dot(normal, velocity)
+    push = stiffness * depth - damping * away
+    if push <= 0.0:
+        return (0.0, 0.0, 0.0), 0.0
+    slide = tuple(v - away * n for v, n in zip(velocity, normal, strict=True))
+    grip = coefficient * push / max(sqrt(dot(slide, slide)), _CREEP_M_S)
+    x, y, z = (push * n - grip * v for n, v in zip(normal, slide, strict=True))
+    return (x, y, z), grip
+
 
 Vec3 = tuple[float, float, float]
 

@@ -14,16 +14,13 @@ from typing import TYPE_CHECKING, Final
 from emulator.motion.contact import Contact
 from emulator.motion.vectors import ZERO, lerp
 from emulator.snapshot import Vector6
-from emulator.world.hands import Push
-from emulator.world.shapes import Plane, Sphere, WorldObject
-from emulator.world.touching import contacts
+from emulator.world.shapes import Plane, Push, Sphere, WorldObject, contacts
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
     from emulator.robot.arm import Arm
     from emulator.world.links import Links
 
-__all__ = ["MOST_OBJECTS", "POINT", "World", "WorldError"]
 
 MOST_OBJECTS: Final = 32  # a limit of this implementation: it bounds the work of one tick
 POINT: Final = WorldObject(Sphere(0.0))  # a tool that touches with its TCP alone

@@ -3,7 +3,7 @@
 import pytest
 
 from emulator.controller import Controller, ControllerConfig
-from emulator.io.baselight import BaseLight
+from emulator.io.signals import BaseLight
 from urproto.modes import AnalogDomain, RobotMode
 from urproto.robots import load_model
 

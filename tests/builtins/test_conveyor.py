@@ -3,7 +3,7 @@
 import pytest
 
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.motion.path_offset import OffsetSettings
+from emulator.motion.superposition import OffsetSettings
 from urproto.modes import RuntimeState, SafetyMode
 
 SETUP = "encoder_enable_pulse_decode(0, 1, 8, 9)\nsleep(0.5)\n"

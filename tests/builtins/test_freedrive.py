@@ -5,7 +5,7 @@ import pytest
 
 from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.motion.singularity import distance_to_singularity
+from emulator.motion.reach import distance_to_singularity
 from urproto.modes import ControlMode, RuntimeState
 from urproto.robots import MODELS, load_model
 from urproto.robots.kinematics import Kinematics

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from emulator.builtins.interpreter import LIBRARY
 from emulator.commands import InterpreterLine
-from emulator.programs.statements import MOST_STATEMENTS
+from emulator.programs.interpreter import MOST_STATEMENTS
 from urproto.interpreter import AVAILABLE, LAST_ID, Reason
 from urproto.modes import RuntimeState
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from emulator.programs.rpc import remote
+from emulator.programs.rpc import httpclient
 from emulator.programs.rpc.pstream import PacketReader
 from emulator.programs.rpc.xmlrpc import BadReplyError, Reply, encode_call, to_value
 from urscript.values import INT_MAX, INT_MIN, MAX_ELEMENTS, Matrix, Pose, Struct
@@ -364,7 +364,7 @@ def test_the_factory_needs_no_server_and_the_first_call_does(rig):
 
 
 def test_a_server_that_never_accepts(rig, monkeypatch):
-    monkeypatch.setattr(remote, "_CONNECT_S", 1.0)
+    monkeypatch.setattr(httpclient, "_CONNECT_S", 1.0)
     rig.sockets.silent.add(("10.0.0.9", 80))
     assert "did not answer within 1 s" in rig.fault('rpc_factory("xmlrpc", "http://10.0.0.9").get()')
     assert rig.sockets.opened[0].state == "closed"
@@ -560,7 +560,7 @@ def test_any_packet_is_read_in_any_pieces(body, piece, framed):
     got = bytearray()
     reader = PacketReader(got.extend)
     wire = packet(body.replace(b"\x1b", b"\x1bESC")) if framed else body
-    with nullcontext() if framed else suppress(remote.RemoteError):
+    with nullcontext() if framed else suppress(httpclient.RemoteError):
         for at in range(0, len(wire), piece):
             reader.feed(wire[at : at + piece])
     assert not framed or (reader.complete and got == body)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from emulator.programs.statements import MOST_STATEMENTS, StatementQueue
+from emulator.programs.interpreter import MOST_STATEMENTS, StatementQueue
 from urproto.interpreter import LAST_ID, Reason
 
 Queue = StatementQueue[str]

@@ -19,7 +19,7 @@ from emulator.config import read_calibration as calibrated
 from emulator.controller import ControllerConfig
 from urproto.errors import RobotRefused
 from urproto.robots import Calibration, load_model
-from urproto.testing.addresses import claim_address
+from urproto.testing.process import claim_address
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 UR5E, UR5 = GOLDEN / "calibration_ur5e.yaml", GOLDEN / "calibration_ur5.yaml"

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from client.doctor.findings import Finding, Grade, exit_status
 from client.doctor.machine import examine_machine, governor, preemption, priority
 from client.doctor.network import examine_own_ports, judge_stream
+from client.doctor.robot import Finding, Grade, exit_status
 
 PERIOD_S = 0.002
 

@@ -6,7 +6,7 @@ import re
 import pytest
 from rich.console import Console
 
-from client.commands.progress import MotionProgress
+from client.commands.following import MotionProgress
 
 
 def told(width: int, terminal: bool, shares: int = 21) -> str:

@@ -9,9 +9,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from client.controllers.io_and_status import IOStates, ToolData
 from client.errors import Ros2Error
 from client.recording.definitions import message_type
+from client.ros2.dds import check_namespace, check_prefix, dds_topic, dds_type, resolved
 from client.ros2.domain import read_domain
 from client.ros2.messages import PUBLICATIONS, SUBSCRIPTIONS, Moment, Publication, Scene, Subscription
-from client.ros2.names import check_namespace, check_prefix, dds_topic, dds_type, resolved
 from client.ros2.transforms import Frames
 from client.ros2.type_hash import type_hash
 from urproto.joints import JOINT_NAMES

@@ -4,7 +4,7 @@ import pytest
 
 from emulator.commands import Command, DashboardLine
 from emulator.controller import Controller, ControllerConfig
-from emulator.lifecycle.errorcodes import SCRIPT_PROTECTIVE_STOP
+from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP
 from emulator.lifecycle.safety import SafetyEvent
 from urproto.modes import ControlMode, JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage, RuntimeExceptionMessage, SafetyModeMessage

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emulator.io.registers import RegisterBank
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, Signals
-from emulator.lifecycle.speed import Speed
+from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, RegisterBank, Signals
+from emulator.lifecycle.runstate import Speed
 from emulator.reporting.messages import MessageLog
 from emulator.reporting.popups import Popups
 from emulator.robot.installation import Installation, InstallationError, Payload

@@ -8,7 +8,7 @@ import pytest
 
 from emulator import dashboard
 from emulator.commands import DashboardLine
-from emulator.lifecycle.errorcodes import StopCause
+from emulator.lifecycle.runstate import StopCause
 from emulator.lifecycle.safety import SafetyEvent
 from urproto.dashboard import NOT_IN_REMOTE_CONTROL
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.robot.thermals import ROOM_C, Thermals
+from emulator.robot.electrics import ROOM_C, Thermals
 from emulator.snapshot import Snapshot
 from urproto.modes import JointMode, RobotMode, RuntimeState, SafetyMode, SafetyStatus, ToolMode
 from urproto.rtde.fields import OUTPUT_FIELDS

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from emulator.robot.arm import Arm
 from emulator.safety.causes import Cause
 from emulator.safety.commands import ArmSupply, FreedriveButton, SetSafetyDevice, TripSafety
+from emulator.safety.conditions import SafetyDevice
 from emulator.safety.configuration import BoundaryMode, Plane, ToolOrientation, factory_configuration
 from emulator.safety.geometry import Boundaries
-from emulator.safety.signals import SafetyDevice
 from emulator.safety.supervision import Supervision
 from urproto.modes import RobotMode, SafetyMode
 from urproto.robots import load_model

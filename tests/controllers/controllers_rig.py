@@ -1,8 +1,8 @@
 """Joints that do what they are told, and a clock that is moved by hand."""
 
 from client.controllers.configuration import ControllersFile
+from client.controllers.controller import Interfaces
 from client.controllers.goals import JointTrajectory, JointTrajectoryPoint
-from client.controllers.interfaces import Interfaces
 from client.controllers.manager import ControllerManager
 from client.errors import ControllerError
 

@@ -6,12 +6,12 @@ import pytest
 from typer.testing import CliRunner
 
 from client.cli import app
-from client.controllers import types
+from client.controllers import configuration
 from client.controllers.configuration import read_controllers, usual_controllers
 from client.controllers.goal_files import read_goals
 from client.controllers.parameters import Reading, read_parameters
-from client.controllers.ur_states import JOINTS
 from client.errors import ControllerError
+from urproto.joints import JOINT_NAMES
 
 # the form that ur_robot_driver ships: substitutions, dots, keys only ROS has a use for
 CONTROLLERS = """
@@ -71,7 +71,7 @@ def test_a_controllers_file(tmp_path, key):
     ]
     name = "scaled_joint_trajectory_controller"
     reading = Reading()
-    kind = types.find(name, file.type_of(name))
+    kind = configuration.find(name, file.type_of(name))
     read = read_parameters(kind.parameters_type, file.parameters_of(name), name, reading)
     assert read.joints == ("left_shoulder_pan_joint", "left_elbow_joint")
     assert (read.constraints.goal_time, read.constraints.stopped_velocity_tolerance) == (2.0, 0.2)
@@ -106,7 +106,7 @@ def test_general_parameters_are_everybodys(tmp_path):
 def test_parameters_that_contain_themselves():
     endless = {"joints": ["a"], "interface_name": "position"}
     endless["more"] = {"again": endless}
-    kind = types.find("x", "forward_command_controller/ForwardCommandController")
+    kind = configuration.find("x", "forward_command_controller/ForwardCommandController")
     with pytest.raises(ControllerError, match="contain themselves"):
         read_parameters(kind.parameters_type, endless, "x", Reading())
 
@@ -117,7 +117,7 @@ def test_the_usual_controllers_are_all_understood(prefix):
     assert not file.notes
     for name, type_name in file.types.items():
         reading = Reading()
-        kind = types.find(name, type_name)
+        kind = configuration.find(name, type_name)
         controller = kind(name, read_parameters(kind.parameters_type, file.parameters_of(name), name, reading), 500.0)
         controller.on_configure()
         assert not reading.unknown
@@ -170,8 +170,8 @@ def test_the_example_is_read():
     goals = read_goals(Path(__file__).parents[2] / "examples" / "goals.yaml")
     assert not goals.notes
     assert [goal.name for goal in goals.goals] == ["up", "turn", "bend", "back"]
-    assert goals.joints == JOINTS
-    goals.check_start(dict(zip(JOINTS, (0, -1.57, 0, -1.57, 0, 0), strict=True)))
+    assert goals.joints == JOINT_NAMES
+    goals.check_start(dict(zip(JOINT_NAMES, (0, -1.57, 0, -1.57, 0, 0), strict=True)))
 
 
 @pytest.mark.parametrize(

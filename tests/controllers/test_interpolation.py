@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from client.controllers.goals import JointTrajectoryPoint
-from client.controllers.interpolation import Segment
-from client.controllers.stopping import deceleration
-from client.controllers.trajectory import Path
+from client.controllers.joint_trajectory import deceleration
+from client.controllers.trajectory import Path, Segment
 
 NUMBERS = st.floats(-10.0, 10.0)
 

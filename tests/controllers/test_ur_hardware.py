@@ -10,9 +10,9 @@ from client.controllers.configuration import usual_controllers
 from client.controllers.goals import ErrorCode, GoalStatus, JointTrajectory, JointTrajectoryPoint
 from client.controllers.manager import ControllerManager
 from client.controllers.ur_hardware import URHardware
-from client.controllers.ur_states import JOINTS
 from client.errors import ControllerError, LateSetpointError, ProgramEndedError
 from urproto.external_control import SplineType, TrajectoryResult
+from urproto.joints import JOINT_NAMES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.robots.pose import wrench_trans
 from urproto.versions import PolyscopeVersion
@@ -106,7 +106,7 @@ class Arm:
 
 
 def goal(q, time_s=1.0):
-    return JointTrajectory(JOINTS, (JointTrajectoryPoint(tuple(q), REST, time_from_start_s=time_s),))
+    return JointTrajectory(JOINT_NAMES, (JointTrajectoryPoint(tuple(q), REST, time_from_start_s=time_s),))
 
 
 def test_read_then_update_then_write():
@@ -180,15 +180,15 @@ def test_speeds_and_torques_go_out_every_cycle():
 def test_a_trajectory_by_torques():
     arm = Arm("5.25.1")
     parameters = {
-        "joints": list(JOINTS),
+        "joints": list(JOINT_NAMES),
         "command_interfaces": ["effort"],
         "state_interfaces": ["position", "velocity"],
-        "gains": {joint: {"p": 100.0, "d": 10.0, "u_clamp_max": 60.0} for joint in JOINTS},
+        "gains": {joint: {"p": 100.0, "d": 10.0, "u_clamp_max": 60.0} for joint in JOINT_NAMES},
     }
     arm.manager.load("torques", "joint_trajectory_controller/JointTrajectoryController", parameters)
     arm.manager.activate("torques")
     q = (0.1, 0.2, 0.3, 0.4, 0.5, 1.0)
-    arm.manager.controller("torques").send_goal(JointTrajectory(JOINTS, (JointTrajectoryPoint(q, REST),)))
+    arm.manager.controller("torques").send_goal(JointTrajectory(JOINT_NAMES, (JointTrajectoryPoint(q, REST),)))
     arm.cycle(2, actual_qd=(0.1,) * 6)
     assert arm.driver.named("torque")[-1][0] == pytest.approx([min(100.0 * a - 1.0, 60.0) for a in q])
 
@@ -324,7 +324,7 @@ def test_states_have_the_names_of_ros():
         actual_digital_input_bits=0b101,
     )
     joints = arm.manager.controller("joint_state_broadcaster").topic.latest
-    assert joints.name == tuple(f"left_{joint}" for joint in JOINTS)
+    assert joints.name == tuple(f"left_{joint}" for joint in JOINT_NAMES)
     assert joints.position == (1, 2, 3, 4, 5, 6)
     pose = arm.manager.controller("tcp_pose_broadcaster").topic.latest
     assert (pose.frame_id, pose.position) == ("left_base", (0.1, 0.2, 0.3))
@@ -353,7 +353,7 @@ async def test_passthrough_hands_over_splines_and_the_result(ends, status):
     arm.manager.activate("passthrough_trajectory_controller")
     q = [(0.1 * joint, 0.2 * joint) for joint in range(6)]
     points = (spline([a for a, _ in q], time_s=0.5), spline([b for _, b in q], time_s=0.8))
-    handle = arm.manager.controller("passthrough_trajectory_controller").send_goal(JointTrajectory(JOINTS, points))
+    handle = arm.manager.controller("passthrough_trajectory_controller").send_goal(JointTrajectory(JOINT_NAMES, points))
     arm.cycle(actual_q=tuple(b for _, b in q))
     await arm.settle(12)
     ((sent,),) = arm.driver.named("execute")
@@ -363,7 +363,7 @@ async def test_passthrough_hands_over_splines_and_the_result(ends, status):
     assert handle.status is status
     await arm.settle(5)  # and it is ready for the next one
     arm.driver.ends = TrajectoryResult.SUCCESS
-    quintic = JointTrajectory(JOINTS, (spline(REST, REST, REST),))
+    quintic = JointTrajectory(JOINT_NAMES, (spline(REST, REST, REST),))
     again = arm.manager.controller("passthrough_trajectory_controller").send_goal(quintic)
     await arm.settle(10)
     assert again.status is GoalStatus.SUCCEEDED

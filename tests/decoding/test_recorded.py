@@ -16,9 +16,9 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from client.cli import app
-from client.commands.watch import state_table
+from client.commands.state import state_table
 from client.decoding.session import InputForm
-from client.recipes import unknown_fields
+from client.rtde_core import unknown_fields
 from urproto.rtde import codec
 
 PATIENCE_S = 30.0

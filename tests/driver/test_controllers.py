@@ -12,9 +12,9 @@ from driver_rig import HOME, HOST, Pair, emulator, emulator_thread
 
 from client import dashboard
 from client.commands.control import Target
-from client.commands.goal import go, publish
+from client.commands.controllers import go, publish
 from client.controllers import (
-    JOINTS,
+    JOINT_NAMES,
     RTDE_OUTPUTS,
     BlockingControlledRobot,
     ControlLoop,
@@ -75,7 +75,7 @@ def moved(*offsets):
 def way(*points):
     """(time, joint angles) to be passed, at rest at the end."""
     made = [JointTrajectoryPoint(q, REST, time_from_start_s=t) for t, q in points]
-    return JointTrajectory(JOINTS, tuple(made))
+    return JointTrajectory(JOINT_NAMES, tuple(made))
 
 
 def deviation(path, places):
@@ -195,10 +195,10 @@ async def test_forward_controllers_and_their_conflicts(robot):
 @ON_E_SERIES
 async def test_passthrough_lets_the_robot_follow(robot):
     async with controlled(robot, PASSTHROUGH, "force_mode_controller") as bench:
-        names = tuple(reversed(JOINTS))
+        names = tuple(reversed(JOINT_NAMES))
         there, back = moved(0.2, 0.0, -0.2, 0.1, 0.0, 0.3), moved(0.0, 0.0, -0.1, 0.0, 0.0, 0.0)
         points = tuple(JointTrajectoryPoint(q[::-1], REST, time_from_start_s=t) for t, q in ((0.5, there), (1.0, back)))
-        tolerance = dict.fromkeys(JOINTS, Tolerance(position=0.01))
+        tolerance = dict.fromkeys(JOINT_NAMES, Tolerance(position=0.01))
         goal = FollowJointTrajectory(JointTrajectory(names, points), goal_tolerance=tolerance)
         handle = bench.controller(PASSTHROUGH).send_goal(goal)
         places = []
@@ -367,7 +367,7 @@ async def test_goals_record_what_was_desired_and_what_was(robot, target, tmp_pat
     assert robot.controller.snapshot.target_speed_fraction == 0.5
     found = read(tmp_path / "run.mcap")
     tracking = found.tracking(SCALED)
-    assert tracking.joints == JOINTS
+    assert tracking.joints == JOINT_NAMES
     assert len(tracking.time_s) > 2 * 0.7 / 0.5 / robot.controller.period_s * 0.5  # a busy machine skips some
     assert max(tracking.desired_q[:, 0]) == pytest.approx(there[0], abs=1e-3)
     assert max(tracking.actual_q[:, 0]) == pytest.approx(there[0], abs=1e-2)

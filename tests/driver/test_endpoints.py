@@ -8,7 +8,7 @@ from contextlib import suppress
 import pytest
 
 from client.driver import ReverseEndpoint, ScriptCommandEndpoint, ScriptSender, TrajectoryEndpoint, points
-from client.driver.timeouts import read_timeout_ms
+from client.driver.endpoint import read_timeout_ms
 from client.errors import NoAnswerError, ProgramEndedError, ProgramNotRunningError
 from urproto.errors import LocalProtocolError
 from urproto.external_control import (

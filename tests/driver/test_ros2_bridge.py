@@ -12,7 +12,7 @@ from ros2_rig import ENVIRONMENT, SCALED, bridged, cyclone, free_domain
 
 from client.commands import ros2_bridge
 from client.commands.control import Target
-from client.controllers import JOINTS
+from client.controllers import JOINT_NAMES
 from client.errors import MissingExtraError, Ros2Error
 from client.ros2.dds import Participant
 from client.ros2.domain import Domain, read_domain
@@ -78,7 +78,7 @@ async def test_what_is_told(robot, domain):
     async with bridged(robot, domain, SCALED) as lab, cyclone(domain) as peer:
         state = await peer.hear("/joint_states", "sensor_msgs/msg/JointState")
         assert dict(zip(state["name"], state["position"], strict=True)) == pytest.approx(
-            dict(zip(JOINTS, HOME, strict=True)), abs=1e-3
+            dict(zip(JOINT_NAMES, HOME, strict=True)), abs=1e-3
         )
         assert [len(state[name]) for name in ("velocity", "effort")] == [6, 6]
         assert abs(state["header"]["stamp"]["sec"] - time.time()) < 30
@@ -145,7 +145,7 @@ async def test_discovery_says_what_ros_looks_for(robot, domain):
 async def test_a_trajectory_moves_the_arm(robot, domain):
     async with bridged(robot, domain, SCALED) as lab, cyclone(domain) as peer:
         there = moved(0.3, -0.2, 0.2, 0.0, -0.3, 0.4)
-        goal = trajectory([JOINTS[i] for i in (5, 3, 1, 0, 2, 4)])
+        goal = trajectory([JOINT_NAMES[i] for i in (5, 3, 1, 0, 2, 4)])
         for step in range(1, 201):  # more than one packet takes
             share = (1 - math.cos(math.pi * step / 200)) / 2
             q = [a + share * (b - a) for a, b in zip(HOME, there, strict=True)]
@@ -156,7 +156,7 @@ async def test_a_trajectory_moves_the_arm(robot, domain):
         await lab.until(lambda: lab.distance(there) < 0.005)
         state = await peer.hear("/joint_states", "sensor_msgs/msg/JointState")
         assert dict(zip(state["name"], state["position"], strict=True)) == pytest.approx(
-            dict(zip(JOINTS, there, strict=True)), abs=0.01
+            dict(zip(JOINT_NAMES, there, strict=True)), abs=0.01
         )
 
 
@@ -167,7 +167,7 @@ async def test_commands_switch_controllers_when_the_arm_rests(robot, domain, cap
         await lab.until(lambda: lab.distance(moved(0, 0, 0, 0, 0, 0.02)) < 0.003 and resting(lab))
         assert not lab.controller(SCALED).active
         there = moved(0.4, 0, 0, 0, 0, 0)
-        await peer.say(f"/{SCALED}/joint_trajectory", TRAJECTORY, trajectory(JOINTS, (2.0, there)))
+        await peer.say(f"/{SCALED}/joint_trajectory", TRAJECTORY, trajectory(JOINT_NAMES, (2.0, there)))
         await lab.until(lambda: lab.distance(there) < 0.3)  # on the way
         await peer.say("/forward_position_controller/commands", ARRAY, {"data": moved(0, 0, 0, 0, 0, 0)})
         await lab.until(lambda: lab.distance(there) < 0.005)
@@ -178,12 +178,12 @@ async def test_commands_switch_controllers_when_the_arm_rests(robot, domain, cap
 async def test_bad_commands_are_told_and_disturb_nothing(robot, domain, caplog):
     bad = {
         "it has no joint elbow,": trajectory(("elbow",), (1.0, [0.1])),
-        "leaves out wrist_3_joint": trajectory(JOINTS[:5], (1.0, HOME[:5])),
-        "the trajectory has no points": trajectory(JOINTS),
-        "times have to rise": trajectory(JOINTS, (1.0, HOME), (0.5, HOME)),
-        "has positions that are no numbers": trajectory(JOINTS, (1.0, [math.nan] * 6)),
-        "base for 9.0000 rad": trajectory(JOINTS, (1.0, [9.0, *HOME[1:]])),
-        "it is .* s already": trajectory(JOINTS, (1.0, HOME), stamp=time.time() - 100.0),
+        "leaves out wrist_3_joint": trajectory(JOINT_NAMES[:5], (1.0, HOME[:5])),
+        "the trajectory has no points": trajectory(JOINT_NAMES),
+        "times have to rise": trajectory(JOINT_NAMES, (1.0, HOME), (0.5, HOME)),
+        "has positions that are no numbers": trajectory(JOINT_NAMES, (1.0, [math.nan] * 6)),
+        "base for 9.0000 rad": trajectory(JOINT_NAMES, (1.0, [9.0, *HOME[1:]])),
+        "it is .* s already": trajectory(JOINT_NAMES, (1.0, HOME), stamp=time.time() - 100.0),
     }
     async with bridged(robot, domain, SCALED) as lab, cyclone(domain) as peer:
         for reason, goal in bad.items():
@@ -194,7 +194,7 @@ async def test_bad_commands_are_told_and_disturb_nothing(robot, domain, caplog):
         assert lab.controller(SCALED).active  # nothing was switched for it
         assert (lab.distance(), lab.at_rest) == (pytest.approx(0.0, abs=1e-3), True)
         there = moved(0.0, 0, 0, 0, 0, 0.1)
-        await peer.say(f"/{SCALED}/joint_trajectory", TRAJECTORY, trajectory(JOINTS, (0.5, there)))
+        await peer.say(f"/{SCALED}/joint_trajectory", TRAJECTORY, trajectory(JOINT_NAMES, (0.5, there)))
         await lab.until(lambda: lab.distance(there) < 0.005)
 
 
@@ -221,7 +221,7 @@ async def test_nothing_is_switched_unless_it_may(robot, domain, caplog):
 @ON_E_SERIES
 async def test_namespace_and_prefix(robot, domain):
     async with bridged(robot, domain, SCALED, prefix="left_", namespace="/cell/left") as lab, cyclone(domain) as peer:
-        names = [f"left_{joint}" for joint in JOINTS]
+        names = [f"left_{joint}" for joint in JOINT_NAMES]
         state = await peer.hear("/cell/left/joint_states", "sensor_msgs/msg/JointState")
         assert state["name"] == names
         static = await peer.hear("/tf_static", "tf2_msgs/msg/TFMessage", latched=True)
@@ -252,7 +252,7 @@ async def test_from_the_shell(robot, domain, monkeypatch, capsys):
     serving = asyncio.create_task(ros2_bridge.serve(Target(HOST, 0), where, "", [SCALED], True))
     async with cyclone(domain) as peer:
         state = await peer.hear("/joint_states", "sensor_msgs/msg/JointState")
-        assert state["name"] == list(JOINTS)
+        assert state["name"] == list(JOINT_NAMES)
     serving.cancel()
     await asyncio.gather(serving, return_exceptions=True)
     told = capsys.readouterr()

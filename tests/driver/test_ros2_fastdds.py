@@ -9,7 +9,7 @@ import pytest
 from driver_rig import HOME
 from ros2_rig import SCALED, bridged, free_domain, process
 
-from client.controllers import JOINTS
+from client.controllers import JOINT_NAMES
 from urproto.robots import load_model
 from urproto.robots.description import urdf
 
@@ -95,7 +95,7 @@ async def hears(lab, peer):
     """What is told arrives, with its values."""
     _, seconds, *joints = (await peer.line("joint_states")).split()
     assert float(seconds) > 1e9
-    assert joints[::4] == list(JOINTS)
+    assert joints[::4] == list(JOINT_NAMES)
     assert [float(q) for q in joints[1::4]] == pytest.approx(lab.q, abs=1e-3)
     assert float((await peer.line("speed_scaling")).split()[1]) == pytest.approx(100.0)
     assert "base_link>base 0 0 0 0 0 1" in await peer.line("tf_static")

@@ -12,7 +12,7 @@ import typer.main
 import yaml
 
 from emulator.cli import ROBOT_OPTIONS, app, configure
-from emulator.config import PORTS
+from emulator.ports import PORTS
 from urproto.ports import PENDANT_PORT
 
 ROOT = Path(__file__).resolve().parents[2]

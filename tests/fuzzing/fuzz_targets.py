@@ -26,7 +26,7 @@ from client.calibration import read_calibration as read_calibration_of_client
 from client.controllers.configuration import read_controllers
 from client.controllers.goal_files import read_goals
 from client.decoding.capture_writer import head_of_capture, packet_block
-from client.decoding.frames import ConnectionFrames
+from client.decoding.codecs import ConnectionFrames
 from client.decoding.packets import Endpoint
 from client.decoding.session import Choice, Session
 from client.errors import ClientError
@@ -43,13 +43,13 @@ from emulator.config import (
     read_safety,
     read_surroundings,
 )
-from emulator.control.live import LiveControl
+from emulator.control.control import LiveControl
 from emulator.control.verbs import verbs_of
 from emulator.controller import ControllerConfig
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.programs.loading import ProgramLoadError, load_steps
+from emulator.programs.rpc.httpclient import RemoteError
 from emulator.programs.rpc.pstream import PacketReader
-from emulator.programs.rpc.remote import RemoteError
 from emulator.programs.rpc.xmlrpc import BadReplyError, Reply, to_value
 from emulator.programs.trees.document import DocumentError
 from emulator.programs.trees.installation_file import InstallationFile, read_installation, read_variables

@@ -6,10 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulator.motion.conveyor import CircularConveyor, LinearConveyor
-from emulator.motion.follower import Follower
-from emulator.motion.path_offset import OffsetFrame
+from emulator.motion.path_motion import Follower
 from emulator.motion.profile import Limits
+from emulator.motion.superposition import CircularConveyor, LinearConveyor, OffsetFrame
 from urproto.robots.pose import pose_trans
 
 ZERO = (0.0,) * 6

@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulator.motion.conveyor import LinearConveyor
-from emulator.motion.follower import pursuit
 from emulator.motion.frame_tracking import FrameTracking
-from emulator.motion.path_offset import OffsetFrame
+from emulator.motion.path_motion import pursuit
 from emulator.motion.profile import Limits
+from emulator.motion.superposition import LinearConveyor, OffsetFrame
 from urproto.robots.pose import pose_trans
 
 ZERO = (0.0,) * 6

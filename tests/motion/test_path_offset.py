@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulator.motion.path_offset import OffsetFrame, OffsetSettings, PathOffset
+from emulator.motion.superposition import OffsetFrame, OffsetSettings, PathOffset
 from urproto.robots.pose import pose_add, pose_inv, pose_trans, rotvec_to_matrix
 
 BASE, TCP, MOTION, WORLD = OffsetFrame

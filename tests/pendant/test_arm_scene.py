@@ -14,9 +14,8 @@ from nicegui.elements.scene import Object3D
 from nicegui.elements.scene.objects import Gltf, Stl
 from nicegui.page import page as ui_page
 
-from client.pendant.arm_scene import DrawnArm
+from client.pendant.arm_scene import DrawnArm, Lathe
 from client.pendant.arm_shapes import link_parts
-from client.pendant.lathe import Lathe
 from urproto.primary.state import KinematicsInfo
 from urproto.robots import DH, MODELS, Calibration, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import rotvec_to_matrix

@@ -4,8 +4,7 @@ import asyncio
 from collections.abc import Callable
 
 from client.errors import ClientError
-from client.pendant.asked import Asked
-from client.pendant.newest import Newest
+from client.pendant.asked import Asked, Newest
 
 
 async def until(condition: Callable[[], object]) -> None:

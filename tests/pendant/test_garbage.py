@@ -19,7 +19,7 @@ import pytest
 
 from client.pendant.gate import Nonsense
 from tests.pendant.pendants import pendant
-from urproto.testing.addresses import claim_address
+from urproto.testing.process import claim_address
 
 websockets = pytest.importorskip("websockets.sync.client")
 from websockets.exceptions import WebSocketException  # noqa: E402

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from client.pendant.screens.initialize_safety import cause, reset_text, safeguard
+from client.pendant.dialogues import Stops
+from client.pendant.screens.initialize import cause, reset_text, safeguard
 from client.pendant.situation import Known, situation
-from client.pendant.stops import Stops
 from urproto.modes import ReportLevel, RobotMode, SafetyMode, SafetyStatusBits
 from urproto.primary.messages import ErrorCodeMessage
 

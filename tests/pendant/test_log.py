@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from client.pendant.events import EventLog
-from client.pendant.log_view import SHOWN, LogView, as_csv, as_text
+from client.pendant.events import SHOWN, EventLog, LogView, as_csv, as_text
 from urproto.modes import ReportLevel, SafetyMode
 from urproto.primary.messages import (
     NO_TIMESTAMP_US,

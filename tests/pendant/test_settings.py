@@ -9,12 +9,11 @@ from typing import Any
 import pytest
 
 from client.errors import FileError
-from client.pendant.choices import NotTakenError
 from client.pendant.events import EventLog
 from client.pendant.mounting import apply_gravity, apply_payload, apply_tcp, gravity_of, tilt_of
-from client.pendant.screens.io_modbus import word_of
-from client.pendant.screens.io_registers import Bank
-from client.pendant.tools import Tools
+from client.pendant.own_file import Tools
+from client.pendant.page import NotTakenError
+from client.pendant.screens.io_registers import Bank, word_of
 from client.pendant.wires import CONFIGURABLE, TOOL, analog_range, set_analog, set_digital
 from urproto.errors import RobotRefused
 from urproto.modes import AnalogDomain
@@ -135,7 +134,7 @@ async def test_a_tcp_counts_when_the_robot_has_it() -> None:
 
 
 async def test_a_robot_that_does_not_take_it_is_told_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("client.pendant.choices._SOON_S", 0.01)
+    monkeypatch.setattr("client.pendant.page._SOON_S", 0.01)
     robot: Any = Robot(obeys=False)
     with pytest.raises(NotTakenError, match="did not take this TCP: it says: no such function"):
         await apply_tcp(robot, (0.0, 0.0, 0.1, 0.0, 0.0, 0.0))

@@ -18,11 +18,11 @@ from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.control.remote import RemoteControl
 from emulator.controller import ControllerConfig
-from emulator.pendant import Pendant
+from emulator.serve import Pendant
 from tests.servers.test_cli import read_until
 from urproto.ports import CONTROL_API_PORT
 from urproto.robots import load_model
-from urproto.testing.addresses import claim_address
+from urproto.testing.process import claim_address
 
 DEADLINE_S = 40.0
 
@@ -92,7 +92,7 @@ def test_a_pendant_that_was_killed_is_started_anew_and_said_so() -> None:
 
 
 async def test_a_pendant_that_dies_at_each_start_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("emulator.pendant._WAITS_S", (0.0, 0.0))
+    monkeypatch.setattr("emulator.serve._WAITS_S", (0.0, 0.0))
     monkeypatch.setattr(Pendant, "_command", lambda _: ["sh", "-c", "kill -9 $$"])
     said = list[str]()
     given_up = asyncio.Event()

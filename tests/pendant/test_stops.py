@@ -2,7 +2,7 @@
 
 import pytest
 
-from client.pendant.stops import Stops
+from client.pendant.dialogues import Stops
 from urproto.modes import ReportLevel, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 

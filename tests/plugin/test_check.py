@@ -13,8 +13,7 @@ from typer.testing import CliRunner
 
 from emulator.check import app
 from urproto.testing import launch
-from urproto.testing.addresses import claim_address
-from urproto.testing.process import EmulatorProcess
+from urproto.testing.process import EmulatorProcess, claim_address
 
 Check = Callable[..., tuple[int, str]]
 

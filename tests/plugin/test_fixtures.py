@@ -196,9 +196,9 @@ def test_a_process_ends_well_and_can_be_started_again() -> None:
 
 
 def test_where_there_is_one_loopback_address_ports_are_free_ones(monkeypatch: pytest.MonkeyPatch) -> None:
-    from urproto.testing import addresses
+    from urproto.testing import process
 
-    monkeypatch.setattr(addresses, "_FIRST", 0xC6336400)  # 198.51.100.0, for documentation: nobody has it
+    monkeypatch.setattr(process, "_FIRST", 0xC6336400)  # 198.51.100.0, for documentation: nobody has it
     with EmulatorProcess(["--model", "ur3"]) as robot, EmulatorProcess(["--model", "ur3"]) as other:
         assert robot.host == other.host == "127.0.0.1"
         assert not set(robot.ports.values()) & set(other.ports.values())

@@ -18,7 +18,7 @@ from rosbags.highlevel import AnyReader
 from client.errors import MissingExtraError, RecordingError
 from client.recording import DEFAULT_FIELDS, Recorder, convert, read
 from client.recording.definitions import message_type
-from client.recording.topics import JOINTS
+from urproto.joints import JOINT_NAMES
 from urproto.robots.pose import rotvec_to_matrix
 from urproto.rtde.fields import OUTPUT_FIELDS
 
@@ -71,7 +71,7 @@ def test_the_reader_of_the_mcap_project_has_the_topics_of_ros(states, tmp_path: 
     topics = decoded(record(tmp_path / "run.mcap", states))
     state, last = states[300], states[-1]
     joints = topics["/joint_states"][300]
-    assert joints.name == list(JOINTS)
+    assert joints.name == list(JOINT_NAMES)
     assert tuple(joints.position) == state["actual_q"]
     assert tuple(joints.velocity) == state["actual_qd"]
     control = topics["/robot/controller_state"][300]
@@ -128,7 +128,12 @@ def test_rosbags_opens_it_as_a_bag(states, tmp_path: Path) -> None:
 def test_the_state_of_a_controller_of_this_program_goes_beside(states, tmp_path: Path) -> None:
     point = SimpleNamespace(positions=(0.5,) * 6, velocities=(), accelerations=(), effort=())
     state = SimpleNamespace(
-        time_s=states[0]["timestamp"], joint_names=JOINTS, reference=point, feedback=point, error=point, output=point
+        time_s=states[0]["timestamp"],
+        joint_names=JOINT_NAMES,
+        reference=point,
+        feedback=point,
+        error=point,
+        output=point,
     )
     with Recorder(tmp_path / "run.mcap", states[0], now_ns=lambda: BEGAN_NS) as recorder:
         recorder.write(states[0])
@@ -151,7 +156,7 @@ def test_a_bag_of_ros_is_a_recording_too(states, tmp_path: Path) -> None:
         for number, state in enumerate(states[:30]):
             message = {
                 "header": {"stamp": {"sec": 5, "nanosec": number * 2_000_000}, "frame_id": ""},
-                "name": [JOINTS[joint] for joint in order],
+                "name": [JOINT_NAMES[joint] for joint in order],
                 "position": [state["actual_q"][joint] for joint in order],
                 "velocity": [state["actual_qd"][joint] for joint in order],
                 "effort": [],

@@ -13,9 +13,11 @@ import pinocchio as pin
 import pytest
 import yaml
 
+from urproto.joints import JOINT_NAMES
 from urproto.robots import MODELS, Calibration, RobotModel, kinematics_of, load_model
-from urproto.robots.description import JOINTS, MeshesMissing, joint_frames, urdf
+from urproto.robots.description import joint_frames, urdf
 from urproto.robots.dynamics import Dynamics
+from urproto.robots.meshes import MeshesMissing
 from urproto.robots.pose import pose_trans, rotvec_to_matrix
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
@@ -50,7 +52,7 @@ def configuration(built: pin.Model) -> np.ndarray:
 
 def test_forward_kinematics_and_dynamics(model: RobotModel) -> None:
     built = pin.buildModelFromXML(urdf(model))
-    assert list(built.names)[1:] == list(JOINTS)
+    assert list(built.names)[1:] == list(JOINT_NAMES)
     data, q = built.createData(), configuration(built)
     built.gravity.linear = np.array((0.0, 0.0, -9.82))
     torques = pin.rnea(built, data, q, np.array(QD), np.array(QDD))
@@ -93,7 +95,7 @@ def test_frames_are_those_of_the_description(model: RobotModel) -> None:
     built = pin.buildModelFromXML(urdf(model, prefix="left_"))
     data = built.createData()
     pin.framesForwardKinematics(built, data, configuration(built))
-    angles = dict(zip((f"left_{joint}" for joint in JOINTS), Q, strict=True))
+    angles = dict(zip((f"left_{joint}" for joint in JOINT_NAMES), Q, strict=True))
     for joint, parent, child, pose, moves in joint_frames(model, "left_"):
         turned = pose_trans(pose, (0.0, 0.0, 0.0, 0.0, 0.0, angles[joint] if moves else 0.0))
         place = data.oMf[built.getFrameId(parent)].inverse() * data.oMf[built.getFrameId(child)]

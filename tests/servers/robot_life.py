@@ -23,7 +23,7 @@ from emulator.app import make_servers
 from emulator.commands import DashboardLine, PopupAnswer, RTDEInputs
 from emulator.controller import Controller, ControllerConfig
 from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL
-from emulator.lifecycle.errorcodes import StopCause
+from emulator.lifecycle.runstate import StopCause
 from emulator.lifecycle.safety import SafetyEvent
 from urproto.modes import AnalogDomain, RequestedType
 from urproto.robots import load_model

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from server_rig import MemoryClient
 
 from emulator.app import make_servers
-from emulator.control.live import LiveControl
+from emulator.control.control import LiveControl
 from emulator.control.timing import OwnPace
 from emulator.control.verbs import verbs_of
 from emulator.controller import Controller, ControllerConfig

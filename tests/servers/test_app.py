@@ -16,7 +16,7 @@ from emulator.clock import StepClock
 from emulator.config import EmulatorConfig
 from emulator.controller import ControllerConfig
 from emulator.readiness import NotReady, check_ready
-from emulator.welcome import first_screen
+from emulator.serve import first_screen
 from urproto.robots import load_model
 from urproto.rtde.codec import GetVersion, RequestProtocol, RTDEDecoder, SetupOutputs, Start
 

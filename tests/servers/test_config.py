@@ -4,8 +4,6 @@ import pytest
 import yaml
 
 from emulator.config import (
-    JOINT_NAMES,
-    PORTS,
     ConfigError,
     EmulatorConfig,
     choose_model,
@@ -15,6 +13,8 @@ from emulator.config import (
     read_programs_dir,
 )
 from emulator.controller import ControllerConfig
+from emulator.ports import PORTS
+from urproto.joints import JOINT_NAMES
 from urproto.robots import MODELS, Calibration, calibration_hash, load_model
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 

@@ -13,8 +13,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from emulator.app import Emulator
 from emulator.config import ConfigError, EmulatorConfig
 from emulator.controller import ControllerConfig
-from emulator.programs.modbus import ModbusSignal
-from emulator.programs.modbus_units import DISCONNECTED, ModbusExchange, ModbusUnit
+from emulator.programs.modbus import DISCONNECTED, ModbusExchange, ModbusSignal, ModbusUnit
 from emulator.servers.modbus_client import ModbusClient
 from urproto.modbus import Function, ModbusRequest
 from urproto.robots import load_model

@@ -15,8 +15,7 @@ from emulator.config import EmulatorConfig
 from emulator.controller import ControllerConfig
 from emulator.programs.sockets import ScriptNetwork, ScriptSocket
 from emulator.servers import script_sockets
-from emulator.servers.own_ports import ControlMark, leads_to_control
-from emulator.servers.script_sockets import NetworkSockets
+from emulator.servers.script_sockets import ControlMark, NetworkSockets, leads_to_control
 from urproto.robots import load_model
 from urproto.testing.process import EmulatorProcess
 

@@ -10,8 +10,7 @@ from server_rig import CB3, E_SERIES, FakeController, MemoryClient
 from emulator.commands import RefusedScript, RTDEInputs, ScriptUnit
 from emulator.reporting.primary_state import robot_state
 from emulator.servers.base import Connection, Direction, PortServer
-from emulator.servers.primary import PrimaryServer
-from emulator.servers.realtime import RealtimeServer
+from emulator.servers.primary import PrimaryServer, RealtimeServer
 from emulator.servers.rtde import RTDEServer
 from emulator.snapshot import Snapshot
 from urproto.modes import SafetyMode

@@ -18,10 +18,9 @@ from typer.testing import CliRunner
 from client import BlockingDashboardClient, BlockingPrimaryClient, BlockingRTDEClient, dashboard
 from client.cli import app
 from client.errors import RobotUnreachableError
-from client.traffic.identity import ask_identity
+from client.traffic.ports import ask_identity
 from client.traffic.proxy import Proxy, Route, robot_routes
-from client.traffic.recorder import Recorder
-from client.traffic.recording import Recording
+from client.traffic.recording import Recorder, Recording
 from client.traffic.tracks import tracks_of
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig

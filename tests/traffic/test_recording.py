@@ -18,8 +18,7 @@ from typer.testing import CliRunner
 from client.cli import app
 from client.decoding.packets import Endpoint
 from client.errors import FileError
-from client.traffic.recorder import Recorder
-from client.traffic.recording import Recording
+from client.traffic.recording import Recorder, Recording
 
 PIECES = st.lists(st.tuples(st.integers(0, 2), st.booleans(), st.binary(min_size=1, max_size=300)), max_size=30)
 PORTS = (30004, 29999, 50001)

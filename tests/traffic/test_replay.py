@@ -17,8 +17,7 @@ from client.decoding.states import PRIMARY
 from client.errors import ClientError, FileError
 from client.traffic.dialogues import Requests, answer_modbus
 from client.traffic.players import Broadcast, InOrder, Script, Timing
-from client.traffic.recorder import Recorder
-from client.traffic.recording import Conversation, Piece, Recording
+from client.traffic.recording import Conversation, Piece, Recorder, Recording
 from client.traffic.replay import ReplayRobot
 from client.traffic.tracks import tracks_of
 from urproto.errors import LocalProtocolError, RobotRefused

@@ -4,8 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from client.decoding.packets import Endpoint
-from client.traffic.recorder import Recorded, Recorder
-from client.traffic.recording import Recording
+from client.traffic.recording import Recorded, Recorder, Recording
 from emulator.commands import ScriptUnit
 from emulator.controller import Controller, ControllerConfig
 from urproto.robots import load_model

@@ -4,8 +4,7 @@ import pytest
 
 from emulator.controller import Controller, ControllerConfig
 from emulator.world.commands import AddObject, MountTool, MoveObject, PushTool, ReleaseTool, RemoveObject
-from emulator.world.hands import Frame, Push
-from emulator.world.shapes import Plane, Sphere, WorldObject
+from emulator.world.shapes import Frame, Plane, Push, Sphere, WorldObject
 from emulator.world.world import MOST_OBJECTS, POINT
 from urproto.robots import load_model
 

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from emulator.world.shapes import Box, Plane, Sphere, WorldObject
-from emulator.world.touching import force_of
+from emulator.world.shapes import Box, Plane, Sphere, WorldObject, force_of
 
 MASS_KG = 20.0  # of the compliant tool
 

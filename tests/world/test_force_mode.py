@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emulator.world.commands import PushTool, ReleaseTool
-from emulator.world.hands import Push
-from emulator.world.shapes import Box, Plane, Sphere, WorldObject
+from emulator.world.shapes import Box, Plane, Push, Sphere, WorldObject
 from urproto.modes import ControlMode
 
 CLOSE_N = 0.1

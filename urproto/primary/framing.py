@@ -15,8 +15,6 @@ from urproto.primary.program_state import (
 from urproto.primary.state import RobotStateData, decode_robot_state
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
-__all__ = ["MAX_MESSAGE_SIZE", "OtherMessage", "PrimaryDecoder", "PrimaryMessage"]
-
 MAX_MESSAGE_SIZE = 1 << 20  # bytes; guess: ample, the longest message in any capture has 1471
 
 

@@ -19,28 +19,6 @@ from urproto.primary._wire import ROBOT_MESSAGE, frame
 from urproto.text import from_bytes, to_bytes
 from urproto.versions import Availability, PolyscopeVersion
 
-__all__ = [
-    "NO_TIMESTAMP_US",
-    "PROGRAM_PAUSED",
-    "PROGRAM_RESUMED",
-    "PROGRAM_STARTED",
-    "PROGRAM_STOPPED",
-    "ErrorCodeMessage",
-    "KeyMessage",
-    "PopupMessage",
-    "ProgramLabelMessage",
-    "ProgramThread",
-    "ProgramThreadsMessage",
-    "RequestValueMessage",
-    "RobotMessage",
-    "RuntimeExceptionMessage",
-    "SafetyModeMessage",
-    "TextMessage",
-    "UnknownMessage",
-    "VersionMessage",
-    "decode_robot_message",
-]
-
 # Titles of the key messages about a program; its name is the text.
 PROGRAM_STARTED = "PROGRAM_XXX_STARTED"
 PROGRAM_STOPPED = "PROGRAM_XXX_STOPPED"

@@ -22,18 +22,6 @@ from urproto.primary.messages import NO_TIMESTAMP_US
 from urproto.text import from_bytes, to_bytes
 from urproto.versions import Availability, PolyscopeVersion
 
-__all__ = [
-    "GlobalVariableNames",
-    "GlobalVariableValues",
-    "MatrixValue",
-    "PoseValue",
-    "UnknownProgramState",
-    "Value",
-    "VariableMessage",
-    "decode_program_state",
-    "has_matrices",
-]
-
 _OLD_CODES = Availability.since("3.3", "5.0")
 _NEW_CODES = Availability.since("3.14", "5.9")
 _MAX_DEPTH = 32  # lists within lists (guess: nothing nests deeper)

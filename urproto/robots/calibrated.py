@@ -16,8 +16,6 @@ from urproto.robots.kinematics import Jacobian, Kinematics, unwind, wrap
 from urproto.robots.model import DH, Joints, RobotModel
 from urproto.robots.pose import Matrix3, Pose, Vec3, matrix_to_rotvec, pose_trans, rotvec_to_matrix
 
-__all__ = ["CalibratedKinematics", "kinematics_of"]
-
 _ARRIVED: Final = 1e-10  # m and rad
 _STEPS: Final = 12  # from a start that is near, two or three are enough; at singular arms more
 # In so many steps the error falls to this share of it even where the arm is singular, or it never will (guess).

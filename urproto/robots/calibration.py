@@ -19,8 +19,6 @@ from typing import Any, Final, NamedTuple, Self
 from urproto.robots.model import DH, Joints, RobotModel
 from urproto.robots.pose import Matrix3, Vec3
 
-__all__ = ["LINKS", "Calibration", "CalibrationError", "Chain", "Frame", "calibration_hash", "chain_of", "dh_of"]
-
 LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """Names of the six frames in ur_description's files."""
 

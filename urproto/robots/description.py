@@ -14,14 +14,12 @@ from pathlib import Path
 from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from urproto.joints import JOINT_NAMES as JOINTS
+from urproto.joints import JOINT_NAMES
 from urproto.robots.calibration import Chain, Frame, chain_of
-from urproto.robots.meshes import MeshesMissing, PlacedMesh, mesh_file, placed_meshes
+from urproto.robots.meshes import PlacedMesh, mesh_file, placed_meshes
 from urproto.robots.model import DH, Link, RobotModel
 from urproto.robots.pose import Pose, Vec3, matrix_to_rotvec, rpy_to_rotvec
 from urproto.robots.shapes import Capsule, capsules
-
-__all__ = ["JOINTS", "JointFrame", "MeshesMissing", "joint_frames", "urdf"]
 
 _LINKS: Final = (
     "base_link_inertia",
@@ -57,7 +55,7 @@ class JointFrame(NamedTuple):
 
 def joint_frames(model: RobotModel, prefix: str = "") -> list[JointFrame]:
     """The joints of what `urdf` writes, with its names: six that move, from the base on, then the fixed ones."""
-    chain = zip(JOINTS, pairwise(_LINKS), _chain(model), strict=True)
+    chain = zip(JOINT_NAMES, pairwise(_LINKS), _chain(model), strict=True)
     moving = [
         JointFrame(prefix + name, prefix + parent, prefix + child, (*position, *matrix_to_rotvec(axes)), True)
         for name, (parent, child), (position, axes) in chain
@@ -108,7 +106,7 @@ def _fixed_link(root: Element, name: str) -> None:
 
 def _moving_joint(root: Element, model: RobotModel, i: int, parent: str, child: str, frame: Frame, prefix: str) -> None:
     endless = i == 5 and model.wrist3_unlimited
-    joint = SubElement(root, "joint", name=prefix + JOINTS[i], type="continuous" if endless else "revolute")
+    joint = SubElement(root, "joint", name=prefix + JOINT_NAMES[i], type="continuous" if endless else "revolute")
     _origin(joint, frame.position, frame.rpy)
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)

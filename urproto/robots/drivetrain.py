@@ -12,8 +12,6 @@ from typing import Final
 
 from urproto.robots.model import RobotModel
 
-__all__ = ["SIZES", "JointSize", "joint_sizes"]
-
 
 @dataclass(frozen=True, slots=True)
 class JointSize:

@@ -19,8 +19,6 @@ from urproto.robots.kinematics import Jacobian
 from urproto.robots.model import DH, Joints, RobotModel
 from urproto.robots.pose import rotvec_to_matrix
 
-__all__ = ["Dynamics"]
-
 _STANDARD_GRAVITY: Final = (0.0, 0.0, 9.82)  # m/s2, default of URScript's set_gravity (Script Manual)
 _NO_INERTIA: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _Vector = npt.NDArray[np.float64]

@@ -27,8 +27,6 @@ from typing import Final
 from urproto.robots.model import DH, Joints
 from urproto.robots.pose import Matrix3, Pose, Vec3, matrix_to_rotvec, pose_trans, rotvec_to_matrix
 
-__all__ = ["Jacobian", "Kinematics", "unwind", "wrap"]
-
 Jacobian = tuple[Joints, Joints, Joints, Joints, Joints, Joints]
 """Six rows: linear x, y, z [m/rad], angular x, y, z [rad/rad]; one column a joint."""
 

@@ -12,8 +12,6 @@ from typing import Final, NamedTuple
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Vec3
 
-__all__ = ["MeshesMissing", "PlacedMesh", "mesh_file", "placed_meshes", "tube_offsets"]
-
 _MESHES: Final = ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3")
 _ZERO: Final[Vec3] = (0.0, 0.0, 0.0)
 _MESH_RPY: Final[Sequence[Vec3]] = (

@@ -17,8 +17,6 @@ from typing import Any, Final, Self
 from urproto.robots.pose import Vec3
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
-__all__ = ["DH", "MODELS", "START_Q", "Joints", "Link", "RobotModel", "UnknownModel", "load_model"]
-
 Joints = tuple[float, float, float, float, float, float]
 """One number for each joint: base, shoulder, elbow, wrist 1, wrist 2, wrist 3."""
 

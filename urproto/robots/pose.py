@@ -11,25 +11,6 @@ going through the trace of a matrix loses half of the digits.
 from collections.abc import Sequence
 from math import atan2, cos, hypot, sin, sqrt
 
-__all__ = [
-    "Matrix3",
-    "Pose",
-    "Vec3",
-    "interpolate_pose",
-    "matrix_to_rotvec",
-    "point_dist",
-    "pose_add",
-    "pose_dist",
-    "pose_inv",
-    "pose_sub",
-    "pose_trans",
-    "rotvec_to_matrix",
-    "rotvec_to_quaternion",
-    "rotvec_to_rpy",
-    "rpy_to_rotvec",
-    "wrench_trans",
-]
-
 Vec3 = tuple[float, float, float]
 Pose = tuple[float, float, float, float, float, float]
 Matrix3 = tuple[float, float, float, float, float, float, float, float, float]

@@ -9,8 +9,6 @@ from typing import Final
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Vec3
 
-__all__ = ["Capsule", "capsules", "tube_radius", "wrist_radius"]
-
 _TUBE: Final = (0.025, 0.035)  # m, and per m of reach: radius of upper arm and forearm (guess)
 _WRIST: Final = (0.025, 0.015)  # of the wrists (guess)
 _SHORTEST_M: Final = 0.01

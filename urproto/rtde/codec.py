@@ -21,35 +21,6 @@ from urproto.rtde.recipes import Recipe, split_names
 from urproto.text import from_bytes, to_bytes
 from urproto.versions import PolyscopeVersion
 
-__all__ = [
-    "KNOWN_PROTOCOLS",
-    "ClientMessage",
-    "GetVersion",
-    "InputData",
-    "MessageLevel",
-    "OutputData",
-    "Package",
-    "PackageType",
-    "Pause",
-    "PauseReply",
-    "ProtocolReply",
-    "RTDEDecoder",
-    "Reply",
-    "Request",
-    "RequestProtocol",
-    "SetupInputs",
-    "SetupInputsReply",
-    "SetupOutputs",
-    "SetupOutputsReply",
-    "Start",
-    "StartReply",
-    "TextMessage",
-    "VersionReply",
-    "decode_reply",
-    "decode_request",
-    "output_packer",
-]
-
 KNOWN_PROTOCOLS = (1, 2)
 _HEADER = struct.Struct(">HB")
 _MAX_SIZE = 65535

@@ -19,8 +19,6 @@ from typing import Any
 from urproto.rtde.types import FieldType
 from urproto.versions import Availability, PolyscopeVersion
 
-__all__ = ["INPUT_FIELDS", "OUTPUT_FIELDS", "Field", "available_fields"]
-
 _WORD = 0xFFFFFFFF
 _FAMILY = re.compile(r"(?P<stem>\w+)_\{(?P<first>\d+)\.\.(?P<last>\d+)\}")
 _REGISTER = re.compile(r"(?P<kind>(?:in|out)put_(?:int|double|bit)_register)_(?P<index>\d+)")

@@ -8,8 +8,6 @@ from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.rtde.fields import Field
 from urproto.rtde.types import NOT_FOUND
 
-__all__ = ["Recipe", "RecipeValues", "split_names", "type_names"]
-
 
 def split_names(text: str) -> tuple[str, ...]:
     """The names in a set-up request. An empty last one is dropped: ur_rtde ends with a comma."""

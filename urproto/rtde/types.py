@@ -3,8 +3,6 @@
 import struct
 from enum import Enum
 
-__all__ = ["IN_USE", "NOT_FOUND", "FieldType"]
-
 # What a set-up reply says in place of a type.
 NOT_FOUND = "NOT_FOUND"  # no such variable in this version
 IN_USE = "IN_USE"  # another client controls this input

@@ -14,8 +14,6 @@ from types import ModuleType
 
 from urproto.testing.launch import PACKAGES, ROOT, OwnPackages
 
-__all__ = ["is_ours", "load"]
-
 _nameless: dict[str, ModuleType] = {}  # our modules whose names others have
 
 

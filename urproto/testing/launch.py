@@ -16,8 +16,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
-__all__ = ["PACKAGES", "ROOT", "OwnPackages", "check", "pin"]
-
 ROOT: Final = Path(__file__).absolute().parents[2]  # the folder that holds the four packages
 PACKAGES: Final = ("client", "emulator", "urproto", "urscript")
 _GOODBYE_S: Final = 5.0  # guess: how long a clean end may take

@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Self
 
-__all__ = ["Belongings", "listening_sockets"]
-
 _DESCRIPTORS: Final = Path("/proc/self/fd")
 _INTERNET: Final = (socket.AF_INET, socket.AF_INET6)
 _PATIENCE_S: Final = 1.0  # guess: what a thread that was told to end may take to do so, or its port to be closed

@@ -1,23 +1,100 @@
 """An emulator in a process of its own, on a loopback address of its own."""
 
+import errno
+import itertools
 import json
+import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
+from urproto.joints import JOINT_NAMES
 from urproto.testing import launch
-from urproto.testing.addresses import claim_address
 from urproto.testing.installed import load
 
 if TYPE_CHECKING:
     from emulator.control.remote import RemoteControl
 
-__all__ = ["EmulatorError", "EmulatorProcess"]
+
+def command_line(options: Mapping[str, Any]) -> list[str]:
+    """``speed=10, running=True`` as ``--speed 10 --running``. Lists repeat their option, None and False omit it."""
+    words: list[str] = []
+    for name, value in options.items():
+        option = "--" + name.replace("_", "-")
+        if value is True:
+            words.append(option)
+        elif value is not None and value is not False:
+            values = value if isinstance(value, list | tuple) else [value]
+            words += [word for item in values for word in (option, str(item))]
+    return words
+
+
+def write_positions(path: Path, q_rad: Sequence[float]) -> Path:
+    """A file for ``--initial-positions``. Raises ValueError unless there are six angles."""
+    path.write_text("".join(f"{name}: {float(q)}\n" for name, q in zip(JOINT_NAMES, q_rad, strict=True)))
+    return path
+
+
+_FIRST: Final = 0x7F40_0000  # 127.64.0.0: away from addresses that people type
+_COUNT: Final = 2**22
+_STRIDE: Final = 61  # between two processes; prime, so that neighbours are soon apart
+_TRIES: Final = 200
+_LOCK_PORT: Final = 29999  # UDP, which controllers do not use
+_DASHBOARD_PORT: Final = 29999
+_ONLY_ADDRESS: Final = "127.0.0.1"
+
+_next = itertools.count(os.getpid() * _STRIDE)
+
+
+class NoAddress(OSError):  # noqa: N818 - named for what is the case
+    """No loopback address has its usual ports free."""
+
+
+@dataclass
+class ClaimedAddress:
+    """An address that nobody else claims until ``release``. shared: the only one there is; take free ports."""
+
+    host: str
+    shared: bool
+    _lock: socket.socket | None = None
+
+    def release(self) -> None:
+        """Let others have it."""
+        if self._lock is not None:
+            self._lock.close()
+
+
+def claim_address() -> ClaimedAddress:
+    """An own address. Raises NoAddress when something on this machine has the usual ports of all addresses."""
+    for number in itertools.islice(_next, _TRIES):
+        host = socket.inet_ntoa((_FIRST + number % _COUNT).to_bytes(4))
+        lock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            lock.bind((host, _LOCK_PORT))
+            _bind_once(host)
+        except OSError as error:
+            lock.close()
+            if error.errno == errno.EADDRNOTAVAIL:
+                return ClaimedAddress(_ONLY_ADDRESS, shared=True)
+            continue
+        return ClaimedAddress(host, shared=False, _lock=lock)
+    raise NoAddress(
+        f"port {_DASHBOARD_PORT} is taken on every loopback address: something listens on 0.0.0.0, perhaps another "
+        "emulator or a container. Stop it, or let this emulator have free ports (ephemeral_ports=True)"
+    )
+
+
+def _bind_once(host: str) -> None:
+    with socket.socket() as probe:
+        probe.bind((host, _DASHBOARD_PORT))
+
 
 _START_DEADLINE_S: Final = 60.0  # guess: it takes a second, a loaded machine a few
 _STOP_DEADLINE_S: Final = 10.0  # guess

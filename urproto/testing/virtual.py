@@ -10,7 +10,6 @@ from urproto.testing.installed import load
 if TYPE_CHECKING:
     from emulator.control.control import VirtualRobot
 
-__all__ = ["virtual_robot"]
 
 # option of ur-emulator that has another name, or wants another form, as a configuration: name there, form
 _Form = Callable[[Any, Any], Any]  # of the value and the arm

@@ -7,8 +7,6 @@ from urscript.meter import charge
 from urscript.operators import check_size, whole
 from urscript.values import MAX_ELEMENTS, Any_, BoundedList, Int, Matrix, Struct, Value, type_name
 
-__all__ = ["LIBRARY"]
-
 LIBRARY = Library("lists")
 
 

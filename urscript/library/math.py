@@ -23,8 +23,6 @@ from urscript.values import (
     type_name,
 )
 
-__all__ = ["LIBRARY"]
-
 LIBRARY = Library("urmath")
 
 _BITS = 32

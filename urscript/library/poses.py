@@ -8,8 +8,6 @@ from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Joints, ListArg, Num, Pose, PoseArg, is_number
 
-__all__ = ["LIBRARY"]
-
 LIBRARY = Library("poses", physical=True)
 
 

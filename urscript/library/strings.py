@@ -10,8 +10,6 @@ from urscript.errors import RuntimeFault
 from urscript.meter import charge
 from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Int, Str, Value, joined, to_text
 
-__all__ = ["LIBRARY"]
-
 LIBRARY = Library("strings")
 
 _NUMBER = re.compile(

@@ -4,8 +4,6 @@ from collections.abc import Generator
 
 from urscript.builtins import Library
 
-__all__ = ["LIBRARY"]
-
 LIBRARY = Library("threads")
 
 

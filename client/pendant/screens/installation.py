@@ -1,12 +1,177 @@
 """Installation: tool, load, mounting, External Control; what the arm is."""
 
+import math
+from typing import Any, Final
+
 from nicegui import ui
 
-from client.pendant.page import Page
-from client.pendant.screens import installation_arm, installation_driver, installation_mounting, installation_tcp
-from client.pendant.views import Views
+from client.driver.endpoint import SENDER_PORT
+from client.pendant.mounting import apply_gravity, apply_payload, gravity_of, tilt_of
+from client.pendant.page import Page, Views
+from client.pendant.screens import installation_arm, installation_tcp
+from client.pendant.station import Station
 
-__all__ = ["build"]
+_MM: Final = 1000.0
+_PLACES: Final = {"Floor": (0, 0), "Wall": (90, 0), "Ceiling": (180, 0)}  # degrees
+
+
+def build_payload(page: Page) -> None:
+    """Mass and centre of gravity that the robot reckons with."""
+    station = page.station
+    with page.panel("Payload", "installation-panel"):
+        page.live.text(_payload, "now-line").props("data-testid=payload-now")
+        with ui.element("div").classes("six four"):
+            mass = _box("Mass [kg]", "payload-mass")
+            cog = [_box(f"C{axis} [mm]", f"payload-c{axis.lower()}") for axis in "XYZ"]
+
+        async def use() -> None:
+            values = [box.value for box in (mass, *cog)]
+            if any(value is None for value in values):
+                raise ValueError("a payload has four numbers: fill in all of them")
+            if values[0] < 0:
+                raise ValueError(f"a payload of {values[0]:g} kg: a mass cannot be negative")
+            if await apply_payload(station, values[0], [value / _MM for value in values[1:]]):
+                page.tell("Payload in use")
+            else:
+                page.tell("Payload sent; this version does not tell which one it uses")
+
+        with ui.row().classes("items-center"):
+            ui.button("Use it", on_click=page.doing(use)).props("no-caps data-testid=payload-use")
+            page.live.text(_limit, "soft")
+    page.live.effect(_payload_values, lambda values: _fill((mass, *cog), values))
+
+
+def build_mounting(page: Page) -> None:
+    """How the base stands: which way gravity pulls."""
+    station = page.station
+    with page.panel("Mounting", "installation-panel"):
+        page.live.text(_mounting, "now-line").props("data-testid=mounting-now")
+        presets = ui.row().classes("items-center")
+        with ui.element("div").classes("six two"):
+            tilt = _box("Tilt [°]", "mount-tilt")
+            turn = _box("Turn of the base [°]", "mount-turn")
+        with presets:
+            for name, angles in _PLACES.items():
+                place = ui.button(name, on_click=lambda _, angles=angles: _fill((tilt, turn), angles))
+                place.props(f"outline no-caps data-testid=mount-{name}")
+        pull = ui.label().classes("soft").props("data-testid=mount-gravity")
+
+        def wanted() -> tuple[float, float, float]:
+            return gravity_of(math.radians(tilt.value or 0.0), math.radians(turn.value or 0.0))
+
+        def tell() -> None:
+            pull.set_text("Gravity felt by the base: " + ", ".join(f"{value:.3f}" for value in wanted()) + " m/s²")
+
+        async def use() -> None:
+            if await apply_gravity(station, wanted()):
+                page.tell("Mounting in use")
+            else:
+                page.tell("Mounting sent; this version does not tell which one it uses")
+
+        for box in (tilt, turn):
+            box.on_value_change(tell)
+        tell()
+        with ui.row().classes("items-center"):
+            ui.button("Use it", on_click=page.doing(use)).props("no-caps data-testid=mount-use")
+            pull.move()
+    page.live.effect(_tilt, lambda angles: _fill((tilt, turn), angles))
+
+
+def _box(label: str, mark: str) -> ui.number:
+    return ui.number(label, value=0.0).props(f"dense outlined hide-bottom-space data-testid={mark}")
+
+
+def _fill(boxes: tuple[ui.number, ...], values: tuple[float, ...] | None) -> None:
+    for box, value in zip(boxes, values or (), strict=False):
+        box.set_value(value)
+
+
+def _payload_values(station: Station) -> tuple[float, ...] | None:
+    mass, cog = station.values.get("payload"), station.values.get("payload_cog")
+    return None if mass is None or cog is None else (round(mass, 4), *(round(_MM * value, 3) + 0.0 for value in cog))
+
+
+def _payload(station: Station) -> str:
+    values = _payload_values(station)
+    if values is None:
+        return "This version does not tell its payload" if station.connected else "-"
+    mass, x, y, z = values
+    return f"In effect: {mass:.3f} kg at {x:.1f}, {y:.1f}, {z:.1f} mm"
+
+
+def _limit(station: Station) -> str:
+    model = station.model
+    return "" if model is None else f"{model.title} carries {model.payload_max_kg:g} kg"
+
+
+def _mounting(station: Station) -> str:
+    angles = _tilt(station)
+    if angles is None:
+        return "This version does not tell how it is mounted" if station.connected else "-"
+    return f"In effect: tilt {angles[0]:.1f}°, turn {angles[1]:.1f}°"
+
+
+def _tilt(station: Station) -> tuple[float, float] | None:
+    gravity = station.values.get("target_gravity")
+    if gravity is None:
+        return None
+    tilt, turn = tilt_of(gravity)
+    return round(math.degrees(tilt), 3) + 0.0, round(math.degrees(turn), 3) + 0.0
+
+
+def build_driver(page: Page, views: Views) -> None:
+    """Put it on the page: to be filled in on an emulator, explained on a robot."""
+    with page.panel("External Control", "installation-panel driver-panel"):
+        with ui.column().classes("gap-2") as emulated:
+            _form(page, views)
+        with ui.column().classes("gap-2") as real:
+            _explanation(page)
+        ui.label("A program with an External Control node asks there for what it is to do when it is played.").classes(
+            "soft"
+        )
+    page.live.effect(_can_be_set, emulated.set_visibility)
+    page.live.effect(lambda station: station.connected and not _can_be_set(station), real.set_visibility)
+
+
+def _can_be_set(station: Station) -> bool:
+    return station.behind.available and "set_external_control" in station.behind.verbs
+
+
+def _form(page: Page, views: Views) -> None:
+    behind = page.station.behind
+    with ui.row().classes("items-center no-wrap"):
+        host = ui.input("Host IP").props("dense outlined data-testid=driver-host")
+        port = ui.number("Custom port", precision=0).props("dense outlined data-testid=driver-port")
+
+    async def read() -> None:
+        found: dict[str, Any] = await behind.call("external_control")
+        host.set_value(found["host"])
+        port.set_value(found["port"])
+
+    async def save() -> None:
+        if not host.value or port.value is None:
+            raise ValueError("the address of a driver is a host and a port: fill in both")
+        await behind.call("set_external_control", host=host.value, port=int(port.value))
+        await read()
+
+    with ui.row().classes("items-center"):
+        ui.button("Save", on_click=page.doing(save, "Saved")).props("no-caps data-testid=driver-save")
+        own = ui.button("This machine", on_click=lambda: host.set_value(page.station.own_address))
+        own.props("flat no-caps data-testid=driver-here")
+    page.live.effect(
+        lambda station: _can_be_set(station) and views.looked_at == "settings",
+        lambda looking: page.soon(read) if looking else None,
+    )
+
+
+def _explanation(page: Page) -> None:
+    ui.label("On a robot this is set on its own teach pendant, below Installation, URCaps, External Control:")
+    with ui.element("div").classes("facts"):
+        ui.label("Host IP")
+        page.live.text(lambda station: station.own_address or "no way from here to the robot")
+        ui.label("Custom port")
+        ui.label(str(SENDER_PORT))
+    ui.label("when the driver runs on the machine that serves this page.").classes("soft")
 
 
 def build(page: Page) -> None:
@@ -16,8 +181,8 @@ def build(page: Page) -> None:
         with views.view("settings", "installation-tool"):
             installation_tcp.build(page)
             with ui.column().classes("installation-column"):
-                installation_mounting.build_payload(page)
-                installation_mounting.build_mounting(page)
-                installation_driver.build(page, views)
+                build_payload(page)
+                build_mounting(page)
+                build_driver(page, views)
         with views.view("arm", "installation-arm"):
             installation_arm.build(page, views)

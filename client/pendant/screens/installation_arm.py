@@ -12,16 +12,12 @@ from nicegui import ui
 from client import dashboard
 from client.calibration import calibration_of, is_nominal, write_calibration
 from client.operations import Operation
-from client.pendant.page import Page
+from client.pendant.page import Page, Views
 from client.pendant.station import Station
-from client.pendant.views import Views
-from client.scripts import mode_name
 from urproto.errors import RobotRefused
-from urproto.modes import ControllerBox
+from urproto.modes import ControllerBox, mode_name
 from urproto.primary.state import ConfigurationData, KinematicsInfo
 from urproto.robots import Calibration, CalibrationError
-
-__all__ = ["build"]
 
 _JOINTS: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
 _HEADS: Final = ("Joint", "From", "To", "Speed", "Acceleration")

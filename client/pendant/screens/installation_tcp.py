@@ -11,8 +11,6 @@ from client.pendant.page import Page
 from client.pendant.station import Station
 from urproto.robots.pose import Pose, rotvec_to_rpy, rpy_to_rotvec
 
-__all__ = ["build"]
-
 _DEG: Final = 57.29577951308232
 _MM: Final = 1000.0
 _VECTOR: Final = "vector"

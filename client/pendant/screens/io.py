@@ -1,12 +1,348 @@
 """I/O: digital signals as lamps that switch, analog signals, the tool; registers and the Modbus server beside them."""
 
+from collections.abc import Callable
+from typing import Any, Final
+
 from nicegui import ui
 
-from client.pendant.page import Page
-from client.pendant.screens import io_analog, io_digital, io_modbus, io_registers, io_tool
-from client.pendant.views import Views
+from client.pendant.page import Page, Views, choice
+from client.pendant.screens import io_registers
+from client.pendant.station import Station
+from client.pendant.wires import CONFIGURABLE, STANDARD, TOOL, Group, Range, analog_range, set_analog, set_digital
+from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolMode, ToolOutputMode, mode_name
+from urproto.versions import Series
 
-__all__ = ["build"]
+_VOLTAGES: Final = {0: "0 V", 12: "12 V", 24: "24 V"}
+_USES: Final = {int(ToolOutputMode.DIGITAL): "Digital outputs", int(ToolOutputMode.DUAL_PIN_POWER): "Dual pin power"}
+_DRIVES: Final = {
+    int(ToolDigitalOutputMode.SINKING_NPN): "Sinking (NPN)",
+    int(ToolDigitalOutputMode.SOURCING_PNP): "Sourcing (PNP)",
+    int(ToolDigitalOutputMode.PUSH_PULL): "Push / pull",
+}
+_PARITIES: Final = {0: "no parity", 1: "odd parity", 2: "even parity"}
+
+
+def build_tool(page: Page) -> None:
+    """Put it on the page."""
+    with page.panel("Tool", "tool-panel") as panel:
+        simulated(page, panel)
+        with ui.row().classes("tool-wires"):
+            inputs(page, TOOL)
+            outputs(page, TOOL)
+        for index in range(2):
+            _analog(page, index)
+        _voltage(page)
+        with ui.element("div").classes("facts"):
+            _fact(page, "Current", lambda s: _number(s, "tool_output_current", "A", 3))
+            _fact(page, "Temperature", lambda s: _number(s, "tool_temperature", "°C", 1))
+            _fact(page, "Mode", _mode)
+            _fact(page, "Serial line", _line)
+        _uses(page)
+
+
+def power(page: Page) -> None:
+    """What the control box and the arm draw."""
+    with page.panel("Supply", "power-panel"), ui.element("div").classes("supply-facts"):
+        _fact(page, "Main", lambda s: _number(s, "actual_main_voltage", "V", 1))
+        _fact(page, "Arm", lambda s: _number(s, "actual_robot_voltage", "V", 1))
+        _fact(page, "Arm current", lambda s: _number(s, "actual_robot_current", "A", 2))
+        _fact(page, "I/O current", _io_current)
+
+
+def _io_current(station: Station) -> str:
+    state = station.primary_state
+    return "-" if state is None or state.masterboard is None else f"{1000 * state.masterboard.io_current:.0f} mA"
+
+
+def _analog(page: Page, index: int) -> None:
+    def domain(station: Station) -> int:
+        return int(station.values.get("tool_analog_input_types", 0) >> index & 1)
+
+    def value(station: Station) -> float | None:
+        return station.values.get(f"tool_analog_input{index}")
+
+    def shown(station: Station) -> str:
+        amount, reach = value(station), analog_range(domain(station))
+        return "-" if amount is None else f"{amount * reach.factor:.3f} {reach.unit}"
+
+    with ui.row().classes("analog"):
+        ui.label(f"AI{index + 2}").classes("signal-name")
+        page.live.text(shown, "reading").props(f"data-testid=AI{index + 2}")
+        domain_choice(
+            page,
+            domain,
+            lambda wanted: page.station.say(f"set_tool_analog_input_domain({index}, {wanted})"),
+            f"AI{index + 2}",
+        )
+        simulated_input(page, index, value, domain, tool=True)
+
+
+def _voltage(page: Page) -> None:
+    with ui.row().classes("analog tool-supply"):
+        ui.label("Supply").classes("signal-name")
+        toggle = ui.toggle(_VOLTAGES).props("dense no-caps unelevated").props("data-testid=tool-voltage")
+    choice(
+        page,
+        toggle,
+        lambda station: station.values.get("tool_output_voltage"),
+        lambda wanted: page.station.say(f"set_tool_voltage({wanted})"),
+        "tool voltage",
+    )
+
+
+def _uses(page: Page) -> None:
+    """What the output pins are for; an e-Series has a choice."""
+    with ui.row().classes("tool-uses") as row:
+        _use(page, _USES, "Output pins", "output_mode", "set_tool_output_mode({})").props("data-testid=tool-use")
+        for index in range(2):
+            call = f"set_tool_digital_output_mode({index}, {{}})"
+            _use(page, _DRIVES, f"TO{index}", f"digital_output{index}_mode", call)
+    page.live.effect(lambda station: station.version is None or station.version.series is Series.E, row.set_visibility)
+
+
+def _use(page: Page, options: dict[int, str], label: str, name: str, call: str) -> ui.select:
+    select = ui.select(options, label=label).props("dense outlined options-dense")
+
+    async def choose(wanted: int) -> None:
+        await page.station.say(call.format(wanted))
+
+    choice(page, select, lambda station: _pins(station, name), choose, label)
+    return select
+
+
+def _pins(station: Station, name: str) -> int | None:
+    state = station.primary_state
+    return None if state is None or state.tool_mode is None else getattr(state.tool_mode, name)
+
+
+def _fact(page: Page, name: str, read: Callable[[Station], str]) -> None:
+    ui.label(name)
+    page.live.text(read)
+
+
+def _number(station: Station, field: str, unit: str, digits: int) -> str:
+    value = station.values.get(field)
+    return "-" if value is None else f"{value:.{digits}f} {unit}"
+
+
+def _mode(station: Station) -> str:
+    value = station.values.get("tool_mode")
+    return "-" if value is None else mode_name(ToolMode, value).replace("_", " ").capitalize()
+
+
+def _line(station: Station) -> str:
+    state = station.primary_state
+    line = None if state is None else state.tool_communication
+    if line is None:
+        return "-"
+    if not line.enabled:
+        return "off"
+    return f"{line.baud_rate} baud, {_PARITIES.get(line.parity, line.parity)}, {line.stop_bits} stop bits"
+
+
+SIMULATED = "simulated: touch to change"
+
+
+def build_digital(page: Page) -> None:
+    """The control box's."""
+    with page.panel("Digital inputs", "wire-panel") as panel:
+        simulated(page, panel)
+        for group in (STANDARD, CONFIGURABLE):
+            ui.label(group.name.capitalize()).classes("caption")
+            inputs(page, group)
+    with page.panel("Digital outputs", "wire-panel"):
+        for group in (STANDARD, CONFIGURABLE):
+            ui.label(group.name.capitalize()).classes("caption")
+            outputs(page, group)
+
+
+def simulated(page: Page, panel: ui.element) -> None:
+    """Say on an emulator that these can be changed, which on a robot they cannot."""
+    ui.label(SIMULATED).classes("simulated-mark")
+    page.live.bind(panel, "state", lambda station: "simulated" if station.behind.available else "real")
+
+
+def inputs(page: Page, group: Group) -> None:
+    """Lamps of a group."""
+    station = page.station
+
+    async def switch(index: int) -> None:
+        if station.behind.available:
+            level = not _level(station, "actual_digital_input_bits", group, index)
+            await page.attempt(
+                lambda: station.behind.call("set_digital_input", index=index, level=level, group=group.name)
+            )
+
+    _lamps(page, group, "I", "actual_digital_input_bits", switch)
+
+
+def outputs(page: Page, group: Group) -> None:
+    """Lamps of a group that switch."""
+    station = page.station
+
+    async def switch(index: int) -> None:
+        level = not _level(station, "actual_digital_output_bits", group, index)
+        await page.attempt(lambda: set_digital(station, group, index, level))
+
+    _lamps(page, group, "O", "actual_digital_output_bits", switch)
+
+
+def _lamps(page: Page, group: Group, way: str, field: str, switch: Callable[[int], object]) -> None:
+    with ui.element("div").classes(f"wires {'wires-in' if way == 'I' else 'wires-out'}") as row:
+        for index in range(group.count):
+            name = f"{group.letter}{way}{index}"
+            lamp = ui.element("button").classes("wire").props(f"data-testid={name} type=button")
+            lamp.on("click", lambda _, index=index: switch(index))
+            with lamp:
+                ui.element("i")
+                ui.label(name)
+    page.live.bind(row, "bits", _reader(field, group))
+
+
+def _reader(field: str, group: Group) -> Callable[[Station], str]:
+    def read(station: Station) -> str:
+        """A digit each, 0 or 1, in order; "" while they are not known."""
+        if field not in station.values:
+            return ""
+        bits = station.values[field] >> group.first
+        return "".join("1" if bits >> index & 1 else "0" for index in range(group.count))
+
+    return read
+
+
+def _level(station: Station, field: str, group: Group, index: int) -> bool:
+    return bool(station.values.get(field, 0) >> group.first + index & 1)
+
+
+_DOMAINS: Final = {int(AnalogDomain.CURRENT): "mA", int(AnalogDomain.VOLTAGE): "V"}
+
+
+def build_analog(page: Page) -> None:
+    """Two inputs, two outputs."""
+    with page.panel("Analog inputs", "analog-panel") as panel:
+        simulated(page, panel)
+        for index in range(2):
+            _input(page, index)
+    with page.panel("Analog outputs", "analog-panel"):
+        for index in range(2):
+            _output(page, index)
+
+
+def _input(page: Page, index: int) -> None:
+    station = page.station
+
+    def domain(station: Station) -> int:
+        return int(station.values.get("analog_io_types", 0) >> index & 1)
+
+    def value(station: Station) -> float | None:
+        return station.values.get(f"standard_analog_input{index}")
+
+    with ui.row().classes("analog"):
+        ui.label(f"AI{index}").classes("signal-name")
+        page.live.text(_shown(value, domain), "reading").props(f"data-testid=AI{index}")
+        domain_choice(
+            page,
+            domain,
+            lambda wanted: station.say(f"set_standard_analog_input_domain({index}, {wanted})"),
+            f"AI{index}",
+        ).props(f"data-testid=AI{index}-domain")
+        simulated_input(page, index, value, domain)
+
+
+def _output(page: Page, index: int) -> None:
+    station = page.station
+
+    def domain(station: Station) -> int:
+        return int(station.values.get("analog_io_types", 0) >> 2 + index & 1)
+
+    def value(station: Station) -> float | None:
+        return station.values.get(f"standard_analog_output{index}")
+
+    async def put(shown: float) -> None:
+        wanted = AnalogDomain(domain(station))
+        await page.attempt(lambda: set_analog(station, index, wanted, analog_range(wanted).ratio(shown)))
+
+    async def change(wanted: int) -> None:
+        ratio = _ratio(value(station), analog_range(domain(station)))
+        await set_analog(station, index, AnalogDomain(wanted), ratio)
+
+    with ui.row().classes("analog"):
+        ui.label(f"AO{index}").classes("signal-name")
+        page.live.text(_shown(value, domain), "reading").props(f"data-testid=AO{index}")
+        domain_choice(page, domain, change, f"AO{index}").props(f"data-testid=AO{index}-domain")
+        _setter(page, put, value, domain).props(f"data-testid=AO{index}-slider")
+        _typed(put).props(f"data-testid=AO{index}-value")
+
+
+def domain_choice(page: Page, read: Callable[[Station], int], choose: Callable[[int], Any], name: str) -> ui.toggle:
+    """mA or V; follows the robot."""
+    toggle = ui.toggle(_DOMAINS).props("dense no-caps unelevated").classes("domain")
+    choice(page, toggle, lambda station: read(station) if station.connected else None, choose, f"domain of {name}")
+    return toggle
+
+
+def simulated_input(
+    page: Page,
+    index: int,
+    value: Callable[[Station], float | None],
+    domain: Callable[[Station], int],
+    tool: bool = False,
+) -> None:
+    """A slider for an emulator's analog input."""
+    station = page.station
+
+    async def put(shown: float) -> None:
+        amount = shown / analog_range(domain(station)).factor
+        await page.attempt(lambda: station.behind.call("set_analog_input", index=index, value=amount, tool=tool))
+
+    slider = _setter(page, put, value, domain).classes("simulated-only")
+    slider.props(f"data-testid=AI{index + 2 * tool}-slider")
+
+
+def _setter(
+    page: Page,
+    put: Callable[[float], Any],
+    value: Callable[[Station], float | None],
+    domain: Callable[[Station], int],
+) -> ui.slider:
+    """A slider over the signal's range that follows the robot."""
+    slider = ui.slider(min=0, max=1000, step=1).props("dense").classes("analog-slider")
+
+    async def move() -> None:
+        reach = analog_range(domain(page.station))
+        await put(reach.low + (reach.high - reach.low) * slider.value / 1000)
+
+    slider.on("change", move)
+    page.live.effect(
+        lambda station: round(1000 * _ratio(value(station), analog_range(domain(station)))), slider.set_value
+    )
+    return slider
+
+
+def _typed(put: Callable[[float], Any]) -> ui.number:
+    """Enter sets it."""
+    box = ui.number(format="%.3f", placeholder="set").props("dense outlined hide-bottom-space").classes("analog-value")
+
+    async def enter() -> None:
+        if box.value is not None:
+            await put(box.value)
+
+    box.on("keydown.enter", enter)
+    return box
+
+
+def _ratio(value: float | None, reach: Range) -> float:
+    if value is None:
+        return 0.0
+    return min(max((value * reach.factor - reach.low) / (reach.high - reach.low), 0.0), 1.0)
+
+
+def _shown(value: Callable[[Station], float | None], domain: Callable[[Station], int]) -> Callable[[Station], str]:
+    def read(station: Station) -> str:
+        amount, reach = value(station), analog_range(domain(station))
+        return "-" if amount is None else f"{amount * reach.factor:.3f} {reach.unit}"
+
+    return read
 
 
 def build(page: Page) -> None:
@@ -14,11 +350,11 @@ def build(page: Page) -> None:
     titles = {"signals": "Robot", "registers": "Registers", "modbus": "Modbus"}
     with ui.column().classes("io"), Views(page, "io", titles) as views:
         with views.view("signals", "io-signals"):
-            io_digital.build(page)
-            io_analog.build(page)
-            io_tool.build(page)
-            io_tool.power(page)
+            build_digital(page)
+            build_analog(page)
+            build_tool(page)
+            power(page)
         with views.view("registers"):
             io_registers.build(page, views)
         with views.view("modbus"):
-            io_modbus.build(page, views)
+            io_registers.build_modbus(page, views)

@@ -6,12 +6,9 @@ from typing import Final
 
 from nicegui import ui
 
-from client.pendant.events import SEVERITIES, Event, Severity
-from client.pendant.log_view import SHOWN, LogView, as_csv, as_text
+from client.pendant.events import SEVERITIES, SHOWN, Event, LogView, Severity, as_csv, as_text
 from client.pendant.page import Page
 from urproto.text import to_bytes
-
-__all__ = ["build"]
 
 _ICONS: Final[dict[Severity, str]] = {"info": "info", "warning": "warning", "error": "error"}
 _HEAD: Final = ("Time", "Uptime [s]", "", "Source", "Code", "Text")

@@ -4,14 +4,10 @@ from nicegui import ui
 
 from client.pendant.arm_scene import arm_scene, camera_buttons
 from client.pendant.page import Page
-from client.pendant.screens.move_jog import JogPanels
-from client.pendant.screens.move_poses import saved_poses
-from client.pendant.screens.move_settings import MoveSettings
-from client.pendant.screens.move_target import joint_target, pose_target
+from client.pendant.screens.move_jog import JogPanels, MoveSettings
+from client.pendant.screens.move_target import joint_target, pose_target, saved_poses
 from client.pendant.situation import Action
 from client.pendant.station import Station
-
-__all__ = ["build"]
 
 
 def build(page: Page) -> None:

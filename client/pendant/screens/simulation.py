@@ -1,22 +1,233 @@
 """Simulation: what an emulator can be made to do and a robot cannot."""
 
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from functools import partial
+from math import log10
+from typing import Any, Final
 
 from nicegui import ui
 
+from client.pendant.fault_form import JOINTS
 from client.pendant.page import Page
 from client.pendant.screens.simulation_arm import arm_tab
-from client.pendant.screens.simulation_connections import connections_tab
 from client.pendant.screens.simulation_faults import faults_tab
 from client.pendant.screens.simulation_inputs import inputs_tab
-from client.pendant.screens.simulation_safety import safety_tab
 from client.pendant.screens.simulation_scene import scene_panel
-from client.pendant.screens.simulation_time import time_panel
 from client.pendant.screens.simulation_world import world_tab
 from client.pendant.station import Station
 
-__all__ = ["build"]
+_DEVICES: Final[dict[str, tuple[str, str]]] = {
+    "emergency_stop": ("Emergency stop", "robot's button, pressed"),
+    "system_emergency_stop": ("System emergency stop", "another machine's, pressed"),
+    "safeguard": ("Safeguard", "open"),
+    "automatic_safeguard": ("Automatic mode safeguard", "open; counts in automatic mode"),
+    "enabling_device": ("Enabling device", "not held halfway; counts in manual mode"),
+    "reduced_mode": ("Reduced mode", "asked for"),
+}
+_BUTTONS: Final = {"emergency_stop": "robot", "system_emergency_stop": "system"}
+
+
+def safety_tab(page: Page) -> None:
+    """Put it there."""
+    with ui.element("div").classes("sim-stack"):
+        ui.label("Devices").classes("panel-title")
+        with ui.element("div").classes("sim-devices"):
+            for name in _DEVICES:
+                _device(page, name)
+        with ui.element("div").classes("sim-row"):
+            _action(page, "Reset safeguard", "reset_safeguard")
+            _action(page, "Restart safety", "restart_safety")
+            _action(page, "Unlock at once", "unlock_protective_stop")
+        ui.label("Causes").classes("panel-title")
+        _causes(page)
+        ui.label("Arm supply").classes("panel-title")
+        with ui.element("div").classes("sim-row"):
+            _action(page, "Take the 48 V away", "set_arm_supply", present=False)
+            _action(page, "Give them back", "set_arm_supply", present=True)
+        ui.label("Last stop").classes("panel-title")
+        page.live.text(_last_stop, "sim-text").props("data-testid=last-stop")
+
+
+def _device(page: Page, name: str) -> None:
+    title, active_text = _DEVICES[name]
+    behind = page.station.behind
+
+    def active(station: Station) -> bool:
+        devices = station.behind.watch("safety_devices").value if station.behind.available else None
+        return bool((devices or {}).get(name, False))
+
+    async def toggle() -> None:
+        wanted = not active(page.station)
+        if name in _BUTTONS:
+            verb = "press_emergency_stop" if wanted else "release_emergency_stop"
+            await behind.change(verb, button=_BUTTONS[name])
+        else:
+            await behind.change("set_safety_device", device=name, active=wanted)
+
+    with ui.element("button").classes("sim-device").props(f"type=button data-testid=device-{name}") as button:
+        ui.element("span").classes("sim-bit-lamp")
+        with ui.element("span").classes("sim-device-text"):
+            ui.label(title)
+            ui.label(active_text).classes("init-hint")
+    button.on("click", page.doing(toggle))
+    page.live.bind(button, "state", lambda station: "alarm" if active(station) else "off")
+
+
+def _action(page: Page, text: str, verb: str, **arguments: Any) -> None:
+    click = page.doing(partial(page.station.behind.change, verb, **arguments))
+    ui.button(text, on_click=click).props(f"outline no-caps data-testid={verb}").classes("sim-button")
+
+
+def _causes(page: Page) -> None:
+    with ui.element("div").classes("sim-row"):
+        choice = ui.select({}, label="Cause", with_input=True)
+        choice.props("outlined dense options-dense data-testid=cause").classes("sim-grow")
+        joint = ui.select({None: "–", **JOINTS}, label="Joint", value=None).props("outlined dense options-dense")
+        joint.classes("sim-joint-choice")
+
+        async def trip() -> None:
+            if not choice.value:
+                raise ValueError("Choose a cause first.")
+            arguments = {} if joint.value is None else {"joint": joint.value}
+            await page.station.behind.change("trip_safety", cause=choice.value, **arguments)
+
+        button = ui.button("Trip", icon="report", on_click=page.doing(trip))
+        button.props("unelevated color=negative data-testid=trip").classes("sim-button")
+
+    def know(catalogue: Mapping[str, Any]) -> None:
+        causes = catalogue.get("safety_causes", {})
+        options = {name: f"{name.replace('_', ' ')} – {text}" for name, text in causes.items()}
+        choice.set_options(options, value=next(iter(options), None))
+
+    page.live.effect(lambda station: station.behind.catalogue, know)
+
+
+def _last_stop(station: Station) -> str:
+    stop = station.behind.watch("last_stop").value if station.behind.available else None
+    if stop is None:
+        return "None since the emulator began."
+    how = "took" if stop["over"] else "has taken"
+    return (
+        f"{stop['mode'].replace('_', ' ').capitalize()}, stop category {stop['category']}: {how} "
+        f"{stop['duration_s']:.3f} s, the tool travelled {1e3 * stop['distance_m']:.0f} mm."
+    )
+
+
+_Connections = Mapping[str, Sequence[str]]
+
+
+def connections_tab(page: Page) -> None:
+    """Put it there."""
+    with ui.element("div").classes("sim-rows sim-connections").props("data-testid=connections") as rows:
+        pass
+
+    def show(connections: _Connections | None) -> None:
+        rows.clear()
+        with rows:
+            for title in ("Port", "", "Clients"):
+                ui.label(title).classes("init-th")
+            for name, peers in (connections or {}).items():
+                _row(page, name, peers)
+
+    page.live.effect(_connections, show)
+
+
+def _connections(station: Station) -> Any:
+    return station.behind.watch("connections").value if station.behind.available else None
+
+
+def _row(page: Page, name: str, peers: Sequence[str]) -> None:
+    behind = page.station.behind
+    ui.label(name).classes("sim-port")
+    ui.label(str(behind.catalogue.get("ports", {}).get(name, ""))).classes("sim-port-number")
+    with ui.element("div").classes("sim-peers"):
+        for peer in peers:
+            with ui.element("span").classes("sim-peer"):
+                ui.label(peer)
+                if name != "control":
+                    drop = partial(behind.change, "inject_fault", kind="drop_connection", port=name, peer=peer)
+                    ui.button(icon="link_off", on_click=page.doing(drop)).props(
+                        f'flat round dense size=sm aria-label="Drop {peer}" title="End this connection"'
+                    )
+        if not peers:
+            ui.label("–").classes("init-th")
+
+
+_SLOWEST, _FASTEST = 0.1, 10.0
+_STEPS: Final = (1, 10, 125)
+
+
+def time_panel(page: Page) -> None:
+    """One line: the clock, pause or resume, steps, and a slider of speeds."""
+    live, behind = page.live, page.station.behind
+    with ui.card().classes("panel sim-time"):
+        ui.icon("schedule").classes("sim-time-icon")
+        live.text(_clock, "sim-clock").props("data-testid=sim-clock")
+        live.bind(live.text(_pace, "sim-pace").props("data-testid=sim-pace"), "state", _pace_state)
+        pause = ui.button("Pause", icon="pause", on_click=page.doing(lambda: behind.change("pause_time")))
+        pause.props("unelevated dense data-testid=time-pause").classes("sim-button")
+        resume = ui.button("Resume", icon="play_arrow", on_click=page.doing(lambda: behind.change("resume_time")))
+        resume.props("unelevated dense color=positive data-testid=time-resume").classes("sim-button")
+        page.show_if(pause, lambda station: not _paused(station))
+        page.show_if(resume, _paused)
+        with ui.button_group().props("flat").classes("sim-steps"):
+            for count in _STEPS:
+                _step_button(page, count)
+        ui.space()
+        _speed(page)
+
+
+def _step_button(page: Page, count: int) -> None:
+    button = ui.button(f"+{count}", on_click=page.doing(lambda: page.station.behind.change("step", periods=count)))
+    button.props(f"outline dense data-testid=time-step-{count}").classes("sim-button")
+    button.tooltip(f"{count} control period{'s' if count > 1 else ''}")
+    page.live.effect(_paused, button.set_enabled)
+
+
+def _speed(page: Page) -> None:
+    behind = page.station.behind
+    slider = ui.slider(min=log10(_SLOWEST), max=log10(_FASTEST), step=0.01).props("dense data-testid=time-speed")
+    slider.classes("sim-speed").props('markers=1 aria-label="Speed of time"')
+
+    async def set_speed() -> None:
+        await page.attempt(lambda: behind.change("set_speed", speed=round(10.0**slider.value, 2)))
+
+    slider.on("change", set_speed)
+    live = page.live
+    live.effect(_speed_of, lambda speed: slider.set_value(log10(min(_FASTEST, max(_SLOWEST, speed or _FASTEST)))))
+    for text, speed, mark in (("0.1×", 0.1, "slow"), ("1×", 1.0, "real"), ("10×", 10.0, "fast"), ("Max", 0.0, "max")):
+        button = ui.button(text, on_click=_setter(page, speed)).props(f"flat dense no-caps data-testid=time-{mark}")
+        button.classes("sim-button")
+        if not speed:
+            button.tooltip("As fast as it goes")
+
+
+def _setter(page: Page, speed: float) -> Callable[[], Awaitable[None]]:
+    return page.doing(lambda: page.station.behind.change("set_speed", speed=speed))
+
+
+def _paused(station: Station) -> bool:
+    return bool(station.behind.time.get("paused", False))
+
+
+def _speed_of(station: Station) -> float:
+    return float(station.behind.time.get("speed", 1.0))
+
+
+def _pace(station: Station) -> str:
+    return station.behind.pace or "real time"
+
+
+def _pace_state(station: Station) -> str:
+    return "paused" if _paused(station) else "real" if _speed_of(station) == 1.0 else "other"
+
+
+def _clock(station: Station) -> str:
+    time = station.behind.time
+    paused = _paused(station) or not station.connected
+    seconds = float(time.get("time_s", 0.0) if paused else station.values.get("timestamp", 0.0))
+    return f"{seconds:.3f} s" if paused else f"{seconds:.1f} s"
+
 
 _TABS: Final[tuple[tuple[str, str, Callable[[Page], None]], ...]] = (
     ("faults", "Faults", faults_tab),

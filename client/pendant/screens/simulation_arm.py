@@ -11,8 +11,6 @@ from client.pendant.page import Page
 from client.pendant.station import Station
 from urproto.robots import START_Q
 
-__all__ = ["arm_tab", "read_document"]
-
 _JOINTS: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
 _MM: Final = 1e3
 _MOST_BYTES: Final = 4_000_000  # what the control API takes

@@ -10,8 +10,6 @@ from nicegui import ui
 from client.pendant.fault_form import FaultField, FaultKind, arguments_of, fault_kinds
 from client.pendant.page import Page
 
-__all__ = ["faults_tab"]
-
 _SUBJECTS: Final = {
     "network": "Connections and ports",
     "line": "Bytes on their way",

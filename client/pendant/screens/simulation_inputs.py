@@ -9,8 +9,6 @@ from client.pendant.page import Page
 from client.pendant.station import Station
 from urproto.modes import AnalogDomain
 
-__all__ = ["inputs_tab"]
-
 
 class _Group(NamedTuple):
     name: str

@@ -11,8 +11,6 @@ from client.pendant.page import Page
 from client.pendant.screens.simulation_arm import number, numbers
 from client.pendant.station import Station
 
-__all__ = ["described", "world_tab"]
-
 _MM: Final = 1e3
 _AXES: Final = ("x", "y", "z")
 _POSE: Final = ("X", "Y", "Z", "RX", "RY", "RZ")

@@ -10,11 +10,9 @@ from collections.abc import Callable
 from typing import Final
 
 from emulator.programs.host import Frames, ProgramHost
-from emulator.programs.rpc.remote import RemoteError, authority, connect
+from emulator.programs.rpc.httpclient import RemoteError, authority, connect
 from emulator.programs.sockets import ScriptSocket
 from urscript.meter import pay
-
-__all__ = ["PacketConnection", "PacketReader"]
 
 _ESC: Final = b"\x1b"
 _WORD_BYTES: Final = 4

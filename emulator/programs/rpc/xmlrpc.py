@@ -42,8 +42,6 @@ from urscript.values import (
     type_name,
 )
 
-__all__ = ["BadReplyError", "Reply", "encode_call", "to_value"]
-
 _MOST_BYTES: Final = 512 * 1024  # XMLRPC_XML_SIZE_LIMIT_DEFAULT of xmlrpc-c
 _DEEPEST: Final = 6 * (MAX_NESTING + 2)  # open elements: value, struct, member or value, array, data a level
 _POSE_MEMBERS: Final = ("x", "y", "z", "rx", "ry", "rz")

@@ -12,8 +12,6 @@ from xml.parsers import expat
 
 from urscript.work import Steps, run_to_end
 
-__all__ = ["DocumentError", "Element", "read_document", "read_steps", "unpacked"]
-
 _GZIP: Final = b"\x1f\x8b"
 _PIECE: Final = 4096  # bytes of XML read in one step: well under a millisecond
 _PIECE_WORK: Final = 200  # guess [units of `urscript.work`]

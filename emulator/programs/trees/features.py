@@ -7,8 +7,6 @@ from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.numbers import numbers
 from urproto.robots.pose import Pose, Vec3, matrix_to_rotvec, rotvec_to_matrix
 
-__all__ = ["BASE_VARIABLE", "read_features"]
-
 BASE_VARIABLE: Final = "Base"  # the base as a feature that programs use as a variable
 
 _POINT: Final = "GeomPoseNode"

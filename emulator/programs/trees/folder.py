@@ -5,8 +5,6 @@ from typing import Final
 
 from urproto.text import from_bytes
 
-__all__ = ["ROOTS", "ProgramsFolder"]
-
 ROOTS: Final = ("/ursim/programs", "/programs", "/root/programs")  # where clients and files believe the folder is
 _PROGRAMS: Final = "programs"
 _LARGEST: Final = 16 << 20  # bytes of a file that a program names

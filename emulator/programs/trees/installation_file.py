@@ -9,7 +9,6 @@ from typing import Final
 
 from emulator.programs.trees.document import DocumentError, Element, read_document, read_steps, unpacked
 from emulator.programs.trees.features import read_features
-from emulator.programs.trees.modbus import ModbusSignal, read_modbus
 from emulator.programs.trees.numbers import number, numbers, six
 from emulator.safety.configuration import SafetyConfiguration
 from emulator.safety.installation import SafetySettingsError, read_safety_settings
@@ -17,16 +16,56 @@ from urproto.robots.pose import Pose
 from urproto.text import from_bytes, lines, strip
 from urscript.work import Steps, run_to_end
 
-__all__ = [
-    "DefaultProgram",
-    "InputTrigger",
-    "InstallationFile",
-    "PayloadSetting",
-    "load_installation_file",
-    "read_installation",
-    "read_installation_steps",
-    "read_variables",
-]
+_TYPES: Final = {"DIGITAL_INPUT": 0, "DIGITAL_OUTPUT": 1, "REGISTER_INPUT": 2, "REGISTER_OUTPUT": 3}  # as for scripts
+
+
+@dataclass(frozen=True, slots=True)
+class ModbusSignal:
+    """One signal, with the arguments of modbus_add_signal; ``frequency`` [Hz], negative: the usual one."""
+
+    name: str
+    address: str
+    slave: int
+    register: int
+    type: int
+    frequency: int
+
+
+def read_modbus(root: Element) -> tuple[ModbusSignal, ...]:
+    """Every signal, in the two forms files have: values as attributes, or as elements."""
+    return tuple(_signals(root))
+
+
+def _signals(root: Element) -> Iterator[ModbusSignal]:
+    for unit in root.walk():
+        address = _value(unit, "ipAddress", "ip__address")
+        if address and unit.tag != "ModbusSignal":
+            for signal in unit.walk():
+                if signal.tag.rpartition(".")[2] == "ModbusSignal":
+                    yield _signal(signal, address)
+
+
+def _signal(signal: Element, address: str) -> ModbusSignal:
+    kind = _value(signal, "type")
+    return ModbusSignal(
+        name=_value(signal, "name"),
+        address=address,
+        slave=int(number(_value(signal, "slaveAddress") or "255")),
+        register=int(number(_value(signal, "signalAddress") or "0")),
+        type=_TYPES[kind] if kind in _TYPES else int(number(kind or "0")),
+        frequency=int(number(_value(signal, "updateFrequency") or "-1")),
+    )
+
+
+def _value(element: Element, *names: str) -> str:
+    for name in names:
+        child = element.child(name)
+        if element.get(name):
+            return element.get(name)
+        if child is not None and child.text.strip():
+            return child.text.strip()
+    return ""
+
 
 _ROOT: Final = "Installation"
 _GRAVITY: Final = 9.82  # m/s2; in every program PolyScope generates
@@ -90,7 +129,7 @@ class InstallationFile:
 
     tcps, payloads, features: by name; ``tcp`` and ``payload`` are those in use at the start.
     feature_variables: features that programs may use as variables. pins: what a name stands for,
-    as a kind of `emulator.programs.trees.pins` and a number. variables: name and URScript value.
+    as a kind of `emulator.programs.trees.writer` and a number. variables: name and URScript value.
     tool_*: as for set_tool_voltage, set_tool_communication, set_tool_output_mode, set_tool_digital_output_mode.
     gravity: as for set_gravity [m/s2]. home: joints [rad]. contributions: data of URCaps by URCap name.
     safety: what it would have confirmed; None without a readable one. default_program: what happens by itself.

@@ -3,8 +3,6 @@
 import re
 from typing import Final
 
-__all__ = ["identifier", "quoted", "truth"]
-
 _DROPPED: Final = re.compile(r"[^A-Za-z0-9_]")
 _FOREIGN: Final = re.compile(r"[^\W\d_]", re.UNICODE)
 _UNNAMED: Final = "unnamed"

@@ -7,8 +7,6 @@ from emulator.programs.trees.document import DocumentError, Element
 from urproto.robots.pose import Pose, matrix_to_rotvec, pose_inv, pose_trans
 from urproto.text import number as text_number
 
-__all__ = ["list_text", "number", "number_text", "numbers", "pose_text", "six", "taught_pose"]
-
 _DIGITS = 12  # behind the point, as PolyScope writes poses
 
 

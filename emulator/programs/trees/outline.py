@@ -5,11 +5,10 @@ from typing import Final
 
 from emulator.programs.trees.document import Element
 from emulator.programs.trees.installation_file import InstallationFile
-from emulator.programs.trees.program import ExternalControlCode, ProgramTree, write_steps
+from emulator.programs.trees.program import ProgramTree, write_steps
+from emulator.programs.trees.writer import ExternalControlCode
 from urproto.versions import PolyscopeVersion
 from urscript.work import Steps
-
-__all__ = ["OutlineNode", "outline_steps"]
 
 _NODE_WORK: Final = 20  # guess [units of `urscript.work`]
 

@@ -1,34 +1,122 @@
 """A program tree, and the URScript it is run as."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal, TypeAlias
 
 from emulator.programs.trees.document import DocumentError, Element, read_steps
 from emulator.programs.trees.folder import ProgramsFolder
 from emulator.programs.trees.installation_file import InstallationFile
-from emulator.programs.trees.naming import quoted
+from emulator.programs.trees.naming import identifier, quoted
 from emulator.programs.trees.nodes import NODE_MODULES
 from emulator.programs.trees.nodes.urcaps import is_external_control
-from emulator.programs.trees.preamble import write_preamble
-from emulator.programs.trees.registry import NODES, translate
+from emulator.programs.trees.numbers import list_text, pose_text
 from emulator.programs.trees.twin import NO_TWIN, TwinScript, read_twin
 from emulator.programs.trees.writer import ExternalControlCode, TreeError, Writer
 from urproto.text import from_bytes
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.work import Steps, run_to_end
 
-__all__ = [
-    "NODES",
-    "ExternalControlCode",
-    "ProgramTree",
-    "TreeError",
-    "read_tree",
-    "script_of",
-    "script_steps",
-    "write_steps",
-]
+Status = Literal["supported", "partial"]
+Translation: TypeAlias = Callable[[Writer, Element], Steps[None] | None]
+
+
+@dataclass(frozen=True, slots=True)
+class NodeType:
+    """A kind of node: its XML tag, what it is for, how far it is translated."""
+
+    tag: str
+    doc: str
+    status: Status
+    note: str
+    translation: Translation
+
+
+_NODE_WORK: Final = 50  # guess [units of `urscript.work`]
+
+NODES: Final[dict[str, NodeType]] = {}  # by XML tag
+
+
+def node(tag: str, *, status: Status = "supported", note: str = "") -> Callable[[Translation], Translation]:
+    """Register a function as the translation of a node type. A generator yields after each of its steps."""
+
+    def register(translation: Translation) -> Translation:
+        NODES[tag] = NodeType(tag, (translation.__doc__ or "").strip(), status, note, translation)
+        return translation
+
+    return register
+
+
+def translate(writer: Writer, element: Element) -> Steps[None]:
+    """Write the URScript of a node and of those in it. Raises TreeError for one that cannot be run."""
+    kind = NODES.get(element.tag)
+    if kind is None:
+        raise TreeError(f"node <{element.tag}> is not known")
+    with writer.node(element.tag):
+        steps = kind.translation(writer, element)
+        if steps is not None:
+            yield from steps
+    yield _NODE_WORK
+
+
+def translate_children(writer: Writer, element: Element) -> Steps[None]:
+    """Write the nodes below a node."""
+    children = element.child("children")
+    for child in children or ():
+        yield from translate(writer, child)
+
+
+def write_preamble(writer: Writer) -> None:
+    """The installation as calls and variables, in the order of PolyScope's own scripts."""
+    with writer.into("preamble"):
+        if writer.installation.tcp is not None:
+            _inputs_and_outputs(writer)
+            _tool(writer)
+        _modbus(writer)
+    with writer.into("variables"):
+        for name, value in writer.installation.variables.items():
+            writer.line(f"global {identifier(name)}={value}")
+        for name in sorted(writer.installation.feature_variables):
+            writer.line(f"global {identifier(name)}={pose_text(writer.installation.features[name])}")
+
+
+def _inputs_and_outputs(writer: Writer) -> None:
+    file = writer.installation
+    for port, domain in enumerate(file.analog_inputs):
+        writer.line(f"set_standard_analog_input_domain({port}, {domain})")
+    for port, domain in enumerate(file.tool_inputs):
+        writer.line(f"set_tool_analog_input_domain({port}, {domain})")
+    for port, domain in enumerate(file.analog_outputs):
+        writer.line(f"set_analog_outputdomain({port}, {domain})")
+    writer.line("set_input_actions_to_default()")
+
+
+def _tool(writer: Writer) -> None:
+    file = writer.installation
+    if writer.version.series is Series.E:
+        enabled, *serial = file.tool_serial
+        writer.line(f"set_tool_communication({enabled}, {', '.join(map(str, serial))})")
+        writer.line(f"set_tool_output_mode({file.tool_output_mode})")
+        for port, kind in enumerate(file.tool_outputs):
+            writer.line(f"set_tool_digital_output_mode({port}, {kind})")
+    writer.line(f"set_tool_voltage({file.tool_voltage})")
+    if file.tcp is not None:
+        writer.line(f"set_tcp({pose_text(file.tcp)})")
+    if file.payload is not None:
+        writer.line(writer.payload(file.payload))
+    if file.gravity is not None:
+        writer.line(f"set_gravity({list_text(file.gravity)})")
+
+
+def _modbus(writer: Writer) -> None:
+    for signal in writer.installation.modbus:
+        address, name = quoted(signal.address), quoted(signal.name)
+        writer.line(f"modbus_add_signal({address}, {signal.slave}, {signal.register}, {signal.type}, {name}, False)")
+        if signal.frequency >= 0:
+            writer.line(f"modbus_set_signal_update_frequency({name}, {signal.frequency})")
+
 
 assert NODES, NODE_MODULES  # importing the modules has filled the table
 _ROOT: Final = "URProgram"

@@ -13,8 +13,6 @@ from typing import Final
 from urproto.text import lines
 from urscript.work import Steps
 
-__all__ = ["NO_TWIN", "TwinBlock", "TwinScript", "read_twin"]
-
 _MARK: Final = ": URCap "
 _HEAD: Final = 3  # lines of a block that may describe it
 _BEGIN: Final = re.compile(r"\s*# begin: URCap (Program|Installation) Node\s*$")

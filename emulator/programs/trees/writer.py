@@ -1,6 +1,7 @@
 """The URScript of a program tree while it is being written."""
 
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -15,7 +16,122 @@ if TYPE_CHECKING:
     from emulator.programs.trees.installation_file import InstallationFile, PayloadSetting
     from emulator.programs.trees.program import ProgramTree
 
-__all__ = ["BASE", "NO_POSE", "TOOL", "ExternalControlCode", "TreeError", "Writer"]
+
+_NUMBERED: Final = re.compile(r"(\w+)\[([0-9]{1,9})\]")
+
+# name without the number -> reading and writing call, as PolyScope writes them
+PINS: Final[dict[str, tuple[str, str]]] = {
+    "digital_in": ("get_standard_digital_in({0})", ""),
+    "digital_out": ("get_standard_digital_out({0})", "set_standard_digital_out({0}, {1})"),
+    "config_in": ("get_configurable_digital_in({0})", ""),
+    "config_out": ("get_configurable_digital_out({0})", "set_configurable_digital_out({0}, {1})"),
+    "tool_in": ("get_tool_digital_in({0})", ""),
+    "tool_out": ("get_tool_digital_out({0})", "set_tool_digital_out({0}, {1})"),
+    "analog_in": ("get_standard_analog_in({0})", ""),
+    "analog_out": ("get_standard_analog_out({0})", "set_standard_analog_out({0}, {1})"),
+    "tool_analog_in": ("get_tool_analog_in({0})", ""),
+    "GP_bool_in": ("read_input_boolean_register({0})", ""),
+    "GP_bool_out": ("read_output_boolean_register({0})", "write_output_boolean_register({0}, {1})"),
+    "GP_int_in": ("read_input_integer_register({0})", ""),
+    "GP_int_out": ("read_output_integer_register({0})", "write_output_integer_register({0}, {1})"),
+    "GP_float_in": ("read_input_float_register({0})", ""),
+    "GP_float_out": ("read_output_float_register({0})", "write_output_float_register({0}, {1})"),
+}
+
+
+def pin_name(pin: Element | None) -> str:
+    """The name a node gives for its pin. Raises DocumentError without one."""
+    name = "" if pin is None else pin.get("referencedName")
+    if not name:
+        raise DocumentError("a node does not say which input or output it means")
+    return name
+
+
+def find_pin(name: str, names: Mapping[str, tuple[str, str]]) -> tuple[str, str] | None:
+    """Kind (a key of PINS, or modbus) and number (or signal name) of a pin; ``names``: those of the installation."""
+    match = _NUMBERED.fullmatch(name)
+    return (match[1], match[2]) if match and match[1] in PINS else names.get(name)
+
+
+def resolve_pin(writer: "Writer", pin: Element | None) -> tuple[str, str]:
+    """Kind (a key of PINS, or modbus) and number (or signal name) of a pin.
+
+    Raises DocumentError for a name that neither PolyScope nor the installation gives.
+    """
+    name = pin_name(pin)
+    found = find_pin(name, writer.installation.pins)
+    if found is None:
+        raise DocumentError(f"the installation {writer.installation.name} has no input or output called {name}")
+    return found
+
+
+def pin_reading(writer: "Writer", pin: Element | None) -> str:
+    """URScript that reads an input, or what an output is set to."""
+    kind, number = resolve_pin(writer, pin)
+    if kind == "modbus":
+        return f"modbus_get_signal_status({quoted(number)})"
+    return PINS[kind][0].format(number)
+
+
+def pin_writing(writer: "Writer", pin: Element | None, value: str) -> str:
+    """URScript that sets an output. Raises DocumentError for an input."""
+    kind, number = resolve_pin(writer, pin)
+    if kind == "modbus":
+        call = "modbus_set_output_signal" if value in ("True", "False") else "modbus_set_output_register"
+        return f"{call}({quoted(number)}, {value})"
+    if not PINS[kind][1]:
+        raise DocumentError(f"{pin_name(pin)} is an input and cannot be set")
+    return PINS[kind][1].format(number, value)
+
+
+# what the editor shows -> what the language has; the four that files have
+_SYMBOLS: Final = {"≟": " == ", "≠": " != ", "≤": " <= ", "≥": " >= "}
+_SYMBOL: Final = re.compile("|".join(_SYMBOLS))
+_STRING: Final = re.compile(r'("[^"]*")')
+_VARIABLES: Final = ("ProgramVariable", "InstallationVariable", "GeomFeatureVariable")
+
+
+def expression_text(writer: "Writer", element: Element | None) -> str:
+    """URScript of an expression. Raises DocumentError for a part that is not known."""
+    if element is None:
+        return ""
+    text = "".join(_part(writer, part) for part in element.resolved())
+    pieces = _STRING.split(text)
+    return "".join(piece if index % 2 else _in_script(piece) for index, piece in enumerate(pieces)).strip()
+
+
+def expression_label(writer: "Writer", element: Element | None) -> str:
+    """An expression as the program tree shows it."""
+    return "" if element is None else "".join(_part(writer, part) for part in element.resolved())
+
+
+def variable_name(element: Element | None) -> str:
+    """Name, in scripts, of a variable or of a feature used as one. Raises DocumentError when there is none."""
+    name = "" if element is None else element.get("name") or element.get("featureName")
+    if not name:
+        raise DocumentError("a variable has no name")
+    return identifier(name)
+
+
+def _in_script(text: str) -> str:
+    return _SYMBOL.sub(lambda match: _SYMBOLS[match[0]], text)
+
+
+def _part(writer: "Writer", part: Element) -> str:
+    if part.tag == "ExpressionChar":
+        return part.get("character")
+    if part.tag == "ExpressionToken":
+        return part.get("token")
+    if part.tag == "ExpressionVariable":
+        return variable_name(part.child(*_VARIABLES))
+    if part.tag == "ExpressionIO" and (pin := part.child("pin")):
+        return pin_reading(writer, pin)
+    if part.tag == "ExpressionWaypoint" and (waypoint := part.child("Waypoint")):
+        return writer.waypoint(waypoint)[0]
+    if part.tag == "ExpressionGeomFeature":
+        return writer.feature(part.child("feature"), variable=True)
+    raise DocumentError(f"an expression has a <{part.tag}>, which is not known")
+
 
 _MAX_DEPTH: Final = 60  # as many blocks as a script may nest
 _MAX_SIZE: Final = 8 << 20  # bytes of script; the largest public one has 1.4 MB

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from typing import Self
 
-from urproto.testing.addresses import claim_address
+from urproto.testing.process import claim_address
 
 PORTS = (29999, 30001, 30002, 30003, 30004)
 

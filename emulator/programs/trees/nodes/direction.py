@@ -3,16 +3,12 @@
 from typing import Final
 
 from emulator.programs.trees.document import DocumentError, Element
-from emulator.programs.trees.expressions import expression_label, expression_text
 from emulator.programs.trees.naming import truth
 from emulator.programs.trees.nodes.moves import DIRECTION, move_of
 from emulator.programs.trees.nodes.waits import analog_condition, child_text
-from emulator.programs.trees.pins import pin_reading
-from emulator.programs.trees.registry import node, translate_children
-from emulator.programs.trees.writer import Writer
+from emulator.programs.trees.program import node, translate_children
+from emulator.programs.trees.writer import Writer, expression_label, expression_text, pin_reading
 from urscript.work import Steps
-
-__all__ = ["write_direction_function"]
 
 _AXES: Final = {
     "XPlus": ("X+", "[1.0, 0.0, 0.0]"),

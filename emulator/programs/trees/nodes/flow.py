@@ -3,12 +3,9 @@
 from typing import Final
 
 from emulator.programs.trees.document import DocumentError, Element
-from emulator.programs.trees.expressions import expression_label, expression_text, variable_name
-from emulator.programs.trees.registry import node, translate_children
-from emulator.programs.trees.writer import Writer
+from emulator.programs.trees.program import node, translate_children
+from emulator.programs.trees.writer import Writer, expression_label, expression_text, variable_name
 from urscript.work import Steps
-
-__all__ = ["count_time"]
 
 _DEFAULT_CASE: Final = "2147483647"
 

@@ -1,14 +1,11 @@
 """The program itself and what only orders it."""
 
 from emulator.programs.trees.document import DocumentError, Element
-from emulator.programs.trees.expressions import expression_text, variable_name
 from emulator.programs.trees.naming import identifier
 from emulator.programs.trees.nodes.moves import circle_move
-from emulator.programs.trees.registry import node, translate_children
-from emulator.programs.trees.writer import Writer
+from emulator.programs.trees.program import node, translate_children
+from emulator.programs.trees.writer import Writer, expression_text, variable_name
 from urscript.work import Steps
-
-__all__: list[str] = []
 
 
 @node("MainProgram")

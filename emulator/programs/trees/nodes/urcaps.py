@@ -6,11 +6,9 @@ from emulator.programs.trees.document import Element
 from emulator.programs.trees.nodes.direction import write_direction_function
 from emulator.programs.trees.nodes.flow import count_time
 from emulator.programs.trees.nodes.moves import DIRECTION
-from emulator.programs.trees.registry import node
+from emulator.programs.trees.program import node
 from emulator.programs.trees.writer import TreeError, Writer
 from urproto.text import lines
-
-__all__ = ["is_external_control"]
 
 _EXTERNAL_CONTROL: Final = "External Control"
 _UNNAMED: Final = "192.168.56.1"  # what the URCap calls a driver without a name

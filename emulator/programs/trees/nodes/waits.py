@@ -3,13 +3,9 @@
 from typing import Final
 
 from emulator.programs.trees.document import DocumentError, Element
-from emulator.programs.trees.expressions import expression_label, expression_text
 from emulator.programs.trees.naming import truth
-from emulator.programs.trees.pins import pin_name, pin_reading
-from emulator.programs.trees.registry import node
-from emulator.programs.trees.writer import Writer
-
-__all__ = ["analog_condition", "child_text"]
+from emulator.programs.trees.program import node
+from emulator.programs.trees.writer import Writer, expression_label, expression_text, pin_name, pin_reading
 
 _COMPARISONS: Final = {"0": "<", "1": ">"}  # guess: which is which
 
