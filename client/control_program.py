@@ -12,7 +12,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Final
 
-from client.gates import GATES
+from client.availability import GATES
 from urproto.errors import LocalProtocolError
 from urproto.versions import PolyscopeVersion, Series
 

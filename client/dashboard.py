@@ -7,7 +7,7 @@
     with BlockingDashboardClient("192.168.56.101") as dashboard:
         dashboard.ask(load("pick.urp"))
 
-What can be asked is an Operation, all of them in client.operations: a line and how to read
+What can be asked is an Operation, all of them in client.dashboard_commands: a line and how to read
 the answer. An answer that is not the one of success is a RobotRefused, and so is a command
 that the controller's version does not have: that one is not even sent.
 """
@@ -16,7 +16,7 @@ import asyncio
 from typing import TypeVar
 
 from client.connection import DEFAULT_TIMEOUT_S, POLL, AsyncConnection, BlockingConnection, Flow
-from client.operations import (
+from client.dashboard_commands import (
     BRAKE_RELEASE,
     CLEAR_OPERATIONAL_MODE,
     CLOSE_POPUP,

@@ -30,11 +30,11 @@ from emulator.servers.base import PortServer
 from emulator.servers.control import ControlServer
 from emulator.servers.dashboard import DashboardServer
 from emulator.servers.gripper import GripperServer
-from emulator.servers.intake import Intake
 from emulator.servers.interpreter import InterpreterServer
 from emulator.servers.modbus import ModbusServer
 from emulator.servers.modbus_client import ModbusClient
 from emulator.servers.primary import PrimaryServer, RealtimeServer
+from emulator.servers.read_budget import Intake
 from emulator.servers.rtde import RTDEServer
 from emulator.servers.script_sockets import NetworkSockets, OwnPorts, ScriptPort
 from emulator.servers.tool_device import ToolCommunicationServer, open_tool_device

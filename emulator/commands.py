@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from emulator import dashboard, textcommands
 from emulator.devices.gripper_requests import GripperSession
 from emulator.guard import Novelty, plausible
-from emulator.io import inputs, modbus_map
+from emulator.io import modbus_map, rtde_inputs
 from emulator.lifecycle.runstate import READ_ONLY_SOCKET
 from emulator.robot.installation import Payload
 from urproto.dashboard import failed
@@ -178,7 +178,7 @@ class RTDEInputs(Command):
     values: Mapping[str, Any]
 
     def apply(self, controller: "Controller") -> None:
-        inputs.apply_inputs(controller, self.values)
+        rtde_inputs.apply_inputs(controller, self.values)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,8 +21,8 @@ from emulator.devices.robotiq import Gripper, GripperModel
 from emulator.devices.tool_line import ToolLine
 from emulator.guard import MOVING, PUBLISHING, Guard, plausible
 from emulator.io.encoders import Encoders
-from emulator.io.inputs import InputActions
 from emulator.io.modbus_map import PortMemory
+from emulator.io.rtde_inputs import InputActions
 from emulator.io.signals import BaseLight, ForceInput, Registers, Signals
 from emulator.lifecycle.power import Power, PowerEvent, PowerState, PowerTimings
 from emulator.lifecycle.runstate import Speed, StopCause

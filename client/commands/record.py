@@ -28,7 +28,7 @@ from client.recording.live import (
 from client.recording.motion import JointPath, joint_path
 from client.recording.plots import deviations, draw
 from client.recording.recording import Recording
-from client.recording.stamps import Stamps
+from client.recording.timestamps import Stamps
 from client.robot import Robot
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.robots import MODELS, RobotModel, UnknownModel, load_model

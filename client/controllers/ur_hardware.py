@@ -11,6 +11,7 @@ import logging
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from client.availability import GATES
 from client.controllers.controller import NO_COMMAND
 from client.controllers.modes import MOTION, CommandMode, conflict, mode_of
 from client.controllers.passthrough import PASSTHROUGH, Transfer
@@ -19,7 +20,6 @@ from client.controllers.ur_states import URStates
 from client.driver import points
 from client.driver.endpoint import LONGEST_REAL_TIME_S
 from client.errors import ClientError, ControllerError, LateSetpointError
-from client.gates import GATES
 from urproto.errors import ProtocolError, RobotRefused
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
 from urproto.joints import JOINT_NAMES

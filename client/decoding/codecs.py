@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from ipaddress import IPv4Address, IPv6Address, ip_address
 
-from client.decoding import external, modbus, rtde, states, texts
+from client.decoding import external, modbus, rtde, states, text_ports
 from client.decoding.packets import Endpoint
 from client.decoding.streams import Framing, Stream
 from urproto import dashboard, interpreter
@@ -134,7 +134,7 @@ def _modbus() -> Channel:
 
 
 def _lines() -> Channel:
-    return Channel(texts.line_stream(), texts.line_stream())
+    return Channel(text_ports.line_stream(), text_ports.line_stream())
 
 
 _DRIVER = Side.CLIENT
@@ -143,12 +143,16 @@ CODECS = {
     codec.name: codec
     for codec in (
         Codec("rtde", (30004,), _rtde),
-        Codec("primary", (30001, 30002, 30011, 30012), lambda: Channel(states.primary_stream(), texts.line_stream())),
-        Codec("realtime", (30003, 30013), lambda: Channel(states.realtime_stream(), texts.line_stream())),
+        Codec(
+            "primary", (30001, 30002, 30011, 30012), lambda: Channel(states.primary_stream(), text_ports.line_stream())
+        ),
+        Codec("realtime", (30003, 30013), lambda: Channel(states.realtime_stream(), text_ports.line_stream())),
         Codec("dashboard", (29999,), _lines),
-        Codec("interpreter", (30020,), lambda: Channel(texts.answer_stream(), texts.statement_stream())),
+        Codec("interpreter", (30020,), lambda: Channel(text_ports.answer_stream(), text_ports.statement_stream())),
         Codec("modbus", (502,), _modbus),
-        Codec("reverse", (50001,), lambda: Channel(texts.line_stream(), external.reverse_stream()), _DRIVER, _DRIVER),
+        Codec(
+            "reverse", (50001,), lambda: Channel(text_ports.line_stream(), external.reverse_stream()), _DRIVER, _DRIVER
+        ),
         Codec("script-sender", (50002,), _lines, _DRIVER, _DRIVER),
         Codec(
             "trajectory",
@@ -164,9 +168,9 @@ CODECS = {
             _DRIVER,
             _DRIVER,
         ),
-        Codec("gripper", (63352,), lambda: Channel(texts.unended_stream(), texts.unended_stream())),
+        Codec("gripper", (63352,), lambda: Channel(text_ports.unended_stream(), text_ports.unended_stream())),
         Codec("text", (), _lines),
-        Codec("bytes", (), lambda: Channel(texts.BytesStream(), texts.BytesStream())),
+        Codec("bytes", (), lambda: Channel(text_ports.BytesStream(), text_ports.BytesStream())),
     )
 }
 _BY_PORT = {port: codec for codec in CODECS.values() for port in codec.ports}

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from client.control_program import split_greeting
-from client.decoding import show
+from client.decoding import formatting
 from client.decoding.streams import FramedStream, Framing, Line, Stream
 from urproto.external_control import (
     Answer,
@@ -117,7 +117,7 @@ class _Greeted:
             self._unread = None
             token, rest = greeting
             if token is not None:
-                yield Line(f"greeting: {show.quoted(token)}")
+                yield Line(f"greeting: {formatting.quoted(token)}")
             data = rest
         yield from self._rest.feed(data)
 
@@ -149,7 +149,7 @@ def _reverse(message: ReverseMessage) -> str:
     if message.mode is ControlMode.FREEDRIVE:
         return f"{message.mode.name} {mode_name(FreedriveAction, message.words[0])} {timeout}"
     if message.mode.real_time:
-        return f"{message.mode.name} {show.value(message.values)} {timeout}"
+        return f"{message.mode.name} {formatting.value(message.values)} {timeout}"
     return f"{message.mode.name} {timeout}"  # its payload may be anything
 
 
@@ -157,12 +157,12 @@ def _point(point: TrajectoryPoint) -> str:
     how = [("target", point.target), ("second", point.via), ("third", point.parameters)]
     how.append(("duration_s", point.duration_s))  # type: ignore[arg-type]
     if point.type is MotionType.SPLINE:
-        return f"{SplineType(point.spline_type or 0).name} SPLINE {show.pairs(how)}"
-    return f"{point.type.name} {show.pairs(how)} blend_radius_m={show.value(point.blend_radius_m)}"
+        return f"{SplineType(point.spline_type or 0).name} SPLINE {formatting.pairs(how)}"
+    return f"{point.type.name} {formatting.pairs(how)} blend_radius_m={formatting.value(point.blend_radius_m)}"
 
 
 def _reply(reply: TrajectoryResult | Answer) -> str:
-    return f"answer: {show.value(reply.values)}" if isinstance(reply, Answer) else f"result: {reply.name}"
+    return f"answer: {formatting.value(reply.values)}" if isinstance(reply, Answer) else f"result: {reply.name}"
 
 
 def _command(command: ScriptCommand) -> str:
@@ -172,4 +172,4 @@ def _command(command: ScriptCommand) -> str:
     values: list[float] = list(command.values[:count])
     if count and command.kind in _FLAG_FIRST:
         values[0] = command.words[0]
-    return f"{command.kind.name} {show.value(values)}" if count else command.kind.name
+    return f"{command.kind.name} {formatting.value(values)}" if count else command.kind.name

@@ -4,7 +4,7 @@ import struct
 from collections import OrderedDict
 from collections.abc import Iterator
 
-from client.decoding import show
+from client.decoding import formatting
 from client.decoding.streams import FramedStream, Framing, Line, trouble
 from urproto import modbus
 from urproto.errors import RemoteProtocolError
@@ -46,7 +46,7 @@ class Conversation:
         try:
             request = modbus.decode_request(frame.pdu)
         except ModbusException as error:
-            yield trouble(f"{_head('request', frame)}: {_exception(error.code)} {show.value(frame.pdu)}")
+            yield trouble(f"{_head('request', frame)}: {_exception(error.code)} {formatting.value(frame.pdu)}")
             return
         self._asked[frame.transaction, frame.unit] = request
         if len(self._asked) > _MAX_UNANSWERED:
@@ -91,14 +91,14 @@ def _exception(code: int) -> str:
 
 
 def _asked(request: ModbusRequest) -> str:
-    values = show.value(request.values)
+    values = formatting.value(request.values)
     if request.function == Function.READ_WRITE_REGISTERS:
         return f"{_span(request)}, {request.write_address} := {values}"
     return f"{request.address} := {values}" if request.values else _span(request)
 
 
 def _answered(request: ModbusRequest, values: tuple[int, ...]) -> str:
-    return f"{_span(request)} = {show.value(values)}" if values else f"{_asked(request)} done"
+    return f"{_span(request)} = {formatting.value(values)}" if values else f"{_asked(request)} done"
 
 
 def _span(request: ModbusRequest) -> str:
@@ -109,7 +109,7 @@ def _span(request: ModbusRequest) -> str:
 def _alone(pdu: bytes) -> str:
     """An answer to a request that was not seen: bits in whole bytes, words, or what it repeats."""
     if not _is_answer(pdu) or pdu[0] not in _READS:
-        return f"{show.value(pdu[1:])} (the request was not seen)"
+        return f"{formatting.value(pdu[1:])} (the request was not seen)"
     count = pdu[1] * 8 if pdu[0] in _BITS else pdu[1] // 2
     values = modbus.decode_response(ModbusRequest(pdu[0], 0, count), pdu)
-    return f"{show.value(values)} (the request was not seen)"
+    return f"{formatting.value(values)} (the request was not seen)"

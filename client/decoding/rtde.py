@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Iterator
 from enum import Enum
 
-from client.decoding import show
+from client.decoding import formatting
 from client.decoding.streams import FramedStream, Framing, Line
 from urproto.errors import RemoteProtocolError
 from urproto.modes import mode_name
@@ -91,7 +91,7 @@ class _Recipe:
             value = values[offset] if kind.count == 1 else values[offset : offset + kind.count]
             told.append((name, value))
             offset += kind.count
-        return show.pairs(told) + self._note
+        return formatting.pairs(told) + self._note
 
 
 class _Setups:
@@ -186,7 +186,7 @@ class Conversation:
 
 
 def _raw(data: bytes) -> str:
-    return f"{len(data)} bytes {show.value(data)}"
+    return f"{len(data)} bytes {formatting.value(data)}"
 
 
 def _package(data: bytes) -> codec.Package:
@@ -198,7 +198,7 @@ def _told(what: str, kind: int, item: object) -> Line:
     name = PackageType(kind).name.lower()
     if isinstance(item, codec.TextMessage | codec.ClientMessage):
         level = mode_name(codec.MessageLevel, item.level)
-        return Line(f"{name} {level}: {show.quoted(item.text)} from {show.quoted(item.source)}")
+        return Line(f"{name} {level}: {formatting.quoted(item.text)} from {formatting.quoted(item.source)}")
     if isinstance(item, codec.VersionReply):
         return Line(f"{what} {name}: {item.version}")
-    return Line(f"{what} {name}: {show.message(item)}".removesuffix(": "))
+    return Line(f"{what} {name}: {formatting.message(item)}".removesuffix(": "))

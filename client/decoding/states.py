@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Iterator
 
-from client.decoding import show
+from client.decoding import formatting
 from client.decoding.streams import FramedStream, Framing, Line
 from urproto import realtime
 from urproto.errors import RemoteProtocolError
@@ -54,14 +54,14 @@ def primary_stream() -> FramedStream:
 def _told(message: object) -> str:
     if isinstance(message, OtherMessage):
         name = _OTHER_TYPES.get(message.type, "message")
-        return f"{name} (type {message.type}): {show.value(message.payload)}"
+        return f"{name} (type {message.type}): {formatting.value(message.payload)}"
     if isinstance(message, RobotStateData):
-        return f"state: {show.message(message)}"
+        return f"state: {formatting.message(message)}"
     name = type(message).__name__.removesuffix("Message")
     if isinstance(message, UnknownMessage):
         name = "message of unknown kind"
     label = f" {message.label}" if isinstance(message, ErrorCodeMessage) else ""
-    return f"{name}{label}: {show.message(message)}"
+    return f"{name}{label}: {formatting.message(message)}"
 
 
 # realtime
@@ -104,4 +104,4 @@ def realtime_stream() -> FramedStream:
 
 def _read_realtime(data: bytes) -> Iterator[Line]:
     layout = _LAYOUTS.get(len(data), f"longer than any known, read as {_LAYOUTS[_NEWEST]}")
-    yield Line(f"state of {len(data)} bytes ({layout}): {show.pairs(realtime.decode_realtime(data).items())}")
+    yield Line(f"state of {len(data)} bytes ({layout}): {formatting.pairs(realtime.decode_realtime(data).items())}")

@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-from client.decoding import show
+from client.decoding import formatting
 from urproto.errors import ProtocolError, RemoteProtocolError
 from urproto.text import from_bytes
 
@@ -136,7 +136,9 @@ class FramedStream:
         try:
             yield from self._read(data)
         except ProtocolError as error:
-            yield trouble(f"offset {offset}: {self._framing.name} message of {size} bytes: {error}: {show.value(data)}")
+            yield trouble(
+                f"offset {offset}: {self._framing.name} message of {size} bytes: {error}: {formatting.value(data)}"
+            )
 
     def _drop(self, size: int) -> None:
         del self._buffer[:size]

@@ -118,8 +118,9 @@ class Commands(DriverCore):
     ) -> tuple[float, ...]:
         """What the robot answers to a question, beside any motion; no values when there is no solution.
 
-        arguments: up to three (6,), None for one that the robot is to choose. gate: the feature of `client.gates`
-        that it needs. Raises RobotRefused for a version without it, ProgramNotRunningError, NoAnswerError.
+        arguments: up to three (6,), None for one that the robot is to choose. gate: the feature of
+        `client.availability` that it needs. Raises RobotRefused for a version without it,
+        ProgramNotRunningError, NoAnswerError.
         """
         if gate is not None:
             self._require(gate)

@@ -9,13 +9,13 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from client import dashboard
+from client.availability import require
 from client.control_program import GONE_TEXT, LATE_TEXT, ControlProgram
 from client.driver.config import DriverConfig, calibration_problem
 from client.driver.endpoint import LONGEST_REAL_TIME_S, Endpoint, Peer, Pulse, ReverseEndpoint, ScriptSender
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.robot import RobotLink, cancel
 from client.errors import ClientError, ProgramNotRunningError, ProgramStaysError
-from client.gates import require
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import ControlMode, FreedriveAction
 from urproto.modes import RobotMode, RuntimeState, SafetyMode

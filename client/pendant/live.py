@@ -15,8 +15,8 @@ from typing import Any, ClassVar, Final, Literal
 from fastapi import WebSocket, WebSocketDisconnect
 from nicegui import ui
 
-from client.pendant.gate import Nonsense
 from client.pendant.station import Station
+from client.pendant.web_security import Nonsense
 
 Kind = Literal["text", "state", "title", "value", "width", "bits", "cells", "plot", "samples", "lines"]
 Read = Callable[[Station], Any]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from client import dashboard
 from client.errors import ClientError
-from client.pendant.behind import BehindError
+from client.pendant.emulator_control import BehindError
 from client.scripts import Script, prepare
 from urproto.errors import LocalProtocolError, ProtocolError, RobotRefused
 from urproto.modes import RuntimeState

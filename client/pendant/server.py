@@ -14,11 +14,11 @@ from nicegui import app, ui
 
 from client.errors import PortTakenError
 from client.pendant import frame
-from client.pendant.gate import Gate, Nonsense, guard_events, mind_the_logs
 from client.pendant.live import Live
 from client.pendant.page import Page
 from client.pendant.screens import SCREENS
 from client.pendant.station import Station
+from client.pendant.web_security import Gate, Nonsense, guard_events, mind_the_logs
 
 _STATIC: Final = Path(__file__).with_name("static")
 _SHEETS: Final = ("pendant.css", *sorted(path.name for path in _STATIC.glob("screen_*.css")))

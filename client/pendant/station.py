@@ -12,17 +12,17 @@ from typing import Any, Final, Self, TypeVar
 from client import dashboard, primary, rtde
 from client.calibration import model_of
 from client.dashboard import DashboardClient
+from client.dashboard_commands import Operation
 from client.errors import ClientError, NoAnswerError, RobotUnreachableError
-from client.operations import Operation
-from client.pendant.asked import Asked, PortRegisters
-from client.pendant.behind import Behind
 from client.pendant.checking import keep_checking
 from client.pendant.dialogues import Dialogues, Stops
+from client.pendant.emulator_control import Behind
 from client.pendant.events import EventLog
 from client.pendant.feeds import Feeds
 from client.pendant.mover import Mover
-from client.pendant.own_file import Poses, Tools
+from client.pendant.polling import Asked, PortRegisters
 from client.pendant.programs import Programs
+from client.pendant.saved import Poses, Tools
 from client.pendant.situation import Known, Situation, situation
 from client.pendant.variables import Variables
 from client.primary import PrimaryClient, PrimaryCore

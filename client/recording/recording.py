@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from client.errors import RecordingError
-from client.recording.stamps import JUMP_S
+from client.recording.timestamps import JUMP_S
 from client.recording.tracking import Tracking
 from urproto.joints import JOINT_NAMES
 from urproto.rtde.fields import OUTPUT_FIELDS

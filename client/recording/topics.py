@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from client.recording.cdr import MessageType
 from client.recording.definitions import message_type, ros_name, rtde_type
-from client.recording.stamps import header
+from client.recording.timestamps import header
 from urproto.joints import JOINT_NAMES
 from urproto.modes import RuntimeState
 from urproto.robots.pose import rotvec_to_quaternion, wrench_trans

@@ -18,8 +18,8 @@ from client.errors import (
     ProgramNotRunningError,
     WaitTimeoutError,
 )
+from client.robot.diagnosis import Troubles
 from client.robot.state import RobotState, check_signal
-from client.robot.troubles import Troubles
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import ControlMode, Question, to_words
 from urproto.modes import RobotMode, SafetyMode

@@ -5,10 +5,10 @@ from contextlib import AbstractAsyncContextManager, AbstractContextManager, cont
 from functools import partial, update_wrapper
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
+from client.dashboard_commands import Operation
 from client.driver.blocking import Blocking, Part, blocking, blocking_context, carried, straight
 from client.driver.endpoint import StreamStatistics
 from client.driver.realtime import real_time
-from client.operations import Operation
 from client.robot.contact import Contact, Force
 from client.robot.contexts import Contexts, Follow
 from client.robot.core import Settings
@@ -113,7 +113,7 @@ class BlockingDashboard(Part[Dashboard]):
     """`Dashboard` for scripts and notebooks."""
 
     def ask(self, operation: Operation[Answer]) -> Answer:
-        """Any operation of `client.operations`, as ``client.operations.command("...")`` for one that is not there."""
+        """Any operation of `client.dashboard_commands`; its ``command("...")`` makes one that is not there."""
         return self.call(self.inner.ask(operation))
 
     power_on = blocking(Dashboard.power_on)

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from client import dashboard
-from client.operations import Operation
+from client.dashboard_commands import Operation
 from client.primary import PrimaryClient
 from client.robot.core import RobotCore
 from client.scripts import ScriptResult
@@ -62,7 +62,7 @@ class Dashboard:
         self._robot = robot
 
     async def ask(self, operation: Operation[Answer]) -> Answer:
-        """Any operation of `client.operations`, as ``client.operations.command("...")`` for one that is not there."""
+        """Any operation of `client.dashboard_commands`; its ``command("...")`` makes one that is not there."""
         board = self._robot.driver.robot.dashboard
         if board is None:
             raise RobotRefused(operation.line, "this robot has no dashboard", "PolyScope X has an HTTP API instead")

@@ -23,7 +23,7 @@ from client.controllers.forward import ForwardCommandController
 from client.controllers.goals import JointTrajectory, JointTrajectoryPoint
 from client.controllers.io_and_status import GPIOController, IOStates, ToolData
 from client.controllers.joint_trajectory import JointTrajectoryController
-from client.recording.stamps import header
+from client.recording.timestamps import header
 from client.recording.topics import controller_message
 from client.ros2.transforms import Frames, transform
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from client.recording.stamps import header
+from client.recording.timestamps import header
 from urproto.robots import RobotModel
 from urproto.robots.description import JointFrame, joint_frames
 from urproto.robots.pose import pose_trans, rotvec_to_quaternion

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from client.errors import FileError
-from client.traffic.align import Offset, find_offset
+from client.traffic.alignment import Offset, find_offset
 from client.traffic.messages import Talk, compare_messages
 from client.traffic.recording import Recording
 from client.traffic.tracks import Track, tracks_of, tracks_of_csv

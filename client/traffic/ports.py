@@ -5,9 +5,9 @@ from difflib import get_close_matches
 from typing import Any
 
 from client.dashboard import PORT, DashboardClient
+from client.dashboard_commands import POLYSCOPE_VERSION, ROBOT_MODEL, Operation
 from client.decoding.codecs import Side, codec_of_port
 from client.errors import ClientError
-from client.operations import POLYSCOPE_VERSION, ROBOT_MODEL, Operation
 from urproto.errors import LocalProtocolError, ProtocolError, RobotRefused
 from urproto.ports import CONTROLLER_PORTS
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from typing import Any
 
-from client.decoding import show
+from client.decoding import formatting
 from client.traffic.compare import Comparison, Source
 from client.traffic.messages import Parting, Talk
 from client.traffic.tracks import base_name
@@ -58,10 +58,10 @@ def _report(comparison: Comparison) -> Iterator[str]:
 
 
 def _source(name: str, source: Source) -> Iterator[str]:
-    remarks = f" ({show.escaped('; '.join(source.remarks))})" if source.remarks else ""
-    yield f"- {name}: {show.escaped(source.path.name)}{remarks}"
+    remarks = f" ({formatting.escaped('; '.join(source.remarks))})" if source.remarks else ""
+    yield f"- {name}: {formatting.escaped(source.path.name)}{remarks}"
     for trouble in source.troubles:
-        yield f"  - ! {show.escaped(trouble)}"
+        yield f"  - ! {formatting.escaped(trouble)}"
 
 
 def _first_parting(comparison: Comparison) -> Iterator[str]:

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from client.traffic.align import Numbers, Offset, numbers
+from client.traffic.alignment import Numbers, Offset, numbers
 from client.traffic.tracks import Track, base_name
 from urproto.errors import LocalProtocolError
 from urproto.rtde.fields import OUTPUT_FIELDS

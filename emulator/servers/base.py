@@ -26,7 +26,7 @@ from typing import Any, Final, Protocol, TypeAlias
 
 from emulator.commands import Command, ServingFailed
 from emulator.servers.admission import Acceptor, ClientLimits, Reason, TurnedAway
-from emulator.servers.intake import Intake
+from emulator.servers.read_budget import Intake
 from emulator.servers.web import Opening, Visitor
 from emulator.snapshot import Snapshot
 from urproto.errors import RemoteProtocolError

@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from client import dashboard, operations
+from client import dashboard, dashboard_commands
 from client.connection import POLL
 from client.dashboard import BlockingDashboardClient, DashboardClient, DashboardCore, Operation
 from client.errors import ConnectionLostError, NoAnswerError, RobotUnreachableError
@@ -180,7 +180,7 @@ BUILDERS = [
 
 def test_every_command_the_emulator_offers_can_be_asked():
     """Both tables come from the same manuals; they say the same about versions from 3.0 on."""
-    asked = [*(value for value in vars(operations).values() if isinstance(value, Operation)), *BUILDERS]
+    asked = [*(value for value in vars(dashboard_commands).values() if isinstance(value, Operation)), *BUILDERS]
     rows = {_words(operation.line): operation.available for operation in asked}
     oldest = PolyscopeVersion(3, 0)
     for words, entry in COMMANDS.items():

@@ -64,7 +64,7 @@ def _hasty(monkeypatch: pytest.MonkeyPatch) -> None:
     def briefly(robot: Any, sinks: Any, interrupts: Any, duration_s: float | None = 0.1) -> None:
         follow(robot, sinks, interrupts, duration_s)
 
-    monkeypatch.setattr("client.commands.state.follow", briefly)
+    monkeypatch.setattr("client.commands.robot.follow", briefly)
     monkeypatch.setattr(Connection, "__init__", hasty)
     monkeypatch.setattr("client.commands.following._come_back", give_up)
     monkeypatch.setattr("client.doctor.network._STREAM_S", 0.2)

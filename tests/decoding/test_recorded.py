@@ -16,7 +16,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from client.cli import app
-from client.commands.state import state_table
+from client.commands.robot import state_table
 from client.decoding.session import InputForm
 from client.rtde_core import unknown_fields
 from urproto.rtde import codec

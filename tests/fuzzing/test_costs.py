@@ -7,7 +7,7 @@ from random import Random
 import pytest
 from costs import SOURCES, busy_program, least_time, long_source, longest_tick, slowness, source, tick_times
 
-from emulator.servers.intake import SHARE, Intake
+from emulator.servers.read_budget import SHARE, Intake
 from urproto.dashboard import LineDecoder
 from urproto.interpreter import StatementDecoder
 from urproto.modbus import FrameDecoder
@@ -134,8 +134,8 @@ async def test_clients_together_are_read_within_their_share_of_time(monkeypatch:
         def call_later(self, delay_s: float, call: Callable[[], None]) -> None:
             wakes.append((now_s + delay_s, call))
 
-    monkeypatch.setattr("emulator.servers.intake.time.monotonic", lambda: now_s)
-    monkeypatch.setattr("emulator.servers.intake.asyncio.get_running_loop", Loop)
+    monkeypatch.setattr("emulator.servers.read_budget.time.monotonic", lambda: now_s)
+    monkeypatch.setattr("emulator.servers.read_budget.asyncio.get_running_loop", Loop)
     intake, readers, used_s = Intake(0.002), [_Reader(), _Reader()], 0.0
     for _ in range(20_000):
         for reader in readers:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from client.pendant.gate import Nonsense
+from client.pendant.web_security import Nonsense
 from tests.pendant.pendants import pendant
 from urproto.testing.process import claim_address
 

@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 from fastapi import WebSocketDisconnect
 
-from client.pendant.gate import Nonsense
 from client.pendant.live import Live
 from client.pendant.station import Station
+from client.pendant.web_security import Nonsense
 
 
 class Socket:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from client.errors import FileError
-from client.pendant.own_file import BUILT_IN, Poses
+from client.pendant.saved import BUILT_IN, Poses
 
 BOX = (0.1, -1.2, 1.3, -1.4, -1.5, 0.6)
 

@@ -11,10 +11,10 @@ import pytest
 from client.errors import FileError
 from client.pendant.events import EventLog
 from client.pendant.mounting import apply_gravity, apply_payload, apply_tcp, gravity_of, tilt_of
-from client.pendant.own_file import Tools
+from client.pendant.outputs import CONFIGURABLE, TOOL, analog_range, set_analog, set_digital
 from client.pendant.page import NotTakenError
+from client.pendant.saved import Tools
 from client.pendant.screens.io_registers import Bank, word_of
-from client.pendant.wires import CONFIGURABLE, TOOL, analog_range, set_analog, set_digital
 from urproto.errors import RobotRefused
 from urproto.modes import AnalogDomain
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS

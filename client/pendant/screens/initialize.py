@@ -7,7 +7,7 @@ from typing import Any, Final
 from nicegui import ui
 
 from client import dashboard
-from client.operations import Operation
+from client.dashboard_commands import Operation
 from client.pendant.page import Page
 from client.pendant.situation import STAGES, Action, Tone
 from client.pendant.station import Station

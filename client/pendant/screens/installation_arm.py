@@ -11,7 +11,7 @@ from nicegui import ui
 
 from client import dashboard
 from client.calibration import calibration_of, is_nominal, write_calibration
-from client.operations import Operation
+from client.dashboard_commands import Operation
 from client.pendant.page import Page, Views
 from client.pendant.station import Station
 from urproto.errors import RobotRefused

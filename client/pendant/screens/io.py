@@ -5,10 +5,10 @@ from typing import Any, Final
 
 from nicegui import ui
 
+from client.pendant.outputs import CONFIGURABLE, STANDARD, TOOL, Group, Range, analog_range, set_analog, set_digital
 from client.pendant.page import Page, Views, choice
 from client.pendant.screens import io_registers
 from client.pendant.station import Station
-from client.pendant.wires import CONFIGURABLE, STANDARD, TOOL, Group, Range, analog_range, set_analog, set_digital
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolMode, ToolOutputMode, mode_name
 from urproto.versions import Series
 

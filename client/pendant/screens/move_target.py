@@ -9,8 +9,8 @@ from nicegui import ui
 
 from client.errors import FileError
 from client.pendant.jogging import JOINT_TITLES
-from client.pendant.own_file import BUILT_IN
 from client.pendant.page import Page
+from client.pendant.saved import BUILT_IN
 from client.pendant.screens.move_jog import MoveSettings
 from client.pendant.situation import Action
 from client.pendant.station import Station

@@ -7,8 +7,8 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.pendant.arm_scene import arm_scene, camera_buttons
-from client.pendant.asked import Newest
 from client.pendant.page import Page
+from client.pendant.polling import Newest
 from client.pendant.screens.simulation_arm import number, numbers
 from client.pendant.station import Station
 from urproto.robots.pose import rotvec_to_matrix

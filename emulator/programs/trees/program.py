@@ -13,7 +13,7 @@ from emulator.programs.trees.naming import identifier, quoted
 from emulator.programs.trees.nodes import NODE_MODULES
 from emulator.programs.trees.nodes.urcaps import is_external_control
 from emulator.programs.trees.numbers import list_text, pose_text
-from emulator.programs.trees.twin import NO_TWIN, TwinScript, read_twin
+from emulator.programs.trees.saved_script import NO_TWIN, TwinScript, read_twin
 from emulator.programs.trees.writer import ExternalControlCode, TreeError, Writer
 from urproto.text import from_bytes
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series

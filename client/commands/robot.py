@@ -17,9 +17,9 @@ from client import dashboard, primary, rtde
 from client.calibration import calibration_of, is_nominal, write_calibration
 from client.commands.following import Interrupts, PortOffset, RobotIP, Sink, follow
 from client.connection import DEFAULT_TIMEOUT_S
-from client.decoding import show
+from client.dashboard_commands import WORDS, judged
+from client.decoding import formatting
 from client.errors import FileError
-from client.operations import WORDS, judged
 from client.rtde_core import unknown_fields
 from client.scripts import is_secondary
 from client.tool_communication import PORT, ToolCommunication
@@ -157,7 +157,7 @@ def watch_command(
 
 
 def _lines(state: Mapping[str, Any]) -> None:
-    sys.stdout.write(f"{show.pairs(state.items())}\n")
+    sys.stdout.write(f"{formatting.pairs(state.items())}\n")
     sys.stdout.flush()
 
 
@@ -195,7 +195,7 @@ def state_table(state: Mapping[str, Any], title: str) -> Table:
 
 
 def _cell(name: str, value: Any) -> str:
-    return f"{value:.4f}" if isinstance(value, float) else show.value(value, name)
+    return f"{value:.4f}" if isinstance(value, float) else formatting.value(value, name)
 
 
 def _csv_sink(path: Path, names: list[str], opened: ExitStack) -> Sink:

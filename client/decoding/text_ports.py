@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from client.decoding import show
+from client.decoding import formatting
 from client.decoding.streams import Line, LineStream, trouble
 from urproto import interpreter
 from urproto.errors import RemoteProtocolError
@@ -32,24 +32,24 @@ def answer_stream() -> LineStream:
 
 
 def _read(text: str) -> Iterator[Line]:
-    yield Line(show.escaped(text))
+    yield Line(formatting.escaped(text))
 
 
 def _read_statement(text: str) -> Iterator[Line]:
     command = InterpreterCommand.of(text)
-    yield Line(f"command {command.value}" if command else f"statements: {show.escaped(text)}")
+    yield Line(f"command {command.value}" if command else f"statements: {formatting.escaped(text)}")
 
 
 def _read_answer(text: str) -> Iterator[Line]:
     try:
         answer = interpreter.parse_answer(text)
     except RemoteProtocolError:
-        yield trouble(f"no answer of interpreter mode: {show.quoted(text)}")
+        yield trouble(f"no answer of interpreter mode: {formatting.quoted(text)}")
         return
     if answer.number is None:
-        yield Line(f"discarded, {show.escaped(answer.reason)}: {show.escaped(answer.line)}")
+        yield Line(f"discarded, {formatting.escaped(answer.reason)}: {formatting.escaped(answer.line)}")
     else:
-        yield Line(show.escaped(text))
+        yield Line(formatting.escaped(text))
 
 
 class BytesStream:
@@ -60,7 +60,7 @@ class BytesStream:
 
     def feed(self, data: bytes) -> Iterator[Line]:
         """Tell how many, and the first."""
-        yield trouble(f"offset {self._offset}: {len(data)} bytes of no known protocol: {show.value(data)}")
+        yield trouble(f"offset {self._offset}: {len(data)} bytes of no known protocol: {formatting.value(data)}")
         self._offset += len(data)
 
     def lost(self, size: int) -> None:

@@ -5,8 +5,8 @@ import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from client.pendant.behind import Behind
 from client.pendant.dialogues import Dialogues
+from client.pendant.emulator_control import Behind
 
 
 @asynccontextmanager

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 
 from client.errors import ClientError
-from client.pendant.asked import Asked, Newest
+from client.pendant.polling import Asked, Newest
 
 
 async def until(condition: Callable[[], object]) -> None:

@@ -7,8 +7,8 @@ from typing import Any, Final
 import httpx
 
 from client.errors import ClientError
-from client.pendant.asked import Asked
 from client.pendant.dialogues import Dialogues
+from client.pendant.polling import Asked
 
 _LOOK_AGAIN_S: Final = 0.5
 _LOOK_EVERY_S: Final = 1.0
