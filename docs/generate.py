@@ -28,7 +28,7 @@ from emulator.lifecycle.power import POWER_TABLE
 from emulator.lifecycle.runstate import RUN_TABLE
 from emulator.lifecycle.safety import SAFETY_TABLE
 from emulator.ports import PORTS
-from emulator.programs.trees.program import NODES
+from emulator.programs.trees.registry import NODES
 from emulator.safety.causes import CAUSES
 from emulator.script_run import COMMAND as RUN
 from emulator.textcommands import TEXT_COMMANDS

@@ -6,7 +6,7 @@ from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.naming import truth
 from emulator.programs.trees.nodes.moves import DIRECTION, move_of
 from emulator.programs.trees.nodes.waits import analog_condition, child_text
-from emulator.programs.trees.program import node, translate_children
+from emulator.programs.trees.registry import node, translate_children
 from emulator.programs.trees.writer import Writer, expression_label, expression_text, pin_reading
 from urscript.work import Steps
 

@@ -3,7 +3,7 @@
 from typing import Final
 
 from emulator.programs.trees.document import DocumentError, Element
-from emulator.programs.trees.program import node, translate_children
+from emulator.programs.trees.registry import node, translate_children
 from emulator.programs.trees.writer import Writer, expression_label, expression_text, variable_name
 from urscript.work import Steps
 

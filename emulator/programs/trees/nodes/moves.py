@@ -6,7 +6,7 @@ from typing import Final
 from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.naming import identifier
 from emulator.programs.trees.numbers import inverse_text, list_text, pose_text, six, taught_pose
-from emulator.programs.trees.program import node, translate_children
+from emulator.programs.trees.registry import node, translate_children
 from emulator.programs.trees.writer import BASE, NO_POSE, TOOL, Writer, variable_name
 from urscript.work import Steps
 

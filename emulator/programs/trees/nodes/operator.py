@@ -4,7 +4,7 @@ from typing import Final
 
 from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.naming import quoted
-from emulator.programs.trees.program import node
+from emulator.programs.trees.registry import node
 from emulator.programs.trees.writer import Writer, expression_label, expression_text, variable_name
 
 _FLAGS: Final = {"Message": "False, False", "Warning": "True, False", "Error": "False, True"}  # warning, error

@@ -6,7 +6,7 @@ from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.naming import truth
 from emulator.programs.trees.nodes.waits import child_text
 from emulator.programs.trees.numbers import list_text, number, number_text
-from emulator.programs.trees.program import node
+from emulator.programs.trees.registry import node
 from emulator.programs.trees.writer import Writer, expression_text, pin_name, pin_writing, resolve_pin
 
 _PULSE: Final = "SingleDigitalPulseActionState"

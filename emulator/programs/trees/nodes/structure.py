@@ -3,7 +3,7 @@
 from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.naming import identifier
 from emulator.programs.trees.nodes.moves import circle_move
-from emulator.programs.trees.program import node, translate_children
+from emulator.programs.trees.registry import node, translate_children
 from emulator.programs.trees.writer import Writer, expression_text, variable_name
 from urscript.work import Steps
 

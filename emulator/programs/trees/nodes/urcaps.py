@@ -6,7 +6,7 @@ from emulator.programs.trees.document import Element
 from emulator.programs.trees.nodes.direction import write_direction_function
 from emulator.programs.trees.nodes.flow import count_time
 from emulator.programs.trees.nodes.moves import DIRECTION
-from emulator.programs.trees.program import node
+from emulator.programs.trees.registry import node
 from emulator.programs.trees.writer import TreeError, Writer
 from urproto.text import lines
 

@@ -4,7 +4,7 @@ from typing import Final
 
 from emulator.programs.trees.document import DocumentError, Element
 from emulator.programs.trees.naming import truth
-from emulator.programs.trees.program import node
+from emulator.programs.trees.registry import node
 from emulator.programs.trees.writer import Writer, expression_label, expression_text, pin_name, pin_reading
 
 _COMPARISONS: Final = {"0": "<", "1": ">"}  # guess: which is which
