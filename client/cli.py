@@ -9,20 +9,20 @@ import typer
 from urproto.commandline import Deferred, application, load_from, version_of
 
 _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
-    "dashboard": ("dashboard:dashboard_command", "Send one dashboard command and print the answer."),
-    "state": ("state:state_command", "Print what the robot is doing right now."),
-    "send": ("send:send_command", "Send a script and wait until it runs."),
+    "dashboard": ("robot:dashboard_command", "Send one dashboard command and print the answer."),
+    "state": ("robot:state_command", "Print what the robot is doing right now."),
+    "send": ("robot:send_command", "Send a script and wait until it runs."),
     "decode": (
-        "decode:decode_command",
+        "traffic:decode_command",
         "Print a captured stream of any controller port, one line a message.",
     ),
-    "watch": ("watch:watch_command", "Show values of a robot as they change, until Ctrl-C."),
+    "watch": ("robot:watch_command", "Show values of a robot as they change, until Ctrl-C."),
     "goal": (
-        "goal:goal_command",
+        "controllers:goal_command",
         "Move the arm to joint angles, smoothly and at rest there; Ctrl-C stops it softly.",
     ),
     "publish-goals": (
-        "goal:publish_goals_command",
+        "controllers:publish_goals_command",
         "Send the goals of a file one after the other, each when the one before is reached; Ctrl-C stops softly.",
     ),
     "record": ("record:record_command", "Record what a robot does, until Ctrl-C."),
@@ -32,19 +32,19 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     ),
     "convert": ("record:convert_command", "Write a recording in another format."),
     "plot": (
-        "plot:plot_command",
+        "record:plot_command",
         "Draw desired and actual positions and speeds, their differences and the speed scaling of a recording.",
     ),
     "replay": (
-        "replay:replay_command",
+        "record:replay_command",
         "Move the arm along the recorded path: slowly to its start, then as recorded; Ctrl-C stops it softly.",
     ),
     "calibration": (
-        "calibration:calibration_command",
+        "robot:calibration_command",
         "Write the robot's calibration in the format of ur_description.",
     ),
     "describe": (
-        "describe:describe_command",
+        "record:describe_command",
         "Write the URDF of an arm: joints, limits, inertias, geometry and, if there is one, calibration.",
     ),
     "doctor": (
@@ -53,11 +53,11 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     ),
     "pendant": ("pendant:pendant_command", "Serve a teach pendant for a robot or an emulator, until Ctrl-C."),
     "tool-comm": (
-        "tool_comm:tool_comm_command",
+        "robot:tool_comm_command",
         "Offer the serial line at the robot's tool (e-Series) as a device of this machine, until Ctrl-C.",
     ),
     "proxy": (
-        "proxy:proxy_command",
+        "traffic:proxy_command",
         "Carry every connection to a robot unchanged, and record it, until Ctrl-C.",
     ),
     "ros2-bridge": (
@@ -65,11 +65,11 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "Offer a robot to ROS 2: joint states, frames, I/O; trajectories and commands. Topics only, see docs/ros2.md.",
     ),
     "replay-traffic": (
-        "replay_traffic:replay_traffic_command",
+        "traffic:replay_traffic_command",
         "Be the robot of a recording, until Ctrl-C: states by their times, answers by their requests.",
     ),
     "compare": (
-        "compare:compare_command",
+        "traffic:compare_command",
         "Tell whether two recordings show the same, and where they part; exit status 1 when they differ.",
     ),
     "controllers": ("controllers:controllers_app", "Controllers as of ros2_control."),

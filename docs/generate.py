@@ -29,8 +29,8 @@ from emulator.lifecycle.runstate import RUN_TABLE
 from emulator.lifecycle.safety import SAFETY_TABLE
 from emulator.ports import PORTS
 from emulator.programs.trees.registry import NODES
+from emulator.run_command import COMMAND as RUN
 from emulator.safety.causes import CAUSES
-from emulator.script_run import COMMAND as RUN
 from emulator.textcommands import TEXT_COMMANDS
 from urproto.commandline import Deferred
 from urproto.robots import MODELS, load_model

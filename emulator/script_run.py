@@ -4,9 +4,8 @@ import asyncio
 import math
 import re
 import sys
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 from emulator.batch import Batch, Stimulus
@@ -21,89 +20,9 @@ from emulator.script_peers import Peers, StubPeers, read_peers
 from emulator.servers.script_sockets import NetworkSockets
 from urproto.robots import START_Q, RobotModel
 from urproto.robots.model import Joints
-from urscript.commands import SUCCESS, TROUBLE, USAGE_ERROR, Command, add_controller_options, chosen_controller
+from urscript.commands import SUCCESS, TROUBLE, USAGE_ERROR, chosen_controller
 from urscript.errors import CompileError
 from urscript.files import ScriptFile
-
-
-def _arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", help="a file of scripts; - is standard input")
-    add_controller_options(parser)
-    parser.add_argument(
-        "--speed",
-        type=_speed,
-        metavar="max|N",
-        help="N times real time; max (the default) is as fast as it goes, but real time while a script socket is open",
-    )
-    parser.add_argument("--timeout", type=_positive, metavar="SECONDS", help="stop after this much robot time")
-    parser.add_argument(
-        "--script-network",
-        choices=list(ScriptNetwork),
-        default=ScriptNetwork.ANY,
-        help="addresses that sockets and XML-RPC of the script may connect to (default any, but no emulator's control "
-        "API)",
-    )
-    parser.add_argument("--world", type=Path, metavar="WORLD", help="YAML file: what stands around the arm")
-    parser.add_argument(
-        "--arm",
-        choices=list(ArmKind),
-        default=ArmKind.IDEAL,
-        help="ideal (the default): exactly where its targets are; dynamic: moved by torques, with friction",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="of a dynamic arm's measurement noise")
-    parser.add_argument("--joints", nargs=6, metavar="Q", help="six joint angles to start from [rad]")
-    parser.add_argument(
-        "--input",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE[@S]",
-        help="an input from the beginning, or from robot time S on: digital0 to 7, configurable0 to 7, tool0 and 1 "
-        "(0 or 1), analog0 and 1, tool-analog0 and 1 (V or A); repeatable",
-    )
-    parser.add_argument(
-        "--register",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE[@S]",
-        help="an input register, likewise: bool0 to 127, int0 to 47, float0 to 47; repeatable",
-    )
-    parser.add_argument(
-        "--answer",
-        action="append",
-        default=[],
-        metavar="TEXT",
-        help="answer to a question of the program, as an operator types it; repeatable, in their order",
-    )
-    parser.add_argument(
-        "--peers",
-        type=Path,
-        metavar="FILE",
-        help="YAML file: what peers on sockets and XML-RPC answer (emulator.script_peers)",
-    )
-    parser.add_argument("--trace", action="store_true", help="show every statement before it is executed")
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise ArgumentTypeError(f"{text!r} is not a positive number")
-    return value
-
-
-def _speed(text: str) -> float | None:
-    return None if text == "max" else _positive(text)
-
-
-def _run(options: Namespace) -> int:
-
-    return run(options)
-
-
-COMMAND = Command("run", "run a file of scripts on an emulated arm, in virtual time", _arguments, _run)
-
 
 Setter: TypeAlias = Callable[[Controller, int, float], Any]
 

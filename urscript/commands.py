@@ -3,7 +3,7 @@
 A package that can do something with scripts names a `Command` in its metadata:
 
     [project.entry-points."urscript.commands"]
-    run = "emulator.script_run:COMMAND"
+    run = "emulator.run_command:COMMAND"
 """
 
 from argparse import ArgumentParser, Namespace
