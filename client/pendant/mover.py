@@ -11,7 +11,7 @@ from math import inf
 from typing import Any, ClassVar, Final
 
 from client.calibration import geometry_of, model_of
-from client.driver.core import MOVABLE
+from client.driver.robot import MOVABLE
 from client.errors import (
     ClientError,
     LateSetpointError,

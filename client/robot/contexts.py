@@ -7,8 +7,8 @@ from contextlib import asynccontextmanager
 from typing import Any, Final
 
 from client.control_program import SPEED_ACCELERATION
-from client.driver.core import MOVABLE
 from client.driver.endpoint import LONGEST_REAL_TIME_S, StreamStatistics
+from client.driver.robot import MOVABLE
 from client.errors import (
     ClientError,
     LateSetpointError,

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 from client import dashboard
 from client.control_program import DECELERATION, SPEED_ACCELERATION
-from client.driver.core import MOVABLE
+from client.driver.robot import MOVABLE
 from client.errors import (
     ClientError,
     MotionStoppedError,

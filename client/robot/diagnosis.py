@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any, Final, Self
 
 from client.driver import URDriver
-from client.driver.core import MOVABLE
+from client.driver.robot import MOVABLE
 from client.errors import (
     ClientError,
     OutOfReachError,

@@ -279,7 +279,7 @@ class Moves(RobotCore):
         counts (6,), the first three in the base frame; all zero for the direction of motion. Raises MotionError
         when there is no contact within ``timeout_s`` seconds of the robot's.
         """
-        self.driver._require("contact")
+        self.driver.robot.require("contact")
         work = partial(self._until_contact, _six("a velocity", velocity_base), direction_base, timeout_s)
         await self._ready("move_until_contact")
         await self._tune("move_until_contact", acceleration=acceleration_m_s2)

@@ -144,7 +144,7 @@ async def test_a_program_that_is_started_again_beside_silent_strangers_takes_ove
     ends = (pair.driver.trajectory, pair.driver.commands, pair.driver.reverse)
     strangers = [await asyncio.open_connection(HOST, endpoint.port) for endpoint in ends]
     before = pair.driver.reverse.peer
-    pair.robot.controller.programs.submit(pair.driver._program().render_headless(pair.driver.version))
+    pair.robot.controller.programs.submit(pair.driver.program.control_program().render_headless(pair.driver.version))
     await pair.until(lambda: pair.driver.reverse.current_peer not in (None, before), 3.0)
     assert pair.driver.reverse.peer.proven
     await pair.until(lambda: pair.driver.program_running)
@@ -158,7 +158,7 @@ async def test_a_program_that_is_started_again_beside_silent_strangers_takes_ove
 async def test_a_control_program_that_says_nothing_is_admitted_while_a_program_runs(connect):
     """As the vendor's; and the one that follows it. Strangers are not, whatever runs."""
     async with connect(start=False) as pair:
-        foreign = replace(pair.driver._program(), token="").render_headless(pair.driver.version)
+        foreign = replace(pair.driver.program.control_program(), token="").render_headless(pair.driver.version)
         strangers = [
             await asyncio.open_connection(HOST, end.port)
             for end in (pair.driver.trajectory, pair.driver.commands, pair.driver.reverse)
@@ -260,7 +260,7 @@ async def test_a_driver_that_comes_later_is_found(robot):
         port = taken.getsockname()[1]
     pair = Pair(robot, reverse_port=port)
     async with pair.driver:
-        text = pair.driver._program().render_headless(pair.driver.version)
+        text = pair.driver.program.control_program().render_headless(pair.driver.version)
     robot.controller.programs.submit(text)
     await pair.until(lambda: bool(robot.controller.popups.shown))
     assert f"There is no driver at {HOST}" in robot.controller.popups.shown[-1].text
