@@ -31,7 +31,7 @@ from client.driver.realtime import real_time_thread
 from client.errors import MotionError
 from client.recording import DEFAULT_FIELDS, BackgroundRecorder
 from client.robot import AsyncRobot
-from client.robot.moves import Reach
+from client.robot.reach import Reach
 from urproto.joints import JOINT_NAMES
 
 _WITH_CONTROLLERS = ".mcap"  # other formats have no place for their states
