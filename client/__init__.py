@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from client.rtde_core import read_recipe
     from client.scripts import ScriptResult
     from client.tool_communication import ToolCommunication
+    from urproto.errors import URError
 
 __all__ = [
     "AsyncRobot",
@@ -74,6 +75,7 @@ __all__ = [
     "ScriptResult",
     "ToolCommunication",
     "URDriver",
+    "URError",
     "points",
     "read_calibration",
     "read_recipe",
@@ -102,11 +104,14 @@ _MODULES: Final[Mapping[str, tuple[str, ...]]] = {
         "ScriptFailedError",
     ),
     "client.modbus": ("BlockingModbusClient", "ModbusClient"),
-    "client.primary": ("BlockingPrimaryClient", "PrimaryClient", "ScriptResult"),
+    "client.primary": ("BlockingPrimaryClient", "PrimaryClient"),
     "client.realtime": ("BlockingRealtimeClient", "RealtimeClient"),
     "client.robot": ("AsyncRobot", "Robot", "RobotState"),
-    "client.rtde": ("BlockingRTDEClient", "RTDEClient", "read_recipe"),
+    "client.rtde": ("BlockingRTDEClient", "RTDEClient"),
+    "client.rtde_core": ("read_recipe",),
+    "client.scripts": ("ScriptResult",),
     "client.tool_communication": ("ToolCommunication",),
+    "urproto.errors": ("URError",),
 }
 _HOME: Final = {name: module for module, names in _MODULES.items() for name in names}
 

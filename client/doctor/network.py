@@ -14,8 +14,7 @@ from client.connection import DEFAULT_TIMEOUT_S
 from client.doctor.robot import Finding, Grade
 from client.driver.endpoint import REVERSE_PORT, SENDER_PORT
 from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
-from client.errors import ClientError
-from urproto.errors import ProtocolError, RobotRefused
+from urproto.errors import URError
 
 _PORTS: Final = {"primary": primary.PORT, "RTDE": rtde.PORT, "dashboard": dashboard.PORT, "realtime": realtime.PORT}
 _NEEDED: Final = ("primary", "RTDE")  # PolyScope X has no dashboard of this kind
@@ -68,7 +67,7 @@ def examine_replies(host: str, port_offset: int = 0) -> Iterator[Finding]:
     try:
         with dashboard.BlockingDashboardClient(host, dashboard.PORT + port_offset) as board:
             times = [_timed(board) for _ in range(_REPLIES)]
-    except (ClientError, ProtocolError, RobotRefused) as error:
+    except URError as error:
         yield Finding(Grade.UNKNOWN, subject, f"the dashboard does not answer: {error}")
         return
     yield Finding(Grade.GOOD, subject, f"the dashboard answers within {_ms(median(times))}, at most {_ms(max(times))}")
@@ -91,7 +90,7 @@ def examine_stream(host: str, port_offset: int = 0, seconds: float = _STREAM_S) 
             while not arrivals or arrivals[-1] < end:
                 stamps.append(float(robot.receive()["timestamp"]))
                 arrivals.append(time.perf_counter())
-    except (ClientError, ProtocolError, RobotRefused) as error:
+    except URError as error:
         yield Finding(Grade.BROKEN, "RTDE stream", str(error), f"nc -vz {host} {rtde.PORT + port_offset}")
         return
     yield from judge_stream(arrivals, stamps)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from client import primary
 from client.calibration import calibration_of, is_nominal, read_calibration
-from client.errors import ClientError, FileError
-from urproto.errors import ProtocolError, RobotRefused
+from client.errors import FileError
+from urproto.errors import URError
 from urproto.robots import Calibration, CalibrationError
 
 
@@ -63,7 +63,7 @@ def examine_calibration(host: str, file: Path | None = None, port_offset: int = 
     except CalibrationError as error:
         yield Finding(Grade.BROKEN, subject, str(error), "restore the calibration on the robot's pendant")
         return
-    except (ClientError, ProtocolError, RobotRefused) as error:
+    except URError as error:
         yield Finding(Grade.UNKNOWN, subject, str(error))
         return
     yield _compared(found, file, again, nominal=nominal)

@@ -14,8 +14,8 @@ from client.driver.config import DriverConfig
 from client.driver.endpoint import Endpoint, Peer, Pulse, ReverseEndpoint, ScriptSender
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.robot import MOVABLE, RobotLink, cancel
-from client.errors import ClientError, ProgramNotRunningError, ProgramStaysError
-from urproto.errors import LocalProtocolError, RobotRefused
+from client.errors import ProgramNotRunningError, ProgramStaysError
+from urproto.errors import RobotRefused, URError
 from urproto.external_control import ControlMode
 from urproto.modes import RobotMode, RuntimeState
 
@@ -314,7 +314,7 @@ class ProgramSupervisor:
             self._restart = None  # from here on it may be given up no more
             await self._start()
             _logger.warning("the control program runs again; the arm rests until it is moved")
-        except (ClientError, RobotRefused, TimeoutError, LocalProtocolError) as error:
+        except (URError, TimeoutError) as error:
             _logger.error("the control program could not be started again: %s", error)
         finally:
             self._restart = None

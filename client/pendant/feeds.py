@@ -9,14 +9,12 @@ from array import array
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from client.errors import ClientError
 from client.rtde import RTDEClient
-from urproto.errors import ProtocolError, RobotRefused
+from urproto.errors import URError
 from urproto.rtde.fields import OUTPUT_FIELDS
 
 _AGAIN_S: Final = 0.5  # between attempts to reach the robot
 _MOST_NUMBERS: Final = 2_000_000  # kept of one feed: 16 MB, half an hour of twelve numbers at 90 Hz
-_LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 
 OpenClient = Callable[[Sequence[str], float], RTDEClient]
 
@@ -197,6 +195,6 @@ class Feeds:
                     feed.rate_hz, feed.unavailable = client.core.rate_hz, client.core.unavailable
                     while True:
                         feed.take(await client.receive())
-            except _LOST as error:
+            except (URError, OSError) as error:
                 feed.lose(str(error))
             await asyncio.sleep(_AGAIN_S)

@@ -7,13 +7,12 @@ from typing import Final, Generic, TypeVar
 
 from client.errors import ClientError
 from client.modbus import GENERAL_REGISTERS, ModbusClient
-from urproto.errors import ProtocolError, RobotRefused
+from urproto.errors import URError
 
 _EVERY_S: Final = 0.2
 _AGAIN_S: Final = 1.0
 _TIMEOUT_S: Final = 2.0
 _AT_ONCE: Final = 64  # a request takes 125 at most
-_LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 
 
 class PortRegisters:
@@ -64,7 +63,7 @@ class PortRegisters:
                             words += await client.read_registers(first, _AT_ONCE)
                         self.words, self.trouble = tuple(words), ""
                         await asyncio.sleep(_EVERY_S)
-            except _LOST as error:
+            except (URError, OSError) as error:
                 self.words, self.trouble = (), str(error)
             await asyncio.sleep(_AGAIN_S)
 
@@ -112,7 +111,6 @@ class Newest(Generic[Wish]):
 Answer = TypeVar("Answer")
 
 _UNSEEN: Final = 2  # answers; a page in view may have had no frame since the last one
-_MISTAKES: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 
 
 class Asked(Generic[Answer]):
@@ -185,7 +183,7 @@ class Asked(Generic[Answer]):
         trouble = ""
         try:
             answer = await self._ask()
-        except _MISTAKES as error:
+        except (URError, OSError) as error:
             trouble = str(error)
         if (answer, trouble) == (self._answer, self.trouble):
             return False

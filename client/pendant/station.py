@@ -13,7 +13,7 @@ from client import dashboard, primary, rtde
 from client.calibration import model_of
 from client.dashboard import DashboardClient
 from client.dashboard_commands import Operation
-from client.errors import ClientError, NoAnswerError, RobotUnreachableError
+from client.errors import NoAnswerError, RobotUnreachableError
 from client.pendant.checking import keep_checking
 from client.pendant.dialogues import Dialogues, Stops
 from client.pendant.emulator_control import Behind
@@ -29,7 +29,7 @@ from client.primary import PrimaryClient, PrimaryCore
 from client.robot import AsyncRobot
 from client.rtde import RTDEClient
 from urproto.dashboard import NOT_IN_REMOTE_CONTROL
-from urproto.errors import ProtocolError, RobotRefused
+from urproto.errors import RobotRefused, URError
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.ports import CONTROL_API_PORT, CONTROLLER_PORTS
 from urproto.primary.messages import ErrorCodeMessage
@@ -65,7 +65,6 @@ _DEVICES: Final = {  # of an emulator -> the stop that lasts as long as they ask
 }
 _READ_ONLY_CODE: Final = 210  # of a script over a connection that was made in local control
 _AGAIN_S: Final = 0.5  # between attempts to reach it
-_LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 
 
 class Station:
@@ -301,7 +300,7 @@ class Station:
         while True:
             try:
                 await self._follow_states()
-            except _LOST as error:
+            except (URError, OSError) as error:
                 self.connected, self.trouble = False, str(error)
                 self._take({})
             await asyncio.sleep(_AGAIN_S)
@@ -326,7 +325,7 @@ class Station:
         while True:
             try:
                 await self._follow_messages()
-            except _LOST as error:
+            except (URError, OSError) as error:
                 self.log.note(f"no messages: {error}")
             self._primary = None
             self.variables.forget()

@@ -17,7 +17,7 @@ from client.errors import (
     SafetyStopError,
     ScriptFailedError,
 )
-from urproto.errors import RobotRefused
+from urproto.errors import URError
 from urproto.modes import ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 
@@ -117,7 +117,7 @@ class Diagnosis:
         try:
             board = self.driver.robot.dashboard
             return board is not None and not await board.ask(dashboard.IS_IN_REMOTE_CONTROL)
-        except (RobotRefused, ClientError):  # a version without remote control, or a dashboard that is gone
+        except URError:  # a version without remote control, or a dashboard that is gone
             return False
 
     def reported(self) -> str:

@@ -30,14 +30,13 @@ from client.primary import POWER_ON, BlockingPrimaryClient, PrimaryClient
 from client.realtime import BlockingRealtimeClient
 from client.recording import DEFAULT_FIELDS, Recorder, read
 from client.rtde import BlockingRTDEClient, RTDEClient
-from urproto.errors import ProtocolError, RobotRefused
-from urproto.robots import CalibrationError
+from urproto.errors import RobotRefused, URError
 
 ROBOTS: Final = int(os.environ.get("HOSTILE_ROBOTS", "26"))
 SEED: Final = int(os.environ.get("HOSTILE_SEED", "1"))
 PATIENCE_S: Final = 0.4
 LONGEST_S: Final = 60.0  # a client that is told nothing useful gives up; the machine may be busy
-EXPLAINED: Final = (ClientError, ProtocolError, RobotRefused, CalibrationError)
+EXPLAINED: Final = URError
 FREE_PORTS: Final = dict.fromkeys(("reverse_port", "sender_port", "trajectory_port", "command_port"), 0)
 SCRIPT: Final = "def p():\n  textmsg(1)\n  sleep(0.02)\nend\n"
 
