@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     from client.primary import BlockingPrimaryClient, PrimaryClient
     from client.realtime import BlockingRealtimeClient, RealtimeClient
     from client.robot import AsyncRobot, Robot, RobotState
-    from client.rtde import BlockingRTDEClient, RTDEClient
-    from client.rtde_core import read_recipe
+    from client.rtde import BlockingRTDEClient, RTDEClient, read_recipe
     from client.scripts import ScriptResult
     from client.tool_communication import ToolCommunication
     from urproto.errors import URError
@@ -107,8 +106,7 @@ _MODULES: Final[Mapping[str, tuple[str, ...]]] = {
     "client.primary": ("BlockingPrimaryClient", "PrimaryClient"),
     "client.realtime": ("BlockingRealtimeClient", "RealtimeClient"),
     "client.robot": ("AsyncRobot", "Robot", "RobotState"),
-    "client.rtde": ("BlockingRTDEClient", "RTDEClient"),
-    "client.rtde_core": ("read_recipe",),
+    "client.rtde": ("BlockingRTDEClient", "RTDEClient", "read_recipe"),
     "client.scripts": ("ScriptResult",),
     "client.tool_communication": ("ToolCommunication",),
     "urproto.errors": ("URError",),

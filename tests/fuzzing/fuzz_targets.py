@@ -25,7 +25,7 @@ from tree_rig import assign, expression, line, main, sleep, tag
 from client.calibration import read_calibration as read_calibration_of_client
 from client.controllers.configuration import read_controllers
 from client.controllers.goal_files import read_goals
-from client.decoding.capture_writer import head_of_capture, packet_block
+from client.decoding.capture import head_of_capture, packet_block
 from client.decoding.codecs import ConnectionFrames
 from client.decoding.packets import Endpoint
 from client.decoding.session import Choice, Session
