@@ -11,13 +11,13 @@ import logging
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from client.availability import GATES
 from client.controllers.controller import NO_COMMAND
 from client.controllers.modes import MOTION, CommandMode, conflict, mode_of
 from client.controllers.passthrough import PASSTHROUGH, Transfer
 from client.controllers.ur_commands import ArmDriver, Spawn, URCommands
 from client.controllers.ur_states import URStates
 from client.driver import points
+from client.driver.availability import GATES
 from client.driver.endpoint import LONGEST_REAL_TIME_S
 from client.errors import ControllerError, LateSetpointError
 from urproto.errors import URError

@@ -15,9 +15,9 @@ from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Any, Final, Self
 
-from client.control_program import DECELERATION, SPEED_ACCELERATION, check_servo_parameters
 from client.driver.blocking import Blocking, blocking, straight
 from client.driver.config import DriverConfig, calibration_problem
+from client.driver.control_program import DECELERATION, SPEED_ACCELERATION, check_servo_parameters
 from client.driver.endpoint import LONGEST_REAL_TIME_S, Pulse, ReverseEndpoint, ScriptSender
 from client.driver.program import ProgramSupervisor
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
@@ -365,7 +365,7 @@ class URDriver:
         """What the robot answers to a question, beside any motion; no values when there is no solution.
 
         arguments: up to three (6,), None for one that the robot is to choose. gate: the feature of
-        `client.availability` that it needs. Raises RobotRefused for a version without it,
+        `client.driver.availability` that it needs. Raises RobotRefused for a version without it,
         ProgramNotRunningError, NoAnswerError.
         """
         if gate is not None:

@@ -21,11 +21,17 @@ from types import TracebackType
 from typing import Final, Self, cast
 
 from client.connection import DEFAULT_TIMEOUT_S
-from client.control_program import split_greeting
-from client.driver.realtime import RealTime, real_time_thread
+from client.driver.scheduling import RealTime, real_time_thread
 from client.errors import LateSetpointError, ProgramNotRunningError, ProgramStaysError
 from urproto.errors import LocalProtocolError
-from urproto.external_control import REQUEST_PROGRAM, ControlMode, FreedriveAction, ReverseMessage, TrajectoryAction
+from urproto.external_control import (
+    REQUEST_PROGRAM,
+    ControlMode,
+    FreedriveAction,
+    ReverseMessage,
+    TrajectoryAction,
+    split_greeting,
+)
 from urproto.text import to_bytes
 from urproto.versions import Series
 

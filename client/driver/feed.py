@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from client.driver.realtime import RealTime, real_time_thread
+from client.driver.scheduling import RealTime, real_time_thread
 from client.errors import ClientError, NoAnswerError
 from client.rtde import BlockingRTDEClient
 from urproto.errors import RemoteProtocolError, URError

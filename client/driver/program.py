@@ -9,8 +9,8 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from client import dashboard
-from client.control_program import GONE_TEXT, LATE_TEXT, ControlProgram
 from client.driver.config import DriverConfig
+from client.driver.control_program import GONE_TEXT, LATE_TEXT, ControlProgram
 from client.driver.endpoint import Endpoint, Peer, Pulse, ReverseEndpoint, ScriptSender
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.robot import MOVABLE, RobotLink, cancel

@@ -10,8 +10,8 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from client import dashboard
-from client.availability import require
 from client.dashboard import DashboardClient
+from client.driver.availability import require
 from client.driver.config import DriverConfig
 from client.driver.endpoint import tell
 from client.driver.feed import StateFeed
@@ -149,7 +149,7 @@ class RobotLink:
         self.on_modes.append(changed)
 
     def require(self, feature: str) -> None:
-        """Raise RobotRefused when this robot's version lacks a feature of `client.availability`."""
+        """Raise RobotRefused when this robot's version lacks a feature of `client.driver.availability`."""
         require(feature, self.version)
 
     @property

@@ -8,7 +8,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 from client.dashboard_commands import Operation
 from client.driver.blocking import Blocking, Part, blocking, blocking_context, carried, straight
 from client.driver.endpoint import StreamStatistics
-from client.driver.realtime import real_time
+from client.driver.scheduling import real_time
 from client.robot.contact import Contact, Force
 from client.robot.facade import AsyncRobot
 from client.robot.io import IO

@@ -8,8 +8,8 @@ from types import TracebackType
 from typing import Any, Final, Self, cast
 
 from client.calibration import geometry_of
-from client.control_program import DECELERATION, SPEED_ACCELERATION
 from client.driver import URDriver, points
+from client.driver.control_program import DECELERATION, SPEED_ACCELERATION
 from client.driver.endpoint import LONGEST_REAL_TIME_S, StreamStatistics
 from client.robot.contact import Contact, Force
 from client.robot.diagnosis import Diagnosis

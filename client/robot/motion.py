@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager, suppress
 from typing import Any, Final
 from weakref import WeakKeyDictionary
 
-from client.control_program import DECELERATION, SPEED_ACCELERATION
+from client.driver.control_program import DECELERATION, SPEED_ACCELERATION
 from client.errors import ClientError, MotionStoppedError, WaitTimeoutError
 from client.robot.readiness import PROGRAM_GONE, Readiness
 from client.robot.state import RobotState

@@ -8,13 +8,12 @@ from dataclasses import replace
 import pytest
 from driver_rig import CALM_S, HOME, HOST, Pair, swing
 
-from client.control_program import GREETING
 from client.driver import calibration_hash, points
 from client.errors import NoAnswerError, ProgramEndedError, ProgramNotRunningError, ScriptFailedError
 from client.rtde import RTDEClient
 from emulator.lifecycle.power import PowerEvent
 from urproto.errors import RobotRefused
-from urproto.external_control import ControlMode, TrajectoryResult
+from urproto.external_control import GREETING, ControlMode, TrajectoryResult
 from urproto.modes import SafetyMode
 
 LONG = points.movej([HOME[0] + 1.5, *HOME[1:]], v=0.5)
@@ -242,14 +241,14 @@ async def test_a_robot_that_is_off_refuses_the_program(pair):
 
 async def test_an_error_in_the_program_is_shown(connect, monkeypatch):
     async with connect(start=False) as pair:
-        monkeypatch.setattr("client.control_program._template", lambda: "textmsg(1)\nno_such_function()\n")
+        monkeypatch.setattr("client.driver.control_program._template", lambda: "textmsg(1)\nno_such_function()\n")
         with pytest.raises(ScriptFailedError, match="no_such_function"):
             await pair.driver.start_program()
 
 
 async def test_a_program_that_does_not_connect(connect, monkeypatch):
     async with connect(start=False, start_timeout_s=0.3) as pair:
-        monkeypatch.setattr("client.control_program._template", lambda: "sleep(0.1)\n")
+        monkeypatch.setattr("client.driver.control_program._template", lambda: "sleep(0.1)\n")
         with pytest.raises(ProgramNotRunningError, match="must be able to reach"):
             await pair.driver.start_program()
 

@@ -556,7 +556,7 @@ async def test_entering_leaves_the_running_program_alone(enter, robot):
 @E_SERIES
 async def test_local_control_is_the_reason(enter, monkeypatch):
     """A robot in local control ignores the program; that the emulator does not, so another program stands in."""
-    monkeypatch.setattr("client.control_program._template", lambda: "sleep(0.1)\n")
+    monkeypatch.setattr("client.driver.control_program._template", lambda: "sleep(0.1)\n")
     async with enter(start_timeout_s=0.3) as lab:
         with pytest.raises(RobotRefused, match=r"local control.*Remote Control"):
             await lab.arm.move_j(HOME)
@@ -564,7 +564,7 @@ async def test_local_control_is_the_reason(enter, monkeypatch):
 
 @pytest.mark.parametrize("robot", ["ur3"], indirect=True)
 async def test_without_remote_control_it_is_the_network(enter, monkeypatch):
-    monkeypatch.setattr("client.control_program._template", lambda: "sleep(0.1)\n")
+    monkeypatch.setattr("client.driver.control_program._template", lambda: "sleep(0.1)\n")
     async with enter(start_timeout_s=0.3) as lab:
         with pytest.raises(ProgramNotRunningError, match="must be able to reach"):
             await lab.arm.make_ready()
