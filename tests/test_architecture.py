@@ -2,10 +2,11 @@
 
 import ast
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -217,3 +218,131 @@ def test_one_module_says_how_foreign_text_is_held() -> None:
 def test_exactly_four_packages() -> None:
     found = {path.parent.name for path in ROOT.glob("*/__init__.py")}
     assert found == set(PACKAGES)
+
+
+# the inside of a package
+
+
+class Layer(NamedTuple):
+    """A part of a package: what it is, the modules in it (with all below them), and the other parts it may import."""
+
+    what: str
+    modules: tuple[str, ...]
+    may_import: tuple[str, ...] = ()
+
+
+# who in `client` may import whom, from the bottom to the top: a part imports only parts that stand above it here
+CLIENT_LAYERS: dict[str, Layer] = {
+    "ports": Layer(
+        "driver library: one client for each port of a controller, and what goes wrong with any",
+        (
+            "client.calibration",
+            "client.connection",
+            "client.dashboard",
+            "client.dashboard_commands",
+            "client.errors",
+            "client.modbus",
+            "client.primary",
+            "client.realtime",
+            "client.rtde",
+            "client.scripts",
+            "client.tool_communication",
+        ),
+    ),
+    "driver": Layer("driver library: External Control", ("client.driver",), ("ports",)),
+    "robot": Layer("driver library: the robot that most programs want", ("client.robot",), ("ports", "driver")),
+    "face": Layer("driver library: the names that `import client` gives", ("client",), ("ports", "driver", "robot")),
+    "recording": Layer(
+        "recordings: written, read, drawn, streamed", ("client.recording",), ("ports", "driver", "robot")
+    ),
+    "decoding": Layer("traffic: captured bytes told to people", ("client.decoding",)),
+    "traffic": Layer("traffic: recorded, replayed, compared", ("client.traffic",), ("ports", "decoding")),
+    "controllers": Layer(
+        "ros2_control's controllers without ROS", ("client.controllers",), ("ports", "driver", "robot", "recording")
+    ),
+    "ros2": Layer("ROS 2", ("client.ros2",), ("ports", "driver", "recording", "controllers")),
+    "pendant": Layer("teach pendant", ("client.pendant",), ("ports", "driver", "robot", "recording")),
+    "doctor": Layer("command line: what is between this machine and a robot", ("client.doctor",), ("ports", "driver")),
+    "commands": Layer(
+        "command line: `ur-client`",
+        ("client.cli", "client.commands", "client.__main__"),
+        (
+            "ports",
+            "driver",
+            "robot",
+            "recording",
+            "decoding",
+            "traffic",
+            "controllers",
+            "ros2",
+            "pendant",
+            "doctor",
+        ),
+    ),
+}
+
+
+def layers(package: str, table: Mapping[str, Layer]) -> Iterator[str]:
+    """What in a package is not as its table says, every import counted: inside functions and for type checkers too."""
+    used: set[tuple[str, str]] = set()
+    for name in (name for name in modules() if within(name, (package,))):
+        part = _layer_of(name, table)
+        if part is None:
+            yield f"{name} is in no part of the table of `{package}`"
+            continue
+        for imported in (imported for imported in imports(name) if within(imported, (package,))):
+            other = _layer_of(imported, table)
+            if other is not None and other != part:
+                used.add((part, other))
+                if other not in table[part].may_import:
+                    allowed = ", ".join(table[part].may_import) or "no other part"
+                    yield f"{name} imports {imported}, of `{other}`: `{part}` may import {allowed}"
+    for index, (part, layer) in enumerate(table.items()):
+        for other in layer.may_import:
+            if other not in list(table)[:index]:
+                yield f"`{part}` may import `{other}`, which does not stand above it in the table: that makes circles"
+            elif (part, other) not in used:
+                yield f"`{part}` may import `{other}` and does not: take it out of the table"
+
+
+def _layer_of(name: str, table: Mapping[str, Layer]) -> str | None:
+    """The part with the longest prefix of a module's name; that of the bare package is its ``__init__`` alone."""
+    prefixes = {prefix: part for part, layer in table.items() for prefix in layer.modules}
+    found = [prefix for prefix in prefixes if name == prefix or ("." in prefix and name.startswith(f"{prefix}."))]
+    return prefixes[max(found, key=len)] if found else None
+
+
+def as_markdown(table: Mapping[str, Layer]) -> str:
+    """The table as a page of the documentation shows it."""
+    rows = [
+        f"| {part} | {layer.what} | {', '.join(f'`{name}`' for name in layer.modules)} "
+        f"| {', '.join(layer.may_import)} |"
+        for part, layer in table.items()
+    ]
+    return "\n".join(["| part | what it is | modules | may import |", "| --- | --- | --- | --- |", *rows])
+
+
+def test_layers_of_client() -> None:
+    none(layers("client", CLIENT_LAYERS))
+
+
+def test_the_page_shows_the_layers_of_client() -> None:
+    shown = as_markdown(CLIENT_LAYERS)
+    assert shown in (ROOT / "docs" / "architecture.md").read_text(), f"paste into docs/architecture.md:\n{shown}"
+
+
+def test_an_import_against_the_layers_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Inside functions and for type checkers alike, told with both modules and the rule."""
+    source = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from client.robot import Robot\n"
+    source += "def later():\n    from client.pendant import server\n"
+    trees = {"client.driver.points": ast.parse(source)}
+    monkeypatch.setattr(f"{__name__}.syntax_tree", lambda name: trees.get(name) or ast.parse(""))
+    imports.cache_clear()
+    try:
+        found = [line for line in layers("client", CLIENT_LAYERS) if "client.driver.points" in line]
+    finally:
+        imports.cache_clear()
+    assert sorted(found) == [
+        "client.driver.points imports client.pendant.server, of `pendant`: `driver` may import ports",
+        "client.driver.points imports client.robot, of `robot`: `driver` may import ports",
+    ]

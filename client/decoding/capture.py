@@ -1,7 +1,7 @@
 """Packets out of pcap and pcapng files, as tcpdump and Wireshark write them, in bytes as they come; and into pcapng.
 
 Layouts: the IETF drafts draft-ietf-opsawg-pcap and draft-ietf-opsawg-pcapng. What is written has one section, one
-Ethernet interface, and times in nanoseconds; ``frames`` makes the packets.
+Ethernet interface, and times in nanoseconds; ``codecs`` makes the frames.
 """
 
 import struct

@@ -18,8 +18,8 @@ from typing import Any, Final, Self
 from client.driver.blocking import Blocking, blocking, straight
 from client.driver.config import DriverConfig, calibration_problem
 from client.driver.control_program import DECELERATION, SPEED_ACCELERATION, check_servo_parameters
-from client.driver.endpoint import LONGEST_REAL_TIME_S, Pulse, ReverseEndpoint, ScriptSender
-from client.driver.program import ProgramSupervisor
+from client.driver.endpoint import LONGEST_REAL_TIME_S, ReverseEndpoint, ScriptSender
+from client.driver.program import ProgramSupervisor, Pulse
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.robot import RobotLink
 from client.driver.trajectories import Trajectories
