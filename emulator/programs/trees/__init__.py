@@ -1,1 +1,0 @@
-"""PolyScope program trees (`.urp` files) and what they are in URScript."""
