@@ -68,10 +68,16 @@ _logger = logging.getLogger(__name__)
 
 
 class Peer(asyncio.Protocol):
-    """A connection of a robot, or of somebody who may be one.
+    """A connection of a robot, or of somebody who may be one."""
 
-    proven: it has said the token. arrived_s: when, by the loop's clock.
-    """
+    address: str
+    """Where it comes from."""
+    proven: bool
+    """It has said the token."""
+    arrived_s: float
+    """When it came, by the loop's clock [s]."""
+    unread: bytes | None
+    """The beginning of its greeting; None once it has greeted, or will not."""
 
     def __init__(self, endpoint: "Endpoint") -> None:
         self._endpoint = endpoint
@@ -82,7 +88,7 @@ class Peer(asyncio.Protocol):
         self.address = ""
         self.proven = False
         self.arrived_s = self._loop.time()
-        self.unread: bytes | None = b""  # the beginning of its greeting; None once it has greeted, or will not
+        self.unread = b""
         self.transport: asyncio.Transport
         self._socket: socket.socket
 
@@ -136,21 +142,25 @@ class Peer(asyncio.Protocol):
 
 
 class Endpoint:
-    """A server for one robot; use it with ``async with``.
+    """A server for one robot; use it with ``async with``."""
 
-    port: 0 takes a free one, which `port` then is. host: the own address to listen on, all
-    of them when empty. listeners: called with True and False as the robot comes and goes.
-    token: what the robot's program says first. Without one, the first who comes is the robot until it leaves, then
-    the next.
-    waiting: who has connected and not proved itself, oldest first.
-    """
+    port: int
+    """0 takes a free one, which it then is."""
+    host: str
+    """The own address to listen on, all of them when empty."""
+    token: str
+    """What the robot's program says first. Without one, who comes first is the robot until it leaves, then the next."""
+    waiting: list[Peer]
+    """Who has connected and not proved itself, oldest first."""
+    listeners: list[Callable[[bool], None]]
+    """Called with True and False as the robot comes and goes."""
 
     def __init__(self, port: int, host: str = "") -> None:
         self.port = port
         self.host = host
         self.token = ""
-        self.waiting: list[Peer] = []
-        self.listeners: list[Callable[[bool], None]] = []
+        self.waiting = []
+        self.listeners = []
         self._peers: set[Peer] = set()
         self._peer: Peer | None = None
         self._server: asyncio.Server | None = None
@@ -323,9 +333,12 @@ _LONGEST_REQUEST: Final = 1024  # bytes without a line end (guess)
 class ScriptSender(Endpoint):
     """Answers every request with the program; any number of robots may ask at the same time.
 
-    program: gives the text, bare statements between the URCap's anchors. requests: how many
-    there were. The connection stays open, and the program has no end mark: so does the protocol.
+    program: gives the text, bare statements between the URCap's anchors. The connection stays open, and the program has
+    no end mark: so does the protocol.
     """
+
+    requests: int
+    """How many there were."""
 
     def __init__(self, program: Callable[[], str], port: int = SENDER_PORT, host: str = "") -> None:
         super().__init__(port, host)
@@ -363,16 +376,16 @@ REVERSE_PORT: Final = 50001
 
 @dataclass(slots=True)
 class StreamStatistics:
-    """Of setpoints that follow each other in one mode, by this machine's clock.
-
-    sent: how many. skipped: control periods for which none was sent, beyond one that was a little late. late: how
-    often the robot had to wait for longer than it may, and stopped the arm. longest_gap_s: between two of them.
-    """
+    """Of setpoints that follow each other in one mode, by this machine's clock."""
 
     sent: int = 0
+    """How many."""
     skipped: int = 0
+    """Control periods for which none was sent, beyond one that was a little late."""
     late: int = 0
+    """How often the robot had to wait for longer than it may, and stopped the arm."""
     longest_gap_s: float = 0.0
+    """Between two of them [s]."""
 
     def __str__(self) -> str:
         return (
@@ -384,12 +397,17 @@ class StreamStatistics:
 class ReverseEndpoint(Endpoint):
     """Sends what the arm is to do; while a robot is connected here its program runs.
 
-    period_s: the robot's control period [s]. Every method sends at once, from any thread, and
-    raises ProgramNotRunningError without a robot and LocalProtocolError for values that cannot be
-    sent. timeout_s: how long the program waits for the message after this one before it stops
-    the arm; see `read_timeout_ms` for its limits. stream: of the setpoints since the last message
-    that was none.
+    Every method sends at once, from any thread, and raises ProgramNotRunningError without a robot and
+    LocalProtocolError for values that cannot be sent. timeout_s: how long the program waits for the message after this
+    one before it stops the arm; see `read_timeout_ms` for its limits.
     """
+
+    period_s: float
+    """The robot's control period [s]."""
+    mode: ControlMode
+    """Of the last message."""
+    stream: StreamStatistics
+    """Of the setpoints since the last message that was none."""
 
     def __init__(self, port: int = REVERSE_PORT, host: str = "", period_s: float = Series.E.period_s) -> None:
         super().__init__(port, host)

@@ -28,9 +28,14 @@ class StateFeed:
 
     make: a client that is not connected yet. on_state, on_silence: called in that thread, with each state, and once
     when the robot falls silent; they must be quick. silence_s: how long nothing has to come for that.
-
-    state: the newest one. count: how many came. silent: nothing comes any more.
     """
+
+    state: State
+    """The newest one, by variable name."""
+    count: int
+    """How many came."""
+    silent: bool
+    """Nothing comes any more."""
 
     def __init__(
         self,
@@ -40,7 +45,7 @@ class StateFeed:
         silence_s: float,
         realtime: RealTime = "auto",
     ) -> None:
-        self.state: State = {}
+        self.state = {}
         self.count = 0
         self.silent = False
         self._make = make

@@ -1,4 +1,4 @@
-"""The life of the control program: started, watched, kept alive, ended, started again."""
+"""The control program's life: started, watched, kept alive, ended, started again."""
 
 import asyncio
 import logging
@@ -44,6 +44,9 @@ class Pulse:
     `breathe` tells it has not. A thread that goes on by itself is no reason for the arm to.
     """
 
+    bitten: str
+    """Why the watchdog ended the program, until the next one starts; else empty."""
+
     def __init__(
         self,
         reverse: ReverseEndpoint,
@@ -61,7 +64,7 @@ class Pulse:
         self._kicked_s = 0.0
         self._hang_s = hang_s
         self._breathed_s = time.monotonic()
-        self.bitten = ""  # why the watchdog ended the program, until the next one starts
+        self.bitten = ""
         self._thread = threading.Thread(target=self._work, name="driver's pulse", daemon=True)
 
     def __enter__(self) -> "Pulse":
