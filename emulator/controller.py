@@ -348,7 +348,7 @@ class Controller:
         self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled
         motion = self.motion
         if driven or motion.braking:
-            motion.external_wrench, motion.actual_q = wrench, self.arm.q
+            motion.force_control.feel(wrench, self.arm.q)
             self._fault = motion.advance(self.speed.fraction)
         elif not (motion.idle or self.programs.paused):
             motion.halt()  # the brakes hold the arm: no movement is left to complete
@@ -398,7 +398,7 @@ class Controller:
         if self._fault is not None:
             self.protective_stop(StopCause(self._fault.code, self._fault.argument, self._fault.text, self._fault.joint))
             self._fault = None
-        for warning in self.motion.take_warnings():
+        for warning in self.motion.commands.take_warnings():
             self.warn(warning.code, warning.argument, warning.text)
         self.safety_board.judge(changed=self._arm_changed)
 
@@ -433,7 +433,7 @@ class Controller:
         if self.encoders.enabled:
             self.encoders.publish(snapshot)
         self.registers.publish(snapshot)
-        snapshot.control_mode, snapshot.force_mode_frame = self.motion.control_mode, self.motion.force_frame
+        snapshot.control_mode, snapshot.force_mode_frame = self.motion.control_mode, self.motion.force_control.frame
         snapshot.tool_communication, snapshot.tool_bytes = self.tool_line.settings, self.tool_line.received
         snapshot.io_freedrive, snapshot.local_control = self.input_actions.free, self.local_control
         snapshot.actual_execution_time = self.execution_time_ms

@@ -4,7 +4,8 @@ import math
 
 from emulator.builtins.geometry import six, within_range
 from emulator.io.encoders import DecoderType, Encoder
-from emulator.motion.superposition import CircularConveyor, LinearConveyor, Source
+from emulator.motion.superposition import Source
+from emulator.motion.tracking import CircularConveyor, LinearConveyor
 from emulator.programs.host import Frames, ProgramHost
 from urproto.versions import Series
 from urscript.builtins import Library
@@ -163,7 +164,7 @@ def _track(host: ProgramHost, name: str, conveyor: Source) -> None:
     if host.secondary:
         raise RuntimeFault(f"{name}: a secondary program cannot control the robot")
     with within_range():
-        host.motion.track(conveyor)
+        host.motion.superposition.track(conveyor)
 
 
 def _whole(name: str, count: float) -> int:

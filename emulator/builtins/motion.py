@@ -135,7 +135,7 @@ _ORIGIN = (0.0,) * 6
 
 def _in_frame(host: ProgramHost, pose: Vector6, frame: str) -> Pose:
     """A pose in a frame, in the base; in one that moves with a tracked frame, as that was when tracking began."""
-    world, tracked = host.controller.world_model, host.motion.tracked_frame
+    world, tracked = host.controller.world_model, host.motion.superposition.tracked_frame
     with within_range():
         there = world.convert(pose, frame, "base", arm_pose(host))
         if tracked is not None and world.carries(tracked.name, frame):
@@ -255,8 +255,8 @@ def set_pos(host: ProgramHost, q: Joints) -> None:
     """Put the simulated arm at joint angles [rad] at once; only while it stands still."""
     if not host.motion.idle:
         raise RuntimeFault("set_pos: the arm is moving; stop it first")
-    with host.motion_control() as motion, within_range():
-        motion.set_position(six(q))
+    with host.motion_control(), within_range():
+        host.motion.set_position(six(q))
 
 
 @LIBRARY.builtin(cb3="3.1", e="5.0")
@@ -272,7 +272,8 @@ def reset_revolution_counter(host: ProgramHost, qNear: Joints | None = None) -> 
     near = 0.0 if qNear is None else qNear[5]
     if not plausible(near):
         raise RuntimeFault(f"reset_revolution_counter: no wrist is near {near:g} rad")
-    with host.motion_control() as motion, within_range():
+    with host.motion_control(), within_range():
+        motion = host.motion
         motion.set_position((*motion.q[:5], nearest_angle(motion.q[5], near)))
 
 

@@ -3,7 +3,7 @@
 import math
 
 from emulator.builtins.geometry import numbers, six
-from emulator.motion.wrenchlimit import WrenchLimit
+from emulator.motion.wrench_limit import WrenchLimit
 from emulator.programs.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
@@ -71,13 +71,13 @@ def tool_wrench_limit_set(
             raise RuntimeFault(f"tool_wrench_limit_set: a limit must be greater than 0, not {limit}")
     frame = six(numbers(frame_offset, 6, "tool_wrench_limit_set: frame_offset"))
     installation = host.controller.installation
-    host.motion.wrench_limit = WrenchLimit.of(frame, limits, lambda: installation.payload)
+    host.motion.commands.wrench_limit = WrenchLimit.of(frame, limits, lambda: installation.payload)
 
 
 @LIBRARY.builtin(cb3=None, e="5.19")
 def tool_wrench_limit_disable(host: ProgramHost) -> None:
     """Remove the limit on the tool wrench."""
-    host.motion.wrench_limit = None
+    host.motion.commands.wrench_limit = None
 
 
 @LIBRARY.builtin(cb3=None, e="5.20", status="partial", note="kept and given back; no speed profile here limits jerk")

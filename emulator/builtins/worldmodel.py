@@ -2,7 +2,7 @@
 
 from emulator.builtins.geometry import arm_pose, numbers, six, three, within_range
 from emulator.builtins.setup import checked_inertia, checked_mass, use_payload
-from emulator.motion.frame_tracking import FrameTracking
+from emulator.motion.tracking import FrameTracking
 from emulator.programs.host import Frames, ProgramHost
 from emulator.robot.worldmodel import MassProperties, WorldModel
 from urscript.builtins import Library
@@ -128,7 +128,7 @@ def frame_tracking_enable(host: ProgramHost, frame_name: Str) -> None:
         raise RuntimeFault("frame_tracking_enable: a secondary program cannot control the robot")
     world = _world(host)
     with within_range():
-        host.motion.track_frame(FrameTracking(frame_name, lambda: world.in_base(frame_name)))
+        host.motion.superposition.track_frame(FrameTracking(frame_name, lambda: world.in_base(frame_name)))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")

@@ -66,7 +66,7 @@ class InputActions:
         allowed = controller.may_run and controller.programs.state is RuntimeState.STOPPED
         wanted = allowed and any(high(controller) for high in self._levels.values())
         if wanted and not self._free:
-            controller.motion.freedrive()
+            controller.motion.commands.freedrive()
             self._free = True
         elif not wanted:
             self.release(controller)
@@ -74,7 +74,7 @@ class InputActions:
     def release(self, controller: "Controller") -> None:
         """Leave freedrive, if an input brought the arm there: a program takes over."""
         if self._free:
-            controller.motion.end_freedrive()
+            controller.motion.force_control.end()
             self._free = False
 
 

@@ -17,12 +17,15 @@ from math import exp
 from emulator.motion.contact import Contact, Response, solve, without
 from emulator.motion.faults import MotionFault, near_singularity, off_the_path
 from emulator.motion.pacing import within_speed
+from emulator.motion.position_limits import PositionLimits
 from emulator.motion.reach import Reach
+from emulator.motion.target import ArmTarget
 from emulator.motion.vectors import (
     ZERO,
     Axes,
     Joints,
     Vec3,
+    all_finite,
     as_six,
     cross,
     dot,
@@ -36,6 +39,7 @@ from emulator.motion.vectors import (
     sub,
     unit,
 )
+from urproto.modes import ControlMode
 from urproto.robots.pose import Pose, pose_add, pose_sub
 
 _MASS = 20.0  # kg, kg m2 for turning: gives time constants around 0.1 s (guess)
@@ -50,6 +54,7 @@ _FREEDRIVE_LIMITS: Joints = (1.0, 1.0, 1.0, 3.0, 3.0, 3.0)  # m/s, rad/s (guess)
 _SUDDEN = 5.0  # times a joint's acceleration limit: only a singular arm, or a hard contact, asks for more (guess)
 _MOTION = 3  # kind of task frame
 _STIFF = (False,) * 6
+_BRAKE_DAMPING = 0.25  # of force mode and freedrive once they end or pause: standing within 0.5 s (guess)
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,3 +308,134 @@ class Compliance:
 def _slowed(speed: float, left: float) -> float:
     """What is left of a speed, which is neither gained nor reversed: else an arm that corrects itself never stands."""
     return max(0.0, min(speed, left)) if speed >= 0.0 else min(0.0, max(speed, left))
+
+
+class ForceControl:
+    """Force mode, screw driving and freedrive, one at a time: the arm gives way beside whatever else moves it.
+
+    ``damping``, ``gain_scaling``: force_mode_set_damping and force_mode_set_gain_scaling. ``contacts``: of the tool and
+    the world, whose forces are part of the external wrench.
+    """
+
+    def __init__(self, target: ArmTarget, limits: PositionLimits) -> None:
+        self.damping = 0.005  # default of the Script Manual
+        self.gain_scaling = 1.0
+        self.contacts: tuple[Contact, ...] = ()
+        self._external_wrench: Joints = ZERO
+        self._actual_q: Joints | None = None  # None: where it was told to be
+        self._target, self._limits = target, limits
+        self._compliance: Compliance | None = None
+
+    @property
+    def active(self) -> bool:
+        """The arm gives way, or has not come to rest since."""
+        return self._compliance is not None
+
+    @property
+    def released(self) -> bool:
+        """It gives way no more, and what it gave way by is still beside the path."""
+        return self._compliance is not None and self._compliance.released
+
+    @property
+    def mode(self) -> ControlMode:
+        """TEACH in freedrive, FORCE in force mode and screw driving, POSITION otherwise."""
+        if self._compliance is None or self._compliance.released:
+            return ControlMode.POSITION
+        return ControlMode.TEACH if self._compliance.task.freedrive else ControlMode.FORCE
+
+    @property
+    def frame(self) -> Pose:
+        """The task frame in the base frame; zero without force mode."""
+        return self._compliance.task.frame if self.mode is ControlMode.FORCE and self._compliance else ZERO
+
+    def feel(self, external_wrench: Joints, actual_q: Joints | None = None) -> None:
+        """What pushes the tool at its TCP, base frame [N, Nm], and where the arm is when not at its target [rad]."""
+        self._external_wrench, self._actual_q = external_wrench, actual_q
+
+    # what a program asks for
+
+    def force_mode(
+        self,
+        task_frame: Sequence[float],
+        selection: Sequence[float],
+        wrench: Sequence[float],
+        type: int,  # noqa: A002 - the name of the script function's parameter
+        limits: Sequence[float],
+    ) -> None:
+        """Comply in the selected directions of task_frame (in the base frame), beside any other movement.
+
+        ``limits`` are speeds [m/s, rad/s] in compliant directions. Raises ValueError for an unknown type.
+        """
+        if not all_finite((*task_frame, *selection, *wrench, *limits)):
+            raise ValueError("force mode needs finite numbers")
+        self._comply(Task.force(as_six(task_frame), selection, wrench, type, limits))
+
+    def screw_driving(self, force_N: float, speed_m_s: float) -> None:
+        """Push along the tool's own z axis, no faster than ``speed_m_s``, beside any other movement."""
+        self._comply(Task.screw(force_N, speed_m_s))
+
+    def freedrive(self, free_axes: Sequence[float], feature: Pose | None) -> None:
+        """Let the external wrench move the tool along the free axes of a frame given in the base frame.
+
+        None is the tool's own frame. Movements go on beside it: `MotionCommands.freedrive` stops them.
+        """
+        self._comply(Task.free(None if feature is None else as_six(feature), free_axes))
+
+    def end(self) -> None:
+        """Comply no more; the arm comes to rest where it is."""
+        if self._compliance is not None:
+            self._compliance.release()
+
+    def drop(self) -> None:
+        """Comply no more, at once: the arm is taken for being on its path."""
+        self._compliance = None
+
+    def _comply(self, task: Task) -> None:
+        if self._compliance is None:
+            arm = self._target
+            self._compliance = Compliance(arm.reach, arm.q, scaled(arm.qd, arm.period_s), task)
+        else:
+            self._compliance.comply(task)
+
+    # one control period
+
+    def advance(self, before: Joints, after: Joints, *, running: bool, alone: bool) -> Joints:
+        """Propose where the arm gives way to, while the path goes from ``before`` to ``after``.
+
+        ``running``: the movement is not held; held, nothing pushes. ``alone``: nothing else moves the arm, so force
+        mode or freedrive that has ended and come to rest is over. Raises MotionFault.
+        """
+        compliance, here = self._compliance, self._target.q
+        if compliance is None:
+            return after
+        if alone and compliance.released and compliance.standing():
+            self._compliance = None
+            return here
+        if self._actual_q is not None and self._actual_q != here:
+            compliance.check(self._actual_q)
+        try:
+            target = self._yielded(compliance, (before, after), running=running)
+            self._limits.check(target, here)
+        except MotionFault:
+            if after != before:
+                raise
+            # Nothing but a push asks for this: the end of the work space is a wall to the hand, and no fault.
+            compliance.halt()
+            return here
+        return target
+
+    def commit(self) -> bool:
+        """The last proposal came true; whether the arm has no motion of its own beside its path."""
+        if self._compliance is None:
+            return True
+        self._compliance.commit()
+        return self._compliance.standing()
+
+    def _yielded(self, compliance: Compliance, path: tuple[Joints, Joints], *, running: bool) -> Joints:
+        period_s, q = self._target.period_s, self._target.q
+        if not running:
+            damping = max(self.damping, _BRAKE_DAMPING)
+            return compliance.step(period_s, q, path, Pushing(ZERO, ()), damping, 0.0)
+        pushing = Pushing(self._external_wrench, self.contacts)
+        damping = max(self.damping, _BRAKE_DAMPING) if compliance.released else self.damping
+        return compliance.step(period_s, q, path, pushing, damping, self.gain_scaling)

@@ -15,8 +15,9 @@ from collections.abc import Callable
 from math import sqrt
 
 from emulator.motion.faults import MotionFault, near_singularity
+from emulator.motion.generator import Generator
 from emulator.motion.lookahead import Lookahead
-from emulator.motion.path_motion import Generator, PathMotion
+from emulator.motion.path_motion import PathMotion
 from emulator.motion.vectors import Joints, largest, sub
 from urproto.robots.model import RobotModel
 

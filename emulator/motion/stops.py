@@ -1,5 +1,7 @@
 """Bringing the arm to rest by the clock, whatever the speed slider says: stopj, stopl and the protective stop."""
 
+from enum import Enum, auto
+
 from emulator.motion.faults import MotionFault
 from emulator.motion.reach import Reach
 from emulator.motion.vectors import ZERO, Joints, as_six, largest, norm3, scaled, sub
@@ -8,12 +10,21 @@ from urproto.robots.pose import Pose, pose_add
 _TIME_TOLERANCE = 1e-9  # s
 
 
+class StopOrigin(Enum):
+    """What makes the arm stop."""
+
+    COMMAND = auto()
+    FAULT = auto()  # a movement could not go on
+    BRAKES = auto()  # the power is gone
+
+
 class JointStop:
     """Every joint brakes evenly from its own speed, in its own time. All standing is ``done``."""
 
     scaled = False
 
-    def __init__(self, q: Joints, qd: Joints, durations: Joints) -> None:
+    def __init__(self, q: Joints, qd: Joints, durations: Joints, origin: StopOrigin = StopOrigin.COMMAND) -> None:
+        self.origin = origin
         self._q, self._qd, self._durations = q, qd, durations
         self._last = max(durations)
         self._t = self._proposed = 0.0

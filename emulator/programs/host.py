@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final, TypeAlias, TypeVar
 
-from emulator.motion import Motion, Move
+from emulator.motion import Motion, MotionCommands, Move
 from emulator.motion.vectors import Joints, as_six
 from emulator.programs.sockets import SocketTable
 from emulator.programs.watchdog import Watchdog, WatchdogAction
@@ -155,7 +155,7 @@ class ProgramHost:
 
     @property
     def motion(self) -> Motion:
-        """The arm's motion generator, for reading; to command it use ``motion_control``."""
+        """The arm's motion generator, for reading; to command a movement use ``motion_control``."""
         return self.controller.motion
 
     @property
@@ -208,7 +208,7 @@ class ProgramHost:
         self.programs.watchdogs.set(Watchdog(variable, interval, action, self.controller.step_count))
 
     @contextmanager
-    def motion_control(self) -> Iterator[Motion]:
+    def motion_control(self) -> Iterator[MotionCommands]:
         """Own the arm while inside. Also left when the thread is killed, so nothing stays locked.
 
         Raises RuntimeFault when another thread owns it, when a secondary program asks, or when a fault ended what
@@ -221,11 +221,12 @@ class ProgramHost:
         runtime = self.runtime
         if runtime.motion_thread not in (None, runtime.current):
             raise RuntimeFault("Another thread is already controlling the robot")
-        if self.motion.displacement_lost is not None:
-            raise RuntimeFault(f"the path offset, conveyor or frame tracking ended: {self.motion.displacement_lost}")
+        lost = self.motion.superposition.lost
+        if lost is not None:
+            raise RuntimeFault(f"the path offset, conveyor or frame tracking ended: {lost}")
         runtime.motion_thread = runtime.current
         try:
-            yield self.motion
+            yield self.motion.commands
         finally:
             runtime.motion_thread = None
 

@@ -77,7 +77,7 @@ class Programs:
         self.motion_version = 1  # guess: what motion_version_get() says before it was set
         self._share = WorkShare(controller.period_s)
         self._compiling = Compiling(self._share)
-        self.interpreter = Interpreter(self._share, self._note, controller.motion.abort)
+        self.interpreter = Interpreter(self._share, self._note, controller.motion.commands.abort)
         self._player = Player(controller)
         self._main: Runtime | None = None
         self._host: ProgramHost | None = None
@@ -389,8 +389,6 @@ class Programs:
         host.withdraw_dialogues()
         self.watchdogs.clear()
         self.pause_codes.clear()
-        controller.motion.end_force_mode()
-        controller.motion.end_freedrive()
         controller.motion.program_stopped()
         unscheduled = main.error is not None or controller.safety.mode in _UNSCHEDULED_ENDS
         self.outputs.program_stopped(unscheduled=unscheduled)

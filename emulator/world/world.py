@@ -104,7 +104,7 @@ class World:
         """
         arm = controller.arm
         wrench = lerp(wrench, self._tool_wrench(arm, controller.period_s), 1.0)
-        controller.motion.contacts = self.contacts
+        controller.motion.force_control.contacts = self.contacts
         if self.links is not None:
             arm.link_torque = self.links.torques(arm.q, arm.qd)
         return wrench

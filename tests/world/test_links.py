@@ -89,6 +89,6 @@ def test_power_of_a_push_agrees_with_that_of_the_joints(arm, shape):
 def test_the_arm_laid_on_a_block_by_its_upper_arm_overloads_a_joint(arm):
     """The tool is far beyond the block; the upper arm is not."""
     arm.world.add("block", WorldObject(Box((0.2, 0.6, 0.1)), (0.3, 0.0, 0.08, 0, 0, 0), stiffness=1e5))
-    arm.motion.movej((0.0, -pi, 0.0, 0.0, 0.0, 0.0), a=1.0, v=0.5)
+    arm.motion.commands.movej((0.0, -pi, 0.0, 0.0, 0.0, 0.0), a=1.0, v=0.5)
     arm.until(lambda: arm.now.collision_detection_ratio == 1.0)
     assert arm.force == (0.0,) * 6
