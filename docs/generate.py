@@ -132,7 +132,7 @@ def control_verbs() -> str:
     """The verbs of the control API."""
     rows = (
         (f"`{verb['name']}`", _arguments(verb), " ".join(verb["text"].split()))
-        for verb in listing(verbs_of(LiveControl))
+        for verb in listing(verbs_of(LiveControl.SUBJECTS))
     )
     parts = (
         "# Verbs of the control API",

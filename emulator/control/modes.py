@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from math import isfinite
 from typing import Any, Final, Literal
 
-from emulator.control.verbs import BadArguments, ControlBase, NotPossible, Waiting, verb
+from emulator.control.verbs import BadArguments, NotPossible, Verbs, Waiting, verb
 from emulator.guard import plausible
 from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from emulator.lifecycle.power import PowerEvent
@@ -26,7 +26,7 @@ Register = Literal["bit", "int", "double"]
 _GROUPS: Final[dict[str, DigitalGroup]] = {group.name: group for group in (STANDARD, CONFIGURABLE, TOOL)}
 
 
-class SignalVerbs(ControlBase):
+class SignalVerbs(Verbs):
     """Verbs about digital and analog signals and registers."""
 
     @verb
@@ -101,7 +101,7 @@ Button = Literal["robot", "system"]
 Device = Literal["safeguard", "automatic_safeguard", "enabling_device", "reduced_mode"]
 
 
-class ModeVerbs(ControlBase):
+class ModeVerbs(Verbs):
     """Verbs that buttons, gates and faults stand behind on a real robot."""
 
     @verb

@@ -6,7 +6,7 @@ from enum import IntEnum, IntFlag
 from typing import Any, Final
 
 from emulator.control.snapshots import restore_state, save_state
-from emulator.control.verbs import BadArguments, ControlBase, NotPossible, verb
+from emulator.control.verbs import BadArguments, NotPossible, Verbs, verb
 from emulator.guard import plausible
 from emulator.robot.installation import Payload
 from emulator.snapshot import Snapshot, Vector3, Vector6
@@ -14,7 +14,7 @@ from emulator.snapshot import Snapshot, Vector3, Vector6
 _FIELDS: Final = tuple(field.name for field in fields(Snapshot) if field.name != "messages")
 
 
-class StateVerbs(ControlBase):
+class StateVerbs(Verbs):
     """Verbs about the state as a whole, the arm and its load."""
 
     @verb

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from emulator.commands import MountPayload
-from emulator.control.verbs import BadArguments, ControlBase, verb
+from emulator.control.verbs import BadArguments, Verbs, verb
 from emulator.robot.installation import Payload
 from emulator.snapshot import Vector3, Vector6
 from emulator.world.commands import (
@@ -22,7 +22,7 @@ from emulator.world.shapes import Frame, Push
 from emulator.world.world import World
 
 
-class WorldVerbs(ControlBase):
+class WorldVerbs(Verbs):
     """Verbs about things that push back, hands that push, and the payload that is really there."""
 
     @verb

@@ -114,6 +114,8 @@ class MotionCommands:
         """
         before, radius_m = self._movement.generator, max(radius_m, 0.0)
         end = None
+        # All that can fail comes before anything is changed: a move that is refused leaves the one before alone until
+        # the arm stops in the next period.
         try:
             if isinstance(before, PathMotion) and self._blendable:
                 end = before.leg_end(self._start()[0])
@@ -129,7 +131,7 @@ class MotionCommands:
                 return Move(ready=True)
         blend = None if leaving is None else blend_into(leaving, leg, corner_m)
         if end is None:
-            self._take_over()
+            self._take_over()  # a blend goes on at the time scale that the leg before has
         return self._begin(PathMotion(leg, radius_m, blend))
 
     def _planned(self, make_leg: Callable[[Joints], Leg], leaving: Leaving | None) -> Leg:

@@ -5,7 +5,7 @@ integral of the speeds asked for, wherever the speed slider stands. But programs
 command seldom ends with one. So the program goes on at the end of the period nearest to the command's end, and the next
 command begins where the one before ends: what is left of that is run first, or, where it has ended already, the new
 command is run from that moment on in retrospect. What the program reads of the arm's position just then is where the
-command ends (`Stepper.program_q`), so that a path which it plans from there is no fraction of a period off.
+command ends (`Motion.program_q`), so that a path which it plans from there is no fraction of a period off.
 """
 
 from math import inf

@@ -317,10 +317,12 @@ class Superposition:
         shift = pose_sub(pose, before[2]) if before is not None and before[0] is reach else ZERO
         self._path = (reach, path, pose)
         ramp = None if self._movement.running else self._movement.ramp
+        # In the order of `Kind`: what is tracked carries the offset along.
         for source in self._sources.values():
             source.step(self._target.period_s, pose, shift, ramp)
             pose = source.apply(pose)
         start = self.q
+        # The way back from a pose to joints rounds: an arm at rest must not move by that.
         q = start if pose == self._pose else reach.joints(pose, start)
         self._pose = pose
         self._judge(reach, q)
