@@ -22,9 +22,10 @@ from emulator.motion.speed import JointSpeed, ToolSpeed
 from emulator.motion.stops import ToolStop, brake_together
 from emulator.motion.superposition import Kind, Superposition
 from emulator.motion.target import ArmTarget
-from emulator.motion.torque import DirectTorque, TorqueCommand, TorqueResponse
+from emulator.motion.torque import DirectTorque, TorqueResponse
 from emulator.motion.vectors import ZERO, Joints, all_finite, as_six, largest, norm3, scaled
 from emulator.motion.wrench_limit import WrenchLimit
+from emulator.robot.drives import TorqueCommand
 from urproto.robots.pose import Pose
 
 _HANDOVER_RAD_S2 = 10.0  # leading joint, when a movement of another kind takes over from an arm in motion (guess)

@@ -10,8 +10,9 @@ from emulator.motion.speed import JointSpeed, ToolSpeed
 from emulator.motion.stops import JointStop, StopOrigin
 from emulator.motion.superposition import Superposition
 from emulator.motion.target import ArmTarget
-from emulator.motion.torque import DirectTorque, TorqueCommand
+from emulator.motion.torque import DirectTorque
 from emulator.motion.vectors import ZERO, Joints, as_six, scaled, sub
+from emulator.robot.drives import TorqueCommand
 from urproto.modes import ControlMode
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Pose
