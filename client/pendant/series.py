@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from urproto.joints import JOINT_TITLES
 from urproto.rtde.fields import OUTPUT_FIELDS, Field, available_fields
 from urproto.rtde.types import FieldType
 from urproto.versions import PolyscopeVersion
 
-_JOINTS: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
 _POSE: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _INERTIA: Final = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 _OF_TWO_KINDS: Final = (
@@ -93,7 +93,7 @@ def _unit(field: Field, index: int) -> str:
 def _element_names(field: Field) -> tuple[str, ...]:
     if field.type is FieldType.VECTOR3D or field.unit in _OF_TWO_KINDS:
         return _POSE
-    return _INERTIA if field.name == "payload_inertia" else _JOINTS
+    return _INERTIA if field.name == "payload_inertia" else JOINT_TITLES
 
 
 _EVERY: Final = catalogue(None)

@@ -10,11 +10,12 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.errors import MotionStoppedError
-from client.pendant.jogging import JOINT_TITLES, Velocity
+from client.pendant.jogging import Velocity
 from client.pendant.mover import STALE_S
 from client.pendant.page import MISTAKES, Page
 from client.pendant.situation import Action
 from client.pendant.station import Station
+from urproto.joints import JOINT_TITLES
 from urproto.robots import Joints
 from urproto.robots.pose import Matrix3, rotvec_to_matrix, rotvec_to_rpy
 
