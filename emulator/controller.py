@@ -40,16 +40,16 @@ from emulator.robot.installation import Installation
 from emulator.robot.worldmodel import WorldModel
 from emulator.safety.board import SafetyBoard
 from emulator.safety.configuration import SafetyConfiguration
-from emulator.snapshot import Snapshot, Vector6
+from emulator.snapshot import Snapshot
 from emulator.world.file import WorldPlan
 from emulator.world.world import World
 from urproto.modes import ReportLevel, RobotStatusBits
 from urproto.robots import START_Q, RobotModel
 from urproto.robots.pose import Pose
 from urproto.rtde.fields import OUTPUT_FIELDS
+from urproto.vectors import ZERO6, Vector6
 from urproto.versions import DEFAULT_VERSION, Availability, PolyscopeVersion, Series
 
-_ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 # As found in program files of the vendor's simulators; clients want digits only, starting with 20.
 _NEW_YEAR_2024_S: Final = 1_704_067_200.0
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
@@ -136,7 +136,7 @@ class Controller:
         self.speed = Speed()
         self.power = Power(config.timings, running=config.running)
         self.safety = Safety()
-        self.external_wrench: Vector6 = _ZERO6  # what the world does to the TCP, base frame [N, Nm]
+        self.external_wrench: Vector6 = ZERO6  # what the world does to the TCP, base frame [N, Nm]
         self.world: World | None = config.world.build(self.model) if config.world else None
         self.ft_input = ForceInput()
         self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
@@ -343,8 +343,8 @@ class Controller:
             wrench = self.ft_input.wrench_base(self.arm)
         if self.world is not None:
             wrench = self.world.act(self, wrench)
-        if wrench != _ZERO6 and not plausible(*wrench):
-            wrench = _ZERO6  # nothing pushes like that
+        if wrench != ZERO6 and not plausible(*wrench):
+            wrench = ZERO6  # nothing pushes like that
         self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled
         motion = self.motion
         if driven or motion.braking:

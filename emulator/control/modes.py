@@ -15,8 +15,8 @@ from emulator.safety.causes import CAUSES, Cause
 from emulator.safety.commands import Jog, SetSafetyInput
 from emulator.safety.conditions import SafetyDevice
 from emulator.safety.configuration import SafetyInput
-from emulator.snapshot import Vector6
 from urproto.modes import AnalogDomain
+from urproto.vectors import Vector6
 from urscript.values import INT_MAX, INT_MIN
 
 Group = Literal["standard", "configurable", "tool"]

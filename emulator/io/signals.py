@@ -9,9 +9,10 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
-from emulator.snapshot import Snapshot, Vector3, Vector6
+from emulator.snapshot import Snapshot
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolOutputMode
 from urproto.robots.pose import rotvec_to_matrix
+from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6, rotate
 
 if TYPE_CHECKING:
     from emulator.robot.arm import Arm
@@ -104,9 +105,6 @@ class BaseLight:
     colour: tuple[int, int, int] | None = None
 
 
-_ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
 @dataclass
 class ForceInput:
     """What ``ft_rtde_input_enable`` sets and the RTDE input external_force_torque feeds.
@@ -118,31 +116,23 @@ class ForceInput:
     """
 
     enabled: bool = False
-    wrench_flange: Vector6 = _ZERO6
+    wrench_flange: Vector6 = ZERO6
     sensor_mass: float = 0.0
-    measuring_offset: Vector3 = (0.0, 0.0, 0.0)
-    sensor_cog: Vector3 = (0.0, 0.0, 0.0)
+    measuring_offset: Vector3 = ZERO3
+    sensor_cog: Vector3 = ZERO3
 
     def wrench_base(self, arm: "Arm") -> Vector6:
         """The wrench in the base frame, at the TCP the arm had in the last period."""
-        if self.wrench_flange == _ZERO6:
-            return _ZERO6
+        if self.wrench_flange == ZERO6:
+            return ZERO6
         flange = arm.flange_pose
         m = rotvec_to_matrix(*flange[3:])
-        force = _rotate(m, *self.wrench_flange[:3])
-        tx, ty, tz = _rotate(m, *self.wrench_flange[3:])
-        ox, oy, oz = _rotate(m, *self.measuring_offset)
+        force = rotate(m, self.wrench_flange[:3])
+        tx, ty, tz = rotate(m, self.wrench_flange[3:])
+        ox, oy, oz = rotate(m, self.measuring_offset)
         x, y, z = (f + o - t for f, o, t in zip(flange, (ox, oy, oz), arm.tcp_pose, strict=False))
         fx, fy, fz = force
         return (fx, fy, fz, tx + y * fz - z * fy, ty + z * fx - x * fz, tz + x * fy - y * fx)
-
-
-def _rotate(m: tuple[float, ...], x: float, y: float, z: float) -> Vector3:
-    return (
-        m[0] * x + m[1] * y + m[2] * z,
-        m[3] * x + m[4] * y + m[5] * z,
-        m[6] * x + m[7] * y + m[8] * z,
-    )
 
 
 # Ranges of the control box's analog outputs (user manual: 4-20 mA or 0-10 V).

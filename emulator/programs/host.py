@@ -7,10 +7,11 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final, TypeAlias, TypeVar
 
 from emulator.motion import Motion, Move
-from emulator.motion.vectors import Joints, as_six
 from emulator.programs.sockets import SocketTable
 from emulator.programs.watchdog import Watchdog, WatchdogAction
 from urproto.primary.messages import ProgramThread
+from urproto.robots.model import Joints
+from urproto.vectors import as_six
 from urscript.compiler import CompiledProgram
 from urscript.errors import RuntimeFault
 from urscript.runtime import Runtime

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 from emulator.lifecycle.runstate import BUSY_PROTECTIVE_STOP
 from urproto.modes import ReportLevel
+from urproto.vectors import Vector6
 from urproto.versions import Series
 from urscript.runtime import Runtime, ScriptThread
 
@@ -45,8 +46,6 @@ def _describe(thread: ScriptThread) -> tuple[int, str]:
         return 0, f"The main program used a lot of time near line {thread.line}"
     return 1, f"Thread {thread.name} used a lot of time near line {thread.line}"
 
-
-Vector6 = tuple[float, float, float, float, float, float]
 
 _DEPTH_S: Final = 2.0  # guess: long enough to step back to any contact a program still reacts to
 _CONTACT_N: Final = 20.0  # guess: force against the direction that counts as contact

@@ -26,8 +26,9 @@ from emulator.safety.configuration import (
 from emulator.safety.geometry import Boundaries
 from emulator.safety.governor import TRANSITION_S, Governor, manual_limits, operational_positions
 from emulator.safety.supervision import Finding, Supervision
-from emulator.snapshot import Snapshot, Vector6
+from emulator.snapshot import Snapshot
 from urproto.modes import ControlMode, JointMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatusBits
+from urproto.vectors import Vector6
 from urproto.versions import Availability
 
 if TYPE_CHECKING:

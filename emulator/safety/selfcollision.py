@@ -12,15 +12,15 @@ from math import cos, sin
 from typing import Final
 
 from urproto.robots.model import Joints, RobotModel
-from urproto.robots.pose import Vec3
+from urproto.vectors import ZERO3, Vector3, add3, dot, sub3
 
 
 @dataclass(frozen=True, slots=True)
 class Capsule:
     """A segment and what is within ``radius`` of it [m]."""
 
-    a: Vec3
-    b: Vec3
+    a: Vector3
+    b: Vector3
     radius: float
 
 
@@ -45,16 +45,16 @@ class SelfCollision:
         s, c = sin(q2 + q3 + q4), cos(q2 + q3 + q4)
         side = (s1 * self._d4, -c1 * self._d4, 0.0)
         shoulder = (0.0, 0.0, self._d1)
-        elbow = _plus(shoulder, (c1 * cos(q2) * self._a2, s1 * cos(q2) * self._a2, sin(q2) * self._a2))
+        elbow = add3(shoulder, (c1 * cos(q2) * self._a2, s1 * cos(q2) * self._a2, sin(q2) * self._a2))
         along = self._a3 * cos(q2 + q3)
-        wrist = _plus(elbow, (c1 * along, s1 * along, self._a3 * sin(q2 + q3)))
-        w1 = _plus(wrist, side)
-        w2 = _plus(w1, (c1 * s * self._d5, s1 * s * self._d5, -c * self._d5))
+        wrist = add3(elbow, (c1 * along, s1 * along, self._a3 * sin(q2 + q3)))
+        w1 = add3(wrist, side)
+        w2 = add3(w1, (c1 * s * self._d5, s1 * s * self._d5, -c * self._d5))
         z6 = (-c1 * c * s5 + s1 * c5, -s1 * c * s5 - c1 * c5, -s * s5)
-        flange = _plus(w2, (z6[0] * self._d6, z6[1] * self._d6, z6[2] * self._d6))
+        flange = add3(w2, (z6[0] * self._d6, z6[1] * self._d6, z6[2] * self._d6))
         ends = (
-            ((0.0, 0.0, 0.0), shoulder),
-            (_plus(shoulder, side), _plus(elbow, side)),
+            (ZERO3, shoulder),
+            (add3(shoulder, side), add3(elbow, side)),
             (elbow, wrist),
             (wrist, w1),
             (w1, w2),
@@ -73,10 +73,10 @@ def clearance(one: Capsule, other: Capsule) -> float:
     return _segment_distance(one.a, one.b, other.a, other.b) - one.radius - other.radius
 
 
-def _segment_distance(p1: Vec3, q1: Vec3, p2: Vec3, q2: Vec3) -> float:
+def _segment_distance(p1: Vector3, q1: Vector3, p2: Vector3, q2: Vector3) -> float:
     """Least distance of two segments: nearest points of the lines, brought back to the ends one after the other."""
-    d1, d2, r = _minus(q1, p1), _minus(q2, p2), _minus(p1, p2)
-    a, e, f, c, b = _dot(d1, d1), _dot(d2, d2), _dot(d2, r), _dot(d1, r), _dot(d1, d2)
+    d1, d2, r = sub3(q1, p1), sub3(q2, p2), sub3(p1, p2)
+    a, e, f, c, b = dot(d1, d1), dot(d2, d2), dot(d2, r), dot(d1, r), dot(d1, d2)
     denominator = a * e - b * b
     s = _share((b * f - c * e) / denominator) if denominator > 1e-12 * a * e and denominator > 0.0 else 0.0
     t = (b * s + f) / e if e > 0.0 else -1.0  # a point: as beyond the end
@@ -88,21 +88,9 @@ def _segment_distance(p1: Vec3, q1: Vec3, p2: Vec3, q2: Vec3) -> float:
         r[1] + d1[1] * s - d2[1] * t,
         r[2] + d1[2] * s - d2[2] * t,
     )
-    length: float = _dot(gap, gap) ** 0.5
+    length: float = dot(gap, gap) ** 0.5
     return length
 
 
 def _share(value: float) -> float:
     return min(1.0, max(0.0, value))
-
-
-def _dot(a: Vec3, b: Vec3) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _plus(a: Vec3, b: Vec3) -> Vec3:
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-def _minus(a: Vec3, b: Vec3) -> Vec3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])

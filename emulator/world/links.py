@@ -14,12 +14,11 @@ from typing import Any, Final
 import coal
 import numpy as np
 
-from emulator.motion.vectors import ZERO, cross, lerp, unit
-from emulator.snapshot import Vector3, Vector6
 from emulator.world.shapes import Box, Shape, Sphere, WorldObject, force_of
 from urproto.robots import RobotModel
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.shapes import tube_radius, wrist_radius
+from urproto.vectors import ZERO6, Vector3, Vector6, cross, lerp, unit
 
 _CARRYING: Final = (2, 3, 4, 5)  # how many joints carry each link
 _X: Final[Vector3] = (1.0, 0.0, 0.0)
@@ -95,7 +94,7 @@ class Links:
 
     def torques(self, q: Vector6, qd: Vector6) -> Vector6:
         """What the things do to the joints by touching links [Nm]."""
-        total = ZERO
+        total = ZERO6
         for touching in self.touches(q):
             total = lerp(total, self._torque(touching, q, qd), 1.0)
         return total
@@ -106,7 +105,7 @@ class Links:
         material = (at.thing.stiffness, at.thing.damping, at.thing.friction)
         force, _ = force_of(at.depth, at.normal, material, (vx, vy, vz))
         torques = [float(sum(row[i] * part for row, part in zip(rows, force, strict=True))) for i in range(at.carrying)]
-        a, b, c, d, e, f = (*torques, *ZERO)[:6]
+        a, b, c, d, e, f = (*torques, *ZERO6)[:6]
         return (a, b, c, d, e, f)
 
 

@@ -13,9 +13,9 @@ from typing import Final
 
 from emulator.guard import plausible
 from emulator.motion.contact import Contact
-from emulator.motion.vectors import Axes, cross, dot, of_rotation, out_of, out_of6
-from emulator.snapshot import Vector3, Vector6
+from emulator.motion.vectors import of_rotation
 from urproto.robots.pose import Pose, pose_trans
+from urproto.vectors import ZERO3, ZERO6, Axes, Vector3, Vector6, cross, dot, out_of, out_of6
 
 _ALMOST = 1e-9
 
@@ -57,7 +57,7 @@ class Push:
 
 
 NEAR_M: Final = 0.05  # contacts are known from this distance on: more than any tool moves in a period
-_AT_TCP: Final[Pose] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_AT_TCP: Final = ZERO6
 _CREEP_M_S: Final = 1e-3  # friction grows with the sliding speed up to here, and is Coulomb's beyond (guess)
 
 
@@ -116,21 +116,19 @@ def force_of(
     ``material``: stiffness, damping, coefficient of friction. The contact pushes or does nothing.
     """
     if depth <= 0.0:
-        return (0.0, 0.0, 0.0), 0.0
+        return ZERO3, 0.0
     stiffness, damping, coefficient = material
     away = dot(normal, velocity)
     push = stiffness * depth - damping * away
     if push <= 0.0:
-        return (0.0, 0.0, 0.0), 0.0
+        return ZERO3, 0.0
     slide = tuple(v - away * n for v, n in zip(velocity, normal, strict=True))
     grip = coefficient * push / max(sqrt(dot(slide, slide)), _CREEP_M_S)
     x, y, z = (push * n - grip * v for n, v in zip(normal, slide, strict=True))
     return (x, y, z), grip
 
 
-Vec3 = tuple[float, float, float]
-
-_ORIGIN: Final[Pose] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_ORIGIN: Final = ZERO6
 _CORNERS_TO_A_FACE: Final = 4
 
 
@@ -138,7 +136,7 @@ _CORNERS_TO_A_FACE: Final = 4
 class Probe:
     """A small ball that stands for a part of a shape: centre in the shape's frame, radius, share of the stiffness."""
 
-    centre: Vec3
+    centre: Vector3
     radius: float = 0.0
     share: float = 1.0
 
@@ -148,7 +146,7 @@ class Touch:
     """How deep a ball is inside a solid (negative: how far outside), and the unit vector that leads out."""
 
     depth: float
-    out: Vec3
+    out: Vector3
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +157,7 @@ class Plane:
     def probes(self) -> tuple[Probe, ...]:
         return ()
 
-    def touch(self, point: Vec3, radius: float) -> Touch:
+    def touch(self, point: Vector3, radius: float) -> Touch:
         """``point``: the ball's centre in the shape's frame; so in all shapes."""
         return Touch(radius - point[2], (0.0, 0.0, 1.0))
 
@@ -176,9 +174,9 @@ class Sphere:
 
     @property
     def probes(self) -> tuple[Probe, ...]:
-        return (Probe((0.0, 0.0, 0.0), self.radius),)
+        return (Probe(ZERO3, self.radius),)
 
-    def touch(self, point: Vec3, radius: float) -> Touch:
+    def touch(self, point: Vector3, radius: float) -> Touch:
         distance = sqrt(dot(point, point))
         return Touch(self.radius + radius - distance, _over(point, distance))
 
@@ -187,7 +185,7 @@ class Sphere:
 class Box:
     """A cuboid around the origin of its pose; ``size`` along x, y, z."""
 
-    size: Vec3
+    size: Vector3
 
     def __post_init__(self) -> None:
         if len(self.size) != 3 or not all(plausible(edge) and edge > 0.0 for edge in self.size):
@@ -200,7 +198,7 @@ class Box:
         corners = product((-x, x), (-y, y), (-z, z))
         return tuple(Probe(corner, 0.0, 1.0 / _CORNERS_TO_A_FACE) for corner in corners)
 
-    def touch(self, point: Vec3, radius: float) -> Touch:
+    def touch(self, point: Vector3, radius: float) -> Touch:
         half = [0.5 * edge for edge in self.size]
         over = [abs(at) - most for at, most in zip(point, half, strict=True)]
         nearest = max(range(3), key=over.__getitem__)
@@ -250,7 +248,7 @@ class WorldObject:
         """The same thing, its pose given in the frame of the TCP, where that is now."""
         return self.at(pose_trans(pose_base_tcp, self.pose))
 
-    def touch(self, point: Vec3, radius: float) -> Touch:
+    def touch(self, point: Vector3, radius: float) -> Touch:
         """A ball at a point of the base frame; so is the way out."""
         px, py, pz = self.pose[:3]
         arm = (point[0] - px, point[1] - py, point[2] - pz)
@@ -258,12 +256,12 @@ class WorldObject:
         touch = self.shape.touch((dot(arm, x), dot(arm, y), dot(arm, z)), radius)
         return Touch(touch.depth, out_of(self.axes, touch.out))
 
-    def place(self, point: Vec3) -> Vec3:
+    def place(self, point: Vector3) -> Vector3:
         """A point of the shape's own frame, in the base frame."""
         x, y, z = out_of(self.axes, point)
         return (self.pose[0] + x, self.pose[1] + y, self.pose[2] + z)
 
 
-def _over(v: Vec3, length: float) -> Vec3:
+def _over(v: Vector3, length: float) -> Vector3:
     """A unit vector; upwards where it has no direction."""
     return (v[0] / length, v[1] / length, v[2] / length) if length > 1e-12 else (0.0, 0.0, 1.0)

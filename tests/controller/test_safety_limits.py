@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from emulator.lifecycle.safety import SafetyEvent, StopCategory
 from emulator.robot.arm import Arm
-from emulator.robot.vectors import ZERO6
 from emulator.safety.configuration import (
     BoundaryMode,
     Plane,
@@ -25,6 +24,7 @@ from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 from urproto.robots import START_Q, load_model
 from urproto.robots.pose import rotvec_to_matrix
+from urproto.vectors import ZERO6
 
 STRETCHED = (0.0, -0.3, 0.2, 0.0, 0.0, 0.0)
 BENT = (0.0, -1.5, 1.5, -1.6, -1.57, 0.0)

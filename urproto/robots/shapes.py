@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from urproto.robots.model import RobotModel
-from urproto.robots.pose import Vec3
+from urproto.vectors import ZERO3, Vector3
 
 _TUBE: Final = (0.025, 0.035)  # m, and per m of reach: radius of upper arm and forearm (guess)
 _WRIST: Final = (0.025, 0.015)  # of the wrists (guess)
@@ -18,8 +18,8 @@ _SHORTEST_M: Final = 0.01
 class Capsule:
     """Ends of the axis in the frame that turns with the link [m]."""
 
-    start: Vec3
-    end: Vec3
+    start: Vector3
+    end: Vector3
     radius: float
 
 
@@ -39,11 +39,11 @@ def capsules(model: RobotModel) -> tuple[Capsule, ...]:
     d1, _, _, d4, d5, d6 = model.dh.d
     upper, fore = model.links[1].com_m[2], model.links[2].com_m[2]  # of the tubes, from the arm's plane
     return (
-        Capsule((0.0, 0.0, 0.0), (0.0, 0.0, d1 / 2), tube),
-        Capsule((0.0, 0.0, -d1 / 2), (0.0, 0.0, 0.0), tube),
+        Capsule(ZERO3, (0.0, 0.0, d1 / 2), tube),
+        Capsule((0.0, 0.0, -d1 / 2), ZERO3, tube),
         Capsule((0.0, 0.0, upper), (model.dh.a[1], 0.0, upper), tube),
         Capsule((0.0, 0.0, fore), (model.dh.a[2], 0.0, fore), tube),
-        Capsule((0.0, 0.0, fore - d4), (0.0, 0.0, 0.0), wrist),
-        Capsule((0.0, 0.0, -d5), (0.0, 0.0, 0.0), wrist),
+        Capsule((0.0, 0.0, fore - d4), ZERO3, wrist),
+        Capsule((0.0, 0.0, -d5), ZERO3, wrist),
         Capsule((0.0, 0.0, min(-wrist, _SHORTEST_M - d6)), (0.0, 0.0, -wrist), wrist),
     )

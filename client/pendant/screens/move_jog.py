@@ -17,7 +17,8 @@ from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.joints import JOINT_TITLES
 from urproto.robots import Joints
-from urproto.robots.pose import Matrix3, rotvec_to_matrix, rotvec_to_rpy
+from urproto.robots.pose import rotvec_to_matrix, rotvec_to_rpy
+from urproto.vectors import Matrix3
 
 FEATURES: Final = {"base": "Base", "tool": "Tool", "view": "View"}
 JOINT_TOP: Final = 1.0472  # rad/s, and rad/s of a tool: speeds at 100 %; 60 degrees a second is URScript's default
