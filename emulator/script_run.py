@@ -12,7 +12,6 @@ from emulator.batch import Batch, Stimulus
 from emulator.clock import Clock, FastClock, RealClock
 from emulator.config import read_surroundings
 from emulator.controller import Controller, ControllerConfig
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.programs.sockets import ScriptNetwork
 from emulator.robot.kinds import ArmKind
@@ -20,6 +19,7 @@ from emulator.script_peers import Peers, StubPeers, read_peers
 from emulator.servers.script_sockets import NetworkSockets
 from urproto.robots import START_Q, RobotModel
 from urproto.robots.model import Joints
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL
 from urscript.commands import SUCCESS, TROUBLE, USAGE_ERROR, chosen_controller
 from urscript.errors import CompileError
 from urscript.files import ScriptFile

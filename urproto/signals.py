@@ -6,7 +6,7 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True)
 class DigitalGroup:
-    """A run of bits in the digital words: ``count`` from bit ``first`` on. letter: of their names on screens, as DI0."""
+    """A run of bits in the digital words: ``count`` from bit ``first`` on. letter: as in DI0."""
 
     name: str
     letter: str
@@ -35,7 +35,7 @@ SIGNALS: Final = 18
 """Digital signals of one direction: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
 
 
-def signal(number: int) -> tuple[DigitalGroup, int]:
+def digital_signal(number: int) -> tuple[DigitalGroup, int]:
     """Group of the signal of this bit, and its index there. Raises IndexError when there is none."""
     for group in DIGITAL_GROUPS:
         if group.first <= number < group.first + group.count:

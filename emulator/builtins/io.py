@@ -1,8 +1,8 @@
 """Digital and analog signals of the control box and the tool."""
 
 from emulator.builtins.geometry import within_range
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from emulator.programs.host import ProgramHost
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, Num

@@ -2,10 +2,10 @@
 
 from emulator.builtins.geometry import within_range
 from emulator.devices.tool_line import SerialSettings
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from emulator.programs.host import ProgramHost
 from emulator.programs.outputs import OutputAction, output_action
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolOutputMode
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, ListArg, Num, Str

@@ -7,7 +7,6 @@ from typing import Any, Final, Literal
 
 from emulator.control.verbs import BadArguments, ControlBase, NotPossible, Waiting, verb
 from emulator.guard import plausible
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP, StopCause
 from emulator.lifecycle.safety import SafetyEvent
@@ -16,6 +15,7 @@ from emulator.safety.commands import Jog, SetSafetyInput
 from emulator.safety.conditions import SafetyDevice
 from emulator.safety.configuration import SafetyInput
 from urproto.modes import AnalogDomain
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.vectors import Vector6
 from urscript.values import INT_MAX, INT_MIN
 

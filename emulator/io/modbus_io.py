@@ -9,9 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.modbus import ExceptionCode
 from urproto.modes import AnalogDomain
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 
 if TYPE_CHECKING:
     from emulator.controller import Controller

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, Literal
 from emulator.snapshot import Snapshot
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolOutputMode
 from urproto.robots.pose import rotvec_to_matrix
+from urproto.signals import DigitalGroup
 from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6, rotate
 
 if TYPE_CHECKING:
@@ -140,26 +141,6 @@ _CURRENT_LOW_A: Final = 0.004
 _CURRENT_HIGH_A: Final = 0.020
 _VOLTAGE_HIGH_V: Final = 10.0
 _TOOL_VOLTAGES: Final = (0, 12, 24)  # V
-
-
-class DigitalGroup:
-    """A run of bits in the digital words: ``first`` bit and ``count``."""
-
-    def __init__(self, name: str, first: int, count: int) -> None:
-        self.name = name
-        self.first = first
-        self.count = count
-
-    def bit(self, index: int) -> int:
-        """Position of signal ``index`` in the word. Raises IndexError outside the group."""
-        if not 0 <= index < self.count:
-            raise IndexError(f"there is no {self.name} digital signal {index}: they are 0 to {self.count - 1}")
-        return self.first + index
-
-
-STANDARD: Final = DigitalGroup("standard", 0, 8)
-CONFIGURABLE: Final = DigitalGroup("configurable", 8, 8)
-TOOL: Final = DigitalGroup("tool", 16, 2)
 
 
 class Signals:

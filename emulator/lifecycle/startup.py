@@ -10,13 +10,14 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from emulator.io.signals import BIT_COUNT, CONFIGURABLE, STANDARD, TOOL
+from emulator.io.signals import BIT_COUNT
 from emulator.lifecycle.power import PowerEvent, PowerState
 from emulator.programs.compiling import in_periods
 from emulator.programs.trees.folder import ProgramsFolder
 from emulator.programs.trees.installation_file import DefaultProgram, InputTrigger, read_installation_steps
 from emulator.programs.trees.writer import find_pin
 from urproto.modes import RuntimeState
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL
 from urscript.work import Steps, run_to_end
 
 if TYPE_CHECKING:

@@ -4,12 +4,13 @@ from collections.abc import Mapping
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Final
 
-from emulator.io.signals import CONFIGURABLE, Signals
+from emulator.io.signals import Signals
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.safety.configuration import Pins, SafetyConfiguration, SafetyInput, SafetyOutput
 from emulator.safety.geometry import Boundaries
 from emulator.safety.supervision import Supervision
 from urproto.modes import SafetyMode
+from urproto.signals import CONFIGURABLE
 from urproto.versions import Series
 
 if TYPE_CHECKING:

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import pytest
 
-from emulator.io.signals import CONFIGURABLE
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.reporting.primary_state import robot_state
 from emulator.safety.commands import FreedriveButton, Jog, SetSafetyDevice, SetSafetyInput
@@ -13,6 +12,7 @@ from emulator.safety.conditions import SafetyDevice
 from emulator.safety.configuration import SafetyInput, SafetyOutput, factory_configuration
 from urproto.modes import ControlMode, RobotMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatus
 from urproto.robots import load_model
+from urproto.signals import CONFIGURABLE
 
 LONG = "def far():\n  movej([1.0, -1.0, 0.5, -1.0, 0.3, 0.2], a=1.0, v=0.5)\nend\n"
 WAIT = "def wait():\n  sleep(100)\nend\n"

@@ -22,11 +22,11 @@ from server_rig import MemoryClient
 from emulator.app import make_servers
 from emulator.commands import DashboardLine, PopupAnswer, RTDEInputs
 from emulator.controller import Controller, ControllerConfig
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL
 from emulator.lifecycle.runstate import StopCause
 from emulator.lifecycle.safety import SafetyEvent
 from urproto.modes import AnalogDomain, RequestedType
 from urproto.robots import load_model
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL
 from urproto.versions import PolyscopeVersion, Series
 
 Episode = Generator[float, None, None]
