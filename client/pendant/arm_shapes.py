@@ -11,6 +11,7 @@ from typing import Final
 
 from urproto.robots.meshes import tube_offsets
 from urproto.robots.model import RobotModel
+from urproto.robots.shapes import housing_radii
 from urproto.vectors import ZERO3, Vector3
 
 LINK_NAMES: Final = ("base", "shoulder", "upper arm", "forearm", "wrist 1", "wrist 2", "wrist 3")
@@ -22,24 +23,6 @@ _Y: Final[Vector3] = (0.0, 1.0, 0.0)
 _Z: Final[Vector3] = (0.0, 0.0, 1.0)
 _MINUS_Y: Final[Vector3] = (0.0, -1.0, 0.0)
 _MINUS_Z: Final[Vector3] = (0.0, 0.0, -1.0)
-
-# Radii [m] of shoulder, elbow, wrists and foot, measured on ur_description's collision meshes (2.4.5)
-_UR5E: Final = (0.060, 0.058, 0.0395, 0.0755)
-_UR10E: Final = (0.0765, 0.058, 0.047, 0.095)
-_UR20: Final = (0.090, 0.0755, 0.0503, 0.1225)
-_RADII: Final = {
-    "ur3": (0.0455, 0.0375, 0.032, 0.064),
-    "ur3e": (0.047, 0.0375, 0.032, 0.064),
-    "ur5": (0.0595, 0.058, 0.0385, 0.0735),
-    "ur5e": _UR5E,
-    "ur7e": _UR5E,
-    "ur10": (0.0755, 0.060, 0.0455, 0.075),
-    "ur10e": _UR10E,
-    "ur12e": _UR10E,
-    "ur16e": _UR10E,
-    "ur20": _UR20,
-    "ur30": _UR20,
-}
 
 _ROUNDING: Final = 0.12  # of a radius
 _STEPS: Final = 3  # in a rounded edge
@@ -79,7 +62,7 @@ class _Arm:
         self.upper, self.fore = tube_offsets(model)
         self.half = (self.upper - self.fore) / 2
         self.wrist_1 = (self.d4 - self.fore) / 2  # half of the way from forearm to wrist 1
-        self.shoulder, self.elbow, self.wrist, self.foot = _RADII.get(model.name) or _radii(self.half)
+        self.shoulder, self.elbow, self.wrist, self.foot = housing_radii(model)
         self.plate = min(max(self.d6 - self.wrist, 0.3 * self.wrist), 1.2 * self.wrist)  # thickness of wrist 3
 
     def links(self) -> tuple[tuple[Part, ...], ...]:
@@ -161,11 +144,6 @@ class _Arm:
             _drum(0.84 * radius, -0.25 * plate, 0.0, _DARK),
             _drum(nub, 0.85 * radius, 1.06 * radius, _DARK, (0.0, 0.0, -0.6 * plate), _Y),
         )
-
-
-def _radii(half: float) -> tuple[float, float, float, float]:
-    """Guess, for models whose meshes nobody has published."""
-    return 0.9 * half, 0.76 * half, 0.56 * half, 1.18 * half
 
 
 def _housing(
