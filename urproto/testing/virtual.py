@@ -4,7 +4,7 @@ from dataclasses import fields
 from inspect import signature
 from typing import TYPE_CHECKING, Any, Final
 
-from urproto.testing.installed import load
+from urproto.testing.launch import load
 
 if TYPE_CHECKING:
     from emulator.control.control import VirtualRobot
