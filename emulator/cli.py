@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn
 import typer
 
 from emulator.logs import LogLevel, log_to_stderr
-from emulator.programs.sockets import ScriptNetwork
 from emulator.realtime import RealTime
 from emulator.robot.kinds import ArmKind
+from emulator.services.sockets import ScriptNetwork
 from urproto.commandline import Deferred, application, completing, load_from, version_of
 from urproto.ports import PENDANT_PORT
 

@@ -13,9 +13,9 @@ from emulator.clock import Clock, FastClock, RealClock
 from emulator.config import controller_config
 from emulator.controller import Controller
 from emulator.programs.compiling import LIBRARY_SET
-from emulator.programs.sockets import ScriptNetwork
 from emulator.script_peers import Peers, StubPeers, read_peers
 from emulator.servers.script_sockets import NetworkSockets
+from emulator.services.sockets import ScriptNetwork
 from urproto.robots import RobotModel
 from urproto.robots.model import Joints
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL

@@ -9,7 +9,7 @@ what changed is written to it; at rest a snapshot costs a few microseconds.
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 from emulator.devices.tool_line import AS_DELIVERED, SerialSettings
 from urproto.modes import (
@@ -26,6 +26,13 @@ from urproto.modes import (
 from urproto.primary.messages import RobotMessage
 from urproto.primary.program_state import VariableMessage
 from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
+
+_MOST: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: no arm reaches that, and nothing it carries (guess)
+
+
+def plausible(*numbers: float) -> bool:
+    """Whether numbers in SI units could be of an arm, or of something near it: finite, and not absurd."""
+    return all(-_MOST < number < _MOST for number in numbers)
 
 
 @dataclass(kw_only=True)

@@ -5,15 +5,15 @@ from contextlib import contextmanager
 from math import isfinite
 from typing import Any, Final, Literal
 
+from emulator.commands.safety import Jog, SetSafetyInput
 from emulator.control.verbs import BadArguments, ControlBase, NotPossible, Waiting, verb
-from emulator.guard import plausible
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP, StopCause
 from emulator.lifecycle.safety import SafetyEvent
+from emulator.polyscope.safety_configuration import SafetyInput
 from emulator.safety.causes import CAUSES, Cause
-from emulator.safety.commands import Jog, SetSafetyInput
 from emulator.safety.conditions import SafetyDevice
-from emulator.safety.configuration import SafetyInput
+from emulator.snapshot import plausible
 from urproto.modes import AnalogDomain
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.vectors import Vector6

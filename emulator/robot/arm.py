@@ -17,9 +17,8 @@ from operator import truediv
 from random import Random
 from typing import TYPE_CHECKING, Final
 
-from emulator.motion.torque import TorqueCommand
 from emulator.robot.body import Body
-from emulator.robot.drives import Drives
+from emulator.robot.drives import Drives, TorqueCommand
 from emulator.robot.installation import Installation, Payload
 from emulator.snapshot import Snapshot
 from urproto.robots import RobotModel, kinematics_of

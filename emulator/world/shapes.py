@@ -11,9 +11,9 @@ from itertools import product
 from math import isfinite, sqrt
 from typing import Final
 
-from emulator.guard import plausible
 from emulator.motion.contact import Contact
 from emulator.motion.vectors import of_rotation
+from emulator.snapshot import plausible
 from urproto.robots.pose import Pose, pose_trans
 from urproto.vectors import ZERO3, ZERO6, Axes, Vector3, Vector6, cross, dot, out_of, out_of6
 

@@ -6,14 +6,14 @@ from dataclasses import replace
 import pytest
 
 from emulator.lifecycle.safety import SafetyEvent, StopCategory
-from emulator.robot.arm import Arm
-from emulator.safety.configuration import (
+from emulator.polyscope.safety_configuration import (
     BoundaryMode,
     Plane,
     ToolOrientation,
     ToolSphere,
     factory_configuration,
 )
+from emulator.robot.arm import Arm
 from emulator.safety.geometry import CLAMPING_M, clamping_distance
 from emulator.world.links import Links
 from urproto.modes import RobotMode, RuntimeState, SafetyMode

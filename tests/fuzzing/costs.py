@@ -12,9 +12,10 @@ from functools import cache
 from random import Random
 from typing import Final
 
-from emulator.commands import ScriptUnit
-from emulator.controller import Controller, ControllerConfig
-from emulator.programs.sockets import MemorySockets
+from emulator.commands.requests import ScriptUnit
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
+from emulator.services.sockets import MemorySockets
 from urproto.robots import load_model
 from urscript import compiler
 
