@@ -1,8 +1,6 @@
 """Six-vectors as plain tuples: what the generators need, without numpy's cost per call."""
 
-from collections.abc import Sequence
-
-from urproto.robots.pose import rotvec_to_matrix
+from urproto.robots.pose import axes_of as of_rotation
 from urproto.vectors import ZERO6 as ZERO
 from urproto.vectors import Axes as Axes
 from urproto.vectors import Vector3 as Vec3
@@ -45,9 +43,3 @@ __all__ = [
     "towards",
     "unit",
 ]
-
-
-def of_rotation(pose: Sequence[float]) -> Axes:
-    """The axes of a pose's orientation."""
-    m = rotvec_to_matrix(*pose[3:])
-    return (m[0], m[3], m[6]), (m[1], m[4], m[7]), (m[2], m[5], m[8])

@@ -12,9 +12,8 @@ from math import isfinite, sqrt
 from typing import Final
 
 from emulator.motion.contact import Contact
-from emulator.motion.vectors import of_rotation
 from emulator.snapshot import plausible
-from urproto.robots.pose import Pose, pose_trans
+from urproto.robots.pose import Pose, axes_of, pose_trans
 from urproto.vectors import ZERO3, ZERO6, Axes, Vector3, Vector6, cross, dot, out_of, out_of6
 
 _ALMOST = 1e-9
@@ -46,7 +45,7 @@ class Push:
 
     def wrench_base(self, pose_base_tcp: Pose) -> Vector6:
         """In the base frame's axes, for a tool that is there."""
-        return self.wrench if self.frame is Frame.BASE else out_of6(of_rotation(pose_base_tcp), self.wrench)
+        return self.wrench if self.frame is Frame.BASE else out_of6(axes_of(pose_base_tcp), self.wrench)
 
     def over(self, period_s: float) -> bool:
         """One period has gone; True when it was the last."""
@@ -237,7 +236,7 @@ class WorldObject:
                 raise ValueError(f"the {name} must be from {least:g} to 1e7, not {value}")
         if not 0.0 <= self.friction <= 10.0:
             raise ValueError(f"the friction must be from 0 to 10, not {self.friction}")
-        object.__setattr__(self, "axes", of_rotation(self.pose))
+        object.__setattr__(self, "axes", axes_of(self.pose))
 
     def at(self, pose: Sequence[float]) -> "WorldObject":
         """The same thing elsewhere."""

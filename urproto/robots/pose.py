@@ -11,7 +11,7 @@ going through the trace of a matrix loses half of the digits.
 from collections.abc import Sequence
 from math import atan2, cos, hypot, sin, sqrt
 
-from urproto.vectors import ZERO3, Matrix3, Vector3, Vector6
+from urproto.vectors import ZERO3, Axes, Matrix3, Vector3, Vector6
 
 Pose = Vector6
 
@@ -99,6 +99,12 @@ def rotvec_to_matrix(rx: float, ry: float, rz: float) -> Matrix3:
     xy, xz, yz = 2.0 * x * y, 2.0 * x * z, 2.0 * y * z
     wx, wy, wz = 2.0 * w * x, 2.0 * w * y, 2.0 * w * z
     return (1.0 - yy - zz, xy - wz, xz + wy, xy + wz, 1.0 - xx - zz, yz - wx, xz - wy, yz + wx, 1.0 - xx - yy)
+
+
+def axes_of(pose: Sequence[float]) -> Axes:
+    """The axes of a pose's orientation, in the frame that the pose is given in."""
+    m = rotvec_to_matrix(*pose[3:])
+    return (m[0], m[3], m[6]), (m[1], m[4], m[7]), (m[2], m[5], m[8])
 
 
 def rotvec_to_quaternion(rx: float, ry: float, rz: float) -> tuple[float, float, float, float]:
