@@ -202,7 +202,12 @@ def _run(
     *,
     context: typer.Context,
     ports_file: Annotated[Path | None, typer.Option(help="Write the ports here as JSON once ready.")] = None,
-    log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
+    log_level: Annotated[
+        LogLevel,
+        typer.Option(
+            help="How much to log; debug tells why: each transition, stop, refusal and fault, with robot time."
+        ),
+    ] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
     no_pendant: Annotated[bool, typer.Option("--no-pendant", help="Start no teach pendant.")] = False,
     pendant_port: Annotated[int, typer.Option(help="Where browsers find the teach pendant.")] = PENDANT_PORT,

@@ -201,14 +201,18 @@ class Controller(Machine):
             self.programs.stop("power off")
             self.motion.engage_brakes()
         elif not self.safety.power_allowed:
+            self.messages.trace("power: %s refused in safety mode %s", event.name, self.safety.mode.name)
             return False
+        self.messages.trace("power: %s in state %s", event.name, self.power.state.name)
         self.power.handle(event)
         return True
 
     def safety_event(self, event: SafetyEvent) -> bool:
         before = self.safety.mode
         if not self.safety.handle(event):
+            self.messages.trace("safety: %s changes nothing in mode %s", event.name, before.name)
             return False
+        self.messages.trace("safety: %s leads from %s to %s", event.name, before.name, self.safety.mode.name)
         self.messages.safety_mode(self.safety.mode)
         self.safety_board.mode_changed(before)
         return True
@@ -299,6 +303,8 @@ class Controller(Machine):
         if not driven and self.arm.standing:
             motion.stand_at(self.arm.q)
         power_changed = self.power.state is not self._power_seen
+        if power_changed:
+            self.messages.trace("power: %s is left for %s", self._power_seen.name, self.power.state.name)
         self._power_seen = self.power.state
         if power_changed:
             self.programs.outputs.power_changed()

@@ -1,6 +1,7 @@
 """The shape of the code: who imports whom, no cycles, where time and sockets may appear."""
 
 import ast
+import runpy
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+LAYERS = runpy.run_path(str(Path(__file__).with_name("layers.py")))
 PACKAGES = ("urproto", "urscript", "emulator", "client")
 
 # package -> the project's packages it may import
@@ -19,32 +21,6 @@ MAY_IMPORT = {
     "emulator": {"emulator", "urproto", "urscript"},
     "client": {"client", "urproto"},
 }
-# the floors of the emulator, from the ground up: a part may import what stands on the floors below its own, and
-# nothing beside it. In an if TYPE_CHECKING, or inside a function, an import is an import.
-EMULATOR_FLOORS = (
-    ("ports", "devices", "logs", "clock", "realtime", "namesakes"),
-    ("snapshot",),
-    ("lifecycle", "polyscope", "reporting"),
-    ("robot",),
-    ("io", "motion"),
-    ("world", "services"),
-    ("machine",),  # what the parts of a controller see of each other
-    ("fieldbus", "safety", "mailbox", "reports"),
-    ("builtins",),
-    ("programs",),
-    ("guard", "startup"),
-    ("controller",),
-    ("commands",),
-    ("servers",),
-    ("faults",),
-    ("control",),
-    ("config", "readiness"),
-    ("app", "batch", "script_peers", "check", "ctl"),
-    ("serve", "script_run"),
-    ("run_command", "cli"),
-    ("fleet",),
-    ("__main__",),
-)
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
     "cyclonedds": ("client.ros2.dds", "client.ros2.dds"),
@@ -194,7 +170,7 @@ def _not_allowed(name: str, imported: str) -> str | None:
 
 
 def test_emulator_floors() -> None:
-    none(_against_floors("emulator", EMULATOR_FLOORS))
+    none(_against_floors("emulator", LAYERS["EMULATOR_FLOORS"]))
 
 
 def _against_floors(package: str, floors: Sequence[tuple[str, ...]]) -> Iterator[str]:

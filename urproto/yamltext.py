@@ -1,11 +1,13 @@
 """YAML that a person or another program wrote: plain data, or one error that says why not."""
 
+import re
 from collections.abc import Mapping
 from typing import Any, Final
 
 import yaml
 
 _MOST_VALUES: Final = 1_000_000  # with aliases written out; a guess: no settings have so many
+_DEEPEST: Final = 200  # brackets in brackets: each costs as much as there are around it (a guess: no settings need ten)
 
 
 class NotYaml(ValueError):  # noqa: N818 - what the text is
@@ -15,7 +17,10 @@ class NotYaml(ValueError):  # noqa: N818 - what the text is
 def load_yaml(text: bytes | str) -> Any:
     """The content of a document. Raises NotYaml; bytes are UTF-8."""
     try:
-        content = yaml.safe_load(text if isinstance(text, str) else text.decode("utf-8"))
+        text = text if isinstance(text, str) else text.decode("utf-8")
+        if _depth(text) > _DEEPEST:
+            raise RecursionError
+        content = yaml.safe_load(text)
         size = _size(content, {})
     except RecursionError:
         raise NotYaml("it is nested too deeply") from None
@@ -27,6 +32,15 @@ def load_yaml(text: bytes | str) -> Any:
     if size > _MOST_VALUES:
         raise NotYaml(f"its aliases stand for more than {_MOST_VALUES} values")
     return content
+
+
+def _depth(text: str) -> int:
+    """Most brackets that are open at once, wherever they stand."""
+    depth = deepest = 0
+    for bracket in re.findall(r"[\[\]{}]", text):
+        depth = depth + 1 if bracket in "[{" else max(0, depth - 1)
+        deepest = max(deepest, depth)
+    return deepest
 
 
 def _size(value: Any, known: dict[int, int]) -> int:

@@ -230,6 +230,7 @@ class Programs:
         return self._compile(Submission(text, self._machine.version, self.step_hook is not None))
 
     def _compile(self, submission: Submission) -> Submission:
+        self._machine.messages.trace("program: %s bytes to be compiled", len(submission.text))
         self._compiling.add(submission)
         self._decide()
         return submission
@@ -435,6 +436,11 @@ class Programs:
         while (submission := self._compiling.next()) is not None:
             program = self._compiled(submission)
             submission.accepted = program is not None and self._accept(program)
+            self._machine.messages.trace(
+                "program: %s is %s",
+                program.name if program else "a text",
+                "accepted" if submission.accepted else "refused",
+            )
 
     def _compiled(self, submission: Submission) -> CompiledProgram | None:
         program, error = submission.program, submission.error
@@ -487,6 +493,7 @@ class Programs:
         state = next_run_state(self.state, event)
         if state is self.state:
             return False
+        self._machine.messages.trace("program: %s leads from %s to %s", event.name, self.state.name, state.name)
         self.state = state
         return True
 

@@ -336,6 +336,9 @@ class SafetyBoard:
             self._resume = False
         self.safety_popup = mode.name
         self._stop_monitor.begin(category, mode)
+        machine.messages.trace(
+            "stop: category %s for %s, the program is %s", category.value, mode.name, programs.state.name
+        )
         if category is StopCategory.POWER_REMOVED:
             programs.stop(mode.name)
             machine.motion.engage_brakes()
