@@ -7,6 +7,7 @@ import pytest
 from client import dashboard, dashboard_commands
 from client.connection import POLL
 from client.dashboard import BlockingDashboardClient, DashboardClient, DashboardCore, Operation
+from client.dashboard_commands import judged
 from client.errors import ConnectionLostError, NoAnswerError, RobotUnreachableError
 from urproto.dashboard import COMMANDS, GREETING, LineDecoder, OperationalMode, ProgramState, UserRole, encode_line
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
@@ -163,6 +164,21 @@ def test_what_the_version_lacks_is_not_sent():
 def test_the_mode_nobody_can_set():
     with pytest.raises(LocalProtocolError, match="CLEAR_OPERATIONAL_MODE"):
         dashboard.set_operational_mode(OperationalMode.NONE)
+
+
+def test_spellings_of_the_manual_are_confirmations_too():
+    """The e-Series manual of 2022 has other words than simulators answer."""
+    manual = OperationalMode.MANUAL
+    assert dashboard.set_operational_mode(manual).answer("Setting operational mode: manual") is None
+    answer = "operational mode is no longer controlled by Dashboard Server"
+    assert dashboard.CLEAR_OPERATIONAL_MODE.answer(answer) is None
+
+
+def test_any_line_is_judged_by_the_table():
+    refused = judged("setUserRole boss")
+    with pytest.raises(RobotRefused, match="roles set up on the pendant"):
+        refused.answer("Failed setting user role: boss")
+    assert judged("SETUSERROLE operator").answer("Setting user role: operator") == "Setting user role: operator"
 
 
 BUILDERS = [
