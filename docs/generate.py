@@ -261,8 +261,8 @@ def _ports() -> str:
 
 def _dashboard() -> str:
     rows = (
-        (f"`{command.words}`", *_since(command.available), "supported", _first(command.function))
-        for command in sorted(COMMANDS.values(), key=lambda command: command.words.lower())
+        (f"`{command.form.words}`", *_since(command.form.available), "supported", _first(command.function))
+        for command in sorted(COMMANDS.values(), key=lambda command: command.form.words.lower())
     )
     return _table(("command", "CB3", "e-Series", "status", "meaning"), rows)
 

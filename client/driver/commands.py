@@ -1,15 +1,12 @@
 """Commands beside the motion: force mode, contact, payload, TCP, gravity, tool voltage, sensors, friction."""
 
 from collections.abc import Sequence
-from typing import Final
 
 from client.control_program import DECELERATION, SPEED_ACCELERATION, check_servo_parameters
 from client.driver.core import DriverCore
 from urproto.errors import LocalProtocolError
 from urproto.external_control import Question, ScriptCommand, ScriptCommandKind, TrajectoryResult, to_words
-
-_ZERO3: Final = (0.0, 0.0, 0.0)
-_ZERO6: Final = (0.0,) * 6
+from urproto.vectors import ZERO3, ZERO6
 
 
 class Commands(DriverCore):
@@ -36,7 +33,7 @@ class Commands(DriverCore):
         self,
         mass_kg: float,
         cog_m: Sequence[float],
-        inertia_kg_m2: Sequence[float] = _ZERO6,
+        inertia_kg_m2: Sequence[float] = ZERO6,
         transition_time_s: float = 0.0,
     ) -> None:
         """As set_payload with the inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,), taking effect gradually; from 5.10 on."""
@@ -93,7 +90,7 @@ class Commands(DriverCore):
         """Hold the pose again."""
         self.commands.send(ScriptCommand.plain(ScriptCommandKind.END_FORCE_MODE))
 
-    def start_tool_contact(self, direction_base: Sequence[float] = _ZERO6) -> None:
+    def start_tool_contact(self, direction_base: Sequence[float] = ZERO6) -> None:
         """Stop the motion where the tool touches something, and go back to where the contact began; e-Series.
 
         direction_base: along which it counts (6,), the first three in the base frame; all zero for that of the motion.
@@ -148,7 +145,7 @@ class Commands(DriverCore):
             )
         self.commands.send(ScriptCommand.set_stream_parameters(lookahead_s, gain, acceleration, deceleration_rad_s2))
 
-    def set_freedrive_axes(self, axes: Sequence[int] = (1,) * 6, frame_base: Sequence[float] = _ZERO6) -> None:
+    def set_freedrive_axes(self, axes: Sequence[int] = (1,) * 6, frame_base: Sequence[float] = ZERO6) -> None:
         """Which axes (6,) of a frame, given in the base frame (6,), the next freedrive frees; from 5.10 on."""
         if list(axes) != [1] * 6:
             self._require("freedrive_axes")
@@ -159,7 +156,7 @@ class Commands(DriverCore):
         _check_force_mode(damping, gain_scaling)
         self.commands.send(ScriptCommand.set_force_mode_parameters(damping, gain_scaling))
 
-    def start_contact_detection(self, direction_base: Sequence[float] = _ZERO6) -> None:
+    def start_contact_detection(self, direction_base: Sequence[float] = ZERO6) -> None:
         """Note from now on whether the tool meets something on its way along a direction (6,), all zero for any."""
         self._require("contact")
         self.commands.send(ScriptCommand.start_contact_detection(direction_base))
@@ -173,8 +170,8 @@ class Commands(DriverCore):
         self,
         enabled: bool,
         sensor_mass_kg: float = 0.0,
-        offset_m: Sequence[float] = _ZERO3,
-        cog_m: Sequence[float] = _ZERO3,
+        offset_m: Sequence[float] = ZERO3,
+        cog_m: Sequence[float] = ZERO3,
     ) -> None:
         """Take the wrench from RTDE inputs; mass, measuring point (3,) and centre of gravity (3,) are the sensor's."""
         self.commands.send(ScriptCommand.ft_rtde_input_enable(enabled, sensor_mass_kg, offset_m, cog_m))

@@ -25,6 +25,7 @@ from urproto.external_control import ControlMode, Question, to_words
 from urproto.modes import RobotMode, SafetyMode
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
+from urproto.signals import digital_signal
 
 _POWER_UP_S: Final = 60.0  # guess: switching an arm on takes up to half a minute
 _LOCAL_CONTROL_CODE: Final = 210  # error code of a script port while the robot is in local control
@@ -381,7 +382,6 @@ async def _cancelled(task: "asyncio.Task[Any]") -> None:
 
 _EFFECT_S: Final = 2.0  # guess: ten times what the slowest takes, which the primary interface shows
 _SAME_M: Final = 1e-5  # m or rad
-_SET_OUTPUT: Final = ("set_standard_digital_out", "set_configurable_digital_out", "set_tool_digital_out")
 
 
 class Settings(RobotCore):
@@ -392,8 +392,8 @@ class Settings(RobotCore):
 
     async def set_digital_out(self, number: int, on: bool) -> None:
         """Switch a digital output: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
-        bank, index = divmod(check_signal(number), 8)
-        await self._say(f"{_SET_OUTPUT[bank]}({index}, {bool(on)})")
+        group, index = digital_signal(check_signal(number))
+        await self._say(group.statement(index, on))
         await self._take_effect(f"digital output {number}", lambda state: state.digital_out(number) is bool(on))
 
     async def set_payload(self, mass_kg: float, cog_m: Sequence[float] = (0.0, 0.0, 0.0)) -> None:

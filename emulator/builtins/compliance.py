@@ -3,9 +3,10 @@
 import math
 from typing import Any
 
-from emulator.builtins.geometry import Vector6, numbers, six, three, within_range
+from emulator.builtins.geometry import numbers, six, three, within_range
 from emulator.builtins.host import ProgramHost
 from emulator.motion.reach import distance_to_singularity
+from urproto.vectors import ZERO6, Vector6
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, Bool, Int, Joints, ListArg, Num, Pose, PoseArg, PoseOrJoints
@@ -13,7 +14,7 @@ from urscript.values import Any_, Bool, Int, Joints, ListArg, Num, Pose, PoseArg
 LIBRARY = Library("force", host=True, physical=True)
 
 # defaults: a tuple stands for a list or pose that scripts see
-_ORIGIN: Any = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_ORIGIN: Any = ZERO6
 _ALL_AXES: Any = (1, 1, 1, 1, 1, 1)
 _NO_OFFSET: Any = (0, 0, 0)
 _SINGULARITY_BOUNDS = (0.2, 0.05)  # of distance_to_singularity(): about 11 and 3 degrees of elbow or wrist (guess)

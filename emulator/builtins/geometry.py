@@ -7,11 +7,9 @@ from contextlib import contextmanager
 from emulator.builtins.host import ProgramHost
 from emulator.robot.worldmodel import ArmPose
 from urproto.robots.pose import pose_inv, pose_trans
+from urproto.vectors import ZERO6, Vector3, Vector6
 from urscript.errors import RuntimeFault
 from urscript.values import Pose, is_number
-
-Vector3 = tuple[float, float, float]
-Vector6 = tuple[float, float, float, float, float, float]
 
 
 def six(values: Sequence[float]) -> Vector6:
@@ -42,7 +40,7 @@ def within_range() -> Iterator[None]:
         raise RuntimeFault(str(error)) from error
 
 
-_NO_TCP = (0.0,) * 6
+_NO_TCP = ZERO6
 
 
 def forward(host: ProgramHost, q: Sequence[float], tcp: Sequence[float] | None = None) -> Vector6:

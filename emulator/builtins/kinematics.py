@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from typing import Final
 
-from emulator.builtins.geometry import Vector6, active_tcp, forward, in_joint_range, inverse, no_solution, six
+from emulator.builtins.geometry import active_tcp, forward, in_joint_range, inverse, no_solution, six
 from emulator.builtins.host import ProgramHost
+from urproto.vectors import Vector6
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.meter import charge

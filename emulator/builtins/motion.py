@@ -2,19 +2,11 @@
 
 from collections.abc import Sequence
 
-from emulator.builtins.geometry import (
-    Vector6,
-    arm_pose,
-    joints_for,
-    nearest_angle,
-    numbers,
-    pose_for,
-    six,
-    within_range,
-)
+from emulator.builtins.geometry import arm_pose, joints_for, nearest_angle, numbers, pose_for, six, within_range
 from emulator.builtins.host import Frames, ProgramHost
 from emulator.robot.drives import COULOMB_SHARE, VISCOUS_SHARE, TorqueCommand
 from emulator.snapshot import plausible
+from urproto.vectors import ZERO6, Vector6
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, Bool, Int, Joints, Num, Pose, PoseOrJoints, Struct, Value
@@ -129,7 +121,7 @@ def _goal(host: ProgramHost, name: str, goal: Value) -> list[float]:
     raise RuntimeFault(f"{name}: goal must be joint angles, a pose, struct(pose=p[...], frame=name), or a frame's name")
 
 
-_ORIGIN = (0.0,) * 6
+_ORIGIN = ZERO6
 
 
 def _in_frame(host: ProgramHost, pose: Vector6, frame: str) -> Pose:

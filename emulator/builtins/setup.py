@@ -4,11 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from emulator.builtins.geometry import Vector3, Vector6, numbers, six, three, within_range
+from emulator.builtins.geometry import numbers, six, three, within_range
 from emulator.builtins.host import ProgramHost
 from emulator.robot import payloadestimate
 from emulator.robot.installation import Payload
 from urproto.robots.pose import pose_inv, pose_trans
+from urproto.vectors import Vector3, Vector6
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, ListArg, Matrix, Num, PoseArg, Str, Struct
