@@ -11,7 +11,7 @@ from client.controllers.controller import NO_COMMAND, Interfaces
 from client.controllers.passthrough import PASSTHROUGH
 from client.controllers.ur_states import URStates
 from client.errors import ClientError
-from urproto.errors import ProtocolError, RobotRefused
+from urproto.errors import URError
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
 from urproto.joints import JOINT_NAMES
 from urproto.signals import SIGNALS, digital_signal
@@ -165,7 +165,7 @@ class URCommands:
     async def _answered(self, answer: str, work: Awaitable[None]) -> None:
         try:
             await work
-        except (ClientError, ProtocolError, RobotRefused) as error:
+        except URError as error:
             _logger.error("%s", error)
             self[answer] = FAILURE
         else:
@@ -227,7 +227,7 @@ class URCommands:
     def _begin_contact(self) -> None:
         try:
             self._driver.start_tool_contact()
-        except (ClientError, RobotRefused) as error:
+        except URError as error:
             _logger.error("%s", error)
             self._set_contact(ToolContactState.FAILURE_BEGIN)
             return
@@ -248,7 +248,7 @@ class URCommands:
     def _end_contact(self) -> None:
         try:
             self._driver.end_tool_contact()
-        except (ClientError, RobotRefused) as error:
+        except URError as error:
             _logger.error("%s", error)
             self._set_contact(ToolContactState.FAILURE_END)
         else:

@@ -6,10 +6,10 @@ from typing import Final, Generic, NoReturn, TypeVar
 
 from client.errors import ClientError
 from client.modbus import GENERAL_REGISTERS, ModbusClient
-from urproto.errors import ProtocolError, RobotRefused
+from urproto.errors import URError
 
 _AGAIN_S: Final = 0.5  # between attempts to reach a robot
-_LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
+_LOST: Final = (URError, OSError)
 
 
 async def keep_following(follow: Callable[[], Awaitable[object]], lose: Callable[[str], object]) -> NoReturn:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from client.driver import points
 from client.errors import MotionError, RecordingError
 from client.recording.recording import Recording
-from client.robot.moves import Reach
+from client.robot.reach import Reach
 from urproto.external_control import TrajectoryPoint
 from urproto.joints import JOINT_LABELS
 from urproto.primary.state import ConfigurationData

@@ -16,6 +16,7 @@ from itertools import product
 from math import atan2, cos, hypot, sin, tau
 from typing import Any, Final, NamedTuple, Self
 
+from urproto.errors import URError
 from urproto.robots.model import DH, Joints, RobotModel
 from urproto.vectors import Matrix3, Vector3
 
@@ -30,7 +31,7 @@ _FARTHEST_M: Final = 0.03  # guess: calibrations move a frame by millimetres
 _MOST_TURNED: Final = 0.05  # rad (guess)
 
 
-class CalibrationError(ValueError):
+class CalibrationError(URError, ValueError):
     """No calibration, or one of another arm. The text says why."""
 
 
