@@ -12,7 +12,7 @@ from urscript.builtins import Builtin
 from urscript.syntax import FunctionDef, Program, Scope
 from urscript.work import Steps
 
-_WORK = 5  # of planning a function, besides its calls
+_WORK = 8  # of planning a function, besides its calls
 
 _PLAIN_COST = 400
 """Most work of a plain function with all it calls, in units of the meter: about 20 us."""
@@ -69,7 +69,7 @@ def plan_functions(
     for name, definition in program.functions.items():
         recursive = not definition.scope.is_thread
         plans.setdefault(name, FunctionPlan(definition, f"{prefix}_{name}", _PLAIN_COST, True, recursive))
-        yield 1
+        yield 2
     return plans
 
 

@@ -441,7 +441,7 @@ class _BodyCompiler(ExpressionCompiler):
             **place,
         )
         retype = assign("_new", call("_retype", place, old, new), place)
-        self.size += 2
+        self.size += 4
         check = ast.If(test=same, body=[retype], orelse=[], **place)
         return [assign("_new", value, place), check, assign(name, load("_new", place), place)]
 

@@ -175,6 +175,7 @@ def _forget(unit: Unit) -> Steps[None]:
     yield from let_go(program.body)
     yield from let_go(program.scope.calls)
     yield from let_go(unit.errors)
+    unit.unexplained.clear()
     for definition in program.functions.values():
         yield from let_go(definition.body)
         yield from let_go(definition.scope.calls)
@@ -239,7 +240,7 @@ def generate(unit: Unit, bodies: list[Steps[list[PythonFunction]]], file_name: s
         while functions:  # each is forgotten as soon as it is compiled
             function = functions.pop()
             if unit.errors:
-                yield _FORGETTING_WORK
+                yield _FORGETTING_WORK + function.size
                 continue
             yield _FUNCTION_WORK + function.size * _PYTHON_WORK
             code.append(_python(function, file_name))

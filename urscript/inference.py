@@ -67,7 +67,7 @@ _SLICE: Final = 40  # work between two yields
 _MOST_ROUNDS: Final = 8
 """Rounds before everything counts as anything: programs need two to four, and a text made to need more gets none."""
 _LONG_LIST: Final = 500  # items of a list that are not looked at: it takes a microsecond each
-_SCOPE_WORK: Final = 8  # of a body, however short
+_SCOPE_WORK: Final = 12  # of a body, however short
 _WORK: Final = 2  # of one store, or call, that is found
 
 
