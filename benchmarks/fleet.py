@@ -25,7 +25,7 @@ from table import Table
 from emulator.app import Emulator
 from emulator.clock import ClockStatistics, RealClock
 from emulator.config import EmulatorConfig
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from emulator.realtime import claim_real_time
 from urproto.robots import load_model
 

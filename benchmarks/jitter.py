@@ -23,7 +23,7 @@ from table import Table
 from emulator.app import Emulator
 from emulator.clock import ClockStatistics, RealClock
 from emulator.config import EmulatorConfig
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from emulator.realtime import claim_real_time, spare_the_collector
 from urproto.robots import load_model
 from urproto.rtde.codec import RequestProtocol, RTDEDecoder, SetupOutputs, Start

@@ -8,7 +8,8 @@ from functools import partial
 
 from table import Table
 
-from emulator.controller import Controller, ControllerConfig
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 from urproto.rtde.codec import RTDEDecoder, output_packer
 from urproto.rtde.fields import OUTPUT_FIELDS, available_fields

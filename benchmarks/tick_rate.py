@@ -9,8 +9,9 @@ import numpy as np
 import pinocchio as pin
 from table import Table
 
-from emulator.commands import ScriptUnit
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import ScriptUnit
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from emulator.robot.body import STEP_S
 from urproto.robots import load_model
 from urproto.robots.dynamics import Dynamics

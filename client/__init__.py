@@ -102,10 +102,12 @@ _MODULES: Final[Mapping[str, tuple[str, ...]]] = {
         "ScriptFailedError",
     ),
     "client.modbus": ("BlockingModbusClient", "ModbusClient"),
-    "client.primary": ("BlockingPrimaryClient", "PrimaryClient", "ScriptResult"),
+    "client.primary": ("BlockingPrimaryClient", "PrimaryClient"),
     "client.realtime": ("BlockingRealtimeClient", "RealtimeClient"),
     "client.robot": ("AsyncRobot", "Robot", "RobotState"),
-    "client.rtde": ("BlockingRTDEClient", "RTDEClient", "read_recipe"),
+    "client.rtde": ("BlockingRTDEClient", "RTDEClient"),
+    "client.rtde_core": ("read_recipe",),
+    "client.scripts": ("ScriptResult",),
     "client.tool_communication": ("ToolCommunication",),
 }
 _HOME: Final = {name: module for module, names in _MODULES.items() for name in names}

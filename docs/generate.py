@@ -17,21 +17,21 @@ from client import cli as client_cli
 from emulator import check
 from emulator import cli as emulator_cli
 from emulator.builtins import LIBRARIES
+from emulator.commands.dashboard import COMMANDS
+from emulator.commands.text_commands import TEXT_COMMANDS
 from emulator.config import NOT_EMULATED
 from emulator.control.control import LiveControl
 from emulator.control.openapi import listing
 from emulator.control.verbs import verbs_of
-from emulator.dashboard import COMMANDS
 from emulator.faults.catalogue import SUBJECTS, kinds
 from emulator.faults.fault import Fault
 from emulator.lifecycle.power import POWER_TABLE
 from emulator.lifecycle.runstate import RUN_TABLE
 from emulator.lifecycle.safety import SAFETY_TABLE
+from emulator.polyscope.registry import NODES
 from emulator.ports import PORTS
-from emulator.programs.trees.registry import NODES
 from emulator.run_command import COMMAND as RUN
 from emulator.safety.causes import CAUSES
-from emulator.textcommands import TEXT_COMMANDS
 from urproto.commandline import Deferred
 from urproto.robots import MODELS, load_model
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field

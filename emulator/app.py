@@ -17,23 +17,23 @@ from typing import Final, Self
 from emulator.clock import Clock, RealClock
 from emulator.config import ConfigError, EmulatorConfig
 from emulator.control.control import LiveControl
+from emulator.control.http import ControlServer
 from emulator.control.timing import OwnPace
 from emulator.controller import Controller
 from emulator.devices.tool_line import SerialDevice
 from emulator.faults.fault import Fault, FaultError, FaultImpossible, rebooted, show_gone
 from emulator.faults.injector import FaultInjector
-from emulator.guard import Novelty
+from emulator.logs import Novelty
 from emulator.ports import PORTS
-from emulator.reporting.primary_state import robot_state
-from emulator.reporting.program_state import ProgramReporter
 from emulator.servers.base import PortServer
-from emulator.servers.control import ControlServer
 from emulator.servers.dashboard import DashboardServer
 from emulator.servers.gripper import GripperServer
 from emulator.servers.interpreter import InterpreterServer
 from emulator.servers.modbus import ModbusServer
 from emulator.servers.modbus_client import ModbusClient
 from emulator.servers.primary import PrimaryServer, RealtimeServer
+from emulator.servers.primary_state import robot_state
+from emulator.servers.program_state import ProgramReporter
 from emulator.servers.read_budget import Intake
 from emulator.servers.rtde import RTDEServer
 from emulator.servers.script_sockets import NetworkSockets, OwnPorts, ScriptPort

@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from emulator.builtins.host import ProgramHost
 from emulator.controller import Controller
-from emulator.programs.host import ProgramHost
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import (
     ErrorCodeMessage,

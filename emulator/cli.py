@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn
 import typer
 
 from emulator.logs import LogLevel, log_to_stderr
-from emulator.programs.sockets import ScriptNetwork
 from emulator.realtime import RealTime
 from emulator.robot.kinds import ArmKind
+from emulator.services.sockets import ScriptNetwork
 from urproto.commandline import Deferred, application, completing, load_from, version_of
 from urproto.ports import PENDANT_PORT
 
@@ -135,7 +135,7 @@ def configure(
 ) -> "EmulatorConfig":
     """A robot as the options of the command line say. Raises ConfigError."""
     from emulator import config as checked  # the whole emulator, which a look at the options does not wait for
-    from emulator.controller import ControllerConfig
+    from emulator.machine import ControllerConfig
 
     robot = checked.read_calibration(calibration, checked.choose_model(model, polyscope))
     controller = ControllerConfig(

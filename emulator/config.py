@@ -8,18 +8,18 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Final
 
-from emulator.controller import ControllerConfig
 from emulator.devices.robotiq import MODELS, GripperModel
 from emulator.faults.catalogue import parse_fault
 from emulator.faults.fault import Fault, FaultError
+from emulator.machine import ControllerConfig
+from emulator.polyscope.safety_configuration import SafetyConfiguration, factory_configuration
+from emulator.polyscope.safety_section import SafetySettingsError
 from emulator.ports import PORTS
-from emulator.programs.sockets import ScriptNetwork
-from emulator.programs.urcap import DriverAddress
 from emulator.realtime import RealTime
-from emulator.safety.configuration import SafetyConfiguration, factory_configuration
 from emulator.safety.files import load_safety_file
-from emulator.safety.installation import SafetySettingsError
 from emulator.servers.admission import ClientLimits
+from emulator.services.sockets import ScriptNetwork
+from emulator.services.urcap import DriverAddress
 from emulator.world.file import WorldFileError, WorldPlan, read_world
 from urproto import robots
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE

@@ -12,26 +12,23 @@ A tick never raises: what its stages raise ends in the guard (`emulator.guard`).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from emulator.commands import Command, Mailbox, Reply
-from emulator.devices.robotiq import Gripper, GripperModel
+from emulator.devices.robotiq import Gripper
 from emulator.devices.tool_line import ToolLine
-from emulator.guard import MOVING, PUBLISHING, Guard, plausible
+from emulator.guard import MOVING, PUBLISHING, Guard
 from emulator.io.encoders import Encoders
-from emulator.io.modbus_map import PortMemory
-from emulator.io.rtde_inputs import InputActions
+from emulator.io.port_memory import PortMemory
 from emulator.io.signals import BaseLight, ForceInput, Registers, Signals
-from emulator.lifecycle.power import Power, PowerEvent, PowerState, PowerTimings
+from emulator.lifecycle.power import Power, PowerEvent, PowerState
 from emulator.lifecycle.runstate import Speed, StopCause
 from emulator.lifecycle.safety import Safety, SafetyEvent
-from emulator.lifecycle.startup import Startup
+from emulator.machine import ControllerConfig, Machine
+from emulator.mailbox import Command, Mailbox, Reply
 from emulator.motion import Motion, MotionFault
+from emulator.polyscope.installation_file import InstallationFile
 from emulator.programs.runner import Programs
-from emulator.programs.trees.installation_file import InstallationFile
-from emulator.programs.urcap import DriverAddress
 from emulator.reporting.messages import MessageLog
 from emulator.reporting.popups import Popups
 from emulator.robot.arm import Arm
@@ -39,70 +36,27 @@ from emulator.robot.electrics import Electrics
 from emulator.robot.installation import Installation
 from emulator.robot.worldmodel import WorldModel
 from emulator.safety.board import SafetyBoard
-from emulator.safety.configuration import SafetyConfiguration
-from emulator.snapshot import Snapshot, Vector6
-from emulator.world.file import WorldPlan
+from emulator.services.freedrive_inputs import FreedriveInputs
+from emulator.services.modbus import ModbusSignals
+from emulator.services.urcap import DriverAddress
+from emulator.snapshot import Snapshot, Vector6, plausible
+from emulator.startup import Startup
 from emulator.world.world import World
-from urproto.modes import ReportLevel, RobotStatusBits
-from urproto.robots import START_Q, RobotModel
+from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState
 from urproto.robots.pose import Pose
 from urproto.rtde.fields import OUTPUT_FIELDS
-from urproto.versions import DEFAULT_VERSION, Availability, PolyscopeVersion, Series
+from urproto.versions import DEFAULT_VERSION, Availability, Series
 
 _ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-# As found in program files of the vendor's simulators; clients want digits only, starting with 20.
-_NEW_YEAR_2024_S: Final = 1_704_067_200.0
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
 # an ideal arm is a simulator's; earlier ones report other currents and temperatures (the versions: guess)
 _LATE_SIMULATOR: Final = Availability.since("3.10", "5.4")
 
 
-@dataclass(frozen=True, kw_only=True)
-class ControllerConfig:
-    """What a controller is born with.
-
-    version: None takes the default of the model's series. initial_q: where the arm
-    stands [rad]. running: start with the brakes released. uptime_s: clients wait for 40 s of it.
-    programs_dir: where ``load`` looks and reports are written; its default.installation, and the program which that
-    names, are loaded at boot. external_control: where the driver hands out the program of External Control nodes,
-    before what the installation says. remote_control: what ``is in remote control`` answers; commands are accepted
-    either way, as by a simulator, unless enforce_remote_control says that a local arm takes none, as a real
-    e-Series arm.
-    encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
-    gripper: what is mounted on the arm; gripper_object_mm: width of what its fingers meet.
-    safety: limits, planes and safety inputs; None takes a simulator's, which limits the joints only.
-    self_collision: stop when links touch each other, which a controller itself does not look after.
-    wall_clock_s: date and time of its start [s since 1970, GMT]; always the same unless given.
-    world: what stands around the arm; None for nothing.
-    dynamic: torques move the arm, which follows its targets as well as servo loops can, and measures with noise;
-    otherwise it is where its targets are. seed: of the noise.
-    """
-
-    model: RobotModel
-    version: PolyscopeVersion | None = None
-    initial_q: Vector6 = START_Q
-    running: bool = False
-    uptime_s: float = 41.0
-    programs_dir: Path | None = None
-    serial_number: str | None = None
-    remote_control: bool = False
-    enforce_remote_control: bool = False
-    popup_auto_close_s: float | None = None
-    encoder_speeds: tuple[float, float] = (0.0, 0.0)
-    gripper: GripperModel | None = None
-    gripper_object_mm: float | None = None
-    safety: SafetyConfiguration | None = None
-    self_collision: bool = False
-    wall_clock_s: float = _NEW_YEAR_2024_S
-    dynamic: bool = False
-    seed: int = 0
-    external_control: DriverAddress = field(default_factory=DriverAddress)
-    world: WorldPlan | None = None
-    timings: PowerTimings = field(default_factory=PowerTimings)
-
-
-class Controller:
+class Controller(Machine):
     """The whole controller but its sockets and its clock."""
+
+    programs: Programs
 
     def __init__(self, config: ControllerConfig) -> None:
         self.config = config
@@ -132,7 +86,6 @@ class Controller:
         self.installation = Installation()
         self.world_model = WorldModel()
         self.base_light = BaseLight()
-        self.input_actions = InputActions()
         self.speed = Speed()
         self.power = Power(config.timings, running=config.running)
         self.safety = Safety()
@@ -143,6 +96,8 @@ class Controller:
         self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
         self.electrics = Electrics(early_simulator=early)
         self.motion = Motion(self.model, self.period_s, config.initial_q)
+        self.modbus = ModbusSignals(self.version.series)
+        self.freedrive_inputs = FreedriveInputs(self.signals, self.registers, self.modbus, self.motion)
         self.safety_board = SafetyBoard(self)
         self.motion.govern(self.safety_board.governor.excess)
         self.tool_line = ToolLine(self.period_s)
@@ -152,9 +107,10 @@ class Controller:
         self.on_tick: list[Callable[[], None]] = []
         self.falsifiers: list[Callable[[Snapshot], None]] = []
 
-        self.guard = Guard(self)
+        self.guard = Guard(self, self.programs, self.safety_board)
+        self.safety_board.on_restart = self.guard.restarted
         self.last_good_q = self.motion.q  # where the arm was in the last period in which its state made sense
-        self.startup = Startup(self)
+        self.startup = Startup(self, self.programs)
         self._mailbox = Mailbox(self)
         self._subscribers: list[Callable[[Snapshot], None]] = []
         self._own_sensor = self.model.series is Series.E
@@ -180,17 +136,14 @@ class Controller:
 
     @property
     def time_s(self) -> float:
-        """Uptime [s], from the step counter."""
         return self.step_count / self._frequency_hz
 
     @property
     def uptime_ns(self) -> int:
-        """Uptime [ns], from the step counter."""
         return self.step_count * 1_000_000_000 // self._frequency_hz
 
     @property
     def wall_clock_ns(self) -> int:
-        """Time since 1970 [ns]: that of the start, and the control periods since."""
         steps = self.step_count - self._first_step
         seconds, fraction = divmod(self.config.wall_clock_s, 1.0)
         return int(seconds) * 1_000_000_000 + round(fraction * 1e9) + steps * 1_000_000_000 // self._frequency_hz
@@ -233,21 +186,17 @@ class Controller:
 
     @property
     def standing(self) -> bool:
-        """The arm stands and is to stand."""
         return not any(self.motion.qd) and self.arm.standing
 
     @property
     def may_run(self) -> bool:
-        """True when the arm may move: brakes released and no stop in force."""
         return self.power.running and not self.safety.stopped
 
     @property
     def may_play(self) -> bool:
-        """True when a program may run: the arm may move, and stands inside its limits."""
         return self.power.running and self.safety.programs_allowed
 
     def power_event(self, event: PowerEvent) -> bool:
-        """Apply an event to the power state; False when the safety system forbids it."""
         if event is PowerEvent.POWER_OFF:
             self.programs.stop("power off")
             self.motion.engage_brakes()
@@ -257,7 +206,6 @@ class Controller:
         return True
 
     def safety_event(self, event: SafetyEvent) -> bool:
-        """Apply an event to the safety mode with all its consequences; True when it changed."""
         before = self.safety.mode
         if not self.safety.handle(event):
             return False
@@ -266,10 +214,6 @@ class Controller:
         return True
 
     def protective_stop(self, cause: StopCause) -> None:
-        """Stop the arm protectively and log why; nothing more happens when it is stopped already.
-
-        Where the program asked for it, it is paused instead.
-        """
         if self.programs.pauses_on(cause.code, cause.argument):
             self.warn(cause.code, cause.argument, cause.text)
         elif self.safety_event(SafetyEvent.PROTECTIVE_STOP):
@@ -277,23 +221,19 @@ class Controller:
             self.safety_board.count_stop(cause.joint)
 
     def warn(self, code: int, argument: int, text: str) -> None:
-        """Report something that stops nothing; a program that asked for it (pause_on_error_code) is paused."""
         self.messages.error(code, argument, ReportLevel.WARNING, text)
         if self.programs.pauses_on(code, argument):
             self.programs.pause(f"pause_on_error_code: C{code}A{argument}")
 
     @property
     def local_control(self) -> bool:
-        """True while the arm takes no orders from the network; an arm of the CB3 series always does."""
         return self.config.enforce_remote_control and not self.remote_control and self.version.series is Series.E
 
     @property
     def external_control(self) -> DriverAddress:
-        """Where a driver is asked for its program: as configured, else as the installation says."""
         return self.config.external_control.over(DriverAddress.of(self.installation.file))
 
     def set_tcp(self, tcp_offset: Pose) -> None:
-        """Use another TCP (flange to TCP) from now on, within this period. Raises ValueError for an absurd one."""
         if not plausible(*tcp_offset):
             raise ValueError(f"no tool has its TCP at {list(tcp_offset)}")
         self.installation.tcp = tcp_offset
@@ -305,7 +245,6 @@ class Controller:
         self._installed()
 
     def apply_installation(self, path: Path, file: InstallationFile) -> None:
-        """Apply what was read from an installation file."""
         self.installation.apply(path.name, file)
         self._installed()
 
@@ -314,7 +253,6 @@ class Controller:
         self.safety_board.compare(self.installation.name, self.installation.file.safety)
 
     def forget_movement(self) -> None:
-        """For the guard: what this period computed of the arm is neither judged nor published."""
         self._fault, self._arm_changed = None, False
 
     # the tick's steps
@@ -327,7 +265,7 @@ class Controller:
         self.safety_board.latch()
         if self.encoders.enabled:
             self.encoders.advance(self.signals.digital_inputs)
-        self.input_actions.advance(self)
+        self.freedrive_inputs.advance(allowed=self.may_run and self.programs.state is RuntimeState.STOPPED)
         self.startup.advance()
 
     def _advance_timers(self) -> None:
@@ -342,7 +280,7 @@ class Controller:
         if self.ft_input.enabled:
             wrench = self.ft_input.wrench_base(self.arm)
         if self.world is not None:
-            wrench = self.world.act(self, wrench)
+            wrench = self.world.act(self.arm, self.motion, wrench, self.period_s)
         if wrench != _ZERO6 and not plausible(*wrench):
             wrench = _ZERO6  # nothing pushes like that
         self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled
@@ -435,7 +373,7 @@ class Controller:
         self.registers.publish(snapshot)
         snapshot.control_mode, snapshot.force_mode_frame = self.motion.control_mode, self.motion.force_frame
         snapshot.tool_communication, snapshot.tool_bytes = self.tool_line.settings, self.tool_line.received
-        snapshot.io_freedrive, snapshot.local_control = self.input_actions.free, self.local_control
+        snapshot.io_freedrive, snapshot.local_control = self.freedrive_inputs.free, self.local_control
         snapshot.actual_execution_time = self.execution_time_ms
         status = int(RobotStatusBits.POWER_ON) if powered else 0
         status |= RobotStatusBits.PROGRAM_RUNNING if snapshot.program_running else 0

@@ -12,28 +12,21 @@ import logging
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from emulator import reports
 from emulator.lifecycle.power import PowerState
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.reporting import reports
+from emulator.logs import Novelty, place_of
+from emulator.machine import Machine
+from emulator.programs.runner import Programs
+from emulator.safety.board import SafetyBoard
 from emulator.safety.causes import Cause
 
-if TYPE_CHECKING:
-    from emulator.controller import Controller
-
-
-_MOST: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: no arm reaches that, and nothing it carries (guess)
 MOVING: Final = "moving the arm"
 PUBLISHING: Final = "publishing"
-_MOST_REMEMBERED: Final = 20  # kinds of failures that are told in full, and saved (guess)
 
 _logger = logging.getLogger(__name__)
-
-
-def plausible(*numbers: float) -> bool:
-    """Whether numbers in SI units could be of an arm, or of something near it: finite, and not absurd."""
-    return all(-_MOST < number < _MOST for number in numbers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,32 +38,11 @@ class Problem:
     step: int
 
 
-class Novelty:
-    """Which failures were told already."""
-
-    def __init__(self) -> None:
-        self._told: set[str] = set()
-
-    def of(self, error: BaseException, who: object = "") -> bool:
-        """True the first time that this kind of error comes from this place."""
-        key = f"{who} {type(error).__name__} {place_of(error)}"
-        if key in self._told or len(self._told) >= _MOST_REMEMBERED:
-            return False
-        self._told.add(key)
-        return True
-
-
-def place_of(error: BaseException) -> str:
-    """File and line that raised it."""
-    frames = traceback.extract_tb(error.__traceback__)
-    return f"{frames[-1].filename}:{frames[-1].lineno}" if frames else "an unknown place"
-
-
 class Guard:
     """Catches what a control period raises. ``problem``: what keeps the arm off; None when nothing does."""
 
-    def __init__(self, controller: "Controller") -> None:
-        self._controller = controller
+    def __init__(self, machine: Machine, programs: Programs, safety_board: SafetyBoard) -> None:
+        self._machine, self._programs, self._safety_board = machine, programs, safety_board
         self._novelty = Novelty()
         self.problem: Problem | None = None
 
@@ -79,7 +51,7 @@ class Guard:
         first = self.problem is None
         if first:
             text = f"{type(error).__name__}: {error} ({place_of(error)})"
-            self.problem = Problem(stage, text, self._controller.step_count)
+            self.problem = Problem(stage, text, self._machine.step_count)
             self._attempt(lambda: self._tell(stage, text, error))
         orderly = first and self._attempt(lambda: self._trip(stage, text))
         if not orderly or stage == MOVING:
@@ -100,7 +72,7 @@ class Guard:
             return
         trace = "".join(traceback.format_exception(error))
         try:
-            saved = f"saved as {reports.write_crash(self._controller, stage, trace)}"
+            saved = f"saved as {reports.write_crash(self._machine, self._programs.source, stage, trace)}"
         except Exception as problem:
             saved = f"not saved: {problem}"
         _logger.critical(
@@ -110,25 +82,25 @@ class Guard:
             saved,
             trace.rstrip(),
         )
-        self._controller.messages.note(f"the emulator failed while {stage}; script, state and log are {saved}")
+        self._machine.messages.note(f"the emulator failed while {stage}; script, state and log are {saved}")
 
     def _trip(self, stage: str, text: str) -> None:
         """The orderly way: a fault of the safety system, with all that follows."""
-        controller = self._controller
-        controller.safety_board.trip(Cause.EMULATOR_FAILURE, text=f"the emulator failed while {stage}: {text}")
-        controller.popups.show(f"The emulator failed while {stage}: {text}", title="Fault", error=True)
+        machine = self._machine
+        self._safety_board.trip(Cause.EMULATOR_FAILURE, text=f"the emulator failed while {stage}: {text}")
+        machine.popups.show(f"The emulator failed while {stage}: {text}", title="Fault", error=True)
 
     def _let_go(self) -> None:
         """The other way: every part is put to rest by itself, so that none is kept from it by another."""
-        controller = self._controller
-        controller.forget_movement()
+        machine = self._machine
+        machine.forget_movement()
         for rest in (
-            controller.programs.abandon,
-            controller.motion.halt,
-            lambda: controller.motion.stand_at(controller.last_good_q),
-            lambda: controller.arm.recover(controller.last_good_q),
-            lambda: controller.power.put(PowerState.OFF),
-            lambda: controller.safety.handle(SafetyEvent.FAULT),
+            self._programs.abandon,
+            machine.motion.halt,
+            lambda: machine.motion.stand_at(machine.last_good_q),
+            lambda: machine.arm.recover(machine.last_good_q),
+            lambda: machine.power.put(PowerState.OFF),
+            lambda: machine.safety.handle(SafetyEvent.FAULT),
         ):
             self._attempt(rest)
 

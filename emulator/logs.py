@@ -8,6 +8,7 @@ import io
 import logging
 import sys
 import threading
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -18,6 +19,7 @@ from urproto.commandline import console
 from urproto.text import show_anything
 
 _MOST_WAITING: Final = 10_000  # texts: some megabytes (guess)
+_MOST_REMEMBERED: Final = 20  # kinds of failures that are told in full, and saved (guess)
 _GOODBYE_S: Final = 2.0  # how long the end waits for what is still to be written (guess)
 
 
@@ -110,3 +112,24 @@ def log_to_stderr(level: LogLevel) -> None:
         handler = logging.StreamHandler(ERROR)
         form = "%(asctime)s %(levelname)-8s %(message)s"
     logging.basicConfig(level=level.value.upper(), format=form, datefmt="%X", handlers=[handler])
+
+
+class Novelty:
+    """Which failures were told already."""
+
+    def __init__(self) -> None:
+        self._told: set[str] = set()
+
+    def of(self, error: BaseException, who: object = "") -> bool:
+        """True the first time that this kind of error comes from this place."""
+        key = f"{who} {type(error).__name__} {place_of(error)}"
+        if key in self._told or len(self._told) >= _MOST_REMEMBERED:
+            return False
+        self._told.add(key)
+        return True
+
+
+def place_of(error: BaseException) -> str:
+    """File and line that raised it."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return f"{frames[-1].filename}:{frames[-1].lineno}" if frames else "an unknown place"

@@ -4,8 +4,8 @@ import math
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
 
-from emulator.programs.sockets import ScriptNetwork
 from emulator.robot.kinds import ArmKind
+from emulator.services.sockets import ScriptNetwork
 from urscript.commands import Command, add_controller_options
 
 

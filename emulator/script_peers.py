@@ -26,7 +26,7 @@ from typing import Any, Final, TypeAlias
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault, dumps, loads
 
-from emulator.programs.sockets import ScriptSocket, ScriptSocketBackend, SocketState
+from emulator.services.sockets import ScriptSocket, ScriptSocketBackend, SocketState
 from urproto.text import from_bytes, strip, to_bytes
 from urproto.yamltext import NotYaml, load_yaml
 

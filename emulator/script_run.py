@@ -11,13 +11,14 @@ from typing import Any, Final, TypeAlias
 from emulator.batch import Batch, Stimulus
 from emulator.clock import Clock, FastClock, RealClock
 from emulator.config import read_surroundings
-from emulator.controller import Controller, ControllerConfig
+from emulator.controller import Controller
 from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL
+from emulator.machine import ControllerConfig
 from emulator.programs.compiling import LIBRARY_SET
-from emulator.programs.sockets import ScriptNetwork
 from emulator.robot.kinds import ArmKind
 from emulator.script_peers import Peers, StubPeers, read_peers
 from emulator.servers.script_sockets import NetworkSockets
+from emulator.services.sockets import ScriptNetwork
 from urproto.robots import START_Q, RobotModel
 from urproto.robots.model import Joints
 from urscript.commands import SUCCESS, TROUBLE, USAGE_ERROR, chosen_controller

@@ -9,7 +9,7 @@ what changed is written to it; at rest a snapshot costs a few microseconds.
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 from emulator.devices.tool_line import AS_DELIVERED, SerialSettings
 from urproto.modes import (
@@ -31,6 +31,14 @@ Vector6 = tuple[float, float, float, float, float, float]
 
 _ZERO3: Vector3 = (0.0, 0.0, 0.0)
 _ZERO6: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+_MOST: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: no arm reaches that, and nothing it carries (guess)
+
+
+def plausible(*numbers: float) -> bool:
+    """Whether numbers in SI units could be of an arm, or of something near it: finite, and not absurd."""
+    return all(-_MOST < number < _MOST for number in numbers)
 
 
 @dataclass(kw_only=True)

@@ -15,9 +15,10 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
-from emulator.commands import ScriptUnit
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import ScriptUnit
+from emulator.controller import Controller
 from emulator.lifecycle.safety import SafetyEvent
+from emulator.machine import ControllerConfig
 from emulator.snapshot import Snapshot
 from emulator.world.file import WorldPlan
 from emulator.world.shapes import Plane, WorldObject

@@ -2,7 +2,7 @@
 
 import ast
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -19,12 +19,38 @@ MAY_IMPORT = {
     "emulator": {"emulator", "urproto", "urscript"},
     "client": {"client", "urproto"},
 }
+# the floors of the emulator, from the ground up: a part may import what stands on the floors below its own, and
+# nothing beside it. In an if TYPE_CHECKING, or inside a function, an import is an import.
+EMULATOR_FLOORS = (
+    ("ports", "devices", "logs", "clock", "realtime", "namesakes"),
+    ("snapshot",),
+    ("lifecycle", "polyscope", "reporting"),
+    ("robot",),
+    ("io", "motion"),
+    ("world", "services"),
+    ("machine",),  # what the parts of a controller see of each other
+    ("fieldbus", "safety", "mailbox", "reports"),
+    ("builtins",),
+    ("programs",),
+    ("guard", "startup"),
+    ("controller",),
+    ("commands",),
+    ("servers",),
+    ("faults",),
+    ("control",),
+    ("config", "readiness"),
+    ("app", "batch", "script_peers", "check", "ctl"),
+    ("serve", "script_run"),
+    ("run_command", "cli"),
+    ("fleet",),
+    ("__main__",),
+)
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
     "cyclonedds": ("client.ros2.dds", "client.ros2.dds"),
     "coal": ("emulator.world.links",),
-    "h11": ("emulator.programs.rpc.httpclient", "emulator.servers.control"),
-    "msgspec": ("emulator.control", "emulator.faults", "emulator.servers.control", "emulator.fleet.plan"),
+    "h11": ("emulator.builtins.remote.httpclient", "emulator.control.http"),
+    "msgspec": ("emulator.control", "emulator.faults", "emulator.control.http", "emulator.fleet.plan"),
     "fastapi": ("client.pendant.web_security", "client.pendant.live", "client.pendant.server"),
     "socketio": ("client.pendant.web_security",),
     "httpx": ("client.pendant.emulator_control",),
@@ -67,6 +93,7 @@ MAY_TOUCH_OUTSIDE = (
     "emulator.fleet.worker",
     "emulator.control.remote",
     "emulator.servers",
+    "emulator.control.http",
     "emulator.check",
     "client",
     *FOR_TESTS,
@@ -166,6 +193,26 @@ def _not_allowed(name: str, imported: str) -> str | None:
     return None
 
 
+def test_emulator_floors() -> None:
+    none(_against_floors("emulator", EMULATOR_FLOORS))
+
+
+def _against_floors(package: str, floors: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    """Imports of a package's parts (its modules and folders) that do not lead downwards."""
+    floor = {part: number for number, parts in enumerate(floors) for part in parts}
+    for name in modules():
+        if name == package or name.split(".")[0] != package:
+            continue
+        part = name.split(".")[1]
+        if part not in floor:
+            yield f"{name}: {part} has no floor"
+            continue
+        for imported in imports(name):
+            other = imported.split(".")[1] if imported.startswith(f"{package}.") else part
+            if other != part and not floor.get(other, len(floors)) < floor[part]:
+                yield f"{name} on floor {floor[part]} imports {imported} on floor {floor.get(other)}"
+
+
 def test_only_the_shells_touch_the_outside_world() -> None:
     inner = (name for name in modules() if not within(name, MAY_TOUCH_OUTSIDE))
     none(
@@ -195,7 +242,8 @@ def test_pinocchio_is_not_loaded_by_importing_the_language_or_the_protocols() ->
 
 
 def test_no_import_cycles() -> None:
-    graph = {name: {i for i in imports(name, at_import_time=True) if i in _known() and i != name} for name in modules()}
+    """No module needs itself, however late: imports for type checkers and inside functions count."""
+    graph = {name: {i for i in imports(name) if i in _known() and i != name} for name in modules()}
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Final
 
 from client.errors import ClientError
-from client.pendant.programs import Draft, ScriptError
+from client.pendant.draft import Draft, ScriptError
 from urproto.text import from_bytes, lines, readable, to_bytes
 from urproto.versions import PolyscopeVersion
 

@@ -1,149 +1,26 @@
 """Which program is loaded and runs, and as much of its text as the robot tells."""
 
 import asyncio
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Protocol, TypeVar
 
 from client import dashboard
 from client.errors import ClientError
-from client.pendant.emulator_control import BehindError
-from client.scripts import Script, prepare
-from urproto.errors import LocalProtocolError, ProtocolError, RobotRefused
+from client.pendant.draft import Draft
+from client.pendant.emulator_control import Behind, BehindError
+from urproto.errors import ProtocolError, RobotRefused
 from urproto.modes import RuntimeState
 from urproto.primary.messages import (
-    NO_TIMESTAMP_US,
     PROGRAM_STARTED,
     PROGRAM_STOPPED,
     KeyMessage,
     ProgramThread,
     ProgramThreadsMessage,
-    RuntimeExceptionMessage,
 )
 
-if TYPE_CHECKING:
-    from client.pendant.station import Station
-
-
-_START_S: Final = 5.0  # guess: a program of 50 kB starts within 0.2 s
-_MOST: Final = 2_000_000  # characters; a robot takes no more either (guess)
-
-Phase = Literal["", "sent", "running", "ended", "failed", "silent"]
-
-
-@dataclass(frozen=True, slots=True)
-class ScriptError:
-    """What is wrong with a script, and where in the text as it was written; line and column from 1.
-
-    told: by the checker; by the robot, which did not start it, or while it ran.
-    """
-
-    line: int
-    column: int
-    text: str
-    told: Literal["check", "start", "run"] = "check"
-    severity: Literal["error", "warning"] = "error"
-
-
-class Draft:
-    """One text for all browsers. author: the page that wrote it last. revision: counts what changed.
-
-    phase: of the script that was sent last, "" before the first; silent: it has not started, and nobody said why.
-    error: what the robot says is wrong with that script. diagnoses: what the checker says of the text as it is.
-    """
-
-    def __init__(self) -> None:
-        self.text = _EXAMPLE
-        self.author = ""
-        self.revision = 0
-        self.phase: Phase = ""
-        self.error: ScriptError | None = None
-        self.diagnoses: tuple[ScriptError, ...] = ()
-        self.script: Script | None = None
-        self._sent_at_s = 0.0
-        self._sent_revision = 0
-
-    @property
-    def is_somebodys(self) -> bool:
-        """Whether somebody would miss the text."""
-        return bool(self.text.strip()) and self.text != _EXAMPLE
-
-    def write(self, text: str, author: str = "") -> None:
-        """Somebody has written something else. Raises ValueError for what is too long."""
-        if len(text) > _MOST:
-            raise ValueError(f"a script of {len(text)} characters is too long: at most {_MOST} are possible")
-        if text != self.text:
-            self.text, self.author, self.revision = text, author, self.revision + 1
-
-    def prepared(self) -> Script:
-        """What to send: a program, or a secondary program, which has no name. Raises ValueError for an empty text."""
-        if not self.text.strip():
-            raise ValueError("The editor is empty: there is no script to send.")
-        try:
-            return prepare(self.text)
-        except LocalProtocolError:  # a secondary program: only errors are heard of
-            return Script("", self.text)
-
-    def sending(self, script: Script, now_s: float) -> None:
-        """That is being sent. now_s: any clock."""
-        self.script, self._sent_at_s, self.phase, self.error = script, now_s, "sent", None
-        self._sent_revision = self.revision
-
-    def checked(self, revision: int, diagnoses: tuple[ScriptError, ...]) -> None:
-        """The checker has looked at the text of this revision."""
-        if revision != self.revision:
-            return
-        self.diagnoses = diagnoses
-        if self.error is not None and self.error.told == "start" and revision != self._sent_revision:
-            self.error = None  # it was about another text, and the checker knows about this one
-
-    @property
-    def problems(self) -> tuple[ScriptError, ...]:
-        """All that is known to be wrong. The checker says better than the robot why a script does not start."""
-        error = self.error
-        if error is None or (error.told == "start" and any(one.severity == "error" for one in self.diagnoses)):
-            return self.diagnoses
-        return (error, *(one for one in self.diagnoses if one.line != error.line))
-
-    def hear(self, message: object) -> None:
-        """Take note of what the robot says about the script."""
-        if isinstance(message, KeyMessage) and self.script is not None and message.text == (self.script.name or None):
-            if message.title == PROGRAM_STARTED and self.phase in ("sent", "silent"):
-                self.phase = "running"
-            elif message.title == PROGRAM_STOPPED and self.phase == "running":
-                self.phase = "ended"
-        elif isinstance(message, RuntimeExceptionMessage) and self._is_about(message):
-            self._fail(message)
-
-    def look(self, now_s: float) -> None:
-        """Time goes by."""
-        if self.phase == "sent" and now_s - self._sent_at_s > _START_S:
-            self.phase = "silent" if self.script is not None and self.script.name else "ended"
-
-    def _is_about(self, message: RuntimeExceptionMessage) -> bool:
-        """Compile errors have no time; a script that runs meanwhile may be somebody else's."""
-        return self.phase == ("sent" if message.timestamp_us == NO_TIMESTAMP_US else "running")
-
-    def _fail(self, message: RuntimeExceptionMessage) -> None:
-        assert self.script is not None
-        line = min(self.script.line(message.line), self.text.count("\n") + 1)
-        told: Literal["start", "run"] = "start" if self.phase == "sent" else "run"
-        self.error = ScriptError(line, message.column, _readable(self.script.message(message.text)), told)
-        self.phase = "failed"
-
-
-def _readable(reported: str) -> str:
-    """Controllers repeat line and number after a word of their own when they cannot parse it."""
-    return _SYNTAX_ERROR if reported.startswith("syntax_error_on_line") else reported
-
-
-_SYNTAX_ERROR: Final = "Syntax error: the controller cannot make sense of this line, or of what is before it"
-_EXAMPLE: Final = """\
-def hello():
-  textmsg("the tool is at ", get_actual_tcp_pose())
-end
-"""
-
+Answer = TypeVar("Answer")
 
 _LOOK_AGAIN_S: Final = 1.0
 _LOADED_AGAIN_S: Final = 5.0  # each time is a connection to the dashboard, of which robots have few
@@ -171,6 +48,22 @@ class ShownProgram:
 
 
 NOTHING_SHOWN: Final = ShownProgram()
+
+
+class Robot(Protocol):
+    """What `Programs` needs of the robot it looks at; a `client.pendant.station.Station` is one."""
+
+    values: Mapping[str, Any]
+    unavailable: frozenset[str]
+    connected: bool
+    behind: Behind
+
+    @property
+    def runtime_state(self) -> RuntimeState:
+        """State of the program."""
+
+    async def ask(self, operation: dashboard.Operation[Answer]) -> Answer:
+        """Ask the dashboard."""
 
 
 class Programs:
@@ -215,19 +108,19 @@ class Programs:
             return None
         return max(0.0, (now_s if self._stopped_s is None else self._stopped_s) - self._started_s)
 
-    def line(self, station: "Station") -> int:
+    def line(self, station: Robot) -> int:
         """Line of the shown script that is carried out, 0 when that is not known."""
         if not self.shown.running or station.runtime_state is RuntimeState.STOPPED:
             return 0
         return int(station.values.get(_LINE, 0))
 
-    def tells_line(self, station: "Station") -> bool:
+    def tells_line(self, station: Robot) -> bool:
         """Whether this robot's software tells the line at all."""
         return _LINE not in station.unavailable
 
     # what it tells when asked
 
-    async def follow(self, station: "Station") -> None:
+    async def follow(self, station: Robot) -> None:
         """Ask again when something happened, and now and then which program is loaded, for ever."""
         asked_s, emulated = -_LOADED_AGAIN_S, None
         clock = asyncio.get_running_loop().time
@@ -244,13 +137,13 @@ class Programs:
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._changed.wait(), _LOOK_AGAIN_S)
 
-    async def _ask_loaded(self, station: "Station") -> None:
+    async def _ask_loaded(self, station: Robot) -> None:
         loaded = await station.ask(dashboard.LOADED_PROGRAM)
         if loaded != self.loaded:
             self.loaded = loaded
             self.look()
 
-    async def _see(self, station: "Station") -> bool:
+    async def _see(self, station: Robot) -> bool:
         try:
             self.shown = await self._look_at(station)
         except (BehindError, KeyError, TypeError):  # gone, or an emulator of another version
@@ -258,7 +151,7 @@ class Programs:
             return False
         return True
 
-    async def _look_at(self, station: "Station") -> ShownProgram:
+    async def _look_at(self, station: Robot) -> ShownProgram:
         if "program" in station.behind.verbs and station.behind.available:
             return _shown(await station.behind.call("program"))
         script = self.draft.script
@@ -266,7 +159,7 @@ class Programs:
             return ShownProgram(script.text, running=self.draft.phase == "running")
         return NOTHING_SHOWN
 
-    async def files(self, station: "Station") -> list[str]:
+    async def files(self, station: Robot) -> list[str]:
         """Programs that can be loaded. Raises ClientError: robots do not tell."""
         return list(await station.behind.call("programs"))
 

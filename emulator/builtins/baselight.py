@@ -1,7 +1,7 @@
 """The light ring in the base."""
 
+from emulator.builtins.host import ProgramHost
 from emulator.io.signals import ARMS_WITH_BASE_LIGHT, BaseLight
-from emulator.programs.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int
@@ -32,8 +32,8 @@ def set_baselight_solid(host: ProgramHost, r: Int, g: Int, b: Int) -> None:
 
 
 def _light(host: ProgramHost, light: BaseLight) -> None:
-    model = host.controller.model
+    model = host.machine.model
     if model.name in ARMS_WITH_BASE_LIGHT:
-        host.controller.base_light = light
+        host.machine.base_light = light
     else:
-        host.controller.messages.note(f"{model.title} has no base light: nothing to set")
+        host.machine.messages.note(f"{model.title} has no base light: nothing to set")

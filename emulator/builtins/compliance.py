@@ -4,8 +4,8 @@ import math
 from typing import Any
 
 from emulator.builtins.geometry import Vector6, numbers, six, three, within_range
+from emulator.builtins.host import ProgramHost
 from emulator.motion.reach import distance_to_singularity
-from emulator.programs.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, Bool, Int, Joints, ListArg, Num, Pose, PoseArg, PoseOrJoints
@@ -130,7 +130,7 @@ def end_freedrive_mode(host: ProgramHost) -> None:
 @LIBRARY.builtin(cb3="3.10", e="5.0", note="where near and too near begin are guesses")
 def get_freedrive_status(host: ProgramHost) -> int:
     """0 normal, 1 close to a singularity, 2 too close for constrained freedrive."""
-    distance = distance_to_singularity(host.controller.model.dh, host.motion.q)
+    distance = distance_to_singularity(host.machine.model.dh, host.motion.q)
     return sum(distance < bound for bound in _SINGULARITY_BOUNDS)
 
 
@@ -182,7 +182,7 @@ def ft_rtde_input_enable(
     `sensor_mass` [kg], `sensor_measuring_offset` and `sensor_cog` from the flange [m]. A program that
     watches no input pauses when the sensor falls below 10 Hz.
     """
-    sensor = host.controller.ft_input
+    sensor = host.machine.ft_input
     sensor.measuring_offset = three(sensor_measuring_offset, "sensor_measuring_offset")
     sensor.sensor_cog = three(sensor_cog, "sensor_cog")
     sensor.sensor_mass = float(sensor_mass)

@@ -3,9 +3,9 @@
 import math
 
 from emulator.builtins.geometry import six, within_range
+from emulator.builtins.host import Frames, ProgramHost
 from emulator.io.encoders import DecoderType, Encoder
 from emulator.motion.superposition import CircularConveyor, LinearConveyor, Source
-from emulator.programs.host import Frames, ProgramHost
 from urproto.versions import Series
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
@@ -46,22 +46,22 @@ def encoder_enable_set_tick_count(host: ProgramHost, encoder_index: Int, range_i
     `range_id`: 0 signed 32 bits; 1, 2, 3, 4 unsigned 8, 16, 24, 32 bits. Counts wrap round that range.
     """
     with within_range():
-        host.controller.encoders.expect_counts(encoder_index, range_id)
+        host.machine.encoders.expect_counts(encoder_index, range_id)
 
 
 @LIBRARY.builtin(cb3=_CB3, e=_E)
 def encoder_set_tick_count(host: ProgramHost, encoder_index: Int, count: Num) -> None:
     """The count of an encoder that this program reads; the first one is where the encoder starts."""
     with within_range():
-        host.controller.encoders[encoder_index].feed(_whole("encoder_set_tick_count", count))
+        host.machine.encoders[encoder_index].feed(_whole("encoder_set_tick_count", count))
 
 
 @LIBRARY.builtin()
 def set_conveyor_tick_count(host: ProgramHost, tick_count: Num, absolute_encoder_resolution: Int = 0) -> None:
     """encoder_enable_set_tick_count and encoder_set_tick_count of encoder 0, by their old name."""
     with within_range():
-        host.controller.encoders.expect_counts(0, absolute_encoder_resolution)
-        host.controller.encoders[0].feed(_whole("set_conveyor_tick_count", tick_count))
+        host.machine.encoders.expect_counts(0, absolute_encoder_resolution)
+        host.machine.encoders[0].feed(_whole("set_conveyor_tick_count", tick_count))
 
 
 @LIBRARY.builtin(cb3=_CB3, e=_E, note="filtered counts of a fed encoder wrap round its own range")
@@ -138,19 +138,19 @@ def _decode(host: ProgramHost, name: str, index: int, decoder_type: int, a: int,
         decoder = DecoderType(decoder_type)
     except ValueError:
         raise RuntimeFault(f"{name}: the decoder type must be 0 to 4, not {decoder_type}") from None
-    pins = _PINS[host.controller.version.series]
+    pins = _PINS[host.machine.version.series]
     if decoder is DecoderType.QUADRATURE and (b is None or a == b):
         raise RuntimeFault(f"{name}: a quadrature encoder needs two inputs A and B")
     second = a if b is None or decoder is not DecoderType.QUADRATURE else b
     if decoder is not DecoderType.DISABLED and not {a, second} <= set(pins):
         raise RuntimeFault(f"{name}: A and B must be digital inputs {', '.join(map(str, pins))}, not {a} and {second}")
     with within_range():
-        host.controller.encoders.decode(index, decoder, a, second)
+        host.machine.encoders.decode(index, decoder, a, second)
 
 
 def _encoder(host: ProgramHost, index: int) -> Encoder:
     with within_range():
-        return host.controller.encoders[index]
+        return host.machine.encoders[index]
 
 
 def _checked(host: ProgramHost, name: str, ticks: float, encoder_index: int) -> Encoder:

@@ -1,8 +1,8 @@
 """Time, and what stops the robot."""
 
+from emulator.builtins.host import Frames, ProgramHost
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP
-from emulator.programs.host import Frames, ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int, Num, Struct
@@ -22,7 +22,7 @@ def time(host: ProgramHost, mode: Int = 0) -> Struct:
     """Time as a struct of `sec` and `nanosec`: uptime (mode 0), or since 1970 in GMT (mode 2)."""
     if mode not in (0, 2):
         raise RuntimeFault(f"time: mode must be 0 (uptime) or 2 (system time), not {mode}")
-    nanoseconds = host.controller.uptime_ns if mode == 0 else host.controller.wall_clock_ns
+    nanoseconds = host.machine.uptime_ns if mode == 0 else host.machine.wall_clock_ns
     return Struct({"sec": nanoseconds // 1_000_000_000, "nanosec": nanoseconds % 1_000_000_000})
 
 
@@ -32,12 +32,12 @@ def protective_stop(host: ProgramHost) -> None:
 
     The official client library waits for the end of a program that does nothing else.
     """
-    host.controller.protective_stop(SCRIPT_PROTECTIVE_STOP)
+    host.machine.protective_stop(SCRIPT_PROTECTIVE_STOP)
 
 
 @LIBRARY.builtin()
 def powerdown(host: ProgramHost) -> Frames[None]:
     """Switch the arm off and end the controller, as the dashboard's shutdown does."""
-    host.controller.power_event(PowerEvent.POWER_OFF)
-    host.controller.shutdown_requested = True
+    host.machine.power_event(PowerEvent.POWER_OFF)
+    host.machine.shutdown_requested = True
     yield

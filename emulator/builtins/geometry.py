@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from emulator.programs.host import ProgramHost
+from emulator.builtins.host import ProgramHost
 from emulator.robot.worldmodel import ArmPose
 from urproto.robots.pose import pose_inv, pose_trans
 from urscript.errors import RuntimeFault
@@ -58,12 +58,12 @@ def inverse(
     near = host.motion.q if q_near is None else six(q_near)
     if not all(map(math.isfinite, flange)):
         return None
-    return host.arm.kinematics.inverse_near(flange, near, *host.controller.model.position_limits)
+    return host.arm.kinematics.inverse_near(flange, near, *host.machine.model.position_limits)
 
 
 def in_joint_range(host: ProgramHost, q: Sequence[float]) -> bool:
     """Whether every joint angle is within its limits."""
-    lowest, highest = host.controller.model.position_limits
+    lowest, highest = host.machine.model.position_limits
     return all(low <= angle <= high for low, angle, high in zip(lowest, q, highest, strict=True))
 
 
@@ -92,7 +92,7 @@ def twist_of(host: ProgramHost, q: Vector6, qd: Vector6) -> Vector6:
 
 def active_tcp(host: ProgramHost) -> Vector6:
     """The TCP in use, flange to TCP."""
-    return host.controller.installation.tcp
+    return host.machine.installation.tcp
 
 
 def arm_pose(host: ProgramHost) -> ArmPose:

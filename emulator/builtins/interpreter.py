@@ -2,7 +2,7 @@
 
 from collections.abc import Generator
 
-from emulator.programs.host import ProgramHost
+from emulator.builtins.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.interpreter import Locals

@@ -1,8 +1,8 @@
 """Digital and analog signals of the control box and the tool."""
 
 from emulator.builtins.geometry import within_range
+from emulator.builtins.host import ProgramHost
 from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
-from emulator.programs.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, Num
@@ -14,17 +14,17 @@ _OLD_TOOL = 8  # get_digital_in(8) and (9) are the tool's, as before there were 
 
 def _read_input(host: ProgramHost, group: DigitalGroup, n: int) -> bool:
     with within_range():
-        return host.controller.signals.get_digital_input(group, n)
+        return host.machine.signals.get_digital_input(group, n)
 
 
 def _read_output(host: ProgramHost, group: DigitalGroup, n: int) -> bool:
     with within_range():
-        return host.controller.signals.get_digital_output(group, n)
+        return host.machine.signals.get_digital_output(group, n)
 
 
 def _write_output(host: ProgramHost, group: DigitalGroup, n: int, level: bool) -> None:
     with within_range():
-        host.controller.signals.set_digital_output(group, n, level)
+        host.machine.signals.set_digital_output(group, n, level)
 
 
 def _old(n: int) -> tuple[DigitalGroup, int]:
@@ -107,13 +107,13 @@ def set_digital_out(host: ProgramHost, n: Int, b: Bool) -> None:
 @LIBRARY.builtin()
 def get_standard_analog_in(host: ProgramHost, n: Int) -> float:
     """Analog input 0 or 1 [A or V, by its domain]."""
-    return host.controller.signals.analog_inputs[_analog(n, "analog input")]
+    return host.machine.signals.analog_inputs[_analog(n, "analog input")]
 
 
 @LIBRARY.builtin()
 def get_tool_analog_in(host: ProgramHost, n: Int) -> float:
     """Tool analog input 0 or 1 [A or V, by its domain]."""
-    return host.controller.signals.tool_analog_inputs[_analog(n, "tool analog input")]
+    return host.machine.signals.tool_analog_inputs[_analog(n, "tool analog input")]
 
 
 @LIBRARY.builtin(note="deprecated")
@@ -125,7 +125,7 @@ def get_analog_in(host: ProgramHost, n: Int) -> float:
 @LIBRARY.builtin()
 def get_standard_analog_out(host: ProgramHost, n: Int) -> float:
     """Analog output 0 or 1 as a ratio of its range, 0 to 1."""
-    return host.controller.signals.analog_output_ratios[_analog(n, "analog output")]
+    return host.machine.signals.analog_output_ratios[_analog(n, "analog output")]
 
 
 @LIBRARY.builtin(note="deprecated")
@@ -138,7 +138,7 @@ def get_analog_out(host: ProgramHost, n: Int) -> float:
 def set_standard_analog_out(host: ProgramHost, n: Int, f: Num) -> None:
     """Set analog output 0 or 1 to a ratio of its range; clipped to 0 to 1."""
     with within_range():
-        host.controller.signals.set_analog_output(n, f)
+        host.machine.signals.set_analog_output(n, f)
 
 
 @LIBRARY.builtin(note="deprecated")
@@ -151,7 +151,7 @@ def set_analog_out(host: ProgramHost, n: Int, f: Num) -> None:
 def set_tool_voltage(host: ProgramHost, voltage: Int) -> None:
     """Supply voltage of the tool: 0, 12 or 24 [V]."""
     with within_range():
-        host.controller.signals.set_tool_voltage(voltage)
+        host.machine.signals.set_tool_voltage(voltage)
 
 
 def _analog(n: int, what: str) -> int:

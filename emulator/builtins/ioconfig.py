@@ -1,10 +1,10 @@
 """How signals are set up. PolyScope writes these calls at the head of every program."""
 
 from emulator.builtins.geometry import within_range
+from emulator.builtins.host import ProgramHost
 from emulator.devices.tool_line import SerialSettings
 from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
-from emulator.programs.host import ProgramHost
-from emulator.programs.outputs import OutputAction, output_action
+from emulator.services.outputs import OutputAction, output_action
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolOutputMode
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
@@ -21,19 +21,19 @@ _BAUD_RATES = (9600, 19200, 38400, 57600, 115200, 1000000, 2000000, 5000000)  # 
 @LIBRARY.builtin()
 def set_analog_outputdomain(host: ProgramHost, port: Int, domain: Int) -> None:
     """Domain of analog output 0 or 1: 0 current, 1 voltage."""
-    host.controller.signals.analog_output_domains[_port(port)] = _domain(domain)
+    host.machine.signals.analog_output_domains[_port(port)] = _domain(domain)
 
 
 @LIBRARY.builtin()
 def set_standard_analog_input_domain(host: ProgramHost, port: Int, domain: Int) -> None:
     """Domain of analog input 0 or 1: 0 current, 1 voltage."""
-    host.controller.signals.analog_input_domains[_port(port)] = _domain(domain)
+    host.machine.signals.analog_input_domains[_port(port)] = _domain(domain)
 
 
 @LIBRARY.builtin()
 def set_tool_analog_input_domain(host: ProgramHost, port: Int, domain: Int) -> None:
     """Domain of tool analog input 0 or 1: 0 current, 1 voltage."""
-    host.controller.signals.tool_analog_input_domains[_port(port)] = _domain(domain)
+    host.machine.signals.tool_analog_input_domains[_port(port)] = _domain(domain)
 
 
 @LIBRARY.builtin(note="deprecated")
@@ -44,7 +44,7 @@ def set_analog_inputrange(host: ProgramHost, port: Int, range_: Int) -> None:
     """
     if not 0 <= port <= 3:
         raise RuntimeFault(f"there is no analog input {port}: they are 0 to 3")
-    signals, ranges = host.controller.signals, _TOOL_RANGES if port >= 2 else _BOX_RANGES
+    signals, ranges = host.machine.signals, _TOOL_RANGES if port >= 2 else _BOX_RANGES
     if range_ not in ranges:
         raise RuntimeFault(f"set_analog_inputrange: the range of input {port} must be one of {list(ranges)}")
     domains = signals.tool_analog_input_domains if port >= 2 else signals.analog_input_domains
@@ -56,7 +56,7 @@ def set_tool_output_mode(host: ProgramHost, mode: Int) -> None:
     """What the tool outputs are for: 0 digital outputs, 1 dual-pin power."""
     if mode not in (0, 1):
         raise RuntimeFault(f"set_tool_output_mode: mode must be 0 (digital) or 1 (dual-pin power), not {mode}")
-    host.controller.signals.tool_output_mode = ToolOutputMode(mode)
+    host.machine.signals.tool_output_mode = ToolOutputMode(mode)
 
 
 @LIBRARY.builtin(cb3=None, e="5.0")
@@ -64,7 +64,7 @@ def set_tool_digital_output_mode(host: ProgramHost, n: Int, mode: Int) -> None:
     """Type of tool output 0 or 1: 1 sinking, 2 sourcing, 3 push/pull (0 is taken for 1)."""
     if not 0 <= mode <= 3:
         raise RuntimeFault(f"set_tool_digital_output_mode: mode must be 1, 2 or 3, not {mode}")
-    host.controller.signals.tool_digital_output_modes[_port(n)] = ToolDigitalOutputMode(max(mode, 1))
+    host.machine.signals.tool_digital_output_modes[_port(n)] = ToolDigitalOutputMode(max(mode, 1))
 
 
 @LIBRARY.builtin(cb3=None, e="5.0", note="a device is connected to the line by --tool-device")
@@ -83,7 +83,7 @@ def set_tool_communication(
         raise RuntimeFault(f"set_tool_communication: baud_rate must be one of {_BAUD_RATES}, not {baud_rate}")
     if parity not in (0, 1, 2) or stop_bits not in (1, 2):
         raise RuntimeFault("set_tool_communication: parity must be 0, 1 or 2, and stop_bits 1 or 2")
-    host.controller.tool_line.settings = SerialSettings(
+    host.machine.tool_line.settings = SerialSettings(
         enabled, baud_rate, parity, stop_bits, rx_idle_chars, tx_idle_chars
     )
 
@@ -109,9 +109,9 @@ def set_tool_digital_input_action(host: ProgramHost, port: Int, action: Str) -> 
 @LIBRARY.builtin(cb3="3.3", e="5.0")
 def set_gp_boolean_input_action(host: ProgramHost, port: Int, action: Str) -> None:
     """What a boolean input register does while no program runs: "default" is nothing, or "freedrive"."""
-    actions = host.controller.input_actions
+    actions = host.machine.freedrive_inputs
     with within_range():
-        host.controller.registers.input.get_bit(port)
+        host.machine.registers.input.get_bit(port)
     if wants_freedrive(action):
         actions.watch_register(port)
     else:
@@ -121,7 +121,7 @@ def set_gp_boolean_input_action(host: ProgramHost, port: Int, action: Str) -> No
 @LIBRARY.builtin()
 def set_input_actions_to_default(host: ProgramHost) -> None:
     """Let no input trigger anything."""
-    host.controller.input_actions.clear()
+    host.machine.freedrive_inputs.clear()
 
 
 @LIBRARY.builtin(work=90)
@@ -195,11 +195,11 @@ def _runstate(host: ProgramHost, group: DigitalGroup, index: int, state: int) ->
 
 
 def _action(host: ProgramHost, state: int, *, power: bool = True) -> OutputAction:
-    return output_action(state, host.controller.version.series, power=power)
+    return output_action(state, host.machine.version.series, power=power)
 
 
 def _input_action(host: ProgramHost, group: DigitalGroup, port: int, action: str) -> None:
-    actions = host.controller.input_actions
+    actions = host.machine.freedrive_inputs
     with within_range():
         group.bit(port)
         if wants_freedrive(action):

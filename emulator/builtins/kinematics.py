@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from emulator.builtins.geometry import Vector6, active_tcp, forward, in_joint_range, inverse, no_solution, six
-from emulator.programs.host import ProgramHost
+from emulator.builtins.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
@@ -128,4 +128,4 @@ def _matrix(rows: Sequence[Sequence[float]]) -> Matrix:
 
 
 def _inverse_work(host: ProgramHost) -> int:
-    return _INVERSE if host.controller.model.calibration is None else _INVERSE_CALIBRATED
+    return _INVERSE if host.machine.model.calibration is None else _INVERSE_CALIBRATED

@@ -2,7 +2,7 @@
 
 from typing import Any, Final
 
-from emulator.programs.host import Frames, ProgramHost
+from emulator.builtins.host import Frames, ProgramHost
 from emulator.reporting.popups import Popup
 from urproto.modes import RequestedType
 from urscript.builtins import Library
@@ -22,13 +22,13 @@ _POPUP_WORK: Final = 1500  # of a dialogue
 @LIBRARY.builtin()
 def textmsg(host: ProgramHost, s1: Any_, s2: Any_ = "") -> None:
     """Write a line of two values of any type to the log, and to the primary clients. Cut at 4000 bytes."""
-    host.controller.messages.text(cut_text(_log_text(s1) + _log_text(s2), _TEXT_BYTES))
+    host.machine.messages.text(cut_text(_log_text(s1) + _log_text(s2), _TEXT_BYTES))
 
 
 @LIBRARY.builtin(note="undocumented; sends the message that the vendor's interface document calls deprecated")
 def varmsg(host: ProgramHost, name: Str, value: Any_) -> None:
     """Show a variable's value to the primary clients."""
-    host.controller.messages.variable(name, _log_text(value))
+    host.machine.messages.variable(name, _log_text(value))
 
 
 @LIBRARY.builtin()
@@ -44,7 +44,7 @@ def popup(
 
     `close popup` on the dashboard server closes it.
     """
-    shown = host.controller.popups.show(
+    shown = host.machine.popups.show(
         _popup_text(s), title=title, warning=warning, error=error, blocking=blocking and not host.secondary
     )
     if shown.blocking:
@@ -55,7 +55,7 @@ def popup(
 @LIBRARY.builtin(note="undocumented; URCaps use it")
 def close_popup(host: ProgramHost) -> None:
     """Close the dialogues that are open."""
-    host.controller.popups.close_all()
+    host.machine.popups.close_all()
 
 
 @LIBRARY.builtin()
@@ -83,7 +83,7 @@ def request_string_from_primary_client(host: ProgramHost, Text: Str) -> Frames[s
 
 
 def _ask(host: ProgramHost, text: str, kind: RequestedType) -> Frames[Any]:
-    question: Popup = host.remember(host.controller.popups.request(_popup_text(text), kind))
+    question: Popup = host.remember(host.machine.popups.request(_popup_text(text), kind))
     while question.open:
         yield
     if question.answer is None:

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from emulator.builtins.geometry import within_range
+from emulator.builtins.host import Frames, ProgramHost
 from emulator.builtins.ioconfig import wants_freedrive
-from emulator.io import modbus_map
-from emulator.programs.host import Frames, ProgramHost
-from emulator.programs.modbus import SIGNAL_TYPES, ModbusSignal, ModbusUnit
+from emulator.fieldbus import modbus_map
+from emulator.services.modbus import SIGNAL_TYPES, ModbusSignal, ModbusUnit
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, Bool, Int, ListArg, Num, Str
@@ -144,7 +144,7 @@ def modbus_set_digital_input_action(host: ProgramHost, signal_name: Str, action:
         signal = host.programs.modbus.get(signal_name)
     if signal.output or not signal.kind.bits:
         raise RuntimeFault(f'"{signal_name}" is a {signal.kind.title}, not a digital input')
-    actions = host.controller.input_actions
+    actions = host.machine.freedrive_inputs
     if wants_freedrive(action):
         actions.watch_signal(signal_name)
     else:
@@ -221,14 +221,14 @@ def modbus_set_runstate_dependent_choice(host: ProgramHost, signal_name: Str, ru
 def read_port_bit(host: ProgramHost, address: Int) -> bool:
     """A coil of the robot's Modbus server."""
     with within_range():
-        return bool(modbus_map.read_coil(host.controller, address))
+        return bool(modbus_map.read_coil(host.machine, address))
 
 
 @LIBRARY.builtin(work=60)
 def read_port_register(host: ProgramHost, address: Int) -> int:
     """A register of the robot's Modbus server, signed: -32768 to 32767. 128 to 255 are free for any use."""
     with within_range():
-        word = modbus_map.read_register(host.controller, address)
+        word = modbus_map.read_register(host.machine, address)
     return word - 0x10000 if word & 0x8000 else word
 
 
@@ -236,7 +236,7 @@ def read_port_register(host: ProgramHost, address: Int) -> int:
 def write_port_bit(host: ProgramHost, address: Int, value: Bool) -> None:
     """Set a coil of the robot's Modbus server."""
     with within_range():
-        modbus_map.write_coil(host.controller, address, value)
+        modbus_map.write_coil(host.machine, address, value)
 
 
 @LIBRARY.builtin()
@@ -245,7 +245,7 @@ def write_port_register(host: ProgramHost, address: Int, value: Num) -> None:
     if not -0x8000 <= value <= 0xFFFF:
         raise RuntimeFault(f"write_port_register: {value} does not fit a register: -32768 to 65535")
     with within_range():
-        modbus_map.write_register(host.controller, address, int(value) & 0xFFFF)
+        modbus_map.write_register(host.machine, address, int(value) & 0xFFFF)
 
 
 def _value(signal: ModbusSignal) -> bool | int | list[int]:

@@ -12,10 +12,9 @@ from emulator.builtins.geometry import (
     six,
     within_range,
 )
-from emulator.guard import plausible
-from emulator.motion.torque import TorqueCommand
-from emulator.programs.host import Frames, ProgramHost
-from emulator.robot.drives import COULOMB_SHARE, VISCOUS_SHARE
+from emulator.builtins.host import Frames, ProgramHost
+from emulator.robot.drives import COULOMB_SHARE, VISCOUS_SHARE, TorqueCommand
+from emulator.snapshot import plausible
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, Bool, Int, Joints, Num, Pose, PoseOrJoints, Struct, Value
@@ -94,7 +93,7 @@ def optimovej(host: ProgramHost, goal: Any_, a: Num = 0.3, v: Num = 0.3, r: Num 
     q = joints_for(host, _goal(host, "optimovej", goal))
     _check_fractions("optimovej", a, v)
     _check_not_negative("optimovej", r=r)
-    model = host.controller.model
+    model = host.machine.model
     speed, acceleration = v * min(model.qd_max), a * min(model.qdd_max)
     with host.motion_control() as motion:
         yield from host.until_ready(motion.movej(q, a=acceleration, v=speed, t=0, r=r))
@@ -135,7 +134,7 @@ _ORIGIN = (0.0,) * 6
 
 def _in_frame(host: ProgramHost, pose: Vector6, frame: str) -> Pose:
     """A pose in a frame, in the base; in one that moves with a tracked frame, as that was when tracking began."""
-    world, tracked = host.controller.world_model, host.motion.tracked_frame
+    world, tracked = host.machine.world_model, host.motion.tracked_frame
     with within_range():
         there = world.convert(pose, frame, "base", arm_pose(host))
         if tracked is not None and world.carries(tracked.name, frame):
@@ -265,7 +264,7 @@ def reset_revolution_counter(host: ProgramHost, qNear: Joints | None = None) -> 
 
     Does nothing on an arm whose wrist 3 is limited.
     """
-    if not host.controller.model.wrist3_unlimited:
+    if not host.machine.model.wrist3_unlimited:
         return
     if not host.motion.idle:
         raise RuntimeFault("reset_revolution_counter: the arm is moving; stop it first")

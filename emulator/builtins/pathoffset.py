@@ -1,8 +1,8 @@
 """Path offsets: a Cartesian offset on top of the robot's movements, given anew as often as a program likes."""
 
 from emulator.builtins.geometry import numbers, six
+from emulator.builtins.host import Frames, ProgramHost
 from emulator.motion.superposition import OffsetFrame
-from emulator.programs.host import Frames, ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int, Num, Pose, PoseOrJoints

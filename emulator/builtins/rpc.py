@@ -7,10 +7,10 @@ ends the program with an error that names the method and the server.
 from collections.abc import Generator
 from typing import Final
 
-from emulator.programs.host import Frames, ProgramHost
-from emulator.programs.rpc.httpclient import HttpConnection, HttpUrl, RemoteConnection, RemoteError
-from emulator.programs.rpc.pstream import PacketConnection
-from emulator.programs.rpc.xmlrpc import BadReplyError, Reply, encode_call, to_value
+from emulator.builtins.host import Frames, ProgramHost
+from emulator.builtins.remote.httpclient import HttpConnection, HttpUrl, RemoteConnection, RemoteError
+from emulator.builtins.remote.pstream import PacketConnection
+from emulator.builtins.remote.xmlrpc import BadReplyError, Reply, encode_call, to_value
 from urscript.builtins import Library
 from urscript.compiler import STRUCT
 from urscript.errors import RuntimeFault
@@ -85,7 +85,7 @@ class XmlRpcHandle(Handle):
         call = yield from encode_call(name, arguments)
         reply = Reply()
         yield from self._connection.post(call, reply.feed)
-        structs = STRUCT.covers(self._host.controller.version)
+        structs = STRUCT.covers(self._host.machine.version)
         return (yield from to_value(reply.close(), structs=structs))
 
 

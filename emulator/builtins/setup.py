@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from emulator.builtins.geometry import Vector3, Vector6, numbers, six, three, within_range
-from emulator.programs.host import ProgramHost
+from emulator.builtins.host import ProgramHost
 from emulator.robot import payloadestimate
 from emulator.robot.installation import Payload
 from urproto.robots.pose import pose_inv, pose_trans
@@ -24,38 +24,38 @@ _NO_INERTIA: Any = (0, 0, 0, 0, 0, 0)  # a tuple stands for a list that scripts 
 def set_tcp(host: ProgramHost, pose: PoseArg, tcp_name: Str = "") -> None:
     """Use another TCP, given from the tool flange."""
     with within_range():
-        host.controller.set_tcp(six(numbers(pose, 6, "set_tcp: the pose")))
+        host.machine.set_tcp(six(numbers(pose, 6, "set_tcp: the pose")))
 
 
 @LIBRARY.builtin()
 def set_gravity(host: ProgramHost, d: ListArg) -> None:
     """Gravity as an acceleration in the base frame [m/s2], [0, 0, 9.82] when upright."""
-    host.controller.installation.gravity = three(d, "set_gravity: the vector")
+    host.machine.installation.gravity = three(d, "set_gravity: the vector")
 
 
 @LIBRARY.builtin(cb3=None, e="5.20")
 def get_gravity(host: ProgramHost) -> list[float]:
     """Gravity as set_gravity takes it [m/s2]."""
-    return list(host.controller.installation.gravity)
+    return list(host.machine.installation.gravity)
 
 
 @LIBRARY.builtin(work=90)
 def set_payload(host: ProgramHost, m: Num, cog: ListArg | None = None) -> None:
     """Payload mass [kg] and centre of gravity from the flange [m], the TCP when omitted."""
-    centre = _xyz(host.controller.installation.tcp) if cog is None else three(cog, "set_payload: cog")
+    centre = _xyz(host.machine.installation.tcp) if cog is None else three(cog, "set_payload: cog")
     use_payload(host, Payload.of(checked_mass(m), centre))
 
 
 @LIBRARY.builtin(work=90)
 def set_payload_mass(host: ProgramHost, m: Num) -> None:
     """Payload mass [kg]."""
-    use_payload(host, Payload.of(checked_mass(m), host.controller.installation.target_payload.cog))
+    use_payload(host, Payload.of(checked_mass(m), host.machine.installation.target_payload.cog))
 
 
 @LIBRARY.builtin(work=90)
 def set_payload_cog(host: ProgramHost, CoG: ListArg) -> None:
     """Payload centre of gravity from the flange [m]."""
-    use_payload(host, Payload.of(host.controller.installation.target_payload.mass, three(CoG, "set_payload_cog: CoG")))
+    use_payload(host, Payload.of(host.machine.installation.target_payload.mass, three(CoG, "set_payload_cog: CoG")))
 
 
 # On CB3 from the first version on: the official control script names it there, in branches that never run.
@@ -80,19 +80,19 @@ def set_target_payload(
 @LIBRARY.builtin(cb3="3.11", e="5.0")
 def get_target_payload(host: ProgramHost) -> float:
     """Payload mass [kg]."""
-    return host.controller.installation.target_payload.mass
+    return host.machine.installation.target_payload.mass
 
 
 @LIBRARY.builtin(cb3="3.11", e="5.0")
 def get_target_payload_cog(host: ProgramHost) -> list[float]:
     """Payload centre of gravity from the flange [m]."""
-    return list(host.controller.installation.target_payload.cog)
+    return list(host.machine.installation.target_payload.cog)
 
 
 @LIBRARY.builtin(cb3="3.15", e="5.10")
 def get_target_payload_inertia(host: ProgramHost) -> list[float]:
     """Payload inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2]."""
-    return list(host.controller.installation.target_payload.inertia)
+    return list(host.machine.installation.target_payload.inertia)
 
 
 @LIBRARY.builtin(cb3=None, e="5.20")
@@ -101,13 +101,13 @@ def set_base_acceleration(host: ProgramHost, a: ListArg) -> None:
 
     Arm and payload feel it in addition to gravity, until it is set anew.
     """
-    host.controller.installation.base_acceleration = three(a, "set_base_acceleration: the vector")
+    host.machine.installation.base_acceleration = three(a, "set_base_acceleration: the vector")
 
 
 @LIBRARY.builtin(cb3=None, e="5.20")
 def get_base_acceleration(host: ProgramHost) -> list[float]:
     """Linear acceleration of the base as set_base_acceleration takes it [m/s2]."""
-    return list(host.controller.installation.base_acceleration)
+    return list(host.machine.installation.base_acceleration)
 
 
 @LIBRARY.builtin(cb3=None, e="5.20")
@@ -117,11 +117,11 @@ def estimate_payload(host: ProgramHost, poses: Any_, wrenches: Any_) -> Struct:
     `poses`: at least four TCP poses in well different orientations. `wrenches`: what the payload's weight
     exerts on the flange in each, in base axes, as get_tcp_force() gives it.
     """
-    back = pose_inv(host.controller.installation.tcp)
+    back = pose_inv(host.machine.installation.tcp)
     flanges = [pose_trans(pose, back) for pose in _sixes(poses, "poses")]
     loads = _sixes(wrenches, "wrenches")
     with within_range():
-        mass, cog = payloadestimate.estimate_payload(flanges, loads, host.controller.installation.gravity)
+        mass, cog = payloadestimate.estimate_payload(flanges, loads, host.machine.installation.gravity)
     return Struct({"mass": mass, "cog": list(cog)})
 
 
@@ -139,13 +139,13 @@ def use_payload(host: ProgramHost, payload: Payload, transition_s: float = 0.0) 
     Beyond the arm's rating, too: arms were seen to take that, and then to rise by themselves where it was not there. On
     the pendant twice the rating was the most.
     """
-    model = host.controller.model
+    model = host.machine.model
     if payload.mass > model.payload_max_kg:
         host.note_once(
             f"the program has set a payload of {payload.mass:g} kg, and the {model.title} is rated for "
             f"{model.payload_max_kg:g} kg: an arm would carry less far, and more slowly, than this one"
         )
-    host.controller.installation.set_payload(payload, transition_s)
+    host.machine.installation.set_payload(payload, transition_s)
     host.arm.zero_force()
 
 

@@ -13,8 +13,8 @@ import struct
 from collections.abc import Callable
 from typing import Any, Final
 
-from emulator.programs.host import Frames, ProgramHost
-from emulator.programs.sockets import MOST_SOCKETS, ScriptSocket
+from emulator.builtins.host import Frames, ProgramHost
+from emulator.services.sockets import MOST_SOCKETS, ScriptSocket
 from urproto.text import from_bytes, to_bytes
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault

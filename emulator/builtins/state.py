@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from emulator.builtins.geometry import active_tcp, forward, twist_of
-from emulator.programs.host import ProgramHost
+from emulator.builtins.host import ProgramHost
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
@@ -152,7 +152,7 @@ def get_joint_temp(host: ProgramHost, j: Int) -> float:
     """Temperature of joint `j` (0 to 5) [degC]."""
     if not 0 <= j <= 5:
         raise RuntimeFault(f"get_joint_temp: there is no joint {j}: they are 0 to 5")
-    return host.controller.snapshot.joint_temperatures[j]
+    return host.machine.snapshot.joint_temperatures[j]
 
 
 @LIBRARY.builtin(status="partial", note="a constant")
@@ -164,13 +164,13 @@ def get_controller_temp(host: ProgramHost) -> float:
 @LIBRARY.builtin(cb3=None, e="5.0")
 def get_tool_temp(host: ProgramHost) -> float:
     """Temperature of the tool flange [degC]."""
-    return host.controller.snapshot.tool_temperature
+    return host.machine.snapshot.tool_temperature
 
 
 @LIBRARY.builtin()
 def get_tool_current(host: ProgramHost) -> float:
     """Current of the tool supply [A]."""
-    return host.controller.snapshot.tool_output_current
+    return host.machine.snapshot.tool_output_current
 
 
 @LIBRARY.builtin()
@@ -195,7 +195,7 @@ def get_steptime(host: ProgramHost) -> float:
 def get_rtde_value(host: ProgramHost, key: Str) -> Any:
     """The RTDE output variable of that name, as last published."""
     field = OUTPUT_FIELDS.get(key)
-    if field is None or not field.available.covers(host.controller.version):
+    if field is None or not field.available.covers(host.machine.version):
         raise RuntimeFault(f"get_rtde_value: there is no RTDE output variable {key!r} in this version")
-    value = field.read(host.controller.snapshot)
+    value = field.read(host.machine.snapshot)
     return list(value) if isinstance(value, tuple) else value

@@ -3,8 +3,8 @@
 import math
 
 from emulator.builtins.geometry import numbers, six
+from emulator.builtins.host import ProgramHost
 from emulator.motion.wrenchlimit import WrenchLimit
-from emulator.programs.host import ProgramHost
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int, Num, PoseArg
@@ -70,7 +70,7 @@ def tool_wrench_limit_set(
         if limit is not None and not (math.isfinite(limit) and limit > 0):
             raise RuntimeFault(f"tool_wrench_limit_set: a limit must be greater than 0, not {limit}")
     frame = six(numbers(frame_offset, 6, "tool_wrench_limit_set: frame_offset"))
-    installation = host.controller.installation
+    installation = host.machine.installation
     host.motion.wrench_limit = WrenchLimit.of(frame, limits, lambda: installation.payload)
 
 

@@ -1,9 +1,9 @@
 """The world model: named frames that poses can be given in, and that move with the arm or with each other."""
 
 from emulator.builtins.geometry import arm_pose, numbers, six, three, within_range
+from emulator.builtins.host import Frames, ProgramHost
 from emulator.builtins.setup import checked_inertia, checked_mass, use_payload
 from emulator.motion.frame_tracking import FrameTracking
-from emulator.programs.host import Frames, ProgramHost
 from emulator.robot.worldmodel import MassProperties, WorldModel
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
@@ -15,7 +15,7 @@ _STOP_RAD_S2 = 20.0  # that of stop_conveyor_tracking (guess)
 
 
 def _world(host: ProgramHost) -> WorldModel:
-    return host.controller.world_model
+    return host.machine.world_model
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")

@@ -1,5 +1,5 @@
 """The control API: what a test, a tool or the teach pendant does to an emulated robot from behind the scenes.
 
 One set of verbs, `emulator.control.control.Control`, in three forms: a Python object, HTTP/JSON
-(`emulator.servers.control`), and ``ur-emulator ctl``.
+(`emulator.control.http`), and ``ur-emulator ctl``.
 """

@@ -9,10 +9,11 @@ from emulator.control.state import StateVerbs
 from emulator.control.timing import OwnPace, Pace, TimeVerbs
 from emulator.control.verbs import BadArguments, ControlBase, NotPossible, Waiting, verb
 from emulator.control.world import WorldVerbs
-from emulator.controller import Controller, ControllerConfig
+from emulator.controller import Controller
 from emulator.faults.catalogue import kinds, make_fault
 from emulator.faults.fault import FaultError, FaultImpossible, rebooted, show_gone
 from emulator.faults.injector import FaultInjector
+from emulator.machine import ControllerConfig
 from emulator.servers.admission import TurnedAway
 
 

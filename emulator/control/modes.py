@@ -5,17 +5,16 @@ from contextlib import contextmanager
 from math import isfinite
 from typing import Any, Final, Literal
 
+from emulator.commands.safety import Jog, SetSafetyInput
 from emulator.control.verbs import BadArguments, ControlBase, NotPossible, Waiting, verb
-from emulator.guard import plausible
 from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP, StopCause
 from emulator.lifecycle.safety import SafetyEvent
+from emulator.polyscope.safety_configuration import SafetyInput
 from emulator.safety.causes import CAUSES, Cause
-from emulator.safety.commands import Jog, SetSafetyInput
 from emulator.safety.conditions import SafetyDevice
-from emulator.safety.configuration import SafetyInput
-from emulator.snapshot import Vector6
+from emulator.snapshot import Vector6, plausible
 from urproto.modes import AnalogDomain
 from urscript.values import INT_MAX, INT_MIN
 

@@ -4,13 +4,13 @@ from collections.abc import Generator
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
-from emulator import dashboard
+from emulator.commands import dashboard
 from emulator.control.verbs import BadArguments, ControlBase, Waiting, verb
+from emulator.polyscope.outline import OutlineNode, outline_steps
+from emulator.polyscope.tree import TreeError
 from emulator.programs.compiling import Submission, in_periods
 from emulator.programs.loading import program_files
-from emulator.programs.trees.outline import OutlineNode, outline_steps
-from emulator.programs.trees.writer import TreeError
-from emulator.programs.urcap import DriverAddress
+from emulator.services.urcap import DriverAddress
 from urscript.work import Steps
 
 if TYPE_CHECKING:

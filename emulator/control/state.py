@@ -7,9 +7,8 @@ from typing import Any, Final
 
 from emulator.control.snapshots import restore_state, save_state
 from emulator.control.verbs import BadArguments, ControlBase, NotPossible, verb
-from emulator.guard import plausible
 from emulator.robot.installation import Payload
-from emulator.snapshot import Snapshot, Vector3, Vector6
+from emulator.snapshot import Snapshot, Vector3, Vector6, plausible
 
 _FIELDS: Final = tuple(field.name for field in fields(Snapshot) if field.name != "messages")
 

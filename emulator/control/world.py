@@ -3,11 +3,8 @@
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from emulator.commands import MountPayload
-from emulator.control.verbs import BadArguments, ControlBase, verb
-from emulator.robot.installation import Payload
-from emulator.snapshot import Vector3, Vector6
-from emulator.world.commands import (
+from emulator.commands.requests import MountPayload
+from emulator.commands.world import (
     HAND,
     AddObject,
     MountTool,
@@ -17,6 +14,9 @@ from emulator.world.commands import (
     RemoveObject,
     WorldCommand,
 )
+from emulator.control.verbs import BadArguments, ControlBase, verb
+from emulator.robot.installation import Payload
+from emulator.snapshot import Vector3, Vector6
 from emulator.world.file import describe_thing, read_thing
 from emulator.world.shapes import Frame, Push
 from emulator.world.world import World

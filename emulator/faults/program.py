@@ -9,7 +9,7 @@ from emulator.faults.fault import Act, Fault, Site, Strikes, register
 from urscript.errors import RuntimeFault
 
 if TYPE_CHECKING:
-    from emulator.programs.host import ProgramHost
+    from emulator.builtins.host import ProgramHost
     from urscript.runtime import ScriptThread
 
 

@@ -18,8 +18,9 @@ from emulator.motion.speed import JointSpeed, ToolSpeed
 from emulator.motion.stepping import DisplacingStepper, Move
 from emulator.motion.stops import ToolStop
 from emulator.motion.superposition import OffsetSettings
-from emulator.motion.torque import DirectTorque, TorqueCommand, TorqueResponse
+from emulator.motion.torque import DirectTorque, TorqueResponse
 from emulator.motion.vectors import ZERO, Joints, all_finite, as_six, largest, norm3, scaled
+from emulator.robot.drives import TorqueCommand
 from urproto.modes import ControlMode
 from urproto.robots.pose import Pose
 

@@ -5,21 +5,11 @@ brake together and stand, so nothing drives an arm whose program is not there.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from emulator.motion.stops import JointStop, brake_together
 from emulator.motion.vectors import ZERO, Joints
+from emulator.robot.drives import TorqueCommand
 from urproto.robots.pose import Pose
-
-
-@dataclass(frozen=True, slots=True)
-class TorqueCommand:
-    """Torques [Nm] beyond what gravity needs, and the share of each kind of friction that the drives make up for."""
-
-    torque: Joints
-    viscous_scale: Joints = ZERO
-    coulomb_scale: Joints = ZERO
-
 
 TorqueResponse = Callable[[TorqueCommand, Joints, Joints, float], tuple[Joints, Joints]]
 """From a command, joint angles, speeds and a time to the angles and speeds after it."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
 
 from emulator.builtins import LIBRARIES
-from emulator.programs.trees.writer import TreeError
+from emulator.polyscope.tree import TreeError
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
 from urscript.compiler import CompiledProgram, compile_steps

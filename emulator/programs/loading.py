@@ -3,15 +3,18 @@
 from collections.abc import Generator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from emulator.builtins.host import ProgramServices
+from emulator.machine import Machine
+from emulator.polyscope.document import DocumentError
+from emulator.polyscope.folder import ProgramsFolder
+from emulator.polyscope.installation_file import InstallationFile, read_installation_steps
+from emulator.polyscope.program import script_steps
+from emulator.polyscope.tree import ProgramTree, TreeError, read_tree_steps
+from emulator.polyscope.writer import ExternalControlCode
 from emulator.programs.compiling import LIBRARY_SET, Submission
-from emulator.programs.trees.document import DocumentError
-from emulator.programs.trees.folder import ProgramsFolder
-from emulator.programs.trees.installation_file import InstallationFile, read_installation_steps
-from emulator.programs.trees.program import ProgramTree, read_tree_steps, script_steps
-from emulator.programs.trees.writer import ExternalControlCode, TreeError
-from emulator.programs.urcap import ProgramRequest
+from emulator.services.urcap import ProgramRequest
 from urproto.text import from_bytes
 from urproto.versions import PolyscopeVersion
 from urscript.compiler import CompiledProgram, compile_steps
@@ -19,10 +22,6 @@ from urscript.errors import CompileError
 from urscript.files import inlined, is_inlined, split_steps
 from urscript.parser import is_secondary
 from urscript.work import Steps
-
-if TYPE_CHECKING:
-    from emulator.controller import Controller
-
 
 MOST_PROGRAMS: Final = 2000  # guess: more are of no use to anybody who chooses one
 _AT_ONCE: Final = 20  # entries looked at in one control period; each may ask the file system
@@ -72,10 +71,10 @@ class _Asked:
 class Player:
     """What ``play`` starts. ``loaded``: the chosen program."""
 
-    def __init__(self, controller: "Controller") -> None:
+    def __init__(self, machine: Machine, services: ProgramServices) -> None:
         self.loaded: LoadedProgram | None = None
         self._played: Submission | None = None
-        self._controller = controller
+        self._machine, self._services = machine, services
         self._asked: _Asked | None = None
 
     @property
@@ -89,16 +88,14 @@ class Player:
         The installation that a program tree was saved with is loaded too, if it is in the programs
         folder. Raises ProgramLoadError or OSError; then what was loaded remains.
         """
-        controller = self._controller
-        loaded = yield from load_steps(
-            path, controller.config.programs_dir, controller.installation.file, controller.version
-        )
+        machine = self._machine
+        loaded = yield from load_steps(path, machine.config.programs_dir, machine.installation.file, machine.version)
         if by_default and self.loaded is not None:
             return
         for note in loaded.notes:
-            controller.messages.note(note)
+            machine.messages.note(note)
         if loaded.installation is not None:
-            controller.apply_installation(*loaded.installation)
+            machine.apply_installation(*loaded.installation)
         self.loaded, self._played = loaded, None
 
     def made(self, program: CompiledProgram) -> bool:
@@ -110,13 +107,13 @@ class Player:
         if self.loaded is None:
             return None
         tree = self.loaded.tree
-        submission = self._played = Submission(self.loaded.script, self._controller.version, stepped)
+        submission = self._played = Submission(self.loaded.script, self._machine.version, stepped)
         if tree is None:
             return submission
         if tree.needs_external_control:
             self._ask(tree, submission)
         else:
-            file, version = self._controller.installation.file, self._controller.version
+            file, version = self._machine.installation.file, self._machine.version
             submission.translation = script_steps(tree, file, version=version)
         return submission
 
@@ -127,7 +124,7 @@ class Player:
         if asked is None or code is None:
             return None
         self._asked = None
-        file, version = self._controller.installation.file, self._controller.version
+        file, version = self._machine.installation.file, self._machine.version
         asked.submission.translation = script_steps(asked.tree, file, version=version, external_control=code)
         return asked.submission
 
@@ -141,10 +138,10 @@ class Player:
         return True
 
     def _ask(self, tree: ProgramTree, submission: Submission) -> None:
-        controller = self._controller
-        address = controller.external_control.complete
-        controller.messages.note(f"External Control asks {address[0]}:{address[1]} for its program")
-        request = ProgramRequest(controller.programs.socket_backend, address, controller.period_s)
+        machine = self._machine
+        address = machine.external_control.complete
+        machine.messages.note(f"External Control asks {address[0]}:{address[1]} for its program")
+        request = ProgramRequest(self._services.socket_backend, address, machine.period_s)
         self._asked = _Asked(submission, tree, request)
 
 

@@ -1,4 +1,4 @@
-"""Running programs: one main program, secondary ones beside it (`emulator.programs.host`), what is between two.
+"""Running programs: one main program, secondary ones beside it (`emulator.builtins.host`), what is between two.
 
 A new main program ends the running one. The old one's sockets close at once and the next
 program starts some control periods later: a driver that handles its listening socket before
@@ -14,28 +14,26 @@ from collections.abc import Mapping
 from contextlib import suppress
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+from emulator.builtins.host import ProgramHost, ProgramServices, StepHook
 from emulator.lifecycle.runstate import RunEvent, next_run_state
+from emulator.machine import Machine
 from emulator.programs.compiling import Compiling, Submission, WorkShare
-from emulator.programs.host import ProgramHost, ProgramView, SecondaryPrograms, StepHook
 from emulator.programs.interpreter import Interpreter
 from emulator.programs.loading import LoadedProgram, Player
-from emulator.programs.modbus import ModbusSignals
-from emulator.programs.outputs import RunstateOutputs
-from emulator.programs.sockets import NoNetwork, ScriptSocketBackend
-from emulator.programs.watchdog import MotionHistory, Watchdogs, watch
+from emulator.programs.overrun import watch
+from emulator.services.outputs import RunstateOutputs
+from emulator.services.sockets import NoNetwork, ScriptSocketBackend
+from emulator.services.watchdog import MotionHistory, Watchdogs
 from emulator.snapshot import Snapshot
 from urproto.modes import RuntimeState, SafetyMode
-from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED
+from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED, ProgramThread
 from urproto.versions import Series
 from urscript.compiler import CompiledProgram
 from urscript.runtime import Runtime
+from urscript.values import Value
 from urscript.work import Steps, run_to_end
-
-if TYPE_CHECKING:
-    from emulator.controller import Controller
-
 
 _SOCKET_GAP_S: Final = 0.012  # between closing sockets and the next program; the official driver needs more than 0.2 ms
 # How long RESUMING lasts. Which controller takes how long is not public; drivers that act on it get ten states a second
@@ -47,8 +45,92 @@ _MOST_WARNINGS: Final = 100  # of one program, in the log
 _UNSCHEDULED_ENDS: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, SafetyMode.FAULT)
 
 
+class ProgramView:
+    """``number`` counts the programs that were started, so that two runs of one program differ."""
+
+    def __init__(self, number: int, runtime: Runtime) -> None:
+        self.number = number
+        self._runtime = runtime
+
+    @property
+    def program(self) -> CompiledProgram:
+        """What runs, or ran."""
+        return self._runtime.program
+
+    @property
+    def running(self) -> bool:
+        """False when the program is over."""
+        return not self._runtime.finished
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the global variables."""
+        return self._runtime.program.global_names
+
+    def values(self, start: int, stop: int) -> list[Value]:
+        """Values of some of the variables, in the order of the names; None without a value."""
+        return self._runtime.values(start, stop)
+
+    @property
+    def labelled(self) -> bool:
+        """True when the program has labels at all."""
+        return bool(self._runtime.program.labels)
+
+    @property
+    def threads(self) -> tuple[ProgramThread, ...]:
+        """Where each thread stands; number 0 and no text before its first label."""
+        return tuple(
+            ProgramThread(*(thread.label or (0, "")), thread.name.removeprefix("t_"))
+            for thread in self._runtime.threads
+        )
+
+
+_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title seen on a real controller
+
+
+class SecondaryPrograms:
+    """waiting: for the next control period."""
+
+    def __init__(self, machine: Machine, services: ProgramServices) -> None:
+        self._machine = machine
+        self._services = services
+        self.waiting: list[CompiledProgram] = []
+
+    def add(self, program: CompiledProgram) -> None:
+        """Run a program in this period, or the next."""
+        self.waiting.append(program)
+
+    def run(self, main: "ProgramHost | None") -> None:
+        """All that wait; ``main``: the host of the main program that runs."""
+        if not self.waiting:
+            return
+        programs, self.waiting = self.waiting, []
+        for program in programs:
+            self._run_one(program, main)
+
+    def _run_one(self, program: CompiledProgram, main: "ProgramHost | None") -> None:
+        host = ProgramHost(self._machine, self._services, name=program.name, secondary=True)
+        if main is not None:
+            host.sockets = main.sockets
+        runtime = Runtime(program, host)
+        host.attach(runtime)
+        runtime.step()
+        if (wrong := _what_went_wrong(runtime, program)) is not None:
+            self._machine.messages.key(_EXCEPTION, wrong)
+        runtime.stop()
+        host.withdraw_dialogues()
+        if main is None:
+            host.sockets.close_all()
+
+
+def _what_went_wrong(runtime: Runtime, program: CompiledProgram) -> str | None:
+    if runtime.error is not None:
+        return runtime.error.message
+    return None if runtime.finished else f"{program.name} takes physical time: Runtime is too much behind"
+
+
 class Programs:
-    """The interpreter's side of the controller.
+    """The interpreter's side of the machine.
 
     ``state``: the main program's run state. ``view``: the main program that runs or ran last.
     ``socket_backend``: where script sockets come from. ``step_hook``: asked before each
@@ -58,33 +140,31 @@ class Programs:
     faults keep programs from starting, or from going on.
     """
 
-    def __init__(self, controller: "Controller") -> None:
-        self._controller = controller
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
         self.state = RuntimeState.STOPPED
         self.view: ProgramView | None = None
         self.socket_backend: ScriptSocketBackend = NoNetwork()
         self.step_hook: StepHook | None = None
         self.start_held = self.frames_held = False
         self.watchdogs = Watchdogs()
-        self.history = MotionHistory(controller.period_s)
-        self.outputs = RunstateOutputs(
-            controller.signals, controller.registers.output, lambda: controller.power.report.powered
-        )
-        self.modbus = ModbusSignals(controller.version.series)
+        self.history = MotionHistory(machine.period_s)
+        self.outputs = RunstateOutputs(machine.signals, machine.registers.output, lambda: machine.power.report.powered)
+        self.modbus = machine.modbus
         self.flags = [False] * _FLAGS
         self.pause_codes: set[tuple[int, int | None]] = set()  # pause_on_error_code: code and argument, None for any
         self.high_holding_torque = True
         self.jerk_gain_scaling = 1.0
         self.motion_version = 1  # guess: what motion_version_get() says before it was set
-        self._share = WorkShare(controller.period_s)
+        self._share = WorkShare(machine.period_s)
         self._compiling = Compiling(self._share)
-        self.interpreter = Interpreter(self._share, self._note, controller.motion.abort)
-        self._player = Player(controller)
+        self.interpreter = Interpreter(self._share, self._note, machine.motion.abort)
+        self._player = Player(machine, self)
         self._main: Runtime | None = None
         self._host: ProgramHost | None = None
         self._ended = ""  # name of the program that is STOPPING
         self._next: CompiledProgram | None = None
-        self._secondary = SecondaryPrograms(controller)
+        self._secondary = SecondaryPrograms(machine, self)
         self._not_before = 0  # step from which the next program may start
         self._resumed = 0  # step from which a program that is RESUMING plays
 
@@ -128,6 +208,11 @@ class Programs:
         """The main program's global variables."""
         return self._main.globals if self._main else {}
 
+    @property
+    def source(self) -> str | None:
+        """Text of the main program that runs or ran last."""
+        return self.view.program.source if self.view else None
+
     def pauses_on(self, code: int, argument: int) -> bool:
         """Whether a program plays that wants to be paused where this error would stop the arm."""
         if not self.pause_codes or self.state is not RuntimeState.PLAYING:
@@ -143,7 +228,7 @@ class Programs:
         in the order of submission. Not accepted when it does not compile, or when the arm is
         not ready for a main program, which a message explains, or when a stop came before.
         """
-        return self._compile(Submission(text, self._controller.version, self.step_hook is not None))
+        return self._compile(Submission(text, self._machine.version, self.step_hook is not None))
 
     def _compile(self, submission: Submission) -> Submission:
         self._compiling.add(submission)
@@ -182,25 +267,25 @@ class Programs:
 
     def _answer(self, accepted: bool) -> Submission:
         """For what needs no compiling."""
-        return Submission("", self._controller.version, accepted=accepted)
+        return Submission("", self._machine.version, accepted=accepted)
 
     def pause(self, reason: str = "") -> bool:
         """Let the arm come to rest on its path and hold the program; False when none runs."""
         if not self._event(RunEvent.PAUSE):
             return False
-        self._controller.motion.pause()
+        self._machine.motion.pause()
         self._note(reason)
-        self._controller.messages.key(PROGRAM_PAUSED, self.name)
+        self._machine.messages.key(PROGRAM_PAUSED, self.name)
         return True
 
     def resume(self) -> bool:
         """Go on after a pause; False when the program is not paused or the arm may not move."""
-        if not self._controller.may_play or not self._event(RunEvent.RESUME):
+        if not self._machine.may_play or not self._event(RunEvent.RESUME):
             return False
         if self._host is None or self._host.waiting_for is None:
-            self._controller.motion.resume()
-        self._resumed = self._controller.step_count + ceil(_RESUMING_S / self._controller.period_s)
-        self._controller.messages.key(PROGRAM_RESUMED, self.name)
+            self._machine.motion.resume()
+        self._resumed = self._machine.step_count + ceil(_RESUMING_S / self._machine.period_s)
+        self._machine.messages.key(PROGRAM_RESUMED, self.name)
         return True
 
     def stop(self, reason: str = "") -> bool:
@@ -239,9 +324,9 @@ class Programs:
 
     def step(self) -> None:
         """Run every program for one control period."""
-        controller = self._controller
-        self.history.record(controller.arm.q, controller.arm.tcp_force)
-        self.modbus.step(controller.step_count)
+        machine = self._machine
+        self.history.record(machine.arm.q, machine.arm.tcp_force)
+        self.modbus.step(machine.step_count)
         self._feed_watchdogs()
         if (answered := self._player.step()) is not None:
             self._compiling.add(answered)
@@ -271,7 +356,7 @@ class Programs:
     def _feed_watchdogs(self) -> None:
         if self.state is not RuntimeState.PLAYING:
             return
-        for watchdog in self.watchdogs.expired(self._controller.step_count, self._controller.rtde_refreshed):
+        for watchdog in self.watchdogs.expired(self._machine.step_count, self._machine.rtde_refreshed):
             reason = f"RTDE watchdog: {watchdog.variable} was not written in time"
             if watchdog.action == "pause":
                 self.pause(reason)
@@ -280,33 +365,33 @@ class Programs:
 
     def _settle(self) -> None:
         """Complete a transition once the arm allows it."""
-        motion = self._controller.motion
+        motion = self._machine.motion
         if self.state is RuntimeState.RESUMING:
-            if self._controller.step_count >= self._resumed:
+            if self._machine.step_count >= self._resumed:
                 self._event(RunEvent.SETTLED)
-                self.watchdogs.restart(self._controller.step_count)
+                self.watchdogs.restart(self._machine.step_count)
         elif self.state is RuntimeState.PAUSING and not any(motion.qd):
             self._event(RunEvent.SETTLED)
         elif self.state is RuntimeState.STOPPING and (motion.idle or self._next is not None):
             self._event(RunEvent.SETTLED)
-            self._controller.messages.key(PROGRAM_STOPPED, self._ended)
+            self._machine.messages.key(PROGRAM_STOPPED, self._ended)
 
     def _start_next(self) -> None:
         program = self._next
         if program is None or self.start_held or self.state is not RuntimeState.STOPPED:
             return
-        if self._controller.step_count < self._not_before:
+        if self._machine.step_count < self._not_before:
             return
         self._next = None
-        self._controller.input_actions.release(self._controller)
-        if not self._controller.may_play:  # a stop came in the gap
+        self._machine.freedrive_inputs.release()
+        if not self._machine.may_play:  # a stop came in the gap
             self._refuse(program)
             return
-        if self._controller.motion.paused:  # a protective stop without a program
-            self._controller.motion.resume()
-        if self._controller.version.series is Series.E:  # vendor's word; PolyScope's scripts do not ask for it
-            self._controller.arm.zero_force()
-        self._host = ProgramHost(self._controller, name=program.name)
+        if self._machine.motion.paused:  # a protective stop without a program
+            self._machine.motion.resume()
+        if self._machine.version.series is Series.E:  # vendor's word; PolyScope's scripts do not ask for it
+            self._machine.arm.zero_force()
+        self._host = ProgramHost(self._machine, self, name=program.name)
         self._main = Runtime(program, self._host)
         self._host.attach(self._main)
         self.view = ProgramView(self.view.number + 1 if self.view else 1, self._main)
@@ -314,7 +399,7 @@ class Programs:
         self._event(RunEvent.START)
         self.outputs.program_started()
         self.modbus.program_started()
-        self._controller.messages.key(PROGRAM_STARTED, program.name)
+        self._machine.messages.key(PROGRAM_STARTED, program.name)
 
     def _refuse(self, program: CompiledProgram) -> None:
         self._say(f"program {program.name} was not started: power the arm on, release its brakes, clear any stop")
@@ -327,9 +412,9 @@ class Programs:
             return
         main.step()
         if main.error is not None:
-            self._controller.messages.runtime_exception(main.error.line, main.error.column, main.error.message)
+            self._machine.messages.runtime_exception(main.error.line, main.error.column, main.error.message)
         if main.parked is not None:
-            watch(main, main.parked, self._controller)
+            watch(main, main.parked, self._machine)
         if main.finished and self._event(RunEvent.FINISH):
             self._end()
 
@@ -341,7 +426,7 @@ class Programs:
         if popup.open:
             return True
         host.waiting_for = None
-        self._controller.motion.resume()
+        self._machine.motion.resume()
         return False
 
     # beginnings and ends
@@ -355,7 +440,7 @@ class Programs:
     def _compiled(self, submission: Submission) -> CompiledProgram | None:
         program, error = submission.program, submission.error
         if error is not None:
-            self._controller.messages.compile_error(error.line, error.column, error.wire)
+            self._machine.messages.compile_error(error.line, error.column, error.wire)
             self._note(error.render())
         if submission.refusal:
             self._say(submission.refusal)
@@ -372,7 +457,7 @@ class Programs:
         if program.kind == "secondary":
             self._secondary.add(program)
             return True
-        if not self._controller.may_play:
+        if not self._machine.may_play:
             self._refuse(program)
             return False
         self._player.drop()
@@ -382,21 +467,21 @@ class Programs:
 
     def _end(self) -> None:
         """Leave nothing of the main program behind."""
-        controller, main, host = self._controller, self._main, self._host
+        machine, main, host = self._machine, self._main, self._host
         assert main is not None
         assert host is not None
         main.stop()
         self.interpreter.program_ended()
         if len(host.sockets):
             host.sockets.close_all()
-            self._not_before = controller.step_count + host.frames(_SOCKET_GAP_S)
+            self._not_before = machine.step_count + host.frames(_SOCKET_GAP_S)
         host.withdraw_dialogues()
         self.watchdogs.clear()
         self.pause_codes.clear()
-        controller.motion.end_force_mode()
-        controller.motion.end_freedrive()
-        controller.motion.program_stopped()
-        unscheduled = main.error is not None or controller.safety.mode in _UNSCHEDULED_ENDS
+        machine.motion.end_force_mode()
+        machine.motion.end_freedrive()
+        machine.motion.program_stopped()
+        unscheduled = main.error is not None or machine.safety.mode in _UNSCHEDULED_ENDS
         self.outputs.program_stopped(unscheduled=unscheduled)
         self.modbus.program_stopped(unscheduled=unscheduled)
         self._ended, self._main, self._host = host.name, None, None
@@ -410,8 +495,8 @@ class Programs:
         return True
 
     def _say(self, text: str) -> None:
-        self._controller.messages.text(text)
+        self._machine.messages.text(text)
 
     def _note(self, text: str) -> None:
         if text:
-            self._controller.messages.note(text)
+            self._machine.messages.note(text)

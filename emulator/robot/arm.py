@@ -17,9 +17,8 @@ from operator import sub, truediv
 from random import Random
 from typing import TYPE_CHECKING, Final
 
-from emulator.motion.torque import TorqueCommand
 from emulator.robot.body import Body
-from emulator.robot.drives import Drives
+from emulator.robot.drives import Drives, TorqueCommand
 from emulator.robot.installation import Installation, Payload
 from emulator.robot.vectors import ZERO6, Rows, cross, into, minus3, minus6, out_of, plus3, plus6, rate6, times6
 from emulator.snapshot import Snapshot, Vector3, Vector6

@@ -14,10 +14,10 @@ Gains are guesses: 40 rad/s and critical damping for each joint with its largest
 knows of friction: the shares by which direct torque control makes up for it unless told otherwise.
 """
 
+from dataclasses import dataclass
 from math import copysign, sqrt
 from typing import Final
 
-from emulator.motion.torque import TorqueCommand
 from emulator.robot.body import STEP_S, Body
 from emulator.robot.vectors import ZERO6, minus6, plus6, rate6
 from emulator.snapshot import Vector6
@@ -38,6 +38,15 @@ _STRETCHED: Final = (
     (0.0, 0.0, 0.0, 0.0, 1.57, 0.0),
     (0.0, 0.0, 0.0, 1.57, 1.57, 0.0),
 )
+
+
+@dataclass(frozen=True, slots=True)
+class TorqueCommand:
+    """Torques [Nm] beyond what gravity needs, and the share of each kind of friction that the drives make up for."""
+
+    torque: Vector6
+    viscous_scale: Vector6 = ZERO6
+    coulomb_scale: Vector6 = ZERO6
 
 
 class Drives:

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from emulator.guard import plausible
-from emulator.programs.trees.document import DocumentError
-from emulator.programs.trees.installation_file import InstallationFile, load_installation_file
-from emulator.snapshot import Snapshot
+from emulator.polyscope.document import DocumentError
+from emulator.polyscope.installation_file import InstallationFile, load_installation_file
+from emulator.snapshot import Snapshot, plausible
 from urproto.robots.pose import Pose
 
 Vector3 = tuple[float, float, float]

@@ -5,16 +5,16 @@ the new safety mode demands: stop categories, what becomes of the program, the l
 """
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import hypot, remainder, tau
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from emulator.lifecycle.power import PowerEvent, PowerState
 from emulator.lifecycle.runstate import StopCause
 from emulator.lifecycle.safety import STOP_CATEGORY, SafetyEvent, StopCategory
-from emulator.safety.causes import Cause
-from emulator.safety.conditions import Conditions, SafetyDevice, SafetyInputs, drive_outputs
-from emulator.safety.configuration import (
+from emulator.machine import Machine
+from emulator.polyscope.safety_configuration import (
     RECOVERY_LIMITS,
     LimitSet,
     SafetyConfiguration,
@@ -23,16 +23,14 @@ from emulator.safety.configuration import (
     elbow_radius,
     simulator_configuration,
 )
+from emulator.safety.causes import Cause
+from emulator.safety.conditions import Conditions, SafetyDevice, SafetyInputs, drive_outputs
 from emulator.safety.geometry import Boundaries
 from emulator.safety.governor import TRANSITION_S, Governor, manual_limits, operational_positions
 from emulator.safety.supervision import Finding, Supervision
 from emulator.snapshot import Snapshot, Vector6
 from urproto.modes import ControlMode, JointMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatusBits
 from urproto.versions import Availability
-
-if TYPE_CHECKING:
-    from emulator.controller import Controller
-
 
 _STOP_WITHIN_S: Final = 0.524  # CB3 manual: braking begins within 24 ms and takes 500 ms at most
 _REST_RAD_S: Final = 0.2  # CB3 manual: slower than this a joint counts as standing
@@ -53,13 +51,13 @@ class StopRecord:
 class StopMonitor:
     """last: the stop under way, or the last one."""
 
-    def __init__(self, controller: "Controller") -> None:
-        self._controller = controller
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
         self.last: StopRecord | None = None
 
     def begin(self, category: StopCategory, mode: SafetyMode) -> None:
         """The arm is being stopped from now on."""
-        self.last = StopRecord(category, mode, self._controller.time_s)
+        self.last = StopRecord(category, mode, self._machine.time_s)
 
     def end(self) -> None:
         """The stop is over, also one that was released before the arm stood: it may move again."""
@@ -68,14 +66,14 @@ class StopMonitor:
 
     def follow(self) -> bool:
         """Once a control period; True when the stop takes too long."""
-        stop, controller = self.last, self._controller
+        stop, machine = self.last, self._machine
         if stop is None or stop.done:
             return False
-        stop.duration_s = controller.time_s - stop.began_s
-        stop.distance_m += hypot(*controller.arm.tcp_speed[:3]) * controller.period_s
-        stop.done = controller.standing
+        stop.duration_s = machine.time_s - stop.began_s
+        stop.distance_m += hypot(*machine.arm.tcp_speed[:3]) * machine.period_s
+        stop.done = machine.standing
         if stop.done:
-            controller.messages.note(
+            machine.messages.note(
                 f"{stop.mode.name}: stop category {stop.category.value} took {stop.duration_s:.3f} s, "
                 f"the tool travelled {stop.distance_m:.3f} m"
             )
@@ -85,31 +83,31 @@ class StopMonitor:
 
     def _too_slow(self, stop: StopRecord) -> bool:
         """Asked when a stop should be over: the arm still moves, and neither its brakes nor a soft stop are at work."""
-        controller = self._controller
-        monitored = stop.category is not StopCategory.POWER_REMOVED and controller.motion.hard_transitions
-        return monitored and max(map(abs, controller.arm.qd)) > _REST_RAD_S
+        machine = self._machine
+        monitored = stop.category is not StopCategory.POWER_REMOVED and machine.motion.hard_transitions
+        return monitored and max(map(abs, machine.arm.qd)) > _REST_RAD_S
 
 
 _MOVING_RAD_S: Final = 0.1  # user manual: output "robot moving"
 _HOME_RAD: Final = 0.0297  # 1.7 degrees: e-Series manual, safe home
 
 
-def output_levels(controller: "Controller", home: Vector6 | None) -> dict[SafetyOutput, bool]:
+def output_levels(machine: Machine, home: Vector6 | None) -> dict[SafetyOutput, bool]:
     """User manual, safety outputs: low is the safe level, and after a violation or fault all are low.
 
     home: the joint angles of the safe home position [rad].
     """
-    safety = controller.safety
+    safety = machine.safety
     if safety.mode in (SafetyMode.VIOLATION, SafetyMode.FAULT):
         return dict.fromkeys(SafetyOutput, False)
     reduced = safety.mode is SafetyMode.REDUCED
     return {
         SafetyOutput.SYSTEM_EMERGENCY_STOP: safety.mode is not SafetyMode.ROBOT_EMERGENCY_STOP,
-        SafetyOutput.ROBOT_MOVING: max(map(abs, controller.arm.qd)) <= _MOVING_RAD_S,
+        SafetyOutput.ROBOT_MOVING: max(map(abs, machine.arm.qd)) <= _MOVING_RAD_S,
         SafetyOutput.ROBOT_NOT_STOPPING: safety.stopped,
         SafetyOutput.REDUCED_MODE: not reduced,
         SafetyOutput.NOT_REDUCED_MODE: reduced,
-        SafetyOutput.SAFE_HOME: home is not None and controller.power.report.powered and _is_at(controller.arm.q, home),
+        SafetyOutput.SAFE_HOME: home is not None and machine.power.report.powered and _is_at(machine.arm.q, home),
     }
 
 
@@ -127,19 +125,21 @@ class SafetyBoard:
     """What the safety system of one controller knows beside its mode.
 
     supply_lost: the arm has no 48 V. joint_at_fault: the joint to blame for a violation or fault.
-    safety_popup: text of the dialogue of a stop, empty when it is closed.
+    safety_popup: text of the dialogue of a stop, empty when it is closed. on_restart: called when the safety system
+    has been restarted.
     """
 
-    def __init__(self, controller: "Controller") -> None:
-        model = controller.model
-        self._controller = controller
-        self.configuration = controller.config.safety or simulator_configuration(model)
-        self.inputs = SafetyInputs(self.configuration, controller.signals)
+    def __init__(self, machine: Machine) -> None:
+        model = machine.model
+        self._machine = machine
+        self.on_restart: Callable[[], None] = lambda: None
+        self.configuration = machine.config.safety or simulator_configuration(model)
+        self.inputs = SafetyInputs(self.configuration, machine.signals)
         self.boundaries = Boundaries(self.configuration, elbow_radius(model))
-        self.governor = Governor(model, controller.arm, controller.period_s, self.limits)
-        self.supervision = Supervision(model, controller.period_s, self_collision=controller.config.self_collision)
-        self._conditions = Conditions(controller, self.configuration, self.inputs, self.boundaries, self.supervision)
-        self._stop_monitor = StopMonitor(controller)
+        self.governor = Governor(model, machine.arm, machine.period_s, self.limits)
+        self.supervision = Supervision(model, machine.period_s, self_collision=machine.config.self_collision)
+        self._conditions = Conditions(machine, self.configuration, self.inputs, self.boundaries, self.supervision)
+        self._stop_monitor = StopMonitor(machine)
         self.supply_lost = False
         self.joint_at_fault: int | None = None
         self.safety_popup = ""
@@ -162,7 +162,7 @@ class SafetyBoard:
     @property
     def limits(self) -> LimitSet:
         """The set of the present safety mode."""
-        mode = self._controller.safety.mode
+        mode = self._machine.safety.mode
         if mode is SafetyMode.RECOVERY:
             return RECOVERY_LIMITS
         return self.configuration.reduced if mode is SafetyMode.REDUCED else self.configuration.normal
@@ -170,62 +170,62 @@ class SafetyBoard:
     @property
     def manual(self) -> bool:
         """Manual mode, with an enabling device that has to be held."""
-        controller = self._controller
+        machine = self._machine
         wired = self.inputs.assigned(SafetyInput.ENABLING_DEVICE)
         known = wired or SafetyEvent.ENABLING_RELEASED in self._conditions.raised
-        return known and controller.operational_mode == "MANUAL"
+        return known and machine.operational_mode == "MANUAL"
 
     def _limits_changed(self) -> None:
-        controller, limits = self._controller, self.limits
+        machine, limits = self._machine, self.limits
         if self.manual and not self.configuration.manual_high_speed:
             limits = manual_limits(limits)
         self.governor.use(limits)
-        self._lenient_until_s = controller.time_s + TRANSITION_S
+        self._lenient_until_s = machine.time_s + TRANSITION_S
         self._positions_apply()
 
     def _positions_apply(self) -> None:
-        self._controller.motion.limit_positions(*operational_positions(self.limits, self._controller.model))
+        self._machine.motion.limit_positions(*operational_positions(self.limits, self._machine.model))
 
     # once per control period
 
     def latch(self) -> None:
         """Inputs and devices, before programs run."""
-        controller = self._controller
-        if self.inputs.latch() or controller.operational_mode is not self._operational_mode:
+        machine = self._machine
+        if self.inputs.latch() or machine.operational_mode is not self._operational_mode:
             self._follow_inputs()
-        if controller.power.state is not self._power:
-            self._power = controller.power.state
+        if machine.power.state is not self._power:
+            self._power = machine.power.state
             if self._power in (PowerState.IDLE, PowerState.RUNNING):
                 self._conditions.look_where_it_stands()
 
     def judge(self, *, changed: bool) -> None:
         """The arm, after it has moved. ``changed``: it is not as it was in the last period."""
-        controller = self._controller
+        machine = self._machine
         if self._stop_monitor.follow():
             self.trip(Cause.STOP_TIME_VIOLATION)
-        if (changed or self.supervision.pending) and controller.power.running:
+        if (changed or self.supervision.pending) and machine.power.running:
             self._supervise()
-        if not controller.safety.power_allowed and controller.standing:
-            controller.power.handle(PowerEvent.POWER_OFF)
+        if not machine.safety.power_allowed and machine.standing:
+            machine.power.handle(PowerEvent.POWER_OFF)
         if self.configuration.outputs:
             drive_outputs(
-                controller.signals, self.configuration.outputs, output_levels(controller, self.configuration.safe_home)
+                machine.signals, self.configuration.outputs, output_levels(machine, self.configuration.safe_home)
             )
 
     def _supervise(self) -> None:
-        controller, arm = self._controller, self._controller.arm
+        machine, arm = self._machine, self._machine.arm
         if self.boundaries.triggers:
             self._conditions.follow_triggers()
-        safety = controller.safety
+        safety = machine.safety
         if safety.stopped:
             self.supervision.forget()
             return
         mode = safety.mode
         if mode is SafetyMode.RECOVERY:
             self._conditions.look_where_it_stands()
-        stiff = controller.motion.control_mode is ControlMode.POSITION
+        stiff = machine.motion.control_mode is ControlMode.POSITION
         finding = self.supervision.protective_stop(arm, self.boundaries, mode, stiff=stiff)
-        if controller.time_s >= self._lenient_until_s:
+        if machine.time_s >= self._lenient_until_s:
             finding = self.supervision.violation(arm, self.limits, self.boundaries, mode) or finding
         if finding is not None:
             self._found(finding)
@@ -245,23 +245,23 @@ class SafetyBoard:
         row = cause.value
         if row.code is None:
             raise ValueError(f"{cause.name} lasts as long as something holds it up: use a safety device")
-        if row.only not in (None, self._controller.model.series):
-            raise ValueError(f"{self._controller.model.title} knows no {cause.name}: it is of the {row.only} series")
+        if row.only not in (None, self._machine.model.series):
+            raise ValueError(f"{self._machine.model.title} knows no {cause.name}: it is of the {row.only} series")
         blamed = (joint or 0) if row.per_joint else joint
         argument = row.argument + (joint or 0 if row.per_joint else 0)
-        before = self._controller.safety.mode
+        before = self._machine.safety.mode
         if row.event is SafetyEvent.PROTECTIVE_STOP:
-            self._controller.protective_stop(StopCause(row.code, argument, text or row.what, blamed))
-        elif self._controller.safety_event(row.event):
+            self._machine.protective_stop(StopCause(row.code, argument, text or row.what, blamed))
+        elif self._machine.safety_event(row.event):
             self.joint_at_fault = blamed
-            self._controller.messages.error(row.code, argument, row.level, text or row.what)
-        return self._controller.safety.mode is not before
+            self._machine.messages.error(row.code, argument, row.level, text or row.what)
+        return self._machine.safety.mode is not before
 
     def count_stop(self, joint: int | None) -> None:
         """A protective stop that a joint is to blame for: more than 50 in 8 h are a fault."""
         if joint is None:
             return
-        times, now = self._stops[joint], self._controller.time_s
+        times, now = self._stops[joint], self._machine.time_s
         times.append(now)
         if len(times) > _MOST_STOPS and now - times[0] <= _STOPS_COUNTED_S:
             times.clear()
@@ -270,14 +270,14 @@ class SafetyBoard:
     def restarted(self) -> None:
         """The safety system has been restarted: a fault that is still there comes again."""
         self.joint_at_fault, self.safety_popup = None, ""
-        self._controller.guard.restarted()
+        self.on_restart()
         if self.supply_lost:
             self.trip(Cause.POWER_LOSS)
 
     def compare(self, name: str, other: SafetyConfiguration | None) -> None:
         """Note when an installation that was loaded has another configuration: the pendant would ask to confirm it."""
         if other is not None and other.checksum != self._checksum:
-            self._controller.messages.note(
+            self._machine.messages.note(
                 f"the safety configuration of {name} (checksum {other.checksum}) is not the one in force "
                 f"({self._checksum}); start with --safety to use it"
             )
@@ -296,18 +296,18 @@ class SafetyBoard:
         """The button on the pendant's back; as an input that is assigned to freedrive."""
         self.freedrive_held = held
         if held:
-            self._controller.input_actions.hold_button()
+            self._machine.freedrive_inputs.hold_button()
         else:
-            self._controller.input_actions.forget("button", 0)
+            self._machine.freedrive_inputs.forget("button", 0)
 
     def _follow_inputs(self) -> None:
-        controller, inputs = self._controller, self.inputs
+        machine, inputs = self._machine, self.inputs
         if inputs.assigned(SafetyInput.OPERATIONAL_MODE):
-            controller.operational_mode = "MANUAL" if inputs.high(SafetyInput.OPERATIONAL_MODE) else "AUTOMATIC"
+            machine.operational_mode = "MANUAL" if inputs.high(SafetyInput.OPERATIONAL_MODE) else "AUTOMATIC"
         if inputs.assigned(SafetyInput.FREEDRIVE) and inputs.high(SafetyInput.FREEDRIVE) is not self.freedrive_held:
             self.hold_freedrive(not self.freedrive_held)
-        switched = controller.operational_mode != self._operational_mode
-        self._operational_mode = controller.operational_mode
+        switched = machine.operational_mode != self._operational_mode
+        self._operational_mode = machine.operational_mode
         self._conditions.follow_inputs()
         if switched and inputs.assigned(SafetyInput.ENABLING_DEVICE):
             self._limits_changed()
@@ -316,19 +316,19 @@ class SafetyBoard:
 
     def mode_changed(self, before: SafetyMode) -> None:
         """Carry out the mode that has just begun."""
-        controller, mode = self._controller, self._controller.safety.mode
+        machine, mode = self._machine, self._machine.safety.mode
         self.supervision.forget()
         self._limits_changed()
         if SafetyMode.REDUCED in (before, mode):
-            controller.motion.mode_changed()
-        if controller.safety.stopped:
+            machine.motion.mode_changed()
+        if machine.safety.stopped:
             self._stop(before)
         else:
             self._release(before)
 
     def _stop(self, before: SafetyMode) -> None:
-        controller, mode = self._controller, self._controller.safety.mode
-        programs, category = controller.programs, STOP_CATEGORY[mode]
+        machine, mode = self._machine, self._machine.safety.mode
+        programs, category = machine.programs, STOP_CATEGORY[mode]
         if mode is SafetyMode.SAFEGUARD_STOP:
             self._resume = programs.state is RuntimeState.PLAYING
         elif before is not SafetyMode.SAFEGUARD_STOP:
@@ -337,16 +337,16 @@ class SafetyBoard:
         self._stop_monitor.begin(category, mode)
         if category is StopCategory.POWER_REMOVED:
             programs.stop(mode.name)
-            controller.motion.engage_brakes()
-            controller.power.handle(PowerEvent.POWER_OFF)
+            machine.motion.engage_brakes()
+            machine.power.handle(PowerEvent.POWER_OFF)
             return
         programs.pause(mode.name)
-        if not controller.programs.paused:
-            controller.motion.stop(min(controller.model.qdd_max))
+        if not machine.programs.paused:
+            machine.motion.stop(min(machine.model.qdd_max))
         elif mode is SafetyMode.SAFEGUARD_STOP:
-            controller.motion.safeguard_stop()
+            machine.motion.safeguard_stop()
         else:
-            controller.motion.protective_stop()
+            machine.motion.protective_stop()
 
     def _release(self, before: SafetyMode) -> None:
         """A paused program waits until somebody resumes it; after a safeguard stop nobody has to."""
@@ -354,21 +354,21 @@ class SafetyBoard:
         self._stop_monitor.end()
         if before in _HARD:
             self.restarted()
-        if self._controller.power.report.powered and self._controller.safety.mode is not SafetyMode.RECOVERY:
+        if self._machine.power.report.powered and self._machine.safety.mode is not SafetyMode.RECOVERY:
             self._conditions.look_where_it_stands()
-        if before is SafetyMode.SAFEGUARD_STOP and self._resume and self._controller.safety.programs_allowed:
-            self._controller.programs.resume()
+        if before is SafetyMode.SAFEGUARD_STOP and self._resume and self._machine.safety.programs_allowed:
+            self._machine.programs.resume()
 
     # what others see
 
     def publish(self, snapshot: Snapshot) -> None:
         """Write what the safety system says to a snapshot."""
-        controller, safety = self._controller, self._controller.safety
+        machine, safety = self._machine, self._machine.safety
         snapshot.safety_checksum = self._checksum
         snapshot.safety_mode = safety.mode
         snapshot.safety_status = safety.status
         bits = safety.status_bits
-        if SafetyEvent.ENABLING_RELEASED in self._conditions.raised and _ENABLING_BIT.covers(controller.version):
+        if SafetyEvent.ENABLING_RELEASED in self._conditions.raised and _ENABLING_BIT.covers(machine.version):
             bits |= SafetyStatusBits.ENABLING_INPUT_ACTIVE
         snapshot.safety_status_bits = bits
         if self.joint_at_fault is not None and safety.mode in _HARD:

@@ -2,18 +2,16 @@
 
 from collections.abc import Mapping
 from enum import Enum, auto
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from emulator.io.signals import CONFIGURABLE, Signals
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.safety.configuration import Pins, SafetyConfiguration, SafetyInput, SafetyOutput
+from emulator.machine import Machine
+from emulator.polyscope.safety_configuration import Pins, SafetyConfiguration, SafetyInput, SafetyOutput
 from emulator.safety.geometry import Boundaries
 from emulator.safety.supervision import Supervision
 from urproto.modes import SafetyMode
 from urproto.versions import Series
-
-if TYPE_CHECKING:
-    from emulator.controller import Controller
 
 
 class SafetyDevice(Enum):
@@ -116,13 +114,13 @@ class Conditions:
 
     def __init__(
         self,
-        controller: "Controller",
+        machine: Machine,
         configuration: SafetyConfiguration,
         inputs: SafetyInputs,
         boundaries: Boundaries,
         supervision: Supervision,
     ) -> None:
-        self._controller = controller
+        self._machine = machine
         self._configuration = configuration
         self._inputs = inputs
         self._boundaries = boundaries
@@ -132,8 +130,8 @@ class Conditions:
 
     def follow_inputs(self) -> None:
         """Inputs, devices or the operational mode have changed."""
-        inputs, mode = self._inputs, self._controller.operational_mode
-        e_series = self._controller.model.series is Series.E
+        inputs, mode = self._inputs, self._machine.operational_mode
+        e_series = self._machine.model.series is Series.E
         self._emergency_stops()
         self._safeguard(
             (SafetyEvent.SAFEGUARD_OPEN, SafetyEvent.SAFEGUARD_CLOSED),
@@ -166,9 +164,9 @@ class Conditions:
             return
         self.raised = self.raised - _EMERGENCY_STOPS | set(held)
         if before - set(held):
-            self._controller.safety_event(SafetyEvent.EMERGENCY_STOP_RELEASED)
+            self._machine.safety_event(SafetyEvent.EMERGENCY_STOP_RELEASED)
         for event in held:
-            self._controller.safety_event(event)
+            self._machine.safety_event(event)
 
     def _safeguard(self, events: tuple[SafetyEvent, SafetyEvent], opened: bool, reset: SafetyInput) -> None:
         """A safeguard with a reset input stays open until that rises while it is closed."""
@@ -181,7 +179,7 @@ class Conditions:
         if wanted is (begun in self.raised):
             return
         (self.raised.add if wanted else self.raised.discard)(begun)
-        self._controller.safety_event(begun if wanted else ended)
+        self._machine.safety_event(begun if wanted else ended)
 
     def _follow_reduced(self) -> None:
         """Reduced mode as long as an input or a trigger plane wants it."""
@@ -191,7 +189,7 @@ class Conditions:
     def follow_triggers(self) -> None:
         """Look on which side of the planes the arm is that trigger reduced mode."""
         hysteresis = -_TRIGGER_HYSTERESIS_M if self._beyond_trigger else 0.0
-        self._beyond_trigger = self._boundaries.beyond_trigger(self._controller.arm, hysteresis)
+        self._beyond_trigger = self._boundaries.beyond_trigger(self._machine.arm, hysteresis)
         self._follow_reduced()
 
     def look_where_it_stands(self) -> None:
@@ -199,5 +197,5 @@ class Conditions:
         reduced = SafetyEvent.REDUCED in self.raised
         limits = self._configuration.reduced if reduced else self._configuration.normal
         mode = SafetyMode.REDUCED if reduced else SafetyMode.NORMAL
-        outside = self._supervision.outside(self._controller.arm, limits, self._boundaries, mode)
+        outside = self._supervision.outside(self._machine.arm, limits, self._boundaries, mode)
         self._hold((SafetyEvent.OUTSIDE_LIMITS, SafetyEvent.INSIDE_LIMITS), outside)

@@ -23,8 +23,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, TypeVar
 
-from emulator.programs.trees.document import DocumentError, read_document
-from emulator.safety.configuration import (
+from emulator.polyscope.document import DocumentError, read_document
+from emulator.polyscope.safety_configuration import (
     CHANNELS,
     PRESETS,
     BoundaryMode,
@@ -38,7 +38,7 @@ from emulator.safety.configuration import (
     factory_configuration,
     preset_of,
 )
-from emulator.safety.installation import SafetySettingsError, read_safety_settings
+from emulator.polyscope.safety_section import SafetySettingsError, read_safety_settings
 from urproto.robots.model import RobotModel
 from urproto.versions import Series
 from urproto.yamltext import NotYaml, load_yaml

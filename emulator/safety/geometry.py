@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import acos, dist
 from typing import Final
 
+from emulator.polyscope.safety_configuration import BoundaryMode, Plane, SafetyConfiguration, ToolOrientation
 from emulator.robot.arm import Arm
-from emulator.safety.configuration import BoundaryMode, Plane, SafetyConfiguration, ToolOrientation
 from urproto.modes import SafetyMode
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Vec3, rotvec_to_matrix

@@ -10,8 +10,8 @@ from dataclasses import replace
 from math import dist, hypot, radians, sqrt
 from typing import Final
 
+from emulator.polyscope.safety_configuration import LimitSet
 from emulator.robot.arm import Arm
-from emulator.safety.configuration import LimitSet
 from urproto.robots.model import Joints, RobotModel
 
 TRANSITION_S: Final = 0.5  # hardware manuals: for so long both sets of limits are accepted

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from math import hypot, radians
 from typing import Final, NamedTuple
 
+from emulator.polyscope.safety_configuration import LimitSet
 from emulator.robot.arm import CURRENT_WINDOW_A, Arm
 from emulator.safety.causes import Cause
-from emulator.safety.configuration import LimitSet
 from emulator.safety.geometry import CLAMPING_M, Boundaries, clamping_distance, tool_deviation
 from emulator.safety.selfcollision import SelfCollision
 from urproto.modes import SafetyMode

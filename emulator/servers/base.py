@@ -24,7 +24,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Final, Protocol, TypeAlias
 
-from emulator.commands import Command, ServingFailed
+from emulator.commands.requests import ServingFailed
+from emulator.mailbox import Command
 from emulator.servers.admission import Acceptor, ClientLimits, Reason, TurnedAway
 from emulator.servers.read_budget import Intake
 from emulator.servers.web import Opening, Visitor

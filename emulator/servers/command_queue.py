@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
-from emulator.commands import Command
+from emulator.mailbox import Command
 from emulator.servers.base import ControllerDoor, Reply
 
 _MOST_WAITING: Final = 64  # requests of one connection before it is not read further (guess)

@@ -1,6 +1,6 @@
 """Dashboard server (TCP 29999)."""
 
-from emulator.commands import DashboardLine
+from emulator.commands.requests import DashboardLine
 from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
 from urproto.dashboard import DISCONNECTED, GREETING, LineDecoder, encode_line

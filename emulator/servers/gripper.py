@@ -1,6 +1,6 @@
 """The gripper software that the maker of the gripper installs on the controller (TCP 63352)."""
 
-from emulator.commands import GripperCall
+from emulator.commands.requests import GripperCall
 from emulator.devices.gripper_requests import GripperSession
 from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue

@@ -7,7 +7,7 @@ the answers of statements before them.
 
 import logging
 
-from emulator.commands import InterpreterLine
+from emulator.commands.requests import InterpreterLine
 from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
 from urproto.interpreter import Reason, StatementDecoder, TooLong, discard, encode_answer

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from emulator.commands import ModbusCall
+from emulator.commands.requests import ModbusCall
 from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
 from urproto.modbus import Frame, FrameDecoder, encode_frame

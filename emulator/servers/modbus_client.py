@@ -13,8 +13,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
-from emulator.programs.modbus import DISCONNECTED, ModbusExchange, ModbusUnit
 from emulator.servers.script_sockets import OwnPorts
+from emulator.services.modbus import DISCONNECTED, ModbusExchange, ModbusUnit
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.modbus import (
     Frame,

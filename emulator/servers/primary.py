@@ -14,10 +14,10 @@ import logging
 from collections.abc import Callable
 from typing import Final
 
-from emulator.commands import RefusedScript, ScriptUnit
-from emulator.reporting.program_state import ProgramReporter
+from emulator.commands.requests import RefusedScript, ScriptUnit
 from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
+from emulator.servers.program_state import ProgramReporter
 from emulator.snapshot import Snapshot
 from urproto.primary.messages import NO_TIMESTAMP_US, SafetyModeMessage, UnknownMessage, VersionMessage
 from urproto.realtime import realtime_packer

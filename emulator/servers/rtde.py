@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from emulator.commands import Command, RTDEInputs
+from emulator.commands.requests import RTDEInputs
+from emulator.mailbox import Command
 from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
 from emulator.servers.rtde_session import Packer, RTDEHost, RTDESession

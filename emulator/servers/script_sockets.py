@@ -16,8 +16,8 @@ from collections.abc import Awaitable, Callable, Mapping
 from ipaddress import IPv4Address, IPv6Address, ip_address
 from typing import Final, cast
 
-from emulator.programs.sockets import ScriptNetwork, SocketState
 from emulator.servers.base import Connection, ControllerDoor, PortServer
+from emulator.services.sockets import ScriptNetwork, SocketState
 
 _ITSELF: Final = frozenset({"127.0.0.1", "::1", "localhost"})
 _ANYWHERE: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}  # listening everywhere, reached here

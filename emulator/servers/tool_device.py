@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Final
 
-from emulator.commands import ToolBytes
+from emulator.commands.requests import ToolBytes
 from emulator.devices.tool_line import EchoDevice, SerialDevice, SerialSettings
 from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue

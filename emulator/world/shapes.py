@@ -11,10 +11,9 @@ from itertools import product
 from math import isfinite, sqrt
 from typing import Final
 
-from emulator.guard import plausible
 from emulator.motion.contact import Contact
 from emulator.motion.vectors import Axes, cross, dot, of_rotation, out_of, out_of6
-from emulator.snapshot import Vector3, Vector6
+from emulator.snapshot import Vector3, Vector6, plausible
 from urproto.robots.pose import Pose, pose_trans
 
 _ALMOST = 1e-9

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
+from emulator.motion import Motion
 from emulator.motion.contact import Contact
 from emulator.motion.vectors import ZERO, lerp
 from emulator.snapshot import Vector6
 from emulator.world.shapes import Plane, Push, Sphere, WorldObject, contacts
 
 if TYPE_CHECKING:
-    from emulator.controller import Controller
     from emulator.robot.arm import Arm
     from emulator.world.links import Links
 
@@ -97,14 +97,13 @@ class World:
         """End a push; False when there is none of this name."""
         return self._pushes.pop(name, None) is not None
 
-    def act(self, controller: "Controller", wrench: Vector6) -> Vector6:
+    def act(self, arm: "Arm", motion: Motion, wrench: Vector6, period_s: float) -> Vector6:
         """One period: what the world does to the tool is added to a wrench at its TCP [N, Nm], base frame.
 
         Also tells the motion of the contacts, and the arm what the world does to its links.
         """
-        arm = controller.arm
-        wrench = lerp(wrench, self._tool_wrench(arm, controller.period_s), 1.0)
-        controller.motion.contacts = self.contacts
+        wrench = lerp(wrench, self._tool_wrench(arm, period_s), 1.0)
+        motion.contacts = self.contacts
         if self.links is not None:
             arm.link_torque = self.links.torques(arm.q, arm.qd)
         return wrench

@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
-from emulator.controller import Controller, ControllerConfig
-from emulator.programs.sockets import MemorySockets
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
+from emulator.services.sockets import MemorySockets
 from urproto.modes import RuntimeState
 from urproto.primary.messages import KeyMessage, RobotMessage, RuntimeExceptionMessage, TextMessage
 from urproto.robots import load_model

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from emulator.commands import DashboardLine, ScriptUnit
+from emulator.commands.requests import DashboardLine, ScriptUnit
 from emulator.programs import compiling
 from urproto.modes import RuntimeState
 

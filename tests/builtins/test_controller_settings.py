@@ -2,8 +2,9 @@
 
 import pytest
 
-from emulator.controller import Controller, ControllerConfig
+from emulator.controller import Controller
 from emulator.io.signals import BaseLight
+from emulator.machine import ControllerConfig
 from urproto.modes import AnalogDomain, RobotMode
 from urproto.robots import load_model
 

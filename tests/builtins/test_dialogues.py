@@ -2,7 +2,7 @@
 
 import pytest
 
-from emulator.commands import PopupAnswer, ScriptUnit
+from emulator.commands.requests import PopupAnswer, ScriptUnit
 from urproto.modes import RuntimeState
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.messages import PopupMessage, TextMessage

@@ -7,8 +7,9 @@ import struct
 
 import pytest
 
-from emulator.commands import DashboardLine, ScriptUnit
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import DashboardLine, ScriptUnit
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from urproto.modes import ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage, RobotMessage, SafetyModeMessage
 from urproto.robots import load_model

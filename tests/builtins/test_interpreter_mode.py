@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from emulator.builtins.interpreter import LIBRARY
-from emulator.commands import InterpreterLine
+from emulator.commands.requests import InterpreterLine
 from emulator.programs.interpreter import MOST_STATEMENTS
 from urproto.interpreter import AVAILABLE, LAST_ID, Reason
 from urproto.modes import RuntimeState

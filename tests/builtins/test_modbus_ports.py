@@ -2,8 +2,8 @@
 
 import pytest
 
-from emulator.io.modbus_io import PortError
-from emulator.io.modbus_map import COILS, REGISTERS, read_coil, read_register
+from emulator.fieldbus.modbus_io import PortError
+from emulator.fieldbus.modbus_map import COILS, REGISTERS, read_coil, read_register
 from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL
 from emulator.lifecycle.safety import SafetyEvent
 

@@ -5,7 +5,7 @@ import errno
 import pytest
 
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.programs.modbus import MemoryModbus, MemoryUnit, ModbusUnit
+from emulator.services.modbus import MemoryModbus, MemoryUnit, ModbusUnit
 from urproto.modbus import ExceptionCode, Function
 from urproto.modes import ControlMode
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from emulator.commands import DashboardLine, RTDEInputs, ScriptUnit
+from emulator.commands.requests import DashboardLine, RTDEInputs, ScriptUnit
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.programs.loading import ProgramLoadError

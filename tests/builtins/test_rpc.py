@@ -8,9 +8,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from emulator.programs.rpc import httpclient
-from emulator.programs.rpc.pstream import PacketReader
-from emulator.programs.rpc.xmlrpc import BadReplyError, Reply, encode_call, to_value
+from emulator.builtins.remote import httpclient
+from emulator.builtins.remote.pstream import PacketReader
+from emulator.builtins.remote.xmlrpc import BadReplyError, Reply, encode_call, to_value
 from urscript.values import INT_MAX, INT_MIN, MAX_ELEMENTS, Matrix, Pose, Struct
 
 URL = "http://10.0.0.1:50001/RPC2"

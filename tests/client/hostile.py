@@ -12,7 +12,7 @@ from typing import Any, Final, Self
 
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from urproto.ports import CONTROLLER_PORTS
 from urproto.robots import load_model
 

@@ -16,7 +16,7 @@ from client.errors import FileError
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.config import read_calibration as calibrated
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from urproto.errors import RobotRefused
 from urproto.robots import Calibration, load_model
 from urproto.testing.process import claim_address

@@ -8,7 +8,7 @@ from client import dashboard, dashboard_commands
 from client.connection import POLL
 from client.dashboard import BlockingDashboardClient, DashboardClient, DashboardCore, Operation
 from client.errors import ConnectionLostError, NoAnswerError, RobotUnreachableError
-from emulator.dashboard import COMMANDS
+from emulator.commands.dashboard import COMMANDS
 from urproto.dashboard import GREETING, LineDecoder, OperationalMode, ProgramState, UserRole, encode_line
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.modes import RobotMode, SafetyMode, SafetyStatus

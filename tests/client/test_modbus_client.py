@@ -12,7 +12,7 @@ from client.errors import ConnectionLostError, NoAnswerError
 from client.modbus import BlockingModbusClient, ModbusClient, ModbusCore
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.modbus import Frame, encode_frame
 from urproto.robots import load_model

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-from emulator.dashboard import COMMANDS
+from emulator.commands.dashboard import COMMANDS
 from urproto import external_control as ec
 from urproto import modbus
 from urproto.interpreter import (

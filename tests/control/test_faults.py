@@ -14,7 +14,7 @@ from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.control.remote import RemoteControl
 from emulator.control.verbs import BadArguments, NotPossible
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 
 HOST = "127.0.0.1"

@@ -18,7 +18,7 @@ from emulator.clock import StepClock
 from emulator.config import ConfigError, EmulatorConfig
 from emulator.control.remote import ControlClient, NoControlError, RemoteControl
 from emulator.control.verbs import BadArguments, NotPossible
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 
 HOST = "127.0.0.1"

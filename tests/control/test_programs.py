@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from emulator.control.control import VirtualRobot
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 
 SCRIPT = "# counts\ndef count():\n  i = 0\n  while True:\n    i = i + 1\n    sync()\n  end\nend\n"

@@ -8,7 +8,7 @@ import pytest
 
 from emulator.control.control import Control, VirtualRobot
 from emulator.control.verbs import BadArguments, NotPossible, verbs_of
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
 

@@ -5,9 +5,10 @@ from typing import Any
 
 import pytest
 
-from emulator.commands import DashboardLine, RTDEInputs, ScriptUnit
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import DashboardLine, RTDEInputs, ScriptUnit
+from emulator.controller import Controller
 from emulator.lifecycle.power import PowerTimings
+from emulator.machine import ControllerConfig
 from emulator.snapshot import Snapshot
 from urproto.primary.messages import RobotMessage
 from urproto.robots import RobotModel, load_model

@@ -5,13 +5,13 @@ from functools import partial
 
 import pytest
 
-from emulator.commands import MountPayload
+from emulator.commands.requests import MountPayload
 from emulator.control.control import VirtualRobot
 from emulator.control.verbs import BadArguments, NotPossible, verbs_of
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
+from emulator.polyscope.safety_section import SafetySettingsError
 from emulator.robot.installation import Payload
 from emulator.safety.files import load_safety_file
-from emulator.safety.installation import SafetySettingsError
 from emulator.world.file import WorldFileError, read_world
 from urproto.primary.messages import TextMessage
 from urproto.robots import load_model

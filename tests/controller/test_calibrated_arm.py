@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from emulator.config import read_calibration
-from emulator.reporting.primary_state import kinematics_info
+from emulator.servers.primary_state import kinematics_info
 from urproto.robots import Kinematics, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import pose_sub
 from urproto.testing.virtual import virtual_robot

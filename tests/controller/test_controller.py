@@ -2,10 +2,12 @@
 
 import pytest
 
-from emulator.commands import Command, DashboardLine
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import DashboardLine
+from emulator.controller import Controller
 from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP
 from emulator.lifecycle.safety import SafetyEvent
+from emulator.machine import ControllerConfig
+from emulator.mailbox import Command
 from urproto.modes import ControlMode, JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage, RuntimeExceptionMessage, SafetyModeMessage
 from urproto.robots import START_Q, load_model

@@ -10,7 +10,7 @@ import zipfile
 
 import pytest
 
-from emulator import dashboard
+from emulator.commands import dashboard
 from emulator.lifecycle.power import PowerTimings
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.versions import PolyscopeVersion

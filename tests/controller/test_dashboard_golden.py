@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from emulator import dashboard
-from emulator.commands import DashboardLine
+from emulator.commands import dashboard
+from emulator.commands.requests import DashboardLine
 from emulator.lifecycle.runstate import StopCause
 from emulator.lifecycle.safety import SafetyEvent
 from urproto.dashboard import NOT_IN_REMOTE_CONTROL

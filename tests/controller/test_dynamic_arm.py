@@ -8,7 +8,7 @@ from operator import sub
 import numpy as np
 import pytest
 
-from emulator.commands import MountPayload
+from emulator.commands.requests import MountPayload
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.robot.body import Body
 from emulator.robot.installation import Payload

@@ -5,8 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emulator.config import ConfigError, check_encoder_speeds
-from emulator.controller import Controller, ControllerConfig
+from emulator.controller import Controller
 from emulator.io.encoders import RANGES, DecoderType, Encoder, Encoders
+from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 
 PERIOD = 0.002

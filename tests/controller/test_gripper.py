@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emulator.commands import GripperCall
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import GripperCall
+from emulator.controller import Controller
 from emulator.devices.gripper_requests import GripperSession
 from emulator.devices.robotiq import MODELS, TRANSITIONS, Event, Fault, Gripper, ObjectStatus, Phase, Status
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.safety import SafetyEvent
+from emulator.machine import ControllerConfig
 from urproto.robotiq import Get, RequestDecoder
 from urproto.robots import load_model
 

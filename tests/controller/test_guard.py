@@ -6,9 +6,9 @@ import zipfile
 
 import pytest
 
-from emulator.commands import ServingFailed
+from emulator.commands.requests import ServingFailed
 from emulator.guard import Guard
-from emulator.reporting.primary_state import robot_state
+from emulator.servers.primary_state import robot_state
 from urproto.modes import ReportLevel, RobotMode, RuntimeState, SafetyMode, SafetyStatus, SafetyStatusBits
 from urproto.primary.messages import ErrorCodeMessage, PopupMessage, SafetyModeMessage
 from urproto.primary.state import encode_robot_state
@@ -32,7 +32,7 @@ STAGES = {
     "payload transition": lambda c: (c.installation, "advance"),
     "popups": lambda c: (c.popups, "advance"),
     "safety inputs": lambda c: (c.safety_board, "latch"),
-    "input actions": lambda c: (c.input_actions, "advance"),
+    "input actions": lambda c: (c.freedrive_inputs, "advance"),
     "history": lambda c: (c.programs.history, "record"),
     "Modbus signals": lambda c: (c.programs.modbus, "step"),
     "compiling": lambda c: (c.programs._compiling, "next"),

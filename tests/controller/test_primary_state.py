@@ -7,7 +7,7 @@ import pytest
 from emulator.io.signals import STANDARD
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.motion.reach import dexterity
-from emulator.reporting.primary_state import configuration_data, kinematics_info, robot_state
+from emulator.servers.primary_state import configuration_data, kinematics_info, robot_state
 from urproto.modes import ControlMode, RobotMode, SafetyMode
 from urproto.primary.state import decode_robot_state, encode_robot_state
 from urproto.robots import MODELS, load_model
@@ -112,7 +112,7 @@ def test_the_tools_serial_line_is_shown_as_set(make):
 
 def test_an_input_in_freedrive_is_shown(make):
     rig = make("ur5e", running=True)
-    rig.controller.input_actions.watch_digital(STANDARD, 2)
+    rig.controller.freedrive_inputs.watch_digital(STANDARD, 2)
     assert not robot_state(rig.tick(), rig.controller.model).additional.io_enabled_freedrive
     rig.controller.signals.set_digital_input(STANDARD, 2, True)
     assert robot_state(rig.tick(), rig.controller.model).additional.io_enabled_freedrive

@@ -1,7 +1,8 @@
 """A stop that is released before the arm stands."""
 
-from emulator.controller import Controller, ControllerConfig
+from emulator.controller import Controller
 from emulator.lifecycle.safety import SafetyEvent
+from emulator.machine import ControllerConfig
 from urproto.modes import SafetyMode
 from urproto.robots import load_model
 

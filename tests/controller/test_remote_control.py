@@ -2,9 +2,9 @@
 
 import pytest
 
-from emulator.commands import DashboardLine, RefusedScript
+from emulator.commands.dashboard import COMMANDS, available_commands
+from emulator.commands.requests import DashboardLine, RefusedScript
 from emulator.config import ConfigError, check_enforced_remote_control
-from emulator.dashboard import COMMANDS, available_commands
 from urproto.dashboard import NOT_IN_REMOTE_CONTROL, not_understood
 from urproto.modes import RobotMode
 from urproto.primary.messages import ErrorCodeMessage

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from emulator.io.rtde_inputs import _SETTERS
+from emulator.fieldbus.rtde_inputs import _SETTERS
 from urproto.rtde.fields import INPUT_FIELDS
 
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import pytest
 
+from emulator.commands.safety import ArmSupply, Jog, SetSafetyDevice, SetSafetyInput, TripSafety
 from emulator.lifecycle.safety import StopCategory
-from emulator.reporting.primary_state import robot_state
+from emulator.polyscope.safety_configuration import SafetyInput, factory_configuration
 from emulator.safety.causes import Cause, Recovery
-from emulator.safety.commands import ArmSupply, Jog, SetSafetyDevice, SetSafetyInput, TripSafety
 from emulator.safety.conditions import SafetyDevice
-from emulator.safety.configuration import SafetyInput, factory_configuration
+from emulator.servers.primary_state import robot_state
 from urproto.modes import JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode, SafetyStatus, SafetyStatusBits
 from urproto.primary.messages import ErrorCodeMessage, SafetyModeMessage, decode_robot_message
 from urproto.primary.state import decode_robot_state, encode_robot_state

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from emulator.config import ConfigError, read_safety
-from emulator.safety.configuration import (
+from emulator.polyscope.safety_configuration import (
     BoundaryMode,
     Plane,
     SafetyInput,

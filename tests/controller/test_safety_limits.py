@@ -10,15 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emulator.lifecycle.safety import SafetyEvent, StopCategory
-from emulator.robot.arm import Arm
-from emulator.robot.vectors import ZERO6
-from emulator.safety.configuration import (
+from emulator.polyscope.safety_configuration import (
     BoundaryMode,
     Plane,
     ToolOrientation,
     ToolSphere,
     factory_configuration,
 )
+from emulator.robot.arm import Arm
+from emulator.robot.vectors import ZERO6
 from emulator.safety.geometry import CLAMPING_M, clamping_distance
 from emulator.safety.selfcollision import Capsule, SelfCollision, clearance
 from urproto.modes import RobotMode, RuntimeState, SafetyMode

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import pytest
 
+from emulator.commands.safety import FreedriveButton, Jog, SetSafetyDevice, SetSafetyInput
 from emulator.io.signals import CONFIGURABLE
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.reporting.primary_state import robot_state
-from emulator.safety.commands import FreedriveButton, Jog, SetSafetyDevice, SetSafetyInput
+from emulator.polyscope.safety_configuration import SafetyInput, SafetyOutput, factory_configuration
 from emulator.safety.conditions import SafetyDevice
-from emulator.safety.configuration import SafetyInput, SafetyOutput, factory_configuration
+from emulator.servers.primary_state import robot_state
 from urproto.modes import ControlMode, RobotMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatus
 from urproto.robots import load_model
 

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from emulator.commands.safety import ArmSupply, FreedriveButton, SetSafetyDevice, TripSafety
+from emulator.polyscope.safety_configuration import BoundaryMode, Plane, ToolOrientation, factory_configuration
 from emulator.robot.arm import Arm
 from emulator.safety.causes import Cause
-from emulator.safety.commands import ArmSupply, FreedriveButton, SetSafetyDevice, TripSafety
 from emulator.safety.conditions import SafetyDevice
-from emulator.safety.configuration import BoundaryMode, Plane, ToolOrientation, factory_configuration
 from emulator.safety.geometry import Boundaries
 from emulator.safety.supervision import Supervision
 from urproto.modes import RobotMode, SafetyMode

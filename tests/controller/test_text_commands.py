@@ -2,7 +2,7 @@
 
 import pytest
 
-from emulator.textcommands import TEXT_COMMANDS, execute
+from emulator.commands.text_commands import TEXT_COMMANDS, execute
 from urproto.modes import RobotMode, RuntimeState
 from urproto.primary.messages import RuntimeExceptionMessage
 

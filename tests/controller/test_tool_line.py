@@ -2,10 +2,11 @@
 
 import pytest
 
-from emulator.commands import ToolBytes
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import ToolBytes
+from emulator.controller import Controller
 from emulator.devices.tool_line import AS_DELIVERED, EchoDevice, SerialSettings, ToolLine
-from emulator.reporting.primary_state import robot_state
+from emulator.machine import ControllerConfig
+from emulator.servers.primary_state import robot_state
 from urproto.robots import load_model
 
 PERIOD_S = 0.002

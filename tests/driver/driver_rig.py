@@ -12,7 +12,7 @@ from client import AsyncRobot
 from client.driver import URDriver
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from urproto.modes import RuntimeState
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion

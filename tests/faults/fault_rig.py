@@ -9,7 +9,7 @@ from typing import Any, Self
 from emulator.app import Emulator
 from emulator.clock import StepClock
 from emulator.config import EmulatorConfig
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 from urproto.rtde.codec import Package, PackageType, RequestProtocol, RTDEDecoder, SetupOutputs, Start
 

@@ -12,7 +12,7 @@ from emulator.clock import RealClock
 from emulator.config import EmulatorConfig
 from emulator.control.control import VirtualRobot
 from emulator.control.verbs import NotPossible
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 from urproto.robots.kinematics import Kinematics
 

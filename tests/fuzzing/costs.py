@@ -13,10 +13,11 @@ from functools import cache
 from random import Random
 from typing import Final
 
-from emulator.commands import ScriptUnit
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import ScriptUnit
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from emulator.programs.compiling import LIBRARY_SET
-from emulator.programs.sockets import MemorySockets
+from emulator.services.sockets import MemorySockets
 from urproto.robots import load_model
 from urproto.versions import DEFAULT_VERSION, Series
 from urscript import compiler

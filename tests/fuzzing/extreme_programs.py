@@ -10,11 +10,12 @@ from functools import cache
 from random import Random
 from typing import Any, Final
 
-from emulator.commands import RTDEInputs, ScriptUnit
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import RTDEInputs, ScriptUnit
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from emulator.programs.compiling import LIBRARY_SET
-from emulator.programs.sockets import MemorySockets
-from emulator.reporting.primary_state import robot_state
+from emulator.servers.primary_state import robot_state
+from emulator.services.sockets import MemorySockets
 from urproto.primary.messages import RuntimeExceptionMessage
 from urproto.primary.state import encode_robot_state
 from urproto.realtime import realtime_packer

@@ -34,6 +34,9 @@ from client.recording import Recorder
 from client.recording.files import read as read_recording
 from client.traffic.recording import Recording as Traffic
 from emulator.app import Emulator
+from emulator.builtins.remote.httpclient import RemoteError
+from emulator.builtins.remote.pstream import PacketReader
+from emulator.builtins.remote.xmlrpc import BadReplyError, Reply, to_value
 from emulator.clock import StepClock
 from emulator.config import (
     ConfigError,
@@ -45,14 +48,11 @@ from emulator.config import (
 )
 from emulator.control.control import LiveControl
 from emulator.control.verbs import verbs_of
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
+from emulator.polyscope.document import DocumentError
+from emulator.polyscope.installation_file import InstallationFile, read_installation, read_variables
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.programs.loading import ProgramLoadError, load_steps
-from emulator.programs.rpc.httpclient import RemoteError
-from emulator.programs.rpc.pstream import PacketReader
-from emulator.programs.rpc.xmlrpc import BadReplyError, Reply, to_value
-from emulator.programs.trees.document import DocumentError
-from emulator.programs.trees.installation_file import InstallationFile, read_installation, read_variables
 from urproto import dashboard, external_control, interpreter, modbus, robotiq
 from urproto.errors import ProtocolError, RemoteProtocolError
 from urproto.primary.framing import PrimaryDecoder

@@ -10,9 +10,10 @@ from math import cos, dist, isfinite, sin
 
 from hypothesis import strategies as st
 
-from emulator.commands import DashboardLine, ScriptUnit
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import DashboardLine, ScriptUnit
+from emulator.controller import Controller
 from emulator.lifecycle.safety import SafetyEvent
+from emulator.machine import ControllerConfig
 from emulator.motion.servo import JointServo, ToolServo
 from urproto.modes import ControlMode, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import RuntimeExceptionMessage

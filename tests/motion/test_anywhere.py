@@ -5,8 +5,9 @@ from random import Random
 
 import pytest
 
-from emulator.commands import ScriptUnit
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import ScriptUnit
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from urproto.modes import SafetyMode
 from urproto.robots import MODELS, START_Q, load_model
 

@@ -5,8 +5,9 @@ from random import Random
 
 import pytest
 
-from emulator.commands import ScriptUnit
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import ScriptUnit
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 
 START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # where the rig stands

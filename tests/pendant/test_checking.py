@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from client.pendant.checking import check, keep_checking, parsed
-from client.pendant.programs import Draft
+from client.pendant.draft import Draft
 from urproto.versions import PolyscopeVersion
 from urscript import cli
 from urscript.files import ScriptFile

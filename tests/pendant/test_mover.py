@@ -11,9 +11,9 @@ from client.pendant.jogging import Velocity
 from client.pendant.mover import Mover
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
-from emulator.controller import ControllerConfig
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.safety import SafetyEvent
+from emulator.machine import ControllerConfig
 from urproto.errors import RobotRefused
 from urproto.modes import ControlMode, RobotMode, RuntimeState
 from urproto.robots import load_model

@@ -2,7 +2,8 @@
 
 import pytest
 
-from client.pendant.programs import Draft, Programs, ScriptError
+from client.pendant.draft import Draft, ScriptError
+from client.pendant.programs import Programs
 from client.pendant.variables import Variables, VariablesView, kind_of, shown
 from urproto.primary.messages import (
     NO_TIMESTAMP_US,

@@ -7,7 +7,7 @@ import pytest
 
 from client.pendant.situation import STAGES, Action, Known, NotNowError, Situation, situation
 from emulator.control.control import VirtualRobot
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.robots import load_model
 

@@ -17,7 +17,7 @@ from client.rtde import BlockingRTDEClient
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.control.remote import RemoteControl
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from emulator.serve import Pendant
 from tests.servers.test_cli import read_until
 from urproto.ports import CONTROL_API_PORT

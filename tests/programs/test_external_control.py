@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tree_rig import Arm
 
-from emulator.commands import DashboardLine, ScriptUnit
+from emulator.commands.requests import DashboardLine, ScriptUnit
 from emulator.control.programs import ProgramVerbs
-from emulator.programs.sockets import MemorySocket, MemorySockets
-from emulator.programs.trees.installation_file import read_installation
-from emulator.programs.urcap import DriverAddress, ProgramRequest, split_program
+from emulator.polyscope.installation_file import read_installation
+from emulator.services.sockets import MemorySocket, MemorySockets
+from emulator.services.urcap import DriverAddress, ProgramRequest, split_program
 from urproto.modes import RuntimeState
 from urproto.primary.messages import KeyMessage, RuntimeExceptionMessage
 

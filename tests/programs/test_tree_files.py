@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tree_rig import Arm, children, installation, line, main, move, say, sleep, tag, urp, waypoint
 
-from emulator.programs.trees.document import DocumentError, read_document
-from emulator.programs.trees.installation_file import read_installation, read_variables
-from emulator.programs.trees.naming import identifier
+from emulator.polyscope.document import DocumentError, read_document
+from emulator.polyscope.installation_file import read_installation, read_variables
+from emulator.polyscope.naming import identifier
 from urproto.modes import RuntimeState
 from urproto.primary.messages import RuntimeExceptionMessage
 

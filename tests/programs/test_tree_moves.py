@@ -23,9 +23,10 @@ from tree_rig import (
 )
 
 from emulator.io.signals import STANDARD
-from emulator.programs.trees.document import read_document
-from emulator.programs.trees.installation_file import InstallationFile
-from emulator.programs.trees.program import ProgramTree, script_of
+from emulator.polyscope.document import read_document
+from emulator.polyscope.installation_file import InstallationFile
+from emulator.polyscope.program import script_of
+from emulator.polyscope.tree import ProgramTree
 from urproto.modes import SafetyMode
 from urproto.robots import load_model
 from urproto.robots.kinematics import Kinematics

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from emulator.commands import DashboardLine
-from emulator.controller import Controller, ControllerConfig
-from emulator.programs.sockets import MemorySockets
+from emulator.commands.requests import DashboardLine
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
+from emulator.services.sockets import MemorySockets
 from urproto.modes import RuntimeState
 from urproto.primary.messages import RobotMessage, RuntimeExceptionMessage, TextMessage
 from urproto.robots import load_model

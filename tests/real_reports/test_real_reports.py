@@ -29,7 +29,7 @@ import yaml
 
 from emulator.control.control import VirtualRobot
 from emulator.devices.gripper_requests import GripperSession
-from emulator.reporting.primary_state import robot_state
+from emulator.servers.primary_state import robot_state
 from urproto.robotiq import RequestDecoder
 from urproto.testing import virtual_robot
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from client.recording import DEFAULT_FIELDS, Recorder, Recording
 from emulator.control.control import VirtualRobot
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from urproto.joints import JOINT_NAMES
 from urproto.robots import load_model
 from urproto.rtde.fields import OUTPUT_FIELDS

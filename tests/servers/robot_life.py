@@ -20,11 +20,12 @@ sys.path.insert(0, str(Path(__file__).parent))
 from server_rig import MemoryClient
 
 from emulator.app import make_servers
-from emulator.commands import DashboardLine, PopupAnswer, RTDEInputs
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import DashboardLine, PopupAnswer, RTDEInputs
+from emulator.controller import Controller
 from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL
 from emulator.lifecycle.runstate import StopCause
 from emulator.lifecycle.safety import SafetyEvent
+from emulator.machine import ControllerConfig
 from urproto.modes import AnalogDomain, RequestedType
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion, Series

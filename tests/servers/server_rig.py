@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from emulator.commands import Command
+from emulator.mailbox import Command
 from emulator.servers.base import Connection, PortServer
 from emulator.snapshot import Snapshot
 from urproto.versions import PolyscopeVersion

@@ -13,15 +13,16 @@ from hypothesis import strategies as st
 from server_rig import MemoryClient
 
 from emulator.app import make_servers
+from emulator.commands.dashboard import available_commands
 from emulator.control.control import LiveControl
+from emulator.control.http import ControlServer
 from emulator.control.timing import OwnPace
 from emulator.control.verbs import verbs_of
-from emulator.controller import Controller, ControllerConfig
-from emulator.dashboard import available_commands
+from emulator.controller import Controller
 from emulator.devices.robotiq import MODELS
 from emulator.faults.injector import FaultInjector
-from emulator.reporting.reports import write_crash
-from emulator.servers.control import ControlServer
+from emulator.machine import ControllerConfig
+from emulator.reports import write_crash
 from urproto.modes import RobotMode, RuntimeState
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.messages import PopupMessage, TextMessage

@@ -14,7 +14,7 @@ from rich.console import Console
 from emulator.app import Emulator
 from emulator.clock import StepClock
 from emulator.config import EmulatorConfig
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from emulator.readiness import NotReady, check_ready
 from emulator.serve import first_screen
 from urproto.robots import load_model

@@ -12,7 +12,7 @@ from emulator.config import (
     read_initial_positions,
     read_programs_dir,
 )
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from emulator.ports import PORTS
 from urproto.joints import JOINT_NAMES
 from urproto.robots import MODELS, Calibration, calibration_hash, load_model

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from server_rig import FakeController, MemoryClient
 
-from emulator.commands import Command
+from emulator.mailbox import Command
 from emulator.servers.base import Connection, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
 from urproto.errors import RemoteProtocolError

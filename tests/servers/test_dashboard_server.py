@@ -1,7 +1,8 @@
 import pytest
 from server_rig import FakeController, MemoryClient
 
-from emulator.commands import Command, DashboardLine
+from emulator.commands.requests import DashboardLine
+from emulator.mailbox import Command
 from emulator.servers.base import Direction
 from emulator.servers.dashboard import DashboardServer
 

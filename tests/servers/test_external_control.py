@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from emulator.app import Emulator
-from emulator.commands import DashboardLine
+from emulator.commands.requests import DashboardLine
 from emulator.config import EmulatorConfig
-from emulator.controller import ControllerConfig
-from emulator.programs.sockets import ScriptNetwork
-from emulator.programs.urcap import DriverAddress
+from emulator.machine import ControllerConfig
+from emulator.services.sockets import ScriptNetwork
+from emulator.services.urcap import DriverAddress
 from urproto.modes import RuntimeState
 from urproto.robots import load_model
 

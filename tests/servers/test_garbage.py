@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from server_rig import MemoryClient
 
 from emulator.app import make_servers
-from emulator.controller import Controller, ControllerConfig
+from emulator.controller import Controller
 from emulator.devices.robotiq import MODELS
 from emulator.devices.tool_line import EchoDevice, SerialSettings
+from emulator.machine import ControllerConfig
 from emulator.servers.base import PortServer
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.state import RobotStateData

@@ -8,13 +8,13 @@ import pytest
 from emulator.app import Emulator
 from emulator.clock import StepClock
 from emulator.config import ConfigError, EmulatorConfig, choose_gripper
-from emulator.controller import ControllerConfig
 from emulator.devices.robotiq import MODELS, Status
+from emulator.machine import ControllerConfig
 from emulator.ports import PORTS
-from emulator.programs.sockets import ScriptNetwork
 from emulator.readiness import check_ready
 from emulator.servers.base import Connection, Direction
 from emulator.servers.script_sockets import OwnPorts
+from emulator.services.sockets import ScriptNetwork
 from urproto.modes import RuntimeState
 from urproto.primary.messages import TextMessage
 from urproto.robotiq import Get

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from server_rig import E_SERIES, FakeController, MemoryClient
 
 from emulator.app import Emulator, make_servers
-from emulator.commands import InterpreterLine
+from emulator.commands.requests import InterpreterLine
 from emulator.config import EmulatorConfig
-from emulator.controller import Controller, ControllerConfig
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from emulator.readiness import NotReady, check_ready
 from emulator.servers.base import Direction
 from emulator.servers.interpreter import InterpreterServer

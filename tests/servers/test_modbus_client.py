@@ -12,9 +12,9 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from emulator.app import Emulator
 from emulator.config import ConfigError, EmulatorConfig
-from emulator.controller import ControllerConfig
-from emulator.programs.modbus import DISCONNECTED, ModbusExchange, ModbusSignal, ModbusUnit
+from emulator.machine import ControllerConfig
 from emulator.servers.modbus_client import ModbusClient
+from emulator.services.modbus import DISCONNECTED, ModbusExchange, ModbusSignal, ModbusUnit
 from urproto.modbus import Function, ModbusRequest
 from urproto.robots import load_model
 

@@ -7,10 +7,11 @@ from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.pdu import ModbusPDU
 
 from emulator.app import Emulator
-from emulator.commands import ModbusCall
+from emulator.commands.requests import ModbusCall
 from emulator.config import EmulatorConfig
-from emulator.controller import Controller, ControllerConfig
+from emulator.controller import Controller
 from emulator.io.signals import STANDARD
+from emulator.machine import ControllerConfig
 from emulator.servers.base import Direction
 from urproto.robots import load_model
 

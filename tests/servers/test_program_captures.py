@@ -6,8 +6,9 @@ import pytest
 from server_rig import MemoryClient
 
 from emulator.app import make_servers
-from emulator.commands import ScriptUnit
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import ScriptUnit
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
 

@@ -7,7 +7,8 @@ import pytest
 from server_rig import MemoryClient
 
 from emulator.app import make_servers
-from emulator.controller import Controller, ControllerConfig
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from emulator.servers.primary import PrimaryServer
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.messages import KeyMessage, ProgramThread, ProgramThreadsMessage, UnknownMessage

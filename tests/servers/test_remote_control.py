@@ -5,7 +5,8 @@ from typing import Any
 from server_rig import MemoryClient
 
 from emulator.app import make_servers
-from emulator.controller import Controller, ControllerConfig
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from urproto.dashboard import NOT_IN_REMOTE_CONTROL
 from urproto.modes import RobotMode
 from urproto.primary.framing import PrimaryDecoder

@@ -12,10 +12,10 @@ import pytest
 
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
-from emulator.controller import ControllerConfig
-from emulator.programs.sockets import ScriptNetwork, ScriptSocket
+from emulator.machine import ControllerConfig
 from emulator.servers import script_sockets
 from emulator.servers.script_sockets import ControlMark, NetworkSockets, leads_to_control
+from emulator.services.sockets import ScriptNetwork, ScriptSocket
 from urproto.robots import load_model
 from urproto.testing.process import EmulatorProcess
 

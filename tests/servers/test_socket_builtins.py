@@ -9,7 +9,7 @@ import pytest
 
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from urproto.modes import RuntimeState
 from urproto.robots import load_model
 

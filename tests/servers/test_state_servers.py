@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from server_rig import CB3, E_SERIES, FakeController, MemoryClient
 
-from emulator.commands import RefusedScript, RTDEInputs, ScriptUnit
-from emulator.reporting.primary_state import robot_state
+from emulator.commands.requests import RefusedScript, RTDEInputs, ScriptUnit
 from emulator.servers.base import Connection, Direction, PortServer
 from emulator.servers.primary import PrimaryServer, RealtimeServer
+from emulator.servers.primary_state import robot_state
 from emulator.servers.rtde import RTDEServer
 from emulator.snapshot import Snapshot
 from urproto.modes import SafetyMode

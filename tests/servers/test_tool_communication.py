@@ -13,8 +13,8 @@ import pytest
 
 from emulator.app import Emulator
 from emulator.config import ConfigError, EmulatorConfig
-from emulator.controller import ControllerConfig
 from emulator.devices.tool_line import SerialSettings
+from emulator.machine import ControllerConfig
 from emulator.readiness import check_ready
 from urproto.robots import load_model
 

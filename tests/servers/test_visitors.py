@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from server_rig import E_SERIES, FakeController, MemoryClient
 
 from emulator.app import make_servers
-from emulator.controller import Controller, ControllerConfig
+from emulator.controller import Controller
 from emulator.devices.robotiq import MODELS
+from emulator.machine import ControllerConfig
 from emulator.servers.base import Connection, PortServer
 from emulator.servers.web import Opening, Visitor, visitor
 from urproto.robots import load_model

@@ -24,7 +24,7 @@ from client.traffic.recording import Recorder, Recording
 from client.traffic.tracks import tracks_of
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
-from emulator.controller import ControllerConfig
+from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 
 HOST = "127.0.0.1"

@@ -5,8 +5,9 @@ from typing import Any
 
 from client.decoding.packets import Endpoint
 from client.traffic.recording import Recorded, Recorder, Recording
-from emulator.commands import ScriptUnit
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import ScriptUnit
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 from urproto.rtde import codec
 from urproto.rtde.fields import OUTPUT_FIELDS

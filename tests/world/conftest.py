@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
-from emulator.commands import ScriptUnit
-from emulator.controller import Controller, ControllerConfig
+from emulator.commands.requests import ScriptUnit
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from emulator.snapshot import Snapshot
 from emulator.world.shapes import Plane, WorldObject
 from emulator.world.world import World

@@ -2,8 +2,9 @@
 
 import pytest
 
-from emulator.controller import Controller, ControllerConfig
-from emulator.world.commands import AddObject, MountTool, MoveObject, PushTool, ReleaseTool, RemoveObject
+from emulator.commands.world import AddObject, MountTool, MoveObject, PushTool, ReleaseTool, RemoveObject
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from emulator.world.shapes import Frame, Plane, Push, Sphere, WorldObject
 from emulator.world.world import MOST_OBJECTS, POINT
 from urproto.robots import load_model

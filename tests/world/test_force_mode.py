@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulator.world.commands import PushTool, ReleaseTool
+from emulator.commands.world import PushTool, ReleaseTool
 from emulator.world.shapes import Box, Plane, Push, Sphere, WorldObject
 from urproto.modes import ControlMode
 

@@ -7,8 +7,8 @@ from typing import Any, Final
 
 from nicegui import events, ui
 
+from client.pendant.draft import Draft, ScriptError
 from client.pendant.page import Page
-from client.pendant.programs import Draft, ScriptError
 from client.pendant.situation import Action
 from urproto.text import from_bytes, readable, to_bytes
 

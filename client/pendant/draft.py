@@ -1,0 +1,133 @@
+"""The script that is being written on the pendant, and what the robot says about it once it was sent."""
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from client.scripts import Script, prepare
+from urproto.errors import LocalProtocolError
+from urproto.primary.messages import (
+    NO_TIMESTAMP_US,
+    PROGRAM_STARTED,
+    PROGRAM_STOPPED,
+    KeyMessage,
+    RuntimeExceptionMessage,
+)
+
+_START_S: Final = 5.0  # guess: a program of 50 kB starts within 0.2 s
+_MOST: Final = 2_000_000  # characters; a robot takes no more either (guess)
+
+Phase = Literal["", "sent", "running", "ended", "failed", "silent"]
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptError:
+    """What is wrong with a script, and where in the text as it was written; line and column from 1.
+
+    told: by the checker; by the robot, which did not start it, or while it ran.
+    """
+
+    line: int
+    column: int
+    text: str
+    told: Literal["check", "start", "run"] = "check"
+    severity: Literal["error", "warning"] = "error"
+
+
+class Draft:
+    """One text for all browsers. author: the page that wrote it last. revision: counts what changed.
+
+    phase: of the script that was sent last, "" before the first; silent: it has not started, and nobody said why.
+    error: what the robot says is wrong with that script. diagnoses: what the checker says of the text as it is.
+    """
+
+    def __init__(self) -> None:
+        self.text = _EXAMPLE
+        self.author = ""
+        self.revision = 0
+        self.phase: Phase = ""
+        self.error: ScriptError | None = None
+        self.diagnoses: tuple[ScriptError, ...] = ()
+        self.script: Script | None = None
+        self._sent_at_s = 0.0
+        self._sent_revision = 0
+
+    @property
+    def is_somebodys(self) -> bool:
+        """Whether somebody would miss the text."""
+        return bool(self.text.strip()) and self.text != _EXAMPLE
+
+    def write(self, text: str, author: str = "") -> None:
+        """Somebody has written something else. Raises ValueError for what is too long."""
+        if len(text) > _MOST:
+            raise ValueError(f"a script of {len(text)} characters is too long: at most {_MOST} are possible")
+        if text != self.text:
+            self.text, self.author, self.revision = text, author, self.revision + 1
+
+    def prepared(self) -> Script:
+        """What to send: a program, or a secondary program, which has no name. Raises ValueError for an empty text."""
+        if not self.text.strip():
+            raise ValueError("The editor is empty: there is no script to send.")
+        try:
+            return prepare(self.text)
+        except LocalProtocolError:  # a secondary program: only errors are heard of
+            return Script("", self.text)
+
+    def sending(self, script: Script, now_s: float) -> None:
+        """That is being sent. now_s: any clock."""
+        self.script, self._sent_at_s, self.phase, self.error = script, now_s, "sent", None
+        self._sent_revision = self.revision
+
+    def checked(self, revision: int, diagnoses: tuple[ScriptError, ...]) -> None:
+        """The checker has looked at the text of this revision."""
+        if revision != self.revision:
+            return
+        self.diagnoses = diagnoses
+        if self.error is not None and self.error.told == "start" and revision != self._sent_revision:
+            self.error = None  # it was about another text, and the checker knows about this one
+
+    @property
+    def problems(self) -> tuple[ScriptError, ...]:
+        """All that is known to be wrong. The checker says better than the robot why a script does not start."""
+        error = self.error
+        if error is None or (error.told == "start" and any(one.severity == "error" for one in self.diagnoses)):
+            return self.diagnoses
+        return (error, *(one for one in self.diagnoses if one.line != error.line))
+
+    def hear(self, message: object) -> None:
+        """Take note of what the robot says about the script."""
+        if isinstance(message, KeyMessage) and self.script is not None and message.text == (self.script.name or None):
+            if message.title == PROGRAM_STARTED and self.phase in ("sent", "silent"):
+                self.phase = "running"
+            elif message.title == PROGRAM_STOPPED and self.phase == "running":
+                self.phase = "ended"
+        elif isinstance(message, RuntimeExceptionMessage) and self._is_about(message):
+            self._fail(message)
+
+    def look(self, now_s: float) -> None:
+        """Time goes by."""
+        if self.phase == "sent" and now_s - self._sent_at_s > _START_S:
+            self.phase = "silent" if self.script is not None and self.script.name else "ended"
+
+    def _is_about(self, message: RuntimeExceptionMessage) -> bool:
+        """Compile errors have no time; a script that runs meanwhile may be somebody else's."""
+        return self.phase == ("sent" if message.timestamp_us == NO_TIMESTAMP_US else "running")
+
+    def _fail(self, message: RuntimeExceptionMessage) -> None:
+        assert self.script is not None
+        line = min(self.script.line(message.line), self.text.count("\n") + 1)
+        told: Literal["start", "run"] = "start" if self.phase == "sent" else "run"
+        self.error = ScriptError(line, message.column, _readable(self.script.message(message.text)), told)
+        self.phase = "failed"
+
+
+def _readable(reported: str) -> str:
+    """Controllers repeat line and number after a word of their own when they cannot parse it."""
+    return _SYNTAX_ERROR if reported.startswith("syntax_error_on_line") else reported
+
+
+_SYNTAX_ERROR: Final = "Syntax error: the controller cannot make sense of this line, or of what is before it"
+_EXAMPLE: Final = """\
+def hello():
+  textmsg("the tool is at ", get_actual_tcp_pose())
+end
+"""

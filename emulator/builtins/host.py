@@ -1,0 +1,211 @@
+"""What a built-in can reach: the machine, its own program, and the rules of motion ownership."""
+
+import logging
+import math
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from typing import Final, Protocol, TypeAlias, TypeVar
+
+from emulator.machine import Machine
+from emulator.motion import Motion, Move
+from emulator.motion.vectors import Joints, as_six
+from emulator.reporting.popups import Popup
+from emulator.robot.arm import Arm
+from emulator.services.modbus import ModbusSignals
+from emulator.services.outputs import RunstateOutputs
+from emulator.services.sockets import ScriptSocketBackend, SocketTable
+from emulator.services.watchdog import MotionHistory, Watchdog, WatchdogAction, Watchdogs
+from urscript.errors import RuntimeFault
+from urscript.interpreter import Locals
+from urscript.runtime import Runtime, ScriptThread
+
+ResultT = TypeVar("ResultT")
+Frames: TypeAlias = Generator[None, None, ResultT]
+"""A built-in that takes physical time: every bare ``yield`` ends the frame of its thread."""
+
+StepHook: TypeAlias = Callable[["ProgramHost", int, int, ScriptThread], bool]
+"""Program, line, column (from 1) and thread of the next statement; True holds the thread for a control period."""
+
+_logger = logging.getLogger(__name__)
+
+_ROUNDING: Final = 1e-6  # of a control period; 0.008 / 0.002 must be 4 periods, not 5
+
+
+class InterpreterMode(Protocol):
+    """Statements that clients send to the running program (`emulator.programs.interpreter`)."""
+
+    @property
+    def active(self) -> bool:
+        """True while the program executes statements of clients."""
+
+    def enter(self, scope: Locals, *, clear_queue: bool, clear_on_end: bool) -> None:
+        """Execute statements in a scope from now on."""
+
+    def execute(self) -> Generator[bool | None, None, None]:
+        """The statements, one after the other, until the mode ends."""
+
+    def end(self) -> None:
+        """Leave the mode after this statement."""
+
+    def leave(self) -> None:
+        """The call is over, also one whose thread was killed."""
+
+    def clear(self) -> None:
+        """Forget the statements that were executed."""
+
+
+class ProgramServices(Protocol):
+    """What outlives a program, and what all programs of a controller share."""
+
+    step_hook: StepHook | None
+    """Asked before each statement of programs submitted while it is set."""
+    socket_backend: ScriptSocketBackend
+    """Where script sockets come from."""
+    watchdogs: Watchdogs
+    history: MotionHistory
+    outputs: RunstateOutputs
+    modbus: ModbusSignals
+    flags: list[bool]
+    pause_codes: set[tuple[int, int | None]]
+    """pause_on_error_code: code and argument, None for any."""
+    high_holding_torque: bool
+    jerk_gain_scaling: float
+    motion_version: int
+
+    @property
+    def interpreter(self) -> InterpreterMode:
+        """Interpreter mode."""
+
+
+class ProgramHost:
+    """One running program, as its built-ins see it.
+
+    ``secondary``: a ``sec`` program, which may neither move nor take time. ``sockets``: those
+    the program opened, by name; a secondary program has those of the main one.
+    ``programs``: what outlives it. ``waiting_for``: a blocking popup that suspends the program.
+    """
+
+    def __init__(self, machine: Machine, programs: ProgramServices, *, name: str, secondary: bool = False) -> None:
+        self.machine = machine
+        self.programs = programs
+        self.name = name
+        self.secondary = secondary
+        self.sockets = SocketTable()
+        self.waiting_for: Popup | None = None
+        self.dialogues: list[Popup] = []
+        self.label = ""  # the program label reached last
+        self._runtime: Runtime | None = None
+        self._noted: set[str] = set()
+
+    def attach(self, runtime: Runtime) -> None:
+        """Tell the host which interpreter runs its program."""
+        self._runtime = runtime
+
+    @property
+    def runtime(self) -> Runtime:
+        """The interpreter of this program."""
+        assert self._runtime is not None, "a host is attached before its program runs"
+        return self._runtime
+
+    @property
+    def period_s(self) -> float:
+        """Control period [s]."""
+        return self.machine.period_s
+
+    @property
+    def motion(self) -> Motion:
+        """The arm's motion generator, for reading; to command it use ``motion_control``."""
+        return self.machine.motion
+
+    @property
+    def arm(self) -> Arm:
+        """The measured arm."""
+        return self.machine.arm
+
+    @property
+    def target_q(self) -> Joints:
+        """Where the arm is to be as the program goes on [rad]."""
+        return self.motion.program_q
+
+    @property
+    def actual_q(self) -> Joints:
+        """Where the arm is as the program goes on [rad]."""
+        measured, target, now = self.arm.q, self.motion.program_q, self.motion.q
+        return measured if target == now else as_six(q + a - b for q, a, b in zip(measured, target, now, strict=True))
+
+    def on_label(self, number: int, text: str, thread: ScriptThread) -> None:
+        """A thread reached a program label (``$ number "text"``)."""
+        self.label = text
+
+    def on_step(self, line: int, column: int, thread: ScriptThread) -> bool:
+        """A thread of a stepped program is about to execute a statement; True holds it."""
+        hook = self.programs.step_hook
+        return hook is not None and hook(self, line, column, thread)
+
+    def frames(self, seconds: float) -> int:
+        """Control periods that cover a time, at least 1. Raises RuntimeFault for a time that is not finite."""
+        periods = seconds / self.period_s
+        if not math.isfinite(periods):
+            raise RuntimeFault(f"{seconds:g} is not a time in seconds")
+        return max(1, math.ceil(periods - _ROUNDING))
+
+    def note_once(self, text: str) -> None:
+        """Tell the log something about this program that would be said again and again."""
+        if text not in self._noted:
+            self._noted.add(text)
+            _logger.warning("%s", text)
+            self.machine.messages.note(text)
+
+    def watch(self, variable: str, min_frequency_hz: float, action: WatchdogAction) -> None:
+        """Act when an RTDE input is written less often from now on; 0 Hz expects nothing."""
+        interval = 1.0 / (min_frequency_hz * self.period_s) if min_frequency_hz else math.inf
+        self.programs.watchdogs.set(Watchdog(variable, interval, action, self.machine.step_count))
+
+    @contextmanager
+    def motion_control(self) -> Iterator[Motion]:
+        """Own the arm while inside. Also left when the thread is killed, so nothing stays locked.
+
+        Raises RuntimeFault when another thread owns it, when a secondary program asks, or when a fault ended what
+        displaced the path: movements that rely on it would go elsewhere.
+        """
+        if self.secondary:
+            raise RuntimeFault(
+                "Runtime is too much behind: a secondary program cannot control the robot, move in a main program"
+            )
+        runtime = self.runtime
+        if runtime.motion_thread not in (None, runtime.current):
+            raise RuntimeFault("Another thread is already controlling the robot")
+        if self.motion.displacement_lost is not None:
+            raise RuntimeFault(f"the path offset, conveyor or frame tracking ended: {self.motion.displacement_lost}")
+        runtime.motion_thread = runtime.current
+        try:
+            yield self.motion
+        finally:
+            runtime.motion_thread = None
+
+    def until_ready(self, move: Move) -> Frames[None]:
+        """Wait until the program may go on after a movement: always at least one frame.
+
+        A movement that failed has stopped the arm protectively; a program resumed after that
+        ends with an error at the movement.
+        """
+        yield
+        while not (move.ready or move.failed):
+            yield
+        if move.failed is not None:
+            raise RuntimeFault(f"the movement failed: {move.failed}")
+
+    def suspend(self, popup: Popup) -> None:
+        """Hold the whole program, and the arm on its path, until a dialogue is closed."""
+        self.waiting_for = self.remember(popup)
+        self.motion.pause()
+
+    def remember(self, popup: Popup) -> Popup:
+        """Take a dialogue back when the program ends."""
+        self.dialogues = [*(earlier for earlier in self.dialogues if earlier.open), popup]
+        return popup
+
+    def withdraw_dialogues(self) -> None:
+        """The program has ended: nobody waits for its dialogues any more."""
+        for popup in self.dialogues:
+            self.machine.popups.withdraw(popup)

@@ -1,0 +1,205 @@
+"""HTTP POST for scripts, over their sockets: nothing blocks, every wait is a bare ``yield``.
+
+The connection is kept for the next call, as the documented ``closeXMLRPCClientConnection``
+implies. One the server has closed meanwhile is replaced: a call is tried again, once, when it
+found a used connection dead before a byte of the answer (libcurl, below the controller's RPC,
+does the same).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Protocol
+from urllib.parse import urlsplit
+
+import h11
+
+from emulator.builtins.host import Frames, ProgramHost
+from emulator.services.sockets import MOST_SOCKETS, ScriptSocket
+from urproto.text import from_bytes
+from urscript.meter import pay
+
+_CONNECT_S: Final = 300.0  # libcurl's default; what the controller sets is not known
+
+
+class RemoteError(Exception):
+    """The server did not answer as it should; the text says why."""
+
+
+class RemoteConnection(Protocol):
+    """A way to have XML answered."""
+
+    def __str__(self) -> str:
+        """The URL, for messages."""
+
+    def close(self) -> None:
+        """End the connection; the next call opens another."""
+
+    def post(self, body: bytes, take: Callable[[bytes], None]) -> Frames[None]:
+        """Send a body and give the answer's to `take`, piece by piece.
+
+        Raises RemoteError for everything but a complete answer. However it ends early (a killed
+        thread too), the connection ends with it: what is left on it is half an answer.
+        """
+
+
+def authority(address: str, port: int) -> str:
+    """``address:port``, an IPv6 address in brackets."""
+    return f"[{address}]:{port}" if ":" in address else f"{address}:{port}"
+
+
+def connect(host: ProgramHost, address: str, port: int) -> Frames[ScriptSocket]:
+    """An open connection, which ends with the program. Raises RemoteError when there is none to be had."""
+    if len(host.sockets) >= MOST_SOCKETS:
+        raise RemoteError(f"the program has {MOST_SOCKETS} connections open already: it can use a handle again")
+    socket = host.programs.socket_backend.open(address, port)
+    host.sockets.hold(socket)
+    try:
+        for _ in range(host.frames(_CONNECT_S)):
+            if socket.state != "connecting":
+                break
+            yield
+        if socket.state == "connecting":
+            raise RemoteError(f"{authority(address, port)} did not answer within {_CONNECT_S:g} s")
+        if socket.state != "open":
+            raise RemoteError(f"cannot connect to {authority(address, port)}: is the server running?")
+    except BaseException:  # a killed thread too
+        host.sockets.drop(socket)
+        raise
+    return socket
+
+
+_BITE: Final = 1024  # bytes looked at before the budget is asked again
+_EVENT_COST: Final = 300  # meter units: h11 takes about 15 us for a piece of a reply
+_AGENT: Final = "ur-emulator"  # the controller's own is not known
+_OK: Final = 200
+
+
+class _NoAnswerError(RemoteError):
+    """The connection ended before a byte of the answer."""
+
+
+@dataclass(frozen=True)
+class HttpUrl:
+    """Where calls go."""
+
+    host: str
+    port: int
+    target: str  # path and query
+
+    @classmethod
+    def parse(cls, text: str) -> "HttpUrl":
+        """``http://host[:port][/path]``. Raises ValueError that says what is wrong."""
+        parts = urlsplit(text)
+        if parts.scheme != "http" or not parts.hostname:
+            raise ValueError("it must look like http://address:port/path")
+        if parts.username is not None:
+            raise ValueError("user names and passwords in it are not emulated")
+        port = 80 if parts.port is None else parts.port
+        if not port:
+            raise ValueError("there is no port 0")
+        url = cls(parts.hostname, port, (parts.path or "/") + (f"?{parts.query}" if parts.query else ""))
+        try:
+            url.request(b"")
+        except (h11.LocalProtocolError, UnicodeError) as error:
+            raise ValueError(f"HTTP cannot carry it: {error}") from None
+        return url
+
+    def __str__(self) -> str:
+        return f"http://{authority(self.host, self.port)}{self.target}"
+
+    def request(self, body: bytes) -> h11.Request:
+        """The head of a POST of this body."""
+        headers = {
+            "Host": authority(self.host, self.port),
+            "User-Agent": _AGENT,
+            "Accept": "*/*",
+            "Content-Type": "text/xml",
+            "Content-Length": str(len(body)),
+        }
+        return h11.Request(method="POST", target=self.target, headers=list(headers.items()))
+
+
+class HttpConnection:
+    """One kept connection to a server; it is closed with the program's sockets."""
+
+    def __init__(self, host: ProgramHost, url: HttpUrl) -> None:
+        self.url = url
+        self._host = host
+        self._socket: ScriptSocket | None = None
+        self._http = h11.Connection(h11.CLIENT)
+
+    def __str__(self) -> str:
+        return str(self.url)
+
+    def close(self) -> None:
+        """End the connection; the next call opens another."""
+        socket, self._socket = self._socket, None
+        if socket is not None:
+            self._host.sockets.drop(socket)
+
+    def post(self, body: bytes, take: Callable[[bytes], None]) -> Frames[None]:
+        """See RemoteConnection; the answer's status must be 200."""
+        complete = False
+        try:
+            complete = yield from self._post(body, take)
+        except h11.RemoteProtocolError as error:
+            raise RemoteError(f"the answer is not HTTP: {error}") from None
+        finally:
+            if not complete:
+                self.close()
+
+    def _post(self, body: bytes, take: Callable[[bytes], None]) -> Frames[bool]:
+        used = self._socket
+        if used is not None and used.state == "open" and not used.inbox:
+            try:
+                return (yield from self._exchange(used, body, take))
+            except _NoAnswerError:
+                pass
+        self.close()
+        self._socket = yield from connect(self._host, self.url.host, self.url.port)
+        self._http = h11.Connection(h11.CLIENT)
+        return (yield from self._exchange(self._socket, body, take))
+
+    def _exchange(self, socket: ScriptSocket, body: bytes, take: Callable[[bytes], None]) -> Frames[bool]:
+        """One request and its answer; True when the connection may serve another."""
+        http = self._http
+        events = (self.url.request(body), h11.Data(data=body), h11.EndOfMessage())
+        if not socket.send(b"".join(http.send(event) or b"" for event in events)):
+            raise _NoAnswerError("the connection was closed before the call was sent")
+        silent = True
+        while True:
+            event = http.next_event()
+            if event is h11.NEED_DATA:
+                yield from self._receive(socket, silent)
+                silent = False
+            elif isinstance(event, h11.Response):
+                _check_status(event)
+            elif isinstance(event, h11.Data):
+                take(event.data)
+            elif isinstance(event, h11.EndOfMessage):
+                return self._start_over()
+            elif not isinstance(event, h11.InformationalResponse):
+                raise RemoteError("the connection was closed before the answer was complete")
+            yield from pay(_EVENT_COST)
+
+    def _receive(self, socket: ScriptSocket, silent: bool) -> Frames[None]:
+        while not socket.inbox and socket.state == "open":
+            yield
+        data = bytes(socket.inbox[:_BITE])
+        del socket.inbox[:_BITE]
+        if not data and silent:
+            raise _NoAnswerError("the connection was closed without an answer")
+        self._http.receive_data(data)
+
+    def _start_over(self) -> bool:
+        http = self._http
+        if http.their_state is not h11.DONE or http.trailing_data[0]:
+            return False
+        http.start_next_cycle()
+        return True
+
+
+def _check_status(response: h11.Response) -> None:
+    if response.status_code != _OK:
+        reason = from_bytes(response.reason)
+        raise RemoteError(f"the server answered with HTTP {response.status_code} {reason}".rstrip())

@@ -1,0 +1,467 @@
+"""The dashboard server's commands: one decorated function each.
+
+The function's docstring is the command's help, its signature tells whether it takes an
+argument (the rest of the line, verbatim). It returns the reply, or yields once for every
+control period until the reply is known. First versions, reply texts and what needs remote
+control: the vendor's dashboard manuals (e-Series: that of 2022) and the reply patterns of
+the official C++ client; where those differ in a text, the client's pattern is answered,
+since simulators satisfy it in the vendor's own tests.
+
+A command answers as the manual says even when there is nothing to do: drivers send
+"close popup", "stop", "unlock protective stop" blindly.
+"""
+
+import inspect
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
+
+from emulator import reports
+from emulator.controller import Controller
+from emulator.lifecycle.power import PowerEvent
+from emulator.lifecycle.runstate import is_running
+from emulator.lifecycle.safety import SafetyEvent
+from emulator.polyscope.folder import ProgramsFolder
+from emulator.programs.compiling import in_periods
+from emulator.robot.installation import InstallationError
+from urproto import dashboard as replies
+from urproto.modes import RuntimeState, SafetyMode
+from urproto.text import lower, strip
+from urproto.versions import Availability, PolyscopeVersion, Series
+
+_Waiting = Generator[None, None, str]
+_Answer = str | _Waiting
+
+_USER_ROLES: Final = ("PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED")
+_OPERATIONAL_MODES: Final = ("MANUAL", "AUTOMATIC")
+_SHOWN_ROOT: Final = "/programs"
+_RELEASE_DATE: Final = "Jun 20 2022"  # of 3.15.8; other versions show the same, which is a guess
+# PolyScope answers when program and installation are loaded. Drivers wait 1 s for that, which simulators keep to unless
+# the machine is slow (an issue of the ROS 2 driver tells of one). How long it takes is a guess.
+_LOAD_S: Final = 0.6
+_MOST_WORDS: Final = 4  # of a command's name
+_START_WITHIN_S: Final = 0.1  # a program shorter than a period is never seen playing (guess)
+
+
+@dataclass(frozen=True, slots=True)
+class DashboardCommand:
+    """One command: its words as documented, the versions that have it, and the function.
+
+    ``remote_only``: an e-Series arm in local control refuses it.
+    """
+
+    words: str
+    available: Availability
+    takes_argument: bool
+    function: Callable[..., _Answer]
+    remote_only: bool = False
+
+    @property
+    def help(self) -> str:
+        """What the command does."""
+        return inspect.getdoc(self.function) or ""
+
+
+COMMANDS: Final[dict[str, DashboardCommand]] = {}  # by lower-case words
+
+
+def available_commands(version: PolyscopeVersion) -> list[DashboardCommand]:
+    """The commands a controller of this version understands."""
+    return [command for command in COMMANDS.values() if command.available.covers(version)]
+
+
+def execute(controller: Controller, line: str, *, restricted: bool = False) -> str | _Waiting | None:
+    """The reply to one line, a generator that returns it, or None for an empty line.
+
+    ``restricted``: what needs remote control is refused.
+    """
+    text = strip(line)
+    if not text:
+        return None
+    found = _find(text, controller.version)
+    if found is None:
+        return replies.not_understood(text)
+    entry, argument = found
+    if restricted and entry.remote_only:
+        return replies.NOT_IN_REMOTE_CONTROL
+    return entry.function(controller, argument) if entry.takes_argument else entry.function(controller)
+
+
+def _find(text: str, version: PolyscopeVersion) -> tuple[DashboardCommand, str] | None:
+    """The command with the most words that begins the line, and the rest of the line."""
+    words = text.split(" ", _MOST_WORDS)
+    for count in range(min(len(words), _MOST_WORDS), 0, -1):
+        entry = COMMANDS.get(lower(" ".join(words[:count])))
+        argument = strip(" ".join(words[count:]))
+        if entry and entry.available.covers(version) and (entry.takes_argument or not argument):
+            return entry, argument
+    return None
+
+
+def command(
+    words: str, *, cb3: str | None, e: str | None, remote_only: bool = False
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Register a function as a command; ``cb3`` and ``e`` are the first versions that have it."""
+
+    def register(function: Callable[..., Any]) -> Callable[..., Any]:
+        takes_argument = len(inspect.signature(function).parameters) > 1
+        available = Availability.since(cb3, e)
+        COMMANDS[words.lower()] = DashboardCommand(words, available, takes_argument, function, remote_only)
+        return function
+
+    return register
+
+
+# Programs and installations
+
+
+@command("load", cb3="1.4", e="5.0", remote_only=True)
+def load(controller: Controller, name: str) -> _Waiting:
+    """Load a program of the programs directory; a running one is stopped."""
+    path = _existing(controller, name)
+    if path is None:
+        return f"File not found: {name}"
+    controller.programs.stop("another program is loaded")
+    yield from _until(controller, RuntimeState.STOPPED)
+    for _ in range(round(_LOAD_S / controller.period_s)):
+        yield
+    try:
+        yield from in_periods(controller.programs.load_steps(path), controller.period_s)
+    except (OSError, ValueError) as error:
+        controller.messages.text(f"loading {name} failed: {error}")
+        return f"Error while loading program: {name}"
+    loaded = f"Loading program: {_as_named(controller, path, name)}"
+    return f"{loaded}, {_installation(controller)}" if controller.version.series is Series.E else loaded
+
+
+@command("play", cb3="1.4", e="5.0", remote_only=True)
+def play(controller: Controller) -> _Waiting:
+    """Start the loaded program, or let a paused one go on. Needs a running arm."""
+    programs = controller.programs
+    if not controller.may_play or is_running(programs.state):
+        return replies.failed("play")
+    controller.startup.allow_start(True)
+    submission = programs.play()
+    while submission.accepted is None:
+        yield
+    if not submission.accepted:
+        return replies.failed("play")
+    for _ in range(round(_START_WITHIN_S / controller.period_s)):
+        if programs.state is RuntimeState.PLAYING:
+            break
+        yield
+    return replies.STARTING
+
+
+@command("stop", cb3="1.4", e="5.0", remote_only=True)
+def stop(controller: Controller) -> _Waiting:
+    """Stop the running program; also answered when none runs."""
+    controller.programs.stop("dashboard")
+    controller.startup.allow_start(False)
+    yield from _until(controller, RuntimeState.STOPPED)
+    return replies.STOPPED
+
+
+@command("pause", cb3="1.4", e="5.0", remote_only=True)
+def pause(controller: Controller) -> _Waiting:
+    """Pause the running program."""
+    if not is_running(controller.programs.state):
+        return replies.failed("pause")
+    controller.programs.pause()
+    yield from _until(controller, RuntimeState.PAUSED)
+    return replies.PAUSING
+
+
+@command("running", cb3="1.6", e="5.0")
+def running(controller: Controller) -> str:
+    """Whether a program is running."""
+    return f"Program running: {str(is_running(controller.programs.state)).lower()}"
+
+
+@command("get loaded program", cb3="1.6", e="5.0")
+def get_loaded_program(controller: Controller) -> str:
+    """Path of the loaded program."""
+    loaded = controller.programs.loaded
+    return f"Loaded program: {_shown(controller, loaded.path)}" if loaded else replies.NO_PROGRAM_LOADED
+
+
+@command("isProgramSaved", cb3="1.8.11997", e="5.0")
+def is_program_saved(controller: Controller) -> str:
+    """Whether the loaded program has no unsaved changes: always, since there is no editor."""
+    loaded = controller.programs.loaded
+    return f"true {loaded.path.name if loaded else _no_program(controller)}"
+
+
+@command("programState", cb3="1.8.11997", e="5.0")
+def program_state(controller: Controller) -> str:
+    """STOPPED, PLAYING or PAUSED, and the program's name."""
+    shown = {RuntimeState.STOPPED: "STOPPED", RuntimeState.STOPPING: "STOPPED", RuntimeState.PAUSED: "PAUSED"}
+    return f"{shown.get(controller.programs.state, 'PLAYING')} {_program_name(controller)}"
+
+
+@command("load installation", cb3="3.2.18654", e="5.0", remote_only=True)
+def load_installation(controller: Controller, name: str) -> str:
+    """Load TCP and payload of an installation of the programs directory."""
+    path = _existing(controller, name)
+    if path is None:
+        return f"File not found: {name}"
+    try:
+        controller.load_installation(path)
+    except (OSError, InstallationError) as error:
+        controller.messages.note(f"loading {name} failed: {error}")
+        return f"Failed to load installation: {name}"
+    return f"Loading installation: {_as_named(controller, path, name)}"
+
+
+# Power and safety
+
+
+@command("power on", cb3="3.0", e="5.0", remote_only=True)
+def power_on(controller: Controller) -> str:
+    """Switch the arm on; the robot mode goes to IDLE in its own time."""
+    return replies.POWERING_ON if controller.power_event(PowerEvent.POWER_ON) else replies.failed("power on")
+
+
+@command("power off", cb3="3.0", e="5.0", remote_only=True)
+def power_off(controller: Controller) -> str:
+    """Switch the arm off; a running program is stopped."""
+    controller.power_event(PowerEvent.POWER_OFF)
+    return replies.POWERING_OFF
+
+
+@command("brake release", cb3="3.0", e="5.0", remote_only=True)
+def brake_release(controller: Controller) -> str:
+    """Release the brakes; an arm that is off is switched on first."""
+    accepted = controller.power_event(PowerEvent.BRAKE_RELEASE)
+    return replies.BRAKE_RELEASING if accepted else replies.failed("brake release")
+
+
+@command("unlock protective stop", cb3="3.1", e="5.0", remote_only=True)
+def unlock_protective_stop(controller: Controller) -> str:
+    """Leave a protective stop, no earlier than 5 s after it happened."""
+    if not controller.safety.may_unlock_remotely:
+        return replies.UNLOCK_TOO_EARLY
+    controller.safety_event(SafetyEvent.UNLOCK)
+    return replies.UNLOCKING
+
+
+@command("restart safety", cb3="3.7", e="5.1", remote_only=True)
+def restart_safety(controller: Controller) -> str:
+    """Restart the safety system after a violation or fault; the arm ends switched off."""
+    if controller.safety.mode in (SafetyMode.VIOLATION, SafetyMode.FAULT):
+        controller.power_event(PowerEvent.POWER_OFF)
+        controller.safety_event(SafetyEvent.RESTART)
+    return replies.RESTARTING_SAFETY
+
+
+@command("robotmode", cb3="1.6", e="5.0")
+def robotmode(controller: Controller) -> str:
+    """The robot mode."""
+    return f"Robotmode: {controller.power.robot_mode.name}"
+
+
+@command("safetymode", cb3="3.0", e="5.0")
+def safetymode(controller: Controller) -> str:
+    """The safety mode."""
+    return f"Safetymode: {controller.safety.mode.name}"
+
+
+@command("safetystatus", cb3="3.11", e="5.4")
+def safetystatus(controller: Controller) -> str:
+    """The safety status: finer than the safety mode on e-Series."""
+    return f"Safetystatus: {controller.safety.status.name}"
+
+
+@command("close safety popup", cb3="3.1", e="5.0", remote_only=True)
+def close_safety_popup(controller: Controller) -> str:
+    """Close the dialogue of a safety stop."""
+    controller.safety_board.safety_popup = ""
+    return replies.CLOSING_SAFETY_POPUP
+
+
+# Pendant
+
+
+@command("popup", cb3="1.6", e="5.0")
+def popup(controller: Controller, text: str) -> str:
+    """Show a popup."""
+    controller.popups.show(text)
+    return replies.SHOWING_POPUP
+
+
+@command("close popup", cb3="1.6", e="5.0")
+def close_popup(controller: Controller) -> str:
+    """Close the popups; a program that waits for one goes on."""
+    controller.popups.close_all()
+    return replies.CLOSING_POPUP
+
+
+@command("addToLog", cb3="1.8.11657", e="5.0")
+def add_to_log(controller: Controller, text: str) -> str:
+    """Add a line to the log."""
+    if not text:
+        return replies.NO_LOG_MESSAGE
+    controller.messages.note(text)
+    return replies.LOG_ADDED
+
+
+@command("setUserRole", cb3="1.8.14035", e=None)
+def set_user_role(controller: Controller, role: str) -> str:
+    """Set what the pendant's user may do: programmer, operator, none, locked, restricted."""
+    if lower(role).upper() not in _USER_ROLES:
+        return f"Failed setting user role: {role}"
+    controller.user_role = role.upper()
+    return f"Setting user role: {role}"
+
+
+@command("getUserRole", cb3="3.1", e=None)
+def get_user_role(controller: Controller) -> str:
+    """The pendant's user role."""
+    return controller.user_role
+
+
+@command("set operational mode", cb3=None, e="5.0", remote_only=True)
+def set_operational_mode(controller: Controller, mode: str) -> str:
+    """Let the dashboard control the operational mode: manual or automatic."""
+    if lower(mode).upper() not in _OPERATIONAL_MODES:
+        return f"Failed setting operational mode: {mode}"
+    controller.operational_mode = mode.upper()
+    return f"Operational mode {mode} is set"
+
+
+@command("get operational mode", cb3=None, e="5.6")
+def get_operational_mode(controller: Controller) -> str:
+    """MANUAL, AUTOMATIC, or NONE when nothing controls it."""
+    return controller.operational_mode
+
+
+@command("clear operational mode", cb3=None, e="5.0", remote_only=True)
+def clear_operational_mode(controller: Controller) -> str:
+    """Give the control of the operational mode back to the pendant."""
+    controller.operational_mode = "NONE"
+    return "No longer controlling the operational mode."
+
+
+@command("is in remote control", cb3=None, e="5.6")
+def is_in_remote_control(controller: Controller) -> str:
+    """Whether the pendant is set to remote control. Commands are accepted either way unless that is enforced."""
+    return str(controller.remote_control).lower()
+
+
+# About the controller
+
+
+@command("PolyscopeVersion", cb3="1.8.14035", e="5.0")
+def polyscope_version(controller: Controller) -> str:
+    """Software version with its release date."""
+    return f"URSoftware {controller.version} ({_RELEASE_DATE})"
+
+
+@command("version", cb3=None, e="5.13")
+def version(controller: Controller) -> str:
+    """Software version."""
+    return str(controller.version)
+
+
+@command("get serial number", cb3="3.12", e="5.6")
+def get_serial_number(controller: Controller) -> str:
+    """Serial number of the arm."""
+    return controller.serial_number
+
+
+@command("get robot model", cb3="3.12", e="5.6")
+def get_robot_model(controller: Controller) -> str:
+    """Model of the arm, without the e of the e-Series."""
+    return controller.model.title.removesuffix("e")
+
+
+@command("generate flight report", cb3="3.13", e="5.8")
+def generate_flight_report(controller: Controller, kind: str) -> str:
+    """Write a report (controller, software or system; system when not given) to the programs directory."""
+    try:
+        return f"Flight Report generated with id: {reports.write_flight_report(controller, kind or 'system')}"
+    except (OSError, ValueError) as error:
+        return f"Failed to generate flight report: {error}"
+
+
+@command("generate support file", cb3="3.13", e="5.8")
+def generate_support_file(controller: Controller, directory: str) -> str:
+    """Write log, state and all flight reports, a new one among them, as a zip file below the programs directory."""
+    try:
+        return f"Completed successfully: {reports.write_support_file(controller, directory).name}"
+    except (OSError, ValueError) as error:
+        return f"Failed to generate support file: {error}"
+
+
+@command("saveLog", cb3="3.13", e="5.8")
+def save_log(controller: Controller) -> str:
+    """Write the log to the programs directory."""
+    try:
+        reports.write_log(controller)
+    except (OSError, ValueError) as error:
+        return f"Failed to save log: {error}"
+    return "Log saved to disk"
+
+
+@command("shutdown", cb3="1.4", e="5.0", remote_only=True)
+def shutdown(controller: Controller) -> str:
+    """Switch the arm off and end the controller."""
+    controller.power_event(PowerEvent.POWER_OFF)
+    controller.shutdown_requested = True
+    return replies.SHUTTING_DOWN
+
+
+@command("quit", cb3="1.4", e="5.0")
+def disconnect(controller: Controller) -> str:
+    """Close this connection (the server does, after the reply)."""
+    return replies.DISCONNECTED
+
+
+# Helpers
+
+
+def _until(controller: Controller, state: RuntimeState) -> Generator[None, None, None]:
+    """Wait until the program is in the state, or is over."""
+    while controller.programs.state not in (state, RuntimeState.STOPPED):
+        yield
+
+
+def _program_name(controller: Controller) -> str:
+    """Name of the loaded file (asserted by the official client's tests), else of the running program.
+
+    A program sent by a client leaves the loaded file's name where it is (guess).
+    """
+    programs = controller.programs
+    return programs.loaded.path.name if programs.loaded else programs.name or _no_program(controller)
+
+
+def _no_program(controller: Controller) -> str:
+    """What stands for the name when there is none, as captured from 3.15.8 and 5.11.9."""
+    return "null" if controller.version.series is Series.CB3 else replies.UNNAMED_PROGRAM
+
+
+def _existing(controller: Controller, name: str) -> Path | None:
+    """The file of the programs directory that a client means, None when there is none."""
+    return ProgramsFolder(controller.config.programs_dir).find(name)
+
+
+def _installation(controller: Controller) -> str:
+    """Path of the installation in use, that of the loaded program where it has one."""
+    loaded = controller.programs.loaded
+    if loaded is not None and loaded.installation is not None:
+        return _shown(controller, loaded.installation[0])
+    return f"{_SHOWN_ROOT}/{controller.installation.name}"
+
+
+def _as_named(controller: Controller, path: Path, name: str) -> str:
+    """A full path is answered as the client gave it, for clients look for it in the reply."""
+    return name if PurePosixPath(name).is_absolute() else _shown(controller, path)
+
+
+def _shown(controller: Controller, path: Path) -> str:
+    """The path as the controller shows it to clients."""
+    root = controller.config.programs_dir
+    if root is not None and path.resolve().is_relative_to(root.resolve()):
+        path = path.resolve().relative_to(root.resolve())
+    return f"{_SHOWN_ROOT}/{PurePosixPath(path).as_posix().lstrip('/')}"

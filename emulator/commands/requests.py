@@ -1,0 +1,181 @@
+"""What the ports ask of the controller."""
+
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal
+
+from emulator.commands import dashboard, text_commands
+from emulator.controller import Controller
+from emulator.devices.gripper_requests import GripperSession
+from emulator.fieldbus import modbus_map, rtde_inputs
+from emulator.lifecycle.runstate import READ_ONLY_SOCKET
+from emulator.mailbox import Command, deliver
+from emulator.robot.installation import Payload
+from emulator.snapshot import plausible
+from urproto.dashboard import failed
+from urproto.modbus import ExceptionCode, exception_response
+from urproto.robotiq import Request as GripperRequest
+from urproto.text import strip
+
+_SHOWN = 60  # characters of a refused script in the log
+
+
+@dataclass(frozen=True, slots=True)
+class DashboardLine(Command):
+    """One line of the dashboard server, without its line end. Answer: the reply line, or
+    None when there is nothing to reply to (an empty line). ``restricted``: it came over a
+    connection that was opened while the arm was in local control."""
+
+    text: str
+    restricted: bool = False
+
+    def apply(self, controller: Controller) -> str | Generator[None, None, str | None] | None:
+        return dashboard.execute(controller, self.text, restricted=self.restricted)
+
+    @property
+    def failure(self) -> str:
+        return failed(strip(self.text))
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptUnit(Command):
+    """One program or line from a script port. A line that is one of the controller's own
+    text commands is carried out as such, everything else goes to the interpreter."""
+
+    text: str
+    kind: Literal["block", "line"]
+
+    def apply(self, controller: Controller) -> Generator[None, None, None]:
+        """Done when it is decided whether the program starts: what follows may be about it."""
+        if self.kind == "line" and text_commands.execute(controller, self.text):
+            return
+        submission = controller.programs.submit(self.text)
+        while submission.accepted is None:
+            yield
+
+
+@dataclass(frozen=True, slots=True)
+class RefusedScript(Command):
+    """A program or line from a connection that may only read. Nothing is done but to say so: C210."""
+
+    text: str
+
+    def apply(self, controller: Controller) -> None:
+        controller.messages.error(READ_ONLY_SOCKET)
+        controller.messages.note(f"not executed, the socket it came from is read-only: {self.text[:_SHOWN]!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class InterpreterLine(Command):
+    """One line of the interpreter port. ``answer`` is called with what to send back, perhaps much later."""
+
+    text: str
+    answer: Callable[[str], None]
+
+    def apply(self, controller: Controller) -> None:
+        controller.programs.interpreter.receive(self.text, partial(deliver, self.answer))
+
+
+@dataclass(frozen=True, slots=True)
+class RTDEInputs(Command):
+    """The values of one RTDE input package by variable name."""
+
+    values: Mapping[str, Any]
+
+    def apply(self, controller: Controller) -> None:
+        rtde_inputs.apply_inputs(controller, self.values)
+
+
+@dataclass(frozen=True, slots=True)
+class PopupAnswer(Command):
+    """An operator's answer to a popup or a question; None cancels a question.
+
+    Answer: whether such a dialogue was open and the value is of the type it asks for.
+    """
+
+    request_id: int
+    value: Any
+
+    def apply(self, controller: Controller) -> bool:
+        try:
+            return controller.popups.answer(self.request_id, self.value)
+        except ValueError as error:
+            controller.messages.note(f"answer refused: {error}")
+            return False
+
+
+@dataclass(frozen=True, slots=True)
+class MountPayload(Command):
+    """What really hangs on the flange from now on, whatever programs say; None: what they say.
+
+    Raises ValueError for a negative mass, or a number that is none.
+    """
+
+    payload: Payload | None
+
+    def __post_init__(self) -> None:
+        payload = self.payload
+        if payload is None:
+            return
+        numbers = (payload.mass, *payload.cog, *payload.inertia)
+        if not plausible(*numbers) or min(payload.mass, *payload.inertia[:3]) < 0.0:
+            raise ValueError(
+                f"{payload} cannot hang on a flange: mass and moments of inertia are 0 or more, and finite"
+            )
+
+    def apply(self, controller: Controller) -> None:
+        controller.arm.mounted = self.payload
+
+
+@dataclass(frozen=True, slots=True)
+class ModbusCall(Command):
+    """A request to the Modbus server: function code and data. Answer: the same of the response."""
+
+    pdu: bytes
+
+    def apply(self, controller: Controller) -> bytes:
+        return modbus_map.answer_request(controller, self.pdu)
+
+    @property
+    def failure(self) -> bytes:
+        return exception_response(self.pdu[0], ExceptionCode.DEVICE_FAILURE)
+
+
+@dataclass(frozen=True, slots=True)
+class GripperCall(Command):
+    """Requests of one client of the gripper. Answer: the bytes to send back."""
+
+    requests: tuple[GripperRequest, ...]
+    session: GripperSession
+
+    def apply(self, controller: Controller) -> bytes:
+        assert controller.gripper is not None, "its port is open only then"
+        return self.session.answer(controller.gripper, self.requests)
+
+    @property
+    def failure(self) -> bytes:
+        return b""
+
+
+@dataclass(frozen=True, slots=True)
+class ToolBytes(Command):
+    """Bytes for the device on the tool's serial line. Done when the line has room for them."""
+
+    data: bytes
+
+    def apply(self, controller: Controller) -> Generator[None, None, None]:
+        while controller.tool_line.full:
+            yield
+        controller.tool_line.send(self.data)
+
+
+@dataclass(frozen=True, slots=True)
+class ServingFailed(Command):
+    """A server could not tell its clients about a control period."""
+
+    server: str
+    error: Exception
+
+    def apply(self, controller: Controller) -> None:
+        controller.guard.caught(f"serving the port {self.server!r}", self.error)

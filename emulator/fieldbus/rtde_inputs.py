@@ -1,0 +1,101 @@
+"""What an RTDE input package does to the machine.
+
+A ``*_mask`` names the bits of its companions that apply in the package that carries the
+mask; a companion alone changes nothing until a mask comes (variables keep their last
+value). Registers and the external wrench apply as they arrive.
+"""
+
+from collections.abc import Callable, Mapping
+from math import isfinite
+from typing import Any, Final
+
+from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
+from emulator.machine import Machine
+from emulator.snapshot import plausible
+from urproto.modes import AnalogDomain
+from urproto.rtde.fields import INPUT_FIELDS, Field
+from urproto.rtde.types import FieldType
+
+_Setter = Callable[[Machine, Any], None]
+
+
+def apply_inputs(machine: Machine, values: Mapping[str, Any]) -> None:
+    """Apply one package; every variable in it counts as refreshed in this period.
+
+    A value that is no number, or of no use for what it sets, is refused: the variable keeps its last one (guess).
+    Raises KeyError for a name that is no input variable; nothing has changed then.
+    """
+    if strange := values.keys() - _SETTERS.keys():
+        raise KeyError(f"no input variables: {', '.join(sorted(strange))}")
+    machine.rtde_refreshed.update(dict.fromkeys(values, machine.step_count))
+    usable = {name: value for name, value in values.items() if _usable(name, value)}
+    for name in values.keys() - usable.keys() - machine.rtde_refused:
+        machine.rtde_refused.add(name)
+        machine.messages.note(f"RTDE input {name} = {values[name]} is refused (said once): it keeps its last value")
+    machine.rtde_inputs.update(usable)
+    for name, value in usable.items():
+        _SETTERS[name](machine, value)
+
+
+def _usable(name: str, value: Any) -> bool:
+    if isinstance(value, float):
+        return isfinite(value) if INPUT_FIELDS[name].index is not None else plausible(value)
+    return not isinstance(value, tuple | list) or plausible(*value)
+
+
+def _keep(machine: Machine, value: Any) -> None:
+    """A companion of a mask: kept in ``rtde_inputs`` until its mask selects it."""
+
+
+def _speed_slider(machine: Machine, mask: int) -> None:
+    if mask & 1:
+        machine.speed.set_slider(machine.rtde_inputs.get("speed_slider_fraction", 0.0))
+
+
+def _digital(group: DigitalGroup) -> _Setter:
+    levels_name = f"{group.name}_digital_output"
+
+    def set_outputs(machine: Machine, mask: int) -> None:
+        machine.signals.apply_outputs(group, mask, machine.rtde_inputs.get(levels_name, 0))
+
+    return set_outputs
+
+
+def _analog(machine: Machine, mask: int) -> None:
+    domains = machine.rtde_inputs.get("standard_analog_output_type", 0)
+    for index in (0, 1):
+        if mask >> index & 1:
+            machine.signals.analog_output_domains[index] = AnalogDomain(domains >> index & 1)
+            ratio = machine.rtde_inputs.get(f"standard_analog_output_{index}", 0.0)
+            machine.signals.set_analog_output(index, ratio)
+
+
+def _external_wrench(machine: Machine, wrench: Any) -> None:
+    x, y, z, rx, ry, rz = wrench
+    machine.ft_input.wrench_flange = (x, y, z, rx, ry, rz)
+
+
+def _register(field: Field) -> _Setter:
+    index = field.index
+    assert index is not None
+    if field.attribute == "input_int_registers":
+        return lambda machine, value: machine.registers.input.set_int(index, value)
+    if field.attribute == "input_double_registers":
+        return lambda machine, value: machine.registers.input.set_double(index, value)
+    if field.type is FieldType.BOOL:
+        return lambda machine, value: machine.registers.input.set_bit(index, value)
+    return lambda machine, value: machine.registers.input.set_bits(index, 32, value)
+
+
+_SETTERS: Final[dict[str, _Setter]] = {
+    **{name: _register(field) for name, field in INPUT_FIELDS.items() if field.index is not None},
+    **{f"{group.name}_digital_output_mask": _digital(group) for group in (STANDARD, CONFIGURABLE, TOOL)},
+    **{f"{group.name}_digital_output": _keep for group in (STANDARD, CONFIGURABLE, TOOL)},
+    "speed_slider_mask": _speed_slider,
+    "speed_slider_fraction": _keep,
+    "standard_analog_output_mask": _analog,
+    "standard_analog_output_type": _keep,
+    "standard_analog_output_0": _keep,
+    "standard_analog_output_1": _keep,
+    "external_force_torque": _external_wrench,
+}

@@ -1,0 +1,98 @@
+"""What was posted to a controller: each command waits for the next tick and is applied there, in order.
+
+A command's ``apply`` returns its answer at once, or is a generator that yields once for
+every control period it waits and returns the answer. ``failure`` is the answer when
+applying it raised.
+"""
+
+import logging
+from collections import deque
+from collections.abc import Callable, Generator
+from typing import Any
+
+from emulator.logs import Novelty
+from emulator.machine import Machine
+
+Reply = Callable[[Any], None]
+_Waiting = Generator[None, None, Any]
+
+_logger = logging.getLogger(__name__)
+
+
+class Command:
+    """Base of everything that can be posted to the controller."""
+
+    def apply(self, controller: Any) -> Any:
+        """Carry the command out on an `emulator.controller.Controller`; the answer, or a generator that returns it."""
+        raise NotImplementedError
+
+    @property
+    def failure(self) -> Any:
+        """The answer when ``apply`` raised."""
+        return None
+
+
+class Mailbox:
+    """What was posted to a controller and is not answered yet."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self._posted: deque[tuple[Command, Reply | None]] = deque()
+        self._waiting: list[tuple[_Waiting, Command, Reply | None]] = []
+        self._novelty = Novelty()
+
+    def post(self, command: Command, reply: Reply | None) -> None:
+        """Queue a command. ``reply`` is called with its answer."""
+        self._posted.append((command, reply))
+
+    def carry_out(self) -> None:
+        """One control period: what takes longer goes on, then what was posted since the last period."""
+        waiting, self._waiting = self._waiting, []
+        for frames, command, reply in waiting:
+            self._continue(frames, command, reply)
+        for _ in range(len(self._posted)):
+            command, reply = self._posted.popleft()
+            try:
+                answer = command.apply(self._machine)
+            except Exception as error:
+                self._failed(command, reply, error)
+                continue
+            if isinstance(answer, Generator):
+                self._continue(answer, command, reply)
+            else:
+                self._answer(reply, answer)
+
+    def _continue(self, frames: _Waiting, command: Command, reply: Reply | None) -> None:
+        try:
+            next(frames)
+        except StopIteration as done:
+            self._answer(reply, done.value)
+        except Exception as error:
+            self._failed(command, reply, error)
+        else:
+            self._waiting.append((frames, command, reply))
+
+    def _failed(self, command: Command, reply: Reply | None, error: Exception) -> None:
+        """A command must never end the tick, nor fill the log: clients repeat what fails."""
+        if self._novelty.of(error):
+            shown = f"{command!r:.200}"
+            _logger.error("carrying out %s failed", shown, exc_info=error)
+            self._machine.messages.note(f"carrying out {shown} failed: {type(error).__name__}: {error}")
+        self._answer(reply, command.failure)
+
+    def _answer(self, reply: Reply | None, answer: Any) -> None:
+        if reply is None:
+            return
+        try:
+            reply(answer)
+        except Exception as error:
+            if self._novelty.of(error, reply):
+                _logger.error("who asked could not take the answer", exc_info=error)
+
+
+def deliver(callback: Callable[[Any], None], value: Any) -> None:
+    """Call a listener back; its failure is logged and harms nothing here."""
+    try:
+        callback(value)
+    except Exception:
+        _logger.exception("a listener of the controller failed")

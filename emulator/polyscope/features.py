@@ -1,0 +1,112 @@
+"""Features of an installation file: points, lines and planes a program can move relative to."""
+
+import math
+from typing import Final
+
+from emulator.polyscope.document import DocumentError, Element
+from emulator.polyscope.numbers import numbers
+from urproto.robots.pose import Pose, Vec3, matrix_to_rotvec, rotvec_to_matrix
+
+BASE_VARIABLE: Final = "Base"  # the base as a feature that programs use as a variable
+
+_POINT: Final = "GeomPoseNode"
+_LINE: Final = "GeomLineNode"
+_PLANE: Final = "GeomPlaneNode"
+_BASE: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class _DegenerateError(Exception):
+    """The points coincide or are in line: PolyScope does not offer such a feature to programs (guess)."""
+
+
+def read_features(root: Element) -> tuple[dict[str, Pose], frozenset[str]]:
+    """Pose of each feature in the base frame by name, and the names that programs may use as variables."""
+    features: dict[str, Pose] = {}
+    variables = set()
+    tree = root.child("Features", "GeomFeatures")
+    for element in tree.walk() if tree else ():
+        if element.tag == "BaseView" and element.get("isVariable") == "true":
+            features[BASE_VARIABLE] = _BASE
+            variables.add(BASE_VARIABLE)
+        name = element.get("name")
+        try:
+            pose = _pose(element) if name else None
+        except _DegenerateError:
+            continue
+        if pose is None:
+            continue
+        features[name] = pose
+        if element.get("isVariable") == "true":
+            variables.add(name)
+    return features, frozenset(variables)
+
+
+def _pose(element: Element) -> Pose | None:
+    """None for what is no feature."""
+    if element.tag == _POINT and element.child("toolPosition"):
+        return (*_vector(element, "toolPosition"), *_vector(element, "toolAxisAngle"))
+    if element.tag == _LINE and element.child("firstPoint"):
+        return _line(element)
+    if element.tag == _PLANE and element.child("firstPoint"):
+        return _plane(element)
+    return None
+
+
+def _point(element: Element, tag: str) -> Pose:
+    """The point in <firstPoint> and so on: itself, or below it."""
+    holder = element.child(tag)
+    point = holder if holder is None or holder.child("toolPosition") else holder.child(_POINT)
+    pose = _pose(point) if point is not None else None
+    if pose is None:
+        raise DocumentError(f"the feature {element.get('name')} lacks its <{tag}>")
+    return pose
+
+
+def _line(element: Element) -> Pose:
+    """y from the first point to the second, z as near to the first point's z as that allows (Software Manual)."""
+    first, second = _point(element, "firstPoint"), _point(element, "secondPoint")
+    matrix = rotvec_to_matrix(*first[3:])
+    return _frame(first, _minus(second, first), _cross(_minus(second, first), (matrix[2], matrix[5], matrix[8])))
+
+
+def _plane(element: Element) -> Pose:
+    """y from the first point to the second, z normal to the plane (Software Manual).
+
+    Since PolyScope 5.9 or so the first point has the plane's pose and the points an operator taught are kept
+    apart (equal to PolyScope's in its files).
+    """
+    first = _point(element, "firstPoint")
+    if element.child("userFirstPoint"):
+        return first
+    y = _minus(_point(element, "secondPoint"), first)
+    normal = _cross(y, _minus(_point(element, "thirdPoint"), first))
+    return _frame(first, y, _cross(y, normal))
+
+
+def _frame(origin: Pose, y: Vec3, x: Vec3) -> Pose:
+    x, y = _unit(x), _unit(y)
+    z = _cross(x, y)
+    return (*origin[:3], *matrix_to_rotvec((x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2])))
+
+
+def _vector(element: Element, tag: str) -> Vec3:
+    child = element.child(tag)
+    values = numbers(child.get("value")) if child else []
+    if len(values) != 3:
+        raise DocumentError(f"the feature {element.get('name')} lacks its <{tag}>")
+    return (values[0], values[1], values[2])
+
+
+def _minus(a: Pose, b: Pose) -> Vec3:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def _cross(a: Vec3, b: Vec3) -> Vec3:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def _unit(vector: Vec3) -> Vec3:
+    length = math.hypot(*vector)
+    if length == 0.0:
+        raise _DegenerateError
+    return (vector[0] / length, vector[1] / length, vector[2] / length)

@@ -1,0 +1,205 @@
+"""Moving in a direction until something happens."""
+
+from typing import Final
+
+from emulator.polyscope.document import DocumentError, Element
+from emulator.polyscope.naming import truth
+from emulator.polyscope.nodes.moves import DIRECTION, move_of
+from emulator.polyscope.nodes.waits import analog_condition, child_text
+from emulator.polyscope.registry import node, translate_children
+from emulator.polyscope.writer import Writer, expression_label, expression_text, pin_reading
+from urscript.work import Steps
+
+_AXES: Final = {
+    "XPlus": ("X+", "[1.0, 0.0, 0.0]"),
+    "XMinus": ("X-", "[-1.0, 0.0, 0.0]"),
+    "YPlus": ("Y+", "[0.0, 1.0, 0.0]"),
+    "YMinus": ("Y-", "[0.0, -1.0, 0.0]"),
+    "ZPlus": ("Z+", "[0.0, 0.0, 1.0]"),
+    "ZMinus": ("Z-", "[0.0, 0.0, -1.0]"),
+}
+_FAR: Final = "1000.0"  # m; without a distance PolyScope moves that far
+_NO_RETRACTION: Final = "NONE"
+_BLEND: Final = "BLEND"
+_RETREAT_SPEED: Final = "0.1"  # m/s
+_FUNCTION: Final = "calculate_point_to_move_towards"  # PolyScope's name: other lines of programs call it
+
+
+@node(DIRECTION)
+def direction(writer: Writer, element: Element) -> Steps[None]:
+    """Move along an axis or a vector until a distance, a contact, an input or an expression ends it."""
+    untils = [child for child in element.child("children") or () if child.tag == "Until"]
+    untils.sort(key=lambda until: until.get("type") == "DISTANCE")  # PolyScope looks at the distance last
+    distance = untils[-1] if untils and untils[-1].get("type") == "DISTANCE" else None
+    shown, vector = _direction(writer, element)
+    number = writer.number(element)
+    write_direction_function(writer)
+    writer.label(element, f"Direction: {shown}")
+    _write_thread(writer, element, number, vector, distance)
+    writer.line(f"move_thread_flag_{number} = 0")
+    writer.line(f"move_thread_han_{number} = run move_thread_{number}()")
+    with writer.block("while (True):"):
+        for until in untils:
+            yield from _until(writer, until, number)
+        writer.line("sync()")
+
+
+def _direction(writer: Writer, element: Element) -> tuple[str, str]:
+    """How the direction is shown, and URScript of its vector."""
+    expression = element.child("expression")
+    if expression is not None:
+        return expression_label(writer, expression), expression_text(writer, expression)
+    axis = _AXES.get(element.get("selectedDirection"))
+    if axis is None:
+        raise DocumentError(f"a Direction along {element.get('selectedDirection')!r}, which is not known")
+    return axis
+
+
+def write_direction_function(writer: Writer) -> None:
+    """The pose that lies in a direction of a feature, seen from where the arm is."""
+    if not writer.once("direction function"):
+        return
+    with writer.into("waypoints"), writer.block(f"def {_FUNCTION}(feature, direction, distance):"):
+        writer.line("local axis=[direction[0], direction[1], direction[2]]")
+        with writer.block("if (norm(axis) < 1e-6):"):
+            writer.line("return get_target_waypoint()")
+        writer.line("axis = normalize(axis)")
+        writer.line("local step=p[axis[0] * distance, axis[1] * distance, axis[2] * distance, 0, 0, 0]")
+        writer.line("return pose_add(get_target_waypoint(), pose_sub(pose_trans(feature, step), feature))")
+
+
+def _write_thread(writer: Writer, element: Element, number: int, vector: str, distance: Element | None) -> None:
+    """The movement is a thread, so that it can be ended. Without a distance it goes on as long as nothing ends it."""
+    way = move_of(element)
+    call = "movep" if way.kind == "MoveP" else "movel"  # also under MoveJ
+    far = _FAR if distance is None else child_text(distance, "Distance")
+    blend = ""
+    if distance is not None and distance.get("distanceNodeType") == _BLEND:
+        motion = distance.child("motionParameters")
+        blend = f", r={motion.get('blendRadius')}" if motion else ""
+    own = [part.strip() for part in element.get("toolParams").split(",")]
+    speed, acceleration = own if len(own) == 2 else reversed(way.speeds(None))
+    reference = element.child("feature")
+    feature = writer.feature(reference if reference is not None else way.element.child("feature"))
+    writer.line(f"global move_thread_flag_{number}=0")
+    with writer.block(f"thread move_thread_{number}():"):
+        writer.line("enter_critical")
+        writer.line(f"move_thread_flag_{number} = 1")
+        writer.line(f"local target={_FUNCTION}({feature}, {vector}, {far})")
+        writer.line(f"{call}(target, a={acceleration}, v={speed}{blend})")
+        writer.line(f"move_thread_flag_{number} = 2")
+        writer.line("exit_critical")
+
+
+def _until(writer: Writer, until: Element, number: int) -> Steps[None]:
+    kind = until.get("type")
+    if kind == "NONE":
+        return
+    if kind == "TOOL_CONTACT_DETECTION":
+        yield from _contact(writer, until, number)
+        return
+    if kind == "DISTANCE":
+        writer.line("sleep(1.0E-10)")
+        condition = f"move_thread_flag_{number} > 1"
+    else:
+        condition = _condition(writer, until, kind)
+    with writer.block(f"if ({condition}):"):
+        if kind == "DISTANCE":
+            writer.line(f"join move_thread_han_{number}")
+        else:
+            writer.line(f"kill move_thread_han_{number}")
+            writer.line(f"stopl({_deceleration(writer, until)})")
+        yield from _actions(writer, until, kind)
+
+
+def _actions(writer: Writer, until: Element, kind: str) -> Steps[None]:
+    writer.label(until, f"Until ({kind.lower()})")
+    yield from translate_children(writer, until)
+    writer.line("break")
+
+
+def _condition(writer: Writer, until: Element, kind: str) -> str:
+    if kind == "EXPRESSION":
+        return expression_text(writer, until.child("expression"))
+    if kind == "IO" and until.get("ioType") == "DIGITAL_INPUT":
+        return f"{pin_reading(writer, until.child('pin'))} == {truth(until.get('digitalValue'))}"
+    if kind == "IO":
+        return analog_condition(writer, until)
+    raise DocumentError(f"an Until of type {kind!r}, which is not known")
+
+
+def _deceleration(writer: Writer, until: Element) -> str:
+    """Of the stop [m/s2]: a number or an expression of the Until's (its element is a guess), else the Move's."""
+    for child in until:
+        if "eceleration" in child.tag and child.children:
+            return expression_text(writer, child)
+    given = until.get("decelerationAcceleration") or until.get("deceleration")
+    return given or move_of(until).speeds(None)[0]
+
+
+def _contact(writer: Writer, until: Element, number: int) -> Steps[None]:
+    """Stop at a contact, go back to where it happened and a little further, or stay."""
+    stop = _deceleration(writer, until)
+    back = until.get("retraction") or "0.0"
+    writer.line("local contact_direction=get_target_tcp_speed()")
+    writer.line("local contact_steps=tool_contact(direction=contact_direction)")
+    with writer.block("if (contact_steps > 0):"):
+        writer.line(f"kill move_thread_han_{number}")
+        writer.line(f"stopl({stop})")
+        if back != _NO_RETRACTION:
+            _write_retraction(writer, stop, back)
+        yield from _actions(writer, until, "TOOL_CONTACT_DETECTION")
+
+
+def _write_retraction(writer: Writer, stop: str, back: str) -> None:
+    writer.line("local contact_pose=get_forward_kin(get_actual_joint_positions_history(contact_steps))")
+    writer.line("local contact_axis=[contact_direction[0], contact_direction[1], contact_direction[2]]")
+    with writer.block("if (norm(contact_axis) > 1e-6):"):
+        writer.line("contact_axis = normalize(contact_axis)")
+        writer.line(
+            "contact_pose = pose_sub(contact_pose, "
+            f"p[contact_axis[0] * {back}, contact_axis[1] * {back}, contact_axis[2] * {back}, 0, 0, 0])"
+        )
+    writer.line(f"movel(contact_pose, a={stop}, v={_RETREAT_SPEED})")
+
+
+@node("Until")
+def until_node(writer: Writer, element: Element) -> None:
+    """What ends a Direction, which writes it."""
+    raise DocumentError("an Until outside a Direction")
+
+
+_FORCE_TYPES: Final = {"Simple": 2, "Frame": 2, "Point": 1, "Motion": 3}  # Script Manual, force_mode
+_FORCE_STOP: Final = "5.0"  # m/s2
+
+
+@node("Force")
+def force(writer: Writer, element: Element) -> Steps[None]:
+    """Nodes during which the arm yields to forces, or presses."""
+    kind = _FORCE_TYPES.get(element.get("type"))
+    if kind is None:
+        raise DocumentError(f"a Force of type {element.get('type')!r}, which is not known")
+    selection, wrench, by_force, by_motion = (
+        _six_parts(element, tag) for tag in ("selection", "wrench", "limitsForce", "limitsMotion")
+    )
+    frame = writer.feature(element.child("feature"))
+    frame = "tool_pose()" if frame == "get_forward_kin()" else frame
+    limits = [
+        yielding if chosen == "1" else stiff
+        for chosen, yielding, stiff in zip(selection, by_force, by_motion, strict=True)
+    ]
+    writer.label(element, "Force")
+    writer.line("sleep(0.02)")
+    writer.line("zero_ftsensor()")
+    writer.line(f"force_mode({frame}, [{', '.join(selection)}], [{', '.join(wrench)}], {kind}, [{', '.join(limits)}])")
+    yield from translate_children(writer, element)
+    writer.line("end_force_mode()")
+    writer.line(f"stopl({_FORCE_STOP})")
+
+
+def _six_parts(element: Element, tag: str) -> list[str]:
+    child = element.child(tag)
+    parts = [part.strip() for part in child.get("value").split(",")] if child else []
+    if len(parts) != 6:
+        raise DocumentError(f"a Force lacks its <{tag}>")
+    return parts

@@ -1,0 +1,67 @@
+"""Nodes that URCaps contribute."""
+
+from typing import Final
+
+from emulator.polyscope.document import Element
+from emulator.polyscope.nodes.direction import write_direction_function
+from emulator.polyscope.nodes.flow import count_time
+from emulator.polyscope.nodes.moves import DIRECTION
+from emulator.polyscope.registry import node
+from emulator.polyscope.tree import EXTERNAL_CONTROL, TreeError, is_external_control
+from emulator.polyscope.writer import Writer
+from urproto.text import lines
+
+_UNNAMED: Final = "192.168.56.1"  # what the URCap calls a driver without a name
+
+
+@node(
+    "Contributed",
+    status="partial",
+    note="External Control; others if the .script that PolyScope saved beside the program holds their code",
+)
+def contributed(writer: Writer, element: Element) -> None:
+    """A node of a URCap."""
+    if is_external_control(element):
+        _external_control(writer, element)
+        return
+    urcap, kind = element.get("strategyURCapName"), element.get("strategyProgramNodeType")
+    tree = writer.home(element)
+    lines = tree.twin.code(writer.line_in(tree, element), urcap, kind)
+    if lines is None:
+        raise TreeError(
+            f"the node {kind!r} is one of the URCap {urcap!r}, which is not installed here; "
+            f"save the program with PolyScope and put {tree.name}.script, which holds its code, beside it"
+        )
+    if tree.changed_since_twin:
+        raise TreeError(
+            f"the node {kind!r} is one of the URCap {urcap!r}, whose code would come from {tree.name}.script; that was "
+            f"not saved with the program as it is now: {tree.changed_since_twin}. Save the program with PolyScope again"
+        )
+    writer.raw(lines)
+    _prepare(writer, element)
+
+
+def _prepare(writer: Writer, element: Element) -> None:
+    """What the code of the nodes below uses, which PolyScope writes elsewhere into the script."""
+    for inner in (child.resolved() for child in element.child("children") or ()):
+        if inner.tag == "SuppressedNode":
+            continue
+        if inner.tag == "Waypoint" and inner.child("position") and inner.get("type") != "Relative":
+            writer.waypoint(inner)
+        elif inner.tag == DIRECTION:
+            write_direction_function(writer)
+        elif inner.tag == "Timer":
+            count_time(writer, inner)
+        _prepare(writer, inner)
+
+
+def _external_control(writer: Writer, element: Element) -> None:
+    """The header once, where the first node stands, and the rest at every node (seen in saved scripts)."""
+    code = writer.external_control
+    if code is None:
+        raise TreeError("the program has External Control nodes, and no driver has given their code")
+    page = writer.installation.contributions.get(EXTERNAL_CONTROL, {})
+    writer.label(element, f"Control by {page.get('name') or _UNNAMED}")
+    if writer.once("external control header"):
+        writer.raw(lines(code.header))
+    writer.raw(lines(code.node))

@@ -1,0 +1,90 @@
+"""Numbers, lists and poses in PolyScope's files, and as they are written into scripts."""
+
+import math
+from collections.abc import Sequence
+
+from emulator.polyscope.document import DocumentError, Element
+from urproto.robots.pose import Pose, matrix_to_rotvec, pose_inv, pose_trans
+from urproto.text import number as text_number
+
+_DIGITS = 12  # behind the point, as PolyScope writes poses
+
+
+def number(text: str, what: str = "number") -> float:
+    """One finite number. Raises DocumentError."""
+    try:
+        return text_number(text)
+    except ValueError:
+        raise DocumentError(f"{text!r} is no {what}") from None
+
+
+def numbers(text: str) -> list[float]:
+    """Numbers between commas. Raises DocumentError."""
+    return [number(part) for part in text.split(",")]
+
+
+def six(text: str) -> Pose:
+    """Six numbers between commas. Raises DocumentError."""
+    values = numbers(text)
+    if len(values) != 6:
+        raise DocumentError(f"{text!r} is not six numbers")
+    a, b, c, d, e, f = values
+    return (a, b, c, d, e, f)
+
+
+def number_text(value: float) -> str:
+    """A number as a script has it."""
+    return repr(round(value, _DIGITS) + 0.0)
+
+
+def list_text(values: Sequence[float]) -> str:
+    """A list as a script has it, with all digits."""
+    return f"[{', '.join(repr(value) for value in values)}]"
+
+
+def pose_text(pose: Sequence[float]) -> str:
+    """A pose as a script has it."""
+    return f"p[{', '.join(number_text(value) for value in pose)}]"
+
+
+def taught_pose(position: Element) -> tuple[Pose, Pose]:
+    """Joints [rad] and TCP pose in the base frame of a taught position.
+
+    Older files hold the pose. Newer ones hold the joints, the TCP and the dimensions of the arm
+    it was taught with, from which the pose follows (equal to PolyScope's to 1e-9 in its files).
+    """
+    if position.get("joints"):
+        return six(position.get("joints")), six(position.get("pose"))
+    joints = six(_value(position, "JointAngles", "angles"))
+    tcp = six(_value(position, "TCPOffset", "pose"))
+    arm = position.child("Kinematics")
+    if arm is None:
+        raise DocumentError("a taught position does not say with which arm")
+    return joints, pose_trans(_flange(arm, joints), tcp)
+
+
+def _flange(arm: Element, joints: Pose) -> Pose:
+    """Flange in the base frame of a calibrated arm, whose axes are not quite parallel."""
+    a, d, alpha, theta = (six(_value(arm, tag, "value")) for tag in ("a", "d", "alpha", "deltaTheta"))
+    pose: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for i in range(6):
+        pose = pose_trans(pose, _link(joints[i] + theta[i], a[i], d[i], alpha[i]))
+    return pose
+
+
+def _link(theta: float, a: float, d: float, alpha: float) -> Pose:
+    """Rot_z(theta) Trans_z(d) Trans_x(a) Rot_x(alpha)."""
+    s, c, sa, ca = math.sin(theta), math.cos(theta), math.sin(alpha), math.cos(alpha)
+    return (a * c, a * s, d, *matrix_to_rotvec((c, -s * ca, s * sa, s, c * ca, -c * sa, 0.0, sa, ca)))
+
+
+def _value(element: Element, tag: str, attribute: str) -> str:
+    child = element.child(tag)
+    if child is None:
+        raise DocumentError(f"<{element.tag}> lacks <{tag}>")
+    return child.get(attribute)
+
+
+def inverse_text(pose: Pose) -> str:
+    """The inverse of a pose as a script has it."""
+    return pose_text(pose_inv(pose))

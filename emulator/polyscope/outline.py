@@ -1,0 +1,46 @@
+"""A program tree as a pendant shows it: what each node is called, and how deep it lies."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from emulator.polyscope.document import Element
+from emulator.polyscope.installation_file import InstallationFile
+from emulator.polyscope.program import write_steps
+from emulator.polyscope.tree import ProgramTree
+from emulator.polyscope.writer import ExternalControlCode
+from urproto.versions import PolyscopeVersion
+from urscript.work import Steps
+
+_NODE_WORK: Final = 20  # guess [units of `urscript.work`]
+
+
+@dataclass(frozen=True, slots=True)
+class OutlineNode:
+    """number: line in the tree, by which the program's labels name it. suppressed: it is not carried out."""
+
+    number: int
+    depth: int
+    text: str
+    suppressed: bool = False
+
+
+def outline_steps(
+    tree: ProgramTree, installation: InstallationFile, version: PolyscopeVersion
+) -> Steps[list[OutlineNode]]:
+    """Every node, in order, in pieces for a control loop. Raises TreeError for a tree that cannot be run."""
+    writer = yield from write_steps(tree, installation, version=version, external_control=ExternalControlCode("", ""))
+    nodes = list[OutlineNode]()
+    for line in tree.lines:
+        text = writer.labels.get(line.number) or _name(line.element)
+        nodes.append(OutlineNode(line.number, line.depth, text, line.suppressed))
+        yield _NODE_WORK
+    return nodes
+
+
+def _name(element: Element) -> str:
+    """Of a node that has no label: its name, or its kind in words."""
+    kind, named = element.tag, element
+    if element.tag == "SuppressedNode" and (inner := element.child("suppressedNode")) is not None:
+        kind, named = inner.get("class") or kind, inner
+    words = "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in kind)
+    return named.attributes.get("name") or words.removesuffix(" node").strip().capitalize()

@@ -1,0 +1,110 @@
+"""The URScript that a program tree is run as."""
+
+from emulator.polyscope.document import DocumentError
+from emulator.polyscope.installation_file import InstallationFile
+from emulator.polyscope.naming import identifier, quoted
+from emulator.polyscope.nodes import NODE_MODULES
+from emulator.polyscope.numbers import list_text, pose_text
+from emulator.polyscope.registry import NODES, translate
+from emulator.polyscope.tree import ProgramTree, TreeError
+from emulator.polyscope.writer import ExternalControlCode, Writer
+from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+from urscript.work import Steps, run_to_end
+
+
+def write_preamble(writer: Writer) -> None:
+    """The installation as calls and variables, in the order of PolyScope's own scripts."""
+    with writer.into("preamble"):
+        if writer.installation.tcp is not None:
+            _inputs_and_outputs(writer)
+            _tool(writer)
+        _modbus(writer)
+    with writer.into("variables"):
+        for name, value in writer.installation.variables.items():
+            writer.line(f"global {identifier(name)}={value}")
+        for name in sorted(writer.installation.feature_variables):
+            writer.line(f"global {identifier(name)}={pose_text(writer.installation.features[name])}")
+
+
+def _inputs_and_outputs(writer: Writer) -> None:
+    file = writer.installation
+    for port, domain in enumerate(file.analog_inputs):
+        writer.line(f"set_standard_analog_input_domain({port}, {domain})")
+    for port, domain in enumerate(file.tool_inputs):
+        writer.line(f"set_tool_analog_input_domain({port}, {domain})")
+    for port, domain in enumerate(file.analog_outputs):
+        writer.line(f"set_analog_outputdomain({port}, {domain})")
+    writer.line("set_input_actions_to_default()")
+
+
+def _tool(writer: Writer) -> None:
+    file = writer.installation
+    if writer.version.series is Series.E:
+        enabled, *serial = file.tool_serial
+        writer.line(f"set_tool_communication({enabled}, {', '.join(map(str, serial))})")
+        writer.line(f"set_tool_output_mode({file.tool_output_mode})")
+        for port, kind in enumerate(file.tool_outputs):
+            writer.line(f"set_tool_digital_output_mode({port}, {kind})")
+    writer.line(f"set_tool_voltage({file.tool_voltage})")
+    if file.tcp is not None:
+        writer.line(f"set_tcp({pose_text(file.tcp)})")
+    if file.payload is not None:
+        writer.line(writer.payload(file.payload))
+    if file.gravity is not None:
+        writer.line(f"set_gravity({list_text(file.gravity)})")
+
+
+def _modbus(writer: Writer) -> None:
+    for signal in writer.installation.modbus:
+        address, name = quoted(signal.address), quoted(signal.name)
+        writer.line(f"modbus_add_signal({address}, {signal.slave}, {signal.register}, {signal.type}, {name}, False)")
+        if signal.frequency >= 0:
+            writer.line(f"modbus_set_signal_update_frequency({name}, {signal.frequency})")
+
+
+assert NODES, NODE_MODULES  # importing the modules has filled the table
+
+
+def script_of(
+    tree: ProgramTree,
+    installation: InstallationFile,
+    *,
+    version: PolyscopeVersion = DEFAULT_VERSION[Series.E],
+    external_control: ExternalControlCode | None = None,
+) -> str:
+    """The URScript of a program. Raises TreeError when the tree has nodes that cannot be run, or
+    External Control nodes and no code for them."""
+    return run_to_end(script_steps(tree, installation, version=version, external_control=external_control))
+
+
+def script_steps(
+    tree: ProgramTree,
+    installation: InstallationFile,
+    *,
+    version: PolyscopeVersion = DEFAULT_VERSION[Series.E],
+    external_control: ExternalControlCode | None = None,
+) -> Steps[str]:
+    """`script_of` in pieces, for a control loop."""
+    writer = yield from write_steps(tree, installation, version=version, external_control=external_control)
+    return writer.text()
+
+
+def write_steps(
+    tree: ProgramTree,
+    installation: InstallationFile,
+    *,
+    version: PolyscopeVersion,
+    external_control: ExternalControlCode | None,
+) -> Steps[Writer]:
+    """Everything written that `script_of` puts together, with the labels of the nodes."""
+    writer = Writer(tree, installation, version, external_control)
+    children = tree.root.child("children")
+    assert children is not None
+    try:
+        write_preamble(writer)
+        for child in children:
+            yield from translate(writer, child)
+        writer.write_timers()
+    except DocumentError as error:
+        raise TreeError(f"{tree.name}: {error}") from error
+    return writer

@@ -1,0 +1,139 @@
+"""A program as PolyScope saves it (``.urp``): its nodes, and the lines by which PolyScope numbers them."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Final
+
+from emulator.polyscope.document import Element, read_steps
+from emulator.polyscope.folder import ProgramsFolder
+from emulator.polyscope.naming import quoted
+from emulator.polyscope.saved_script import NO_TWIN, TwinScript, read_twin
+from urproto.text import from_bytes
+from urscript.work import Steps
+
+EXTERNAL_CONTROL: Final = "External Control"  # the name of the URCap
+_ROOT: Final = "URProgram"
+_OLD_ROOT: Final = "gui.program.ProgramRootNode"
+
+
+class TreeError(ValueError):
+    """The program tree cannot be run; the text names the node and the reason."""
+
+
+def is_external_control(element: Element) -> bool:
+    """Whether a node is one of the External Control URCap."""
+    return element.tag == "Contributed" and element.get("strategyURCapName") == EXTERNAL_CONTROL
+
+
+@dataclass(frozen=True, slots=True)
+class TreeLine:
+    """A node. number: its line in the program tree, from 1, by which labels name it. suppressed: left out."""
+
+    number: int
+    depth: int
+    element: Element
+    suppressed: bool
+
+
+class ProgramTree:
+    """A PolyScope program. ``name``: as PolyScope shows it, without ``.urp``. ``twin``: the ``.script``
+    saved beside it, which holds the code of URCap nodes. ``folder``: where the files it names are looked for."""
+
+    def __init__(
+        self, root: Element, name: str, twin: TwinScript = NO_TWIN, folder: ProgramsFolder | None = None
+    ) -> None:
+        if root.tag == _OLD_ROOT:
+            raise TreeError(
+                "it was saved by PolyScope 3.1 or before (seen: 1.7 to 3.1), whose files hold the controller's own "
+                "objects and are not read; load and save it with a newer PolyScope"
+            )
+        if root.tag != _ROOT or root.child("children") is None:
+            raise TreeError(f"<{root.tag}> is no PolyScope program")
+        self.root = root
+        self.name = name
+        self.twin = twin
+        self.folder = folder or ProgramsFolder(None)
+
+    @property
+    def installation_names(self) -> tuple[str, ...]:
+        """Names of the installation it was saved with, without extension: relative to the program, and alone."""
+        relative, alone = self.root.get("installationRelativePath"), self.root.get("installation")
+        return (relative or alone, alone)
+
+    @cached_property
+    def changed_since_twin(self) -> str:
+        """Where the program is another than when the script beside it was saved, in words; empty when it is the same.
+
+        What people have named shows it: other labels depend on the language of the pendant.
+        """
+        for line in self.lines:
+            label = self.twin.labels.get(line.number)
+            name = quoted(_given_name(line.element))[1:-1]
+            if label is not None and line.suppressed:
+                return f"line {line.number} is suppressed in the program and {label!r} in the script"
+            if label is not None and name and label != name:
+                return f"line {line.number} is {name!r} in the program and {label!r} in the script"
+        last = max(self.twin.labels, default=0)
+        if last > len(self.lines):
+            return f"the program has {len(self.lines)} lines and the script {last}"
+        return ""
+
+    @cached_property
+    def needs_external_control(self) -> bool:
+        """Whether it has External Control nodes, for whose text a driver must be asked."""
+        return any(is_external_control(line.element) for line in self.lines if not line.suppressed)
+
+    @cached_property
+    def lines(self) -> list["TreeLine"]:
+        """Every node, in the order in which PolyScope shows and numbers them.
+
+        A subprogram is written where the file first mentions it, which may be in a Call; its lines are where the
+        subprogram itself stands in the tree.
+        """
+        lines = list[TreeLine]()
+        seen = set[int]()
+        waiting = [(child, 0, False) for child in reversed(_nodes(self.root))]
+        while waiting:
+            element, depth, suppressed = waiting.pop()
+            if id(element) in seen:
+                continue
+            seen.add(id(element))
+            suppressed |= element.tag == "SuppressedNode"
+            lines.append(TreeLine(len(lines) + 1, depth, element, suppressed))
+            waiting.extend((child, depth + 1, suppressed) for child in reversed(_nodes(element)))
+        return lines
+
+    @cached_property
+    def numbers(self) -> dict[int, int]:
+        """The line of each node in the program tree, by the identity of its element."""
+        return {id(line.element): line.number for line in self.lines}
+
+    def called(self, name: str) -> Steps["ProgramTree | None"]:
+        """The program file that this one calls by a name; None without it. Raises DocumentError or TreeError."""
+        path = self.folder.find(name)
+        return (yield from read_tree_steps(path, self.folder)) if path else None
+
+
+def _given_name(element: Element) -> str:
+    """What people have called a node, which its label shows as it is; empty for other nodes."""
+    if element.tag == "Waypoint" and element.get("type") == "Variable":
+        variable = element.child("variable")
+        return variable.get("name") if variable else ""
+    return element.get("name") if element.tag in ("Waypoint", "Folder", "SubProgram", "Thread") else ""
+
+
+def _nodes(element: Element) -> list[Element]:
+    """The nodes directly below a node; a suppressed one is wrapped, which is no line of its own."""
+    node = element.child("suppressedNode") if element.tag == "SuppressedNode" else element
+    children = node.child("children") if node else None
+    return [child.resolved() for child in children or ()]
+
+
+def read_tree_steps(path: Path, folder: ProgramsFolder | None = None) -> Steps[ProgramTree]:
+    """A ``.urp`` file, read in pieces for a control loop. Raises OSError, DocumentError or TreeError."""
+    beside = path.with_suffix(".script")
+    text = from_bytes(beside.read_bytes()).removeprefix("\ufeff") if beside.is_file() else ""
+    twin = yield from read_twin(text)
+    root = yield from read_steps(path.read_bytes())
+    return ProgramTree(root, path.stem, twin, folder)

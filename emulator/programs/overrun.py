@@ -1,0 +1,39 @@
+"""A program that computes on and on without moving the arm or waiting: what a controller says, and does."""
+
+from typing import Final
+
+from emulator.lifecycle.runstate import BUSY_PROTECTIVE_STOP
+from emulator.machine import Machine
+from urproto.modes import ReportLevel
+from urproto.versions import Series
+from urscript.runtime import Runtime, ScriptThread
+
+_LONG_S: Final = 1.0
+_TOO_LONG_S: Final = 10.0
+
+_TOO_BUSY: Final = "The program used too much time without moving the robot or waiting: add sync() or sleep()"
+"""Our words for the runtime error that CB3 controllers end such a program with."""
+
+
+def watch(main: Runtime, thread: ScriptThread, machine: Machine) -> None:
+    """A thread of the main program computes on and on: say so, then end the program (CB3) or stop the arm (e-Series).
+
+    Called in every period in which it went on; again after as long a time, if it was left to go on.
+    """
+    if thread.parked_frames == round(_LONG_S / machine.period_s):
+        argument, text = _describe(thread)
+        machine.messages.error(218, argument, ReportLevel.INFO, text)
+    if thread.parked_frames % round(_TOO_LONG_S / machine.period_s) != 0:
+        return
+    if machine.version.series is Series.E:
+        machine.protective_stop(BUSY_PROTECTIVE_STOP)
+    else:
+        machine.messages.runtime_exception(*thread.position, _TOO_BUSY)
+        main.stop()
+
+
+def _describe(thread: ScriptThread) -> tuple[int, str]:
+    """Argument and text of the error log's entry about it (C218)."""
+    if thread.id == 0:
+        return 0, f"The main program used a lot of time near line {thread.line}"
+    return 1, f"Thread {thread.name} used a lot of time near line {thread.line}"

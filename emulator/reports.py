@@ -1,0 +1,107 @@
+"""Files for people: the log, a flight report, a support file, and what a failure of the emulator leaves behind.
+
+Written to the programs directory; without one, to a folder of the system's for temporary files, which the log names.
+What is in them is the emulator's own; the name of a support file, and that it holds all flight reports, is the e-Series
+dashboard manual's.
+"""
+
+import tempfile
+import zipfile
+from calendar import isleap, monthrange
+from pathlib import Path
+from typing import Final
+
+from emulator.machine import Machine
+from urproto.text import READABLE, readable, strip, to_bytes
+
+_FLIGHT_REPORTS: Final = ("controller", "software", "system")
+_FLIGHT_REPORT: Final = "flightreport_"  # and its id: the beginning of a file's name
+_CRASH: Final = "crash_"  # likewise
+
+
+def write_log(machine: Machine) -> Path:
+    """Write the log. Raises OSError when it cannot be written."""
+    path = _directory(machine) / "log_history.txt"
+    path.write_text(_log(machine), "utf-8", READABLE)
+    return path
+
+
+def write_flight_report(machine: Machine, kind: str) -> str:
+    """Write a report and return its id. Raises ValueError for an unknown kind, OSError."""
+    if kind.lower() not in _FLIGHT_REPORTS:
+        raise ValueError(f"no report {kind!r}: choose one of {', '.join(_FLIGHT_REPORTS)}")
+    report_id = f"{machine.serial_number}_{machine.step_count}_{kind.lower()}"
+    (_directory(machine) / f"{_FLIGHT_REPORT}{report_id}.txt").write_text(_summary(machine), "utf-8", READABLE)
+    return report_id
+
+
+def write_support_file(machine: Machine, directory: str) -> Path:
+    """Write log, state, all flight reports and failures as one zip file, after a new flight report of the system.
+
+    Raises ValueError for a directory outside the programs directory, OSError.
+    """
+    root = _directory(machine)
+    target = (root / strip(directory).lstrip("/")).resolve()
+    if not target.is_relative_to(root.resolve()) or not target.is_dir():
+        raise ValueError(f"{directory!r} is not a directory below the programs directory")
+    write_flight_report(machine, "system")
+    path = target / f"ur_{machine.serial_number}_{_date_and_time(machine.wall_clock_ns // 1_000_000_000)}.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("log_history.txt", readable(_log(machine)))
+        archive.writestr("state.txt", readable(_summary(machine)))
+        for report in sorted((*root.glob(f"{_FLIGHT_REPORT}*.txt"), *root.glob(f"{_CRASH}*.zip"))):
+            archive.write(report, readable(report.name))
+    return path
+
+
+def write_crash(machine: Machine, source: str | None, stage: str, trace: str) -> Path:
+    """Write what a bug report needs: traceback, what the robot is, its last state, program and log. Raises OSError.
+
+    source: of the main program that ran last.
+    """
+    config = machine.config
+    arm = f"dynamic arm, seed {config.seed}" if config.dynamic else "ideal arm"
+    about = f"{_head(machine)}{arm}\nuptime {machine.time_s:.3f} s, control period {machine.step_count}\n"
+    path = _directory(machine) / f"{_CRASH}{machine.serial_number}_{machine.step_count}.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("traceback.txt", readable(f"while {stage}\n{trace}"))
+        archive.writestr("about.txt", readable(f"{about}{config}\n"))
+        archive.writestr("state.txt", readable(_summary(machine)))
+        archive.writestr("log_history.txt", readable(_log(machine)))
+        if source is not None:
+            archive.writestr("program.script", to_bytes(source))
+    return path
+
+
+def _directory(machine: Machine) -> Path:
+    directory = machine.config.programs_dir or machine.reports_dir
+    if directory is None:
+        directory = machine.reports_dir = Path(tempfile.mkdtemp(prefix="ur-emulator-"))
+        machine.messages.note(f"there is no programs directory: reports are written to {directory}")
+    return directory
+
+
+def _log(machine: Machine) -> str:
+    return "".join(f"{line}\n" for line in machine.messages.history)
+
+
+def _head(machine: Machine) -> str:
+    return f"{machine.model.title}, serial number {machine.serial_number}, PolyScope {machine.version}\n"
+
+
+def _summary(machine: Machine) -> str:
+    return _head(machine) + "".join(f"{name}: {value}\n" for name, value in vars(machine.snapshot).items())
+
+
+def _date_and_time(seconds: int) -> str:
+    """YYYY-MM-DD_HH-MM-SS of a time since 1970. By hand: modules that know the date know the clock, too."""
+    days, seconds = divmod(seconds, 86_400)
+    year, month = 1970, 1
+    while days >= 365 + isleap(year):
+        days -= 365 + isleap(year)
+        year += 1
+    while days >= monthrange(year, month)[1]:
+        days -= monthrange(year, month)[1]
+        month += 1
+    hours, minutes = seconds // 3600, seconds // 60 % 60
+    return f"{year:04}-{month:02}-{days + 1:02}_{hours:02}-{minutes:02}-{seconds % 60:02}"

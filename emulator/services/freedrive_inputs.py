@@ -1,0 +1,66 @@
+"""Inputs that let somebody move the arm by hand."""
+
+from collections.abc import Callable
+
+from emulator.io.signals import DigitalGroup, Registers, Signals
+from emulator.motion import Motion
+from emulator.services.modbus import ModbusSignals
+
+
+class FreedriveInputs:
+    """Which inputs trigger freedrive. They outlive the program that said so, as the installation's do.
+
+    While one of them is high, no program runs and the arm may move, the arm is in freedrive.
+    """
+
+    def __init__(self, signals: Signals, registers: Registers, modbus: ModbusSignals, motion: Motion) -> None:
+        self._signals, self._registers, self._modbus, self._motion = signals, registers, modbus, motion
+        self._levels: dict[tuple[str, int | str], Callable[[], bool]] = {}
+        self._free = False
+
+    @property
+    def free(self) -> bool:
+        """True while an input holds the arm in freedrive."""
+        return self._free
+
+    def watch_digital(self, group: DigitalGroup, index: int) -> None:
+        """Freedrive by a digital input. Raises IndexError for one the group does not have."""
+        group.bit(index)
+        self._levels[group.name, index] = lambda: self._signals.get_digital_input(group, index)
+
+    def watch_register(self, index: int) -> None:
+        """Freedrive by a boolean input register."""
+        self._levels["register", index] = lambda: self._registers.input.get_bit(index)
+
+    def watch_signal(self, name: str) -> None:
+        """Freedrive by a Modbus signal; one that was deleted, or whose unit does not answer, counts as low."""
+        self._levels["modbus", name] = lambda: self._modbus.is_high(name)
+
+    def hold_button(self) -> None:
+        """Freedrive for as long as the pendant's button is held: until it is forgotten."""
+        self._levels["button", 0] = lambda: True
+
+    def forget(self, kind: str, index: int | str) -> None:
+        """The input triggers nothing. ``kind``: the group's name, "register", "modbus" or "button"."""
+        self._levels.pop((kind, index), None)
+
+    def clear(self) -> None:
+        """No input triggers anything."""
+        self._levels.clear()
+
+    def advance(self, *, allowed: bool) -> None:
+        """One control period, before programs run. ``allowed``: the arm may move, and no program does it."""
+        if not (self._levels or self._free):
+            return
+        wanted = allowed and any(high() for high in self._levels.values())
+        if wanted and not self._free:
+            self._motion.freedrive()
+            self._free = True
+        elif not wanted:
+            self.release()
+
+    def release(self) -> None:
+        """Leave freedrive, if an input brought the arm there: a program takes over."""
+        if self._free:
+            self._motion.end_freedrive()
+            self._free = False
