@@ -25,12 +25,12 @@ from emulator.faults.fault import Fault, FaultError, FaultImpossible, rebooted, 
 from emulator.faults.injector import FaultInjector
 from emulator.logs import Novelty
 from emulator.ports import PORTS
-from emulator.servers.base import PortServer
 from emulator.servers.dashboard import DashboardServer
 from emulator.servers.gripper import GripperServer
 from emulator.servers.interpreter import InterpreterServer
 from emulator.servers.modbus import ModbusServer
 from emulator.servers.modbus_client import ModbusClient
+from emulator.servers.port import PortServer
 from emulator.servers.primary import PrimaryServer, RealtimeServer
 from emulator.servers.primary_state import robot_state
 from emulator.servers.program_state import ProgramReporter

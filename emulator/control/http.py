@@ -17,7 +17,8 @@ import msgspec
 from emulator.control.control import LiveControl, is_waiting
 from emulator.control.openapi import listing, openapi
 from emulator.control.verbs import BadArguments, NotPossible, Verb, verbs_of
-from emulator.servers.base import Connection, ControllerDoor, PortServer
+from emulator.servers.connection import Connection
+from emulator.servers.port import ControllerDoor, PortServer
 from emulator.servers.script_sockets import ControlMark
 from emulator.snapshot import Snapshot
 from urproto.text import from_bytes, readable_in, to_bytes

@@ -15,8 +15,10 @@ from collections.abc import Callable
 from typing import Final
 
 from emulator.commands.requests import RefusedScript, ScriptUnit
-from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
+from emulator.servers.port import ControllerDoor, PortServer
 from emulator.servers.program_state import ProgramReporter
 from emulator.snapshot import Snapshot
 from urproto.primary.messages import NO_TIMESTAMP_US, SafetyModeMessage, UnknownMessage, VersionMessage

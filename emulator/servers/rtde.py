@@ -5,8 +5,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from emulator.commands.requests import RTDEInputs
 from emulator.mailbox import Command
-from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
+from emulator.servers.port import ControllerDoor, PortServer
 from emulator.servers.rtde_session import Packer, RTDEHost, RTDESession
 from emulator.snapshot import Snapshot
 from urproto.rtde.codec import Package, Reply, RTDEDecoder, TextMessage

@@ -16,7 +16,8 @@ from collections.abc import Awaitable, Callable, Mapping
 from ipaddress import IPv4Address, IPv6Address, ip_address
 from typing import Final, cast
 
-from emulator.servers.base import Connection, ControllerDoor, PortServer
+from emulator.servers.connection import Connection
+from emulator.servers.port import ControllerDoor, PortServer
 from emulator.services.sockets import ScriptNetwork, SocketState
 
 _ITSELF: Final = frozenset({"127.0.0.1", "::1", "localhost"})

@@ -15,7 +15,8 @@ from server_rig import FakeController
 from emulator.config import ConfigError, check_client_limits
 from emulator.servers import admission
 from emulator.servers.admission import ClientLimits, Reason
-from emulator.servers.base import Connection, PortServer
+from emulator.servers.connection import Connection
+from emulator.servers.port import PortServer
 from urproto.realtime import RealtimeDecoder
 from urproto.testing.process import EmulatorProcess
 

@@ -12,7 +12,7 @@ from emulator.config import EmulatorConfig
 from emulator.controller import Controller
 from emulator.io.signals import STANDARD
 from emulator.machine import ControllerConfig
-from emulator.servers.base import Direction
+from emulator.servers.hooks import Direction
 from urproto.robots import load_model
 
 HOST = "127.0.0.1"
