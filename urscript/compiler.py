@@ -64,7 +64,8 @@ _FUNCTION_WORK = 60  # of Python's compiler, for a function
 _FORGETTING_WORK = 5  # of a function
 _MOST_HINTS = 5  # unknown names for which a known one is looked for, when all errors are asked for
 _INTERFACE_WORK = 8  # of what callers need to know of a function
-_PYTHON_WORK = 5  # of Python's compiler, for each expression and statement
+_STARTING_WORK = 10  # of making a namespace for a run, which follows at once, beside its contents
+_PYTHON_WORK = 6  # of Python's compiler, for each expression and statement
 
 
 def compile_script(
@@ -166,6 +167,7 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, steppe
         version=version,
     )
     yield from _forget(unit)
+    yield _STARTING_WORK + 2 * len(compiled.code) + len(compiled.global_names) // 4
     return compiled
 
 

@@ -106,9 +106,14 @@ class Connection(asyncio.BufferedProtocol):
 
     def send_state(self, data: bytes) -> None:
         """Send bytes that the next ones supersede: skipped when earlier ones still wait."""
-        transport = self._transport
-        if transport is not None and self._late < SEND_BUFFER and not transport.get_write_buffer_size():
+        if self.takes_state:
             self.send(data)
+
+    @property
+    def takes_state(self) -> bool:
+        """Whether nothing waits that was sent before."""
+        transport = self._transport
+        return transport is not None and self._late < SEND_BUFFER and not transport.get_write_buffer_size()
 
     def close(self) -> None:
         """Deliver what was sent, then end the connection."""

@@ -17,6 +17,7 @@ from emulator.servers.admission import Acceptor, ClientLimits, Reason, TurnedAwa
 from emulator.servers.connection import SEND_BUFFER, Connection
 from emulator.servers.hooks import Hooks
 from emulator.servers.read_budget import Intake
+from emulator.servers.turns import Turns
 from emulator.snapshot import Snapshot
 from urproto.versions import PolyscopeVersion
 
@@ -45,7 +46,8 @@ class ControllerDoor(Protocol):
 class PortServer:
     """Listens on one port and keeps the connections to it.
 
-    limits: how many; turned_away: who did not get one. intake: what reading from them may cost.
+    limits: how many; turned_away: who did not get one. intake: what reading from them may cost; turns: what sending
+    state to them may.
     """
 
     def __init__(self, name: str, controller: ControllerDoor) -> None:
@@ -55,6 +57,7 @@ class PortServer:
         self.limits = ClientLimits()
         self.turned_away = TurnedAway(name)
         self.intake = Intake()
+        self.turns = Turns()
         self.connections: list[Connection] = []
         self._clients: dict[Connection, str] = {}  # and their addresses, also of those that are being welcomed
         self._welcoming: set[asyncio.Task[object]] = set()
@@ -186,6 +189,7 @@ class PortServer:
     def gone(self, connection: Connection) -> None:
         """There is room for another client."""
         self._clients.pop(connection, None)
+        self.turns.forget(connection)
 
 
 def _listen(name: str, host: str, port: int) -> socket.socket:

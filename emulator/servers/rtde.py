@@ -35,6 +35,7 @@ class RTDEServer(PortServer):
         failures: list[Exception] = []
         if self.hooks.on_state:
             snapshot = self.hooks.state(snapshot)
+        self.turns.next_period(snapshot.step)
         for connection in tuple(self.connections):
             assert isinstance(connection, _RTDEConnection)
             packer = connection.session.due()
@@ -43,7 +44,7 @@ class RTDEServer(PortServer):
             try:
                 if packer not in encoded:
                     encoded[packer] = packer(snapshot)
-                connection.send_state(encoded[packer])
+                self.turns.send(snapshot.step, connection, encoded[packer])
             except Exception as error:  # the others shall hear of it
                 failures.append(error)
         if failures:
