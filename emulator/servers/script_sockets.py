@@ -102,8 +102,8 @@ class NetworkSockets:
         if not reached and (found or network is ScriptNetwork.NONE):
             where = f"{address}:{port}" + (f" ({', '.join(found)})" if found and found != [address] else "")
             if permitted:
-                why = "there is an emulator's control API or teach pendant "
-                    f"(--script-network {ScriptNetwork.ANY_AND_CONTROL} permits it)"
+                permits = f"--script-network {ScriptNetwork.ANY_AND_CONTROL} permits it"
+                why = f"there is an emulator's control API or teach pendant ({permits})"
             else:
                 why = f"the script network is {network}"
             text = f"a script may not connect to {where}: {why}"
