@@ -27,6 +27,7 @@ from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
 from urproto.robots import START_Q, Calibration, CalibrationError, RobotModel, calibration_hash, load_model
 from urproto.robots.model import Joints
+from urproto.text import quoted
 from urproto.vectors import as_six
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urproto.yamltext import NotYaml, load_yaml
@@ -224,7 +225,7 @@ def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:
         calibration = Calibration.from_mapping(read_yaml(path), str(path))
         calibration.check_model(model)
     except CalibrationError as error:
-        raise ConfigError(str(error)) from error
+        raise ConfigError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
     if not calibration.is_whole:
         _logger.warning(
             "%s says %s, but its numbers are %s: the robot reports the numbers",
@@ -276,7 +277,7 @@ def read_initial_positions(path: Path | None, model: RobotModel) -> Joints:
 def _angle(path: Path, model: RobotModel, index: int, value: Any) -> float:
     name, low, high = JOINT_NAMES[index], model.q_min[index], model.q_max[index]
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f"{path}: {name} must be a number of radians, not {value!r}")
+        raise ConfigError(f"{path}: {name} must be a number of radians, not {quoted(value)}")
     if not low <= value <= high:
         raise ConfigError(f"{path}: {name} is {value} rad; {model.title} allows {low:.3f} to {high:.3f} rad")
     return float(value)

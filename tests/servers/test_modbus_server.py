@@ -11,7 +11,7 @@ from emulator.commands.requests import ModbusCall
 from emulator.config import EmulatorConfig
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
-from emulator.servers.base import Direction
+from emulator.servers.hooks import Direction
 from urproto.robots import load_model
 from urproto.signals import STANDARD
 
