@@ -3,10 +3,10 @@
 import math
 from typing import Any
 
-from emulator.builtins.geometry import numbers, six, three, within_range
+from emulator.builtins.geometry import numbers, three, within_range
 from emulator.builtins.host import ProgramHost
 from emulator.motion.reach import distance_to_singularity
-from urproto.vectors import ZERO6, Vector6
+from urproto.vectors import ZERO6, Vector6, as_six
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, Bool, Int, Joints, ListArg, Num, Pose, PoseArg, PoseOrJoints
@@ -44,7 +44,9 @@ def force_mode(
         raise RuntimeFault(f"force_mode: the selection vector must hold only 0 and 1, not {list(selection_vector)}")
     _main_only(host, "force_mode")
     with within_range():
-        host.motion.force_control.force_mode(six(task_frame), six(selection_vector), six(wrench), type_, six(limits))
+        host.motion.force_control.force_mode(
+            as_six(task_frame), as_six(selection_vector), as_six(wrench), type_, as_six(limits)
+        )
 
 
 @LIBRARY.builtin()
@@ -113,7 +115,7 @@ def freedrive_mode(host: ProgramHost, freeAxes: ListArg = _ALL_AXES, feature: An
     if len(freeAxes) != 6 or any(axis not in (0, 1) for axis in freeAxes):
         raise RuntimeFault("freedrive_mode: freeAxes must be a list of six numbers, each 0 or 1")
     _main_only(host, "freedrive_mode")
-    host.motion.commands.freedrive(six(freeAxes), _feature(feature))
+    host.motion.commands.freedrive(as_six(freeAxes), _feature(feature))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="the arm follows the emulated external force", work=90)
@@ -212,10 +214,10 @@ def _feature(feature: Any) -> Vector6 | None:
     if feature == "tool":
         return None
     if feature == "base" or feature is _ORIGIN:
-        return six(_ORIGIN)
+        return as_six(_ORIGIN)
     if not isinstance(feature, Pose):
         raise RuntimeFault('freedrive_mode: feature must be a pose, "base" or "tool"')
-    return six(numbers(feature, 6, "freedrive_mode: feature"))
+    return as_six(numbers(feature, 6, "freedrive_mode: feature"))
 
 
 def _main_only(host: ProgramHost, name: str) -> None:
