@@ -169,7 +169,7 @@ def control_verbs() -> str:
     """The verbs of the control API."""
     rows = (
         (f"`{verb['name']}`", _arguments(verb), " ".join(verb["text"].split()))
-        for verb in listing(verbs_of(LiveControl))
+        for verb in listing(verbs_of(LiveControl.SUBJECTS))
     )
     parts = (
         "# Verbs of the control API",
@@ -272,8 +272,8 @@ def _ports() -> str:
 
 def _dashboard() -> str:
     rows = (
-        (f"`{command.words}`", *_since(command.available), "supported", _first(command.function))
-        for command in sorted(COMMANDS.values(), key=lambda command: command.words.lower())
+        (f"`{command.form.words}`", *_since(command.form.available), "supported", _first(command.function))
+        for command in sorted(COMMANDS.values(), key=lambda command: command.form.words.lower())
     )
     return _table(("command", "CB3", "e-Series", "status", "meaning"), rows)
 

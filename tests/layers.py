@@ -5,7 +5,7 @@ from typing import NamedTuple
 # From the ground up: a part (a module or folder of the package) may import what stands on floors below its own, and
 # nothing beside it. An import is an import, also in an if TYPE_CHECKING or inside a function.
 EMULATOR_FLOORS = (
-    ("ports", "devices", "logs", "clock", "realtime", "namesakes"),
+    ("ports", "devices", "logs", "clock", "realtime"),
     ("snapshot",),
     ("lifecycle", "polyscope", "reporting"),
     ("robot",),

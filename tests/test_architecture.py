@@ -73,6 +73,7 @@ MAY_TOUCH_OUTSIDE = (
     "emulator.control.http",
     "emulator.check",
     "client",
+    "urproto.backdoors",
     *FOR_TESTS,
 )
 # a module of the standard library that brings sockets along -> what of it may be used: the parts without

@@ -13,7 +13,7 @@ with BlockingURDriver("192.168.56.101") as driver:
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Self
 
 from client.driver.blocking import Blocking, blocking, straight
 from client.driver.config import DriverConfig, calibration_problem
@@ -35,10 +35,8 @@ from urproto.external_control import (
     to_words,
 )
 from urproto.modes import SafetyMode
+from urproto.vectors import ZERO3, ZERO6
 from urproto.versions import PolyscopeVersion
-
-_ZERO3: Final = (0.0, 0.0, 0.0)
-_ZERO6: Final = (0.0,) * 6
 
 
 class URDriver:
@@ -282,7 +280,7 @@ class URDriver:
         self,
         mass_kg: float,
         cog_m: Sequence[float],
-        inertia_kg_m2: Sequence[float] = _ZERO6,
+        inertia_kg_m2: Sequence[float] = ZERO6,
         transition_time_s: float = 0.0,
     ) -> None:
         """As set_payload with the inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,), taking effect gradually; from 5.10 on."""
@@ -339,7 +337,7 @@ class URDriver:
         """Hold the pose again."""
         self.commands.send(ScriptCommand.plain(ScriptCommandKind.END_FORCE_MODE))
 
-    def start_tool_contact(self, direction_base: Sequence[float] = _ZERO6) -> None:
+    def start_tool_contact(self, direction_base: Sequence[float] = ZERO6) -> None:
         """Stop the motion where the tool touches something, and go back to where the contact began; e-Series.
 
         direction_base: along which it counts (6,), the first three in the base frame; all zero for that of the motion.
@@ -394,7 +392,7 @@ class URDriver:
             )
         self.commands.send(ScriptCommand.set_stream_parameters(lookahead_s, gain, acceleration, deceleration_rad_s2))
 
-    def set_freedrive_axes(self, axes: Sequence[int] = (1,) * 6, frame_base: Sequence[float] = _ZERO6) -> None:
+    def set_freedrive_axes(self, axes: Sequence[int] = (1,) * 6, frame_base: Sequence[float] = ZERO6) -> None:
         """Which axes (6,) of a frame, given in the base frame (6,), the next freedrive frees; from 5.10 on."""
         if list(axes) != [1] * 6:
             self.robot.require("freedrive_axes")
@@ -405,7 +403,7 @@ class URDriver:
         _check_force_mode(damping, gain_scaling)
         self.commands.send(ScriptCommand.set_force_mode_parameters(damping, gain_scaling))
 
-    def start_contact_detection(self, direction_base: Sequence[float] = _ZERO6) -> None:
+    def start_contact_detection(self, direction_base: Sequence[float] = ZERO6) -> None:
         """Note from now on whether the tool meets something on its way along a direction (6,), all zero for any."""
         self.robot.require("contact")
         self.commands.send(ScriptCommand.start_contact_detection(direction_base))
@@ -419,8 +417,8 @@ class URDriver:
         self,
         enabled: bool,
         sensor_mass_kg: float = 0.0,
-        offset_m: Sequence[float] = _ZERO3,
-        cog_m: Sequence[float] = _ZERO3,
+        offset_m: Sequence[float] = ZERO3,
+        cog_m: Sequence[float] = ZERO3,
     ) -> None:
         """Take the wrench from RTDE inputs; mass, measuring point (3,) and centre of gravity (3,) are the sensor's."""
         self.commands.send(ScriptCommand.ft_rtde_input_enable(enabled, sensor_mass_kg, offset_m, cog_m))

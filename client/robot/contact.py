@@ -6,8 +6,9 @@ from typing import Final
 from client.robot.readiness import Readiness
 from urproto.errors import LocalProtocolError
 from urproto.external_control import Question, to_words
+from urproto.vectors import ZERO6
 
-_ANY: Final = (0.0,) * 6
+_ANY: Final = ZERO6
 
 
 class Contact:

@@ -7,6 +7,7 @@ from typing import Final
 from client.calibration import geometry_of
 from client.errors import OutOfReachError
 from urproto.external_control import MotionType, TrajectoryPoint
+from urproto.joints import JOINT_LABELS
 from urproto.primary.state import ConfigurationData, KinematicsInfo
 from urproto.robots import Kinematics
 from urproto.robots.pose import Pose, pose_inv, pose_trans
@@ -23,7 +24,6 @@ _JOINTS: Final = frozenset(
         MotionType.SPLINE,
     ]
 )
-_NAMES: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2")  # wrist 3 has no end stop on some arms
 _SLACK: Final = 0.01  # of the distance; guess: calibrations differ by some millimetres in a metre
 _ROUNDING_RAD: Final = 1e-6  # a word of the wire is so much
 
@@ -60,7 +60,8 @@ class Reach:
         return None
 
     def _beyond_limits(self, q_rad: Sequence[float]) -> str | None:
-        for name, low, angle, high in zip(_NAMES, self._arm.q_min, q_rad, self._arm.q_max, strict=False):
+        without_wrist_3 = JOINT_LABELS[:-1]  # it has no end stop on some arms
+        for name, low, angle, high in zip(without_wrist_3, self._arm.q_min, q_rad, self._arm.q_max, strict=False):
             if not low - _ROUNDING_RAD <= angle <= high + _ROUNDING_RAD:
                 return f"asks {name} for {angle:.4f} rad, and its limits are {low:.4f} and {high:.4f} rad"
         return None

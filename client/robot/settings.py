@@ -10,10 +10,10 @@ from client.robot.state import RobotState, check_signal
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import to_words
 from urproto.modes import RobotMode, SafetyMode
+from urproto.signals import digital_signal
 
 _EFFECT_S: Final = 2.0  # guess: ten times what the slowest takes, which the primary interface shows
 _SAME_M: Final = 1e-5  # m or rad
-_SET_OUTPUT: Final = ("set_standard_digital_out", "set_configurable_digital_out", "set_tool_digital_out")
 
 
 class Settings:
@@ -29,8 +29,8 @@ class Settings:
 
     async def set_digital_out(self, number: int, on: bool) -> None:
         """Switch a digital output: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
-        bank, index = divmod(check_signal(number), 8)
-        await self._say(f"{_SET_OUTPUT[bank]}({index}, {bool(on)})")
+        group, index = digital_signal(check_signal(number))
+        await self._say(group.statement(index, on))
         await self._take_effect(f"digital output {number}", lambda state: state.digital_out(number) is bool(on))
 
     async def set_tcp(self, pose_flange_tcp: Sequence[float]) -> None:

@@ -17,13 +17,14 @@ import msgspec
 from emulator.control.control import LiveControl, is_waiting
 from emulator.control.openapi import listing, openapi
 from emulator.control.verbs import BadArguments, NotPossible, Verb, verbs_of
-from emulator.servers.base import Connection, ControllerDoor, PortServer
-from emulator.servers.script_sockets import ControlMark
+from emulator.servers.connection import Connection
+from emulator.servers.port import ControllerDoor, PortServer
 from emulator.snapshot import Snapshot
+from urproto.backdoors import BackdoorMark
 from urproto.text import from_bytes, readable_in, to_bytes
 
 _MOST_BODY: Final = 4 * 1024 * 1024  # bytes of arguments; a saved state has some 10 kB
-_VERBS: Final[Mapping[str, Verb]] = verbs_of(LiveControl)
+_VERBS: Final[Mapping[str, Verb]] = verbs_of(LiveControl.SUBJECTS)
 _CONTINUE, _OK, _BAD, _UNAUTHORIZED, _FORBIDDEN, _NOT_FOUND, _NOT_ALLOWED = 100, 200, 400, 401, 403, 404, 405
 _CONFLICT, _TOO_LARGE, _WRONG_TYPE, _FAILED = 409, 413, 415, 500
 
@@ -43,7 +44,7 @@ class ControlServer(PortServer):
         super().__init__("control", controller)
         self.control = control
         self.token = token
-        self._mark: ControlMark | None = None
+        self._mark: BackdoorMark | None = None
 
     def connect(self) -> Connection:
         return _HttpConnection(self)
@@ -51,7 +52,7 @@ class ControlServer(PortServer):
     async def _listen(self, host: str, port: int) -> None:
         await super()._listen(host, port)
         if self._listening is not None:
-            self._mark = ControlMark(*self._listening.address)
+            self._mark = BackdoorMark(*self._listening.address)
 
     def close_port(self) -> None:
         super().close_port()

@@ -608,7 +608,7 @@ def _http(method: str, path: str, body: bytes = b"") -> bytes:
 
 def _requests() -> Iterator[bytes]:
     yield _http("GET", "/openapi.json") + _http("GET", "/verbs")
-    for name, verb in verbs_of(LiveControl).items():
+    for name, verb in verbs_of(LiveControl.SUBJECTS).items():
         yield _http("POST", f"/verbs/{name}", json.dumps(dict.fromkeys(verb.arguments, 1)).encode())
 
 
