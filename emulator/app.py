@@ -25,12 +25,12 @@ from emulator.faults.fault import Fault, FaultError, FaultImpossible, rebooted, 
 from emulator.faults.injector import FaultInjector
 from emulator.logs import Novelty
 from emulator.ports import PORTS
-from emulator.servers.base import PortServer
 from emulator.servers.dashboard import DashboardServer
 from emulator.servers.gripper import GripperServer
 from emulator.servers.interpreter import InterpreterServer
 from emulator.servers.modbus import ModbusServer
 from emulator.servers.modbus_client import ModbusClient
+from emulator.servers.port import PortServer
 from emulator.servers.primary import PrimaryServer, RealtimeServer
 from emulator.servers.primary_state import robot_state
 from emulator.servers.program_state import ProgramReporter
@@ -38,6 +38,7 @@ from emulator.servers.read_budget import Intake
 from emulator.servers.rtde import RTDEServer
 from emulator.servers.script_sockets import NetworkSockets, OwnPorts, ScriptPort
 from emulator.servers.tool_device import ToolCommunicationServer, open_tool_device
+from emulator.servers.turns import Turns
 from emulator.snapshot import Snapshot
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.primary.state import encode_robot_state
@@ -64,6 +65,8 @@ class Emulator:
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
         self.servers: dict[str, PortServer] = {}
         self._intake = Intake(self.controller.period_s)
+        self._turns = Turns(self.controller.period_s)
+        self._control_turns = Turns(self.controller.period_s)  # of RTDE: control loops do not wait for who only watches
         self._renew_servers()
         real = self.clock if isinstance(self.clock, RealClock) else None
         self._scripts = ScriptPort()
@@ -131,6 +134,7 @@ class Emulator:
         for server in make_servers(self.controller, tool_line=self.config.tool_device is not None):
             server.limits = self.config.client_limits
             server.intake = self._intake
+            server.turns = self._control_turns if isinstance(server, RTDEServer) else self._turns
             if server.name in self.servers:
                 server.succeed(self.servers[server.name])
             self.servers[server.name] = server

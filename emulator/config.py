@@ -16,6 +16,7 @@ from emulator.polyscope.safety_configuration import SafetyConfiguration, factory
 from emulator.polyscope.safety_section import SafetySettingsError
 from emulator.ports import PORTS
 from emulator.realtime import RealTime
+from emulator.robot.kinds import ArmKind
 from emulator.safety.files import load_safety_file
 from emulator.servers.admission import ClientLimits
 from emulator.services.sockets import ScriptNetwork
@@ -26,6 +27,8 @@ from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
 from urproto.robots import START_Q, Calibration, CalibrationError, RobotModel, calibration_hash, load_model
 from urproto.robots.model import Joints
+from urproto.text import quoted
+from urproto.vectors import as_six
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urproto.yamltext import NotYaml, load_yaml
 
@@ -151,6 +154,54 @@ class EmulatorConfig:
         return [name for name in there if name not in _FIRST_VERSION or _FIRST_VERSION[name].covers(self._version)]
 
 
+def controller_config(
+    model: str | None = None,
+    *,
+    polyscope: str | None = None,
+    calibration: Path | str | None = None,
+    initial_positions: Path | str | None = None,
+    programs: Path | str | None = None,
+    enforce_remote_control: bool = False,
+    encoder0_speed: float = 0.0,
+    encoder1_speed: float = 0.0,
+    arm: str = ArmKind.IDEAL,
+    gripper: str | None = None,
+    gripper_object: float | None = None,
+    safety: Path | str | SafetyConfiguration | None = None,
+    external_control: str | None = None,
+    world: Path | str | WorldPlan | None = None,
+    **fields: Any,
+) -> ControllerConfig:
+    """A controller from the options of ``ur-emulator``, by their names there.
+
+    ``fields``: of `ControllerConfig`, by the names that they have there. Files are read and values checked: raises
+    ConfigError. Raises TypeError for what is neither an option nor a field.
+    """
+    chosen = choose_model(model, polyscope)
+    if (q_rad := fields.pop("initial_q", None)) is None:
+        q_rad = read_initial_positions(_path(initial_positions), chosen)
+    if (speeds := fields.pop("encoder_speeds", None)) is None:
+        speeds = (encoder0_speed, encoder1_speed)
+    return ControllerConfig(
+        model=read_calibration(_path(calibration), chosen),
+        version=choose_version(polyscope, chosen),
+        initial_q=as_six(q_rad),
+        programs_dir=read_programs_dir(_path(programs)),
+        enforce_remote_control=check_enforced_remote_control(enforce_remote_control, chosen),
+        encoder_speeds=check_encoder_speeds(*speeds),
+        gripper=choose_gripper(gripper, gripper_object),
+        gripper_object_mm=gripper_object,
+        safety=safety if isinstance(safety, SafetyConfiguration) else read_safety(_path(safety), chosen),
+        external_control=read_driver_address(external_control),
+        world=world if isinstance(world, WorldPlan) else read_surroundings(_path(world)),
+        **{"dynamic": arm == ArmKind.DYNAMIC, **fields},
+    )
+
+
+def _path(value: Path | str | None) -> Path | None:
+    return None if value is None else Path(value)
+
+
 def choose_model(name: str | None, polyscope: str | None = None) -> RobotModel:
     """The arm of this name; without one the UR3, or the UR3e where the version asked for is an e-Series one.
 
@@ -174,7 +225,7 @@ def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:
         calibration = Calibration.from_mapping(read_yaml(path), str(path))
         calibration.check_model(model)
     except CalibrationError as error:
-        raise ConfigError(str(error)) from error
+        raise ConfigError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
     if not calibration.is_whole:
         _logger.warning(
             "%s says %s, but its numbers are %s: the robot reports the numbers",
@@ -226,7 +277,7 @@ def read_initial_positions(path: Path | None, model: RobotModel) -> Joints:
 def _angle(path: Path, model: RobotModel, index: int, value: Any) -> float:
     name, low, high = JOINT_NAMES[index], model.q_min[index], model.q_max[index]
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f"{path}: {name} must be a number of radians, not {value!r}")
+        raise ConfigError(f"{path}: {name} must be a number of radians, not {quoted(value)}")
     if not low <= value <= high:
         raise ConfigError(f"{path}: {name} is {value} rad; {model.title} allows {low:.3f} to {high:.3f} rad")
     return float(value)

@@ -39,15 +39,15 @@ from emulator.safety.board import SafetyBoard
 from emulator.services.freedrive_inputs import FreedriveInputs
 from emulator.services.modbus import ModbusSignals
 from emulator.services.urcap import DriverAddress
-from emulator.snapshot import Snapshot, Vector6, plausible
+from emulator.snapshot import Snapshot, plausible
 from emulator.startup import Startup
 from emulator.world.world import World
 from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState
 from urproto.robots.pose import Pose
 from urproto.rtde.fields import OUTPUT_FIELDS
+from urproto.vectors import ZERO6, Vector6
 from urproto.versions import DEFAULT_VERSION, Availability, Series
 
-_ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
 # an ideal arm is a simulator's; earlier ones report other currents and temperatures (the versions: guess)
 _LATE_SIMULATOR: Final = Availability.since("3.10", "5.4")
@@ -89,7 +89,7 @@ class Controller(Machine):
         self.speed = Speed()
         self.power = Power(config.timings, running=config.running)
         self.safety = Safety()
-        self.external_wrench: Vector6 = _ZERO6  # what the world does to the TCP, base frame [N, Nm]
+        self.external_wrench: Vector6 = ZERO6  # what the world does to the TCP, base frame [N, Nm]
         self.world: World | None = config.world.build(self.model) if config.world else None
         self.ft_input = ForceInput()
         self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
@@ -285,8 +285,8 @@ class Controller(Machine):
             wrench = self.ft_input.wrench_base(self.arm)
         if self.world is not None:
             wrench = self.world.act(self.arm, self.motion, wrench, self.period_s)
-        if wrench != _ZERO6 and not plausible(*wrench):
-            wrench = _ZERO6  # nothing pushes like that
+        if wrench != ZERO6 and not plausible(*wrench):
+            wrench = ZERO6  # nothing pushes like that
         self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled
         motion = self.motion
         if driven or motion.braking:

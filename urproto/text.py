@@ -34,6 +34,8 @@ _WORD: Final = re.compile(rf"[^{BLANKS}]+")
 _WHOLE: Final = re.compile(r"[+-]?[0-9]{1,400}")  # more digits than any number of a protocol has; int() refuses 4300
 _NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 
+_QUOTED: Final = 60  # characters of a value that an error shows
+
 
 def from_bytes(data: bytes | bytearray) -> str:
     """Text from bytes, reversible whatever they are."""
@@ -46,6 +48,12 @@ def to_bytes(text: str) -> bytes:
         return text.encode("utf-8", "surrogateescape")
     except UnicodeEncodeError:
         return _OTHER_SURROGATES.sub("?", text).encode("utf-8", "surrogateescape")
+
+
+def quoted(value: object) -> str:
+    """What somebody wrote where something else belongs, for an error: its beginning, on one line."""
+    text = readable(repr(value[:_QUOTED] if isinstance(value, str | bytes | list | tuple) else value))
+    return text if len(text) <= _QUOTED else f"{text[: _QUOTED - 3]}..."
 
 
 def readable(text: str) -> str:

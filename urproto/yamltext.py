@@ -1,27 +1,37 @@
 """YAML that a person or another program wrote: plain data, or one error that says why not."""
 
-import re
 from collections.abc import Mapping
 from typing import Any, Final
 
 import yaml
 
+_MOST_BYTES: Final = 500_000  # a guess: ten times the longest settings. PyYAML takes some ten seconds for as many
 _MOST_VALUES: Final = 1_000_000  # with aliases written out; a guess: no settings have so many
-_DEEPEST: Final = 200  # brackets in brackets: each costs as much as there are around it (a guess: no settings need ten)
+_MOST_BITS: Final = 1023  # of a whole number: more than a float holds
+_MOST_NESTED: Final = 50
+"""Brackets in one another: PyYAML goes through all that are open at every word, so thousands of them take minutes."""
 
 
 class NotYaml(ValueError):  # noqa: N818 - what the text is
     """The text is not YAML, or its aliases stand for more than any settings hold; one line says where and why."""
 
 
+class _Loader(yaml.SafeLoader):
+    def fetch_flow_collection_start(self, TokenClass: Any) -> None:
+        if self.flow_level >= _MOST_NESTED:
+            raise NotYaml("it is nested too deeply")
+        super().fetch_flow_collection_start(TokenClass)
+
+
 def load_yaml(text: bytes | str) -> Any:
     """The content of a document. Raises NotYaml; bytes are UTF-8."""
+    if len(text) > _MOST_BYTES:
+        raise NotYaml(f"it is longer than {_MOST_BYTES} bytes, which no settings are")
     try:
-        text = text if isinstance(text, str) else text.decode("utf-8")
-        if _depth(text) > _DEEPEST:
-            raise RecursionError
-        content = yaml.safe_load(text)
+        content = yaml.load(text if isinstance(text, str) else text.decode("utf-8"), _Loader)
         size = _size(content, {})
+    except NotYaml:
+        raise
     except RecursionError:
         raise NotYaml("it is nested too deeply") from None
     except (yaml.YAMLError, UnicodeError) as error:
@@ -34,17 +44,10 @@ def load_yaml(text: bytes | str) -> Any:
     return content
 
 
-def _depth(text: str) -> int:
-    """Most brackets that are open at once, wherever they stand."""
-    depth = deepest = 0
-    for bracket in re.findall(r"[\[\]{}]", text):
-        depth = depth + 1 if bracket in "[{" else max(0, depth - 1)
-        deepest = max(deepest, depth)
-    return deepest
-
-
 def _size(value: Any, known: dict[int, int]) -> int:
     """Values with aliases written out, each container counted once. Raises NotYaml for one that contains itself."""
+    if isinstance(value, int) and value.bit_length() > _MOST_BITS:
+        raise NotYaml("a whole number is too large to compute with")
     if not isinstance(value, Mapping | list | tuple | set):
         return 1
     size = known.get(id(value))

@@ -12,7 +12,7 @@ from urscript.builtins import Builtin
 from urscript.syntax import FunctionDef, Program, Scope
 from urscript.work import Steps
 
-_WORK = 5  # of planning a function, besides its calls
+_WORK = 8  # of planning a function, besides its calls
 
 _PLAIN_COST = 400
 """Most work of a plain function with all it calls, in units of the meter: about 20 us."""
@@ -37,6 +37,10 @@ class FunctionPlan:
         return replace(self, definition=FunctionDef(definition.line, definition.column, outside, []))
 
 
+WHOLE = 200
+"""Most cost of a function's own body that Python compiles in one go: a longer one is a generator, and divided."""
+
+
 def plan_functions(
     program: Program, builtins: Mapping[str, Builtin], known: Mapping[str, FunctionPlan], prefix: str = "f"
 ) -> Steps[dict[str, FunctionPlan]]:
@@ -56,13 +60,16 @@ def plan_functions(
         called = [plans[callee] for callee in callees[name]] + _known_callees(scope, program, known)
         cost = min(scope.cost + sum(plan.cost for plan in called), _PLAIN_COST + 1)  # all there is to know
         generator = (
-            _takes_time(scope, program, builtins, known) or cost > _PLAIN_COST or any(plan.generator for plan in called)
+            _takes_time(scope, program, builtins, known)
+            or cost > _PLAIN_COST
+            or scope.cost > WHOLE
+            or any(plan.generator for plan in called)
         )
         plans[name] = FunctionPlan(definition, f"{prefix}_{name}", cost, generator, recursive=False)
     for name, definition in program.functions.items():
         recursive = not definition.scope.is_thread
         plans.setdefault(name, FunctionPlan(definition, f"{prefix}_{name}", _PLAIN_COST, True, recursive))
-        yield 1
+        yield 2
     return plans
 
 

@@ -4,7 +4,7 @@ import ast
 import difflib
 import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -50,6 +50,7 @@ from urscript.syntax import (
     Unary,
 )
 from urscript.values import MAX_STRING
+from urscript.work import Steps
 
 MUTATORS = frozenset(["append", "clear", "insert", "pop", "remove"])
 """List methods that change the list: the variable is bound to the list they return."""
@@ -66,9 +67,6 @@ _MOST_ERRORS = 1000
 
 _MOST_OWNERS = 50
 """Unknown variables for which all functions are asked whether it is theirs."""
-
-_MOST_HINTS = 5
-"""Unknown names for which a known one is looked up, which takes about a millisecond each."""
 
 _TRUTH_OPERATORS = frozenset(["and", "or", "xor", "==", "!=", "<", "<=", ">", ">="])
 
@@ -99,29 +97,55 @@ class Unit:
     used: dict[str, Builtin] = field(default_factory=dict)
     errors: list[CompileError] = field(default_factory=list)
     first_error: tuple[float, float] = (math.inf, math.inf)  # line and column
+    unexplained: dict[int, tuple[str, Callable[[], list[str]]]] = field(default_factory=dict)  # names, by error's id
     warnings: list[CallWarning] = field(default_factory=list)
 
     def name_not_found(self, name: str, node: Node, kind: str, hint: str, candidates: Callable[[], list[str]]) -> None:
-        """Note the error; a program can hold thousands, so only in some of them other names are looked for."""
+        """Note the error; a program can hold thousands."""
         if len(self.errors) >= _MOST_ERRORS and (node.line, node.column) > self.first_error:
             return  # what comes first in the text is what counts
-        if not hint and len(self.errors) < _MOST_HINTS:
-            hint = _suggestion(name, candidates())
         message = f"{kind} '{name}' is not known" + (f"; {hint}" if hint else "")
         self.first_error = min(self.first_error, (node.line, node.column))
-        self.errors.append(CompileError.name_not_found(name, message, node.line, node.column, self.source))
+        error = CompileError.name_not_found(name, message, node.line, node.column, self.source)
+        self.errors.append(error)
+        if not hint:
+            self.unexplained[id(error)] = name, candidates
+
+    def explain(self, error: CompileError) -> Steps[None]:
+        """Add to the message for an unknown name which known one may be meant: it is looked for in steps."""
+        name, candidates = self.unexplained.pop(id(error), ("", list[str]))
+        meant = (yield from _meant(name, candidates())) if name else ""
+        if meant:
+            error.message += f"; did you mean '{meant}'?"
+            error.args = (error.message,)
 
 
 _MAX_CANDIDATES = 2000
-"""Most names, and characters in one, that are searched for one that was meant: it takes some 10 us a name."""
+"""Most names, and characters in one, that are searched for one that was meant."""
+
+_ALIKE = 0.6  # ratio of `difflib`, from 0 to 1, that a name needs to be the one that was meant
+_COMPARING_WORK = 3, 12  # of comparing the letters of two names, and their order
+_COMPARED = 60  # work between two yields
 
 
-def _suggestion(name: str, candidates: list[str]) -> str:
+def _meant(name: str, candidates: list[str]) -> Steps[str]:
     if len(name) > _MAX_CANDIDATES or len(candidates) > _MAX_CANDIDATES:
         return ""
     by_small_letters = {candidate.lower(): candidate for candidate in candidates}
-    close = difflib.get_close_matches(name.lower(), by_small_letters, n=1)
-    return f"did you mean '{by_small_letters[close[0]]}'?" if close else ""
+    matcher = difflib.SequenceMatcher[str](b=name.lower())
+    best, work = (_ALIKE, ""), 0.0
+    for candidate in by_small_letters:  # as `difflib.get_close_matches` does
+        matcher.set_seq1(candidate)
+        work += 0.5
+        if matcher.real_quick_ratio() >= best[0]:
+            work += _COMPARING_WORK[0]
+            if matcher.quick_ratio() >= best[0]:
+                work += _COMPARING_WORK[1]
+                best = max(best, (matcher.ratio(), candidate))
+        if work >= _COMPARED:
+            yield round(work)
+            work = 0.0
+    return by_small_letters.get(best[1], "")
 
 
 class ExpressionCompiler:
@@ -135,6 +159,7 @@ class ExpressionCompiler:
         self.recursive = recursive
         self.stored_globals: set[str] = set()
         self.size = 0  # expressions compiled so far
+        self.ahead: dict[int, tuple[int, ast.expr]] = {}  # values in a row that are compiled, by the first one's id
         self._kinds: dict[int, KindSet] = {}  # of arithmetic that is compiled, by the node's id
         # functions, not methods of this object: a cycle would keep the whole tree until it is collected
         self._handlers: dict[type, Callable[[Any, Any, Place], ast.expr]] = {
@@ -154,8 +179,20 @@ class ExpressionCompiler:
 
     def expression(self, node: Expression) -> ast.expr:
         """Python for the value of an expression."""
+        if id(node) in self.ahead:
+            return self.ahead[id(node)][1]
         self.size += 1
         return self._handlers[node.__class__](self, node, place_of(node))
+
+    def values(self, nodes: Sequence[Expression]) -> list[ast.expr]:
+        """Python for values in a row, some of which may have been compiled ahead together."""
+        code: list[ast.expr] = []
+        at = 0
+        while at < len(nodes):
+            together = self.ahead.get(id(nodes[at]))
+            code.append(self.expression(nodes[at]))
+            at += together[0] if together else 1
+        return code
 
     def operand(self, node: Expression) -> ast.expr:
         """As `expression`, for code that refuses a variable without a value itself."""
@@ -247,11 +284,12 @@ class ExpressionCompiler:
         value = self.variable(node.name, place)
         if self.is_local(node.name):
             return value  # Python itself knows when it has none
+        self.size += 1
         has_none = _compare(value, ast.Is(), load("_unset", place), place)
         return ast.IfExp(has_none, call("_without_value", place, constant(node.name, place)), value, **place)
 
     def _list(self, node: ListLiteral, place: Place) -> ast.expr:
-        items = [self.expression(item) for item in node.items]
+        items = self.values(node.items)
         texts = any(_is_text(item) for item in node.items)
         if all(isinstance(item, Constant) for item in node.items) and not (texts and self.unit.fixed_lists):
             return ast.List(elts=items, ctx=ast.Load(), **place)
@@ -289,6 +327,7 @@ class ExpressionCompiler:
                 self._warn_of_sum(node, kinds)
             self._kinds[id(node)] = kind = arithmetic(operator, *kinds)
             if is_number(kind):
+                self.size += kind != FLOAT  # it wraps
                 return number_arithmetic(node, kind, left, right, place)
             return call(ARITHMETIC_HELPERS[operator], place, left, right)
         numbers = all(map(is_number, kinds))
@@ -364,8 +403,9 @@ class ExpressionCompiler:
         parameters = plan.definition.scope.parameters
         bound = bind_arguments(node, [Slot((p.name,), p.default is None) for p in parameters])
         defaults = ExpressionCompiler(self.unit, Scope(""))  # a default sees globals only
-        arguments: list[ast.expr] = []
-        for value, parameter in zip(bound, parameters, strict=True):
+        given = len(node.arguments)
+        arguments = self.values(node.arguments)
+        for value, parameter in zip(bound[given:], parameters[given:], strict=True):
             if value is not None:
                 arguments.append(self.expression(value))
             elif parameter.default is not None:
@@ -379,12 +419,14 @@ class ExpressionCompiler:
     def _builtin_call(self, node: Call, builtin: Builtin, place: Place) -> ast.expr:
         self.unit.used[builtin.name] = builtin
         if builtin.variadic:
-            arguments = [self.expression(a) for a in [*node.arguments, *[value for _, value in node.keywords]]]
+            arguments = self.values([*node.arguments, *[value for _, value in node.keywords]])
         else:
             bound = bind_arguments(node, [Slot(p.names, p.required) for p in builtin.parameters])
             for message, argument in call_problems(builtin, bound, self._constant_behind):
                 self.unit.warnings.append(CallWarning(message, argument.line, argument.column))
-            arguments = [load("_omitted", place) if a is None else self.expression(a) for a in bound]
+            arguments = self.values(node.arguments)
+            for value in bound[len(node.arguments) :]:
+                arguments.append(load("_omitted", place) if value is None else self.expression(value))
         if builtin.takes_scope:
             arguments.insert(0, load("_locals", place))
         code = call(f"b_{builtin.name}", place, *arguments)
@@ -394,11 +436,11 @@ class ExpressionCompiler:
         names = tuple(name for name, _ in node.keywords)
         if node.arguments or len(set(names)) != len(names):
             raise BindingError("Type error: struct takes members as name=value, each name once")
-        return call("_struct", place, constant(names, place), *[self.expression(value) for _, value in node.keywords])
+        return call("_struct", place, constant(names, place), *self.values([value for _, value in node.keywords]))
 
     def _method(self, node: MethodCall, place: Place) -> ast.expr:
         """``(yield from _method(...))[1]``; item 0 is the target as the method leaves it."""
-        arguments = [self.expression(node.target), constant(node.name, place), *map(self.expression, node.arguments)]
+        arguments = [self.expression(node.target), constant(node.name, place), *self.values(node.arguments)]
         pair = yield_from(call("_method", place, *arguments), place)
         if node.name not in MUTATORS:
             return subscript(pair, 1, place)

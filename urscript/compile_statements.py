@@ -1,18 +1,21 @@
 """Statements to Python. Every generator draws its work from the meter and parks when it is empty.
 
-Compiling works in steps (`urscript.work`). Python compiles a function in one go, so a long
-program body, whose variables are all global, becomes several: see `_BodyCompiler._metered`.
+Compiling works in steps (`urscript.work`), and Python compiles a function in one go. So a long body is
+divided: what is enough for one Python function becomes one of its own, a *piece*, and a call of it takes
+its place. A piece shares the variables of the body, which are global or items of ``_locals``. What leads out
+of it, it returns to where it is called: `_Way`. What is long in one expression becomes pieces, too.
 """
 
 import ast
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
-from urscript.analysis import FunctionPlan, lends_its_scope
+from urscript.analysis import WHOLE, FunctionPlan, lends_its_scope
 from urscript.compile_expressions import ExpressionCompiler, Unit
 from urscript.inference import is_number
 from urscript.pycode import (
+    LOAD,
     Place,
     assign,
     attribute,
@@ -28,6 +31,8 @@ from urscript.pycode import (
 from urscript.syntax import (
     Assign,
     Call,
+    Constant,
+    Expression,
     ExpressionStatement,
     FunctionDef,
     If,
@@ -41,6 +46,7 @@ from urscript.syntax import (
     ThreadControl,
     While,
     Word,
+    parts,
 )
 from urscript.work import Steps
 
@@ -52,10 +58,11 @@ _RUN_COST = 200
 
 _LOOP_COST = 3
 
-_WORK = 9  # of an expression, and so of a statement without its expressions
+_WORK = 8  # of an expression, and so of a statement without its expressions
 _SLICE = 12  # of these, at least, between two yields
-_PIECE = 100  # of these, about, in a piece of the program body
+_PIECE = 100  # of these, about, in a piece
 _REST = 40  # of these, at least, in a piece at the end of a block
+_ROW = 20  # values, at least, that are long enough a row to be divided
 
 _OLD_SETTERS = {"digital_out": "set_digital_out"}
 """Arrays of signals from before there were functions for them; python-urx still writes one."""
@@ -70,46 +77,68 @@ class PythonFunction:
 
 
 def compile_main(unit: Unit) -> Steps[list[PythonFunction]]:
-    """The program body as the generator function ``main``, and the functions it is divided into."""
+    """The program body as the generator function ``main``, and the pieces it is divided into."""
     program = unit.program
-    compiler = _BodyCompiler(unit, program.scope, charged=True, divided=True)
+    compiler = _BodyCompiler(unit, program.scope, "main", charged=True, divided=True)
     place = place_of(program.body[0] if program.body else Node(1, 1))
     body = yield from compiler.body(program.body, place)
     return [*compiler.pieces, PythonFunction(function("main", [], body, place), compiler.inline)]
 
 
-def compile_function(unit: Unit, plan: FunctionPlan) -> Steps[list[PythonFunction]]:
-    """One def or thread as a Python function."""
+def compile_function(unit: Unit, plan: FunctionPlan, *, lasting: bool = True) -> Steps[list[PythonFunction]]:
+    """One def or thread as a Python function, and the pieces it is divided into when it is long.
+
+    ``lasting``: False for one that can be forgotten while it is executed, so it holds its pieces itself.
+    """
     definition = plan.definition
     scope, place = definition.scope, place_of(definition)
-    boxed = lends_its_scope(scope, unit.builtins)
-    compiler = _BodyCompiler(unit, scope, charged=plan.generator, recursive=plan.recursive, boxed=boxed)
+    long = scope.cost > WHOLE
+    lends = lends_its_scope(scope, unit.builtins)
+    compiler = _BodyCompiler(
+        unit,
+        scope,
+        plan.symbol,
+        charged=plan.generator,
+        recursive=plan.recursive,
+        divided=long,
+        boxed=long or lends,
+        lasting=lasting,
+    )
     parameters = [f"v_{parameter.name}" for parameter in scope.parameters]
     if plan.recursive:
         parameters.insert(0, "_depth")
     body = yield from compiler.body(definition.body, place)
-    if boxed:
-        body.insert(0, _boxed_locals(compiler, place))
-    return [PythonFunction(function(plan.symbol, parameters, body, place), compiler.inline)]
+    if compiler.pieces and not lasting:
+        names = [load(compiler.piece_name(number), place) for number in range(len(compiler.pieces))]
+        body.insert(0, assign("_pieces", ast.Tuple(elts=names, ctx=LOAD, **place), place))
+    if compiler.boxed:
+        body.insert(0, _boxed_locals(compiler, place, lends))
+    size = compiler.inline + len(parameters)
+    return [*compiler.pieces, PythonFunction(function(plan.symbol, parameters, body, place), size)]
 
 
 def compile_interpreted(unit: Unit) -> Steps[list[PythonFunction]]:
     """Statements sent to a running program, as the generator function `STATEMENT` of the scope they run in.
 
-    It is given the functions it is divided into, ``statement_1`` and so on, so that they need no lasting name.
+    It is given its pieces, so that they need no lasting name.
     """
     program = unit.program
     place = place_of(program.body[0] if program.body else Node(1, 1))
-    compiler = _BodyCompiler(unit, program.scope, charged=True, divided=True, boxed=True)
+    compiler = _BodyCompiler(unit, program.scope, STATEMENT, charged=True, divided=True, boxed=True, lasting=False)
     body = yield from compiler.body(program.body, place)
     whole = function(STATEMENT, ["_locals", "_pieces"], body, place)
     return [*compiler.pieces, PythonFunction(whole, compiler.inline)]
 
 
-def _boxed_locals(compiler: ExpressionCompiler, place: Place) -> ast.stmt:
-    """``_locals = _Locals(("a", "b"), {"a": v_a})``: every variable of the function, and its arguments."""
+def piece_name(symbol: str, number: int) -> str:
+    """Name in Python of one of the pieces of a function, from 0."""
+    return f"p{number}_{symbol}"
+
+
+def _boxed_locals(compiler: ExpressionCompiler, place: Place, lends: bool) -> ast.stmt:
+    """``_locals = _Locals(("a", "b"), {"a": v_a})``: every variable of the function if it lends them, its arguments."""
     scope = compiler.scope
-    names = tuple(sorted(name for name in scope.locals | scope.assigned if compiler.is_local(name)))
+    names = tuple(sorted(name for name in scope.locals | scope.assigned if compiler.is_local(name))) if lends else ()
     given = [parameter.name for parameter in scope.parameters]
     arguments = ast.Dict(
         keys=[constant(name, place) for name in given], values=[load(f"v_{name}", place) for name in given], **place
@@ -117,19 +146,47 @@ def _boxed_locals(compiler: ExpressionCompiler, place: Place) -> ast.stmt:
     return assign("_locals", call("_Locals", place, constant(names, place), arguments), place)
 
 
+_Way: TypeAlias = ast.Return | ast.If
+"""What leads out of some code: a ``return``, or an ``if`` whose body is a ``break`` or ``continue``.
+
+In a piece they are ``return (value,)``, ``return True`` and ``return False``; who gets to its end returns None.
+"""
+
+
+@dataclass(slots=True)
+class _Part:
+    """Code that may become a piece."""
+
+    first_way: int  # of the ways out that are in it
+    code: list[ast.stmt] = field(default_factory=list)
+    size: int = 0
+    stored_globals: set[str] = field(default_factory=set)
+    place: Place | None = None
+
+
 class _BodyCompiler(ExpressionCompiler):
     def __init__(
         self,
         unit: Unit,
         scope: Scope,
+        symbol: str,
         *,
         charged: bool,
         recursive: bool = False,
         divided: bool = False,
         boxed: bool = False,
+        lasting: bool = True,
     ) -> None:
         super().__init__(unit, scope, recursive=recursive, boxed=boxed)
         self.pieces: list[PythonFunction] = []
+        self._symbol = symbol
+        self._lasting = lasting  # pieces are found by their names
+        self._shared = [  # variables that a piece is given
+            *(["_locals"] if boxed else []),
+            *([] if lasting else ["_pieces"]),
+            *(["_depth"] if recursive else []),
+        ]
+        self._ways: list[_Way] = []  # out of what is being compiled, in their order
         self._elsewhere = 0  # how much of the size is in pieces
         self._counted = 0  # of the size, whose work was yielded
         self._charged = charged  # a generator, so that it can park
@@ -147,6 +204,9 @@ class _BodyCompiler(ExpressionCompiler):
     def inline(self) -> int:
         """Size of what is not in pieces."""
         return self.size - self._elsewhere
+
+    def piece_name(self, number: int) -> str:
+        return piece_name(self._symbol, number)
 
     def body(self, statements: list[Statement], place: Place) -> Steps[list[ast.stmt]]:
         """All of a function's Python body."""
@@ -179,49 +239,154 @@ class _BodyCompiler(ExpressionCompiler):
             elif isinstance(statement, While):
                 code += yield from self._while(statement, place)
             else:
+                if self._divided and statement.cost > _PIECE:
+                    yield from self._divide_expressions(statement)
                 code += self._compilers[statement.__class__](self, statement, place)
-            if self.size >= self._counted + _SLICE:
-                yield (self.size - self._counted) * _WORK
-                self._counted = self.size
+            yield from self._count()
         return code
+
+    def _count(self) -> Steps[None]:
+        if self.size >= self._counted + _SLICE:
+            yield (self.size - self._counted) * _WORK
+            self._counted = self.size
 
     def _metered(self, statements: list[Statement], extra: int = 0) -> Steps[list[ast.stmt]]:
         """The statements in runs of bounded work, each run charged before it starts, the first with extra work.
 
-        When the body is divided, runs are moved into functions of their own as soon as there
-        is enough for one, unless a return, break or continue leads out of them.
+        When the body is divided, statements are moved into a piece as soon as there are enough for one, and so
+        are the calls of pieces.
         """
-        code: list[ast.stmt] = []
-        movable: list[ast.stmt] = []
-        start = self.inline
-        outer, self.stored_globals = self.stored_globals, set[str]()  # each piece declares its own
+        outer = self.stored_globals
+        levels = [self._part()]  # statements, calls of pieces, calls of pieces of such, ...
         for run, work in _runs(statements, extra):
-            charged = [*charge(work, place_of(run[0]), park=True), *(yield from self._plain(run))]
-            if not self._divided or _leads_out(run):
-                code += [*movable, *charged]
-                outer |= self.stored_globals
-                movable, start = [], self.inline
-                continue
-            movable += charged
-            if self.inline >= start + _PIECE:
-                code.append(self._piece(movable, self.inline - start, place_of(run[0])))
-                movable, start = [], self.inline
-        if self._divided and self.inline >= start + _REST:
-            movable = [self._piece(movable, self.inline - start, place_of(run[0]))]
-        self.stored_globals |= outer
-        return code + movable
+            levels[0].code += charge(work, place_of(run[0]), park=True)
+            for statement in run:
+                part, before = levels[0], self.inline
+                part.place = part.place or place_of(statement)
+                self.stored_globals = part.stored_globals
+                part.code += yield from self._plain([statement])
+                part.size += self.inline - before
+                if self._divided:
+                    self._move(levels, _PIECE)
+        self.stored_globals = outer
+        if self._divided:
+            self._move(levels, _REST)
+        code: list[ast.stmt] = []
+        for part in reversed(levels):
+            code += part.code
+            outer |= part.stored_globals
+        return code
 
-    def _piece(self, code: list[ast.stmt], size: int, place: Place) -> ast.stmt:
-        """Move code into a generator function; what runs it instead."""
-        number = len(self.pieces)
-        name = f"{STATEMENT if self.boxed else 'main'}_{number + 1}"
-        parameters = ["_locals"] if self.boxed else []
-        self.pieces.append(PythonFunction(function(name, parameters, self._with_globals(code, place), place), size))
-        self.stored_globals = set()
+    def _part(self) -> _Part:
+        return _Part(len(self._ways))
+
+    def _move(self, levels: list[_Part], enough: int) -> None:
+        """Make pieces of what is large enough, from the statements upwards."""
+        for level, part in enumerate(levels):
+            if part.size < enough or part.place is None:
+                continue
+            if level + 1 == len(levels):
+                if enough == _REST:
+                    part.code = self._piece(part, part.place)
+                    return
+                levels.append(_Part(part.first_way))
+            above, before = levels[level + 1], self.inline - part.size
+            above.place = above.place or part.place
+            above.code += self._piece(part, part.place)
+            above.size += self.inline - before
+            levels[level] = self._part()
+
+    def _piece(self, part: _Part, place: Place) -> list[ast.stmt]:
+        """Move code into a function; what runs it instead, with the ways out of it."""
+        ways = self._ways[part.first_way :]
+        del self._ways[part.first_way :]
+        words = {way.body[0].__class__ for way in ways if isinstance(way, ast.If)}
+        for way in ways:
+            if isinstance(way, ast.If):
+                way.body[0] = ast.Return(constant(isinstance(way.body[0], ast.Break), place), **place)
+            else:
+                way.value = ast.Tuple([way.value or constant(None, place)], LOAD, **place)
+        run = self._run_piece(part.code, part.size, part.stored_globals, place)
+        if not ways:
+            return [ast.Expr(value=run, **place)]
+        code: list[ast.stmt] = [assign("_way", run, place)]
+        for word, value in ((ast.Break, True), (ast.Continue, False)):
+            if word in words:
+                way_on = self._way_if(ast.Is(), value, word(**place), place)
+                code.append(way_on)
+                self._ways.append(way_on)
+        if any(isinstance(way, ast.Return) for way in ways):
+            back = ast.Return(subscript(load("_way", place), 0, place), **place)
+            code.append(self._way_if(ast.IsNot(), None, back, place))
+            self._ways.append(back)
+        self.size += len(code)
+        return code
+
+    def _way_if(self, test: ast.cmpop, value: bool | None, then: ast.stmt, place: Place) -> ast.If:
+        """``if _way is value: then``"""
+        compared = ast.Compare(left=load("_way", place), ops=[test], comparators=[constant(value, place)], **place)
+        return ast.If(test=compared, body=[then], orelse=[], **place)
+
+    def _run_piece(self, code: list[ast.stmt], size: int, stored_globals: set[str], place: Place) -> ast.expr:
+        """Make a piece; ``yield from`` it."""
+        number, name = len(self.pieces), self.piece_name(len(self.pieces))
+        # what cannot be reached makes it a generator, whatever is in it
+        code = [*code, ast.Return(value=None, **place), ast.Expr(ast.Yield(value=None, **place), **place)]
+        if stored_globals:
+            code.insert(0, ast.Global(names=sorted(stored_globals), **place))
+        self.pieces.append(PythonFunction(function(name, self._shared, code, place), size))
         self._elsewhere += size
-        piece = subscript(load("_pieces", place), number, place) if self.boxed else load(name, place)
-        run = ast.Call(piece, [load(parameter, place) for parameter in parameters], [], **place)
-        return ast.Expr(value=yield_from(run, place), **place)
+        self.size += 1
+        piece = load(name, place) if self._lasting else subscript(load("_pieces", place), number, place)
+        return yield_from(ast.Call(piece, [load(shared, place) for shared in self._shared], [], **place), place)
+
+    # long expressions
+
+    def _divide_expressions(self, statement: Statement) -> Steps[None]:
+        """Compile what is long in the expressions of a statement, so that its own code is short."""
+        match statement:
+            case Assign():
+                for position in [position for group in parts(statement.target) for position in group]:
+                    yield from self._divide(position)
+                yield from self._divide(statement.value)
+            case ExpressionStatement():
+                yield from self._divide(statement.value)
+            case Return(value=value) if value is not None:
+                yield from self._divide(value)
+            case ThreadControl():
+                yield from self._divide(statement.handle)
+
+    def _divide(self, node: Expression) -> Steps[int]:
+        """Compile an expression if it is long, or what is long in it; the size that is left of it."""
+        if isinstance(node, (Constant, Name)):
+            return 1
+        size, start, enough = 1, 0, 0
+        alone, row = parts(node)
+        for part in alone:
+            size += yield from self._divide(part)
+        for number, part in enumerate(row, 1):
+            enough += yield from self._divide(part)
+            if enough >= _PIECE // 2 and len(row) >= _ROW:
+                yield from self._ahead(row[start:number])
+                size, start, enough = size + 1, number, 0
+        size += enough
+        if size < _PIECE:
+            return size
+        yield from self._ahead([node])
+        return 1
+
+    def _ahead(self, nodes: list[Expression]) -> Steps[None]:
+        """Move an expression, or values in a row, into a piece."""
+        outer, self.stored_globals = self.stored_globals, set[str]()
+        place, before = place_of(nodes[0]), self.inline
+        values = self.values(nodes)
+        alone = len(nodes) == 1
+        returned = values[0] if alone else ast.Tuple(elts=values, ctx=LOAD, **place)
+        code: list[ast.stmt] = [ast.Return(value=returned, **place)]
+        run = self._run_piece(code, self.inline - before, self.stored_globals, place)
+        self.stored_globals = outer
+        self.ahead[id(nodes[0])] = (len(nodes), run if alone else ast.Starred(value=run, ctx=LOAD, **place))
+        yield from self._count()
 
     def _step(self, place: Place) -> ast.expr:
         """``yield from _step(line, column)``: tell the host what is next, and wait as long as it wants."""
@@ -276,6 +441,7 @@ class _BodyCompiler(ExpressionCompiler):
             **place,
         )
         retype = assign("_new", call("_retype", place, old, new), place)
+        self.size += 4
         check = ast.If(test=same, body=[retype], orelse=[], **place)
         return [assign("_new", value, place), check, assign(name, load("_new", place), place)]
 
@@ -283,33 +449,58 @@ class _BodyCompiler(ExpressionCompiler):
         return [ast.Expr(value=self.expression(node.value), **place)]
 
     def _if(self, node: If, place: Place) -> Steps[list[ast.stmt]]:
+        """In a long row of branches, the last ones become a piece, then those before them, and so on."""
         heavy = _is_heavy(node)
-        branches: list[tuple[ast.expr, list[ast.stmt]]] = []
-        for condition, statements in node.branches:
-            branches.append((self.condition(condition), (yield from self._inner(statements, heavy))))
-        otherwise = yield from self._inner(node.otherwise, heavy)
-        for (test, body), (source, _) in zip(reversed(branches), reversed(node.branches), strict=True):
+        outer = self.stored_globals
+        branches: list[tuple[ast.expr, _Part]] = []
+        for condition, statements in [*node.branches, (None, node.otherwise)]:
+            part, before = self._part(), self.inline
+            self.stored_globals = part.stored_globals
+            if condition is not None:
+                if self._divided and node.cost > _PIECE:
+                    yield from self._divide(condition)
+                branches.append((self.condition(condition), part))
+                part.place = place_of(condition)
+            part.code = yield from self._inner(statements, heavy)
+            part.size = self.inline - before
+        self.stored_globals = outer
+        rest = part  # of the else
+        for (test, part), (source, _) in zip(reversed(branches), reversed(node.branches), strict=True):
             at = place_of(source)
-            otherwise = [ast.If(test=test, body=body or [ast.Pass(**at)], orelse=otherwise, **at)]
-        return otherwise
+            if self._divided and rest.size >= _PIECE and rest.place is not None:
+                before = self.inline - rest.size
+                rest.code, rest.stored_globals = self._piece(rest, rest.place), set()
+                rest.size = self.inline - before
+            branch = ast.If(test=test, body=part.code or [ast.Pass(**at)], orelse=rest.code, **at)
+            stored = part.stored_globals | rest.stored_globals
+            rest = _Part(part.first_way, [branch], part.size + rest.size, stored, at)
+        self.stored_globals |= rest.stored_globals
+        return rest.code
 
     def _while(self, node: While, place: Place) -> Steps[list[ast.stmt]]:
+        if self._divided:
+            yield from self._divide(node.condition)
         test = self.condition(node.condition)
         if self.unit.stepped:  # before each pass; _step returns None
             passed = ast.UnaryOp(op=ast.Not(), operand=self._step(place), **place)
             test = ast.BoolOp(op=ast.And(), values=[passed, test], **place)
+        first_way = len(self._ways)
         body = (yield from self._metered(node.body, _LOOP_COST)) or charge(_LOOP_COST, place, park=True)
+        self._ways[first_way:] = [way for way in self._ways[first_way:] if isinstance(way, ast.Return)]
         return [ast.While(test=test, body=body, orelse=[], **place)]
 
     def _return(self, node: Return, place: Place) -> list[ast.stmt]:
-        return [ast.Return(value=None if node.value is None else self.expression(node.value), **place)]
+        back = ast.Return(value=None if node.value is None else self.expression(node.value), **place)
+        self._ways.append(back)
+        return [back]
 
     def _word(self, node: Word, place: Place) -> list[ast.stmt]:
         match node.word:
-            case "break":
-                return [ast.Break(**place)]
-            case "continue":
-                return [ast.Continue(**place)]
+            case "break" | "continue":
+                leave = ast.Break(**place) if node.word == "break" else ast.Continue(**place)
+                way = ast.If(test=constant(True, place), body=[leave], orelse=[], **place)  # Python leaves the test out
+                self._ways.append(way)
+                return [way]
             case "halt":
                 return [ast.Raise(exc=load("_Halt", place), cause=None, **place)]
             case _:
@@ -322,6 +513,7 @@ class _BodyCompiler(ExpressionCompiler):
         return [ast.Expr(value=code, **place)]
 
     def _label(self, node: Label, place: Place) -> list[ast.stmt]:
+        self.size += 1
         code = call("_label", place, constant(node.number, place), constant(node.text, place))
         return [ast.Expr(value=code, **place)]
 
@@ -351,20 +543,3 @@ def _runs(statements: list[Statement], extra: int) -> Iterator[tuple[list[Statem
         work += cost
     if run:
         yield run, work
-
-
-def _leads_out(statements: list[Statement], *, in_loop: bool = False) -> bool:
-    """True when a return, or a break or continue of a loop around the statements, is among them."""
-    for statement in statements:
-        match statement:
-            case Return():
-                return True
-            case Word(word="break" | "continue") if not in_loop:
-                return True
-            case While() if _leads_out(statement.body, in_loop=True):
-                return True
-            case If():
-                blocks = [*(body for _, body in statement.branches), statement.otherwise]
-                if any(_leads_out(block, in_loop=in_loop) for block in blocks):
-                    return True
-    return False

@@ -1,8 +1,8 @@
 """From text to a compiled program.
 
 Compiling is work in steps (`urscript.work`): `compile_script` takes them all at once,
-`compile_steps` leaves the pace to the caller. No step is long, except Python's own compiling
-of a function, which cannot be interrupted; it is announced before it is done.
+`compile_steps` leaves the pace to the caller. No step is long. Python's own compiling
+of a function cannot be interrupted: it is announced before it is done, and long functions are divided.
 """
 
 import ast
@@ -60,12 +60,12 @@ _CACHE_CHARACTERS = 4_000_000  # of all their texts: compiled programs are some 
 _Key: TypeAlias = tuple[str, LibrarySet, PolyscopeVersion, bool]
 _cache: dict[_Key, CompiledProgram] = {}  # the one used last is last
 
-_MAX_FUNCTION = 50_000
-"""Longest function [statements and expressions]: Python compiles one in one go, this one in about 0.2 s (a guess)."""
-
 _FUNCTION_WORK = 60  # of Python's compiler, for a function
+_FORGETTING_WORK = 5  # of a function
+_MOST_HINTS = 5  # unknown names for which a known one is looked for, when all errors are asked for
 _INTERFACE_WORK = 8  # of what callers need to know of a function
-_PYTHON_WORK = 4  # of Python's compiler, for each expression and statement
+_STARTING_WORK = 10  # of making a namespace for a run, which follows at once, beside its contents
+_PYTHON_WORK = 6  # of Python's compiler, for each expression and statement
 
 
 def compile_script(
@@ -125,6 +125,8 @@ def find_problems(
             unit = run_to_end(_parsed(source, libraries, version, errors, statements=statements))
             unit.errors = errors
             run_to_end(generate(unit, _bodies(unit), FILE_NAME))
+            for error in errors[:_MOST_HINTS]:
+                run_to_end(unit.explain(error))
             warnings = unit.warnings
     except CompileError as error:
         errors.append(error)
@@ -142,7 +144,10 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, steppe
         unit = yield from _parsed(source, libraries, version)
         unit.stepped = stepped
         code = yield from generate(unit, _bodies(unit), FILE_NAME)
-    raise_first_error(unit)
+    error = yield from first_error(unit)
+    if error is not None:
+        yield from _forget(unit)
+        raise error
     program = unit.program
     functions: dict[str, FunctionPlan] = {}
     for name, plan in unit.plans.items():
@@ -161,10 +166,22 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, steppe
         libraries=libraries,
         version=version,
     )
+    yield from _forget(unit)
+    yield _STARTING_WORK + 2 * len(compiled.code) + len(compiled.global_names) // 4
+    return compiled
+
+
+def _forget(unit: Unit) -> Steps[None]:
+    """Let go of the syntax tree, and of what was found out about it."""
+    program = unit.program
     yield from let_go(program.body)
+    yield from let_go(program.scope.calls)
+    yield from let_go(unit.errors)
+    unit.unexplained.clear()
     for definition in program.functions.values():
         yield from let_go(definition.body)
-    return compiled
+        yield from let_go(definition.scope.calls)
+        yield _FORGETTING_WORK
 
 
 @contextmanager
@@ -221,25 +238,24 @@ def generate(unit: Unit, bodies: list[Steps[list[PythonFunction]]], file_name: s
     """The code of these bodies of the unit; what is wrong with it is in the unit's errors then."""
     code: list[CodeType] = []
     for steps in bodies:
-        for function in (yield from steps):
+        functions = yield from steps
+        while functions:  # each is forgotten as soon as it is compiled
+            function = functions.pop()
             if unit.errors:
-                continue  # only to find more errors
-            _check_length(function, unit.source)
+                yield _FORGETTING_WORK + function.size
+                continue
             yield _FUNCTION_WORK + function.size * _PYTHON_WORK
             code.append(_python(function, file_name))
     return code
 
 
-def raise_first_error(unit: Unit) -> None:
-    """Raise the error that stands first in the unit's text, if there is one."""
-    if unit.errors:
-        raise min(unit.errors, key=lambda error: (error.line, error.column))
-
-
-def _check_length(function: PythonFunction, source: str) -> None:
-    if function.size > _MAX_FUNCTION:
-        message = f"a def, a thread or an undivided block is longer than {_MAX_FUNCTION} statements and values"
-        raise CompileError.syntax(message, function.code.lineno, function.code.col_offset + 1, source)
+def first_error(unit: Unit) -> Steps[CompileError | None]:
+    """The error that stands first in the unit's text, if there is one."""
+    if not unit.errors:
+        return None
+    error = min(unit.errors, key=lambda error: (error.line, error.column))
+    yield from unit.explain(error)
+    return error
 
 
 def _python(function: PythonFunction, file_name: str) -> CodeType:

@@ -66,6 +66,8 @@ _KIND_OF_RESULT: Final[tuple[tuple[Any, KindSet], ...]] = (  # by annotation; an
 _SLICE: Final = 40  # work between two yields
 _MOST_ROUNDS: Final = 8
 """Rounds before everything counts as anything: programs need two to four, and a text made to need more gets none."""
+_LONG_LIST: Final = 500  # items of a list that are not looked at: it takes a microsecond each
+_SCOPE_WORK: Final = 12  # of a body, however short
 _WORK: Final = 2  # of one store, or call, that is found
 
 
@@ -128,6 +130,8 @@ class Kinds:
         return ANYTHING
 
     def _list(self, scope: Scope, node: ListLiteral) -> KindSet:
+        if len(node.items) > _LONG_LIST:
+            return ANYTHING
         kinds = [self.expression(scope, item) for item in node.items]
         return VECTOR if all(map(is_number, kinds)) else OTHER if all(kinds) else 0
 
@@ -191,10 +195,11 @@ def infer_kinds(program: Program, builtins: Mapping[str, Builtin]) -> Steps[Kind
             if number % _SLICE == 0:
                 yield _SLICE * _WORK
         for number, store in enumerate(_stores(program, scope, body), 1):
-            stores.append(store)
+            if store is not None:
+                stores.append(store)
             if number % _SLICE == 0:
                 yield _SLICE * _WORK
-        yield _WORK
+        yield _SCOPE_WORK
     constants = yield from _constants(stores)
     variables: dict[Variable, KindSet] = {}
     kinds = Kinds(program, builtins, variables, constants)
@@ -230,8 +235,11 @@ def _constants(stores: Sequence[_Store]) -> Steps[dict[str, Expression]]:
 _NO_SCOPE: Final = Scope("")  # where the defaults of parameters are evaluated
 
 
-def _stores(program: Program, scope: Scope, body: list[Statement]) -> Iterator[_Store]:
-    """Everything that a body gives to variables, to parameters of functions, and as its own result."""
+def _stores(program: Program, scope: Scope, body: list[Statement]) -> Iterator[_Store | None]:
+    """Everything that a body gives to variables, to parameters of functions, and as its own result.
+
+    None for what gives nothing: it had to be looked at.
+    """
     if scope is not program.scope and not _always_returns(body):
         yield _Store((_RESULT, scope.name), scope, None)
     for statement in _flat(body):
@@ -239,8 +247,12 @@ def _stores(program: Program, scope: Scope, body: list[Statement]) -> Iterator[_
             yield _Store((_RESULT, scope.name), scope, statement.value, work=_work(statement))
         elif isinstance(statement, Assign):
             yield _assignment(program, scope, statement)
+        else:
+            yield None
     for call in scope.calls:
-        if call.name in program.functions:
+        if call.name not in program.functions:
+            yield None
+        else:
             yield from _arguments(program.functions[call.name].scope, scope, call)
     for method in scope.methods:  # a list method binds its variable anew; with what, is not looked at
         yield _Store(_variable(program, scope, _root(method.target)), scope, None)

@@ -16,7 +16,7 @@ from types import CodeType
 from urscript.analysis import FunctionPlan, plan_functions
 from urscript.builtins import Builtin
 from urscript.compile_statements import compile_function, compile_interpreted
-from urscript.compiler import CompiledProgram, generate, make_unit, raise_first_error
+from urscript.compiler import CompiledProgram, first_error, generate, make_unit
 from urscript.errors import CompileError, RuntimeFault
 from urscript.parser import normalize, parse_statements
 from urscript.syntax import Assign, If, Name, Program, Statement, While
@@ -39,7 +39,7 @@ class Locals(dict[str, Value]):
         self.declared: frozenset[str] = frozenset()
 
     def __missing__(self, name: str) -> Value:
-        raise RuntimeFault("A variable is used before it has a value")
+        raise RuntimeFault(f"Variable '{name}' is used before it has a value")
 
     def declare(self, names: Iterable[str]) -> None:
         """From now on these are names of the scope."""
@@ -82,9 +82,10 @@ def compile_statement(
         builtins = {name: builtin for name, builtin in available.items() if not builtin.takes_scope}
         plans = yield from plan_functions(tree, builtins, functions, prefix=f"f{serial}")
         unit = make_unit(tree, source, program.libraries, builtins, {**functions, **plans}, program.version)
-        bodies = [*(compile_function(unit, plan) for plan in plans.values()), compile_interpreted(unit)]
+        bodies = [*(compile_function(unit, plan, lasting=False) for plan in plans.values()), compile_interpreted(unit)]
         code = yield from generate(unit, bodies, STATEMENT_FILE)
-        raise_first_error(unit)
+        if (error_found := (yield from first_error(unit))) is not None:
+            raise error_found
     except RecursionError as error:
         raise CompileError.syntax("the statement is nested too deeply", 1, 1, source) from error
     return CompiledStatement(

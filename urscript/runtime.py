@@ -35,7 +35,7 @@ from typing import Any, Final, Protocol, cast
 
 from urscript import operators
 from urscript.builtins import OMITTED
-from urscript.compile_statements import STATEMENT
+from urscript.compile_statements import STATEMENT, piece_name
 from urscript.compiler import FILE_NAME, CompiledProgram
 from urscript.errors import RuntimeFault, ScriptRuntimeError
 from urscript.interpreter import STATEMENT_FILE, CompiledStatement, Locals
@@ -264,15 +264,21 @@ class Runtime:
         for code in statement.code:
             exec(code, namespace)
         body: Callable[[Locals, list[Any]], ThreadBody] = namespace.pop(STATEMENT)
-        pieces: list[Any] = []
-        while (piece := namespace.pop(f"{STATEMENT}_{len(pieces) + 1}", None)) is not None:
-            pieces.append(piece)
+        pieces = self._forget_pieces(STATEMENT)
         return lambda scope: body(scope, pieces)
 
     def unlink(self, statement: CompiledStatement) -> None:
         """Remove the functions of a linked statement; what is executing them goes on."""
         for plan in statement.functions.values():
             self._namespace.pop(plan.symbol, None)
+            self._forget_pieces(plan.symbol)
+
+    def _forget_pieces(self, symbol: str) -> list[Any]:
+        """Remove the pieces of a function, which it holds itself while it is executed."""
+        pieces: list[Any] = []
+        while (piece := self._namespace.pop(piece_name(symbol, len(pieces)), None)) is not None:
+            pieces.append(piece)
+        return pieces
 
     def interpret(self, body: Callable[[Locals], ThreadBody], scope: Locals) -> ThreadBody:
         """Execute a linked statement in the running thread."""

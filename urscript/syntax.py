@@ -92,6 +92,29 @@ Expression: TypeAlias = (
 )
 
 
+def parts(node: Expression) -> tuple[list[Expression], list[Expression]]:
+    """The expressions in an expression, and those of them that are values in a row of any length."""
+    match node:
+        case Unary():
+            return [node.operand], []
+        case Binary():
+            return [node.left, node.right], []
+        case Index():
+            return [node.target, *node.positions], []
+        case Member():
+            return [node.target], []
+        case MethodCall():
+            return [node.target], node.arguments
+        case PoseLiteral():
+            return node.items, []
+        case ListLiteral():
+            return [], node.items
+        case Call():
+            by_name = [value for _, value in node.keywords]
+            return ([], by_name) if node.name == "struct" and not node.arguments else (by_name, node.arguments)
+    return [], []
+
+
 @dataclass(slots=True)
 class Assign(Node):
     target: Name | Index | Member

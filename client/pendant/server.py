@@ -19,6 +19,7 @@ from client.pendant.page import Page
 from client.pendant.screens import SCREENS
 from client.pendant.station import Station
 from client.pendant.web_security import Gate, Nonsense, guard_events, mind_the_logs
+from urproto.backdoors import BackdoorMark
 
 _STATIC: Final = Path(__file__).with_name("static")
 _SHEETS: Final = ("pendant.css", *sorted(path.name for path in _STATIC.glob("screen_*.css")))
@@ -38,6 +39,7 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
     opened = AsyncExitStack()
     telling = set[asyncio.Task[None]]()  # the loop alone would not keep it
     _check_free(host, port)
+    opened.callback(_mark(host, port).close)
 
     async def start() -> None:
         await opened.enter_async_context(station)
@@ -89,6 +91,15 @@ def _check_free(host: str, port: int) -> None:
             probe.bind((host, port))
         except OSError as error:
             raise PortTakenError(host, port, error.strerror or str(error)) from error
+
+
+def _mark(host: str, port: int) -> BackdoorMark:
+    """Programs of emulated robots on this machine have no business here. Raises PortTakenError."""
+    address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0][4][0]
+    try:
+        return BackdoorMark(str(address), port)
+    except OSError as error:
+        raise PortTakenError(host, port, error.strerror or str(error)) from error
 
 
 async def _when_open(host: str, port: int, ready: Callable[[], None]) -> None:

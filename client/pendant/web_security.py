@@ -19,10 +19,11 @@ import socketio  # type: ignore[import-untyped]
 from fastapi.responses import PlainTextResponse
 from nicegui import core
 
+from urproto.seldom import Seldom
+
 _FORBIDDEN: Final = 403
 _POLICY: Final = 1008  # the status of web sockets for what is not allowed
 _MOST_PAGES: Final = 200  # guess: each browser has one, and one that never came is there for a minute
-_EVERY_S: Final = 60.0
 _MOST_PLACES: Final = 32
 _LONGEST: Final = 300  # characters of a line about nonsense
 _LOGGERS: Final = ("uvicorn.error", "engineio.server", "socketio.server", "nicegui", "asyncio")
@@ -57,20 +58,15 @@ class Nonsense:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._said_at = dict[str, float]()
-        self._kept = dict[str, int]()
+        self._kinds = dict[str, Seldom]()
 
     def tell(self, kind: str, what: object) -> None:
         """kind: what counts together. what: of the example that is shown, an exception or a text."""
-        if kind not in self._said_at and len(self._said_at) >= _MOST_PLACES:
+        if kind not in self._kinds and len(self._kinds) >= _MOST_PLACES:
             kind = ""
-        now = self._clock()
-        if now - self._said_at.get(kind, -_EVERY_S) < _EVERY_S:
-            self._kept[kind] = self._kept.get(kind, 0) + 1
+        more = self._kinds.setdefault(kind, Seldom(self._clock)).due()
+        if more is None:
             return
-        self._said_at[kind] = now
-        kept = self._kept.pop(kind, 0)
-        more = f" (and {kept} more since the last such line)" if kept else ""
         text = " ".join(str(what).split())[:_LONGEST]
         _logger.warning("web: %s%s", text or "an error without words", more)
 

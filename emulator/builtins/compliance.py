@@ -3,9 +3,10 @@
 import math
 from typing import Any
 
-from emulator.builtins.geometry import Vector6, numbers, six, three, within_range
+from emulator.builtins.geometry import numbers, three, within_range
 from emulator.builtins.host import ProgramHost
 from emulator.motion.reach import distance_to_singularity
+from urproto.vectors import ZERO6, Vector6, as_six
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, Bool, Int, Joints, ListArg, Num, Pose, PoseArg, PoseOrJoints
@@ -13,7 +14,7 @@ from urscript.values import Any_, Bool, Int, Joints, ListArg, Num, Pose, PoseArg
 LIBRARY = Library("force", host=True, physical=True)
 
 # defaults: a tuple stands for a list or pose that scripts see
-_ORIGIN: Any = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_ORIGIN: Any = ZERO6
 _ALL_AXES: Any = (1, 1, 1, 1, 1, 1)
 _NO_OFFSET: Any = (0, 0, 0)
 _SINGULARITY_BOUNDS = (0.2, 0.05)  # of distance_to_singularity(): about 11 and 3 degrees of elbow or wrist (guess)
@@ -43,7 +44,9 @@ def force_mode(
         raise RuntimeFault(f"force_mode: the selection vector must hold only 0 and 1, not {list(selection_vector)}")
     _main_only(host, "force_mode")
     with within_range():
-        host.motion.force_control.force_mode(six(task_frame), six(selection_vector), six(wrench), type_, six(limits))
+        host.motion.force_control.force_mode(
+            as_six(task_frame), as_six(selection_vector), as_six(wrench), type_, as_six(limits)
+        )
 
 
 @LIBRARY.builtin()
@@ -112,7 +115,7 @@ def freedrive_mode(host: ProgramHost, freeAxes: ListArg = _ALL_AXES, feature: An
     if len(freeAxes) != 6 or any(axis not in (0, 1) for axis in freeAxes):
         raise RuntimeFault("freedrive_mode: freeAxes must be a list of six numbers, each 0 or 1")
     _main_only(host, "freedrive_mode")
-    host.motion.commands.freedrive(six(freeAxes), _feature(feature))
+    host.motion.commands.freedrive(as_six(freeAxes), _feature(feature))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="the arm follows the emulated external force", work=90)
@@ -211,10 +214,10 @@ def _feature(feature: Any) -> Vector6 | None:
     if feature == "tool":
         return None
     if feature == "base" or feature is _ORIGIN:
-        return six(_ORIGIN)
+        return as_six(_ORIGIN)
     if not isinstance(feature, Pose):
         raise RuntimeFault('freedrive_mode: feature must be a pose, "base" or "tool"')
-    return six(numbers(feature, 6, "freedrive_mode: feature"))
+    return as_six(numbers(feature, 6, "freedrive_mode: feature"))
 
 
 def _main_only(host: ProgramHost, name: str) -> None:

@@ -8,13 +8,14 @@ from typing import Final, Protocol, TypeAlias, TypeVar
 
 from emulator.machine import Machine
 from emulator.motion import Motion, MotionCommands, Move
-from emulator.motion.vectors import Joints, as_six
 from emulator.reporting.popups import Popup
 from emulator.robot.arm import Arm
 from emulator.services.modbus import ModbusSignals
 from emulator.services.outputs import RunstateOutputs
 from emulator.services.sockets import ScriptSocketBackend, SocketTable
 from emulator.services.watchdog import MotionHistory, Watchdog, WatchdogAction, Watchdogs
+from urproto.robots.model import Joints
+from urproto.vectors import as_six
 from urscript.errors import RuntimeFault
 from urscript.interpreter import Locals
 from urscript.runtime import Runtime, ScriptThread

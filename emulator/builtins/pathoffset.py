@@ -1,8 +1,9 @@
 """Path offsets: a Cartesian offset on top of the robot's movements, given anew as often as a program likes."""
 
-from emulator.builtins.geometry import numbers, six
+from emulator.builtins.geometry import numbers
 from emulator.builtins.host import Frames, ProgramHost
 from emulator.motion.superposition import OffsetFrame
+from urproto.vectors import as_six
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int, Num, Pose, PoseOrJoints
@@ -40,7 +41,7 @@ def path_offset_set(host: ProgramHost, offset: PoseOrJoints, type_: Int) -> None
     z, z = x cross y); 4 world (the offset is the base's pose in the world, in which the path is meant).
     An offset that jumps causes a protective stop.
     """
-    given = six(numbers(offset, 6, "path_offset_set: offset"))
+    given = as_six(numbers(offset, 6, "path_offset_set: offset"))
     host.motion.superposition.set_path_offset(given, _frame("path_offset_set", type_))
 
 

@@ -2,9 +2,10 @@
 
 import math
 
-from emulator.builtins.geometry import numbers, six
+from emulator.builtins.geometry import numbers
 from emulator.builtins.host import ProgramHost
 from emulator.motion.wrench_limit import WrenchLimit
+from urproto.vectors import as_six
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int, Num, PoseArg
@@ -69,7 +70,7 @@ def tool_wrench_limit_set(
     for limit in limits:
         if limit is not None and not (math.isfinite(limit) and limit > 0):
             raise RuntimeFault(f"tool_wrench_limit_set: a limit must be greater than 0, not {limit}")
-    frame = six(numbers(frame_offset, 6, "tool_wrench_limit_set: frame_offset"))
+    frame = as_six(numbers(frame_offset, 6, "tool_wrench_limit_set: frame_offset"))
     installation = host.machine.installation
     host.motion.commands.wrench_limit = WrenchLimit.of(frame, limits, lambda: installation.payload)
 

@@ -17,9 +17,10 @@ import msgspec
 from emulator.control.control import LiveControl, is_waiting
 from emulator.control.openapi import listing, openapi
 from emulator.control.verbs import BadArguments, NotPossible, Verb, verbs_of
-from emulator.servers.base import Connection, ControllerDoor, PortServer
-from emulator.servers.script_sockets import ControlMark
+from emulator.servers.connection import Connection
+from emulator.servers.port import ControllerDoor, PortServer
 from emulator.snapshot import Snapshot
+from urproto.backdoors import BackdoorMark
 from urproto.text import from_bytes, readable_in, to_bytes
 
 _MOST_BODY: Final = 4 * 1024 * 1024  # bytes of arguments; a saved state has some 10 kB
@@ -43,7 +44,7 @@ class ControlServer(PortServer):
         super().__init__("control", controller)
         self.control = control
         self.token = token
-        self._mark: ControlMark | None = None
+        self._mark: BackdoorMark | None = None
 
     def connect(self) -> Connection:
         return _HttpConnection(self)
@@ -51,7 +52,7 @@ class ControlServer(PortServer):
     async def _listen(self, host: str, port: int) -> None:
         await super()._listen(host, port)
         if self._listening is not None:
-            self._mark = ControlMark(*self._listening.address)
+            self._mark = BackdoorMark(*self._listening.address)
 
     def close_port(self) -> None:
         super().close_port()

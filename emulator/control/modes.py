@@ -7,15 +7,16 @@ from typing import Any, Final, Literal
 
 from emulator.commands.safety import Jog, SetSafetyInput
 from emulator.control.verbs import BadArguments, NotPossible, Verbs, Waiting, verb
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP, StopCause
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.polyscope.safety_configuration import SafetyInput
 from emulator.safety.causes import CAUSES, Cause
 from emulator.safety.conditions import SafetyDevice
-from emulator.snapshot import Vector6, plausible
+from emulator.snapshot import plausible
 from urproto.modes import AnalogDomain
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
+from urproto.vectors import Vector6
 from urscript.values import INT_MAX, INT_MIN
 
 Group = Literal["standard", "configurable", "tool"]

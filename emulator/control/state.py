@@ -8,7 +8,8 @@ from typing import Any, Final
 from emulator.control.snapshots import restore_state, save_state
 from emulator.control.verbs import BadArguments, NotPossible, Verbs, verb
 from emulator.robot.installation import Payload
-from emulator.snapshot import Snapshot, Vector3, Vector6, plausible
+from emulator.snapshot import Snapshot, plausible
+from urproto.vectors import ZERO3, Vector3, Vector6
 
 _FIELDS: Final = tuple(field.name for field in fields(Snapshot) if field.name != "messages")
 
@@ -57,7 +58,7 @@ class StateVerbs(Verbs):
             raise BadArguments(str(error)) from error
 
     @verb
-    def set_payload(self, mass_kg: float, cog_m: Vector3 = (0.0, 0.0, 0.0)) -> None:
+    def set_payload(self, mass_kg: float, cog_m: Vector3 = ZERO3) -> None:
         """Tell the controller another payload: mass and centre of gravity in the flange frame."""
         if mass_kg < 0.0:
             raise BadArguments(f"a payload of {mass_kg} kg: a mass cannot be negative")

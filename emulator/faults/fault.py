@@ -26,7 +26,7 @@ from typing import Annotated, ClassVar, Final, Protocol, TypeAlias, TypeVar
 from msgspec import Meta
 
 from emulator.controller import Controller
-from emulator.servers.base import PortServer
+from emulator.servers.port import PortServer
 from urproto.modes import JointMode, RobotMode, RuntimeState, ToolMode
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from emulator.faults.catalogue import checked, describe
 from emulator.faults.fault import Act, Fault, FaultError, FaultImpossible, Machine, Rate, Site, Strikes
-from emulator.servers.base import PortServer
+from emulator.servers.port import PortServer
 
 if TYPE_CHECKING:
     from emulator.controller import Controller

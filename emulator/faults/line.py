@@ -11,7 +11,8 @@ from msgspec import Meta
 
 from emulator.faults.fault import Act, Share, Site, Strikes, added, register
 from emulator.faults.network import ClientFault, NotNegative
-from emulator.servers.base import Connection, Direction
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
 
 Positive = Annotated[float, Meta(gt=0.0)]
 _MOST_KEPT: Final = 256 * 1024  # bytes of a client, before it is not read further

@@ -8,7 +8,9 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from emulator.faults.fault import Act, Fault, FaultImpossible, Site, Strikes, added, register
-from emulator.servers.base import Connection, Direction, PortServer
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
+from emulator.servers.port import PortServer
 
 NotNegative = Annotated[float, Meta(ge=0.0)]
 _NEVER_BY_ITSELF = "control"  # the port that faults are cleared through has none unless it is named

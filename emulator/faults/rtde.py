@@ -5,7 +5,8 @@ from typing import ClassVar, Final, Literal
 
 from emulator.faults.fault import Act, Fault, FaultImpossible, Site, Strikes, added, register
 from emulator.faults.network import ClientFault
-from emulator.servers.base import Connection, Direction
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
 from emulator.servers.rtde import RTDEServer
 from emulator.servers.rtde_session import RTDEHost
 from emulator.snapshot import Snapshot

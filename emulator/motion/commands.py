@@ -23,10 +23,11 @@ from emulator.motion.stops import ToolStop, brake_together
 from emulator.motion.superposition import Kind, Superposition
 from emulator.motion.target import ArmTarget
 from emulator.motion.torque import DirectTorque, TorqueResponse
-from emulator.motion.vectors import ZERO, Joints, all_finite, as_six, largest, norm3, scaled
 from emulator.motion.wrench_limit import WrenchLimit
 from emulator.robot.drives import TorqueCommand
+from urproto.robots.model import Joints
 from urproto.robots.pose import Pose
+from urproto.vectors import ZERO6, all_finite, as_six, largest, norm3, scaled
 
 _HANDOVER_RAD_S2 = 10.0  # leading joint, when a movement of another kind takes over from an arm in motion (guess)
 _TURN_ACCELERATION_MAX = TOOL_LIMITS.acceleration / 0.25  # rad/s2, at the equivalent radius (guess)
@@ -279,7 +280,7 @@ class MotionCommands:
 
     # giving way, and paths displaced no more
 
-    def freedrive(self, free_axes: Sequence[float] = (1,) * 6, feature: Pose | None = ZERO) -> None:
+    def freedrive(self, free_axes: Sequence[float] = (1,) * 6, feature: Pose | None = ZERO6) -> None:
         """Stop, and let the external wrench move the tool along the free axes of a frame given in the base frame.
 
         None is the tool's own frame. Until `ForceControl.end`.

@@ -20,11 +20,13 @@ from emulator.motion.pacing import within_speed
 from emulator.motion.position_limits import PositionLimits
 from emulator.motion.reach import Reach
 from emulator.motion.target import ArmTarget
-from emulator.motion.vectors import (
-    ZERO,
+from urproto.modes import ControlMode
+from urproto.robots.model import Joints
+from urproto.robots.pose import Pose, axes_of, pose_add, pose_sub
+from urproto.vectors import (
+    ZERO6,
     Axes,
-    Joints,
-    Vec3,
+    Vector3,
     all_finite,
     as_six,
     cross,
@@ -32,15 +34,12 @@ from emulator.motion.vectors import (
     into6,
     lerp,
     norm3,
-    of_rotation,
     out_of,
     out_of6,
     scaled,
     sub,
     unit,
 )
-from urproto.modes import ControlMode
-from urproto.robots.pose import Pose, pose_add, pose_sub
 
 _MASS = 20.0  # kg, kg m2 for turning: gives time constants around 0.1 s (guess)
 _INERTIA = 1.0
@@ -86,20 +85,20 @@ class Task:
     def screw(cls, force_N: float, speed_m_s: float) -> "Task":
         """Screw driving: along the tool's z axis."""
         along_z = (False, False, True, False, False, False)
-        return cls(ZERO, along_z, (0.0, 0.0, force_N, 0.0, 0.0, 0.0), _TOOL, (0.0, 0.0, speed_m_s, 0.0, 0.0, 0.0))
+        return cls(ZERO6, along_z, (0.0, 0.0, force_N, 0.0, 0.0, 0.0), _TOOL, (0.0, 0.0, speed_m_s, 0.0, 0.0, 0.0))
 
     @classmethod
     def free(cls, frame: Pose | None, free_axes: Sequence[float]) -> "Task":
         """Freedrive: only outside forces count. None is the tool's own frame."""
         free, kind = tuple(flag != 0 for flag in free_axes), _TOOL if frame is None else _FIXED
-        return cls(frame or ZERO, free, ZERO, kind, _FREEDRIVE_LIMITS, freedrive=True)
+        return cls(frame or ZERO6, free, ZERO6, kind, _FREEDRIVE_LIMITS, freedrive=True)
 
 
 @dataclass(frozen=True, slots=True)
 class Pushing:
     """What acts on the tool at its TCP, base frame [N, Nm]; the present forces of ``contacts`` are part of it."""
 
-    wrench: Joints = ZERO
+    wrench: Joints = ZERO6
     contacts: tuple[Contact, ...] = ()
 
 
@@ -128,19 +127,19 @@ class Compliance:
         self.task = task
         self.released = False
         self._pose = reach.pose(q)
-        self._speed = ZERO  # of the tool's own motion, in the task frame
+        self._speed = ZERO6  # of the tool's own motion, in the task frame
         self._yielding: tuple[bool, ...] = (False,) * 6  # directions of the last step
         self._moved = moved
-        self._heading: Vec3 | None = None  # x axis of a frame along the motion
-        self._next = (self._pose, ZERO, ZERO)
+        self._heading: Vector3 | None = None  # x axis of a frame along the motion
+        self._next = (self._pose, ZERO6, ZERO6)
 
     def standing(self) -> bool:
         """No motion of its own."""
-        return self._speed == ZERO
+        return self._speed == ZERO6
 
     def halt(self) -> None:
         """The last step cannot be: stay, and lose the speed of the compliant directions."""
-        self._next = (self._pose, ZERO, ZERO)
+        self._next = (self._pose, ZERO6, ZERO6)
 
     def comply(self, task: Task) -> None:
         """Another task, also after a release."""
@@ -152,7 +151,7 @@ class Compliance:
         """Comply no more; what speed there is dies away."""
         self.released = True
         kind = _TOOL if self.task.kind == _TOOL else _FIXED
-        self.task = Task(self.task.frame, (False,) * 6, ZERO, kind, self.task.limits)
+        self.task = Task(self.task.frame, (False,) * 6, ZERO6, kind, self.task.limits)
 
     def check(self, actual_q: Joints) -> None:
         """Raise MotionFault when the arm is further off than force mode's limits of the stiff axes allow.
@@ -162,7 +161,7 @@ class Compliance:
         task = self.task
         if task.freedrive or task.kind == _TOOL or self.released:
             return
-        axes, limits = self._axes(ZERO), zip(self._compliant, task.limits, strict=True)
+        axes, limits = self._axes(ZERO6), zip(self._compliant, task.limits, strict=True)
         off = into6(axes, pose_sub(self.reach.pose(actual_q), self._pose))
         for i, (deviation, (gives_way, limit)) in enumerate(zip(off, limits, strict=True)):
             if not gives_way and abs(deviation) > abs(limit) + _SLACK:
@@ -176,15 +175,15 @@ class Compliance:
         Raises MotionFault where the arm cannot go.
         """
         before, after = nominal
-        shift = ZERO if before == after else pose_sub(self.reach.pose(after), self.reach.pose(before))
+        shift = ZERO6 if before == after else pose_sub(self.reach.pose(after), self.reach.pose(before))
         axes = self._axes(shift)
         wanted = into6(axes, shift)
         compliant = self._compliant
         loop, given = _Loop.of(dt, damping, gain), scaled(wanted, 1.0 / dt)
         own = self._accelerated(loop, self._handed_over(given), axes, external, given)
         moved = as_six((0.0 if compliant[i] else wanted[i]) + own[i] * dt for i in range(6))
-        self._next = (self._pose, own, ZERO)
-        if moved == ZERO:
+        self._next = (self._pose, own, ZERO6)
+        if moved == ZERO6:
             return q
         pose = pose_add(out_of6(axes, moved), self._pose)
         target = self._exact(dt, pose, q, alone=before == after, touching=bool(external.contacts))
@@ -272,7 +271,7 @@ class Compliance:
         others = as_six(0.0 if compliant[i] else given[i] + free[i] for i in range(6))
         bounds = as_six(max(abs(self.task.limits[i]), abs(before[i]) * loop.decay[i]) for i in range(6))
         response = Response(compliant, inert, kept, others, bounds, loop.gain)
-        rest = lerp(net, into6(axes, without(ZERO, external.contacts)), 1.0)
+        rest = lerp(net, into6(axes, without(ZERO6, external.contacts)), 1.0)
         alone = self._unhindered(loop, before, rest)
         start = as_six(alone[i] if compliant[i] else others[i] for i in range(6))
         speed = solve(loop.dt, axes, response, rest, external.contacts, start)
@@ -290,7 +289,7 @@ class Compliance:
 
     def _axes(self, shift: Joints) -> Axes:
         """The task frame's axes in the base frame."""
-        x, y, z = of_rotation(self._pose if self.task.kind == _TOOL else self.task.frame)
+        x, y, z = axes_of(self._pose if self.task.kind == _TOOL else self.task.frame)
         if self.task.kind == 1:
             origin, tool = self.task.frame, self._pose
             y = unit((origin[0] - tool[0], origin[1] - tool[1], origin[2] - tool[2]), y)
@@ -321,7 +320,7 @@ class ForceControl:
         self.damping = 0.005  # default of the Script Manual
         self.gain_scaling = 1.0
         self.contacts: tuple[Contact, ...] = ()
-        self._external_wrench: Joints = ZERO
+        self._external_wrench: Joints = ZERO6
         self._actual_q: Joints | None = None  # None: where it was told to be
         self._target, self._limits = target, limits
         self._compliance: Compliance | None = None
@@ -346,7 +345,7 @@ class ForceControl:
     @property
     def frame(self) -> Pose:
         """The task frame in the base frame; zero without force mode."""
-        return self._compliance.task.frame if self.mode is ControlMode.FORCE and self._compliance else ZERO
+        return self._compliance.task.frame if self.mode is ControlMode.FORCE and self._compliance else ZERO6
 
     def feel(self, external_wrench: Joints, actual_q: Joints | None = None) -> None:
         """What pushes the tool at its TCP, base frame [N, Nm], and where the arm is when not at its target [rad]."""
@@ -435,7 +434,7 @@ class ForceControl:
         period_s, q = self._target.period_s, self._target.q
         if not running:
             damping = max(self.damping, _BRAKE_DAMPING)
-            return compliance.step(period_s, q, path, Pushing(ZERO, ()), damping, 0.0)
+            return compliance.step(period_s, q, path, Pushing(ZERO6, ()), damping, 0.0)
         pushing = Pushing(self._external_wrench, self.contacts)
         damping = max(self.damping, _BRAKE_DAMPING) if compliance.released else self.damping
         return compliance.step(period_s, q, path, pushing, damping, self.gain_scaling)

@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from emulator.motion.vectors import Joints
+from urproto.robots.model import Joints
 from urproto.robots.pose import Pose
 
 

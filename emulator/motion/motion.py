@@ -11,11 +11,11 @@ from emulator.motion.stops import JointStop, StopOrigin
 from emulator.motion.superposition import Superposition
 from emulator.motion.target import ArmTarget
 from emulator.motion.torque import DirectTorque
-from emulator.motion.vectors import ZERO, Joints, as_six, scaled, sub
 from emulator.robot.drives import TorqueCommand
 from urproto.modes import ControlMode
-from urproto.robots.model import RobotModel
+from urproto.robots.model import Joints, RobotModel
 from urproto.robots.pose import Pose
+from urproto.vectors import ZERO6, as_six, scaled, sub
 
 _STEADY_S = 0.5  # Script Manual, is_steady
 _BRAKE_SHARE = 1.5  # of the highest acceleration is what the brakes slow a joint by (guess)
@@ -113,7 +113,7 @@ class Motion:
     @property
     def idle(self) -> bool:
         """Nothing moves the arm, and it stands."""
-        return self.movement.generator is None and not self.beside and self.target.qd == ZERO
+        return self.movement.generator is None and not self.beside and self.target.qd == ZERO6
 
     @property
     def steady(self) -> bool:
@@ -266,7 +266,7 @@ class Motion:
     def engage_brakes(self) -> None:
         """Power is removed (stop category 0): brakes bring each joint to rest, and everything is forgotten."""
         arm = self.target
-        if arm.qd == ZERO:
+        if arm.qd == ZERO6:
             self.halt()
             return
         self._forget()
@@ -277,7 +277,7 @@ class Motion:
         """Power is gone: stand still at once and forget everything."""
         self._forget()
         self.target.halt()
-        self.movement.put(self.target.q, ZERO)
+        self.movement.put(self.target.q, ZERO6)
 
     def _forget(self) -> None:
         self.movement.forget()

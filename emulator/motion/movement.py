@@ -10,9 +10,9 @@ from emulator.motion.path_motion import PathMotion
 from emulator.motion.servo import JointServo
 from emulator.motion.speed import JointSpeed, ToolSpeed
 from emulator.motion.stops import JointStop, StopOrigin, ToolStop, brake_together
-from emulator.motion.vectors import ZERO, Joints, as_six, largest
-from urproto.robots.model import RobotModel
+from urproto.robots.model import Joints, RobotModel
 from urproto.robots.pose import Pose
+from urproto.vectors import ZERO6, as_six, largest
 
 _SAME_SCALE = 1e-9
 _GOVERNED = (PathMotion, JointSpeed, ToolSpeed)  # streamed targets set their own pace
@@ -44,7 +44,7 @@ class ActiveMovement:
 
     def __init__(self, model: RobotModel, period_s: float, q: Joints) -> None:
         self.q: Joints = as_six(q)
-        self.qd: Joints = ZERO
+        self.qd: Joints = ZERO6
         self.generator: Generator | None = None
         self.ramp = RAMP_RAD_S2
         self.excess: Excess | None = None  # how much too fast a step would be for the safety system's limits
@@ -122,7 +122,7 @@ class ActiveMovement:
 
     def stand(self, q: Joints) -> None:
         """The arm has been put here, so nothing leads anywhere any more."""
-        self.put(q, ZERO)
+        self.put(q, ZERO6)
         self._goal = None
 
     def fail(self, fault: MotionFault) -> None:

@@ -18,8 +18,8 @@ from emulator.motion.faults import MotionFault, near_singularity
 from emulator.motion.generator import Generator
 from emulator.motion.lookahead import Lookahead
 from emulator.motion.path_motion import PathMotion
-from emulator.motion.vectors import Joints, largest, sub
-from urproto.robots.model import RobotModel
+from urproto.robots.model import Joints, RobotModel
+from urproto.vectors import largest, sub
 
 Excess = Callable[[Joints, Joints], float]
 """From a configuration and a step of one period: the largest share of a limit that it takes."""

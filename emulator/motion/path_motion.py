@@ -3,7 +3,7 @@
 from emulator.motion.blends import Blend, LegEnd
 from emulator.motion.legs import JointLeg, Leg, mark_before_end
 from emulator.motion.profile import Profile
-from emulator.motion.vectors import Joints
+from urproto.robots.model import Joints
 from urproto.robots.pose import Pose
 
 _TIME_TOLERANCE = 1e-9  # s: rounding of summed periods must not cost a whole period

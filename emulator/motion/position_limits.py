@@ -4,8 +4,8 @@ from math import inf
 
 from emulator.motion.faults import MotionFault, joint_limit
 from emulator.motion.stops import JointStop, StopOrigin
-from emulator.motion.vectors import Joints, as_six
-from urproto.robots.model import RobotModel
+from urproto.robots.model import Joints, RobotModel
+from urproto.vectors import as_six
 
 _TOLERANCE_RAD = 1e-9
 

@@ -4,8 +4,9 @@ from enum import Enum, auto
 
 from emulator.motion.faults import MotionFault
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import ZERO, Joints, as_six, largest, norm3, scaled, sub
+from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, pose_add
+from urproto.vectors import ZERO6, as_six, largest, norm3, scaled, sub
 
 _TIME_TOLERANCE = 1e-9  # s
 
@@ -76,7 +77,7 @@ class ToolStop:
     def __init__(self, reach: Reach, q: Joints, qd: Joints, deceleration: float, turn_deceleration: float) -> None:
         self._reach = reach
         self._pose = reach.pose(q)
-        twist = reach.twist(q, qd) if qd != ZERO else ZERO
+        twist = reach.twist(q, qd) if qd != ZERO6 else ZERO6
         self._twist = twist
         self._duration = max(norm3(*twist[:3]) / deceleration, norm3(*twist[3:]) / turn_deceleration)
         self._t = self._proposed = 0.0

@@ -18,24 +18,9 @@ from emulator.motion.movement import ActiveMovement
 from emulator.motion.reach import Reach
 from emulator.motion.target import ArmTarget
 from emulator.motion.tracking import LEVER_M, FrameTracking
-from emulator.motion.vectors import (
-    ZERO,
-    Axes,
-    Joints,
-    Vec3,
-    as_six,
-    cross,
-    into6,
-    largest,
-    lerp,
-    norm3,
-    of_rotation,
-    out_of6,
-    scaled,
-    sub,
-    unit,
-)
-from urproto.robots.pose import Pose, pose_add, pose_inv, pose_sub, pose_trans
+from urproto.robots.model import Joints
+from urproto.robots.pose import Pose, axes_of, pose_add, pose_inv, pose_sub, pose_trans
+from urproto.vectors import ZERO6, Axes, Vector3, as_six, cross, into6, largest, lerp, norm3, out_of6, scaled, sub, unit
 
 _SAME = 1e-9  # m, rad: a filtered offset nearer to the given one than this is that one (guess)
 _STANDING_M = 1e-9  # a shorter way in one period has no direction
@@ -72,11 +57,11 @@ class PathOffset:
     def __init__(self, settings: OffsetSettings) -> None:
         self._settings = settings
         self._frame = OffsetFrame.BASE
-        self._target: Joints = ZERO
-        self._filtered: Joints = ZERO
-        self._coasted: Joints = ZERO
-        self._speed: Joints = ZERO  # of the applied offset
-        self._applied: Joints = ZERO
+        self._target: Joints = ZERO6
+        self._filtered: Joints = ZERO6
+        self._coasted: Joints = ZERO6
+        self._speed: Joints = ZERO6  # of the applied offset
+        self._applied: Joints = ZERO6
         self._path: Pose | None = None
         self._axes: Axes | None = None  # of the MOTION frame
 
@@ -84,7 +69,7 @@ class PathOffset:
         """Another offset [m, rotation vector], from the next period on."""
         if frame is not self._frame:
             self._filtered = self.get(frame)  # the filter goes on from what is applied now
-            self._coasted, self._frame = ZERO, frame
+            self._coasted, self._frame = ZERO6, frame
         self._target = self._settings.limited(offset)
 
     def get(self, frame: OffsetFrame) -> Pose:
@@ -113,20 +98,20 @@ class PathOffset:
         before, missing = self._applied, sub(self._target, self._filtered)
         near = largest(missing) <= _SAME
         self._filtered = self._target if near else lerp(self._filtered, missing, self._settings.alpha)
-        if self._coasted != ZERO:
-            self._coasted = scaled(self._coasted, exp(-dt / _FADE_S)) if largest(self._coasted) > _SAME else ZERO
+        if self._coasted != ZERO6:
+            self._coasted = scaled(self._coasted, exp(-dt / _FADE_S)) if largest(self._coasted) > _SAME else ZERO6
         self._applied = lerp(self._filtered, self._coasted, 1.0)
         self._speed = scaled(sub(self._applied, before), 1.0 / dt)
 
     def _coast(self, dt: float, ramp: float) -> None:
         size = max(norm3(*self._speed[:3]) / LEVER_M, norm3(*self._speed[3:]))
-        self._speed = scaled(self._speed, 1.0 - ramp * dt / size) if size > ramp * dt else ZERO
+        self._speed = scaled(self._speed, 1.0 - ramp * dt / size) if size > ramp * dt else ZERO6
         self._coasted = lerp(self._coasted, self._speed, dt)
         self._applied = lerp(self._filtered, self._coasted, 1.0)
 
     def apply(self, pose: Pose) -> Pose:
         offset = self._applied
-        if offset == ZERO:
+        if offset == ZERO6:
             return pose
         if self._frame is OffsetFrame.TCP:
             return pose_trans(pose, offset)
@@ -148,13 +133,13 @@ class PathOffset:
         return self._applied
 
 
-def _motion_axes(path: Pose, before: Axes | None, along: Vec3 | None = None) -> Axes:
+def _motion_axes(path: Pose, before: Axes | None, along: Vector3 | None = None) -> Axes:
     """Axes of the MOTION frame; the last ones where there is no direction, the tool's x before there was any."""
-    tool_x, _, tool_z = of_rotation(path)
+    tool_x, _, tool_z = axes_of(path)
     x = unit(along, tool_x) if along is not None else tool_x
     aside = cross(x, tool_z)
     if norm3(*aside) < 1e-6:
-        return before if before is not None else of_rotation(path)
+        return before if before is not None else axes_of(path)
     y = unit(aside, tool_x)
     return x, y, cross(x, y)
 
@@ -199,7 +184,7 @@ class Superposition:
         self.settings = OffsetSettings()
         self.lost: MotionFault | None = None
         self.active = False
-        self.q, self.qd = target.q, ZERO
+        self.q, self.qd = target.q, ZERO6
         self._target, self._movement = target, movement
         self._sources: dict[Kind, Source] = {}
         self._path: tuple[Reach, Joints, Pose] | None = None  # the last period's TCP, path joints and path pose
@@ -219,7 +204,7 @@ class Superposition:
 
     def path_offset(self, frame: OffsetFrame) -> Pose:
         """The offset applied just now, as one of this frame; zero unless enabled."""
-        return ZERO if self._path_offset is None else self._path_offset.get(frame)
+        return ZERO6 if self._path_offset is None else self._path_offset.get(frame)
 
     def track(self, conveyor: Source) -> None:
         """Take the path along with a conveyor. Raises ValueError while one is tracked."""
@@ -314,7 +299,7 @@ class Superposition:
         """
         reach, before = self._target.reach, self._path
         pose = self._path_pose(reach, path)
-        shift = pose_sub(pose, before[2]) if before is not None and before[0] is reach else ZERO
+        shift = pose_sub(pose, before[2]) if before is not None and before[0] is reach else ZERO6
         self._path = (reach, path, pose)
         ramp = None if self._movement.running else self._movement.ramp
         # In the order of `Kind`: what is tracked carries the offset along.
@@ -336,7 +321,7 @@ class Superposition:
 
     def _judge(self, reach: Reach, q: Joints) -> None:
         period_s = self._target.period_s
-        qd = ZERO if q == self.q else scaled(sub(q, self.q), 1.0 / period_s)
+        qd = ZERO6 if q == self.q else scaled(sub(q, self.q), 1.0 / period_s)
         model = reach.model
         limits = zip(qd, self.qd, model.qd_max, model.qdd_max, strict=True)
         for joint, (now, before, most, acceleration) in enumerate(limits):

@@ -3,10 +3,10 @@
 from math import inf
 
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import ZERO, Joints, as_six, scaled, sub
 from urproto.robots.calibrated import kinematics_of
-from urproto.robots.model import RobotModel
+from urproto.robots.model import Joints, RobotModel
 from urproto.robots.pose import Pose
+from urproto.vectors import ZERO6, as_six, scaled, sub
 
 
 class ArmTarget:
@@ -19,11 +19,11 @@ class ArmTarget:
         self.model = model
         self.period_s = period_s
         self.q: Joints = as_six(q)
-        self.qd: Joints = ZERO
-        self.qdd: Joints = ZERO
+        self.qd: Joints = ZERO6
+        self.qdd: Joints = ZERO6
         self.standing_s = inf  # for how long it has stood
         self._kinematics = kinematics_of(model)
-        self.reach = Reach(model, self._kinematics, ZERO)  # with the TCP of new movements
+        self.reach = Reach(model, self._kinematics, ZERO6)  # with the TCP of new movements
 
     def use_tcp(self, offset: Pose) -> None:
         """Flange to TCP. Movements in progress keep the `Reach` that they began with, so this makes another one."""
@@ -36,10 +36,10 @@ class ArmTarget:
         ``standing``: the arm has arrived in this period. The speed is then 0 and not the last bit of way over the
         period, since nothing would take it to 0 afterwards.
         """
-        qd = ZERO if standing else scaled(sub(q, self.q), 1.0 / self.period_s)
+        qd = ZERO6 if standing else scaled(sub(q, self.q), 1.0 / self.period_s)
         self.qdd = scaled(sub(qd, self.qd), 1.0 / self.period_s)
         self.q, self.qd = q, qd
-        self.standing_s = self.standing_s + self.period_s if qd == ZERO else 0.0
+        self.standing_s = self.standing_s + self.period_s if qd == ZERO6 else 0.0
 
     def put(self, q: Joints) -> None:
         """The arm is elsewhere, and stands there as before."""
@@ -47,4 +47,4 @@ class ArmTarget:
 
     def halt(self) -> None:
         """Stand still at once."""
-        self.qd = self.qdd = ZERO
+        self.qd = self.qdd = ZERO6

@@ -20,22 +20,9 @@ from typing import Protocol
 from emulator.motion.faults import conveyor_too_fast, frame_lost, frame_too_fast
 from emulator.motion.legs import TOOL_LIMITS
 from emulator.motion.profile import Limits
-from emulator.motion.vectors import (
-    ZERO,
-    Joints,
-    Vec3,
-    all_finite,
-    cross,
-    largest,
-    lerp,
-    norm3,
-    of_rotation,
-    out_of6,
-    scaled,
-    sub,
-    unit,
-)
-from urproto.robots.pose import Pose, pose_add, pose_inv, pose_sub, pose_trans
+from urproto.robots.model import Joints
+from urproto.robots.pose import Pose, axes_of, pose_add, pose_inv, pose_sub, pose_trans
+from urproto.vectors import ZERO6, Vector3, all_finite, cross, largest, lerp, norm3, out_of6, scaled, sub, unit
 
 LEVER_M = 0.25  # from a leading joint to the tool: turns a deceleration of joints into one of the tool (guess)
 
@@ -77,7 +64,7 @@ class Follower:
         self.speed = speed
 
 
-def pursuit(dt: float, missing: Vec3, velocity: Vec3, limits: Limits) -> Vec3:
+def pursuit(dt: float, missing: Vector3, velocity: Vector3, limits: Limits) -> Vector3:
     """A period later, the velocity of what is to go the way ``missing``; both are relative to what it follows."""
     far = hypot(*missing)
     share = _closing(far, limits) / far if far else 0.0
@@ -88,7 +75,7 @@ def pursuit(dt: float, missing: Vec3, velocity: Vec3, limits: Limits) -> Vec3:
     return (velocity[0] + cut * x, velocity[1] + cut * y, velocity[2] + cut * z)
 
 
-def braked(dt: float, velocity: Vec3, deceleration: float) -> Vec3:
+def braked(dt: float, velocity: Vector3, deceleration: float) -> Vector3:
     """A period later, the velocity of what comes to a standstill."""
     size = norm3(*velocity)
     left = 1.0 - deceleration * dt / size if size > deceleration * dt else 0.0
@@ -138,7 +125,7 @@ class _Conveyor:
 class LinearConveyor(_Conveyor):
     """Moves along ``direction``, in the base frame, whose length does not count."""
 
-    def __init__(self, belt: Belt, direction: Vec3, ticks_per_meter: float) -> None:
+    def __init__(self, belt: Belt, direction: Vector3, ticks_per_meter: float) -> None:
         super().__init__(belt, ticks_per_meter)
         self._direction = unit(direction, (1.0, 0.0, 0.0))
 
@@ -162,7 +149,7 @@ class CircularConveyor(_Conveyor):
     def __init__(self, belt: Belt, center: Pose, ticks_per_revolution: float, *, rotate_tool: bool) -> None:
         super().__init__(belt, ticks_per_revolution / (2.0 * pi))
         self._center, self._inverse = center, pose_inv(center)
-        self._axis = of_rotation(center)[2]
+        self._axis = axes_of(center)[2]
         self._rotate_tool = rotate_tool
 
     def step(self, dt: float, path: Pose, shift: Joints, ramp: float | None) -> None:
@@ -192,15 +179,15 @@ class FrameTracking:
         self._place = place
         self._frame = place()
         self._inverse = pose_inv(self._frame)
-        self._target: Pose = ZERO  # where the frame takes things
-        self._applied: Pose = ZERO  # where the path is taken
-        self._velocity: Joints = ZERO  # of the tool, by what is applied
-        self._tool: Vec3 = (0.0, 0.0, 0.0)  # where the tool was then
+        self._target: Pose = ZERO6  # where the frame takes things
+        self._applied: Pose = ZERO6  # where the path is taken
+        self._velocity: Joints = ZERO6  # of the tool, by what is applied
+        self._tool: Vector3 = (0.0, 0.0, 0.0)  # where the tool was then
         self._too_fast_s = 0.0
 
     def step(self, dt: float, path: Pose, shift: Joints, ramp: float | None) -> None:
         before, moved = self._frame, self._look()
-        if not moved and self._velocity == ZERO and (ramp is not None or self._applied == self._target):
+        if not moved and self._velocity == ZERO6 and (ramp is not None or self._applied == self._target):
             return
         here = self._taken(path)
         if ramp is not None:
@@ -209,11 +196,11 @@ class FrameTracking:
             self._go_along(dt, path, here, before)
         else:
             self._too_fast_s = 0.0
-            self._catch_up(dt, path, here, self._velocity, ZERO)
+            self._catch_up(dt, path, here, self._velocity, ZERO6)
             self._arrive(path)
 
     def apply(self, pose: Pose) -> Pose:
-        return pose if self._applied == ZERO else pose_trans(self._applied, pose)
+        return pose if self._applied == ZERO6 else pose_trans(self._applied, pose)
 
     def undo(self, pose: Pose) -> Pose:
         return pose_trans(pose_inv(self._applied), pose)
@@ -239,7 +226,7 @@ class FrameTracking:
     def _taken(self, path: Pose) -> Pose:
         """Where the displacement of the last period takes the tool; its velocity there."""
         here = self.apply(path)
-        if self._velocity != ZERO:
+        if self._velocity != ZERO6:
             x, y, z = cross(self._velocity[3:], _way(self._tool, here))
             self._velocity = lerp(self._velocity, (x, y, z, 0.0, 0.0, 0.0), 1.0)
         return here
@@ -257,9 +244,9 @@ class FrameTracking:
         along = pose_trans(move, here)
         rate = scaled(pose_sub(along, here), 1.0 / dt)
         if self._jumps(dt, rate):
-            self._catch_up(dt, path, here, self._velocity, ZERO)
+            self._catch_up(dt, path, here, self._velocity, ZERO6)
             return
-        turned = of_rotation(move)
+        turned = axes_of(move)
         relative = out_of6(turned, sub(self._velocity, rate))
         self._catch_up(dt, path, along, relative, out_of6(turned, rate))
 
@@ -291,12 +278,12 @@ class FrameTracking:
     def _arrive(self, path: Pose) -> None:
         missing = pose_sub(self._goal(path), self.apply(path))
         if largest(missing) < _ARRIVED and largest(self._velocity) < _ARRIVED_SPEED:
-            self._applied, self._velocity = self._target, ZERO
+            self._applied, self._velocity = self._target, ZERO6
 
     def _goal(self, path: Pose) -> Pose:
         """Where the frame wants the tool."""
         return pose_trans(self._target, path)
 
 
-def _way(start: Vec3, end: Pose) -> Vec3:
+def _way(start: Vector3, end: Pose) -> Vector3:
     return (end[0] - start[0], end[1] - start[1], end[2] - start[2])

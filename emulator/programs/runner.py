@@ -40,6 +40,7 @@ _SOCKET_GAP_S: Final = 0.012  # between closing sockets and the next program; th
 # at the slowest, and must see it (guess).
 _RESUMING_S: Final = 0.1
 _FLAGS: Final = 32  # Script Manual, set_flag
+_MOST_WARNINGS: Final = 100  # of one program, in the log
 # Script Manual, modbus_set_runstate_dependent_choice: these, and runtime exceptions, end a program unscheduled
 _UNSCHEDULED_ENDS: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, SafetyMode.FAULT)
 
@@ -451,8 +452,11 @@ class Programs:
             self._say(submission.refusal)
         if program is None:
             return None
-        for warning in program.warnings:
+        told, rest = program.warnings[:_MOST_WARNINGS], len(program.warnings) - _MOST_WARNINGS
+        for warning in told:
             self._note(f"{program.name}:{warning.line}:{warning.column}: {warning.message}")
+        if rest > 0:
+            self._note(f"{program.name}: {rest} more calls will fail when they are executed")
         return program
 
     def _accept(self, program: CompiledProgram) -> bool:

@@ -28,8 +28,9 @@ from emulator.safety.conditions import Conditions, SafetyDevice, SafetyInputs, d
 from emulator.safety.geometry import Boundaries
 from emulator.safety.governor import TRANSITION_S, Governor, manual_limits, operational_positions
 from emulator.safety.supervision import Finding, Supervision
-from emulator.snapshot import Snapshot, Vector6
+from emulator.snapshot import Snapshot
 from urproto.modes import ControlMode, JointMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatusBits
+from urproto.vectors import Vector6
 from urproto.versions import Availability
 
 _STOP_WITHIN_S: Final = 0.524  # CB3 manual: braking begins within 24 ms and takes 500 ms at most

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-_BETWEEN_LINES_S: Final = 60.0
+from urproto.seldom import Seldom
+
 _SPARE_DESCRIPTORS: Final = 32  # for files, scripts and clients' programs: not given to clients (guess)
 _SPARE_SHARE: Final = 8  # but no more than this part of all (guess)
 _BETWEEN_CLIENTS_S: Final = 0.001  # a client costs 0.1 to 0.2 ms (measured), and a period may have 2 ms
@@ -59,22 +60,10 @@ class Reason(StrEnum):
     NO_DESCRIPTORS = "no descriptors"
 
 
-class Seldom:
-    """Logs a warning at once and then at most once a minute, with how many were left out."""
-
-    def __init__(self) -> None:
-        self._next_s = -_BETWEEN_LINES_S
-        self._left_out = 0
-
-    def say(self, text: str, *arguments: object) -> None:
-        """Log it, or count it."""
-        now = time.monotonic()
-        if now < self._next_s:
-            self._left_out += 1
-            return
-        others = f" ({self._left_out} more since the last such line)" if self._left_out else ""
-        self._next_s, self._left_out = now + _BETWEEN_LINES_S, 0
-        _logger.warning(f"{text}%s", *arguments, others)
+def _tell_once_a_minute(error: OSError) -> None:
+    more = _descriptors.seldom.due()
+    if more is not None:
+        _logger.warning("no client can be accepted: %s%s", error.strerror, more)
 
 
 class TurnedAway:
@@ -93,14 +82,16 @@ class TurnedAway:
     def count(self, reason: Reason, peer: str, text: str, seldom: Seldom | None = None) -> None:
         """One more. text: what happened and what to do about it; seldom: who logs it, if not each port and reason."""
         self._counts[reason] += 1
-        (seldom or self._lines.setdefault(reason, Seldom())).say("%s: %s %s", self._name, peer, text)
+        more = (seldom or self._lines.setdefault(reason, Seldom(time.monotonic))).due()
+        if more is not None:
+            _logger.warning("%s: %s %s%s", self._name, peer, text, more)
 
 
 class _Descriptors:
     """Those of the process: how many are left, and one in reserve for turning clients away when none is."""
 
     def __init__(self) -> None:
-        self.seldom = Seldom()
+        self.seldom = Seldom(time.monotonic)
         self._users = 0
         self._reserve: int | None = None
 
@@ -253,7 +244,7 @@ class Acceptor:
             try:
                 self._take(*await self._loop.sock_accept(self._listening))
             except OSError as error:
-                _descriptors.seldom.say("no client can be accepted: %s", error.strerror)
+                _tell_once_a_minute(error)
                 await asyncio.sleep(_PAUSE_S)
 
     def _take(self, client: socket.socket, address: tuple[str, int]) -> None:
@@ -273,7 +264,7 @@ class Acceptor:
         if error.errno in _EXHAUSTED and _descriptors.accept_without(self._listening):
             self._no_descriptors("a client")
             return
-        _descriptors.seldom.say("no client can be accepted: %s", error.strerror)
+        _tell_once_a_minute(error)
         self._wait(self._loop.time() + _PAUSE_S)
 
     def _no_descriptors(self, peer: str) -> None:

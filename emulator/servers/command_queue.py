@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any, Final
 
 from emulator.mailbox import Command
-from emulator.servers.base import ControllerDoor, Reply
+from emulator.servers.port import ControllerDoor, Reply
 
 _MOST_WAITING: Final = 64  # requests of one connection before it is not read further (guess)
 

@@ -1,8 +1,10 @@
 """Dashboard server (TCP 29999)."""
 
 from emulator.commands.requests import DashboardLine
-from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
+from emulator.servers.port import ControllerDoor, PortServer
 from urproto.dashboard import DISCONNECTED, GREETING, LineDecoder, encode_line
 
 

@@ -2,8 +2,10 @@
 
 from emulator.commands.requests import GripperCall
 from emulator.devices.gripper_requests import GripperSession
-from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
+from emulator.servers.port import ControllerDoor, PortServer
 from emulator.snapshot import Snapshot
 from urproto.robotiq import Request, RequestDecoder
 

@@ -8,8 +8,10 @@ the answers of statements before them.
 import logging
 
 from emulator.commands.requests import InterpreterLine
-from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
+from emulator.servers.port import ControllerDoor, PortServer
 from urproto.interpreter import Reason, StatementDecoder, TooLong, discard, encode_answer
 
 _AT_ONCE = 64  # lines of one connection in a control period (guess)

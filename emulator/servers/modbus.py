@@ -3,8 +3,10 @@
 from functools import partial
 
 from emulator.commands.requests import ModbusCall
-from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
+from emulator.servers.port import ControllerDoor, PortServer
 from urproto.modbus import Frame, FrameDecoder, encode_frame
 
 _AT_ONCE = 16  # requests of one connection in a control period (guess): clients may send several without waiting

@@ -15,8 +15,10 @@ from collections.abc import Callable
 from typing import Final
 
 from emulator.commands.requests import RefusedScript, ScriptUnit
-from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
+from emulator.servers.port import ControllerDoor, PortServer
 from emulator.servers.program_state import ProgramReporter
 from emulator.snapshot import Snapshot
 from urproto.primary.messages import NO_TIMESTAMP_US, SafetyModeMessage, UnknownMessage, VersionMessage
@@ -94,11 +96,12 @@ class RealtimeServer(PortServer):
     def publish(self, snapshot: Snapshot) -> None:
         if not self.connections:
             return
+        self.turns.next_period(snapshot.step)
         if self.hooks.on_state:
             snapshot = self.hooks.state(snapshot)
         packet = self._encode(snapshot)
         for connection in tuple(self.connections):
-            connection.send_state(packet)
+            self.turns.send(snapshot.step, connection, packet)
 
 
 EncodeState = Callable[[Snapshot, bool], bytes]
@@ -150,6 +153,7 @@ class PrimaryServer(PortServer):
     def publish(self, snapshot: Snapshot) -> None:
         if not self.connections:
             return
+        self.turns.next_period(snapshot.step)
         if self.hooks.on_state:
             snapshot = self.hooks.state(snapshot)
         shown = False
@@ -160,35 +164,40 @@ class PrimaryServer(PortServer):
                     self._broadcast_state(snapshot)
                     shown = True
         if self._state_is_due(snapshot.step):
-            if self._reporter is not None:
-                self._broadcast_program(self._reporter, snapshot)
+            program = self._tell_of_program(self._reporter, snapshot) if self._reporter is not None else ()
             if not shown:
-                self._broadcast_state(snapshot)
+                self._broadcast_state(snapshot, *program)
+                return
+            for connection in tuple(self.connections):
+                for package in program:
+                    connection.send_state(package)
 
-    def _broadcast_program(self, reporter: ProgramReporter, snapshot: Snapshot) -> None:
+    def _tell_of_program(self, reporter: ProgramReporter, snapshot: Snapshot) -> tuple[bytes, ...]:
+        """Names of its variables to those who need them; the package that all get before the state."""
         report = reporter.cycle(round(snapshot.timestamp * 1e6))
         if report is None:
-            return
+            return ()
         for connection in tuple(self.connections):
             if report.names and (report.new or connection in self._fresh):
                 connection.send(report.names)
-                connection.send(report.state)
-            else:
-                connection.send_state(report.state)
+        return (report.state,)
 
     def _broadcast(self, data: bytes) -> None:
         for connection in tuple(self.connections):
             connection.send(data)
 
-    def _broadcast_state(self, snapshot: Snapshot) -> None:
+    def _broadcast_state(self, snapshot: Snapshot, *before: bytes) -> None:
+        """The state to all, with what comes before it."""
         fresh, self._fresh = self._fresh, []
         state = self._encode_state(snapshot, False)
         full_state = self._encode_state(snapshot, True) if fresh else b""
         for connection in tuple(self.connections):
-            if connection in fresh:
-                connection.send(full_state)
-            else:
-                connection.send_state(state)
+            if connection not in fresh:
+                self.turns.send(snapshot.step, connection, *before, state)
+                continue
+            self.turns.forget(connection)
+            for package in (*before, full_state):
+                connection.send(package)
 
     def _state_is_due(self, step: int) -> bool:
         """125 Hz is no multiple of 10 Hz: states are 12 or 13 control periods apart."""

@@ -5,8 +5,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from emulator.commands.requests import RTDEInputs
 from emulator.mailbox import Command
-from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
+from emulator.servers.port import ControllerDoor, PortServer
 from emulator.servers.rtde_session import Packer, RTDEHost, RTDESession
 from emulator.snapshot import Snapshot
 from urproto.rtde.codec import Package, Reply, RTDEDecoder, TextMessage
@@ -33,6 +35,7 @@ class RTDEServer(PortServer):
         failures: list[Exception] = []
         if self.hooks.on_state:
             snapshot = self.hooks.state(snapshot)
+        self.turns.next_period(snapshot.step)
         for connection in tuple(self.connections):
             assert isinstance(connection, _RTDEConnection)
             packer = connection.session.due()
@@ -41,7 +44,7 @@ class RTDEServer(PortServer):
             try:
                 if packer not in encoded:
                     encoded[packer] = packer(snapshot)
-                connection.send_state(encoded[packer])
+                self.turns.send(snapshot.step, connection, encoded[packer])
             except Exception as error:  # the others shall hear of it
                 failures.append(error)
         if failures:

@@ -1,7 +1,7 @@
 """TCP connections that scripts open (``socket_open`` and its family, remote procedure calls).
 
 Where they may lead is decided by address, after a name was resolved, and the connection goes
-to the address that was judged: a name cannot mean something else a moment later. A control API on
+to the address that was judged: a name cannot mean something else a moment later. A control API or a teach pendant on
 this machine is no place for them, this robot's or another's, unless the script network says so.
 
 Their bytes pass hooks like those of a port, one that listens nowhere (``ScriptPort``).
@@ -11,19 +11,16 @@ import asyncio
 import logging
 import os
 import socket
-import sys
 from collections.abc import Awaitable, Callable, Mapping
-from ipaddress import IPv4Address, IPv6Address, ip_address
+from ipaddress import IPv6Address, ip_address
 from typing import Final, cast
 
-from emulator.servers.base import Connection, ControllerDoor, PortServer
+from emulator.servers.connection import Connection
+from emulator.servers.port import ControllerDoor, PortServer
 from emulator.services.sockets import ScriptNetwork, SocketState
+from urproto.backdoors import LOOPBACK_OF, leads_behind_a_robot
 
 _ITSELF: Final = frozenset({"127.0.0.1", "::1", "localhost"})
-_ANYWHERE: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}  # listening everywhere, reached here
-_HAS_NAMES: Final = sys.platform == "linux"
-
-_marked: set[str] = set()  # by this process
 
 
 class OwnPorts:
@@ -34,71 +31,12 @@ class OwnPorts:
 
     def opened(self, host: str, ports: Mapping[int, int]) -> None:
         """The controller listens on this address; usual port to real port."""
-        address = _ANYWHERE.get(host, host)
+        address = LOOPBACK_OF.get(host, host)
         self._listening = {usual: (address, real) for usual, real in ports.items()}
 
     def reach(self, address: str, port: int) -> tuple[str, int]:
         """Where to connect instead, for one of the controller's own ports on loopback; else the same again."""
         return self._listening.get(port, (address, port)) if address in _ITSELF else (address, port)
-
-
-class ControlMark:
-    """Says that a control API listens there, until ``close``. Raises OSError when that cannot be said."""
-
-    def __init__(self, address: str, port: int) -> None:
-        self._name = _name_of(address, port)
-        self._socket: socket.socket | None = None
-        if _HAS_NAMES:
-            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-            self._socket.bind(self._name)
-        _marked.add(self._name)
-
-    def close(self) -> None:
-        """It listens no longer."""
-        _marked.discard(self._name)
-        if self._socket is not None:
-            self._socket.close()
-
-
-def leads_to_control(address: str, port: int) -> bool:
-    """Whether a connection to this numeric address ends at the control API of an emulator on this machine.
-
-    Raises OSError when that cannot be found out.
-    """
-    scope_free = ip_address(address.partition("%")[0])
-    mapped = scope_free.ipv4_mapped if isinstance(scope_free, IPv6Address) else None
-    wanted: IPv4Address | IPv6Address = mapped or scope_free
-    numeric = _ANYWHERE.get(str(wanted), str(wanted))  # systems connect to this machine there
-    anywhere = "0.0.0.0" if wanted.version == 4 else "::"
-    return _is_marked(_name_of(numeric, port)) or (
-        _is_marked(_name_of(anywhere, port)) and _is_here(numeric, wanted.version)
-    )
-
-
-def _is_here(address: str, version: int) -> bool:
-    """Whether this machine has the address: others cannot listen on it."""
-    family = socket.AF_INET if version == 4 else socket.AF_INET6
-    try:
-        with socket.socket(family, socket.SOCK_DGRAM) as local:
-            local.bind((address, 0))
-    except OSError:
-        return False
-    return True
-
-
-def _is_marked(name: str) -> bool:
-    if name in _marked or not _HAS_NAMES:
-        return name in _marked
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
-        try:
-            asking.connect(name)
-        except ConnectionRefusedError:
-            return False
-    return True
-
-
-def _name_of(address: str, port: int) -> str:
-    return f"\0ur-emulator control API {address} {port}"
 
 
 _MOST_UNREAD: Final = 1024 * 1024  # bytes a peer may be ahead of the script (guess)
@@ -160,13 +98,12 @@ class NetworkSockets:
         permitted = [numeric for numeric in found if network not in near or _is_loopback(numeric)]
         reached = [self._own_ports.reach(numeric, port) for numeric in permitted]
         if network is not ScriptNetwork.ANY_AND_CONTROL:
-            reached = [place for place in reached if not leads_to_control(*place)]
+            reached = [place for place in reached if not leads_behind_a_robot(*place)]
         if not reached and (found or network is ScriptNetwork.NONE):
             where = f"{address}:{port}" + (f" ({', '.join(found)})" if found and found != [address] else "")
             if permitted:
-                why = (
-                    f"there is an emulator's control API (--script-network {ScriptNetwork.ANY_AND_CONTROL} permits it)"
-                )
+                permits = f"--script-network {ScriptNetwork.ANY_AND_CONTROL} permits it"
+                why = f"there is an emulator's control API or teach pendant ({permits})"
             else:
                 why = f"the script network is {network}"
             text = f"a script may not connect to {where}: {why}"

@@ -15,8 +15,10 @@ from typing import Any, Final
 
 from emulator.commands.requests import ToolBytes
 from emulator.devices.tool_line import EchoDevice, SerialDevice, SerialSettings
-from emulator.servers.base import Connection, ControllerDoor, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
+from emulator.servers.port import ControllerDoor, PortServer
 from emulator.snapshot import Snapshot
 
 

@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 
-from emulator.io.signals import DigitalGroup, Registers, Signals
+from emulator.io.signals import Registers, Signals
 from emulator.motion import Motion
 from emulator.services.modbus import ModbusSignals
+from urproto.signals import DigitalGroup
 
 
 class FreedriveInputs:

@@ -16,8 +16,8 @@ SocketState = Literal["connecting", "open", "closed"]
 class ScriptNetwork(StrEnum):
     """Which addresses the sockets and remote procedure calls of scripts may connect to.
 
-    The control API of an emulator on this machine is none of them, unless it is named: who reaches that can do
-    anything, and anybody who reaches a script port can write a script.
+    The control API and the pendant of an emulator on this machine are none of them, unless they are named: who reaches
+    one can do anything, and anybody who reaches a script port can write a script.
     """
 
     ANY = "any"

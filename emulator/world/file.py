@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Final
 from emulator.world.shapes import Box, Plane, Shape, Sphere, WorldObject
 from emulator.world.world import POINT, World
 from urproto.robots import RobotModel
+from urproto.text import quoted
 from urproto.yamltext import NotYaml, load_yaml
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ class WorldPlan:
 
 
 def _links(model: RobotModel) -> "Links":
-    from emulator.world.links import Links  # brings a collision library along, which few need
+    from emulator.world.links import Links  # coal and numpy, for which a look at options does not wait
 
     return Links(model)
 
@@ -97,11 +98,11 @@ def _plan(content: Any) -> WorldPlan:
     top = _fields("the file", {} if content is None else content, ("tool", "links", "objects"))
     links = top.get("links", False)
     if not isinstance(links, bool):
-        raise ValueError(f"links must be true or false, not {links!r}")
+        raise ValueError(f"links must be true or false, not {quoted(links)}")
     tool = _thing("tool", top["tool"], ()) if "tool" in top else POINT
     things = top.get("objects") or {}
     if not isinstance(things, dict):
-        raise ValueError(f"objects must be a mapping of names, not {things!r}")
+        raise ValueError(f"objects must be a mapping of names, not {quoted(things)}")
     plan = WorldPlan({str(name): _thing(str(name), given, _MATERIAL) for name, given in things.items()}, tool, links)
     plan.check()
     return plan
@@ -116,7 +117,7 @@ def _thing(name: str, given: Any, material: tuple[str, ...]) -> WorldObject:
         shape = _SHAPES[shapes[0]](fields.pop(shapes[0]))
         pose = _numbers("pose", fields.pop("pose", [0, 0, 0]))
         if len(pose) not in (3, 6):
-            raise ValueError(f"pose must be x, y, z or x, y, z, rx, ry, rz, not {list(pose)}")
+            raise ValueError(f"pose must be x, y, z or x, y, z, rx, ry, rz, not {quoted(list(pose))}")
         x, y, z, rx, ry, rz = (*pose, 0.0, 0.0, 0.0)[:6]
         return WorldObject(shape, (x, y, z, rx, ry, rz), **{key: _number(key, value) for key, value in fields.items()})
     except ValueError as error:
@@ -125,16 +126,16 @@ def _thing(name: str, given: Any, material: tuple[str, ...]) -> WorldObject:
 
 def _fields(name: str, given: Any, known: tuple[str, ...]) -> dict[str, Any]:
     if not isinstance(given, dict):
-        raise ValueError(f"{name} must be a mapping of {', '.join(known)}, not {given!r}")
+        raise ValueError(f"{name} must be a mapping of {', '.join(known)}, not {quoted(given)}")
     strange = [key for key in given if key not in known]
     if strange:
-        raise ValueError(f"{name} has {strange[0]!r}; known are {', '.join(known)}")
+        raise ValueError(f"{name} has {quoted(strange[0])}; known are {', '.join(known)}")
     return dict(given)
 
 
 def _plane(given: Any) -> Plane:
     if given not in (None, {}):
-        raise ValueError(f"a plane takes nothing but a pose: write plane: {{}}, not {given!r}")
+        raise ValueError(f"a plane takes nothing but a pose: write plane: {{}}, not {quoted(given)}")
     return Plane()
 
 
@@ -145,7 +146,7 @@ def _sphere(given: Any) -> Sphere:
 def _box(given: Any) -> Box:
     size = _numbers("box", given)
     if len(size) != 3:
-        raise ValueError(f"box must be three lengths [m], not {list(size)}")
+        raise ValueError(f"box must be three lengths [m], not {quoted(list(size))}")
     return Box((size[0], size[1], size[2]))
 
 
@@ -154,11 +155,11 @@ _SHAPES: Final[Mapping[str, Callable[[Any], Shape]]] = {"plane": _plane, "box": 
 
 def _numbers(name: str, given: Any) -> tuple[float, ...]:
     if not isinstance(given, list):
-        raise ValueError(f"{name} must be a list of numbers, not {given!r}")
+        raise ValueError(f"{name} must be a list of numbers, not {quoted(given)}")
     return tuple(_number(name, value) for value in given)
 
 
 def _number(name: str, given: Any) -> float:
     if isinstance(given, bool) or not isinstance(given, int | float):
-        raise ValueError(f"{name} must be a number, not {given!r}")
+        raise ValueError(f"{name} must be a number, not {quoted(given)}")
     return float(given)

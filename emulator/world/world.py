@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 from emulator.motion import Motion
 from emulator.motion.contact import Contact
-from emulator.motion.vectors import ZERO, lerp
-from emulator.snapshot import Vector6
 from emulator.world.shapes import Plane, Push, Sphere, WorldObject, contacts
+from urproto.vectors import ZERO6, Vector6, lerp
 
 if TYPE_CHECKING:
     from emulator.robot.arm import Arm
@@ -113,7 +112,7 @@ class World:
             self.links.surround(self._things.values())
 
     def _tool_wrench(self, arm: "Arm", period_s: float) -> Vector6:
-        total = ZERO
+        total = ZERO6
         for name, push in tuple(self._pushes.items()):
             total = lerp(total, push.wrench_base(arm.tcp_pose), 1.0)
             if push.over(period_s):

@@ -8,6 +8,7 @@ and the least of all times is the work's; what else this machine did meanwhile h
 import gc
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from random import Random
 from typing import Final
@@ -15,9 +16,12 @@ from typing import Final
 from emulator.commands.requests import ScriptUnit
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
+from emulator.programs.compiling import LIBRARY_SET
 from emulator.services.sockets import MemorySockets
 from urproto.robots import load_model
+from urproto.versions import DEFAULT_VERSION, Series
 from urscript import compiler
+from urscript.errors import CompileError
 
 LONG: Final = '"' + "x" * 1020 + '"'
 LONGER: Final = '"' + "x" * 40_000 + "\u00e9" + '"'
@@ -77,6 +81,29 @@ _SOURCES: Final[dict[str, Callable[[int], str]]] = {
     "calls that fail": lambda n: "".join(f"  movej({i}, 2, 3, 4, 5, 6, 7)\n" for i in range(n)),
     "an error at the end": lambda n: "  a = 1\n" * n + "  a = *\n",
     "no end": lambda n: "  if True:\n" * 3 + "    a = 1\n" * n,
+    "a list of texts": lambda n: "  a = [" + ", ".join(['"x"'] * min(n, 10_000)) + "]\n",
+    "a long def": lambda n: "  def f(x):\n    y = x\n" + "    y = y + x * 2\n" * n + "    return y\n  end\n  f(1)\n",
+    "returns": lambda n: (
+        "  def f(x):\n"
+        + "".join(f"    if x == {i}:\n      return {i}\n    end\n" for i in range(n // 2))
+        + "  end\n  f(-1)\n"
+    ),
+    "ways out of loops": lambda n: (
+        "  thread f():\n    x = 0\n    while True:\n"
+        + "".join(
+            f"      if x == {i}:\n        break\n      end\n      x = x + 1\n      continue\n" for i in range(n // 3)
+        )
+        + "    end\n  end\n  run f()\n"
+    ),
+    "a long call": lambda n: (
+        "  def f("
+        + ", ".join(f"x{i}" for i in range(400))
+        + "):\n    return 1\n  end\n"
+        + ("  a = f(" + ", ".join(["[1, 2]"] * 300 + ["3"] * 100) + ")\n") * (n // 1000)
+    ),
+    "unknown names like others": lambda n: (
+        "".join(f"  value_{i} = 0\n" for i in range(min(n, 1900))) + "  a = valu_x1\n" + "  b = valu_x2\n"
+    ),
     "branches": lambda n: (
         "  a = 0\n  if a == -1:\n" + "".join(f"  elif a == {i}:\n    b = {i}\n" for i in range(n // 20)) + "  end\n"
     ),
@@ -140,6 +167,15 @@ def source(name: str, size: int) -> str:
 
 
 SOURCES: Final = tuple(_SOURCES)
+
+
+def steps_of(text: str) -> list[int]:
+    """The work of each step of compiling a text, up to the first error [units of `urscript.work`]."""
+    compiler._cache.clear()
+    steps, work = compiler.compile_steps(text, LIBRARY_SET, DEFAULT_VERSION[Series.E]), []
+    with suppress(CompileError):
+        work.extend(steps)
+    return work
 
 
 def tick_times(text: str, periods: int, model: str) -> list[float]:

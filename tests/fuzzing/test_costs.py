@@ -5,7 +5,7 @@ from collections.abc import Callable
 from random import Random
 
 import pytest
-from costs import SOURCES, busy_program, least_time, long_source, longest_tick, slowness, source, tick_times
+from costs import SOURCES, busy_program, least_time, long_source, longest_tick, slowness, source, steps_of, tick_times
 
 from emulator.servers.read_budget import SHARE, Intake
 from urproto.dashboard import LineDecoder
@@ -19,7 +19,8 @@ from urscript.splitter import ScriptSplitter
 WANTED = os.environ.get("RANDOM_COSTS")
 EACH = int(WANTED or 12) // 2
 HALF_S = {"ur3": Series.CB3.period_s / 2, "ur5e": Series.E.period_s / 2}
-MOST_OF_A_PIECE_S = 0.024
+MOST_OF_A_STEP = 2500  # units of `urscript.work`: half a period of a CB3 arm. One statement may be as long
+CROWDED = 1.25  # processor time on a core whose caches others use, too
 COMPILED_WITHIN = 10  # periods
 SIZE = 2000 if WANTED is None else 20_000
 
@@ -85,12 +86,17 @@ def test_a_busy_program_leaves_half_the_period(model: str) -> None:
         assert longest <= bound_s, f"seed {seed}, period {period}: {longest * 1e3:.2f} ms\n{text[-400:]}"
 
 
+@pytest.mark.parametrize("name", SOURCES)
+def test_no_step_of_compiling_a_long_text_is_long(name: str) -> None:
+    """Counted: what cannot be interrupted is a step. The next test says that the count is right."""
+    longest = steps_of(source(name, SIZE))
+    assert max(longest) <= MOST_OF_A_STEP
+
+
 @pytest.mark.timeout(0 if WANTED else 120)
 @pytest.mark.parametrize("name", SOURCES)
-def test_no_piece_of_compiling_a_long_text_holds_the_robot_up(name: str) -> None:
-    """Three periods of a CB3 arm: the longest pieces that cannot be interrupted, and the end of a job, take longer than
-    half of one; they are paid back in the periods after them."""
-    bound_s = MOST_OF_A_PIECE_S * slowness()
+def test_compiling_a_long_text_leaves_half_the_period(name: str) -> None:
+    bound_s = CROWDED * HALF_S["ur3"] * slowness()
     longest, period = longest_tick(source(name, SIZE), 300, "ur3", bound_s)
     assert longest <= bound_s, f"period {period}: {longest * 1e3:.2f} ms"
 
@@ -98,7 +104,7 @@ def test_no_piece_of_compiling_a_long_text_holds_the_robot_up(name: str) -> None
 @pytest.mark.timeout(0 if WANTED else 120)
 @pytest.mark.skipif(not WANTED, reason="each kind of text is there already: mixtures are for the soak")
 def test_random_long_texts() -> None:
-    bound_s = MOST_OF_A_PIECE_S * slowness()
+    bound_s = CROWDED * HALF_S["ur3"] * slowness()
     for seed in range(EACH // 10):
         longest, period = longest_tick(long_source(Random(seed), SIZE), 600, "ur3", bound_s)
         assert longest <= bound_s, f"seed {seed}, period {period}: {longest * 1e3:.2f} ms"

@@ -293,7 +293,7 @@ def test_nonsense_is_said_once_a_minute(caplog: pytest.LogCaptureFixture) -> Non
     assert [record.getMessage().partition(": ")[2] for record in caplog.records] == [
         "what it was",
         "with a line break",
-        "what it was (and 999 more since the last such line)",
+        "what it was (999 more since the last such line)",
     ]
 
 

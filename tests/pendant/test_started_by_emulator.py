@@ -20,6 +20,7 @@ from emulator.control.remote import RemoteControl
 from emulator.machine import ControllerConfig
 from emulator.serve import Pendant
 from tests.servers.test_cli import read_until
+from urproto.backdoors import leads_behind_a_robot
 from urproto.ports import CONTROL_API_PORT
 from urproto.robots import load_model
 from urproto.testing.process import claim_address
@@ -56,6 +57,7 @@ def test_a_pendant_comes_and_goes_with_the_emulator(number: signal.Signals) -> N
         url = f"http://{host}:6080"
         assert url in read_until(process, "Teach pendant of")
         assert answers(url)
+        assert leads_behind_a_robot(host, 6080), "programs of robots have no business there"
         process.send_signal(number)
         process.wait(DEADLINE_S)
         deadline = time.monotonic() + DEADLINE_S

@@ -5,7 +5,8 @@ from collections.abc import Callable
 from typing import Any
 
 from emulator.mailbox import Command
-from emulator.servers.base import Connection, PortServer
+from emulator.servers.connection import Connection
+from emulator.servers.port import PortServer
 from emulator.snapshot import Snapshot
 from urproto.versions import PolyscopeVersion
 

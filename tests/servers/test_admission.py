@@ -15,8 +15,10 @@ from server_rig import FakeController
 from emulator.config import ConfigError, check_client_limits
 from emulator.servers import admission
 from emulator.servers.admission import ClientLimits, Reason
-from emulator.servers.base import Connection, PortServer
+from emulator.servers.connection import Connection
+from emulator.servers.port import PortServer
 from urproto.realtime import RealtimeDecoder
+from urproto.seldom import EVERY_S
 from urproto.testing.process import EmulatorProcess
 
 HOST = "127.0.0.1"
@@ -98,7 +100,7 @@ async def test_a_minute_later_the_log_says_how_many(
     server.limits = ClientLimits(0, 0)
     for _ in range(3):
         await let_in(server, clients)
-    server.turned_away._lines[Reason.PORT_FULL]._next_s -= admission._BETWEEN_LINES_S
+    server.turned_away._lines[Reason.PORT_FULL]._next_s -= EVERY_S
     await let_in(server, clients)
     told = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
     assert len(told) == 2

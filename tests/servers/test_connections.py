@@ -9,8 +9,10 @@ import pytest
 from server_rig import FakeController, MemoryClient
 
 from emulator.mailbox import Command
-from emulator.servers.base import Connection, Direction, PortServer
 from emulator.servers.command_queue import CommandQueue
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
+from emulator.servers.port import PortServer
 from urproto.errors import RemoteProtocolError
 
 MIB = 1024 * 1024

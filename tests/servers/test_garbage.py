@@ -12,7 +12,7 @@ from emulator.controller import Controller
 from emulator.devices.robotiq import MODELS
 from emulator.devices.tool_line import EchoDevice, SerialSettings
 from emulator.machine import ControllerConfig
-from emulator.servers.base import PortServer
+from emulator.servers.port import PortServer
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.state import RobotStateData
 from urproto.realtime import RealtimeDecoder

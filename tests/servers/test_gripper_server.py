@@ -12,7 +12,8 @@ from emulator.devices.robotiq import MODELS, Status
 from emulator.machine import ControllerConfig
 from emulator.ports import PORTS
 from emulator.readiness import check_ready
-from emulator.servers.base import Connection, Direction
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
 from emulator.servers.script_sockets import OwnPorts
 from emulator.services.sockets import ScriptNetwork
 from urproto.modes import RuntimeState

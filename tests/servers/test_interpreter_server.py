@@ -15,7 +15,7 @@ from emulator.config import EmulatorConfig
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from emulator.readiness import NotReady, check_ready
-from emulator.servers.base import Direction
+from emulator.servers.hooks import Direction
 from emulator.servers.interpreter import InterpreterServer
 from urproto.interpreter import MAX_LINE
 from urproto.robots import load_model

@@ -14,8 +14,9 @@ from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
 from emulator.servers import script_sockets
-from emulator.servers.script_sockets import ControlMark, NetworkSockets, leads_to_control
+from emulator.servers.script_sockets import NetworkSockets
 from emulator.services.sockets import ScriptNetwork, ScriptSocket
+from urproto.backdoors import BackdoorMark, leads_behind_a_robot
 from urproto.robots import load_model
 from urproto.testing.process import EmulatorProcess
 
@@ -318,23 +319,36 @@ async def test_the_control_api_of_another_process_is_known() -> None:
     """As of a fleet, whose robots are in several processes, and of robots of other tests."""
     with EmulatorProcess(["--ephemeral-ports"]) as other:
         port = other.ports["control"]
-        assert leads_to_control(other.host, port)
-        assert not leads_to_control(other.host, other.ports["dashboard"])
+        assert leads_behind_a_robot(other.host, port)
+        assert not leads_behind_a_robot(other.host, other.ports["dashboard"])
         assert not await reaches(NetworkSockets(), other.host, port)
-    assert not leads_to_control(other.host, port), "the mark is gone with its process"
+    assert not leads_behind_a_robot(other.host, port), "the mark is gone with its process"
+
+
+async def test_a_pendant_is_refused_as_a_control_api_is() -> None:
+    listening = await asyncio.start_server(lambda reader, writer: writer.close(), HOST, 0)
+    port = listening.sockets[0].getsockname()[1]
+    mark = BackdoorMark(HOST, port)  # as a pendant does, in its own process
+    try:
+        assert not await reaches(NetworkSockets(), HOST, port)
+        assert await reaches(NetworkSockets(ScriptNetwork.ANY_AND_CONTROL), HOST, port)
+    finally:
+        mark.close()
+    assert await reaches(NetworkSockets(), HOST, port)
+    listening.close()
 
 
 async def test_a_control_api_on_every_address_is_known_by_each() -> None:
     port = 1  # of no emulator that runs beside this test
-    mark = ControlMark("0.0.0.0", port)
+    mark = BackdoorMark("0.0.0.0", port)
     try:
-        assert leads_to_control(HOST, port)
-        assert leads_to_control("127.0.0.77", port)
-        assert not leads_to_control("192.0.2.1", port), "of another machine"
-        assert not leads_to_control("::1", port)
+        assert leads_behind_a_robot(HOST, port)
+        assert leads_behind_a_robot("127.0.0.77", port)
+        assert not leads_behind_a_robot("192.0.2.1", port), "of another machine"
+        assert not leads_behind_a_robot("::1", port)
     finally:
         mark.close()
-    assert not leads_to_control(HOST, port)
+    assert not leads_behind_a_robot(HOST, port)
 
 
 def turn_an_input_on(port: int) -> str:

@@ -8,7 +8,9 @@ import pytest
 from server_rig import CB3, E_SERIES, FakeController, MemoryClient
 
 from emulator.commands.requests import RefusedScript, RTDEInputs, ScriptUnit
-from emulator.servers.base import Connection, Direction, PortServer
+from emulator.servers.connection import Connection
+from emulator.servers.hooks import Direction
+from emulator.servers.port import PortServer
 from emulator.servers.primary import PrimaryServer, RealtimeServer
 from emulator.servers.primary_state import robot_state
 from emulator.servers.rtde import RTDEServer

@@ -13,7 +13,8 @@ from emulator.app import make_servers
 from emulator.controller import Controller
 from emulator.devices.robotiq import MODELS
 from emulator.machine import ControllerConfig
-from emulator.servers.base import Connection, PortServer
+from emulator.servers.connection import Connection
+from emulator.servers.port import PortServer
 from emulator.servers.web import Opening, Visitor, visitor
 from urproto.robots import load_model
 from urproto.rtde.codec import InputData, SetupInputs

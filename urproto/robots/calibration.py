@@ -16,8 +16,10 @@ from itertools import product
 from math import atan2, cos, hypot, sin, tau
 from typing import Any, Final, NamedTuple, Self
 
+from urproto.errors import URError
 from urproto.robots.model import DH, Joints, RobotModel
-from urproto.robots.pose import Matrix3, Vec3
+from urproto.text import quoted
+from urproto.vectors import Matrix3, Vector3
 
 LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """Names of the six frames in ur_description's files."""
@@ -30,18 +32,18 @@ _FARTHEST_M: Final = 0.03  # guess: calibrations move a frame by millimetres
 _MOST_TURNED: Final = 0.05  # rad (guess)
 
 
-class CalibrationError(ValueError):
+class CalibrationError(URError, ValueError):
     """No calibration, or one of another arm. The text says why."""
 
 
 class Frame(NamedTuple):
     """Where a joint's frame is in the frame before, at joint angle 0."""
 
-    position: Vec3  # m
+    position: Vector3  # m
     axes: Matrix3
 
     @property
-    def rpy(self) -> Vec3:
+    def rpy(self) -> Vector3:
         """Roll, pitch, yaw [rad] about fixed axes, as in URDF: R = Rz(yaw) Ry(pitch) Rx(roll)."""
         r = self.axes
         return (atan2(r[7], r[8]), atan2(-r[6], hypot(r[0], r[3])), atan2(r[3], r[0]))
@@ -78,7 +80,7 @@ class Calibration:
         kinematics = content["kinematics"]
         name = kinematics.get("hash")
         if not (name is None or isinstance(name, str)):
-            raise CalibrationError(f"{where}: hash must be a text, it is {name!r}")
+            raise CalibrationError(f"{where}: hash must be a text, it is {quoted(name)}")
         dh = _matching(_candidates(kinematics, where), name)
         return cls(dh, name or calibration_hash(dh))
 
@@ -213,7 +215,7 @@ def _dh_lists(content: Mapping[str, Any], where: str) -> DH:
     def six(key: str) -> Joints:
         values = content.get(key)
         if not isinstance(values, Sequence) or len(values) != 6 or not all(map(_is_number, values)):
-            raise CalibrationError(f"{where}: {key} must be six numbers, it is {values!r}")
+            raise CalibrationError(f"{where}: {key} must be six numbers, it is {quoted(values)}")
         return _six(values)
 
     return DH(a=six("dh_a"), d=six("dh_d"), alpha=six("dh_alpha"), theta=six("dh_theta"))
@@ -259,7 +261,7 @@ def _row(kinematics: Mapping[str, Any], link: str, where: str) -> list[float]:
         raise CalibrationError(f"{where}: there is no {link}")
     for key in _VALUES:
         if not _is_number(values.get(key)):
-            raise CalibrationError(f"{where}: {key} of {link} must be a number, it is {values.get(key)!r}")
+            raise CalibrationError(f"{where}: {key} of {link} must be a number, it is {quoted(values.get(key))}")
     return [float(values[key]) for key in _VALUES]
 
 

@@ -1,0 +1,192 @@
+"""No file brings a number along that nobody can compute with: it is refused by name, or what it makes is finite."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from copy import deepcopy
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+import yaml
+
+from client.calibration import read_calibration as read_calibration_of_client
+from client.errors import ClientError
+from emulator.config import ConfigError, read_calibration, read_initial_positions, read_safety, read_surroundings
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
+from emulator.polyscope.document import DocumentError
+from emulator.polyscope.installation_file import read_installation
+from urproto.joints import JOINT_NAMES
+from urproto.robots import load_model
+
+GOLDEN: Final = Path(__file__).parents[1] / "golden"
+BAD: Final[tuple[Any, ...]] = (
+    math.nan,
+    math.inf,
+    -math.inf,
+    1e308,
+    -1e308,
+    10**400,
+    -1,
+    0,
+    "one",
+    None,
+    True,
+    [],
+    {},
+    [0.0] * 100,
+)
+SIBLINGS: Final = ("upper_arm", "forearm", "wrist_1", "wrist_2")  # read as shoulder and wrist_3 are
+MISSING: Final = object()
+
+POSITIONS: Final = dict.fromkeys(JOINT_NAMES, 0.5)
+WORLD: Final = {
+    "tool": {"box": [0.1, 0.1, 0.1], "pose": [0.0, 0.0, 0.1, 0.0, 0.0, 0.0]},
+    "objects": {"ball": {"sphere": 0.1, "pose": [0.5, 0.0, 0.1], "stiffness": 1e4, "damping": 1.0, "friction": 0.2}},
+}
+SAFETY: Final = {
+    "normal": {"tcp_speed": 1.0, "force": 120.0, "joint_min": [-3.0] * 6, "joint_max": [3.0] * 6},
+    "planes": [{"normal": [0.0, 0.0, 1.0], "distance": 0.1}],
+    "tool_orientation": {"direction": [0.0, 0.0, 1.0], "deviation": 0.3},
+    "inputs": {"emergency_stop": [0, 1]},
+    "safe_home": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+}
+CALIBRATION: Final = yaml.safe_load((GOLDEN / "calibration_ur5e.yaml").read_text())
+LISTS: Final = {
+    "dh_theta": [0.0] * 6,
+    "dh_a": [0.0, -0.425, -0.3922, 0.0, 0.0, 0.0],
+    "dh_d": [0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996],
+    "dh_alpha": [1.570796327, 0.0, 0.0, 1.570796327, -1.570796327, 0.0],
+}
+
+
+def places(content: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Where values stand, of all depths."""
+    if path:
+        yield path
+    rows = content[:1] if isinstance(content, list) else []  # the next ones are read as the first is
+    inner = content.items() if isinstance(content, Mapping) else enumerate(rows)
+    for key, value in inner:
+        yield from places(value, (*path, key))
+
+
+def changed(content: Any, path: tuple[Any, ...], value: Any) -> Any:
+    """The content with another value in one place."""
+    copy = deepcopy(content)
+    at = copy
+    for key in path[:-1]:
+        at = at[key]
+    if value is MISSING:
+        del at[path[-1]]
+    else:
+        at[path[-1]] = value
+    return copy
+
+
+def not_finite(value: Any, where: str = "", seen: frozenset[int] = frozenset()) -> list[str]:
+    """Where numbers are that are none, in what was read or published."""
+    if isinstance(value, float):
+        return [] if math.isfinite(value) else [f"{where} = {value}"]
+    if id(value) in seen or isinstance(value, str | bytes | int | type):
+        return []
+    seen = seen | {id(value)}
+    if is_dataclass(value):
+        return [w for f in fields(value) for w in not_finite(getattr(value, f.name, 0), f"{where}.{f.name}", seen)]
+    if isinstance(value, Mapping):
+        return [w for key, item in value.items() for w in not_finite(item, f"{where}[{key}]", seen)]
+    if isinstance(value, list | tuple | set | frozenset):
+        return [w for n, item in enumerate(value) for w in not_finite(item, f"{where}[{n}]", seen)]
+    return []
+
+
+def published(**settings: Any) -> list[str]:
+    """What an arm with these settings tells the world, where it is no number."""
+    controller = Controller(ControllerConfig(**({"model": load_model("ur5e"), "running": True} | settings)))
+    for _ in range(3):
+        controller.tick()
+    return not_finite(controller.snapshot, "snapshot")
+
+
+def _positions(path: Path) -> list[str]:
+    return published(initial_q=read_initial_positions(path, load_model("ur5e")))
+
+
+def _world(path: Path) -> list[str]:
+    return published(world=read_surroundings(path))
+
+
+def _safety(path: Path) -> list[str]:
+    safety = read_safety(path, load_model("ur5e"))
+    return not_finite(safety, "safety") + published(safety=safety)
+
+
+def _calibration(path: Path) -> list[str]:
+    with suppress(ClientError):
+        read_calibration_of_client(path)
+    return published(model=read_calibration(path, load_model("ur5e")))
+
+
+def outcome(use: Callable[[Path], list[str]], path: Path) -> tuple[list[str], str]:
+    """What is not finite; why the file is refused, if it is."""
+    try:
+        return use(path), ""
+    except (ConfigError, ClientError) as error:
+        return [], str(error)
+
+
+READERS: Final[dict[str, tuple[Any, Callable[[Path], list[str]]]]] = {
+    "initial positions": (POSITIONS, _positions),
+    "world": (WORLD, _world),
+    "safety": (SAFETY, _safety),
+    "calibration, frames": (CALIBRATION, _calibration),
+    "calibration, lists": (LISTS, _calibration),
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_bad_number_is_refused_by_name_or_does_no_harm(name: str, tmp_path: Path) -> None:
+    content, use = READERS[name]
+    path = tmp_path / "settings.yaml"
+    path.write_text(yaml.safe_dump(content))
+    assert use(path) == []  # as it is, it is one
+    refused = 0
+    for place in places(content):
+        if len(place) > 1 and place[1] in SIBLINGS:
+            continue
+        for value in (*BAD, MISSING):
+            path.write_text(yaml.safe_dump(changed(content, place, value)))
+            found, problem = outcome(use, path)
+            assert found == [], (place, str(value)[:40])
+            if problem:
+                refused += 1
+                assert str(path) in problem, (place, str(value)[:40])
+                assert len(problem) < 500, (place, str(value)[:40])
+    assert refused > 40
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_file_of_a_million_numbers_is_refused_at_once(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "settings.yaml"
+    path.write_text("a: [" + "1, " * 1_000_000 + "]\n")
+    with pytest.raises((ConfigError, ClientError), match="longer than"):
+        READERS[name][1](path)
+
+
+INSTALLATION: Final = (
+    '<Installation name="default"><tcpOffset x="{}" y="0" z="0" rx="0" ry="0" rz="0"/>'
+    '<payload mass="{}"/><gravity value="{}"/><payloadCogX>{}</payloadCogX></Installation>'
+)
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e308", "1e999", "-1", "", "one", "1_0", "1" * 10_000])
+def test_an_installation_with_a_bad_number_is_refused_or_finite(number: str) -> None:
+    for place in range(4):
+        numbers = ["0", "1", "0,0,9.82", "0"]
+        numbers[place] = number
+        try:
+            read = read_installation(INSTALLATION.format(*numbers).encode(), "default")
+        except DocumentError:
+            continue
+        assert not_finite(read, "installation") == []

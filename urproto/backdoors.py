@@ -1,0 +1,84 @@
+"""Ports that lead behind a robot's back: control APIs and teach pendants say where they listen.
+
+Whoever may send a robot a script could otherwise do anything there, from the machine the robot runs on. The mark is the
+name of an abstract Unix socket, which every process of the machine sees and which is gone with its own (Linux;
+elsewhere those of the same process are known).
+"""
+
+import socket
+import sys
+from ipaddress import IPv4Address, IPv6Address, ip_address
+from typing import Final
+
+LOOPBACK_OF: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}
+"""Where systems reach on this machine what listens everywhere."""
+
+_HAS_NAMES: Final = sys.platform == "linux"
+
+_marked: set[str] = set()  # by this process
+
+
+class BackdoorMark:
+    """Says that a control API or a pendant listens there, until ``close``. Raises OSError when that cannot be said.
+
+    address: numeric.
+    """
+
+    def __init__(self, address: str, port: int) -> None:
+        self._name = _name_of(address, port)
+        self._socket: socket.socket | None = None
+        if _HAS_NAMES:
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+            try:
+                self._socket.bind(self._name)
+            except OSError:
+                self._socket.close()
+                raise
+        _marked.add(self._name)
+
+    def close(self) -> None:
+        """It listens no longer."""
+        _marked.discard(self._name)
+        if self._socket is not None:
+            self._socket.close()
+
+
+def leads_behind_a_robot(address: str, port: int) -> bool:
+    """Whether a connection to this numeric address ends at a control API or a pendant on this machine.
+
+    Raises OSError when that cannot be found out.
+    """
+    scope_free = ip_address(address.partition("%")[0])
+    mapped = scope_free.ipv4_mapped if isinstance(scope_free, IPv6Address) else None
+    wanted: IPv4Address | IPv6Address = mapped or scope_free
+    numeric = LOOPBACK_OF.get(str(wanted), str(wanted))
+    anywhere = "0.0.0.0" if wanted.version == 4 else "::"
+    return _is_marked(_name_of(numeric, port)) or (
+        _is_marked(_name_of(anywhere, port)) and _is_here(numeric, wanted.version)
+    )
+
+
+def _is_here(address: str, version: int) -> bool:
+    """Whether this machine has the address: others cannot listen on it."""
+    family = socket.AF_INET if version == 4 else socket.AF_INET6
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as local:
+            local.bind((address, 0))
+    except OSError:
+        return False
+    return True
+
+
+def _is_marked(name: str) -> bool:
+    if name in _marked or not _HAS_NAMES:
+        return name in _marked
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
+        try:
+            asking.connect(name)
+        except ConnectionRefusedError:
+            return False
+    return True
+
+
+def _name_of(address: str, port: int) -> str:
+    return f"\0ur-emulator behind a robot {address} {port}"
