@@ -107,6 +107,8 @@ class ActiveMovement:
             self.put(q, qd)
             self.generator = generator
             self._goal = generator if generator.goal() is not None else None
+        if self.paused:
+            self._hasten()  # what a program says in the period in which it is stopped must not soften that
         self._waiting = Move()
         return self._waiting
 

@@ -137,6 +137,16 @@ def test_stop_ends_the_movement_on_its_path(rig, decel):
     assert rig.motion.qd == ZERO
 
 
+@pytest.mark.parametrize("tool", [False, True])
+def test_a_gentle_stop_that_follows_a_protective_stop_does_not_soften_it(rig, tool):
+    rig.finish(rig.commands.speedj((1.0, -0.5, 0, 0, 0, 0), a=10.0))
+    rig.motion.protective_stop()
+    move = rig.commands.stopl(0.1, 0.1) if tool else rig.commands.stopj(0.5)
+    assert rig.finish(move) == pytest.approx(1.0 / min(rig.model.qdd_max), abs=2 * rig.motion.period_s)
+    assert rig.motion.qd == ZERO
+    assert rig.motion.paused
+
+
 @pytest.mark.parametrize("command", ["movej", "movel", "servoj", "speedj", "speedl", "servoc"])
 def test_program_stopped_brings_any_movement_to_rest(rig, command):
     motion, there = rig.motion, add(rig.pose(), 0.1)

@@ -54,6 +54,19 @@ FOUND = {
         ((0.2, "slider", 0.03),),
         0.05,
     ),
+    "a gentle stop follows a protective stop in the same period": Case(
+        "ur15",
+        (-2.0, -2.0, -1.4, -0.9, 1.5, 3.0),
+        (
+            (
+                "movep(pose_trans(get_target_tcp_pose(), p[-0.0304, 0, -0.1156, -0.332, -0.602, -0.93]), a=5.5, v=2.6, "
+                "r=0.1)",
+                "protective_stop()",
+                "stopj(7)",
+            ),
+        ),
+        patience_s=10.0,
+    ),
     "a line ends where the arm is stretched": Case(
         "ur5", (0.4, -1.1, 1.9, -2.2, -1.2, 0.7), (("movel([0.5, -0.3, 0.0001, -0.4, -1.5, 0], t=0.7189)",),)
     ),
