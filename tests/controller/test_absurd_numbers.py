@@ -43,7 +43,7 @@ def test_a_verb_refuses_them(call, bad, by_name):
     robot.step()
     before = vars(robot.controller.snapshot)
     name, arguments = call.split(",")[0], CALLS[call](bad)
-    call_verb = partial(verbs_of(VirtualRobot)[name].call, robot, arguments)
+    call_verb = partial(verbs_of(VirtualRobot.SUBJECTS)[name].call, robot, arguments)
     with pytest.raises((BadArguments, NotPossible)):
         call_verb() if by_name else getattr(robot, name)(**arguments)
     robot.step(20)

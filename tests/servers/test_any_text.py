@@ -30,7 +30,7 @@ from urproto.robots import load_model
 from urproto.text import from_bytes, readable, to_bytes
 from urproto.versions import PolyscopeVersion
 
-VERBS: Final = verbs_of(LiveControl)
+VERBS: Final = verbs_of(LiveControl.SUBJECTS)
 ENDS_IT: Final = ("quit", "shutdown")
 STEPS: Final = ("step", "run_until")  # time of this robot is driven by the test
 MOST_PERIODS: Final = 400
