@@ -228,7 +228,7 @@ def test_files_of_any_name_and_what_is_written_about_them(tmp_path: Path) -> Non
     for command in (b"addToLog " + name, b"saveLog", b"generate flight report", b"generate support file ."):
         assert b"Failed" not in robot.command(command)
     assert r"Zo\xeb" in (tmp_path / "log_history.txt").read_text("utf-8")
-    bundle = write_crash(robot.controller, "a test", "no traceback")
+    bundle = write_crash(robot.controller, robot.controller.programs.source, "a test", "no traceback")
     with zipfile.ZipFile(bundle) as archive:
         assert archive.read("program.script") == script
         assert r"Zo\xeb" in archive.read("log_history.txt").decode("utf-8")
