@@ -328,12 +328,13 @@ class Moves(RobotCore):
     async def _execute(self, doing: str, moves: list[TrajectoryPoint]) -> None:
         popups = self.driver.robot.popups
         popups.clear()
+        losses = self.driver.losses
         result = await self.driver.execute(moves)
         if result is TrajectoryResult.FAILURE:
             raise MotionError(doing, "its points did not reach the robot in time: look at the network")
         if result is TrajectoryResult.CANCELED and not popups:
-            await self._hear(lambda: bool(popups or self.driver.lost_why))
-        if result is TrajectoryResult.CANCELED and self.driver.lost_why:
+            await self._hear(lambda: bool(popups or self.driver.losses > losses or self.driver.pulse.bitten))
+        if result is TrajectoryResult.CANCELED and (self.driver.losses > losses or self.driver.pulse.bitten):
             raise await self._explanation(doing)
         if result is TrajectoryResult.CANCELED and popups:
             raise MotionError(doing, popups[-1].text)
