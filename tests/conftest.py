@@ -11,10 +11,11 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
+from tests.budget import examples
 from urproto.testing.leaks import Belongings
 
 # Examples are not timed: a busy machine is no bug. In CI they are the same every time; elsewhere new ones are tried.
-settings.register_profile("project", deadline=None, derandomize="CI" in os.environ, max_examples=50)
+settings.register_profile("project", deadline=None, derandomize="CI" in os.environ, max_examples=examples(25))
 settings.load_profile("project")
 
 CHUNK = 16  # tests that a worker gets at a time; a share of all that are left, pytest-xdist's own, leaves one idle
