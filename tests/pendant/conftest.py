@@ -27,7 +27,10 @@ FLAGS = [
     *(["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []),
 ]
 # A picture every 0.2 s and not 30 a second: without graphics it is the processor that draws the arm.
-FEW_FRAMES = "window.requestAnimationFrame = callback => setTimeout(() => callback(performance.now()), 200)"
+FEW_FRAMES = """
+window.requestAnimationFrame = callback => setTimeout(() => callback(performance.now()), 200);
+window.cancelAnimationFrame = clearTimeout;
+"""
 SIZE = {"width": 1280, "height": 800}
 POLICY = "Content Security Policy"  # is in what a browser says when a page does what that forbids
 SOON_S = 20.0  # a busy machine's

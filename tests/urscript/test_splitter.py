@@ -89,6 +89,15 @@ def test_too_long_a_unit_is_given_up():
     assert [unit.kind for unit in units] == ["error", "line"]
 
 
+@pytest.mark.parametrize("rest", [b"", b"zz"])
+def test_after_a_line_that_is_too_long_the_next_one_counts(rest):
+    """Wherever the pieces are cut that it comes in: also right before its end."""
+    splitter = ScriptSplitter(100)
+    units = splitter.feed(b"z" * 200)
+    units += splitter.feed(rest + b"\npower on\n")
+    assert [unit.kind for unit in units] == ["error", "line"]
+
+
 @settings(max_examples=examples(50), deadline=None)
 @given(
     st.one_of(
