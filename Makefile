@@ -7,21 +7,32 @@ ARGS   ?=
 # one more than there are cores: a good part of the tests waits for robots in real time
 JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 1)
 
-.PHONY: emulator test soak chaos fuzz check wheel-check benchmarks docs constraints clean
+.PHONY: emulator test pages mutants soak chaos fuzz check wheel-check benchmarks docs constraints clean
 
 emulator: $(VENV)/.base
 	$(BIN)/ur-emulator --model $(MODEL) $(ARGS)
 
 test: $(VENV)/.dev
 	tests/system_packages.sh
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup $(ARGS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m "not page" $(ARGS)
+
+# What README, docs and examples/ci tell a reader to type is typed, against robots in real time: some minutes.
+pages: $(VENV)/.dev
+	tests/system_packages.sh
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m page $(ARGS)
+
+# Bugs planted one at a time, and whether the tests of their subject find them: half an hour. ARGS="rtde motion" for those
+# of some subjects only.
+mutants: $(VENV)/.dev
+	$(BIN)/python tests/mutants/mutants.py $(ARGS)
 
 # Thousands of random programs in virtual time, some minutes: the arm keeps its limits, no number makes the controller
-# fail, and no text or program takes more than half a control period. Then hostile robots against every part of the
-# client, half an hour. The tests run a few of each.
+# fail, and no text or program takes more than half a control period. Then every test with random examples with twenty
+# times as many, and hostile robots against every part of the client, half an hour. The tests run a few of each.
 soak: $(VENV)/.dev
 	RANDOM_PROGRAMS=10000 RANDOM_EXTREMES=2000 RANDOM_COSTS=2000 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 \
 		tests/motion/test_random_programs.py tests/fuzzing
+	EXAMPLES=20 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 -m hypothesis
 	HOSTILE_ROBOTS=4000 $(BIN)/python -m pytest --timeout 0 tests/client/test_hostile_robots.py
 
 # What enemies and accidents do, against bars; a quarter of an hour or more. ARGS=--quick takes a minute.

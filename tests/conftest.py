@@ -1,42 +1,23 @@
 """What every test is held to: it leaves no thread and no listening port behind, and no emulator in it fails.
 
-A test that runs in real time may fail for the machine's sake: a force sensor that is held up for 0.1 s ends the
-program, as it must. Such a test has two more tries, each reported; a fault of ours fails them all. Tests in virtual
-time have one.
+A test has one try. What runs in real time waits for events with a patience that a busy machine does not use up, or
+slows the robot's time down; one that cannot is marked ``flaky(reruns=...)`` at its place, and says there why.
 """
 
 import logging
 import os
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+from tests.budget import examples
 from urproto.testing.leaks import Belongings
 
 # Examples are not timed: a busy machine is no bug. In CI they are the same every time; elsewhere new ones are tried.
-settings.register_profile("project", deadline=None, derandomize="CI" in os.environ, max_examples=50)
+settings.register_profile("project", deadline=None, derandomize="CI" in os.environ, max_examples=examples(25))
 settings.load_profile("project")
 
-HERE = Path(__file__).parent
-REAL_TIME = (
-    "client",
-    "conformance",
-    "control",
-    "decoding",
-    "docs",
-    "driver",
-    "faults",
-    "fleet",
-    "packaging",
-    "pendant",
-    "plugin",
-    "real_clients",
-    "servers",
-    "traffic",
-)  # folders of tests that the wall clock can disturb
-MORE_TRIES = 3
 CHUNK = 16  # tests that a worker gets at a time; a share of all that are left, pytest-xdist's own, leaves one idle
 # for minutes while the other has most of those in real time
 
@@ -44,12 +25,6 @@ CHUNK = 16  # tests that a worker gets at a time; a share of all that are left, 
 def pytest_configure(config: pytest.Config) -> None:
     if getattr(config.option, "maxschedchunk", CHUNK) is None:
         config.option.maxschedchunk = CHUNK
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    for item in items:
-        if item.path.relative_to(HERE).parts[0] in REAL_TIME:
-            item.add_marker(pytest.mark.flaky(reruns=MORE_TRIES))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

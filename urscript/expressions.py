@@ -213,7 +213,8 @@ class ExpressionParser:
             return Constant(token.line, token.column, -int(self.take().text))  # the one int without a positive twin
         operand = self.expression(_UNARY_POWER)
         if isinstance(operand, Constant) and operand.value.__class__ in (int, float) and token.kind == "-":
-            return Constant(token.line, token.column, -operand.value)
+            value = operand.value  # of which one has no positive twin in 32 bits
+            return Constant(token.line, token.column, value if value.__class__ is int and value == -(2**31) else -value)
         return Unary(token.line, token.column, token.kind, operand)
 
     def _not(self, token: Token) -> Expression:

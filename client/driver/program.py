@@ -145,6 +145,8 @@ class ProgramSupervisor:
     """Takes commands beside the motion, and questions."""
     pulse: Pulse
     """Keeps the program alive from a thread of its own."""
+    losses: int
+    """Programs that have ended through this machine's fault."""
 
     def __init__(self, config: DriverConfig, robot: RobotLink) -> None:
         self.reverse = ReverseEndpoint(config.reverse_port)
@@ -158,13 +160,17 @@ class ProgramSupervisor:
         self._robot = robot
         self._own_address = ""
         self._has_played = False  # the robot's state shows that the program runs
-        self._lost_why = ""  # the driver's own fault that the last program ended, if it was
+        self.losses = 0
+        self._lost_why = ""  # how the last of them ended
+        self._losses_before = 0  # the program that is here now, or was last
         self._restart: asyncio.Task[None] | None = None
+        self._one_at_a_time = asyncio.Lock()  # a program is started or stopped, by the caller or after a loss
         self._partners: dict[Endpoint, Peer | None] = {}
         self._token = secrets.token_hex(8)  # not against who listens in: against who connects by accident
         self._starting = False  # a program of ours, which will greet
         self._seen_ended = True  # the robot's state has shown the end of the last program that was here, and
         self._left_s = 0.0  # when it left, by the loop's clock
+        self._played_since_s: float | None = None  # a program, whose ever, by the robot's clock
         self._open = AsyncExitStack()
         self.reverse.listeners.append(self._program_changed)
         for partner in (self.trajectory, self.commands):
@@ -182,6 +188,7 @@ class ProgramSupervisor:
             self._robot.on_silence.append(self._robot_is_silent)
             self._robot.on_text.append(self._heard)
             self._robot.on_modes.append(self._look_for_end)
+            self._look_for_end(self._robot.state)
             opening.enter_context(self.pulse)
             opening.push_async_callback(cancel, asyncio.create_task(self._breathe()))
             self._open = opening.pop_all()
@@ -216,8 +223,12 @@ class ProgramSupervisor:
 
     @property
     def lost_why(self) -> str:
-        """Why the last control program has ended, when that was this machine's doing; else empty."""
-        return self._lost_why or self.pulse.bitten
+        """Why the last control program that ended has ended, when that was this machine's doing; else empty.
+
+        It stays while the program that replaced it runs: who waits for the end of a motion may ask only then.
+        """
+        lost = self.running or self.losses > self._losses_before
+        return (self._lost_why if lost else "") or self.pulse.bitten
 
     def control_program(self) -> ControlProgram:
         """The program, with this driver's address, ports and token in it."""
@@ -240,13 +251,18 @@ class ProgramSupervisor:
 
     async def start(self) -> None:
         """Start it, or start it again, and wait until it is connected; see `URDriver.start_program`."""
+        was_running = self.running
         await self._give_up_restart()
-        await self._start()
+        async with self._one_at_a_time:
+            if self.running and not was_running:
+                return  # somebody else has started it meanwhile
+            await self._start()
+            self._lost_why = ""
 
     async def _start(self) -> None:
         self._check_modes()
         await self._end_old_program()
-        self._lost_why = self.pulse.bitten = ""
+        self.pulse.bitten = ""
         self.pulse.breathe()
         self._robot.forget_errors()
         self._starting = self._config.headless
@@ -262,9 +278,10 @@ class ProgramSupervisor:
     async def stop(self) -> None:
         """End it, which stops the arm; does nothing when it is not running."""
         await self._give_up_restart()
-        if self.reverse.connected:
-            self.reverse.stop()
-            await self.reverse.wait_disconnected(_END_TIMEOUT_S)
+        async with self._one_at_a_time:
+            if self.reverse.connected:
+                self.reverse.stop()
+                await self.reverse.wait_disconnected(_END_TIMEOUT_S)
 
     # starting
 
@@ -319,6 +336,7 @@ class ProgramSupervisor:
     def _program_changed(self, connected: bool) -> None:
         self._has_played = False
         if connected:
+            self._losses_before = self.losses
             self._seen_ended = False
             self._partners = {end: end.current_peer for end in (self.trajectory, self.commands)}
             self.reverse.keep_alive(self._config.keep_alive_timeout_s)
@@ -355,7 +373,10 @@ class ProgramSupervisor:
             asyncio.get_running_loop().call_later(_END_TIMEOUT_S, self.reverse.peer.abort)  # should it not obey
 
     def _look_for_end(self, state: Mapping[str, Any]) -> None:
-        self._seen_ended = self._seen_ended or state["runtime_state"] in _ENDED
+        if state["runtime_state"] in _ENDED:
+            self._seen_ended, self._played_since_s = True, None
+        elif self._played_since_s is None:
+            self._played_since_s = state["timestamp"]
 
     def _admit_foreign_program(self) -> None:
         """A control program with another text than ours, such as the vendor's, does not say who it is.
@@ -364,8 +385,10 @@ class ProgramSupervisor:
         which is not the one that was here last.
         """
         vacant = not self.reverse.connected
-        if self._starting or self._robot.state["runtime_state"] not in _PLAYED or not (vacant or self._seen_ended):
+        if self._starting or self._played_since_s is None or not (vacant or self._seen_ended):
             return
+        if self._robot.state["timestamp"] - self._played_since_s < _GREETING_S:
+            return  # one of ours has not had the time to greet, however late it is here
         now_s = asyncio.get_running_loop().time()
         if (vacant and not self._seen_ended and now_s - self._left_s < _LINGER_S) or (
             not vacant and self.reverse.peer.proven
@@ -392,7 +415,10 @@ class ProgramSupervisor:
         """What the control program says about its driver."""
         if text == LATE_TEXT:
             self.reverse.note_late("the robot had to wait too long for the next setpoint")
-        elif text == GONE_TEXT and not self.pulse.bitten:
+        elif text == GONE_TEXT and not self.pulse.bitten and not self._one_at_a_time.locked():
+            # While a program is being started or stopped, this is the last word of the one before it: who then started
+            # another again would end the one that the caller has just got.
+            self.losses += 1
             self._lost_why = (
                 f"the robot heard nothing from this machine for too long ({self.reverse.quiet_s:.1f} s by its clock), "
                 "or the network failed"
@@ -408,8 +434,9 @@ class ProgramSupervisor:
             async with asyncio.timeout(_END_TIMEOUT_S):
                 while self._robot.state["runtime_state"] != RuntimeState.STOPPED:
                     await self._robot.next_state()
-            self._restart = None  # from here on it may be given up no more
-            await self._start()
+            self._restart = None  # from here on it is not given up but waited for
+            async with self._one_at_a_time:
+                await self._start()
             _logger.warning("the control program runs again; the arm rests until it is moved")
         except (URError, TimeoutError) as error:
             _logger.error("the control program could not be started again: %s", error)

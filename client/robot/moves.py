@@ -66,12 +66,14 @@ class Moves:
     async def _follow_points(self, doing: str, moves: list[TrajectoryPoint]) -> None:
         popups = self._driver.robot.popups
         popups.clear()
+        program = self._driver.program
+        losses = program.losses
         result = await self._driver.execute(moves)
         if result is TrajectoryResult.FAILURE:
             raise MotionError(doing, "its points did not reach the robot in time: look at the network")
         if result is TrajectoryResult.CANCELED and not popups:
-            await self._diagnosis.hear(lambda: bool(popups or self._driver.lost_why))
-        if result is TrajectoryResult.CANCELED and self._driver.lost_why:
+            await self._diagnosis.hear(lambda: bool(popups or program.losses > losses or program.pulse.bitten))
+        if result is TrajectoryResult.CANCELED and (program.losses > losses or program.pulse.bitten):
             raise await self._motion.readiness.explanation(doing)
         if result is TrajectoryResult.CANCELED and popups:
             raise MotionError(doing, popups[-1].text)

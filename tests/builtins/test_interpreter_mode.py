@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from emulator.builtins.interpreter import LIBRARY
 from emulator.commands.requests import InterpreterLine
 from emulator.programs.interpreter import MOST_STATEMENTS
+from tests.budget import examples
 from urproto.interpreter import AVAILABLE, LAST_ID, Reason
 from urproto.modes import RuntimeState
 
@@ -527,7 +528,7 @@ PIECES = st.sampled_from(
 LINES = st.lists(st.lists(PIECES, max_size=8).map(" ".join) | st.text(max_size=30), max_size=8)
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(26), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(lines=LINES, ticks=st.integers(0, 3))
 def test_garbage(make_rig: Callable[..., Any], lines: list[str], ticks: int, caplog: pytest.LogCaptureFixture) -> None:
     """Every line is answered once, in the end, and nothing else breaks."""

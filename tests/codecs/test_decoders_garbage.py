@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.budget import examples
 from urproto.dashboard import LineDecoder
 from urproto.errors import RemoteProtocolError
 from urproto.modbus import FrameDecoder
@@ -45,7 +46,7 @@ def drain(decoder, chunks):
 
 
 @pytest.mark.parametrize("kind", DECODERS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(data=GARBAGE)
 def test_split_makes_no_difference(kind, data):
     whole = drain(kind(), [data])

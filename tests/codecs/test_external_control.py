@@ -27,9 +27,17 @@ from urproto.external_control import (
     TrajectoryAction,
     TrajectoryPoint,
     TrajectoryResult,
+    to_words,
 )
 
 Q = (0.1, -1.57, 1.2, 0.0, 3.141593, -0.5)
+
+
+def test_words_are_rounded_to_the_nearest_millionth_on_both_sides_of_zero() -> None:
+    assert to_words([0.0000006, -0.0000006, 0.0000004, -0.0000004]) == (1, -1, 0, 0)
+    assert to_words([0.29, -0.29, 1.1, 2147.0]) == (290000, -290000, 1100000, 2147000000)
+
+
 Q_WORDS = [100000, -1570000, 1200000, 0, 3141593, -500000]
 # millionths, rounded down, and the billionths of one that are left: 2**-21 is 0.476837158203125 millionths
 PRECISE = (0.5, -0.25, 2**-21, -(2**-21), 0.0, 3.0)

@@ -244,14 +244,28 @@ def test_a_cb3_arm_has_no_cause_of_e_series(make):
     assert rig.now.safety_mode is SafetyMode.NORMAL
 
 
-def test_fifty_stops_of_one_joint_are_allowed_and_one_more_is_a_fault(make):
-    rig = make("ur5e", running=True)
+def stop_fifty_times(rig, joint):
     for _ in range(50):
-        rig.controller.post(TripSafety(Cause.COLLISION, 3))
+        rig.controller.post(TripSafety(Cause.COLLISION, joint))
         rig.tick()
         rig.script("set unlock protective stop")
         rig.tick()
         assert rig.now.safety_mode is SafetyMode.NORMAL
+
+
+@pytest.mark.parametrize(("hours", "mode"), [(7.99, SafetyMode.FAULT), (8.01, SafetyMode.PROTECTIVE_STOP)])
+def test_stops_are_counted_for_eight_hours(make, hours, mode):
+    rig = make("ur5e", running=True)
+    stop_fifty_times(rig, 3)
+    rig.controller.step_count += round(hours * 3600.0 / rig.controller.period_s)  # nothing happens meanwhile
+    rig.controller.post(TripSafety(Cause.COLLISION, 3))
+    rig.tick()
+    assert rig.now.safety_mode is mode
+
+
+def test_fifty_stops_of_one_joint_are_allowed_and_one_more_is_a_fault(make):
+    rig = make("ur5e", running=True)
+    stop_fifty_times(rig, 3)
     rig.controller.post(TripSafety(Cause.COLLISION, 4))  # another joint counts for itself
     rig.tick()
     rig.script("set unlock protective stop")

@@ -14,6 +14,7 @@ from emulator.safety.causes import Cause
 from emulator.safety.conditions import SafetyDevice
 from emulator.safety.geometry import Boundaries
 from emulator.safety.supervision import Supervision
+from tests.budget import examples
 from urproto.modes import RobotMode, SafetyMode
 from urproto.robots import load_model
 
@@ -143,7 +144,7 @@ def happen(rig, event):
     rig.tick()
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(20), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_whatever_happens_there_is_a_way_back(make, data):
     rig = make("ur5e", running=True)

@@ -107,6 +107,17 @@ def test_without_a_goal_time_it_waits_for_ever():
     assert bench.until(handle, 0.1).error_code is ErrorCode.SUCCESSFUL
 
 
+@pytest.mark.parametrize("given", [-1.0, 0.0])
+def test_a_goal_time_of_minus_one_is_any_time_and_zero_the_controllers(given):
+    bench, jtc = started(**TOLERANCES)
+    bench.joints.stuck.add("elbow_joint")
+    anywhere = dict.fromkeys(JOINTS, Tolerance(position=-1.0))
+    goal = FollowJointTrajectory(trajectory(point(1.0, 0.1, 0.1)), path_tolerance=anywhere, goal_time_tolerance_s=given)
+    handle = jtc.send_goal(goal)
+    bench.run(10.0)
+    assert handle.done == (given == 0.0)
+
+
 def test_a_goals_tolerances_replace_the_controllers():
     bench, jtc = started(**TOLERANCES)
     tight = {"elbow_joint": Tolerance(position=0.01)}

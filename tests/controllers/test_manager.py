@@ -1,10 +1,14 @@
 """Life cycle, switching and conflicts; what happens when controllers or hardware fail."""
 
+import asyncio
+from types import SimpleNamespace
+
 import pytest
 from controllers_rig import JOINTS, Bench, point, started, trajectory
 
 from client.controllers.controller import LIFE_CYCLE, LifecycleState
 from client.controllers.goals import ErrorCode
+from client.controllers.loop import ControlLoop
 from client.errors import ControllerError
 
 TRANSITIONS = sorted({transition for _, transition in LIFE_CYCLE})
@@ -177,3 +181,15 @@ def test_forward_commands_are_checked_and_end_with_the_activity():
     place = bench.q
     bench.run(1.0)
     assert bench.q == place
+
+
+async def test_two_states_that_come_together_are_one_cycle_with_the_later_one():
+    """As after a hold-up of this machine: a cycle for each would command the arm twice within a period."""
+    cycles = []
+    loop = ControlLoop(SimpleNamespace())  # type: ignore[arg-type]
+    loop._manager = SimpleNamespace(cycle=lambda state, time_s, period_s: cycles.append((time_s, period_s)))
+    for timestamps in ((1.0,), (1.002, 1.004), (1.006,)):
+        for timestamp in timestamps:
+            loop._take({"timestamp": timestamp})
+        await asyncio.sleep(0)
+    assert cycles == [(1.0, 0.0), (1.004, pytest.approx(0.004)), (1.006, pytest.approx(0.002))]

@@ -1,7 +1,7 @@
 """Commands beside the motion."""
 
 import pytest
-from driver_rig import CALM_S, HOME
+from driver_rig import CALM_S, HOME, PATIENCE_S
 
 from client.driver import points
 from client.errors import ProgramEndedError, ProgramNotRunningError
@@ -77,7 +77,7 @@ async def test_contact_stops_a_motion_and_takes_it_back(pair):
     where = pair.snapshot.actual_TCP_pose
     pair.robot.controller.external_wrench = TOUCH
     await pair.setpoints(0.6, lambda _: pair.driver.speedl(down, CALM_S))
-    assert await pair.driver.tool_contact_result(5) is SUCCESS
+    assert await pair.driver.tool_contact_result(PATIENCE_S) is SUCCESS
     assert pair.snapshot.actual_TCP_pose == pytest.approx(where, abs=2e-3)
     assert pair.at_rest
     pair.robot.controller.external_wrench = NOTHING
@@ -94,8 +94,8 @@ async def test_contact_ends_a_trajectory(pair):
     await pair.driver.start_trajectory([points.movel(target, v=0.1)])
     await pair.until(lambda: pair.snapshot.actual_TCP_pose[2] < target[2] + 0.19)
     pair.robot.controller.external_wrench = TOUCH
-    assert await pair.driver.trajectory_result(5) is CANCELED
-    assert await pair.driver.tool_contact_result(5) is SUCCESS
+    assert await pair.driver.trajectory_result(PATIENCE_S) is CANCELED
+    assert await pair.driver.tool_contact_result(PATIENCE_S) is SUCCESS
 
 
 @E_SERIES
@@ -103,7 +103,7 @@ async def test_no_contact(pair):
     pair.driver.start_tool_contact()
     pair.driver.idle()
     pair.driver.end_tool_contact()
-    assert await pair.driver.tool_contact_result(5) is CANCELED
+    assert await pair.driver.tool_contact_result(PATIENCE_S) is CANCELED
 
 
 @E_SERIES
@@ -111,7 +111,7 @@ async def test_waiting_for_contact_ends_with_the_program(pair):
     pair.driver.start_tool_contact()
     pair.robot.controller.programs.stop()
     with pytest.raises(ProgramEndedError, match="tool contact"):
-        await pair.driver.tool_contact_result(5)
+        await pair.driver.tool_contact_result(PATIENCE_S)
 
 
 async def test_the_wrench_can_come_from_an_input(pair):

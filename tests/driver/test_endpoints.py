@@ -6,6 +6,7 @@ import struct
 from contextlib import suppress
 
 import pytest
+from driver_rig import PATIENCE_S
 
 from client.driver import ReverseEndpoint, ScriptCommandEndpoint, ScriptSender, TrajectoryEndpoint, points
 from client.driver.endpoint import read_timeout_ms
@@ -38,12 +39,12 @@ class Robot:
         return robot
 
     async def words(self, count: int) -> tuple[int, ...]:
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(PATIENCE_S):
             return struct.unpack(f">{count}i", await self.reader.readexactly(4 * count))
 
     async def gone(self) -> None:
         """Wait until the driver has ended the connection."""
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(PATIENCE_S):
             with suppress(ConnectionError):
                 while await self.reader.read(65536):
                     pass

@@ -6,9 +6,10 @@ import struct
 from dataclasses import replace
 
 import pytest
-from driver_rig import CALM_S, HOME, HOST, Pair, swing
+from driver_rig import CALM_S, HOME, HOST, PATIENCE_S, Pair, swing
 
 from client.driver import calibration_hash, points
+from client.driver.control_program import GONE_TEXT
 from client.errors import NoAnswerError, ProgramEndedError, ProgramNotRunningError, ScriptFailedError
 from client.rtde import RTDEClient
 from emulator.lifecycle.power import PowerEvent
@@ -23,7 +24,7 @@ async def move_again(pair):
     """The next program works."""
     await pair.driver.start_program()
     here = [pair.q[0] - 0.05, *pair.q[1:]]
-    assert await pair.driver.execute([points.movej(here, v=1, a=5)], 10) is TrajectoryResult.SUCCESS
+    assert await pair.driver.execute([points.movej(here, v=1, a=5)], PATIENCE_S) is TrajectoryResult.SUCCESS
 
 
 async def test_callers_are_told_when_the_program_comes_and_goes(connect):
@@ -51,17 +52,17 @@ async def test_any_connection_lost_in_motion_stops_the_arm_and_ends_the_program(
     await pair.driver.start_trajectory([LONG])
     await pair.until(lambda: pair.snapshot.target_qd[0] > 0.1)
     getattr(pair.driver, lost).peer.abort()
-    await pair.until(lambda: pair.program_ended and pair.at_rest, 3.0)
+    await pair.until(lambda: pair.program_ended and pair.at_rest)
     assert pair.distance() < 1.0
     with pytest.raises(ProgramEndedError):
-        await pair.driver.trajectory_result(5)
+        await pair.driver.trajectory_result(PATIENCE_S)
     await move_again(pair)
 
 
 @pytest.mark.parametrize("lost", ["reverse", "trajectory", "commands"])
 async def test_any_connection_lost_at_rest_ends_the_program(pair, lost):
     getattr(pair.driver, lost).peer.abort()
-    await pair.until(lambda: pair.program_ended, 3.0)
+    await pair.until(lambda: pair.program_ended)
     await move_again(pair)
 
 
@@ -73,8 +74,30 @@ async def test_the_program_notices_a_lost_connection_by_itself(pair, lost):
     if lost == "trajectory":
         await pair.driver.start_trajectory([points.movej(HOME, duration_s=0.5)] * 2)
     getattr(pair.driver, lost).peer.abort()
-    await pair.until(lambda: pair.program_ended and pair.at_rest, 5.0)
+    await pair.until(lambda: pair.program_ended and pair.at_rest)
     await move_again(pair)
+
+
+async def test_the_last_word_of_an_old_program_does_not_end_the_new_one(connect):
+    """It comes by another connection than the end of that program, so it may come while the next one starts."""
+    async with connect(start=False) as pair:
+        told = []
+        pair.driver.on_program_state(told.append)
+        starting = asyncio.create_task(pair.driver.start_program())
+        await asyncio.sleep(0)
+        pair.driver.program._heard(GONE_TEXT)
+        await starting
+        await pair.periods(20)
+        assert told == [True]
+        assert not pair.driver.lost_why
+
+
+async def test_two_who_start_the_program_get_one(connect):
+    async with connect(start=False) as pair:
+        told = []
+        pair.driver.on_program_state(told.append)
+        await asyncio.gather(pair.driver.start_program(), pair.driver.start_program())
+        assert told == [True]
 
 
 @pytest.mark.parametrize("send", ["servoj", "speedj"])
@@ -91,9 +114,9 @@ async def test_a_driver_that_freezes_stops_the_arm(pair, send, monkeypatch):
 
     await pair.setpoints(0.8, setpoint)
     begin = pair.snapshot.timestamp
-    await pair.until(lambda: pair.at_rest, 3.0)
+    await pair.until(lambda: pair.at_rest)
     assert pair.snapshot.timestamp - begin < 0.6
-    await pair.until(lambda: pair.program_ended, 5.0)
+    await pair.until(lambda: pair.program_ended)
     await move_again(pair)
 
 
@@ -101,16 +124,16 @@ async def test_a_driver_that_freezes_during_a_trajectory_stops_the_arm(connect):
     async with connect(keep_alive_s=3600.0, keep_alive_timeout_s=0.3) as pair:
         await pair.driver.start_trajectory([LONG])
         begin = pair.snapshot.timestamp
-        await pair.until(lambda: pair.program_ended and pair.at_rest, 5.0)
+        await pair.until(lambda: pair.program_ended and pair.at_rest)
         assert pair.snapshot.timestamp - begin < 1.0
-        assert await pair.driver.trajectory_result(5) is TrajectoryResult.CANCELED
+        assert await pair.driver.trajectory_result(PATIENCE_S) is TrajectoryResult.CANCELED
 
 
 async def test_a_program_that_reaches_one_port_only_is_ended(connect):
     async with connect(start=False) as pair:
         reader, writer = await asyncio.open_connection(HOST, pair.driver.reverse.port)
         writer.write(GREETING + pair.driver.reverse.token.encode() + b"\n")
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(PATIENCE_S):
             while struct.unpack(">8i", await reader.readexactly(32))[7] != ControlMode.STOPPED:
                 pass
         writer.close()
@@ -131,7 +154,7 @@ async def test_port_scans_in_motion_change_nothing(pair):
             writer.write(said)
             kept.append(writer)
             (await asyncio.open_connection(HOST, endpoint.port))[1].close()
-    assert await pair.driver.trajectory_result(10) is TrajectoryResult.SUCCESS
+    assert await pair.driver.trajectory_result(PATIENCE_S) is TrajectoryResult.SUCCESS
     assert pair.driver.program_running
     assert told == []
     for writer in kept:
@@ -144,11 +167,10 @@ async def test_a_program_that_is_started_again_beside_silent_strangers_takes_ove
     strangers = [await asyncio.open_connection(HOST, endpoint.port) for endpoint in ends]
     before = pair.driver.reverse.peer
     pair.robot.controller.programs.submit(pair.driver.program.control_program().render_headless(pair.driver.version))
-    await pair.until(lambda: pair.driver.reverse.current_peer not in (None, before), 3.0)
-    assert pair.driver.reverse.peer.proven
+    await pair.until(lambda: pair.driver.reverse.current_peer not in (None, before) and pair.driver.reverse.peer.proven)
     await pair.until(lambda: pair.driver.program_running)
     here = [pair.q[0] - 0.05, *pair.q[1:]]
-    assert await pair.driver.execute([points.movej(here, v=1, a=5)], 10) is TrajectoryResult.SUCCESS
+    assert await pair.driver.execute([points.movej(here, v=1, a=5)], PATIENCE_S) is TrajectoryResult.SUCCESS
     for _, writer in strangers:
         writer.transport.abort()
 
@@ -168,9 +190,9 @@ async def test_a_control_program_that_says_nothing_is_admitted_while_a_program_r
             writer.close()
         for _ in range(2):
             pair.robot.controller.programs.submit(foreign)
-            await pair.driver.wait_for_program(5)
+            await pair.driver.wait_for_program(PATIENCE_S)
             here = [pair.q[0] - 0.05, *pair.q[1:]]
-            assert await pair.driver.execute([points.movej(here, v=1, a=5)], 10) is TrajectoryResult.SUCCESS
+            assert await pair.driver.execute([points.movej(here, v=1, a=5)], PATIENCE_S) is TrajectoryResult.SUCCESS
             pair.robot.controller.programs.stop()
             await pair.driver.reverse.wait_disconnected()
         await pair.driver.start_program()
@@ -186,14 +208,14 @@ async def test_an_idle_program_lives_as_long_as_its_driver(connect):
 async def test_a_robot_that_freezes_is_noticed_and_works_again(connect, robot):
     async with connect(silence_s=1.0) as pair:
         robot.clock.close()
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(PATIENCE_S):
             while pair.driver.program_running:
                 await asyncio.sleep(0.02)
         with pytest.raises(NoAnswerError):
             await pair.driver.next_state()
         robot.clock.start(robot._tick)
-        await pair.until(lambda: pair.program_ended, 5)
-        async with asyncio.timeout(5):
+        await pair.until(lambda: pair.program_ended)
+        async with asyncio.timeout(PATIENCE_S):
             before = pair.driver.state["timestamp"]
             while pair.driver.state["timestamp"] == before:
                 await asyncio.sleep(0.02)
@@ -205,7 +227,7 @@ async def test_the_robot_stops_the_program(pair):
     await pair.until(lambda: pair.snapshot.target_qd[0] > 0.1)
     pair.robot.controller.programs.stop()
     with pytest.raises(ProgramEndedError, match="trajectory"):
-        await pair.driver.trajectory_result(5)
+        await pair.driver.trajectory_result(PATIENCE_S)
     await move_again(pair)
 
 
@@ -213,7 +235,7 @@ async def test_a_pose_without_joint_angles_ends_the_program(pair):
     """The robot reports it, the driver is told that the program has ended."""
     await pair.driver.start_trajectory([points.movej_pose([9, 9, 9, 0, 0, 0])])
     with pytest.raises(ProgramEndedError):
-        await pair.driver.trajectory_result(5)
+        await pair.driver.trajectory_result(PATIENCE_S)
     await move_again(pair)
 
 

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 import pytest
-from driver_rig import HOME, Lab, emulator, swing
+from driver_rig import HOME, PATIENCE_S, Lab, emulator, swing
 
 from client import (
     LateSetpointError,
@@ -129,7 +129,7 @@ async def test_servoing_paces_and_follows(lab):
 
 async def test_a_target_too_far_for_servoing_is_told(lab):
     async def jump():
-        async with lab.arm.servo_j() as follow, asyncio.timeout(5):
+        async with lab.arm.servo_j() as follow, asyncio.timeout(PATIENCE_S):
             while True:
                 await follow(off(2.0))
 
@@ -199,7 +199,7 @@ async def test_stop_ends_what_is_sent_all_the_time(lab, motion):
     await lab.arm.stop()
     with pytest.raises(MotionStoppedError):
         await task
-    await lab.until(lambda: lab.at_rest, 3)
+    await lab.until(lambda: lab.at_rest)
     await lab.arm.move_j(HOME, **FAST)
 
 
@@ -257,7 +257,7 @@ async def test_setpoints_that_come_too_late_stop_the_arm_and_are_to_blame(lab):
         async with lab.arm.velocity_j() as follow:
             for _ in range(40):
                 await follow([0.1, 0, 0, 0, 0, 0])
-            await lab.until(lambda: lab.at_rest, 5)
+            await lab.until(lambda: lab.at_rest)
             q = lab.q
             await lab.periods(100)
             assert lab.q == q
@@ -276,9 +276,9 @@ async def test_a_program_lost_through_our_own_fault_is_back_and_rests(lab, monke
     beat = lab.driver.pulse._beat
     monkeypatch.setattr(lab.driver.pulse, "_beat", lambda due_s: due_s)
     with pytest.raises(ProgramEndedError, match="heard nothing from this machine"):
-        await lab.arm.wait_done(10)
+        await lab.arm.wait_done(PATIENCE_S)
     monkeypatch.setattr(lab.driver.pulse, "_beat", beat)
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(PATIENCE_S):
         while not lab.driver.program_running:
             await asyncio.sleep(0.02)
     q = lab.q
@@ -454,7 +454,7 @@ async def test_a_protective_stop_ends_whatever_is_under_way(lab, context):
     await lab.periods(50)
     await lab.driver.robot.send_script(STOP_IT)
     with pytest.raises(ProtectiveStopError, match=r"C\d+A\d+"):
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             await task
 
 
@@ -513,7 +513,7 @@ async def test_a_robot_that_freezes_in_a_move(enter, robot):
         await under_way(lab)
         robot.clock.close()
         with pytest.raises(RobotUnreachableError, match="during move_j"):
-            async with asyncio.timeout(5):
+            async with asyncio.timeout(PATIENCE_S):
                 await lab.arm.wait_done()
         with pytest.raises(RobotUnreachableError):
             await lab.arm.move_j(HOME)
@@ -527,7 +527,7 @@ async def test_a_robot_that_goes_away_in_a_move(tmp_path):
         await lab.arm.__aenter__()
         await under_way(lab)
     with pytest.raises(RobotUnreachableError, match="during move_j"):
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(PATIENCE_S):
             await lab.arm.wait_done()
     await lab.arm.__aexit__(None, None, None)
 

@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator
 from itertools import pairwise
 
 import pytest
-from driver_rig import HOME, Lab, swing
+from driver_rig import HOME, PATIENCE_S, Lab, swing
 
 from client import MotionError, ProgramEndedError, ProtectiveStopError
 from client import points as way
@@ -219,7 +219,7 @@ async def test_a_watchdog_that_is_not_kicked_ends_the_program(lab):
         arm.kick_watchdog()
     assert arm.moving
     with pytest.raises(ProgramEndedError, match=r"watchdog was not kicked.*make_ready\(\)"):
-        await arm.wait_done(10)
+        await arm.wait_done(PATIENCE_S)
     await lab.until(lambda: lab.at_rest)
     with pytest.raises(ProgramEndedError):
         await arm.move_j(HOME)
@@ -232,7 +232,7 @@ async def test_a_protective_stop_of_ones_own(lab):
     await lab.until(lambda: not lab.at_rest)
     await lab.arm.programs.send("sec hit():\n  protective_stop()\nend\n")
     with pytest.raises(ProtectiveStopError):
-        await lab.arm.wait_done(5)
+        await lab.arm.wait_done(PATIENCE_S)
     with pytest.raises(ProtectiveStopError, match="tcp_offset"):
         await lab.arm.tcp_offset()
     assert lab.arm.state.safety_mode == SafetyMode.PROTECTIVE_STOP
@@ -269,5 +269,5 @@ async def test_an_event_loop_that_hangs_ends_the_program(lab, monkeypatch):
     monkeypatch.setattr(lab.driver.pulse, "_hang_s", 0.3)
     monkeypatch.setattr(lab.driver.pulse, "breathe", lambda: None)
     with pytest.raises(ProgramEndedError, match=r"event loop .* has hung"):
-        await lab.arm.wait_done(10)
+        await lab.arm.wait_done(PATIENCE_S)
     await lab.until(lambda: lab.at_rest)

@@ -48,6 +48,7 @@ def emulator() -> Iterator[EmulatorProcess]:
         yield process
 
 
+@pytest.mark.page
 @pytest.mark.timeout(4 * DEADLINE_S)
 def test_a_student_gets_along(emulator: EmulatorProcess, tmp_path: Path) -> None:
     (tmp_path / "examples").symlink_to(ROOT / "examples")

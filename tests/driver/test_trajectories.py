@@ -3,7 +3,7 @@
 import asyncio
 
 import pytest
-from driver_rig import HOME
+from driver_rig import HOME, PATIENCE_S
 
 from client.driver import points
 from client.errors import NoAnswerError
@@ -190,7 +190,7 @@ async def test_a_stream_of_splines(pair):
 async def test_a_stream_that_runs_dry_fails_and_the_next_one_works(pair):
     await pair.driver.start_stream()
     await pair.driver.stream([points.movej(off(0.1), v=2, a=5)])
-    assert await pair.driver.trajectory_result(10) is FAILURE
+    assert await pair.driver.trajectory_result(PATIENCE_S) is FAILURE
     await pair.driver.start_stream()
     await pair.driver.stream([points.movej(HOME, v=2, a=5)])
     assert await pair.driver.end_stream(10) is SUCCESS

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from emulator.motion.profile import Limits
 from emulator.motion.superposition import OffsetFrame
 from emulator.motion.tracking import CircularConveyor, Follower, LinearConveyor
+from tests.budget import examples
 from urproto.robots.pose import pose_trans
 
 ZERO = (0.0,) * 6
@@ -237,7 +238,7 @@ def test_the_end_of_the_program_brings_the_arm_to_rest(rig):
     speed=st.floats(-0.3, 0.3),
     dt=st.sampled_from([0.002, 0.008]),
 )
-@settings(max_examples=60)
+@settings(max_examples=examples(20))
 def test_a_follower_arrives_within_its_acceleration(far, rate, speed, dt):
     follower, limits = Follower(speed), Limits(0.25, 2.0)
     for count in range(1, round(8.0 / dt)):

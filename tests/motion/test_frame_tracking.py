@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from emulator.motion.profile import Limits
 from emulator.motion.superposition import OffsetFrame
 from emulator.motion.tracking import FrameTracking, LinearConveyor, pursuit
+from tests.budget import examples
 from urproto.robots.pose import pose_trans
 
 ZERO = (0.0,) * 6
@@ -328,7 +329,7 @@ vectors = st.tuples(*[st.floats(-0.5, 0.5)] * 3)
 
 
 @given(missing=vectors, velocity=vectors, dt=st.sampled_from([0.002, 0.008]))
-@settings(max_examples=60)
+@settings(max_examples=examples(20))
 def test_a_pursuit_arrives_within_its_acceleration(missing, velocity, dt):
     limits, left, speed = Limits(0.25, 2.0), np.array(missing), velocity
     for _ in range(round(8.0 / dt)):

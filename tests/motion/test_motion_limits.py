@@ -6,6 +6,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests.budget import examples
+
 ZERO = (0.0,) * 6
 START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # where the rig stands
 
@@ -57,7 +59,7 @@ def give(rig, name, values, a, v, r):
 
 
 @pytest.mark.parametrize("name", ["ur3", "ur5e", "ur10"])
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(15), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     program=st.lists(st.tuples(command, st.integers(1, 60), st.sampled_from([1.0, 1.0, 0.3, 0.0])), max_size=8),
 )

@@ -10,13 +10,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests.budget import examples
 from urproto.robots import MODELS, load_model
 
 GOAL = (1.1, -1.2, 1.3, -1.3, -1.9, 0.7)  # the rig starts at (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)
 ON_PATH_M = 1e-6
 
 every_model = pytest.mark.parametrize("name", MODELS)
-few = settings(max_examples=2, deadline=None, suppress_health_check=list(HealthCheck))
+few = settings(max_examples=examples(2), deadline=None, suppress_health_check=list(HealthCheck))
 
 
 def minus(a, b):

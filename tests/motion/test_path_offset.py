@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emulator.motion.superposition import OffsetFrame, OffsetSettings, PathOffset
+from tests.budget import examples
 from urproto.robots.pose import pose_add, pose_inv, pose_trans, rotvec_to_matrix
 
 BASE, TCP, MOTION, WORLD = OffsetFrame
@@ -90,7 +91,7 @@ OFFSETS = st.tuples(*[st.floats(-0.1, 0.1)] * 3, *[st.floats(-0.5, 0.5)] * 3)
 
 
 @given(path=POSES, offset=OFFSETS, frame=st.sampled_from(OffsetFrame), shift=OFFSETS)
-@settings(max_examples=50)
+@settings(max_examples=examples(25))
 def test_an_offset_can_be_undone_and_told_in_every_frame(path, offset, frame, shift):
     source = PathOffset(OffsetSettings())
     source.step(0.002, path, shift, None)

@@ -6,6 +6,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests.budget import examples
+
 ZERO = (0.0,) * 6
 START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # where the rig stands
 GOAL = (1.3, -1.1, 1.5, -1.5, -1.9, 0.9)
@@ -36,7 +38,7 @@ def test_target_speed_is_the_physical_one(rig):
     assert max(map(abs, rig.motion.qd)) == pytest.approx(0.5, rel=1e-6)
 
 
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(20), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(fractions=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=12))
 def test_any_change_of_the_slider_stays_on_the_path(make_rig, fractions):
     rig = make_rig(period_s=0.008)

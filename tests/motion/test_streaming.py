@@ -205,6 +205,31 @@ def test_speedl_turns_the_tool(rig):
     assert turn == pytest.approx((0, 0, 0, 0, 0, 0.5), abs=2e-3)
 
 
+def test_speedl_speeds_up_its_turn_with_its_own_acceleration(rig):
+    """0.2 m/s at 1 m/s2 take 0.2 s, 0.5 rad/s at 5 rad/s2 take 0.1 s: ready when the slower one is."""
+    move = rig.motion.speedl((0.2, 0, 0, 0, 0, 0.5), a=1.0, a_rot=5.0)
+    rig.steps(50)
+
+    def turn():
+        row = rig.kinematics.jacobian(rig.motion.q)
+        return sum(row[5][i] * rig.motion.qd[i] for i in range(6))
+
+    assert turn() == pytest.approx(0.5, abs=0.01)
+    assert 0.1 + rig.finish(move) == pytest.approx(0.2, abs=0.005)
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_servoj_beyond_a_joint_limit_is_refused_and_stops_the_arm(rig, joint):
+    beyond = list(START)
+    beyond[joint] = rig.model.q_max[joint] + 0.001
+    move = rig.motion.servoj(beyond, t=0.002)
+    assert move.failed
+    rig.step()
+    assert rig.fault is not None
+    rig.rest()
+    assert rig.motion.q == pytest.approx(START)
+
+
 def test_speedl_out_of_the_work_space_stops_with_a_fault(rig):
     rig.commands.speedl((0.3, 0, 0.3, 0, 0, 0), a=1.0)
     for _ in range(5000):

@@ -1,7 +1,7 @@
 """A real browser on a pendant of its own, which is connected to an emulator of its own.
 
 One emulator and one pendant serve all tests of a worker, one browser those of a module; each test has a page of its
-own, and finds the robot as it leaves ``Rig.reset``.
+own, and finds the robot as it leaves ``Rig.reset``. Who opens a second page has a second browser for it.
 """
 
 import os
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, Playwright, expect, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, Playwright, expect, sync_playwright
 
 from tests.pendant.pendants import pendant
 from urproto.testing.process import EmulatorProcess
@@ -26,6 +26,11 @@ FLAGS = [
     *("--disable-sync", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *(["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []),
 ]
+# A picture every 0.2 s and not 30 a second: without graphics it is the processor that draws the arm.
+FEW_FRAMES = """
+window.requestAnimationFrame = callback => setTimeout(() => callback(performance.now()), 200);
+window.cancelAnimationFrame = clearTimeout;
+"""
 SIZE = {"width": 1280, "height": 800}
 POLICY = "Content Security Policy"  # is in what a browser says when a page does what that forbids
 SOON_S = 20.0  # a busy machine's
@@ -45,10 +50,10 @@ def eventually(condition: Callable[[], object], within_s: float = SOON_S) -> Non
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """One worker has the browser: two would draw at the same time, on machines without graphics."""
+    """The tests of a module have one worker, since they have one browser."""
     for item in items:
         if item.path.parent == HERE and item.path.name.startswith("test_browser_"):
-            item.add_marker(pytest.mark.xdist_group("browser"))
+            item.add_marker(pytest.mark.xdist_group(item.path.stem))
 
 
 class Rig:
@@ -119,23 +124,36 @@ def rig(the_rig: Rig) -> Rig:
     return the_rig
 
 
+@pytest.fixture(scope="module")
+def one_user(browser: Browser) -> Iterator[BrowserContext]:
+    """A browser that has been here before, as most have: it need not fetch the pages' libraries for each test."""
+    context = browser.new_context(viewport=SIZE)
+    context.add_init_script(FEW_FRAMES)
+    yield context
+    context.close()
+
+
 @pytest.fixture
-def open_page(rig: Rig, browser: Browser) -> Iterator[Callable[[str], Page]]:
+def open_page(rig: Rig, browser: Browser, one_user: BrowserContext) -> Iterator[Callable[[str], Page]]:
     """Opens a screen in a page of its own; nothing may go wrong in it."""
     opened = []
 
     def open_(screen: str) -> Page:
-        context = browser.new_context(viewport=SIZE)
+        context = one_user
+        if opened:  # somebody else
+            context = browser.new_context(viewport=SIZE)
+            context.add_init_script(FEW_FRAMES)
         page = context.new_page()
         errors = list[str]()
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda said: errors.append(said.text) if POLICY in said.text else None)
-        opened.append((context, errors))
+        opened.append((page if context is one_user else context, errors))
         page.goto(f"{rig.url}/{screen}")
         expect(page.locator(".robot-name")).to_contain_text("UR3")
         return page
 
     yield open_
-    for context, errors in opened:
-        context.close()
+    for page_or_context, errors in opened:
+        page_or_context.close()
         assert not errors
+    one_user.clear_cookies()

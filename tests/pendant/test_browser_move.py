@@ -77,7 +77,8 @@ def test_what_a_joint_button_does_is_seen_by_a_client_we_did_not_write(bent: Rig
         there = watcher.getActualQ()
         assert there[:2] == pytest.approx(BENT[:2], abs=1e-3)
         assert there[3:] == pytest.approx(BENT[3:], abs=1e-3)
-        expect(page.get_by_test_id("angle-2")).to_have_text(f"{degrees(there[2]):.2f}")
+        angle = page.get_by_test_id("angle-2")
+        eventually(lambda: angle.inner_text() == f"{degrees(watcher.getActualQ()[2]):.2f}")
     finally:
         watcher.disconnect()
 

@@ -46,6 +46,19 @@ async def test_what_is_held_is_told_and_let_go_when_the_browser_leaves(live: Liv
     assert heard == [{"kind": "joint"}, None, None]
 
 
+async def test_a_browser_that_comes_back_is_sent_what_it_was_sent_before(live: Live) -> None:
+    """Its page may have been built anew, or have missed what was under way."""
+
+    class Element:
+        id = 7
+
+    live.bind(Element(), "text", lambda station: "as ever")  # type: ignore[arg-type]
+    for _ in range(2):
+        await live.serve(Socket(), Nonsense())  # type: ignore[arg-type]
+        assert live.changes() == [(7, "text", "as ever")]
+        assert live.changes() == []
+
+
 @pytest.mark.parametrize("text", ["", "{", "nonsense", '{"held": ', "\x00"])
 async def test_nonsense_ends_the_connection_and_lets_go(live: Live, text: str) -> None:
     heard: list[Any] = []

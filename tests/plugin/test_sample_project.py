@@ -11,6 +11,7 @@ PROJECT = Path(__file__).parents[2] / "examples" / "ci"
 PATIENCE_S = 280.0
 
 
+@pytest.mark.page
 @pytest.mark.real_client
 @pytest.mark.timeout(PATIENCE_S + 20)
 @pytest.mark.parametrize("options", [["--ur-model", "ur3"], ["--ur-model", "ur10e", "--ur-polyscope", "5.12"]])

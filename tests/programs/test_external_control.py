@@ -16,6 +16,7 @@ from emulator.control.verbs import ControlledRobot
 from emulator.polyscope.installation_file import read_installation
 from emulator.services.sockets import MemorySocket, MemorySockets
 from emulator.services.urcap import DriverAddress, ProgramRequest, split_program
+from tests.budget import examples
 from urproto.modes import RuntimeState
 from urproto.primary.messages import KeyMessage, RuntimeExceptionMessage
 
@@ -436,7 +437,7 @@ def test_a_program_is_split_at_its_anchors(text, header, node):
     assert (code.header, code.node) == (header, node)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=examples(33))
 @given(pieces=st.lists(st.binary(max_size=60), max_size=6), closes=st.booleans())
 def test_any_bytes_come_to_an_end(pieces, closes):
     network = MemorySockets(URCAP_DEFAULT)

@@ -12,6 +12,7 @@ from tree_rig import Arm, children, installation, line, main, move, say, sleep, 
 from emulator.polyscope.document import DocumentError, read_document
 from emulator.polyscope.installation_file import read_installation, read_variables
 from emulator.polyscope.naming import identifier
+from tests.budget import examples
 from urproto.modes import RuntimeState
 from urproto.primary.messages import RuntimeExceptionMessage
 
@@ -306,7 +307,7 @@ def test_references_that_double_and_double_again_are_an_error(arm):
     assert "MiB" in refused(arm)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(st.binary(max_size=400))
 def test_any_bytes_are_a_document_or_an_error(content):
     for data in (content, gzip.compress(content), b"<a>" + content + b"</a>"):
@@ -314,7 +315,7 @@ def test_any_bytes_are_a_document_or_an_error(content):
             assert read_document(data).tag
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(st.text(max_size=30))
 def test_every_name_becomes_an_identifier(name):
     assert identifier(name).isascii()

@@ -16,6 +16,7 @@ START_Q = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
 JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 
 NORMAL, PROTECTIVE_STOP = 1, 3  # safety modes
+PATIENCE_S = 30.0  # a busy machine's
 LAG_S = 0.1  # between two connections; guess for a loaded machine
 GRIPPER_PORT = 63352
 RUNNING = 7  # robot mode
@@ -67,10 +68,10 @@ class Watch(StateStream):
         self.wait_for(LAG_S)
         return self.wait_until_still()
 
-    def wait_until_still(self, timeout_s: float = 10.0) -> Sample:
+    def wait_until_still(self, timeout_s: float = PATIENCE_S) -> Sample:
         return self.wait_until(lambda sample: not any(sample["target_qd"]), timeout_s)
 
-    def wait_until_moving(self, timeout_s: float = 10.0) -> Sample:
+    def wait_until_moving(self, timeout_s: float = PATIENCE_S) -> Sample:
         return self.wait_until(lambda sample: any(sample["target_qd"]), timeout_s)
 
 
@@ -107,7 +108,7 @@ class Rig:
     def watch(self, *fields: str) -> Watch:
         return Watch(self.host, fields)
 
-    def eventually(self, condition: Callable[[], bool], timeout_s: float = 3.0) -> None:
+    def eventually(self, condition: Callable[[], bool], timeout_s: float = PATIENCE_S) -> None:
         """Look once per control period until the condition holds."""
         with self.watch() as state:
             state.wait_until(lambda _: condition(), timeout_s)
@@ -137,5 +138,5 @@ class Rig:
             state.wait_until(lambda sample: sample["safety_mode"] == NORMAL)
         if state.newest()["robot_mode"] != RUNNING:
             self.process.dashboard("power on", "brake release")
-            state.wait_until(lambda sample: sample["robot_mode"] == RUNNING, timeout_s=30)
+            state.wait_until(lambda sample: sample["robot_mode"] == RUNNING, timeout_s=PATIENCE_S)
         self.process.dashboard("stop")

@@ -115,9 +115,9 @@ def test_set_target_payload_with_inertia(
 
 @both_series
 def test_is_steady(rig: Rig, control: RTDEControlInterface) -> None:
-    assert control.isSteady()
+    rig.eventually(control.isSteady)
     with rig.watch() as state:
-        assert control.moveJ([START_Q[0] + 1.5, *START_Q[1:]], 1.0, 4.0, True)
+        assert control.moveJ([START_Q[0] + 1.5, *START_Q[1:]], 0.2, 4.0, True)  # long enough to be asked meanwhile
         state.wait_until_moving()
         assert not control.isSteady()
         control.stopJ(10.0)

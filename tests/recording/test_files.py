@@ -18,6 +18,7 @@ from rosbags.highlevel import AnyReader
 from client.errors import MissingExtraError, RecordingError
 from client.recording import DEFAULT_FIELDS, Recorder, convert, read
 from client.recording.definitions import message_type
+from tests.budget import examples
 from urproto.joints import JOINT_NAMES
 from urproto.robots.pose import rotvec_to_matrix
 from urproto.rtde.fields import OUTPUT_FIELDS
@@ -234,7 +235,7 @@ def test_what_cannot_be_written_or_read_is_told(states, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(20))
 @given(data=st.data())
 def test_no_bytes_are_more_than_an_error(states, tmp_path: Path, suffix: str, data) -> None:
     path = tmp_path / f"any{suffix}"

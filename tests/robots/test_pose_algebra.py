@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.budget import examples
 from urproto.robots.pose import (
     Pose,
     interpolate_pose,
@@ -182,7 +183,7 @@ def test_rpy_turns_about_fixed_axes_x_then_y_then_z() -> None:
     assert matrix @ (0, 0, 1) == pytest.approx((1, 0, 0), abs=TOLERANCE)
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(25))
 @given(poses(), poses())
 def test_wrench_does_the_same_work_in_every_frame(a_b: Pose, wrench: Pose) -> None:
     # power of a wrench on a twist (v at the origin, w) does not depend on the frame

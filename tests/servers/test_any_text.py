@@ -23,6 +23,7 @@ from emulator.devices.robotiq import MODELS
 from emulator.faults.injector import FaultInjector
 from emulator.machine import ControllerConfig
 from emulator.reports import write_crash
+from tests.budget import examples
 from urproto.modes import RobotMode, RuntimeState
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.messages import PopupMessage, TextMessage
@@ -135,7 +136,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     return Robot(tmp_path_factory.mktemp("programs"))
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(15), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(text=inside)
 @example(LATIN)
 def test_any_text_in_any_place(robot: Robot, text: bytes) -> None:

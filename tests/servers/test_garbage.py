@@ -13,6 +13,7 @@ from emulator.devices.robotiq import MODELS
 from emulator.devices.tool_line import EchoDevice, SerialSettings
 from emulator.machine import ControllerConfig
 from emulator.servers.port import PortServer
+from tests.budget import examples
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.state import RobotStateData
 from urproto.realtime import RealtimeDecoder
@@ -134,7 +135,7 @@ def witnesses() -> Witnesses:
 
 
 @pytest.mark.parametrize("port", PORTS)
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(20), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=garbage, chunk=st.sampled_from([1, 4096]))
 def test_garbage(witnesses: Witnesses, port: str, data: bytes, chunk: int, caplog: pytest.LogCaptureFixture) -> None:
     caplog.clear()

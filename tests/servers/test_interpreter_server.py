@@ -17,6 +17,7 @@ from emulator.machine import ControllerConfig
 from emulator.readiness import NotReady, check_ready
 from emulator.servers.hooks import Direction
 from emulator.servers.interpreter import InterpreterServer
+from tests.budget import examples
 from urproto.interpreter import MAX_LINE
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
@@ -270,7 +271,7 @@ def running() -> Running:
     return Running()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(
     data=st.binary(max_size=200) | st.text('abx=()1 "\n\r#:', max_size=200).map(str.encode), chunk=st.integers(1, 50)
 )

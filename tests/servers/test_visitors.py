@@ -16,6 +16,7 @@ from emulator.machine import ControllerConfig
 from emulator.servers.connection import Connection
 from emulator.servers.port import PortServer
 from emulator.servers.web import Opening, Visitor, visitor
+from tests.budget import examples
 from urproto.robots import load_model
 from urproto.rtde.codec import InputData, SetupInputs
 
@@ -96,7 +97,7 @@ def test_nothing_is_carried_out_in_any_split(
         assert not fake.commands, (number, pieces[0])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(66), deadline=None)
 @given(data=st.sampled_from(sorted(SENT.values())), cuts=st.lists(st.integers(1, 200), max_size=8))
 def test_nothing_is_carried_out_in_many_pieces(data: bytes, cuts: list[int]) -> None:
     opening = Opening(patient=True)

@@ -11,6 +11,7 @@ import numpy as np
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
+from tests.budget import examples
 from urproto.versions import PolyscopeVersion
 from urscript import LibrarySet, Runtime, compile_script
 from urscript.library import LIBRARIES
@@ -120,7 +121,7 @@ def _compounds(depth: int, in_loop: bool) -> list[st.SearchStrategy[Any]]:
     ]
 
 
-@settings(max_examples=80)
+@settings(max_examples=examples(26))
 @given(statements(2))
 def test_the_text_of_a_tree_has_that_tree(body: list[Node]) -> None:
     program = run_to_end(parse(f"def program():\n{block(body)}end"))
@@ -247,7 +248,7 @@ def run(tree: Node) -> Any:
     return "fault" if runtime.error is not None else repr(runtime.globals["x"])
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(100))
 @given(ARITHMETIC)
 @example(Binary(0, 0, "*", Constant(0, 0, 2**31 - 1), Constant(0, 0, 2**31 - 1)))
 @example(Binary(0, 0, "<", Constant(0, 0, True), Constant(0, 0, 1)))

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.budget import examples
 from urproto.versions import PolyscopeVersion
 from urscript import CompiledProgram, CompileError, LibrarySet, Runtime, compile_script
 from urscript.library import LIBRARIES
@@ -104,13 +105,13 @@ def attempt(text: str, frames: int = 5) -> None:
     assert not runtime.threads
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 @given(st.text(max_size=120))
 def test_any_text(text):
     attempt(text)
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(st.lists(st.sampled_from(ATOMS), max_size=25), st.booleans())
 def test_any_sequence_of_fragments(atoms, wrapped):
     text = "\n".join(atoms)
@@ -153,7 +154,7 @@ EXPRESSION = st.recursive(
 )
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(EXPRESSION)
 def test_any_expression_has_a_value_or_a_fault(expression):
     program = compile_script(f"x = {expression}", SET, VERSION)

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.budget import examples
 from urproto.text import to_bytes
 from urscript import CompileError, ScriptSplitter, Unit
 
@@ -88,7 +89,16 @@ def test_too_long_a_unit_is_given_up():
     assert [unit.kind for unit in units] == ["error", "line"]
 
 
-@settings(max_examples=150, deadline=None)
+@pytest.mark.parametrize("rest", [b"", b"zz"])
+def test_after_a_line_that_is_too_long_the_next_one_counts(rest):
+    """Wherever the pieces are cut that it comes in: also right before its end."""
+    splitter = ScriptSplitter(100)
+    units = splitter.feed(b"z" * 200)
+    units += splitter.feed(rest + b"\npower on\n")
+    assert [unit.kind for unit in units] == ["error", "line"]
+
+
+@settings(max_examples=examples(50), deadline=None)
 @given(
     st.one_of(
         st.binary(max_size=200),
@@ -112,7 +122,7 @@ def test_any_bytes_at_any_split_give_the_same_units(data, cuts):
         assert to_bytes(unit.text) in data + b"\n"
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(st.integers(1, 50))
 def test_a_program_survives_any_segment_size(size):
     program = 'def prog():\n  a = "if end" # while\n  if a == "":\n    x = p[1,2,3,4,5,6]\n  end\nend'

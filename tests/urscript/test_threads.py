@@ -117,6 +117,15 @@ def test_a_busy_loop_is_parked_and_others_go_on(run):
     assert 100 < per_frame < WORK_PER_SECOND * 0.002
 
 
+def test_what_a_thread_has_overdrawn_is_paid_back_in_the_frames_after(run):
+    """One call that costs some frames' work at once: the thread rests until they are over, others do not."""
+    lines = ["l = make_list(5000, 1, 5000)", "k = 0", "while k < 20:", "  l = l + 1", "  k = k + 1", "end"]
+    body = "\n".join(lines)
+    done = run(f"def f():\n{body}\nend", frames=2000)
+    assert done.globals["k"] == 20
+    assert done.frames > 3 * 20  # five units an element, 25,000 of them a time, and 8,000 a frame
+
+
 def test_the_budget_counts_work_not_time(run):
     text = f"def f():\n  n = 0\n{BUSY}end"
     assert run(text, frames=20).globals == run(text, frames=20).globals

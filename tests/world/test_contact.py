@@ -7,6 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from emulator.world.shapes import Box, Plane, Sphere, WorldObject, force_of
+from tests.budget import examples
 
 MASS_KG = 20.0  # of the compliant tool
 
@@ -119,7 +120,7 @@ def energy(rig, table):
     return 0.5 * MASS_KG * rig.controller.arm.tcp_speed[2] ** 2 + 0.5 * table.stiffness * depth**2
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(15))
 @given(
     st.sampled_from(["ur3", "ur5e"]),
     st.floats(2.0, 6.0).map(lambda e: 10**e),

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from emulator.commands.world import PushTool, ReleaseTool
 from emulator.world.shapes import Box, Plane, Push, Sphere, WorldObject
+from tests.budget import examples
 from urproto.modes import ControlMode
 
 CLOSE_N = 0.1
@@ -58,7 +59,7 @@ def test_every_type_of_force_mode_presses_as_hard_as_it_is_told(make, model):
         rig.tick()
 
 
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 @given(
     st.sampled_from(["ur3", "ur3", "ur5e"]),
     st.floats(3.5, 5.0).map(lambda e: 10**e),
