@@ -32,7 +32,7 @@ from pathlib import Path
 from jitter import connect
 
 from urproto import modbus
-from urproto.errors import ProtocolError, RobotRefused
+from urproto.errors import URError
 from urproto.rtde import codec
 from urproto.rtde.codec import RTDEDecoder
 from urproto.rtde.fields import OUTPUT_FIELDS
@@ -709,7 +709,6 @@ def hostile_robots(count: int) -> Result:
 def meet_robots(count: int) -> None:
     """The process of the clients."""
     import client
-    from client import errors
     from client.dashboard import ROBOT_MODE
 
     kinds = [
@@ -731,7 +730,7 @@ def meet_robots(count: int) -> None:
                         victim.run(victim.core.robot_state())
                     else:
                         victim.receive()
-            except (errors.ClientError, ProtocolError, RobotRefused) as error:
+            except URError as error:
                 seen[type(error).__name__] = seen.get(type(error).__name__, 0) + 1
             except Exception as error:
                 strange.append(f"{type(error).__name__}: {error}")

@@ -21,7 +21,7 @@ from jitter import connect, serve_at
 from table import Table
 
 from client import LateSetpointError, ProgramEndedError, Robot
-from client.driver.realtime import real_time
+from client.driver.scheduling import real_time
 from client.robot.state import MORE_OUTPUTS, OUTPUTS
 
 SECONDS: Final = 5.0

@@ -36,10 +36,10 @@ if TYPE_CHECKING:
     from client.primary import BlockingPrimaryClient, PrimaryClient
     from client.realtime import BlockingRealtimeClient, RealtimeClient
     from client.robot import AsyncRobot, Robot, RobotState
-    from client.rtde import BlockingRTDEClient, RTDEClient
-    from client.rtde_core import read_recipe
+    from client.rtde import BlockingRTDEClient, RTDEClient, read_recipe
     from client.scripts import ScriptResult
     from client.tool_communication import ToolCommunication
+    from urproto.errors import URError
 
 __all__ = [
     "AsyncRobot",
@@ -74,6 +74,7 @@ __all__ = [
     "ScriptResult",
     "ToolCommunication",
     "URDriver",
+    "URError",
     "points",
     "read_calibration",
     "read_recipe",
@@ -105,10 +106,10 @@ _MODULES: Final[Mapping[str, tuple[str, ...]]] = {
     "client.primary": ("BlockingPrimaryClient", "PrimaryClient"),
     "client.realtime": ("BlockingRealtimeClient", "RealtimeClient"),
     "client.robot": ("AsyncRobot", "Robot", "RobotState"),
-    "client.rtde": ("BlockingRTDEClient", "RTDEClient"),
-    "client.rtde_core": ("read_recipe",),
+    "client.rtde": ("BlockingRTDEClient", "RTDEClient", "read_recipe"),
     "client.scripts": ("ScriptResult",),
     "client.tool_communication": ("ToolCommunication",),
+    "urproto.errors": ("URError",),
 }
 _HOME: Final = {name: module for module, names in _MODULES.items() for name in names}
 

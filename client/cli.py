@@ -97,9 +97,7 @@ def main() -> None:
 
 
 def _explained() -> tuple[type[Exception], ...]:
-    """Errors that say all there is to say. Their modules are loaded when there is one."""
-    from client.errors import ClientError
-    from urproto.errors import ProtocolError, RobotRefused
-    from urproto.robots import CalibrationError
+    """Errors that say all there is to say. Their module is loaded when there is one."""
+    from urproto.errors import URError
 
-    return ClientError, CalibrationError, ProtocolError, RobotRefused, UnicodeDecodeError
+    return URError, UnicodeDecodeError

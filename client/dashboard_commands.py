@@ -1,8 +1,8 @@
-"""What can be asked of a dashboard: one row for each command, constants and functions.
+"""What can be asked of a dashboard: one operation for each command, constants and functions.
 
-A row has the line, how its answer is read, the first versions that know it, and what to do
-when the robot says no. Sources of texts and versions: the vendor's dashboard manuals and
-the reply patterns of the official C++ client.
+An operation has the line, how its answer is read, the first versions that know it, and what to
+do when the robot says no. Which commands there are, since when, and how they are confirmed is
+in ``urproto.dashboard.COMMANDS``.
 """
 
 from collections.abc import Callable
@@ -10,16 +10,15 @@ from dataclasses import dataclass
 from typing import Any, Final, Generic, TypeVar
 
 from urproto import dashboard as wire
-from urproto.dashboard import OperationalMode, ProgramState, UserRole
+from urproto.dashboard import COMMANDS, OperationalMode, ProgramState, UserRole
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.modes import RobotMode, SafetyMode, SafetyStatus
 from urproto.versions import Availability, PolyscopeVersion
 
 Answer = TypeVar("Answer")
 
-_ALWAYS: Final = Availability.since("3.0", "5.0")  # or before: what came in 1.x is in every version of both series
-_FROM_3_1: Final = Availability.since("3.1", "5.0")
-_REPORTS: Final = Availability.since("3.13", "5.8")
+_FIRST: Final = (PolyscopeVersion(3, 0), PolyscopeVersion(5, 0))  # of each series
+_ALWAYS: Final = Availability(*_FIRST)
 _REPORT_TIMEOUT_S: Final = 600.0  # the manual: a support file may take ten minutes
 
 _REMOTE_CONTROL: Final = "switch the robot to Remote Control on its teach pendant, then connect again"
@@ -57,7 +56,7 @@ class Operation(Generic[Answer]):
     @property
     def in_every_version(self) -> bool:
         """True when no controller of either series lacks it."""
-        return self.available == _ALWAYS
+        return all(self.available.covers(version) for version in _FIRST)
 
     def check(self, version: PolyscopeVersion) -> None:
         """Raise RobotRefused when a controller of this version does not know the command."""
@@ -84,6 +83,19 @@ def _says(*beginnings: str) -> Callable[[str], None]:
     return read
 
 
+def _confirmed(words: str, advice: str = "", argument: str = "") -> Operation[None]:
+    """A command whose answer only says that it is done."""
+    row = COMMANDS[words.lower()]
+    return Operation(f"{words}{argument}", _says(*row.confirmations), row.available, advice)
+
+
+def _asked(
+    words: str, read: Callable[[str], Answer], advice: str = "", argument: str = "", timeout_s: float | None = None
+) -> Operation[Answer]:
+    """A command whose answer has a value."""
+    return Operation(f"{words}{argument}", read, COMMANDS[words.lower()].available, advice, timeout_s)
+
+
 def _number(reply: str) -> str:
     if not (reply.isascii() and reply.isdigit()):
         raise RemoteProtocolError(f"{reply!r} is not a serial number")
@@ -98,110 +110,89 @@ def _model(reply: str) -> str:
 
 # Power and safety
 
-POWER_ON = Operation("power on", _says(wire.POWERING_ON), advice=_POWER)
-POWER_OFF = Operation("power off", _says(wire.POWERING_OFF), advice=_POWER)
-BRAKE_RELEASE = Operation("brake release", _says(wire.BRAKE_RELEASING), advice=_POWER)
-UNLOCK_PROTECTIVE_STOP = Operation("unlock protective stop", _says(wire.UNLOCKING), _FROM_3_1, _UNLOCK)
-RESTART_SAFETY = Operation(
-    "restart safety", _says(wire.RESTARTING_SAFETY), Availability.since("3.7", "5.1"), "look at the safety mode"
-)
-ROBOT_MODE: Operation[RobotMode] = Operation("robotmode", wire.parse_robot_mode)
-SAFETY_MODE: Operation[SafetyMode] = Operation("safetymode", wire.parse_safety_mode)
-SAFETY_STATUS: Operation[SafetyStatus] = Operation(
-    "safetystatus", wire.parse_safety_status, Availability.since("3.11", "5.4")
-)
+POWER_ON = _confirmed("power on", _POWER)
+POWER_OFF = _confirmed("power off", _POWER)
+BRAKE_RELEASE = _confirmed("brake release", _POWER)
+UNLOCK_PROTECTIVE_STOP = _confirmed("unlock protective stop", _UNLOCK)
+RESTART_SAFETY = _confirmed("restart safety", "look at the safety mode")
+ROBOT_MODE: Operation[RobotMode] = _asked("robotmode", wire.parse_robot_mode)
+SAFETY_MODE: Operation[SafetyMode] = _asked("safetymode", wire.parse_safety_mode)
+SAFETY_STATUS: Operation[SafetyStatus] = _asked("safetystatus", wire.parse_safety_status)
 
 # Programs and installations
 
-PLAY = Operation("play", _says(wire.STARTING), advice=_PROGRAM)
-PAUSE = Operation("pause", _says(wire.PAUSING), advice=_NO_PROGRAM)
-STOP = Operation("stop", _says(wire.STOPPED))
-IS_RUNNING: Operation[bool] = Operation("running", wire.parse_boolean)
-PROGRAM_STATE: Operation[tuple[ProgramState, str | None]] = Operation("programState", wire.parse_program_state)
-LOADED_PROGRAM: Operation[str | None] = Operation("get loaded program", wire.parse_loaded_program)
-IS_PROGRAM_SAVED: Operation[tuple[bool, str | None]] = Operation("isProgramSaved", wire.parse_program_saved)
+PLAY = _confirmed("play", _PROGRAM)
+PAUSE = _confirmed("pause", _NO_PROGRAM)
+STOP = _confirmed("stop")
+IS_RUNNING: Operation[bool] = _asked("running", wire.parse_boolean)
+PROGRAM_STATE: Operation[tuple[ProgramState, str | None]] = _asked("programState", wire.parse_program_state)
+LOADED_PROGRAM: Operation[str | None] = _asked("get loaded program", wire.parse_loaded_program)
+IS_PROGRAM_SAVED: Operation[tuple[bool, str | None]] = _asked("isProgramSaved", wire.parse_program_saved)
 
 
 def load(program: str) -> Operation[str]:
     """Load a program by its name below the controller's program folder; answers with its path there."""
-    return Operation(f"load {program}", wire.parse_loading, advice=_PATH)
+    return _asked("load", wire.parse_loading, _PATH, f" {program}")
 
 
 def load_installation(installation: str) -> Operation[str]:
     """Load an installation file; answers with its path on the controller."""
-    since = Availability.since("3.2.18654", "5.0")
-    return Operation(f"load installation {installation}", wire.parse_loading, since, _PATH)
+    return _asked("load installation", wire.parse_loading, _PATH, f" {installation}")
 
 
 # Pendant
 
-CLOSE_POPUP = Operation("close popup", _says(wire.CLOSING_POPUP))
-CLOSE_SAFETY_POPUP = Operation("close safety popup", _says(wire.CLOSING_SAFETY_POPUP), _FROM_3_1)
-USER_ROLE: Operation[UserRole] = Operation("getUserRole", wire.parse_user_role, Availability.since("3.1", None))
-OPERATIONAL_MODE: Operation[OperationalMode] = Operation(
-    "get operational mode", wire.parse_operational_mode, Availability.since(None, "5.6")
-)
-CLEAR_OPERATIONAL_MODE = Operation(
-    "clear operational mode",
-    _says("No longer controlling the operational mode", "operational mode is no longer controlled"),
-    Availability.since(None, "5.0"),
-)
-IS_IN_REMOTE_CONTROL: Operation[bool] = Operation(
-    "is in remote control", wire.parse_boolean, Availability.since(None, "5.6")
-)
+CLOSE_POPUP = _confirmed("close popup")
+CLOSE_SAFETY_POPUP = _confirmed("close safety popup")
+USER_ROLE: Operation[UserRole] = _asked("getUserRole", wire.parse_user_role)
+OPERATIONAL_MODE: Operation[OperationalMode] = _asked("get operational mode", wire.parse_operational_mode)
+CLEAR_OPERATIONAL_MODE = _confirmed("clear operational mode")
+IS_IN_REMOTE_CONTROL: Operation[bool] = _asked("is in remote control", wire.parse_boolean)
 
 
 def popup(text: str) -> Operation[None]:
     """Show a popup on the teach pendant."""
-    return Operation(f"popup {text}", _says(wire.SHOWING_POPUP))
+    return _confirmed("popup", argument=f" {text}")
 
 
 def add_to_log(text: str) -> Operation[None]:
     """Write a line into the controller's log."""
-    return Operation(f"addToLog {text}", _says(wire.LOG_ADDED), advice="give a text that is not empty")
+    return _confirmed("addToLog", "give a text that is not empty", f" {text}")
 
 
 def set_user_role(role: UserRole) -> Operation[None]:
     """Choose who the pendant's user is (CB3)."""
-    since = Availability.since("3.0", None)  # or before
-    return Operation(f"setUserRole {role.value}", _says("Setting user role"), since, _ROLE)
+    return _confirmed("setUserRole", _ROLE, f" {role.value}")
 
 
 def set_operational_mode(mode: OperationalMode) -> Operation[None]:
     """Take control of the operational mode (e-Series): MANUAL or AUTOMATIC."""
     if mode is OperationalMode.NONE:
         raise LocalProtocolError("nobody can set the operational mode NONE: ask CLEAR_OPERATIONAL_MODE")
-    read = _says(f"Operational mode {mode.value} is set", f"Setting operational mode: {mode.value}")
-    return Operation(f"set operational mode {mode.value}", read, Availability.since(None, "5.0"))
+    return _confirmed("set operational mode", argument=f" {mode.value}")
 
 
 # About the controller
 
-POLYSCOPE_VERSION: Operation[PolyscopeVersion] = Operation("PolyscopeVersion", wire.parse_polyscope_version)
-VERSION: Operation[PolyscopeVersion] = Operation(
-    "version", wire.parse_polyscope_version, Availability.since(None, "5.13")
-)
-SERIAL_NUMBER: Operation[str] = Operation("get serial number", _number, Availability.since("3.12", "5.6"))
-ROBOT_MODEL: Operation[str] = Operation("get robot model", _model, Availability.since("3.12", "5.6"))
-SAVE_LOG = Operation("saveLog", _says("Log saved to disk"), _REPORTS, "look at the space on the controller's disk")
-SHUTDOWN = Operation("shutdown", _says(wire.SHUTTING_DOWN))
-QUIT = Operation("quit", _says(wire.DISCONNECTED))
+POLYSCOPE_VERSION: Operation[PolyscopeVersion] = _asked("PolyscopeVersion", wire.parse_polyscope_version)
+VERSION: Operation[PolyscopeVersion] = _asked("version", wire.parse_polyscope_version)
+SERIAL_NUMBER: Operation[str] = _asked("get serial number", _number)
+ROBOT_MODEL: Operation[str] = _asked("get robot model", _model)
+SAVE_LOG = _confirmed("saveLog", "look at the space on the controller's disk")
+SHUTDOWN = _confirmed("shutdown")
+QUIT = _confirmed("quit")
 
 
 def generate_flight_report(kind: str = "system") -> Operation[str]:
     """Write a report: controller, software or system. Answers with its id; takes minutes."""
     advice = "ask for controller, software or system, and at most once in 30 s"
-    return Operation(
-        f"generate flight report {kind}", wire.parse_flight_report, _REPORTS, advice, timeout_s=_REPORT_TIMEOUT_S
-    )
+    return _asked("generate flight report", wire.parse_flight_report, advice, f" {kind}", _REPORT_TIMEOUT_S)
 
 
 def generate_support_file(directory: str) -> Operation[str]:
     """Write a zip file into a directory below the programs folder. Answers with its name; takes minutes."""
     advice = "give a directory that exists below the programs folder, and see that its disk has space"
-    return Operation(
-        f"generate support file {directory}", wire.parse_support_file, _REPORTS, advice, timeout_s=_REPORT_TIMEOUT_S
-    )
+    return _asked("generate support file", wire.parse_support_file, advice, f" {directory}", _REPORT_TIMEOUT_S)
 
 
 # Any line
@@ -212,16 +203,14 @@ _WITH_ARGUMENT: Final[dict[str, Callable[[str], Operation[str] | Operation[None]
     "load": load,
     "popup": popup,
     "addToLog": add_to_log,
+    "setUserRole": lambda role: _confirmed("setUserRole", _ROLE, f" {role}"),
+    "set operational mode": lambda mode: _confirmed("set operational mode", argument=f" {mode}"),
     "generate flight report": generate_flight_report,
     "generate support file": generate_support_file,
 }
 _REFUSALS: Final = ("could not understand", "failed", "error", "file not found", "cannot", "command is not allowed")
 
-_ROLES_AND_MODES: Final = {"setUserRole", "set operational mode"}  # refusals of them begin with "Failed"
-
-WORDS: Final = (
-    *sorted({row.line for row in _WITHOUT_ARGUMENT.values()} | _WITH_ARGUMENT.keys() | _ROLES_AND_MODES, key=str.lower),
-)
+WORDS: Final = (*(COMMANDS[words].words for words in sorted(COMMANDS)),)
 """The commands by their words, in alphabetical order; arguments go behind them."""
 
 

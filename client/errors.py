@@ -1,5 +1,8 @@
 """What can go wrong while talking to a robot.
 
+Every one of these is a `URError`, and so are those of urproto.errors below: `except URError` catches whatever a call
+of the client raises for a reason that it knows.
+
 ClientError
 ├── RobotUnreachableError    no connection came about
 ├── ConnectionLostError      the robot closed it, or the network did
@@ -30,11 +33,12 @@ urproto.errors.LocalProtocolError     we were asked to send what the protocol ca
 
 from pathlib import Path
 
+from urproto.errors import URError
 from urproto.modes import SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 
 
-class ClientError(Exception):
+class ClientError(URError):
     """Base of what the client raises itself."""
 
 

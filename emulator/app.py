@@ -213,7 +213,7 @@ class Emulator:
         self.controller = rebooted(before, self._power.boot_s, self._power.periods_off * before.period_s)
         self._renew_servers()
         await self._open_box_again({name: ports[name] for name in ports if name != "control"})
-        self.control.controller = self.controller
+        self.control.switched_on(self.controller)
         if "control" in self.servers:
             self.servers["control"].follow(self.controller)
         self.faults.controller_back(self.controller)

@@ -6,9 +6,13 @@ Exit status: 0 all is well, 1 something is wrong, 2 it was called wrongly, 3 not
 
 import asyncio
 import json
+import os
+import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.machinery import PathFinder
+from importlib.metadata import packages_distributions, version
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -16,10 +20,10 @@ import typer
 
 from emulator.control.remote import ControlClient
 from emulator.control.verbs import BadArguments, NotPossible
-from emulator.namesakes import Namesake, find_namesakes, installation
 from emulator.ports import PORTS
 from emulator.readiness import Finding, find_out, run_script
 from urproto.commandline import AsJson, application, print_json, version_of
+from urproto.testing.launch import PACKAGES, ROOT, is_ours
 
 _FAILED: Final = 1
 _UNREACHABLE: Final = 3
@@ -52,6 +56,14 @@ _REFUSED: Final = (
     "not started yet, another port, or the service is switched off in the robot's settings",
 )
 _SILENT: Final = ("no answer in time", "wrong address, a firewall, or a controller that hangs")
+
+_DISTRIBUTION: Final = "ur-emulator"
+_RENAME: Final = (
+    "rename it, or work elsewhere. The commands (ur-emulator, ur-client, ...) and the pytest plugin do not look "
+    "there; python -P does not either"
+)
+_OFF_THE_PATH: Final = "take that folder off PYTHONPATH, or rename the package in it"
+_ENVIRONMENT: Final = "remove it, or install ur-emulator into a virtual environment of its own (python -m venv)"
 
 app = application()
 
@@ -193,14 +205,46 @@ def _causes(finding: Finding) -> str:
 
 
 def _show_installation() -> None:
-    typer.echo(installation())
-    namesakes = find_namesakes()
-    for namesake in namesakes:
-        typer.echo(_explained(namesake))
+    typer.echo(f"ur-emulator {version(_DISTRIBUTION)} in {ROOT}, Python {sys.version.split()[0]}")
+    namesakes = [*_found_before_ours(), *_overwritten()]
+    for package, problem, cure in namesakes:
+        typer.echo(f"FAILED {package}: {problem}\n{'':7}cure: {cure}")
     if not namesakes:
         typer.echo("ok     nothing else has the name of one of our packages")
     raise typer.Exit(_FAILED if namesakes else 0)
 
 
-def _explained(namesake: Namesake) -> str:
-    return f"FAILED {namesake.package}: {namesake.problem}\n{'':7}cure: {namesake.cure}"
+def _found_before_ours() -> Iterator[tuple[str, str, str]]:
+    """Packages with the names of ours that ``import`` finds first: name, what is wrong, and what to do.
+
+    A folder that is no package is found if ours is not on the path at all.
+    """
+    search = list(dict.fromkeys([os.getcwd(), *(str(Path(place).absolute()) for place in sys.path if place)]))
+    for package in PACKAGES:
+        specs = [(place, spec) for place in search if (spec := PathFinder.find_spec(package, [place]))]
+        ours = next((i for i, (_, spec) in enumerate(specs) if is_ours(spec.origin, package)), None)
+        before = specs if ours is None else [(place, spec) for place, spec in specs[:ours] if spec.origin]
+        for place, spec in before:
+            who = f"started in {place}" if place == os.getcwd() else "everywhere"
+            where = spec.origin or Path(place, package)
+            yield package, f"{where} is found before ours by python {who}", _cure(place)
+
+
+def _cure(place: str) -> str:
+    if place == os.getcwd():
+        return _RENAME
+    named = (str(Path(entry).absolute()) for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry)
+    return _OFF_THE_PATH if place in named else _ENVIRONMENT
+
+
+def _overwritten() -> Iterator[tuple[str, str, str]]:
+    """Distributions that put files where ours are: whichever was installed last has overwritten the other's."""
+    owners = packages_distributions()
+    for package in PACKAGES:
+        for other in sorted(set(owners.get(package, [])) - {_DISTRIBUTION}):
+            yield (
+                package,
+                f"the distribution {other} installs a package of this name too: one has overwritten the other",
+                f"pip uninstall {other} and pip install --force-reinstall {_DISTRIBUTION}, or a virtual environment "
+                "for each",
+            )

@@ -135,27 +135,27 @@ def configure(
 ) -> "EmulatorConfig":
     """A robot as the options of the command line say. Raises ConfigError."""
     from emulator import config as checked  # the whole emulator, which a look at the options does not wait for
-    from emulator.machine import ControllerConfig
 
-    robot = checked.read_calibration(calibration, checked.choose_model(model, polyscope))
-    controller = ControllerConfig(
-        model=robot,
-        version=checked.choose_version(polyscope, robot),
-        initial_q=checked.read_initial_positions(initial_positions, robot),
+    controller = checked.controller_config(
+        model,
+        polyscope=polyscope,
+        calibration=calibration,
+        initial_positions=initial_positions,
         running=running,
-        programs_dir=checked.read_programs_dir(programs),
+        programs=programs,
         remote_control=remote_control,
-        enforce_remote_control=checked.check_enforced_remote_control(enforce_remote_control, robot),
-        encoder_speeds=checked.check_encoder_speeds(encoder0_speed, encoder1_speed),
-        gripper=checked.choose_gripper(gripper, gripper_object),
-        gripper_object_mm=gripper_object,
-        safety=checked.read_safety(safety, robot),
+        enforce_remote_control=enforce_remote_control,
+        encoder0_speed=encoder0_speed,
+        encoder1_speed=encoder1_speed,
+        gripper=gripper,
+        gripper_object=gripper_object,
+        safety=safety,
         self_collision=self_collision,
         wall_clock_s=time.time(),
-        dynamic=arm is ArmKind.DYNAMIC,
+        arm=arm,
         seed=seed,
-        external_control=checked.read_driver_address(external_control),
-        world=checked.read_surroundings(world),
+        external_control=external_control,
+        world=world,
     )
     return checked.EmulatorConfig(
         controller=controller,
@@ -202,7 +202,12 @@ def _run(
     *,
     context: typer.Context,
     ports_file: Annotated[Path | None, typer.Option(help="Write the ports here as JSON once ready.")] = None,
-    log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
+    log_level: Annotated[
+        LogLevel,
+        typer.Option(
+            help="How much to log; debug tells why: each transition, stop, refusal and fault, with robot time."
+        ),
+    ] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
     no_pendant: Annotated[bool, typer.Option("--no-pendant", help="Start no teach pendant.")] = False,
     pendant_port: Annotated[int, typer.Option(help="Where browsers find the teach pendant.")] = PENDANT_PORT,

@@ -16,6 +16,7 @@ from emulator.polyscope.safety_configuration import SafetyConfiguration, factory
 from emulator.polyscope.safety_section import SafetySettingsError
 from emulator.ports import PORTS
 from emulator.realtime import RealTime
+from emulator.robot.kinds import ArmKind
 from emulator.safety.files import load_safety_file
 from emulator.servers.admission import ClientLimits
 from emulator.services.sockets import ScriptNetwork
@@ -27,6 +28,7 @@ from urproto.joints import JOINT_NAMES
 from urproto.robots import START_Q, Calibration, CalibrationError, RobotModel, calibration_hash, load_model
 from urproto.robots.model import Joints
 from urproto.text import quoted
+from urproto.vectors import as_six
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urproto.yamltext import NotYaml, load_yaml
 
@@ -150,6 +152,54 @@ class EmulatorConfig:
         }
         there = (name for name in PORTS if switched.get(name, True))
         return [name for name in there if name not in _FIRST_VERSION or _FIRST_VERSION[name].covers(self._version)]
+
+
+def controller_config(
+    model: str | None = None,
+    *,
+    polyscope: str | None = None,
+    calibration: Path | str | None = None,
+    initial_positions: Path | str | None = None,
+    programs: Path | str | None = None,
+    enforce_remote_control: bool = False,
+    encoder0_speed: float = 0.0,
+    encoder1_speed: float = 0.0,
+    arm: str = ArmKind.IDEAL,
+    gripper: str | None = None,
+    gripper_object: float | None = None,
+    safety: Path | str | SafetyConfiguration | None = None,
+    external_control: str | None = None,
+    world: Path | str | WorldPlan | None = None,
+    **fields: Any,
+) -> ControllerConfig:
+    """A controller from the options of ``ur-emulator``, by their names there.
+
+    ``fields``: of `ControllerConfig`, by the names that they have there. Files are read and values checked: raises
+    ConfigError. Raises TypeError for what is neither an option nor a field.
+    """
+    chosen = choose_model(model, polyscope)
+    if (q_rad := fields.pop("initial_q", None)) is None:
+        q_rad = read_initial_positions(_path(initial_positions), chosen)
+    if (speeds := fields.pop("encoder_speeds", None)) is None:
+        speeds = (encoder0_speed, encoder1_speed)
+    return ControllerConfig(
+        model=read_calibration(_path(calibration), chosen),
+        version=choose_version(polyscope, chosen),
+        initial_q=as_six(q_rad),
+        programs_dir=read_programs_dir(_path(programs)),
+        enforce_remote_control=check_enforced_remote_control(enforce_remote_control, chosen),
+        encoder_speeds=check_encoder_speeds(*speeds),
+        gripper=choose_gripper(gripper, gripper_object),
+        gripper_object_mm=gripper_object,
+        safety=safety if isinstance(safety, SafetyConfiguration) else read_safety(_path(safety), chosen),
+        external_control=read_driver_address(external_control),
+        world=world if isinstance(world, WorldPlan) else read_surroundings(_path(world)),
+        **{"dynamic": arm == ArmKind.DYNAMIC, **fields},
+    )
+
+
+def _path(value: Path | str | None) -> Path | None:
+    return None if value is None else Path(value)
 
 
 def choose_model(name: str | None, polyscope: str | None = None) -> RobotModel:

@@ -39,15 +39,15 @@ from emulator.safety.board import SafetyBoard
 from emulator.services.freedrive_inputs import FreedriveInputs
 from emulator.services.modbus import ModbusSignals
 from emulator.services.urcap import DriverAddress
-from emulator.snapshot import Snapshot, Vector6, plausible
+from emulator.snapshot import Snapshot, plausible
 from emulator.startup import Startup
 from emulator.world.world import World
 from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState
 from urproto.robots.pose import Pose
 from urproto.rtde.fields import OUTPUT_FIELDS
+from urproto.vectors import ZERO6, Vector6
 from urproto.versions import DEFAULT_VERSION, Availability, Series
 
-_ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
 # an ideal arm is a simulator's; earlier ones report other currents and temperatures (the versions: guess)
 _LATE_SIMULATOR: Final = Availability.since("3.10", "5.4")
@@ -89,7 +89,7 @@ class Controller(Machine):
         self.speed = Speed()
         self.power = Power(config.timings, running=config.running)
         self.safety = Safety()
-        self.external_wrench: Vector6 = _ZERO6  # what the world does to the TCP, base frame [N, Nm]
+        self.external_wrench: Vector6 = ZERO6  # what the world does to the TCP, base frame [N, Nm]
         self.world: World | None = config.world.build(self.model) if config.world else None
         self.ft_input = ForceInput()
         self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
@@ -201,14 +201,18 @@ class Controller(Machine):
             self.programs.stop("power off")
             self.motion.engage_brakes()
         elif not self.safety.power_allowed:
+            self.messages.trace("power: %s refused in safety mode %s", event.name, self.safety.mode.name)
             return False
+        self.messages.trace("power: %s in state %s", event.name, self.power.state.name)
         self.power.handle(event)
         return True
 
     def safety_event(self, event: SafetyEvent) -> bool:
         before = self.safety.mode
         if not self.safety.handle(event):
+            self.messages.trace("safety: %s changes nothing in mode %s", event.name, before.name)
             return False
+        self.messages.trace("safety: %s leads from %s to %s", event.name, before.name, self.safety.mode.name)
         self.messages.safety_mode(self.safety.mode)
         self.safety_board.mode_changed(before)
         return True
@@ -281,12 +285,12 @@ class Controller(Machine):
             wrench = self.ft_input.wrench_base(self.arm)
         if self.world is not None:
             wrench = self.world.act(self.arm, self.motion, wrench, self.period_s)
-        if wrench != _ZERO6 and not plausible(*wrench):
-            wrench = _ZERO6  # nothing pushes like that
+        if wrench != ZERO6 and not plausible(*wrench):
+            wrench = ZERO6  # nothing pushes like that
         self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled
         motion = self.motion
         if driven or motion.braking:
-            motion.external_wrench, motion.actual_q = wrench, self.arm.q
+            motion.force_control.feel(wrench, self.arm.q)
             self._fault = motion.advance(self.speed.fraction)
         elif not (motion.idle or self.programs.paused):
             motion.halt()  # the brakes hold the arm: no movement is left to complete
@@ -299,6 +303,8 @@ class Controller(Machine):
         if not driven and self.arm.standing:
             motion.stand_at(self.arm.q)
         power_changed = self.power.state is not self._power_seen
+        if power_changed:
+            self.messages.trace("power: %s is left for %s", self._power_seen.name, self.power.state.name)
         self._power_seen = self.power.state
         if power_changed:
             self.programs.outputs.power_changed()
@@ -336,7 +342,7 @@ class Controller(Machine):
         if self._fault is not None:
             self.protective_stop(StopCause(self._fault.code, self._fault.argument, self._fault.text, self._fault.joint))
             self._fault = None
-        for warning in self.motion.take_warnings():
+        for warning in self.motion.commands.take_warnings():
             self.warn(warning.code, warning.argument, warning.text)
         self.safety_board.judge(changed=self._arm_changed)
 
@@ -371,7 +377,7 @@ class Controller(Machine):
         if self.encoders.enabled:
             self.encoders.publish(snapshot)
         self.registers.publish(snapshot)
-        snapshot.control_mode, snapshot.force_mode_frame = self.motion.control_mode, self.motion.force_frame
+        snapshot.control_mode, snapshot.force_mode_frame = self.motion.control_mode, self.motion.force_control.frame
         snapshot.tool_communication, snapshot.tool_bytes = self.tool_line.settings, self.tool_line.received
         snapshot.io_freedrive, snapshot.local_control = self.freedrive_inputs.free, self.local_control
         snapshot.actual_execution_time = self.execution_time_ms

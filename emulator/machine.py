@@ -28,11 +28,12 @@ from emulator.robot.worldmodel import WorldModel
 from emulator.services.freedrive_inputs import FreedriveInputs
 from emulator.services.modbus import ModbusSignals
 from emulator.services.urcap import DriverAddress
-from emulator.snapshot import Snapshot, Vector6
+from emulator.snapshot import Snapshot
 from emulator.world.file import WorldPlan
 from urproto.modes import RuntimeState
 from urproto.robots import START_Q, RobotModel
 from urproto.robots.pose import Pose
+from urproto.vectors import Vector6
 from urproto.versions import PolyscopeVersion
 
 # As found in program files of the vendor's simulators; clients want digits only, starting with 20.

@@ -60,13 +60,13 @@ class Mailbox:
             if isinstance(answer, Generator):
                 self._continue(answer, command, reply)
             else:
-                self._answer(reply, answer)
+                self._answer(command, reply, answer)
 
     def _continue(self, frames: _Waiting, command: Command, reply: Reply | None) -> None:
         try:
             next(frames)
         except StopIteration as done:
-            self._answer(reply, done.value)
+            self._answer(command, reply, done.value)
         except Exception as error:
             self._failed(command, reply, error)
         else:
@@ -78,9 +78,11 @@ class Mailbox:
             shown = f"{command!r:.200}"
             _logger.error("carrying out %s failed", shown, exc_info=error)
             self._machine.messages.note(f"carrying out {shown} failed: {type(error).__name__}: {error}")
-        self._answer(reply, command.failure)
+        self._answer(command, reply, command.failure)
 
-    def _answer(self, reply: Reply | None, answer: Any) -> None:
+    def _answer(self, command: Command, reply: Reply | None, answer: Any) -> None:
+        if isinstance(answer, str):
+            self._machine.messages.trace("%.200r is answered with %.200r", command, answer)
         if reply is None:
             return
         try:

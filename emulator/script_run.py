@@ -10,17 +10,15 @@ from typing import Any, Final, TypeAlias
 
 from emulator.batch import Batch, Stimulus
 from emulator.clock import Clock, FastClock, RealClock
-from emulator.config import read_surroundings
+from emulator.config import controller_config
 from emulator.controller import Controller
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL
-from emulator.machine import ControllerConfig
 from emulator.programs.compiling import LIBRARY_SET
-from emulator.robot.kinds import ArmKind
 from emulator.script_peers import Peers, StubPeers, read_peers
 from emulator.servers.script_sockets import NetworkSockets
 from emulator.services.sockets import ScriptNetwork
-from urproto.robots import START_Q, RobotModel
+from urproto.robots import RobotModel
 from urproto.robots.model import Joints
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL
 from urscript.commands import SUCCESS, TROUBLE, USAGE_ERROR, chosen_controller
 from urscript.errors import CompileError
 from urscript.files import ScriptFile
@@ -32,8 +30,16 @@ def run(options: Namespace) -> int:
     """Compile and run the file; the exit status."""
     try:
         model, version = chosen_controller(options)
-        world = read_surroundings(options.world)
-        joints = START_Q if options.joints is None else _joints(options.joints, model)
+        config = controller_config(
+            model.name,
+            polyscope=options.polyscope,
+            running=True,
+            popup_auto_close_s=0.0,
+            arm=options.arm,
+            seed=options.seed,
+            world=options.world,
+            initial_q=None if options.joints is None else _joints(options.joints, model),
+        )
         stimuli = [_stimulus(text, _INPUTS) for text in options.input]
         stimuli += [_stimulus(text, _REGISTERS) for text in options.register]
         peers = {} if options.peers is None else read_peers(options.peers)
@@ -47,16 +53,6 @@ def run(options: Namespace) -> int:
         _say(problem.render(file.name))
     if any(isinstance(problem, CompileError) for problem in problems):
         return TROUBLE
-    config = ControllerConfig(
-        model=model,
-        version=version,
-        running=True,
-        popup_auto_close_s=0.0,
-        dynamic=options.arm == ArmKind.DYNAMIC,
-        seed=options.seed,
-        world=world,
-        initial_q=joints,
-    )
     controller = Controller(config)
     batch = Batch(
         controller,

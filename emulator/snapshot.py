@@ -25,13 +25,7 @@ from urproto.modes import (
 )
 from urproto.primary.messages import RobotMessage
 from urproto.primary.program_state import VariableMessage
-
-Vector3 = tuple[float, float, float]
-Vector6 = tuple[float, float, float, float, float, float]
-
-_ZERO3: Vector3 = (0.0, 0.0, 0.0)
-_ZERO6: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
+from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
 
 _MOST: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: no arm reaches that, and nothing it carries (guess)
 
@@ -54,43 +48,43 @@ class Snapshot:
     step: int = 0  # control periods since the controller started
     timestamp: float = 0.0  # controller uptime [s], from the step counter
     # joints: rad, rad/s, rad/s2, A, Nm
-    target_q: Vector6 = _ZERO6
-    target_qd: Vector6 = _ZERO6
-    target_qdd: Vector6 = _ZERO6
-    target_current: Vector6 = _ZERO6
-    target_moment: Vector6 = _ZERO6
-    actual_q: Vector6 = _ZERO6
-    actual_qd: Vector6 = _ZERO6
-    actual_current: Vector6 = _ZERO6
-    actual_current_window: Vector6 = _ZERO6
-    actual_current_as_torque: Vector6 = _ZERO6
-    joint_control_output: Vector6 = _ZERO6
-    joint_temperatures: Vector6 = _ZERO6  # degC
-    actual_joint_voltage: Vector6 = _ZERO6  # V
+    target_q: Vector6 = ZERO6
+    target_qd: Vector6 = ZERO6
+    target_qdd: Vector6 = ZERO6
+    target_current: Vector6 = ZERO6
+    target_moment: Vector6 = ZERO6
+    actual_q: Vector6 = ZERO6
+    actual_qd: Vector6 = ZERO6
+    actual_current: Vector6 = ZERO6
+    actual_current_window: Vector6 = ZERO6
+    actual_current_as_torque: Vector6 = ZERO6
+    joint_control_output: Vector6 = ZERO6
+    joint_temperatures: Vector6 = ZERO6  # degC
+    actual_joint_voltage: Vector6 = ZERO6  # V
     joint_mode: tuple[JointMode, ...] = (JointMode.POWER_OFF,) * 6
     # tool centre point, in the base frame
-    actual_TCP_pose: Vector6 = _ZERO6
-    actual_TCP_speed: Vector6 = _ZERO6
-    actual_TCP_force: Vector6 = _ZERO6  # N, Nm
-    target_TCP_pose: Vector6 = _ZERO6
-    target_TCP_speed: Vector6 = _ZERO6
-    actual_TCP_acceleration: Vector6 = _ZERO6
-    target_TCP_acceleration: Vector6 = _ZERO6
-    tcp_offset: Vector6 = _ZERO6  # flange to TCP
+    actual_TCP_pose: Vector6 = ZERO6
+    actual_TCP_speed: Vector6 = ZERO6
+    actual_TCP_force: Vector6 = ZERO6  # N, Nm
+    target_TCP_pose: Vector6 = ZERO6
+    target_TCP_speed: Vector6 = ZERO6
+    actual_TCP_acceleration: Vector6 = ZERO6
+    target_TCP_acceleration: Vector6 = ZERO6
+    tcp_offset: Vector6 = ZERO6  # flange to TCP
     tcp_force_scalar: float = 0.0
-    elbow_position: Vector3 = _ZERO3
-    elbow_velocity: Vector3 = _ZERO3
-    actual_tool_accelerometer: Vector3 = _ZERO3  # m/s2
+    elbow_position: Vector3 = ZERO3
+    elbow_velocity: Vector3 = ZERO3
+    actual_tool_accelerometer: Vector3 = ZERO3  # m/s2
     actual_momentum: float = 0.0
-    ft_raw_wrench: Vector6 = _ZERO6  # in the flange frame
-    wrench_calc_from_currents: Vector6 = _ZERO6
+    ft_raw_wrench: Vector6 = ZERO6  # in the flange frame
+    wrench_calc_from_currents: Vector6 = ZERO6
     # payload
     payload: float = 0.0
-    payload_cog: Vector3 = _ZERO3
-    payload_inertia: Vector6 = _ZERO6  # Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2]
-    target_gravity: Vector3 = _ZERO3
-    target_base_acceleration: Vector6 = _ZERO6
-    target_base_wrench: Vector6 = _ZERO6
+    payload_cog: Vector3 = ZERO3
+    payload_inertia: Vector6 = ZERO6  # Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2]
+    target_gravity: Vector3 = ZERO3
+    target_base_acceleration: Vector6 = ZERO6
+    target_base_wrench: Vector6 = ZERO6
     # modes
     robot_mode: RobotMode = RobotMode.POWER_OFF
     safety_mode: SafetyMode = SafetyMode.NORMAL
@@ -160,7 +154,7 @@ class Snapshot:
     # what happened in this period, in order
     messages: tuple[RobotMessage | VariableMessage, ...] = ()
     # of the primary interface only
-    force_mode_frame: Vector6 = _ZERO6  # task frame in the base frame, zero without force mode
+    force_mode_frame: Vector6 = ZERO6  # task frame in the base frame, zero without force mode
     board_temperature: float = 0.0  # degC, of the control box
     io_freedrive: bool = False  # an input holds the arm in freedrive
     safety_checksum: int = 0  # of the safety configuration in force

@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Final
 
-from emulator.io.signals import BIT_COUNT, CONFIGURABLE, STANDARD, TOOL
+from emulator.io.signals import BIT_COUNT
 from emulator.lifecycle.power import PowerEvent, PowerState
 from emulator.machine import Machine
 from emulator.polyscope.folder import ProgramsFolder
@@ -19,6 +19,7 @@ from emulator.polyscope.writer import find_pin
 from emulator.programs.compiling import in_periods
 from emulator.programs.runner import Programs
 from urproto.modes import RuntimeState
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL
 from urscript.work import Steps, run_to_end
 
 _INSTALLATION: Final = "default"

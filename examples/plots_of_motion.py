@@ -91,7 +91,7 @@ def streamed(scaled: bool) -> tuple[list[float], ...]:
         now = len(rows) * period
         controller.speed.set_slider(LOW if SINCE <= now < UNTIL else 1.0)
         own += period * (controller.speed.fraction if scaled else 1.0)
-        motion.servoj((wave(own), *START[1:]), t=period, lookahead_time=0.03, gain=2000.0)
+        motion.commands.servoj((wave(own), *START[1:]), t=period, lookahead_time=0.03, gain=2000.0)
         controller.tick()
         rows.append((now, wave(own), controller.snapshot.actual_q[0], own))
     return tuple(list(column) for column in zip(*rows, strict=True))

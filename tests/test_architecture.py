@@ -1,15 +1,18 @@
 """The shape of the code: who imports whom, no cycles, where time and sockets may appear."""
 
 import ast
+import runpy
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+LAYERS = runpy.run_path(str(Path(__file__).with_name("layers.py")))
 PACKAGES = ("urproto", "urscript", "emulator", "client")
 
 # package -> the project's packages it may import
@@ -19,32 +22,6 @@ MAY_IMPORT = {
     "emulator": {"emulator", "urproto", "urscript"},
     "client": {"client", "urproto"},
 }
-# the floors of the emulator, from the ground up: a part may import what stands on the floors below its own, and
-# nothing beside it. In an if TYPE_CHECKING, or inside a function, an import is an import.
-EMULATOR_FLOORS = (
-    ("ports", "devices", "logs", "clock", "realtime", "namesakes"),
-    ("snapshot",),
-    ("lifecycle", "polyscope", "reporting"),
-    ("robot",),
-    ("io", "motion"),
-    ("world", "services"),
-    ("machine",),  # what the parts of a controller see of each other
-    ("fieldbus", "safety", "mailbox", "reports"),
-    ("builtins",),
-    ("programs",),
-    ("guard", "startup"),
-    ("controller",),
-    ("commands",),
-    ("servers",),
-    ("faults",),
-    ("control",),
-    ("config", "readiness"),
-    ("app", "batch", "script_peers", "check", "ctl"),
-    ("serve", "script_run"),
-    ("run_command", "cli"),
-    ("fleet",),
-    ("__main__",),
-)
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
     "cyclonedds": ("client.ros2.dds", "client.ros2.dds"),
@@ -195,7 +172,7 @@ def _not_allowed(name: str, imported: str) -> str | None:
 
 
 def test_emulator_floors() -> None:
-    none(_against_floors("emulator", EMULATOR_FLOORS))
+    none(_against_floors("emulator", LAYERS["EMULATOR_FLOORS"]))
 
 
 def _against_floors(package: str, floors: Sequence[tuple[str, ...]]) -> Iterator[str]:
@@ -266,3 +243,57 @@ def test_one_module_says_how_foreign_text_is_held() -> None:
 def test_exactly_four_packages() -> None:
     found = {path.parent.name for path in ROOT.glob("*/__init__.py")}
     assert found == set(PACKAGES)
+
+
+# the inside of a package
+
+
+def layers(package: str, table: Mapping[str, Any]) -> Iterator[str]:
+    """What in a package is not as its table says, every import counted: inside functions and for type checkers too."""
+    used: set[tuple[str, str]] = set()
+    for name in (name for name in modules() if within(name, (package,))):
+        part = _layer_of(name, table)
+        if part is None:
+            yield f"{name} is in no part of the table of `{package}`"
+            continue
+        for imported in (imported for imported in imports(name) if within(imported, (package,))):
+            other = _layer_of(imported, table)
+            if other is not None and other != part:
+                used.add((part, other))
+                if other not in table[part].may_import:
+                    allowed = ", ".join(table[part].may_import) or "no other part"
+                    yield f"{name} imports {imported}, of `{other}`: `{part}` may import {allowed}"
+    for index, (part, layer) in enumerate(table.items()):
+        for other in layer.may_import:
+            if other not in list(table)[:index]:
+                yield f"`{part}` may import `{other}`, which does not stand above it in the table: that makes circles"
+            elif (part, other) not in used:
+                yield f"`{part}` may import `{other}` and does not: take it out of the table"
+
+
+def _layer_of(name: str, table: Mapping[str, Any]) -> str | None:
+    """The part with the longest prefix of a module's name; that of the bare package is its ``__init__`` alone."""
+    prefixes = {prefix: part for part, layer in table.items() for prefix in layer.modules}
+    found = [prefix for prefix in prefixes if name == prefix or ("." in prefix and name.startswith(f"{prefix}."))]
+    return prefixes[max(found, key=len)] if found else None
+
+
+def test_layers_of_client() -> None:
+    none(layers("client", LAYERS["CLIENT_LAYERS"]))
+
+
+def test_an_import_against_the_layers_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Inside functions and for type checkers alike, told with both modules and the rule."""
+    source = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from client.robot import Robot\n"
+    source += "def later():\n    from client.pendant import server\n"
+    trees = {"client.driver.points": ast.parse(source)}
+    monkeypatch.setattr(f"{__name__}.syntax_tree", lambda name: trees.get(name) or ast.parse(""))
+    imports.cache_clear()
+    try:
+        found = [line for line in layers("client", LAYERS["CLIENT_LAYERS"]) if "client.driver.points" in line]
+    finally:
+        imports.cache_clear()
+    assert sorted(found) == [
+        "client.driver.points imports client.pendant.server, of `pendant`: `driver` may import ports",
+        "client.driver.points imports client.robot, of `robot`: `driver` may import ports",
+    ]

@@ -1,17 +1,19 @@
 """Dashboard server (TCP 29999): one line of text each way, ended by a line feed.
 
 Texts: the vendor's dashboard manuals, console captures of a 3.15.8 and 5.11 controller and
-the reply patterns of public clients.
+the reply patterns of public clients. What commands there are, since which version, and how a
+controller confirms them is in ``COMMANDS``, for both ends.
 """
 
 import re
+from dataclasses import dataclass
 from enum import Enum
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from urproto.errors import RemoteProtocolError
 from urproto.modes import RobotMode, SafetyMode, SafetyStatus
 from urproto.text import from_bytes, lines, to_bytes
-from urproto.versions import PolyscopeVersion
+from urproto.versions import Availability, PolyscopeVersion
 
 GREETING = "Connected: Universal Robots Dashboard Server"
 
@@ -27,6 +29,7 @@ SHOWING_POPUP = "showing popup"
 CLOSING_POPUP = "closing popup"
 CLOSING_SAFETY_POPUP = "closing safety popup"
 LOG_ADDED = "Added log message"
+LOG_SAVED = "Log saved to disk"
 NO_LOG_MESSAGE = "No log message to add"
 NO_PROGRAM_LOADED = "No program loaded"
 RESTARTING_SAFETY = "Restarting safety"
@@ -38,9 +41,85 @@ NOT_IN_REMOTE_CONTROL = (  # as users of e-Series arms quote it
     "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and reconnect to port "
     "29999"
 )
+NOT_CONTROLLING_MODE = "No longer controlling the operational mode."
+_MODE_SET = ("Operational mode", "Setting operational mode")  # urcl's and the manual's
+_MODE_CLEARED = ("No longer controlling the operational mode", "operational mode is no longer controlled")
 UNNAMED_PROGRAM = "<unnamed>"  # e-Series, in the answer to programState; CB3 says null
 
 MAX_LINE = 65536  # bytes; guess: ample for a popup text, bounds what an endless line can cost
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What both ends know of a command.
+
+    words: as documented; the case of letters does not matter.
+    available: the first versions that have it.
+    confirmations: how an answer of success may begin; none where the answer is a value, which ``parse_...`` reads.
+    takes_argument: the rest of the line is one, verbatim.
+    remote_only: an e-Series arm in local control refuses it.
+    source: who names the versions. cb and e are the vendor's dashboard manuals of the CB series and of the e-Series
+        (2022), urcl is the table of the official C++ client, ua the documentation of UnderAutomation's client.
+    """
+
+    words: str
+    available: Availability
+    confirmations: tuple[str, ...]
+    takes_argument: bool
+    remote_only: bool
+    source: str
+
+
+def _command(
+    words: str, cb3: str | None, e: str | None, source: str, *confirmations: str, argument: bool = False,
+    remote: bool = False,
+) -> tuple[str, Command]:  # fmt: skip
+    return words.lower(), Command(words, Availability.since(cb3, e), confirmations, argument, remote, source)
+
+
+# Versions before 3.0 are of controllers that are not emulated; they say that every CB3 controller has the command.
+# Where urcl gives a later version than a manual, the manual holds: setUserRole (3.1), and load installation without its
+# build. urcl lets nobody ask safetystatus of a CB3 controller and has version from 5.0 on; ua and the manual differ.
+COMMANDS: Final[dict[str, Command]] = dict(
+    (
+        _command("load", "1.4", "5.0", "cb e urcl", argument=True, remote=True),
+        _command("play", "1.4", "5.0", "cb e urcl", STARTING, remote=True),
+        _command("stop", "1.4", "5.0", "cb e urcl", STOPPED, remote=True),
+        _command("pause", "1.4", "5.0", "cb e urcl", PAUSING, remote=True),
+        _command("quit", "1.4", "5.0", "cb e urcl", DISCONNECTED),
+        _command("shutdown", "1.4", "5.0", "cb e urcl", SHUTTING_DOWN, remote=True),
+        _command("running", "1.6", "5.0", "cb e urcl"),
+        _command("robotmode", "1.6", "5.0", "cb e urcl"),
+        _command("get loaded program", "1.6", "5.0", "cb e urcl"),
+        _command("popup", "1.6", "5.0", "cb e urcl", SHOWING_POPUP, argument=True),
+        _command("close popup", "1.6", "5.0", "cb e urcl", CLOSING_POPUP),
+        _command("addToLog", "1.8.11657", "5.0", "cb e", LOG_ADDED, argument=True),
+        _command("isProgramSaved", "1.8.11997", "5.0", "cb e"),
+        _command("programState", "1.8.11997", "5.0", "cb e"),
+        _command("PolyscopeVersion", "1.8.14035", "5.0", "cb e"),
+        _command("setUserRole", "1.8.14035", None, "cb", "Setting user role", argument=True),
+        _command("getUserRole", "3.1", None, "urcl"),
+        _command("power on", "3.0", "5.0", "cb e urcl", POWERING_ON, remote=True),
+        _command("power off", "3.0", "5.0", "cb e urcl", POWERING_OFF, remote=True),
+        _command("brake release", "3.0", "5.0", "cb e urcl", BRAKE_RELEASING, remote=True),
+        _command("safetymode", "3.0", "5.0", "cb e urcl"),
+        _command("unlock protective stop", "3.1", "5.0", "cb e urcl", UNLOCKING, remote=True),
+        _command("close safety popup", "3.1", "5.0", "cb e urcl", CLOSING_SAFETY_POPUP, remote=True),
+        _command("load installation", "3.2.18654", "5.0", "cb e", argument=True, remote=True),
+        _command("restart safety", "3.7", "5.1", "cb e urcl", RESTARTING_SAFETY, remote=True),
+        _command("safetystatus", "3.11", "5.4", "ua e"),
+        _command("get serial number", "3.12", "5.6", "cb e urcl"),
+        _command("get robot model", "3.12", "5.6", "cb e urcl"),
+        _command("generate flight report", "3.13", "5.8", "e urcl", argument=True),
+        _command("generate support file", "3.13", "5.8", "e urcl", argument=True),
+        _command("saveLog", "3.13", "5.8", "urcl", LOG_SAVED),
+        _command("set operational mode", None, "5.0", "e urcl", *_MODE_SET, argument=True, remote=True),
+        _command("clear operational mode", None, "5.0", "urcl e", *_MODE_CLEARED, remote=True),
+        _command("get operational mode", None, "5.6", "e urcl"),
+        _command("is in remote control", None, "5.6", "e urcl"),
+        _command("version", None, "5.13", "e"),
+    )
+)  # by their words in lower case
 
 
 class ProgramState(Enum):

@@ -6,7 +6,7 @@ people only; drivers look at the code and the level.
 
 from typing import Final
 
-_JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
+from urproto.joints import JOINT_LABELS
 
 _TEXTS: Final[dict[int, str]] = {
     50: "The arm has no 48 V supply",
@@ -100,7 +100,7 @@ _ARGUMENTS: Final[dict[int, dict[int, str]]] = {
         14: "it does not slow down for a stop",
         15: "it moves while it has to stand",
         16: "it takes too long to stop",
-        **{32 + number: f"speed of {name}" for number, name in enumerate(_JOINTS)},
+        **{32 + number: f"speed of {name}" for number, name in enumerate(JOINT_LABELS)},
     },
     195: {1: "joint speed", 2: "tool speed", 3: "momentum"},
     204: {
@@ -121,7 +121,7 @@ def error_text(code: int, argument: int | None = None) -> str:
     text = _TEXTS.get(code, f"Error code C{code}")
     if argument is None:
         return text
-    if code in _OF_JOINTS and 0 <= argument < len(_JOINTS):
-        return f"{text}: {_JOINTS[argument]}"
+    if code in _OF_JOINTS and 0 <= argument < len(JOINT_LABELS):
+        return f"{text}: {JOINT_LABELS[argument]}"
     detail = _ARGUMENTS.get(code, {}).get(argument)
     return f"{text}: {detail}" if detail else text

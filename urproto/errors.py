@@ -1,13 +1,20 @@
 """What can go wrong between two ends of a protocol.
 
-ProtocolError
-├── LocalProtocolError    we were asked to send something the protocol does not allow
-└── RemoteProtocolError   the peer sent bytes that are not this protocol
-RobotRefused              the protocol was followed and the robot said no
+URError                       base of whatever this project raises about a robot
+├── ProtocolError
+│   ├── LocalProtocolError    we were asked to send something the protocol does not allow
+│   └── RemoteProtocolError   the peer sent bytes that are not this protocol
+├── RobotRefused              the protocol was followed and the robot said no
+├── client.ClientError        what a driver or another client raises itself
+└── robots.CalibrationError   no calibration, or one of another arm
 """
 
 
-class ProtocolError(Exception):
+class URError(Exception):
+    """Base of whatever this project raises about a robot: catch it where the reason makes no difference."""
+
+
+class ProtocolError(URError):
     """Base of both kinds of protocol violation."""
 
 
@@ -19,7 +26,7 @@ class RemoteProtocolError(ProtocolError):
     """The peer sent bytes that do not parse as this protocol."""
 
 
-class RobotRefused(Exception):  # noqa: N818 - it is no error of ours, and design and docs call it so
+class RobotRefused(URError):  # noqa: N818 - it is no error of ours, and design and docs call it so
     """The robot understood the request and refused it (mode, safety, remote control).
 
     advice: what to do about it, empty when nobody knows.

@@ -10,7 +10,7 @@ The driver listens, the robot's program connects. Every message is a fixed numbe
 | 50003 | trajectory      | `TrajectoryPoint`, 21 words   | `TrajectoryResult`, 1 word           |
 | 50004 | script commands | `ScriptCommand`, 28 words     | tool contact's `TrajectoryResult`, `Answer` |
 
-This project's own control program says a line first (client.control_program); the vendor's says nothing.
+This project's own control program says a line first (`GREETING`); the vendor's says nothing.
 
 Source: what Universal_Robots_Client_Library 2.14 sends and its control program reads; the script
 commands from 100 on and their answers are this project's own. Encoding raises LocalProtocolError
@@ -31,6 +31,10 @@ SCALE: Final = 1_000_000
 
 REQUEST_PROGRAM: Final = b"request_program\n"
 """What the robot asks the script sender; the program that answers it ends without any mark."""
+
+GREETING: Final = b"external_control "
+"""How that line begins; the token of the program's driver follows."""
+_LONGEST_GREETING: Final = 128  # bytes; guess
 
 _LARGEST: Final = (2**31 - 1) / SCALE
 _WORD: Final = struct.Struct(">i")
@@ -567,3 +571,13 @@ def _member(kind: type[EnumT], value: int) -> EnumT:
         return kind(value)
     except ValueError:
         raise RemoteProtocolError(f"{value} is no {kind.__name__}") from None
+
+
+def split_greeting(data: bytes) -> tuple[str | None, bytes] | None:
+    """What a control program says first: its token, None without one, and what follows. None: more bytes will tell."""
+    if not data.startswith(GREETING[: len(data)]):
+        return None, data
+    line, end, rest = data.partition(b"\n")
+    if not end:
+        return (None, data) if len(data) > _LONGEST_GREETING else None
+    return line.removeprefix(GREETING).decode("ascii", "replace"), rest

@@ -1,4 +1,4 @@
-"""The joints' names."""
+"""The joints' names, base to wrist 3."""
 
 from typing import Final
 
@@ -10,4 +10,10 @@ JOINT_NAMES: Final = (
     "wrist_2_joint",
     "wrist_3_joint",
 )
-"""As in ur_description, base to wrist 3."""
+"""As in ur_description."""
+
+JOINT_TITLES: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
+"""As PolyScope writes them on its screens."""
+
+JOINT_LABELS: Final = (*(title.lower() for title in JOINT_TITLES),)
+"""The same within a sentence, as log and errors have them."""

@@ -21,7 +21,7 @@ from client.controllers import (
     usual_controllers,
 )
 from client.driver.config import ROBOT_PORTS
-from client.driver.realtime import real_time
+from client.driver.scheduling import real_time
 from client.errors import ControllerError
 from urproto.modes import SafetyMode
 

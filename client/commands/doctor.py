@@ -9,9 +9,18 @@ import typer
 from rich.text import Text
 
 from client.commands.following import ROBOT_IP_VARIABLE, PortOffset
-from client.doctor.machine import examine_machine
-from client.doctor.network import examine_own_ports, examine_ports, examine_replies, examine_stream
-from client.doctor.robot import Finding, Grade, examine_calibration, examine_versions, exit_status
+from client.doctor import (
+    Finding,
+    Grade,
+    examine_calibration,
+    examine_machine,
+    examine_own_ports,
+    examine_ports,
+    examine_replies,
+    examine_stream,
+    examine_versions,
+    exit_status,
+)
 from urproto.commandline import AsJson, console, print_json
 
 _STYLES = {Grade.GOOD: "green", Grade.UNKNOWN: "dim", Grade.WEAK: "yellow", Grade.BROKEN: "bold red"}

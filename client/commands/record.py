@@ -30,7 +30,7 @@ from client.recording.plots import deviations, draw
 from client.recording.recording import Recording
 from client.recording.timestamps import Stamps
 from client.robot import Robot
-from urproto.errors import ProtocolError, RobotRefused
+from urproto.errors import RobotRefused, URError
 from urproto.robots import MODELS, RobotModel, UnknownModel, load_model
 from urproto.robots.description import urdf
 from urproto.robots.description import urdf as urdf_of
@@ -346,7 +346,7 @@ def _described(robot_ip: str, port_offset: int) -> str | None:
     """The robot's URDF; None, and it is told why, where it cannot be had: everything else works without."""
     try:
         return urdf_of(model_of_robot(robot_ip, port_offset))
-    except (ClientError, ProtocolError, RobotRefused) as error:
+    except URError as error:
         typer.echo(f"no arm in Foxglove's 3D panel: {error}", err=True)
         return None
 

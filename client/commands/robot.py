@@ -20,7 +20,7 @@ from client.connection import DEFAULT_TIMEOUT_S
 from client.dashboard_commands import WORDS, judged
 from client.decoding import formatting
 from client.errors import FileError
-from client.rtde_core import unknown_fields
+from client.rtde import unknown_fields
 from client.scripts import is_secondary
 from client.tool_communication import PORT, ToolCommunication
 from urproto.commandline import AsJson, completing, console, plain_json, print_json

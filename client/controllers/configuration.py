@@ -75,7 +75,7 @@ class ControllersFile:
 
 def usual_controllers(tf_prefix: str = "") -> ControllersFile:
     """The controllers of a UR arm under the names the ROS 2 driver gives them."""
-    text = resources.files("client").joinpath("resources/ur_controllers.yaml").read_text("utf-8")
+    text = resources.files("client.controllers").joinpath("ur_controllers.yaml").read_text("utf-8")
     return _parse(text, "the usual controllers", {"tf_prefix": tf_prefix})
 
 

@@ -7,13 +7,14 @@ from typing import Any, ClassVar, Final
 from client.controllers.calls import Call, CallingController
 from client.controllers.controller import Topic, controller_type
 from client.controllers.parameters import without_effect
+from urproto.signals import SIGNALS
 
 _EVERY_CYCLE: Final = "the effect is waited for in robot time"
 _ANSWER: Final = "gpio/io_async_success"
 _PAYLOAD: Final = ("mass", "cog.x", "cog.y", "cog.z")
 _INERTIA: Final = ("inertia.ixx", "inertia.iyy", "inertia.izz", "inertia.ixy", "inertia.ixz", "inertia.iyz")
 _COMMANDS: Final = (
-    *(f"gpio/standard_digital_output_cmd_{pin}" for pin in range(18)),
+    *(f"gpio/standard_digital_output_cmd_{pin}" for pin in range(SIGNALS)),
     *(f"gpio/standard_analog_output_cmd_{pin}" for pin in range(2)),
     "gpio/analog_output_domain_cmd",
     "gpio/tool_voltage_cmd",
@@ -105,7 +106,7 @@ class GPIOController(CallingController[GPIOParameters]):
 
     def set_digital_out(self, pin: int, on: bool) -> Call:
         """Pins as in `IOStates`. Raises ControllerError."""
-        self._check_pin(pin, 18, "digital output")
+        self._check_pin(pin, SIGNALS, "digital output")
         output = f"gpio/digital_output_{pin}"
         return self._send(
             f"digital output {pin}",
@@ -191,8 +192,8 @@ class GPIOController(CallingController[GPIOParameters]):
 
     def _io_states(self) -> IOStates:
         return IOStates(
-            self._levels("gpio/digital_input", 18),
-            self._levels("gpio/digital_output", 18),
+            self._levels("gpio/digital_input", SIGNALS),
+            self._levels("gpio/digital_output", SIGNALS),
             self._values("gpio/standard_analog_input", 2),
             self._values("gpio/standard_analog_output", 2),
             tuple(self._whole(f"gpio/analog_io_type_{pin}") for pin in range(4)),

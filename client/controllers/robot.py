@@ -27,11 +27,11 @@ from client.controllers.manager import ControllerManager
 from client.controllers.ur_states import RTDE_OUTPUTS
 from client.driver import URDriver, points
 from client.driver.blocking import Blocking, blocking
-from client.driver.realtime import real_time_thread
+from client.driver.scheduling import real_time_thread
 from client.errors import MotionError
 from client.recording import DEFAULT_FIELDS, BackgroundRecorder
 from client.robot import AsyncRobot
-from client.robot.moves import Reach
+from client.robot.reach import Reach
 from urproto.joints import JOINT_NAMES
 
 _WITH_CONTROLLERS = ".mcap"  # other formats have no place for their states

@@ -11,12 +11,12 @@ from client.controllers.controller import NO_COMMAND, Interfaces
 from client.controllers.passthrough import PASSTHROUGH
 from client.controllers.ur_states import URStates
 from client.errors import ClientError
-from urproto.errors import ProtocolError, RobotRefused
+from urproto.errors import URError
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
 from urproto.joints import JOINT_NAMES
+from urproto.signals import SIGNALS, digital_signal
 
-_DIGITAL: Final = tuple(f"gpio/standard_digital_output_cmd_{pin}" for pin in range(18))
-_SET_OUTPUT: Final = ("set_standard_digital_out", "set_configurable_digital_out", "set_tool_digital_out")
+_DIGITAL: Final = tuple(f"gpio/standard_digital_output_cmd_{pin}" for pin in range(SIGNALS))
 _PAYLOAD: Final = ("payload/mass", "payload/cog.x", "payload/cog.y", "payload/cog.z")
 _INERTIA: Final = (
     *(f"payload/inertia.i{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")),
@@ -165,7 +165,7 @@ class URCommands:
     async def _answered(self, answer: str, work: Awaitable[None]) -> None:
         try:
             await work
-        except (ClientError, ProtocolError, RobotRefused) as error:
+        except URError as error:
             _logger.error("%s", error)
             self[answer] = FAILURE
         else:
@@ -176,11 +176,11 @@ class URCommands:
 
     def _switch_outputs(self) -> None:
         levels = self._digital.get()
-        wanted = [(pin, level) for pin, level in enumerate(levels) if level == level]
+        wanted = [(digital_signal(pin), level) for pin, level in enumerate(levels) if level == level]
         if not wanted:
             return
         self._digital.fill(NO_COMMAND)
-        lines = [f"  {_SET_OUTPUT[pin // 8]}({pin % 8}, {level != 0.0})" for pin, level in wanted]
+        lines = [f"  {group.statement(index, level != 0.0)}" for (group, index), level in wanted]
         self._spawn(self._answered(_IO_ANSWER, self._say(lines)))
 
     async def _analog(self, pin: int, share: float) -> None:
@@ -227,7 +227,7 @@ class URCommands:
     def _begin_contact(self) -> None:
         try:
             self._driver.start_tool_contact()
-        except (ClientError, RobotRefused) as error:
+        except URError as error:
             _logger.error("%s", error)
             self._set_contact(ToolContactState.FAILURE_BEGIN)
             return
@@ -248,7 +248,7 @@ class URCommands:
     def _end_contact(self) -> None:
         try:
             self._driver.end_tool_contact()
-        except (ClientError, RobotRefused) as error:
+        except URError as error:
             _logger.error("%s", error)
             self._set_contact(ToolContactState.FAILURE_END)
         else:

@@ -11,16 +11,16 @@ import logging
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from client.availability import GATES
 from client.controllers.controller import NO_COMMAND
 from client.controllers.modes import MOTION, CommandMode, conflict, mode_of
 from client.controllers.passthrough import PASSTHROUGH, Transfer
 from client.controllers.ur_commands import ArmDriver, Spawn, URCommands
 from client.controllers.ur_states import URStates
 from client.driver import points
+from client.driver.availability import GATES
 from client.driver.endpoint import LONGEST_REAL_TIME_S
-from client.errors import ClientError, ControllerError, LateSetpointError
-from urproto.errors import ProtocolError, RobotRefused
+from client.errors import ControllerError, LateSetpointError
+from urproto.errors import URError
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
 from urproto.joints import JOINT_NAMES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
@@ -223,7 +223,7 @@ class URHardware:
             do()
         except LateSetpointError:  # logged where it was noticed
             self._held_up = True
-        except (ClientError, ProtocolError, RobotRefused) as error:  # the program has just left: read() will know
+        except URError as error:  # the program has just left: read() will know
             _logger.warning("%s", error)
 
     # trajectories that the robot executes
@@ -262,7 +262,7 @@ class URHardware:
         orders, failed = self._orders, True
         try:
             failed = await self._driver.execute(self._trajectory) is not TrajectoryResult.SUCCESS
-        except (ClientError, ProtocolError, RobotRefused) as error:
+        except URError as error:
             _logger.error("%s", error)
         finally:
             self._execution = None

@@ -10,6 +10,7 @@ from typing import Any, Final
 from client.controllers.controller import Interfaces
 from urproto.joints import JOINT_NAMES
 from urproto.robots.pose import pose_inv, pose_trans, rotvec_to_quaternion, wrench_trans
+from urproto.signals import SIGNALS
 from urproto.versions import PolyscopeVersion, Series
 
 RTDE_OUTPUTS: Final = (
@@ -38,8 +39,8 @@ _SINGLE: Final = {
     "payload": "payload/mass",
 }
 _BITS: Final = {
-    "actual_digital_input_bits": ("gpio/digital_input", 18),
-    "actual_digital_output_bits": ("gpio/digital_output", 18),
+    "actual_digital_input_bits": ("gpio/digital_input", SIGNALS),
+    "actual_digital_output_bits": ("gpio/digital_output", SIGNALS),
     "safety_status_bits": ("gpio/safety_status_bit", 11),
     "robot_status_bits": ("gpio/robot_status_bit", 4),
     "analog_io_types": ("gpio/analog_io_type", 4),

@@ -1,14 +1,15 @@
-"""Packets out of pcap and pcapng files, as tcpdump and Wireshark write them, in bytes as they come.
+"""Packets out of pcap and pcapng files, as tcpdump and Wireshark write them, in bytes as they come; and into pcapng.
 
-Layouts: the IETF drafts draft-ietf-opsawg-pcap and draft-ietf-opsawg-pcapng. ``capture_writer`` writes the latter.
+Layouts: the IETF drafts draft-ietf-opsawg-pcap and draft-ietf-opsawg-pcapng. What is written has one section, one
+Ethernet interface, and times in nanoseconds; ``codecs`` makes the frames.
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from urproto.errors import RemoteProtocolError
-from urproto.text import from_bytes, readable
+from urproto.text import from_bytes, readable, to_bytes
 
 MAGIC_SIZE = 4
 _LONGEST = 1 << 20  # bytes of a packet or block; tcpdump cuts packets at 256 kB
@@ -21,7 +22,8 @@ _PCAP = {  # magic number: byte order, ticks a second
 _PCAPNG = b"\x0a\x0d\x0d\x0a"
 _SECTION, _INTERFACE, _OLD_PACKET, _SIMPLE_PACKET, _ENHANCED_PACKET = 0x0A0D0D0A, 1, 2, 3, 6
 _BYTE_ORDERS = {b"\x1a\x2b\x3c\x4d": ">", b"\x4d\x3c\x2b\x1a": "<"}
-_TSRESOL, _TSOFFSET = 9, 14  # options of an interface
+_NAME, _TSRESOL, _TSOFFSET = 2, 9, 14  # options of an interface
+_APPLICATION = 4  # option of a section
 _COMMENT = 1  # option of any block
 _MAX_COMMENTS = 64  # kept of a file's
 _MICROSECONDS = 1_000_000
@@ -204,3 +206,38 @@ class _PcapngReader(PacketReader):
                 return
             yield code, body[place + 4 : place + 4 + size]
             place += 4 + size + -size % 4
+
+
+_ETHERNET = 1
+_NANOSECONDS = 9  # powers of ten
+_LONGEST_OPTION = 0xFFFF  # bytes, by its size field
+
+
+def head_of_capture(application: str, interface: str, comments: Iterable[str] = ()) -> bytes:
+    """What comes before the packets: who wrote the file, where, and remarks about it."""
+    remarks = [(_COMMENT, to_bytes(comment)) for comment in comments]
+    about = _options([*remarks, (_APPLICATION, to_bytes(application))])
+    link = _options([(_NAME, to_bytes(interface)), (_TSRESOL, bytes([_NANOSECONDS]))])
+    section = struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1) + about
+    return _block(_SECTION, section) + _block(_INTERFACE, struct.pack("<HHI", _ETHERNET, 0, 0) + link)
+
+
+def packet_block(time_ns: int, frame: bytes) -> bytes:
+    """An Ethernet frame at a time since 1970 [ns]."""
+    size = len(frame)
+    return _block(_ENHANCED_PACKET, struct.pack("<5I", 0, time_ns >> 32, time_ns & 0xFFFFFFFF, size, size) + frame)
+
+
+def _block(kind: int, body: bytes) -> bytes:
+    body += bytes(-len(body) % 4)
+    size = len(body) + 12
+    return struct.pack("<2I", kind, size) + body + struct.pack("<I", size)
+
+
+def _options(items: Iterable[tuple[int, bytes]]) -> bytes:
+    parts = [_option(code, value[:_LONGEST_OPTION]) for code, value in items]
+    return b"".join(parts) + bytes(4)
+
+
+def _option(code: int, value: bytes) -> bytes:
+    return struct.pack("<2H", code, len(value)) + value + bytes(-len(value) % 4)

@@ -6,13 +6,77 @@ from dataclasses import dataclass
 from enum import Enum
 from ipaddress import IPv4Address, IPv6Address, ip_address
 
-from client.decoding import external, modbus, rtde, states, text_ports
+from client.decoding import external, formatting, modbus, rtde, states
 from client.decoding.packets import Endpoint
-from client.decoding.streams import Framing, Stream
+from client.decoding.streams import Framing, Line, LineStream, Stream, trouble
 from urproto import dashboard, interpreter
 from urproto.errors import RemoteProtocolError
 from urproto.external_control import REQUEST_PROGRAM
 from urproto.interpreter import InterpreterCommand
+
+_LONGEST_LINE = 8192  # bytes; what is longer is told in pieces
+
+
+def line_stream() -> LineStream:
+    """Any text with line ends."""
+    return LineStream(_read, _LONGEST_LINE)
+
+
+def unended_stream() -> LineStream:
+    """Text whose lines may lack their end, as a gripper's ``ack``: what comes together is told together."""
+    return LineStream(_read, _LONGEST_LINE, unfinished=True)
+
+
+def statement_stream() -> LineStream:
+    """What a client of interpreter mode sends."""
+    return LineStream(_read_statement, _LONGEST_LINE)
+
+
+def answer_stream() -> LineStream:
+    """What interpreter mode answers."""
+    return LineStream(_read_answer, _LONGEST_LINE)
+
+
+def _read(text: str) -> Iterator[Line]:
+    yield Line(formatting.escaped(text))
+
+
+def _read_statement(text: str) -> Iterator[Line]:
+    command = InterpreterCommand.of(text)
+    yield Line(f"command {command.value}" if command else f"statements: {formatting.escaped(text)}")
+
+
+def _read_answer(text: str) -> Iterator[Line]:
+    try:
+        answer = interpreter.parse_answer(text)
+    except RemoteProtocolError:
+        yield trouble(f"no answer of interpreter mode: {formatting.quoted(text)}")
+        return
+    if answer.number is None:
+        yield Line(f"discarded, {formatting.escaped(answer.reason)}: {formatting.escaped(answer.line)}")
+    else:
+        yield Line(formatting.escaped(text))
+
+
+class BytesStream:
+    """Bytes nobody here can read, as they come."""
+
+    def __init__(self) -> None:
+        self._offset = 0
+
+    def feed(self, data: bytes) -> Iterator[Line]:
+        """Tell how many, and the first."""
+        yield trouble(f"offset {self._offset}: {len(data)} bytes of no known protocol: {formatting.value(data)}")
+        self._offset += len(data)
+
+    def lost(self, size: int) -> None:
+        """Count them."""
+        self._offset += size
+
+    def end(self) -> Iterator[Line]:
+        """Nothing is unfinished."""
+        yield from ()
+
 
 _FIN, _SYN, _RST, _PSH, _ACK = 1, 2, 4, 8, 16
 _TCP = 6
@@ -134,7 +198,7 @@ def _modbus() -> Channel:
 
 
 def _lines() -> Channel:
-    return Channel(text_ports.line_stream(), text_ports.line_stream())
+    return Channel(line_stream(), line_stream())
 
 
 _DRIVER = Side.CLIENT
@@ -143,16 +207,12 @@ CODECS = {
     codec.name: codec
     for codec in (
         Codec("rtde", (30004,), _rtde),
-        Codec(
-            "primary", (30001, 30002, 30011, 30012), lambda: Channel(states.primary_stream(), text_ports.line_stream())
-        ),
-        Codec("realtime", (30003, 30013), lambda: Channel(states.realtime_stream(), text_ports.line_stream())),
+        Codec("primary", (30001, 30002, 30011, 30012), lambda: Channel(states.primary_stream(), line_stream())),
+        Codec("realtime", (30003, 30013), lambda: Channel(states.realtime_stream(), line_stream())),
         Codec("dashboard", (29999,), _lines),
-        Codec("interpreter", (30020,), lambda: Channel(text_ports.answer_stream(), text_ports.statement_stream())),
+        Codec("interpreter", (30020,), lambda: Channel(answer_stream(), statement_stream())),
         Codec("modbus", (502,), _modbus),
-        Codec(
-            "reverse", (50001,), lambda: Channel(text_ports.line_stream(), external.reverse_stream()), _DRIVER, _DRIVER
-        ),
+        Codec("reverse", (50001,), lambda: Channel(line_stream(), external.reverse_stream()), _DRIVER, _DRIVER),
         Codec("script-sender", (50002,), _lines, _DRIVER, _DRIVER),
         Codec(
             "trajectory",
@@ -168,9 +228,9 @@ CODECS = {
             _DRIVER,
             _DRIVER,
         ),
-        Codec("gripper", (63352,), lambda: Channel(text_ports.unended_stream(), text_ports.unended_stream())),
+        Codec("gripper", (63352,), lambda: Channel(unended_stream(), unended_stream())),
         Codec("text", (), _lines),
-        Codec("bytes", (), lambda: Channel(text_ports.BytesStream(), text_ports.BytesStream())),
+        Codec("bytes", (), lambda: Channel(BytesStream(), BytesStream())),
     )
 }
 _BY_PORT = {port: codec for codec in CODECS.values() for port in codec.ports}

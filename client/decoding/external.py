@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from client.control_program import split_greeting
 from client.decoding import formatting
 from client.decoding.streams import FramedStream, Framing, Line, Stream
 from urproto.external_control import (
@@ -20,6 +19,7 @@ from urproto.external_control import (
     TrajectoryAction,
     TrajectoryPoint,
     TrajectoryResult,
+    split_greeting,
 )
 from urproto.modes import mode_name
 

@@ -6,10 +6,10 @@ from typing import Final
 
 from client import dashboard, primary, rtde
 from client.calibration import parameters
-from client.control_program import ToolCommunication
+from client.driver.control_program import ToolCommunication
 from client.driver.endpoint import KEEP_ALIVE_TIMEOUT_S, REVERSE_PORT, SENDER_PORT
-from client.driver.realtime import RealTime
 from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
+from client.driver.scheduling import RealTime
 from urproto import robots
 from urproto.modes import KinematicsStatus
 from urproto.primary.state import KinematicsInfo

@@ -10,21 +10,448 @@ with BlockingURDriver("192.168.56.101") as driver:
         driver.servoj(target())
 """
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AsyncExitStack
+from types import TracebackType
+from typing import Any, Self
 
 from client.driver.blocking import Blocking, blocking, straight
-from client.driver.commands import Commands
-from client.driver.config import DriverConfig
-from client.driver.core import Recovery, Setpoints
+from client.driver.config import DriverConfig, calibration_problem
+from client.driver.control_program import DECELERATION, SPEED_ACCELERATION, check_servo_parameters
+from client.driver.endpoint import LONGEST_REAL_TIME_S, ReverseEndpoint, ScriptSender
+from client.driver.program import ProgramSupervisor, Pulse
+from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
+from client.driver.robot import RobotLink
 from client.driver.trajectories import Trajectories
+from urproto.errors import LocalProtocolError, RobotRefused
+from urproto.external_control import (
+    ControlMode,
+    FreedriveAction,
+    Question,
+    ScriptCommand,
+    ScriptCommandKind,
+    TrajectoryPoint,
+    TrajectoryResult,
+    to_words,
+)
+from urproto.modes import SafetyMode
+from urproto.vectors import ZERO3, ZERO6
+from urproto.versions import PolyscopeVersion
 
 
-class URDriver(Setpoints, Trajectories, Commands, Recovery):
-    """A robot as a driver sees it, for asyncio programs; options are those of `DriverConfig`."""
+class URDriver:
+    """A robot as a driver sees it, for asyncio programs; options are those of `DriverConfig`.
+
+    Setpoints (`servoj` to `torque`, and freedrive) may be sent from any thread. timeout_s: how long the robot waits
+    for the next message before it stops the arm, from one control period to 0.2 s. Until `idle`, or another mode, the
+    next one has to come within it; one that comes later is not sent but a LateSetpointError, and the program goes on.
+
+    Trajectories go one at a time, whole or as a stream of points; see client.driver.points for the points. They raise
+    ProgramEndedError when the program ends on the way, and LocalProtocolError for points that cannot be sent.
+
+    Commands beside the motion that set something up (payload, tool voltage, gravity, zeroing) work without the
+    control program too: then the robot is sent a small script.
+
+    All others raise ProgramNotRunningError without the control program. Any raises LocalProtocolError for values that
+    make no sense and RobotRefused for what this version does not have.
+    """
+
+    config: DriverConfig
+    """What the driver was told."""
+    robot: RobotLink
+    """What the robot says about itself."""
+    program: ProgramSupervisor
+    """The control program, and the ports that it connects to: the five below."""
+    reverse: ReverseEndpoint
+    """The port that says what the arm is to do."""
+    sender: ScriptSender
+    """The port that gives the program to the URCap."""
+    trajectory: TrajectoryEndpoint
+    """The port for the points of trajectories."""
+    commands: ScriptCommandEndpoint
+    """The port for commands beside the motion."""
+    pulse: Pulse
+    """Keeps the program alive, or ends it when its watchdog is not kicked."""
 
     def __init__(self, robot: str, **options: Any) -> None:
-        super().__init__(DriverConfig(robot=robot, **options))
+        self.config = DriverConfig(robot=robot, **options)
+        self.robot = RobotLink(self.config)
+        self.program = program = ProgramSupervisor(self.config, self.robot)
+        self.reverse, self.sender, self.pulse = program.reverse, program.sender, program.pulse
+        self.trajectory, self.commands = program.trajectory, program.commands
+        self._trajectories = Trajectories(self.config, self.robot, program)
+        self._open = AsyncExitStack()
+
+    async def __aenter__(self) -> Self:
+        """Connect, check the calibration and open the ports; the program is not started yet.
+
+        Raises the errors of client.errors, RobotRefused for a wrong calibration, OSError for a
+        port that is taken.
+        """
+        async with AsyncExitStack() as opening:
+            await opening.enter_async_context(self.robot)
+            problem = calibration_problem(await self.robot.kinematics(), self.config.calibration)
+            if problem is not None:
+                raise RobotRefused("the calibration check", problem)
+            await opening.enter_async_context(self.program)
+            self._open = opening.pop_all()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the program, which stops the arm, and close everything."""
+        await self._open.aclose()
+
+    @property
+    def version(self) -> PolyscopeVersion:
+        """The robot's PolyScope version."""
+        return self.robot.version
+
+    @property
+    def state(self) -> Mapping[str, Any]:
+        """The newest RTDE state, by variable name."""
+        return self.robot.state
+
+    async def next_state(self) -> Mapping[str, Any]:
+        """The RTDE state after the newest one."""
+        return await self.robot.next_state()
+
+    # the control program
+
+    @property
+    def program_running(self) -> bool:
+        """True while the control program is connected, and has not ended or been told to end."""
+        return self.program.running
+
+    @property
+    def lost_why(self) -> str:
+        """Why the last control program has ended, when that was this machine's doing; else empty."""
+        return self.program.lost_why
+
+    def program_text(self) -> str:
+        """The control program as the URCap gets it."""
+        return self.program.text()
+
+    def on_program_state(self, callback: Callable[[bool], None]) -> None:
+        """Call back with True and False as the control program connects and leaves."""
+        self.reverse.listeners.append(callback)
+
+    async def start_program(self) -> None:
+        """Start the control program, or start it again, and wait until it is connected.
+
+        Raises ScriptFailedError when the robot reports an error in it, RobotRefused in a mode
+        in which no program can run, ProgramNotRunningError when it does not connect in time.
+        """
+        await self.program.start()
+
+    async def stop_program(self) -> None:
+        """End the control program, which stops the arm; does nothing when it is not running."""
+        await self.program.stop()
+
+    async def wait_for_program(self, timeout_s: float) -> None:
+        """Wait until somebody started the program on the robot. Raises ProgramNotRunningError."""
+        await self.reverse.wait_connected(timeout_s)
+
+    # safety and speed
+
+    @property
+    def protective_stopped(self) -> bool:
+        """True during a protective stop."""
+        return self.robot.protective_stopped
+
+    def on_safety_mode(self, callback: Callable[[SafetyMode], None]) -> None:
+        """Call back with each new safety mode."""
+        self.robot.on_safety_mode(callback)
+
+    async def recover(self) -> None:
+        """Unlock a protective stop, 5 s after it occurred, and start the control program again.
+
+        For a caller who knows why the arm stopped and that it may move again. Raises RobotRefused
+        when something else than a protective stop is the matter, or it comes back at once.
+        """
+        if self.protective_stopped:
+            await self.robot.unlock_protective_stop()
+        await self.start_program()
+
+    async def set_speed_slider(self, fraction: float) -> None:
+        """Scale the speed of everything by 0.01 to 1; RobotRefused when another client holds the slider."""
+        if not 0.01 <= fraction <= 1.0:
+            raise LocalProtocolError(f"the speed slider goes from 0.01 to 1, not to {fraction}")
+        try:
+            await self.robot.write_inputs(speed_slider_mask=1, speed_slider_fraction=fraction)
+        except RobotRefused as refused:
+            if "IN_USE" not in refused.answer:
+                raise
+            why = "another RTDE client holds the speed slider: end that one first"
+            raise RobotRefused("speed_slider_fraction", why) from None
+
+    # setpoints
+
+    def servoj(self, q_rad: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+        """Joint angles (6,) [rad] to be at one control period from now."""
+        self.reverse.setpoint(ControlMode.SERVOJ, q_rad, timeout_s)
+
+    def servo_pose(self, pose_base_tcp: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+        """Pose of the TCP in the base frame (6,) [m, rotation vector], reached by the nearest joint angles."""
+        self.reverse.setpoint(ControlMode.POSE, pose_base_tcp, timeout_s)
+
+    def speedj(self, qd_rad_s: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+        """Joint speeds (6,) [rad/s]."""
+        self.reverse.setpoint(ControlMode.SPEEDJ, qd_rad_s, timeout_s)
+
+    def speedl(self, velocity_base: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+        """Velocity of the TCP in the base frame (6,) [m/s, rad/s]."""
+        self.reverse.setpoint(ControlMode.SPEEDL, velocity_base, timeout_s)
+
+    def torque(self, torque_Nm: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+        """Joint torques (6,) [Nm] on top of what gravity needs; from 5.23 on."""
+        self.robot.require("torque")
+        self.reverse.setpoint(ControlMode.TORQUE, torque_Nm, timeout_s)
+
+    def idle(self) -> None:
+        """Bring the arm to rest and keep the program running, for as long as the driver lives."""
+        self.reverse.keep_alive(self.config.keep_alive_timeout_s)
+
+    def start_freedrive(self) -> None:
+        """Let the arm be moved by hand until `stop_freedrive`, `idle` or another mode."""
+        self.reverse.freedrive(FreedriveAction.START, self.config.keep_alive_timeout_s)
+
+    def keep_freedrive(self) -> None:
+        """Say that freedrive goes on; the driver does so by itself too."""
+        self.reverse.freedrive(FreedriveAction.NOOP, self.config.keep_alive_timeout_s)
+
+    def stop_freedrive(self) -> None:
+        """Hold the arm where it is."""
+        self.reverse.freedrive(FreedriveAction.STOP, self.config.keep_alive_timeout_s)
+
+    # trajectories
+
+    async def execute(self, points: Iterable[TrajectoryPoint], timeout_s: float | None = None) -> TrajectoryResult:
+        """Execute a trajectory and wait for its end; it is cancelled when the caller is, or when it takes too long.
+
+        CANCELED when somebody cancelled it, the robot too, which shows a popup for points it
+        cannot reach in their time; FAILURE when points were missing.
+        """
+        return await self._trajectories.execute(points, timeout_s)
+
+    async def start_trajectory(self, points: Iterable[TrajectoryPoint]) -> None:
+        """Begin a trajectory; one that is under way is cancelled."""
+        await self._trajectories.start(points)
+
+    async def trajectory_result(self, timeout_s: float | None = None) -> TrajectoryResult:
+        """Wait for the end of the trajectory that is under way; None waits as long as it takes."""
+        return await self._trajectories.result(timeout_s)
+
+    async def cancel_trajectory(self) -> TrajectoryResult:
+        """Stop the trajectory that is under way; SUCCESS when it ended by itself just before."""
+        return await self._trajectories.cancel()
+
+    async def start_stream(self) -> None:
+        """Begin a trajectory whose points come one by one, by `stream`, until `end_stream`.
+
+        A point that is not there within 0.5 s, or between spline points within a control
+        period, is a FAILURE. The last point must not blend.
+        """
+        await self._trajectories.start_stream()
+
+    async def stream(self, points: Iterable[TrajectoryPoint]) -> None:
+        """Add points to the stream, as fast as the robot takes them."""
+        await self._trajectories.stream(points)
+
+    async def end_stream(self, timeout_s: float | None = None) -> TrajectoryResult:
+        """Say that there are no more points, and wait for the end."""
+        return await self._trajectories.end_stream(timeout_s)
+
+    # commands beside the motion
+
+    async def zero_ftsensor(self) -> None:
+        """Let what the force sensor feels now be zero; e-Series."""
+        self.robot.require("zero_ftsensor")
+        await self._command_or_script(ScriptCommand.plain(ScriptCommandKind.ZERO_FTSENSOR), "zero_ftsensor()")
+
+    async def set_payload(self, mass_kg: float, cog_m: Sequence[float]) -> None:
+        """Mass and its centre of gravity (3,) in the flange frame."""
+        _check_mass(mass_kg)
+        script = f"set_payload({mass_kg}, {_list(cog_m)})"
+        await self._command_or_script(ScriptCommand.set_payload(mass_kg, cog_m), script)
+
+    async def set_target_payload(
+        self,
+        mass_kg: float,
+        cog_m: Sequence[float],
+        inertia_kg_m2: Sequence[float] = ZERO6,
+        transition_time_s: float = 0.0,
+    ) -> None:
+        """As set_payload with the inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,), taking effect gradually; from 5.10 on."""
+        self.robot.require("set_target_payload")
+        _check_mass(mass_kg)
+        command = ScriptCommand.set_target_payload(mass_kg, cog_m, inertia_kg_m2, transition_time_s)
+        script = f"set_target_payload({mass_kg}, {_list(cog_m)}, {_list(inertia_kg_m2)}, {transition_time_s})"
+        await self._command_or_script(command, script)
+
+    async def set_tool_voltage(self, volts: int) -> None:
+        """0, 12 or 24 V."""
+        await self._command_or_script(ScriptCommand.set_tool_voltage(volts), f"set_tool_voltage({volts})")
+
+    async def set_gravity(self, gravity_m_s2: Sequence[float]) -> None:
+        """Acceleration of the base (3,) in its frame: [0, 0, 9.82] for an upright arm."""
+        await self._command_or_script(ScriptCommand.set_gravity(gravity_m_s2), f"set_gravity({_list(gravity_m_s2)})")
+
+    def set_tcp(self, pose_flange_tcp: Sequence[float]) -> None:
+        """Flange to TCP (6,) [m, rotation vector]."""
+        self.commands.send(ScriptCommand.set_tcp_offset(pose_flange_tcp))
+
+    def start_force_mode(
+        self,
+        task_frame_base: Sequence[float],
+        selection: Sequence[int],
+        wrench: Sequence[float],
+        kind: int,
+        limits: Sequence[float],
+        *,
+        damping: float = 0.025,
+        gain_scaling: float = 0.5,
+    ) -> None:
+        """Comply along the axes of a frame.
+
+        task_frame_base: pose in the base frame (6,) [m, rotation vector]. selection: 1 for
+        axes that comply (6,). wrench: to press with [N, Nm] (6,). kind: 1 the frame's y axis
+        points to the TCP, 2 the frame as it is, 3 its x axis follows the velocity. limits:
+        top speeds of complying axes [m/s, rad/s], deviations of the others [m, rad] (6,).
+        damping: 0 to 1. gain_scaling: 0 to 2, e-Series only.
+        """
+        if kind not in (1, 2, 3):
+            raise LocalProtocolError(f"the kind of force mode is 1, 2 or 3, not {kind}")
+        if any(axis not in (0, 1) for axis in selection):
+            raise LocalProtocolError(f"the selection of force mode has a 0 or 1 for each axis, not {list(selection)}")
+        _check_force_mode(damping, gain_scaling)
+        if any(not limit >= 0.0 for limit in limits):
+            raise LocalProtocolError(f"the limits of force mode cannot be negative: {list(limits)}")
+        command = ScriptCommand.start_force_mode(
+            task_frame_base, selection, wrench, kind, limits, damping=damping, gain_scaling=gain_scaling
+        )
+        self.commands.send(command)
+
+    def end_force_mode(self) -> None:
+        """Hold the pose again."""
+        self.commands.send(ScriptCommand.plain(ScriptCommandKind.END_FORCE_MODE))
+
+    def start_tool_contact(self, direction_base: Sequence[float] = ZERO6) -> None:
+        """Stop the motion where the tool touches something, and go back to where the contact began; e-Series.
+
+        direction_base: along which it counts (6,), the first three in the base frame; all zero for that of the motion.
+        Afterwards the arm rests until `end_tool_contact`. Watched once with each message to the
+        robot, so best with setpoints in every control period.
+        """
+        self.robot.require("start_tool_contact")
+        self.commands.forget_results()
+        self.commands.send(ScriptCommand(ScriptCommandKind.START_TOOL_CONTACT, to_words(direction_base)))
+
+    def end_tool_contact(self) -> None:
+        """Watch for contact no longer; the result is CANCELED if there was none."""
+        self.robot.require("end_tool_contact")
+        self.commands.send(ScriptCommand.plain(ScriptCommandKind.END_TOOL_CONTACT))
+
+    async def tool_contact_result(self, timeout_s: float | None = None) -> TrajectoryResult:
+        """SUCCESS when the arm is back at the beginning of a contact, CANCELED when watching ended without one."""
+        return await self.commands.result(timeout_s)
+
+    async def ask(
+        self, question: Question, *arguments: Sequence[float] | None, number: int = 0, gate: str | None = None
+    ) -> tuple[float, ...]:
+        """What the robot answers to a question, beside any motion; no values when there is no solution.
+
+        arguments: up to three (6,), None for one that the robot is to choose. gate: the feature of
+        `client.driver.availability` that it needs. Raises RobotRefused for a version without it,
+        ProgramNotRunningError, NoAnswerError.
+        """
+        if gate is not None:
+            self.robot.require(gate)
+        return await self.commands.ask(question, arguments, number)
+
+    def set_stream_parameters(
+        self,
+        *,
+        lookahead_s: float | None = None,
+        gain: float | None = None,
+        acceleration: float = SPEED_ACCELERATION,
+        deceleration_rad_s2: float = DECELERATION,
+    ) -> None:
+        """How setpoints are followed from now on.
+
+        lookahead_s (0.03 to 0.2) and gain (100 to 2000): of servoing, None for those of the configuration.
+        acceleration: towards speeds [rad/s2 or m/s2]. deceleration_rad_s2: to rest.
+        """
+        lookahead_s = self.config.servoj_lookahead_s if lookahead_s is None else lookahead_s
+        gain = self.config.servoj_gain if gain is None else gain
+        check_servo_parameters(lookahead_s, gain)
+        if not (acceleration > 0.0 and deceleration_rad_s2 > 0.0):
+            raise LocalProtocolError(
+                f"acceleration and deceleration are above 0, not {acceleration} and {deceleration_rad_s2}"
+            )
+        self.commands.send(ScriptCommand.set_stream_parameters(lookahead_s, gain, acceleration, deceleration_rad_s2))
+
+    def set_freedrive_axes(self, axes: Sequence[int] = (1,) * 6, frame_base: Sequence[float] = ZERO6) -> None:
+        """Which axes (6,) of a frame, given in the base frame (6,), the next freedrive frees; from 5.10 on."""
+        if list(axes) != [1] * 6:
+            self.robot.require("freedrive_axes")
+        self.commands.send(ScriptCommand.set_freedrive_axes(axes, frame_base))
+
+    def set_force_mode_parameters(self, damping: float = 0.025, gain_scaling: float = 0.5) -> None:
+        """Of the force mode that is in effect: damping 0 to 1, gain scaling 0 to 2 (e-Series only)."""
+        _check_force_mode(damping, gain_scaling)
+        self.commands.send(ScriptCommand.set_force_mode_parameters(damping, gain_scaling))
+
+    def start_contact_detection(self, direction_base: Sequence[float] = ZERO6) -> None:
+        """Note from now on whether the tool meets something on its way along a direction (6,), all zero for any."""
+        self.robot.require("contact")
+        self.commands.send(ScriptCommand.start_contact_detection(direction_base))
+
+    def stop_contact_detection(self) -> None:
+        """Note it no longer; what was noted can still be asked for."""
+        self.robot.require("contact")
+        self.commands.send(ScriptCommand.plain(ScriptCommandKind.STOP_CONTACT_DETECTION))
+
+    def ft_rtde_input_enable(
+        self,
+        enabled: bool,
+        sensor_mass_kg: float = 0.0,
+        offset_m: Sequence[float] = ZERO3,
+        cog_m: Sequence[float] = ZERO3,
+    ) -> None:
+        """Take the wrench from RTDE inputs; mass, measuring point (3,) and centre of gravity (3,) are the sensor's."""
+        self.commands.send(ScriptCommand.ft_rtde_input_enable(enabled, sensor_mass_kg, offset_m, cog_m))
+
+    def set_friction_compensation(self, enabled: bool) -> None:
+        """Whether torque control makes up for friction; from 5.23 on."""
+        self.robot.require("set_friction_compensation")
+        self.commands.send(ScriptCommand.set_friction_compensation(enabled))
+
+    def set_friction_scales(self, viscous: Sequence[float], coulomb: Sequence[float]) -> None:
+        """Shares 0 to 1 of each joint's friction (6,) that torque control makes up for; from 5.25.1 on."""
+        self.robot.require("set_friction_scales")
+        self.commands.send(ScriptCommand.set_friction_scales(viscous, coulomb))
+
+    async def _command_or_script(self, command: ScriptCommand, statement: str) -> None:
+        if self.program_running:
+            self.commands.send(command)
+        else:
+            await self.robot.send_script(f"sec command():\n  {statement}\nend")
+
+
+def _check_force_mode(damping: float, gain_scaling: float) -> None:
+    if not (0.0 <= damping <= 1.0 and 0.0 <= gain_scaling <= 2.0):
+        raise LocalProtocolError(f"damping is 0 to 1 and gain scaling 0 to 2, not {damping} and {gain_scaling}")
+
+
+def _check_mass(mass_kg: float) -> None:
+    if not mass_kg >= 0.0:
+        raise LocalProtocolError(f"a mass is 0 kg or more, not {mass_kg}")
+
+
+def _list(values: Sequence[float]) -> str:
+    return f"[{', '.join(str(float(value)) for value in values)}]"
 
 
 class BlockingURDriver(Blocking[URDriver]):

@@ -21,11 +21,16 @@ from types import TracebackType
 from typing import Final, Self, cast
 
 from client.connection import DEFAULT_TIMEOUT_S
-from client.control_program import split_greeting
-from client.driver.realtime import RealTime, real_time_thread
 from client.errors import LateSetpointError, ProgramNotRunningError, ProgramStaysError
 from urproto.errors import LocalProtocolError
-from urproto.external_control import REQUEST_PROGRAM, ControlMode, FreedriveAction, ReverseMessage, TrajectoryAction
+from urproto.external_control import (
+    REQUEST_PROGRAM,
+    ControlMode,
+    FreedriveAction,
+    ReverseMessage,
+    TrajectoryAction,
+    split_greeting,
+)
 from urproto.text import to_bytes
 from urproto.versions import Series
 
@@ -354,7 +359,6 @@ class ScriptSender(Endpoint):
 
 
 REVERSE_PORT: Final = 50001
-_LOOK_S: Final = 0.02  # guess: how closely setpoints that cease are watched
 
 
 @dataclass(slots=True)
@@ -504,93 +508,3 @@ class ReverseEndpoint(Endpoint):
             if connected:
                 self._sent_s = 0.0
         super()._tell(connected)
-
-
-class Pulse:
-    """Says that the driver lives, in a thread that does nothing else; use it with ``with``.
-
-    every_s: how often; timeout_s: how long the program waits for the next time. Two things end the program: a
-    watchdog that is not kicked, if the owner has set one, and an event loop that has hung for ``hang_s``, which
-    `breathe` tells it has not. A thread that goes on by itself is no reason for the arm to.
-    """
-
-    def __init__(
-        self,
-        reverse: ReverseEndpoint,
-        every_s: float,
-        timeout_s: float,
-        realtime: RealTime = "auto",
-        hang_s: float = 0.0,
-    ) -> None:
-        self._reverse = reverse
-        self._every_s = every_s
-        self._timeout_s = timeout_s
-        self._realtime = realtime
-        self._ended = threading.Event()
-        self._watchdog_s = 0.0
-        self._kicked_s = 0.0
-        self._hang_s = hang_s
-        self._breathed_s = time.monotonic()
-        self.bitten = ""  # why the watchdog ended the program, until the next one starts
-        self._thread = threading.Thread(target=self._work, name="driver's pulse", daemon=True)
-
-    def __enter__(self) -> "Pulse":
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._ended.set()
-        self._thread.join()
-
-    def watch(self, longest_s: float) -> None:
-        """End the program when `kick` does not come for so long; 0 ends the watch."""
-        if not longest_s >= 0.0:
-            raise LocalProtocolError(f"a watchdog waits for 0 s (off) or more, not {longest_s}")
-        self.kick()
-        self._watchdog_s = longest_s
-
-    def kick(self) -> None:
-        """The owner lives too."""
-        self._kicked_s = time.monotonic()
-
-    def breathe(self) -> None:
-        """The event loop lives."""
-        self._breathed_s = time.monotonic()
-
-    def _work(self) -> None:
-        try:
-            real_time_thread(self._realtime)
-        except OSError as error:
-            _logger.error("%s", error)
-        due_s = time.monotonic() + self._every_s
-        while not self._ended.wait(min(_LOOK_S, self._every_s)):
-            try:
-                due_s = self._beat(due_s)
-            except Exception:
-                _logger.debug("nobody to keep alive", exc_info=True)  # the program has just left
-
-    def _beat(self, due_s: float) -> float:
-        if not self._reverse.connected:
-            return due_s
-        now = time.monotonic()
-        if why := self._hangs(now):
-            if not self.bitten:
-                self.bitten = why
-                self._watchdog_s = 0.0  # who starts the program again sets it again
-                _logger.error("%s: the control program is ended", why)
-                self._reverse.stop()
-            return due_s
-        self._reverse.end_late_stream()
-        if now < due_s:
-            return due_s
-        self._reverse.continue_mode(self._timeout_s)
-        return now + self._every_s
-
-    def _hangs(self, now: float) -> str:
-        """Why the arm should not go on."""
-        if self._watchdog_s and now - self._kicked_s > self._watchdog_s:
-            late_s = now - self._kicked_s
-            return f"the watchdog was not kicked for {late_s:.2f} s, and waits {self._watchdog_s:g} s"
-        if self._hang_s and now - self._breathed_s > self._hang_s:
-            return f"the event loop of this program has hung for {now - self._breathed_s:.1f} s"
-        return ""

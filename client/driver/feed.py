@@ -11,10 +11,10 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from client.driver.realtime import RealTime, real_time_thread
+from client.driver.scheduling import RealTime, real_time_thread
 from client.errors import ClientError, NoAnswerError
 from client.rtde import BlockingRTDEClient
-from urproto.errors import RemoteProtocolError, RobotRefused
+from urproto.errors import RemoteProtocolError, URError
 
 _AGAIN_S: Final = 1.0  # between attempts to get a lost connection back
 
@@ -132,6 +132,6 @@ class StateFeed:
             try:
                 self._client = self._connect()
                 return
-            except (ClientError, RemoteProtocolError, RobotRefused) as error:
+            except URError as error:
                 _logger.info("the robot's state is not back yet: %s", error)
             self._closing.wait(_AGAIN_S)

@@ -9,7 +9,9 @@ from contextlib import AsyncExitStack, suppress
 from types import TracebackType
 from typing import Any, Final, Self
 
+from client import dashboard
 from client.dashboard import DashboardClient
+from client.driver.availability import require
 from client.driver.config import DriverConfig
 from client.driver.endpoint import tell
 from client.driver.feed import StateFeed
@@ -25,6 +27,12 @@ from urproto.versions import PolyscopeVersion
 _NEEDED: Final = ("timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction")
 _KEPT: Final = 100  # error reports and popups, each
 _AGAIN_S: Final = 1.0  # between attempts to get a lost connection back
+MOVABLE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
+"""Safety modes in which the arm may move."""
+_LOCKED_S: Final = 5.0  # dashboard manual: a protective stop cannot be unlocked for 5 s after it occurred
+_SPARE_S: Final = 0.2  # guess: the state that showed it may have been late
+_UNLOCK_LINE: Final = "set unlock protective stop"
+_UNLOCK_TIMEOUT_S: Final = 5.0
 
 _logger = logging.getLogger(__name__)
 
@@ -32,23 +40,37 @@ _logger = logging.getLogger(__name__)
 class RobotLink:
     """The connections a driver opens to its robot; use it with ``async with``.
 
-    state: the newest RTDE state, by variable name. reports, popups: error messages and popups
-    of the robot, oldest first. on_state: called with each state, in order, in the event loop; on_modes with those in
-    which a mode is another one. on_silence: called once when the robot falls silent. on_text: called with what a
-    program says (textmsg).
-
     States are received by a thread (`StateFeed`); the event loop hears of them only where somebody listens.
     """
 
+    reports: deque[ErrorCodeMessage]
+    """Error messages of the robot, oldest first."""
+    popups: deque[PopupMessage]
+    """Popups of the robot, oldest first."""
+    on_state: list[Callable[[Mapping[str, Any]], None]]
+    """Called with each state, in order, in the event loop."""
+    on_modes: list[Callable[[Mapping[str, Any]], None]]
+    """Called with each state in which a mode is another one."""
+    on_silence: list[Callable[[], None]]
+    """Called once when the robot falls silent."""
+    on_text: list[Callable[[str], None]]
+    """Called with what a program says (textmsg)."""
+    dashboard: DashboardClient | None
+    """None where the robot has none, as PolyScope X."""
+    version: PolyscopeVersion
+    """The robot's."""
+    feed: StateFeed
+    """The states, for threads."""
+
     def __init__(self, config: DriverConfig) -> None:
         self.config = config
-        self.reports: deque[ErrorCodeMessage] = deque(maxlen=_KEPT)
-        self.popups: deque[PopupMessage] = deque(maxlen=_KEPT)
-        self.on_state: list[Callable[[Mapping[str, Any]], None]] = []
-        self.on_modes: list[Callable[[Mapping[str, Any]], None]] = []
-        self.on_silence: list[Callable[[], None]] = []
-        self.on_text: list[Callable[[str], None]] = []
-        self.dashboard: DashboardClient | None = None
+        self.reports = deque(maxlen=_KEPT)
+        self.popups = deque(maxlen=_KEPT)
+        self.on_state = []
+        self.on_modes = []
+        self.on_silence = []
+        self.on_text = []
+        self.dashboard = None
         self.version = PolyscopeVersion(0, 0)
         self.feed = StateFeed(self._rtde, self._arrived, self._fell_silent, config.silence_s, config.realtime)
         self._inputs: RTDEClient | None = None
@@ -65,6 +87,7 @@ class RobotLink:
         self._telling = False  # the loop is going to
         self._awaited = False  # somebody waits for the next state
         self._news = asyncio.Event()
+        self._stopped_at_s: float | None = None  # when the protective stop occurred that is in effect
 
     async def __aenter__(self) -> Self:
         self._loop = asyncio.get_running_loop()
@@ -110,6 +133,26 @@ class RobotLink:
         return mode_of(SafetyMode, self.state["safety_mode"])
 
     @property
+    def protective_stopped(self) -> bool:
+        """True during a protective stop."""
+        return self.safety_mode is SafetyMode.PROTECTIVE_STOP
+
+    def on_safety_mode(self, callback: Callable[[SafetyMode], None]) -> None:
+        """Call back with each new safety mode."""
+        before: list[SafetyMode] = [self.safety_mode]
+
+        def changed(_: Mapping[str, Any]) -> None:
+            if self.safety_mode != before[0]:
+                before[0] = self.safety_mode
+                callback(before[0])
+
+        self.on_modes.append(changed)
+
+    def require(self, feature: str) -> None:
+        """Raise RobotRefused when this robot's version lacks a feature of `client.driver.availability`."""
+        require(feature, self.version)
+
+    @property
     def primary_state(self) -> RobotStateData | None:
         """The newest state of the primary interface, which sends ten a second."""
         return self._primary.core.state
@@ -150,6 +193,23 @@ class RobotLink:
     async def send_script(self, text: str) -> None:
         """Hand a script to the primary interface."""
         await self._primary.run(self._primary.core.send_script(text))
+
+    async def unlock_protective_stop(self) -> None:
+        """End a protective stop, 5 s after it occurred. Raises RobotRefused when it comes back at once."""
+        since = self._stopped_at_s if self._stopped_at_s is not None else self.state["timestamp"]
+        while self.state["timestamp"] < since + _LOCKED_S + _SPARE_S:
+            await self.next_state()
+        if self.dashboard is not None:
+            await self.dashboard.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
+        else:
+            await self.send_script(_UNLOCK_LINE)
+        try:
+            async with asyncio.timeout(_UNLOCK_TIMEOUT_S):
+                while self.safety_mode not in MOVABLE:
+                    await self.next_state()
+        except TimeoutError:
+            mode = self.safety_mode.name
+            raise RobotRefused("unlock protective stop", f"it stays in {mode}: remove the cause first") from None
 
     async def script_error(self) -> ScriptFailedError:
         """Wait until the robot reports an error in a script."""
@@ -260,8 +320,16 @@ class RobotLink:
             modes = (state["robot_mode"], state["safety_mode"], state["runtime_state"])
             if modes != self._last_modes:
                 self._last_modes = modes
+                self._note_protective_stop(state)
                 tell(self.on_modes, state)
         self._wake()
+
+    def _note_protective_stop(self, state: Mapping[str, Any]) -> None:
+        if state["safety_mode"] != SafetyMode.PROTECTIVE_STOP:
+            self._stopped_at_s = None
+        elif self._stopped_at_s is None:
+            self._stopped_at_s = state["timestamp"]
+            _logger.warning("protective stop")
 
     def _tell_silence(self) -> None:
         tell(self.on_silence)

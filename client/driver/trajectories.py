@@ -3,7 +3,9 @@
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from client.driver.core import DriverCore
+from client.driver.config import DriverConfig
+from client.driver.program import ProgramSupervisor
+from client.driver.robot import RobotLink
 from urproto.errors import LocalProtocolError
 from urproto.external_control import MotionType, TrajectoryAction, TrajectoryPoint, TrajectoryResult
 
@@ -13,88 +15,87 @@ _OPTIMOVES: Final = frozenset(
 _CANCEL_TIMEOUT_S: Final = 5.0  # guess: a ramp to rest and 100 000 points that nobody executes any more
 
 
-class Trajectories(DriverCore):
-    """One trajectory at a time, whole or as a stream of points; see client.driver.points for the points.
+class Trajectories:
+    """The one trajectory that is under way, and how far the robot and this driver agree about that.
 
-    Raises ProgramNotRunningError, ProgramEndedError when the program ends on the way, and
-    LocalProtocolError for points that cannot be sent.
+    Two ports belong to one: the reverse interface says that it begins and ends, the other one carries its points.
+    Callers know its methods from `URDriver`, which describes them.
     """
 
-    _executing = False
-    _cancelling = False
-    _streamed: int | None = None
+    def __init__(self, config: DriverConfig, robot: RobotLink, program: ProgramSupervisor) -> None:
+        self._robot = robot
+        self._program = program
+        self._reverse = program.reverse
+        self._port = program.trajectory
+        self._timeout_s = config.keep_alive_timeout_s
+        self._executing = False  # begun, and its result not yet taken
+        self._cancelling = False  # the robot was told so, and answers it in any case
+        self._streamed: int | None = None  # points of a stream so far; None without a stream
+        self._reverse.listeners.append(self._program_changed)
 
-    async def execute(self, points: Iterable[TrajectoryPoint], timeout_s: float | None = None) -> TrajectoryResult:
-        """Execute a trajectory and wait for its end; it is cancelled when the caller is, or when it takes too long.
-
-        CANCELED when somebody cancelled it, the robot too, which shows a popup for points it
-        cannot reach in their time; FAILURE when points were missing.
-        """
+    async def execute(self, points: Iterable[TrajectoryPoint], timeout_s: float | None) -> TrajectoryResult:
+        """From the first point to the result."""
         points = list(points)
         self._check(points)
         try:
-            await self.start_trajectory(points)
-            return await self.trajectory_result(timeout_s)
+            await self.start(points)
+            return await self.result(timeout_s)
         except BaseException:
-            if self._executing and self.program_running:
+            if self._executing and self._program.running:
                 self._send_cancel()
             raise
 
-    async def start_trajectory(self, points: Iterable[TrajectoryPoint]) -> None:
-        """Begin a trajectory; one that is under way is cancelled."""
+    async def start(self, points: Iterable[TrajectoryPoint]) -> None:
+        """Cancel one that is under way and begin this one."""
         points = list(points)
         self._check(points)
         await self._begin(TrajectoryAction.START, len(points))
-        await self.trajectory.write(points)
+        await self._port.write(points)
 
-    async def trajectory_result(self, timeout_s: float | None = None) -> TrajectoryResult:
-        """Wait for the end of the trajectory that is under way; None waits as long as it takes."""
+    async def result(self, timeout_s: float | None = None) -> TrajectoryResult:
+        """Of the one that is under way."""
         if not self._executing:
             raise LocalProtocolError("no trajectory is under way: start one first")
-        result = await self.trajectory.result(timeout_s)
+        result = await self._port.result(timeout_s)
         if self._cancelling and result is not TrajectoryResult.CANCELED:
-            await self.trajectory.result(timeout_s)  # it ended just before; cancelling is answered all the same
+            await self._port.result(timeout_s)  # it ended just before; cancelling is answered all the same
         self._executing = self._cancelling = False
         return result
 
-    async def cancel_trajectory(self) -> TrajectoryResult:
-        """Stop the trajectory that is under way; SUCCESS when it ended by itself just before."""
+    async def cancel(self) -> TrajectoryResult:
+        """Stop the one that is under way."""
         if not self._executing:
             raise LocalProtocolError("no trajectory is under way: there is nothing to cancel")
         self._send_cancel()
-        return await self.trajectory_result(_CANCEL_TIMEOUT_S)
+        return await self.result(_CANCEL_TIMEOUT_S)
 
     async def start_stream(self) -> None:
-        """Begin a trajectory whose points come one by one, by `stream`, until `end_stream`.
-
-        A point that is not there within 0.5 s, or between spline points within a control
-        period, is a FAILURE. The last point must not blend.
-        """
+        """Begin one whose points are not there yet."""
         await self._begin(TrajectoryAction.STREAM_START, 0)
         self._streamed = 0
 
     async def stream(self, points: Iterable[TrajectoryPoint]) -> None:
-        """Add points to the stream, as fast as the robot takes them."""
+        """Send more of its points."""
         if self._streamed is None:
             raise LocalProtocolError("no stream is under way: start one first")
         points = list(points)
         self._check(points)
-        await self.trajectory.write(points)
+        await self._port.write(points)
         self._streamed += len(points)
 
-    async def end_stream(self, timeout_s: float | None = None) -> TrajectoryResult:
-        """Say that there are no more points, and wait for the end."""
+    async def end_stream(self, timeout_s: float | None) -> TrajectoryResult:
+        """Tell the robot how many points there were, and wait for the result."""
         if self._streamed is None:
             raise LocalProtocolError("no stream is under way: start one first")
         count, self._streamed = self._streamed, None
-        self.reverse.trajectory(TrajectoryAction.STREAM_END, count, self.config.keep_alive_timeout_s)
-        return await self.trajectory_result(timeout_s)
+        self._reverse.trajectory(TrajectoryAction.STREAM_END, count, self._timeout_s)
+        return await self.result(timeout_s)
 
     async def _begin(self, action: TrajectoryAction, count: int) -> None:
         if self._executing:
-            await self.cancel_trajectory()
-        self.trajectory.forget_results()
-        self.reverse.trajectory(action, count, self.config.keep_alive_timeout_s)
+            await self.cancel()
+        self._port.forget_results()
+        self._reverse.trajectory(action, count, self._timeout_s)
         self._executing, self._cancelling, self._streamed = True, False, None
 
     def _send_cancel(self) -> None:
@@ -102,15 +103,14 @@ class Trajectories(DriverCore):
             return
         self._cancelling = True
         count, self._streamed = self._streamed or 0, None
-        self.reverse.trajectory(TrajectoryAction.CANCEL, count, self.config.keep_alive_timeout_s)
+        self._reverse.trajectory(TrajectoryAction.CANCEL, count, self._timeout_s)
 
     def _check(self, points: Sequence[TrajectoryPoint]) -> None:
         if any(point.type in _OPTIMOVES for point in points):
-            self._require("optimove")
+            self._robot.require("optimove")
         for point in points:
             point.encode()
 
     def _program_changed(self, connected: bool) -> None:
         if connected:
             self._executing, self._cancelling, self._streamed = False, False, None
-        super()._program_changed(connected)

@@ -26,7 +26,8 @@ from urproto.robots import CalibrationError
 from urproto.robots.calibration import Chain, chain_of
 from urproto.robots.meshes import MeshesMissing, PlacedMesh, mesh_file, placed_meshes
 from urproto.robots.model import RobotModel
-from urproto.robots.pose import Matrix3, Vec3, rotvec_to_matrix
+from urproto.robots.pose import rotvec_to_matrix
+from urproto.vectors import Matrix3, Vector3
 
 _VISUAL: Final = (".glb", ".gltf", ".stl")  # what browsers read; ur_description's .dae is not among it
 _COLLISION: Final = (".stl",)
@@ -78,7 +79,7 @@ _ROD_COLOR: Final = "#8a949d"
 _ROD_M: Final = 0.005  # its radius
 _SHORTEST_ROD_M: Final = 0.005
 _AXES: Final = (("#d6453d", (1.0, 0.0, 0.0)), ("#3d9a4a", (0.0, 1.0, 0.0)), ("#2f6fd0", (0.0, 0.0, 1.0)))
-_VIEWS: Final[dict[str, tuple[str, str, Vec3]]] = {  # text or icon, hint, direction from the arm to the camera
+_VIEWS: Final[dict[str, tuple[str, str, Vector3]]] = {  # text or icon, hint, direction from the arm to the camera
     "reset": ("3d_rotation", "Reset the view", (0.66, -0.68, 0.32)),
     "front": ("Front", "From the front, along -x", (1.0, 0.0, 0.02)),
     "side": ("Side", "From the side, along y", (0.0, -1.0, 0.02)),
@@ -107,7 +108,7 @@ def camera_buttons(page: Page, scene: ui.scene) -> None:
     with ui.row().classes("camera-buttons"):
         for name, (label, hint, direction) in _VIEWS.items():
 
-            def look(_: object, direction: Vec3 = direction) -> None:
+            def look(_: object, direction: Vector3 = direction) -> None:
                 if page.station.model is not None:
                     _look_from(scene, page.station.model, direction)
 
@@ -208,7 +209,7 @@ class _Link:
             mesh.move(*placed.position).rotate(*placed.rpy)
 
 
-def _look_from(scene: ui.scene, model: RobotModel, direction: Vec3, duration: float = 0.4) -> None:
+def _look_from(scene: ui.scene, model: RobotModel, direction: Vector3, duration: float = 0.4) -> None:
     far, height = _DISTANCE * model.reach_m, _LOOK_AT * model.reach_m
     x, y, z = (far * part / hypot(*direction) for part in direction)
     scene.move_camera(x, y, z + height, 0.0, 0.0, height, duration=duration)
@@ -228,7 +229,7 @@ def _tcp_offset(station: Station) -> tuple[float, ...]:
     return tuple(round(value / _TCP_SAME_M) * _TCP_SAME_M for value in offset)
 
 
-def _along(axis: Vec3) -> Matrix3:
+def _along(axis: Vector3) -> Matrix3:
     """A turn that takes z to an axis."""
     x, y, z = axis
     side = hypot(x, y)

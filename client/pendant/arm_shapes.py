@@ -11,35 +11,18 @@ from typing import Final
 
 from urproto.robots.meshes import tube_offsets
 from urproto.robots.model import RobotModel
-from urproto.robots.pose import Vec3
+from urproto.robots.shapes import housing_radii
+from urproto.vectors import ZERO3, Vector3
 
 LINK_NAMES: Final = ("base", "shoulder", "upper arm", "forearm", "wrist 1", "wrist 2", "wrist 3")
 _LIGHT: Final = "#d9dde1"  # housings and tubes
 _DARK: Final = "#59636c"  # rims, foot and flange
 _BLUE: Final = "#5b9bc9"  # caps
 
-_Y: Final[Vec3] = (0.0, 1.0, 0.0)
-_Z: Final[Vec3] = (0.0, 0.0, 1.0)
-_MINUS_Y: Final[Vec3] = (0.0, -1.0, 0.0)
-_MINUS_Z: Final[Vec3] = (0.0, 0.0, -1.0)
-
-# Radii [m] of shoulder, elbow, wrists and foot, measured on ur_description's collision meshes (2.4.5)
-_UR5E: Final = (0.060, 0.058, 0.0395, 0.0755)
-_UR10E: Final = (0.0765, 0.058, 0.047, 0.095)
-_UR20: Final = (0.090, 0.0755, 0.0503, 0.1225)
-_RADII: Final = {
-    "ur3": (0.0455, 0.0375, 0.032, 0.064),
-    "ur3e": (0.047, 0.0375, 0.032, 0.064),
-    "ur5": (0.0595, 0.058, 0.0385, 0.0735),
-    "ur5e": _UR5E,
-    "ur7e": _UR5E,
-    "ur10": (0.0755, 0.060, 0.0455, 0.075),
-    "ur10e": _UR10E,
-    "ur12e": _UR10E,
-    "ur16e": _UR10E,
-    "ur20": _UR20,
-    "ur30": _UR20,
-}
+_Y: Final[Vector3] = (0.0, 1.0, 0.0)
+_Z: Final[Vector3] = (0.0, 0.0, 1.0)
+_MINUS_Y: Final[Vector3] = (0.0, -1.0, 0.0)
+_MINUS_Z: Final[Vector3] = (0.0, 0.0, -1.0)
 
 _ROUNDING: Final = 0.12  # of a radius
 _STEPS: Final = 3  # in a rounded edge
@@ -57,8 +40,8 @@ class Part:
     """
 
     profile: Profile
-    origin: Vec3
-    axis: Vec3
+    origin: Vector3
+    axis: Vector3
     color: str
 
 
@@ -79,7 +62,7 @@ class _Arm:
         self.upper, self.fore = tube_offsets(model)
         self.half = (self.upper - self.fore) / 2
         self.wrist_1 = (self.d4 - self.fore) / 2  # half of the way from forearm to wrist 1
-        self.shoulder, self.elbow, self.wrist, self.foot = _RADII.get(model.name) or _radii(self.half)
+        self.shoulder, self.elbow, self.wrist, self.foot = housing_radii(model)
         self.plate = min(max(self.d6 - self.wrist, 0.3 * self.wrist), 1.2 * self.wrist)  # thickness of wrist 3
 
     def links(self) -> tuple[tuple[Part, ...], ...]:
@@ -118,7 +101,7 @@ class _Arm:
 
     def _upper_arm(self) -> tuple[Part, ...]:
         half, z, length = self.half, self.upper, abs(self.a2)
-        there: Vec3 = (self.a2, 0.0, 0.0)
+        there: Vector3 = (self.a2, 0.0, 0.0)
         tube = (_TUBE[0] * self.shoulder, _TUBE[0] * (self.shoulder + self.elbow) / 2)
         return (
             *_housing(self.shoulder, z - half, z + 1.05 * self.shoulder, _Z, caps=(False, True)),
@@ -129,7 +112,7 @@ class _Arm:
 
     def _forearm(self) -> tuple[Part, ...]:
         radius, z, length = self.elbow, self.fore, abs(self.a3)
-        there: Vec3 = (self.a3, 0.0, 0.0)
+        there: Vector3 = (self.a3, 0.0, 0.0)
         outer = z + self.wrist_1
         return (
             *_housing(radius, -z - self.half, 1.05 * radius - z, _MINUS_Z, caps=(False, True)),
@@ -163,13 +146,8 @@ class _Arm:
         )
 
 
-def _radii(half: float) -> tuple[float, float, float, float]:
-    """Guess, for models whose meshes nobody has published."""
-    return 0.9 * half, 0.76 * half, 0.56 * half, 1.18 * half
-
-
 def _housing(
-    radius: float, start: float, end: float, axis: Vec3, origin: Vec3 = (0.0, 0.0, 0.0), *, caps: tuple[bool, bool]
+    radius: float, start: float, end: float, axis: Vector3, origin: Vector3 = ZERO3, *, caps: tuple[bool, bool]
 ) -> tuple[Part, ...]:
     """A drum, and blue caps on one side or both."""
     cap = 0.22 * radius
@@ -182,9 +160,9 @@ def _housing(
     return tuple(parts)
 
 
-def _tube(first: float, last: float, length: float, origin: Vec3, housing: float) -> tuple[Part, ...]:
+def _tube(first: float, last: float, length: float, origin: Vector3, housing: float) -> tuple[Part, ...]:
     """From one housing to the next, along -x: the lengths of a model point there."""
-    axis: Vec3 = (-1.0, 0.0, 0.0)
+    axis: Vector3 = (-1.0, 0.0, 0.0)
     collar = min(1.12 * housing, 0.3 * length)
     return (
         Part(((0.0, 0.0), (first, 0.0), (last, length), (0.0, length)), origin, axis, _LIGHT),
@@ -192,7 +170,7 @@ def _tube(first: float, last: float, length: float, origin: Vec3, housing: float
     )
 
 
-def _rim(radius: float, at: float, axis: Vec3 = _Z, origin: Vec3 = (0.0, 0.0, 0.0)) -> Part:
+def _rim(radius: float, at: float, axis: Vector3 = _Z, origin: Vector3 = ZERO3) -> Part:
     """The dark ring where one link turns on the next."""
     half = _RIM * radius
     return _drum(1.015 * radius, at - half, at + half, _DARK, origin, axis, rounding=0.0)
@@ -203,8 +181,8 @@ def _drum(
     start: float,
     end: float,
     color: str,
-    origin: Vec3 = (0.0, 0.0, 0.0),
-    axis: Vec3 = _Z,
+    origin: Vector3 = ZERO3,
+    axis: Vector3 = _Z,
     *,
     rounding: float = _ROUNDING,
 ) -> Part:

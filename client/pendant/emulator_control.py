@@ -8,7 +8,7 @@ import httpx
 
 from client.errors import ClientError
 from client.pendant.dialogues import Dialogues
-from client.pendant.polling import Asked
+from client.pendant.polling import Poller
 
 _LOOK_AGAIN_S: Final = 0.5
 _LOOK_EVERY_S: Final = 1.0
@@ -37,7 +37,7 @@ class Behind:
         base = f"http://{host}:{port}"
         self._http = httpx.AsyncClient(base_url=base, headers=headers, timeout=5.0, trust_env=False)
         self._tell = tell
-        self._watched: dict[str, Asked[Any]] = {}
+        self._watched: dict[str, Poller[Any]] = {}
         self.available = False
         self.locked = False
         self.verbs: frozenset[str] = frozenset()
@@ -50,10 +50,10 @@ class Behind:
             await asked.close()
         await self._http.aclose()
 
-    def watch(self, verb: str) -> Asked[Any]:
+    def watch(self, verb: str) -> Poller[Any]:
         """The result of a verb without arguments, asked for every second while a page shows it."""
         if verb not in self._watched:
-            self._watched[verb] = Asked(lambda: self.call(verb), _LOOK_EVERY_S, self._tell)
+            self._watched[verb] = Poller(lambda: self.call(verb), _LOOK_EVERY_S, self._tell)
         return self._watched[verb]
 
     async def change(self, verb: str, **arguments: Any) -> Any:

@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
+from urproto.joints import JOINT_LABELS
+
 TIMING: Final = ("at", "after", "until", "lasting", "once", "probability", "seed")
 """Arguments that every kind has, or every one that strikes on an occasion."""
 
@@ -19,7 +21,7 @@ _HINTS: Final = {
 }
 _ALL_PORTS: Final = "all ports"
 _SCRIPTS: Final = "scripts"  # the connections that programs open: docs/faults.md
-JOINTS: Final = {0: "base", 1: "shoulder", 2: "elbow", 3: "wrist 1", 4: "wrist 2", 5: "wrist 3"}
+JOINTS: Final = dict(enumerate(JOINT_LABELS))
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,14 +9,11 @@ from array import array
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from client.errors import ClientError
+from client.pendant.polling import keep_following
 from client.rtde import RTDEClient
-from urproto.errors import ProtocolError, RobotRefused
 from urproto.rtde.fields import OUTPUT_FIELDS
 
-_AGAIN_S: Final = 0.5  # between attempts to reach the robot
 _MOST_NUMBERS: Final = 2_000_000  # kept of one feed: 16 MB, half an hour of twelve numbers at 90 Hz
-_LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 
 OpenClient = Callable[[Sequence[str], float], RTDEClient]
 
@@ -191,12 +188,10 @@ class Feeds:
         self._feeds = {key: known for key, known in self._feeds.items() if known is not feed}
 
     async def _follow(self, feed: Feed, rate_hz: float) -> None:
-        while True:
-            try:
-                async with self._open_client(feed.names, rate_hz) as client:
-                    feed.rate_hz, feed.unavailable = client.core.rate_hz, client.core.unavailable
-                    while True:
-                        feed.take(await client.receive())
-            except _LOST as error:
-                feed.lose(str(error))
-            await asyncio.sleep(_AGAIN_S)
+        async def follow() -> None:
+            async with self._open_client(feed.names, rate_hz) as client:
+                feed.rate_hz, feed.unavailable = client.core.rate_hz, client.core.unavailable
+                while True:
+                    feed.take(await client.receive())
+
+        await keep_following(follow, feed.lose)

@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from math import hypot, inf, sqrt
 from typing import Final, Literal
 
+from urproto.joints import JOINT_TITLES
 from urproto.robots import Joints, Kinematics
 from urproto.robots.kinematics import Jacobian
-
-JOINT_TITLES: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
-"""As PolyScope calls them."""
 
 _JOINT_RAMP: Final = (1.4, 4.0)  # rad/s2, up and down: URScript's default, and the control program's own when it ends
 _LINE_RAMP: Final = (1.2, 2.5)  # m/s2: URScript's default for tools; guess for the way down

@@ -6,7 +6,8 @@ from typing import Final
 
 from client.pendant.page import take
 from client.pendant.station import Station
-from urproto.robots.pose import Pose, Vec3
+from urproto.robots.pose import Pose
+from urproto.vectors import Vector3
 from urproto.versions import Availability
 
 GRAVITY: Final = 9.82  # m/s2, as PolyScope writes it
@@ -55,7 +56,7 @@ async def apply_payload(station: Station, mass_kg: float, cog_m: Sequence[float]
     return True
 
 
-def gravity_of(tilt_rad: float, turn_rad: float) -> Vec3:
+def gravity_of(tilt_rad: float, turn_rad: float) -> Vector3:
     """What the base feels [m/s2] of an arm tilted about x, then turned about z, as PolyScope does (signs: guess)."""
     across, along = GRAVITY * math.sin(tilt_rad), GRAVITY * math.cos(tilt_rad)
     return (across * math.sin(turn_rad) + 0.0, across * math.cos(turn_rad) + 0.0, along + 0.0)

@@ -11,9 +11,8 @@ from math import inf
 from typing import Any, ClassVar, Final
 
 from client.calibration import geometry_of, model_of
-from client.driver.core import MOVABLE
+from client.driver.robot import MOVABLE
 from client.errors import (
-    ClientError,
     LateSetpointError,
     MotionError,
     MotionStoppedError,
@@ -22,7 +21,7 @@ from client.errors import (
 )
 from client.pendant.jogging import Bounds, Ramp, Velocity
 from client.robot import AsyncRobot
-from urproto.errors import ProtocolError, RobotRefused
+from urproto.errors import RobotRefused, URError
 from urproto.modes import RobotMode, RuntimeState
 
 STALE_S: Final = 0.4
@@ -30,7 +29,6 @@ STALE_S: Final = 0.4
 
 _IDLE_S: Final = 10.0  # then the control program ends
 _ENDING_S: Final = 0.5  # guess: a program that has ended is said to run for no longer
-_TROUBLE: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 _JOGGING: Final = "Jogging"
 _FREEDRIVE: Final = "Freedrive"
 
@@ -116,7 +114,7 @@ class Mover:
                     if self._robot is None or not self._robot.driver.lost_why:
                         raise
                     # this machine was slower still, so the program ended: it is started again for them
-        except _TROUBLE as error:
+        except (URError, OSError) as error:
             self._failed = self._holder
             await self._give_back_quietly()
             if not isinstance(error, MotionStoppedError):
@@ -264,16 +262,16 @@ class Mover:
                 return
             self._leaving = True
             try:
-                with suppress(*_TROUBLE):
+                with suppress(URError, OSError):
                     await robot.driver.stop_program()
-                with suppress(*_TROUBLE):
+                with suppress(URError, OSError):
                     await robot.__aexit__(None, None, None)
             finally:
                 self._leaving = False
 
     async def close(self) -> None:
         """Come to rest and disconnect."""
-        with suppress(*_TROUBLE):
+        with suppress(URError, OSError):
             await self.stop()
         await self._give_back_quietly()
 

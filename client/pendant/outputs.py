@@ -6,10 +6,11 @@ whatever runs does it instead. Either works with the arm switched off.
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 from urproto.errors import RobotRefused
 from urproto.modes import AnalogDomain
+from urproto.signals import DigitalGroup
 
 
 class Robot(Protocol):
@@ -20,21 +21,6 @@ class Robot(Protocol):
 
     async def say(self, *statements: str) -> None:
         """Statements of a program."""
-
-
-@dataclass(frozen=True, slots=True)
-class Group:
-    """Digital signals: bits of RTDE's words from ``first`` on. letter: of their names, as DI0."""
-
-    name: str
-    letter: str
-    first: int
-    count: int
-
-
-STANDARD: Final = Group("standard", "D", 0, 8)
-CONFIGURABLE: Final = Group("configurable", "C", 8, 8)
-TOOL: Final = Group("tool", "T", 16, 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +44,11 @@ def analog_range(domain: int) -> Range:
     return Range(0.0, 10.0, "V", 1.0) if domain == AnalogDomain.VOLTAGE else Range(4.0, 20.0, "mA", 1000.0)
 
 
-async def set_digital(robot: Robot, group: Group, index: int, level: bool) -> None:
+async def set_digital(robot: Robot, group: DigitalGroup, index: int, level: bool) -> None:
     """Switch an output. Raises ClientError."""
     bit = 1 << index
     inputs = {f"{group.name}_digital_output_mask": bit, f"{group.name}_digital_output": bit if level else 0}
-    await _either(
-        lambda: robot.write(**inputs), lambda: robot.say(f"set_{group.name}_digital_out({index}, {bool(level)})")
-    )
+    await _either(lambda: robot.write(**inputs), lambda: robot.say(group.statement(index, level)))
 
 
 async def set_analog(robot: Robot, index: int, domain: AnalogDomain, ratio: float) -> None:

@@ -14,7 +14,7 @@ from client.errors import ClientError
 from client.pendant.live import Live
 from client.pendant.situation import Action
 from client.pendant.station import Station
-from urproto.errors import ProtocolError, RobotRefused
+from urproto.errors import URError
 from urproto.text import readable
 
 _SOON_S: Final = 1.5  # guess: states and answers come within a tenth of that
@@ -115,7 +115,7 @@ class Views:
             tell(self.looked_at)
 
 
-MISTAKES: Final = (ClientError, ProtocolError, RobotRefused, OSError, ValueError)
+MISTAKES: Final = (URError, OSError, ValueError)
 """What goes wrong with robots and inputs; its text is for people."""
 
 Deed = Callable[[], Awaitable[Any]]

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Final, Protocol, TypeVar
 
 from client import dashboard
-from client.errors import ClientError
 from client.pendant.draft import Draft
 from client.pendant.emulator_control import Behind, BehindError
-from urproto.errors import ProtocolError, RobotRefused
+from urproto.errors import URError
 from urproto.modes import RuntimeState
 from urproto.primary.messages import (
     PROGRAM_STARTED,
@@ -25,7 +24,6 @@ Answer = TypeVar("Answer")
 _LOOK_AGAIN_S: Final = 1.0
 _LOADED_AGAIN_S: Final = 5.0  # each time is a connection to the dashboard, of which robots have few
 _LINE: Final = "script_control_line"
-_LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +125,7 @@ class Programs:
         while True:
             if station.connected and (self._changed.is_set() or clock() - asked_s >= _LOADED_AGAIN_S):
                 asked_s = clock()
-                with suppress(*_LOST):
+                with suppress(URError, OSError):
                     await self._ask_loaded(station)
             if self._changed.is_set() or station.behind.available != emulated:
                 self._changed.clear()

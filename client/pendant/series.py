@@ -4,11 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from urproto.joints import JOINT_TITLES
 from urproto.rtde.fields import OUTPUT_FIELDS, Field, available_fields
 from urproto.rtde.types import FieldType
+from urproto.signals import DIGITAL_GROUPS
 from urproto.versions import PolyscopeVersion
 
-_JOINTS: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
 _POSE: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _INERTIA: Final = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 _OF_TWO_KINDS: Final = (
@@ -27,10 +28,8 @@ _ON_SCREEN: Final = {  # unit -> what PolyScope shows, and how many of it make o
     "degC": ("°C", 1.0),
     "kg m2": ("kg m²", 1.0),
 }
-_WIRES: Final = (  # of the words of digital signals: name, number of signals
-    *((f"D{{}}{index}", index) for index in range(8)),
-    *((f"C{{}}{index}", 8 + index) for index in range(8)),
-    *((f"T{{}}{index}", 16 + index) for index in range(2)),
+_WIRES: Final = tuple(  # of the words of digital signals: name, number of signals
+    (f"{group.letter}{{}}{index}", group.bit(index)) for group in DIGITAL_GROUPS for index in range(group.count)
 )
 _WORDS: Final = {"actual_digital_input_bits": "I", "actual_digital_output_bits": "O"}
 
@@ -93,7 +92,7 @@ def _unit(field: Field, index: int) -> str:
 def _element_names(field: Field) -> tuple[str, ...]:
     if field.type is FieldType.VECTOR3D or field.unit in _OF_TWO_KINDS:
         return _POSE
-    return _INERTIA if field.name == "payload_inertia" else _JOINTS
+    return _INERTIA if field.name == "payload_inertia" else JOINT_TITLES
 
 
 _EVERY: Final = catalogue(None)

@@ -13,14 +13,14 @@ from client import dashboard, primary, rtde
 from client.calibration import model_of
 from client.dashboard import DashboardClient
 from client.dashboard_commands import Operation
-from client.errors import ClientError, NoAnswerError, RobotUnreachableError
+from client.errors import NoAnswerError, RobotUnreachableError
 from client.pendant.checking import keep_checking
 from client.pendant.dialogues import Dialogues, Stops
 from client.pendant.emulator_control import Behind
 from client.pendant.events import EventLog
 from client.pendant.feeds import Feeds
 from client.pendant.mover import Mover
-from client.pendant.polling import Asked, PortRegisters
+from client.pendant.polling import Poller, PortRegisters, keep_following
 from client.pendant.programs import Programs
 from client.pendant.saved import Poses, Tools
 from client.pendant.situation import Known, Situation, situation
@@ -29,7 +29,7 @@ from client.primary import PrimaryClient, PrimaryCore
 from client.robot import AsyncRobot
 from client.rtde import RTDEClient
 from urproto.dashboard import NOT_IN_REMOTE_CONTROL
-from urproto.errors import ProtocolError, RobotRefused
+from urproto.errors import RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.ports import CONTROL_API_PORT, CONTROLLER_PORTS
 from urproto.primary.messages import ErrorCodeMessage
@@ -64,8 +64,6 @@ _DEVICES: Final = {  # of an emulator -> the stop that lasts as long as they ask
     SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP: "automatic_safeguard",
 }
 _READ_ONLY_CODE: Final = 210  # of a script over a connection that was made in local control
-_AGAIN_S: Final = 0.5  # between attempts to reach it
-_LOST: Final = (ClientError, ProtocolError, RobotRefused, OSError)
 
 
 class Station:
@@ -113,10 +111,10 @@ class Station:
         self.behind = Behind(
             robot_ip, CONTROL_API_PORT + port_offset if control_port is None else control_port, token, self.wake
         )
-        self.remote_control = Asked(self._ask_remote_control, _REMOTE_EVERY_S, self.wake)
+        self.remote_control = Poller(self._ask_remote_control, _REMOTE_EVERY_S, self.wake)
         self.tools = Tools(tools)
         self.feeds = Feeds(self._open_feed)
-        self.port_registers = PortRegisters(robot_ip, self.ports["modbus"])
+        self.port_registers = PortRegisters(robot_ip, self.ports["modbus"], self.wake)
         self.mover = Mover(self._open_robot)
         self._primary: PrimaryClient | None = None
         self._read_only = False  # the primary connection takes no scripts, another one may
@@ -134,8 +132,8 @@ class Station:
             opening.push_async_callback(self.feeds.close)
             opening.push_async_callback(self.port_registers.close)
             for work in (
-                self._states(),
-                self._messages(),
+                keep_following(self._follow_states, self._lose_states),
+                keep_following(self._follow_messages, lambda why: self.log.note(f"no messages: {why}")),
                 self.behind.follow(self.dialogues),
                 self.programs.follow(self),
                 keep_checking(self.programs.draft, lambda: self.version, self.log.note),
@@ -297,14 +295,9 @@ class Station:
 
     # the connections
 
-    async def _states(self) -> None:
-        while True:
-            try:
-                await self._follow_states()
-            except _LOST as error:
-                self.connected, self.trouble = False, str(error)
-                self._take({})
-            await asyncio.sleep(_AGAIN_S)
+    def _lose_states(self, why: str) -> None:
+        self.connected, self.trouble = False, why
+        self._take({})
 
     async def _follow_states(self) -> None:
         async with self._open_feed(OUTPUTS, FRAME_HZ, _SILENCE_S) as client:
@@ -322,30 +315,27 @@ class Station:
         self.stops.see(values)
         self._tell()
 
-    async def _messages(self) -> None:
-        while True:
-            try:
-                await self._follow_messages()
-            except _LOST as error:
-                self.log.note(f"no messages: {error}")
+    async def _follow_messages(self) -> None:
+        try:
+            async with PrimaryClient(self.robot_ip, self.ports["primary"]) as client:
+                await self._hear(client)
+        finally:
             self._primary = None
             self.variables.forget()
-            await asyncio.sleep(_AGAIN_S)
 
-    async def _follow_messages(self) -> None:
-        async with PrimaryClient(self.robot_ip, self.ports["primary"]) as client:
-            self._primary, self._core = client, client.core
-            self._read_only = self._sent = False
-            while not self._read_only:
-                message = await self._patiently(lambda: client.run(client.core.next_message()))
-                if not isinstance(message, RobotStateData):  # which is numbers
-                    message = readable_in(message)
-                self.log.hear(message)
-                self.variables.hear(message)
-                self.dialogues.hear(message)
-                self.stops.hear(message)
-                self.programs.hear(message)
-                self._read_only |= self._sent and _says_read_only(message)
+    async def _hear(self, client: PrimaryClient) -> None:
+        self._primary, self._core = client, client.core
+        self._read_only = self._sent = False
+        while not self._read_only:
+            message = await self._patiently(lambda: client.run(client.core.next_message()))
+            if not isinstance(message, RobotStateData):  # which is numbers
+                message = readable_in(message)
+            self.log.hear(message)
+            self.variables.hear(message)
+            self.dialogues.hear(message)
+            self.stops.hear(message)
+            self.programs.hear(message)
+            self._read_only |= self._sent and _says_read_only(message)
 
     async def _patiently(self, wait: Callable[[], Awaitable[Answer]]) -> Answer:
         """What comes next, however long time is paused."""

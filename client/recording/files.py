@@ -15,7 +15,7 @@ from client.recording.mcapfile import McapWriter, read_mcap
 from client.recording.recording import DEFAULT_FIELDS, Info, Recording
 from client.recording.tables import CsvWriter, NpzWriter, read_csv, read_npz
 from client.recording.timestamps import LONGEST_S, Stamps
-from client.rtde_core import unknown_fields
+from client.rtde import unknown_fields
 
 FORMATS: Final = (".mcap", ".csv", ".npz")
 _DEFAULT: Final = "default"

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from client.driver import points
 from client.errors import MotionError, RecordingError
 from client.recording.recording import Recording
-from client.robot.moves import Reach
+from client.robot.reach import Reach
 from urproto.external_control import TrajectoryPoint
+from urproto.joints import JOINT_LABELS
 from urproto.primary.state import ConfigurationData
 
 Array = NDArray[np.float64]
@@ -26,7 +27,6 @@ _TOLERANCE_RAD: Final = 5e-4  # of the splines; guess: an arm follows its target
 _GAP: Final = 10.0  # recorded periods without a state, where speeds are not recorded; guess
 _GAP_S: Final = 0.1  # where they are: a spline between two states is then off by some mrad at most; guess
 _MOVED_RAD: Final = 2e-3  # within a gap; guess
-_NAMES: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 _DOING: Final = "the replay"
 
 
@@ -71,8 +71,8 @@ class JointPath:
         if (worst := float(excess[segment, joint])) > 1.0:
             raise MotionError(
                 _DOING,
-                f"{_NAMES[joint]} would need {most[segment, joint]:.2f} {unit} at {self.time_s[segment]:.2f} s, its "
-                f"limit is {limits[joint]:.2f} {unit}: --speed {_floor(self.speed * worst**-power)} can be done",
+                f"{JOINT_LABELS[joint]} would need {most[segment, joint]:.2f} {unit} at {self.time_s[segment]:.2f} s, "
+                f"its limit is {limits[joint]:.2f} {unit}: --speed {_floor(self.speed * worst**-power)} can be done",
             )
 
     def _speeds(self) -> Array:

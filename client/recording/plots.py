@@ -14,7 +14,7 @@ from client.errors import RecordingError
 from client.recording.extras import extra
 from client.recording.recording import Recording
 from client.recording.tracking import Tracking
-from urproto.joints import JOINT_NAMES
+from urproto.joints import JOINT_LABELS, JOINT_NAMES
 from urproto.modes import SafetyMode, mode_name
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 
 FORMATS: Final = (".png", ".svg", ".pdf", ".html")
-_SHORT: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 # Okabe and Ito's: told apart by everybody, and in grey
 _COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 _WIDTH_IN: Final = 7.2  # a page's text, so that letters keep their size there
@@ -182,7 +181,7 @@ def _mode_name(mode: int) -> str:
 
 
 def _names(tracking: Tracking) -> tuple[str, ...]:
-    known = dict(zip(JOINT_NAMES, _SHORT, strict=True))
+    known = dict(zip(JOINT_NAMES, JOINT_LABELS, strict=True))
     return tuple(known.get(joint, joint) for joint in tracking.joints)
 
 

@@ -9,7 +9,8 @@
 `AsyncRobot` is the same for asyncio programs. Below it is a driver, `client.URDriver`.
 """
 
-from client.robot.facade import AsyncRobot, Robot
+from client.robot.blocking import Robot
+from client.robot.facade import AsyncRobot
 from client.robot.state import RobotState
 
 __all__ = ["AsyncRobot", "Robot", "RobotState"]

@@ -3,57 +3,60 @@
 from collections.abc import Sequence
 from typing import Final
 
-from client.robot.core import RobotCore
+from client.robot.readiness import Readiness
 from urproto.errors import LocalProtocolError
 from urproto.external_control import Question, to_words
+from urproto.vectors import ZERO6
 
-_ANY: Final = (0.0,) * 6
+_ANY: Final = ZERO6
 
 
 class Contact:
-    """Whether the tool touches something, beside any motion; from 5.4 on. See also `Moves.move_until_contact`.
+    """Whether the tool touches something, beside any motion; from 5.4 on. See also `AsyncRobot.move_until_contact`.
 
     direction_base: along which it would have to move to do so (6,) in the base frame, of which the first three
     count; all zero for any direction.
     """
 
-    def __init__(self, robot: RobotCore) -> None:
-        self._robot = robot
+    def __init__(self, readiness: Readiness) -> None:
+        self._readiness = readiness
+        self._driver = readiness.driver
 
     async def steps(self, direction_base: Sequence[float] = _ANY) -> int:
-        """Control periods since just before the tool met something, 0 without contact; see `RobotCore.history`."""
-        return round((await self._robot.ask("contact", Question.TOOL_CONTACT, direction_base, gate="contact"))[0])
+        """Control periods since just before the tool met something, 0 without contact; see `AsyncRobot.history`."""
+        return round((await self._readiness.ask("contact", Question.TOOL_CONTACT, direction_base, gate="contact"))[0])
 
     async def start_detection(self, direction_base: Sequence[float] = _ANY) -> None:
         """Let the robot look in every control period, and note the first contact."""
-        await self._robot.need_program("contact")
-        self._robot.driver.start_contact_detection(direction_base)
+        await self._readiness.need_program("contact")
+        self._driver.start_contact_detection(direction_base)
 
     async def detected(self) -> bool:
         """Whether there was one since `start_detection`."""
-        return bool((await self._robot.ask("contact", Question.CONTACT_DETECTED, gate="contact"))[0])
+        return bool((await self._readiness.ask("contact", Question.CONTACT_DETECTED, gate="contact"))[0])
 
     async def stop_detection(self) -> bool:
         """Look no longer; whether there was one."""
-        await self._robot.need_program("contact")
-        self._robot.driver.stop_contact_detection()
+        await self._readiness.need_program("contact")
+        self._driver.stop_contact_detection()
         return await self.detected()
 
 
 class Force:
-    """The force sensor, and force mode while it is in effect (`Contexts.force_mode`)."""
+    """The force sensor, and force mode while it is in effect (`AsyncRobot.force_mode`)."""
 
-    def __init__(self, robot: RobotCore) -> None:
-        self._robot = robot
+    def __init__(self, readiness: Readiness) -> None:
+        self._readiness = readiness
+        self._driver = readiness.driver
 
     async def zero_sensor(self) -> None:
         """Let what the sensor feels now be zero; e-Series."""
-        await self._robot.driver.zero_ftsensor()
+        await self._driver.zero_ftsensor()
 
     async def set_mode_parameters(self, damping: float = 0.025, gain_scaling: float = 0.5) -> None:
         """Of the force mode that is in effect: damping 0 to 1, gain scaling 0 to 2 (e-Series only)."""
-        await self._robot.need_program("force mode")
-        self._robot.driver.set_force_mode_parameters(damping, gain_scaling)
+        await self._readiness.need_program("force mode")
+        self._driver.set_force_mode_parameters(damping, gain_scaling)
 
     async def use_external_sensor(
         self,
@@ -63,12 +66,12 @@ class Force:
         cog_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> None:
         """Take the wrench from `set_external_wrench`; mass, offset (3,) and centre of gravity (3,) are its own."""
-        await self._robot.need_program("external sensor")
-        self._robot.driver.ft_rtde_input_enable(enabled, sensor_mass_kg, offset_m, cog_m)
+        await self._readiness.need_program("external sensor")
+        self._driver.ft_rtde_input_enable(enabled, sensor_mass_kg, offset_m, cog_m)
 
     async def set_external_wrench(self, wrench: Sequence[float]) -> None:
         """What an external sensor measures (6,) [N, Nm]; RobotRefused while another client writes it."""
         to_words(wrench)
         if len(wrench) != len(_ANY):
             raise LocalProtocolError(f"a wrench has 6 numbers, not {len(wrench)}")
-        await self._robot.driver.robot.write_inputs(external_force_torque=tuple(wrench))
+        await self._driver.robot.write_inputs(external_force_torque=tuple(wrench))

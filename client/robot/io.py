@@ -2,7 +2,7 @@
 
 from typing import Any, Final
 
-from client.robot.core import RobotCore
+from client.driver import URDriver
 from urproto.errors import LocalProtocolError
 
 _ANALOG: Final = 2
@@ -17,8 +17,8 @@ class IO:
     Outputs and input registers are written by RTDE: RobotRefused says so when another client writes them.
     """
 
-    def __init__(self, robot: RobotCore) -> None:
-        self._robot = robot
+    def __init__(self, driver: URDriver) -> None:
+        self._driver = driver
 
     async def set_analog_voltage(self, number: int, volts: float) -> None:
         """Analog output 0 or 1, as 0 to 10 V."""
@@ -43,15 +43,15 @@ class IO:
 
     async def set_tool_voltage(self, volts: int) -> None:
         """0, 12 or 24 V at the tool."""
-        await self._robot.driver.set_tool_voltage(volts)
+        await self._driver.set_tool_voltage(volts)
 
     async def set_int_register(self, number: int, value: int) -> None:
         """Input register 0 to 47, for programs of the robot's: 24 to 47 are those of clients."""
-        await self._robot.driver.robot.write_inputs(**{f"input_int_register_{_register(number)}": value})
+        await self._driver.robot.write_inputs(**{f"input_int_register_{_register(number)}": value})
 
     async def set_double_register(self, number: int, value: float) -> None:
         """Input register 0 to 47, for programs of the robot's: 24 to 47 are those of clients."""
-        await self._robot.driver.robot.write_inputs(**{f"input_double_register_{_register(number)}": value})
+        await self._driver.robot.write_inputs(**{f"input_double_register_{_register(number)}": value})
 
     def int_register(self, number: int) -> int:
         """Output register 0 to 47 as a program of the robot's wrote it; has to be among the robot's ``outputs``."""
@@ -64,10 +64,10 @@ class IO:
     async def _set_analog(self, number: int, domain: int, share: float) -> None:
         bit = 1 << _analog(number)
         values: dict[str, Any] = {"standard_analog_output_mask": bit, "standard_analog_output_type": domain * bit}
-        await self._robot.driver.robot.write_inputs(**values, **{f"standard_analog_output_{number}": share})
+        await self._driver.robot.write_inputs(**values, **{f"standard_analog_output_{number}": share})
 
     def _value(self, name: str) -> Any:
-        values = self._robot.driver.state
+        values = self._driver.state
         if name not in values:
             raise LocalProtocolError(
                 f"{name} is not received: name it when connecting, Robot(host, outputs=({name!r},))"

@@ -5,8 +5,9 @@ from typing import TypeVar
 
 from client import dashboard
 from client.dashboard_commands import Operation
+from client.driver import URDriver
 from client.primary import PrimaryClient
-from client.robot.core import RobotCore
+from client.robot.motion import MotionRunner
 from client.scripts import ScriptResult
 from urproto.dashboard import ProgramState, UserRole
 from urproto.errors import LocalProtocolError, RobotRefused
@@ -20,29 +21,29 @@ Answer = TypeVar("Answer")
 class Programs:
     """Other programs than the control program. A robot runs one at a time, so this one makes way and comes back."""
 
-    def __init__(self, robot: RobotCore) -> None:
-        self._robot = robot
+    def __init__(self, motion: MotionRunner) -> None:
+        self._motion = motion
+        self._driver = motion.driver
 
     async def send(self, text: str) -> None:
         """Hand over a script and wait for nothing. A ``sec`` program runs beside the control program."""
-        await self._robot.driver.robot.send_script(text)
+        await self._driver.robot.send_script(text)
 
     async def run(self, text: str, *, timeout_s: float = float("inf")) -> ScriptResult:
         """Run a ``def`` program, or bare statements, to its end; then the control program runs again.
 
         Raises ScriptFailedError with the line when it fails, does not compile, or takes longer than ``timeout_s``.
         """
-        robot = self._robot
-        await robot.free("the script")
-        config = robot.driver.config
-        was_running = robot.driver.program_running
-        await robot.driver.stop_program()
+        await self._motion.check_free("the script")
+        config = self._driver.config
+        was_running = self._driver.program_running
+        await self._driver.stop_program()
         try:
             async with PrimaryClient(config.robot, config.robot_ports["primary"]) as primary:
                 return await primary.run(primary.core.execute(text, timeout_s=timeout_s), float("inf"))
         finally:
             if was_running:
-                await robot.start_again("the script")
+                await self._motion.readiness.start("the script")
 
     async def run_function(self, name: str, body: str, *, timeout_s: float = float("inf")) -> ScriptResult:
         """As `run`, with the statements of a function of this name."""
@@ -58,12 +59,12 @@ class Programs:
 class Dashboard:
     """Power, brakes, programs of the pendant, popups. RobotRefused where there is no dashboard, as on PolyScope X."""
 
-    def __init__(self, robot: RobotCore) -> None:
-        self._robot = robot
+    def __init__(self, driver: URDriver) -> None:
+        self._driver = driver
 
     async def ask(self, operation: Operation[Answer]) -> Answer:
         """Any operation of `client.dashboard_commands`; its ``command("...")`` makes one that is not there."""
-        board = self._robot.driver.robot.dashboard
+        board = self._driver.robot.dashboard
         if board is None:
             raise RobotRefused(operation.line, "this robot has no dashboard", "PolyScope X has an HTTP API instead")
         return await board.ask(operation)

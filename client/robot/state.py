@@ -8,6 +8,7 @@ from urproto.errors import LocalProtocolError
 from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_of
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
+from urproto.signals import digital_signal
 
 OUTPUTS: Final = (
     "actual_q",
@@ -51,9 +52,6 @@ MORE_OUTPUTS: Final = (
 )
 """What ur_rtde receives by default too; where a version lacks one, it is missing from `RobotState.values`."""
 _AT_REST_RAD_S: Final = 1e-4  # guess: far below any motion, above rounding
-
-SIGNALS: Final = 18
-"""Digital signals of one direction: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,16 +124,18 @@ class RobotState:
         return bool(max(map(abs, self.values["target_qd"])) < _AT_REST_RAD_S)
 
     def digital_in(self, number: int) -> bool:
-        """Level of a digital input, numbered as `SIGNALS` says."""
+        """Level of a digital input, numbered as `urproto.signals.SIGNALS` says."""
         return bool(self.values["actual_digital_input_bits"] >> check_signal(number) & 1)
 
     def digital_out(self, number: int) -> bool:
-        """Level of a digital output, numbered as `SIGNALS` says."""
+        """Level of a digital output, numbered as `urproto.signals.SIGNALS` says."""
         return bool(self.values["actual_digital_output_bits"] >> check_signal(number) & 1)
 
 
 def check_signal(number: int) -> int:
     """The number of a digital signal. Raises LocalProtocolError when there is none."""
-    if not 0 <= number < SIGNALS:
-        raise LocalProtocolError(f"there is no digital signal {number}: 0-7 standard, 8-15 configurable, 16-17 tool")
+    try:
+        digital_signal(number)
+    except IndexError as error:
+        raise LocalProtocolError(str(error)) from None
     return number

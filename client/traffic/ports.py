@@ -7,8 +7,7 @@ from typing import Any
 from client.dashboard import PORT, DashboardClient
 from client.dashboard_commands import POLYSCOPE_VERSION, ROBOT_MODEL, Operation
 from client.decoding.codecs import Side, codec_of_port
-from client.errors import ClientError
-from urproto.errors import LocalProtocolError, ProtocolError, RobotRefused
+from urproto.errors import LocalProtocolError, RobotRefused, URError
 from urproto.ports import CONTROLLER_PORTS
 
 _PATIENCE_S = 2.0
@@ -21,7 +20,7 @@ async def ask_identity(host: str, port_offset: int = 0) -> list[str]:
         async with DashboardClient(host, PORT + port_offset, _PATIENCE_S) as dashboard:
             version = await _ask(dashboard, POLYSCOPE_VERSION)
             model = await _ask(dashboard, ROBOT_MODEL)
-    except (ClientError, ProtocolError):
+    except URError:
         version = model = _UNKNOWN
     return [f"robot: {model}", f"PolyScope: {version}"]
 

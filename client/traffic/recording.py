@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Self
 
-from client.decoding.capture import MAGIC_SIZE, PacketReader, open_capture
-from client.decoding.capture_writer import head_of_capture, packet_block
+from client.decoding.capture import MAGIC_SIZE, PacketReader, head_of_capture, open_capture, packet_block
 from client.decoding.codecs import ConnectionFrames
 from client.decoding.connections import Closed, Connections, Data, Ends, Event, Lost, opens, possible_servers
 from client.decoding.packets import Endpoint, Segment, UnreadablePacketError, tcp_segment

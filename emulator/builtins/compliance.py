@@ -3,9 +3,10 @@
 import math
 from typing import Any
 
-from emulator.builtins.geometry import Vector6, numbers, six, three, within_range
+from emulator.builtins.geometry import numbers, three, within_range
 from emulator.builtins.host import ProgramHost
 from emulator.motion.reach import distance_to_singularity
+from urproto.vectors import ZERO6, Vector6, as_six
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, Bool, Int, Joints, ListArg, Num, Pose, PoseArg, PoseOrJoints
@@ -13,7 +14,7 @@ from urscript.values import Any_, Bool, Int, Joints, ListArg, Num, Pose, PoseArg
 LIBRARY = Library("force", host=True, physical=True)
 
 # defaults: a tuple stands for a list or pose that scripts see
-_ORIGIN: Any = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_ORIGIN: Any = ZERO6
 _ALL_AXES: Any = (1, 1, 1, 1, 1, 1)
 _NO_OFFSET: Any = (0, 0, 0)
 _SINGULARITY_BOUNDS = (0.2, 0.05)  # of distance_to_singularity(): about 11 and 3 degrees of elbow or wrist (guess)
@@ -43,20 +44,22 @@ def force_mode(
         raise RuntimeFault(f"force_mode: the selection vector must hold only 0 and 1, not {list(selection_vector)}")
     _main_only(host, "force_mode")
     with within_range():
-        host.motion.start_force_mode(six(task_frame), six(selection_vector), six(wrench), type_, six(limits))
+        host.motion.force_control.force_mode(
+            as_six(task_frame), as_six(selection_vector), as_six(wrench), type_, as_six(limits)
+        )
 
 
 @LIBRARY.builtin()
 def end_force_mode(host: ProgramHost) -> None:
     """Leave force mode."""
-    host.motion.end_force_mode()
+    host.motion.force_control.end()
 
 
 @LIBRARY.builtin(cb3="3.0", e="5.0")
 def force_mode_set_damping(host: ProgramHost, damping: Num) -> None:
     """Damping of force mode, 0 (none) to 1 (full); applies from then on."""
     _check_range("force_mode_set_damping", damping, 1)
-    host.motion.force_damping = float(damping)
+    host.motion.force_control.damping = float(damping)
 
 
 # The official control script contains this name on CB3 too, where it is never called; so it has to exist there.
@@ -64,19 +67,19 @@ def force_mode_set_damping(host: ProgramHost, damping: Num) -> None:
 def force_mode_set_gain_scaling(host: ProgramHost, scaling: Num) -> None:
     """Gain of force mode, 0 to 2; applies from then on."""
     _check_range("force_mode_set_gain_scaling", scaling, 2)
-    host.motion.force_gain_scaling = float(scaling)
+    host.motion.force_control.gain_scaling = float(scaling)
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def force_mode_get_damping(host: ProgramHost) -> float:
     """Damping of force mode."""
-    return host.motion.force_damping
+    return host.motion.force_control.damping
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def force_mode_get_gain_scaling(host: ProgramHost) -> float:
     """Gain of force mode."""
-    return host.motion.force_gain_scaling
+    return host.motion.force_control.gain_scaling
 
 
 @LIBRARY.builtin(
@@ -92,13 +95,13 @@ def screw_driving(host: ProgramHost, f: Num, v_limit: Num) -> None:
     if not (math.isfinite(v_limit) and v_limit > 0):
         raise RuntimeFault(f"screw_driving: v_limit must be greater than 0 [m/s], not {v_limit}")
     _main_only(host, "screw_driving")
-    host.motion.screw_driving(float(f), float(v_limit))
+    host.motion.force_control.screw_driving(float(f), float(v_limit))
 
 
 @LIBRARY.builtin(cb3=None, e="5.0")
 def end_screw_driving(host: ProgramHost) -> None:
     """Leave screw driving."""
-    host.motion.end_force_mode()
+    host.motion.force_control.end()
 
 
 @LIBRARY.builtin(
@@ -112,7 +115,7 @@ def freedrive_mode(host: ProgramHost, freeAxes: ListArg = _ALL_AXES, feature: An
     if len(freeAxes) != 6 or any(axis not in (0, 1) for axis in freeAxes):
         raise RuntimeFault("freedrive_mode: freeAxes must be a list of six numbers, each 0 or 1")
     _main_only(host, "freedrive_mode")
-    host.motion.freedrive(six(freeAxes), _feature(feature))
+    host.motion.commands.freedrive(as_six(freeAxes), _feature(feature))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="the arm follows the emulated external force", work=90)
@@ -124,7 +127,7 @@ def freedrive_mode_no_incorrect_payload_check(host: ProgramHost) -> None:
 @LIBRARY.builtin()
 def end_freedrive_mode(host: ProgramHost) -> None:
     """Leave freedrive."""
-    host.motion.end_freedrive()
+    host.motion.force_control.end()
 
 
 @LIBRARY.builtin(cb3="3.10", e="5.0", note="where near and too near begin are guesses")
@@ -143,7 +146,7 @@ def teach_mode(host: ProgramHost) -> None:
 @LIBRARY.builtin()
 def end_teach_mode(host: ProgramHost) -> None:
     """Leave freedrive."""
-    host.motion.end_freedrive()
+    host.motion.force_control.end()
 
 
 @LIBRARY.builtin(
@@ -211,10 +214,10 @@ def _feature(feature: Any) -> Vector6 | None:
     if feature == "tool":
         return None
     if feature == "base" or feature is _ORIGIN:
-        return six(_ORIGIN)
+        return as_six(_ORIGIN)
     if not isinstance(feature, Pose):
         raise RuntimeFault('freedrive_mode: feature must be a pose, "base" or "tool"')
-    return six(numbers(feature, 6, "freedrive_mode: feature"))
+    return as_six(numbers(feature, 6, "freedrive_mode: feature"))
 
 
 def _main_only(host: ProgramHost, name: str) -> None:

@@ -2,10 +2,12 @@
 
 import math
 
-from emulator.builtins.geometry import six, within_range
+from emulator.builtins.geometry import within_range
 from emulator.builtins.host import Frames, ProgramHost
 from emulator.io.encoders import DecoderType, Encoder
-from emulator.motion.superposition import CircularConveyor, LinearConveyor, Source
+from emulator.motion.superposition import Source
+from emulator.motion.tracking import CircularConveyor, LinearConveyor
+from urproto.vectors import as_six
 from urproto.versions import Series
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
@@ -96,7 +98,7 @@ def track_conveyor_linear(
     things were when tracking began. Stays in force until stop_conveyor_tracking() or the program's end.
     """
     name = "track_conveyor_linear"
-    x, y, z = six(direction)[:3]
+    x, y, z = as_six(direction)[:3]
     if not 0.0 < math.hypot(x, y, z) < math.inf:
         raise RuntimeFault(f"{name}: direction must point somewhere: give a pose whose x, y, z are not all 0")
     encoder = _checked(host, name, ticks_per_meter, encoder_index)
@@ -117,7 +119,7 @@ def track_conveyor_circular(
     turns as well. See track_conveyor_linear.
     """
     name = "track_conveyor_circular"
-    pose = six(center)
+    pose = as_six(center)
     if not all(map(math.isfinite, pose)):
         raise RuntimeFault(f"{name}: center must be a pose of finite numbers")
     encoder = _checked(host, name, ticks_per_revolution, encoder_index)
@@ -163,7 +165,7 @@ def _track(host: ProgramHost, name: str, conveyor: Source) -> None:
     if host.secondary:
         raise RuntimeFault(f"{name}: a secondary program cannot control the robot")
     with within_range():
-        host.motion.track(conveyor)
+        host.motion.superposition.track(conveyor)
 
 
 def _whole(name: str, count: float) -> int:

@@ -7,17 +7,9 @@ from contextlib import contextmanager
 from emulator.builtins.host import ProgramHost
 from emulator.robot.worldmodel import ArmPose
 from urproto.robots.pose import pose_inv, pose_trans
+from urproto.vectors import ZERO6, Vector3, Vector6, as_six
 from urscript.errors import RuntimeFault
 from urscript.values import Pose, is_number
-
-Vector3 = tuple[float, float, float]
-Vector6 = tuple[float, float, float, float, float, float]
-
-
-def six(values: Sequence[float]) -> Vector6:
-    """Six floats."""
-    a, b, c, d, e, f = values
-    return (float(a), float(b), float(c), float(d), float(e), float(f))
 
 
 def three(values: Sequence[float], what: str) -> Vector3:
@@ -42,12 +34,12 @@ def within_range() -> Iterator[None]:
         raise RuntimeFault(str(error)) from error
 
 
-_NO_TCP = (0.0,) * 6
+_NO_TCP = ZERO6
 
 
 def forward(host: ProgramHost, q: Sequence[float], tcp: Sequence[float] | None = None) -> Vector6:
     """TCP pose in the base frame of joint angles; with the active TCP unless another is given."""
-    return host.arm.kinematics.forward(six(q), active_tcp(host) if tcp is None else six(tcp))
+    return host.arm.kinematics.forward(as_six(q), active_tcp(host) if tcp is None else as_six(tcp))
 
 
 def inverse(
@@ -55,7 +47,7 @@ def inverse(
 ) -> Vector6 | None:
     """Joint angles within their limits for a TCP pose, nearest to ``q_near`` (the present ones); None without any."""
     flange = pose_trans(pose, pose_inv(active_tcp(host) if tcp is None else tcp))
-    near = host.motion.q if q_near is None else six(q_near)
+    near = host.motion.q if q_near is None else as_six(q_near)
     if not all(map(math.isfinite, flange)):
         return None
     return host.arm.kinematics.inverse_near(flange, near, *host.machine.model.position_limits)
@@ -72,7 +64,7 @@ def joints_for(host: ProgramHost, target: Sequence[float]) -> Vector6:
     if not isinstance(target, Pose):
         if not in_joint_range(host, target):
             raise RuntimeFault(f"the target [{_listed(target)}] is outside the joint limits")
-        return six(target)
+        return as_six(target)
     q = inverse(host, target)
     if q is None:
         raise no_solution(target)
@@ -81,13 +73,13 @@ def joints_for(host: ProgramHost, target: Sequence[float]) -> Vector6:
 
 def pose_for(host: ProgramHost, target: Sequence[float]) -> Vector6:
     """TCP pose of a pose or of joint angles."""
-    return six(target) if isinstance(target, Pose) else forward(host, target)
+    return as_six(target) if isinstance(target, Pose) else forward(host, target)
 
 
 def twist_of(host: ProgramHost, q: Vector6, qd: Vector6) -> Vector6:
     """TCP velocity in the base frame [m/s, rad/s]."""
     rows = host.arm.kinematics.jacobian(q, active_tcp(host))
-    return six([_dot(row, qd) for row in rows])
+    return as_six([_dot(row, qd) for row in rows])
 
 
 def active_tcp(host: ProgramHost) -> Vector6:

@@ -7,14 +7,15 @@ from contextlib import contextmanager
 from typing import Final, Protocol, TypeAlias, TypeVar
 
 from emulator.machine import Machine
-from emulator.motion import Motion, Move
-from emulator.motion.vectors import Joints, as_six
+from emulator.motion import Motion, MotionCommands, Move
 from emulator.reporting.popups import Popup
 from emulator.robot.arm import Arm
 from emulator.services.modbus import ModbusSignals
 from emulator.services.outputs import RunstateOutputs
 from emulator.services.sockets import ScriptSocketBackend, SocketTable
 from emulator.services.watchdog import MotionHistory, Watchdog, WatchdogAction, Watchdogs
+from urproto.robots.model import Joints
+from urproto.vectors import as_six
 from urscript.errors import RuntimeFault
 from urscript.interpreter import Locals
 from urscript.runtime import Runtime, ScriptThread
@@ -114,7 +115,7 @@ class ProgramHost:
 
     @property
     def motion(self) -> Motion:
-        """The arm's motion generator, for reading; to command it use ``motion_control``."""
+        """The arm's motion generator, for reading; to command a movement use ``motion_control``."""
         return self.machine.motion
 
     @property
@@ -162,7 +163,7 @@ class ProgramHost:
         self.programs.watchdogs.set(Watchdog(variable, interval, action, self.machine.step_count))
 
     @contextmanager
-    def motion_control(self) -> Iterator[Motion]:
+    def motion_control(self) -> Iterator[MotionCommands]:
         """Own the arm while inside. Also left when the thread is killed, so nothing stays locked.
 
         Raises RuntimeFault when another thread owns it, when a secondary program asks, or when a fault ended what
@@ -175,11 +176,12 @@ class ProgramHost:
         runtime = self.runtime
         if runtime.motion_thread not in (None, runtime.current):
             raise RuntimeFault("Another thread is already controlling the robot")
-        if self.motion.displacement_lost is not None:
-            raise RuntimeFault(f"the path offset, conveyor or frame tracking ended: {self.motion.displacement_lost}")
+        lost = self.motion.superposition.lost
+        if lost is not None:
+            raise RuntimeFault(f"the path offset, conveyor or frame tracking ended: {lost}")
         runtime.motion_thread = runtime.current
         try:
-            yield self.motion
+            yield self.motion.commands
         finally:
             runtime.motion_thread = None
 

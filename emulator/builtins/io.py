@@ -2,7 +2,7 @@
 
 from emulator.builtins.geometry import within_range
 from emulator.builtins.host import ProgramHost
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, Num

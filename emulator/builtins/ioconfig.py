@@ -3,9 +3,9 @@
 from emulator.builtins.geometry import within_range
 from emulator.builtins.host import ProgramHost
 from emulator.devices.tool_line import SerialSettings
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from emulator.services.outputs import OutputAction, output_action
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolOutputMode
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, ListArg, Num, Str

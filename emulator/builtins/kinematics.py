@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from typing import Final
 
-from emulator.builtins.geometry import Vector6, active_tcp, forward, in_joint_range, inverse, no_solution, six
+from emulator.builtins.geometry import active_tcp, forward, in_joint_range, inverse, no_solution
 from emulator.builtins.host import ProgramHost
+from urproto.vectors import Vector6, as_six
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
@@ -112,15 +113,15 @@ def get_coriolis_and_centrifugal_torques(
 
 
 def _q(host: ProgramHost, q: Sequence[float] | None) -> Vector6:
-    return host.target_q if q is None else six(q)
+    return host.target_q if q is None else as_six(q)
 
 
 def _qd(host: ProgramHost, qd: Sequence[float] | None) -> Vector6:
-    return host.motion.qd if qd is None else six(qd)
+    return host.motion.qd if qd is None else as_six(qd)
 
 
 def _tcp(host: ProgramHost, tcp: Sequence[float] | None) -> Vector6:
-    return active_tcp(host) if tcp is None else six(tcp)
+    return active_tcp(host) if tcp is None else as_six(tcp)
 
 
 def _matrix(rows: Sequence[Sequence[float]]) -> Matrix:

@@ -2,19 +2,11 @@
 
 from collections.abc import Sequence
 
-from emulator.builtins.geometry import (
-    Vector6,
-    arm_pose,
-    joints_for,
-    nearest_angle,
-    numbers,
-    pose_for,
-    six,
-    within_range,
-)
+from emulator.builtins.geometry import arm_pose, joints_for, nearest_angle, numbers, pose_for, within_range
 from emulator.builtins.host import Frames, ProgramHost
 from emulator.robot.drives import COULOMB_SHARE, VISCOUS_SHARE, TorqueCommand
 from emulator.snapshot import plausible
+from urproto.vectors import ZERO6, Vector6, as_six
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, Bool, Int, Joints, Num, Pose, PoseOrJoints, Struct, Value
@@ -123,18 +115,18 @@ def _goal(host: ProgramHost, name: str, goal: Value) -> list[float]:
     if isinstance(goal, Struct) and set(goal.members) == {"pose", "frame"}:
         pose, frame = goal.members["pose"], goal.members["frame"]
         if isinstance(pose, Pose) and isinstance(frame, str):
-            return _in_frame(host, six(numbers(pose, 6, f"{name}: pose")), frame)
+            return _in_frame(host, as_six(numbers(pose, 6, f"{name}: pose")), frame)
     if isinstance(goal, list):
         return list(numbers(goal, 6, f"{name}: goal")) if not isinstance(goal, Pose) else goal
     raise RuntimeFault(f"{name}: goal must be joint angles, a pose, struct(pose=p[...], frame=name), or a frame's name")
 
 
-_ORIGIN = (0.0,) * 6
+_ORIGIN = ZERO6
 
 
 def _in_frame(host: ProgramHost, pose: Vector6, frame: str) -> Pose:
     """A pose in a frame, in the base; in one that moves with a tracked frame, as that was when tracking began."""
-    world, tracked = host.machine.world_model, host.motion.tracked_frame
+    world, tracked = host.machine.world_model, host.motion.superposition.tracked_frame
     with within_range():
         there = world.convert(pose, frame, "base", arm_pose(host))
         if tracked is not None and world.carries(tracked.name, frame):
@@ -159,7 +151,7 @@ def servoj(
     _check_not_negative("servoj", t=0 if t is None else t)
     with host.motion_control() as motion:
         duration = host.period_s if t is None else t
-        yield from host.until_ready(motion.servoj(six(q), t=duration, lookahead_time=lookahead_time, gain=gain))
+        yield from host.until_ready(motion.servoj(as_six(q), t=duration, lookahead_time=lookahead_time, gain=gain))
 
 
 @LIBRARY.builtin()
@@ -179,7 +171,7 @@ def speedj(host: ProgramHost, qd: Joints, a: Num = 1.4, t: Num | None = None) ->
     """
     _check_not_negative("speedj", a=a)
     with host.motion_control() as motion:
-        yield from host.until_ready(motion.speedj(six(qd), a=a, t=t))
+        yield from host.until_ready(motion.speedj(as_six(qd), a=a, t=t))
 
 
 @LIBRARY.builtin(aliases={"t": ("t", "t_min")})
@@ -194,7 +186,7 @@ def speedl(
     turn_a = a if aRot is None else aRot
     _check_not_negative("speedl", a=a, aRot=turn_a)
     with host.motion_control() as motion:
-        yield from host.until_ready(motion.speedl(six(xd), a=a, a_rot=turn_a, t=t))
+        yield from host.until_ready(motion.speedl(as_six(xd), a=a, a_rot=turn_a, t=t))
 
 
 @LIBRARY.builtin()
@@ -237,7 +229,7 @@ def direct_torque(
     shares = (viscous, coulomb) if friction_comp else ()
     with host.motion_control() as motion:
         yield from host.until_ready(
-            motion.direct_torque(TorqueCommand(six(torques), *shares), host.arm.torque_response)
+            motion.direct_torque(TorqueCommand(as_six(torques), *shares), host.arm.torque_response)
         )
 
 
@@ -246,7 +238,7 @@ def _friction_scale(name: str, given: Sequence[float] | None, usual: Vector6) ->
         return usual
     if not all(0.0 <= share <= 1.0 for share in given):
         raise RuntimeFault(f"direct_torque: each {name} must be from 0 to 1, not {list(given)}")
-    return six(given)
+    return as_six(given)
 
 
 @LIBRARY.builtin(work=130)
@@ -254,8 +246,8 @@ def set_pos(host: ProgramHost, q: Joints) -> None:
     """Put the simulated arm at joint angles [rad] at once; only while it stands still."""
     if not host.motion.idle:
         raise RuntimeFault("set_pos: the arm is moving; stop it first")
-    with host.motion_control() as motion, within_range():
-        motion.set_position(six(q))
+    with host.motion_control(), within_range():
+        host.motion.set_position(as_six(q))
 
 
 @LIBRARY.builtin(cb3="3.1", e="5.0")
@@ -271,7 +263,8 @@ def reset_revolution_counter(host: ProgramHost, qNear: Joints | None = None) -> 
     near = 0.0 if qNear is None else qNear[5]
     if not plausible(near):
         raise RuntimeFault(f"reset_revolution_counter: no wrist is near {near:g} rad")
-    with host.motion_control() as motion, within_range():
+    with host.motion_control(), within_range():
+        motion = host.motion
         motion.set_position((*motion.q[:5], nearest_angle(motion.q[5], near)))
 
 

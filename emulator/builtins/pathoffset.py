@@ -1,8 +1,9 @@
 """Path offsets: a Cartesian offset on top of the robot's movements, given anew as often as a program likes."""
 
-from emulator.builtins.geometry import numbers, six
+from emulator.builtins.geometry import numbers
 from emulator.builtins.host import Frames, ProgramHost
 from emulator.motion.superposition import OffsetFrame
+from urproto.vectors import as_six
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int, Num, Pose, PoseOrJoints
@@ -20,7 +21,7 @@ def path_offset_enable(host: ProgramHost) -> None:
     """
     if host.secondary:
         raise RuntimeFault("path_offset_enable: a secondary program cannot control the robot")
-    host.motion.enable_path_offset()
+    host.motion.superposition.enable_path_offset()
 
 
 @LIBRARY.builtin(cb3=None, e=_SINCE)
@@ -40,13 +41,14 @@ def path_offset_set(host: ProgramHost, offset: PoseOrJoints, type_: Int) -> None
     z, z = x cross y); 4 world (the offset is the base's pose in the world, in which the path is meant).
     An offset that jumps causes a protective stop.
     """
-    host.motion.set_path_offset(six(numbers(offset, 6, "path_offset_set: offset")), _frame("path_offset_set", type_))
+    given = as_six(numbers(offset, 6, "path_offset_set: offset"))
+    host.motion.superposition.set_path_offset(given, _frame("path_offset_set", type_))
 
 
 @LIBRARY.builtin(cb3=None, e=_SINCE, work=60)
 def path_offset_get(host: ProgramHost, type_: Int) -> Pose:
     """The offset applied now, filtered and limited, as one of this `type` (see path_offset_set)."""
-    return Pose(host.motion.path_offset(_frame("path_offset_get", type_)))
+    return Pose(host.motion.superposition.path_offset(_frame("path_offset_get", type_)))
 
 
 @LIBRARY.builtin(cb3=None, e=_SINCE)
@@ -54,7 +56,7 @@ def path_offset_set_alpha_filter(host: ProgramHost, alpha: Num) -> None:
     """Smooth offsets: each period the one applied goes `alpha` (0 to 1) of the way to the one given; 1 is no filter."""
     if not 0 <= alpha <= 1:
         raise RuntimeFault(f"path_offset_set_alpha_filter: alpha must be 0 to 1, not {alpha}")
-    host.motion.offset_settings.alpha = float(alpha)
+    host.motion.superposition.settings.alpha = float(alpha)
 
 
 @LIBRARY.builtin(cb3=None, e=_SINCE)
@@ -64,7 +66,7 @@ def path_offset_set_max_offset(host: ProgramHost, transLimit: Num, rotLimit: Num
         raise RuntimeFault(
             f"path_offset_set_max_offset: the limits must not be negative, as one of {transLimit}, {rotLimit} is"
         )
-    settings = host.motion.offset_settings
+    settings = host.motion.superposition.settings
     settings.translation_limit, settings.rotation_limit = float(transLimit), float(rotLimit)
 
 

@@ -4,11 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from emulator.builtins.geometry import Vector3, Vector6, numbers, six, three, within_range
+from emulator.builtins.geometry import numbers, three, within_range
 from emulator.builtins.host import ProgramHost
 from emulator.robot import payloadestimate
 from emulator.robot.installation import Payload
 from urproto.robots.pose import pose_inv, pose_trans
+from urproto.vectors import Vector3, Vector6, as_six
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, ListArg, Matrix, Num, PoseArg, Str, Struct
@@ -24,7 +25,7 @@ _NO_INERTIA: Any = (0, 0, 0, 0, 0, 0)  # a tuple stands for a list that scripts 
 def set_tcp(host: ProgramHost, pose: PoseArg, tcp_name: Str = "") -> None:
     """Use another TCP, given from the tool flange."""
     with within_range():
-        host.machine.set_tcp(six(numbers(pose, 6, "set_tcp: the pose")))
+        host.machine.set_tcp(as_six(numbers(pose, 6, "set_tcp: the pose")))
 
 
 @LIBRARY.builtin()
@@ -130,7 +131,7 @@ def _sixes(values: object, what: str) -> list[Vector6]:
     rows = values.rows if isinstance(values, Matrix) else values
     if not isinstance(rows, list | tuple) or not all(isinstance(row, list | tuple) for row in rows):
         raise RuntimeFault(f"estimate_payload: {what} must be a list of poses or of lists of six numbers")
-    return [six(numbers(row, 6, f"estimate_payload: each element of {what}")) for row in rows]
+    return [as_six(numbers(row, 6, f"estimate_payload: each element of {what}")) for row in rows]
 
 
 def use_payload(host: ProgramHost, payload: Payload, transition_s: float = 0.0) -> None:
@@ -158,7 +159,7 @@ def checked_mass(m: float) -> float:
 
 def checked_inertia(inertia: Sequence[float], name: str) -> Vector6:
     """Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2]; RuntimeFault of the built-in ``name`` when they cannot be."""
-    moments = six(numbers(inertia, 6, f"{name}: inertia"))
+    moments = as_six(numbers(inertia, 6, f"{name}: inertia"))
     if min(moments[:3]) < 0:
         raise RuntimeFault(f"{name}: Ixx, Iyy and Izz must not be negative: {list(moments)}")
     if max(map(abs, moments)) > _MOST_INERTIA:

@@ -6,13 +6,12 @@ from typing import Any
 from emulator.builtins.geometry import active_tcp, forward, twist_of
 from emulator.builtins.host import ProgramHost
 from urproto.rtde.fields import OUTPUT_FIELDS
+from urproto.vectors import ZERO6
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int, Pose, Str
 
 LIBRARY = Library("state", host=True)
-
-_ZERO = (0.0,) * 6
 
 
 @LIBRARY.builtin()
@@ -80,7 +79,7 @@ def get_actual_tcp_speed(host: ProgramHost) -> list[float]:
 @LIBRARY.builtin(work=130)
 def get_actual_tool_flange_pose(host: ProgramHost) -> Pose:
     """Measured pose of the tool flange in the base frame."""
-    return Pose(forward(host, host.actual_q, _ZERO))
+    return Pose(forward(host, host.actual_q, ZERO6))
 
 
 @LIBRARY.builtin(note="undocumented; PolyScope's force nodes use it", work=130)

@@ -2,9 +2,10 @@
 
 import math
 
-from emulator.builtins.geometry import numbers, six
+from emulator.builtins.geometry import numbers
 from emulator.builtins.host import ProgramHost
-from emulator.motion.wrenchlimit import WrenchLimit
+from emulator.motion.wrench_limit import WrenchLimit
+from urproto.vectors import as_six
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int, Num, PoseArg
@@ -69,15 +70,15 @@ def tool_wrench_limit_set(
     for limit in limits:
         if limit is not None and not (math.isfinite(limit) and limit > 0):
             raise RuntimeFault(f"tool_wrench_limit_set: a limit must be greater than 0, not {limit}")
-    frame = six(numbers(frame_offset, 6, "tool_wrench_limit_set: frame_offset"))
+    frame = as_six(numbers(frame_offset, 6, "tool_wrench_limit_set: frame_offset"))
     installation = host.machine.installation
-    host.motion.wrench_limit = WrenchLimit.of(frame, limits, lambda: installation.payload)
+    host.motion.commands.wrench_limit = WrenchLimit.of(frame, limits, lambda: installation.payload)
 
 
 @LIBRARY.builtin(cb3=None, e="5.19")
 def tool_wrench_limit_disable(host: ProgramHost) -> None:
     """Remove the limit on the tool wrench."""
-    host.motion.wrench_limit = None
+    host.motion.commands.wrench_limit = None
 
 
 @LIBRARY.builtin(cb3=None, e="5.20", status="partial", note="kept and given back; no speed profile here limits jerk")

@@ -1,10 +1,11 @@
 """The world model: named frames that poses can be given in, and that move with the arm or with each other."""
 
-from emulator.builtins.geometry import arm_pose, numbers, six, three, within_range
+from emulator.builtins.geometry import arm_pose, numbers, three, within_range
 from emulator.builtins.host import Frames, ProgramHost
 from emulator.builtins.setup import checked_inertia, checked_mass, use_payload
-from emulator.motion.frame_tracking import FrameTracking
+from emulator.motion.tracking import FrameTracking
 from emulator.robot.worldmodel import MassProperties, WorldModel
+from urproto.vectors import as_six
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import ListArg, Num, Pose, PoseArg, Str
@@ -22,7 +23,7 @@ def _world(host: ProgramHost) -> WorldModel:
 def add_frame(host: ProgramHost, name: Str, pose: PoseArg, ref_name: Str = "base") -> None:
     """Add a frame at `pose`, given in the frame `ref_name`. It stands in the world: attach_frame() ties it."""
     with within_range():
-        _world(host).add(name, six(numbers(pose, 6, "add_frame: pose")), ref_name, arm_pose(host))
+        _world(host).add(name, as_six(numbers(pose, 6, "add_frame: pose")), ref_name, arm_pose(host))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
@@ -53,7 +54,7 @@ def delete_all_frames(host: ProgramHost) -> None:
 def move_frame(host: ProgramHost, name: Str, pose: PoseArg, ref_name: Str = "base") -> None:
     """Place a frame at `pose`, given in the frame `ref_name`. What is attached to it comes along."""
     with within_range():
-        _world(host).move(name, six(numbers(pose, 6, "move_frame: pose")), ref_name, arm_pose(host))
+        _world(host).move(name, as_six(numbers(pose, 6, "move_frame: pose")), ref_name, arm_pose(host))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
@@ -67,7 +68,7 @@ def get_pose(host: ProgramHost, name: Str, rel_name: Str, ref_name: Str | None =
 def convert_pose(host: ProgramHost, pose: PoseArg, from_frame: Str, to_frame: Str) -> Pose:
     """A pose given in `from_frame`, in the coordinates of `to_frame`."""
     with within_range():
-        given = six(numbers(pose, 6, "convert_pose: pose"))
+        given = as_six(numbers(pose, 6, "convert_pose: pose"))
         return Pose(_world(host).convert(given, from_frame, to_frame, arm_pose(host)))
 
 
@@ -128,7 +129,7 @@ def frame_tracking_enable(host: ProgramHost, frame_name: Str) -> None:
         raise RuntimeFault("frame_tracking_enable: a secondary program cannot control the robot")
     world = _world(host)
     with within_range():
-        host.motion.track_frame(FrameTracking(frame_name, lambda: world.in_base(frame_name)))
+        host.motion.superposition.track_frame(FrameTracking(frame_name, lambda: world.in_base(frame_name)))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")

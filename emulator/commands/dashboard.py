@@ -1,11 +1,11 @@
 """The dashboard server's commands: one decorated function each.
 
-The function's docstring is the command's help, its signature tells whether it takes an
-argument (the rest of the line, verbatim). It returns the reply, or yields once for every
-control period until the reply is known. First versions, reply texts and what needs remote
-control: the vendor's dashboard manuals (e-Series: that of 2022) and the reply patterns of
-the official C++ client; where those differ in a text, the client's pattern is answered,
-since simulators satisfy it in the vendor's own tests.
+What a command is called, since when there is one and what needs remote control is in
+``urproto.dashboard.COMMANDS``. Here is what it does: the function's docstring is the command's
+help, its argument the rest of the line, verbatim. It returns the reply, or yields once for
+every control period until the reply is known. Reply texts: the vendor's dashboard manuals
+and the reply patterns of the official C++ client; where those differ, the client's pattern is
+answered, since simulators satisfy it in the vendor's own tests.
 
 A command answers as the manual says even when there is nothing to do: drivers send
 "close popup", "stop", "unlock protective stop" blindly.
@@ -28,13 +28,12 @@ from emulator.robot.installation import InstallationError
 from urproto import dashboard as replies
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.text import lower, strip
-from urproto.versions import Availability, PolyscopeVersion, Series
+from urproto.versions import PolyscopeVersion, Series
 
 _Waiting = Generator[None, None, str]
 _Answer = str | _Waiting
 
-_USER_ROLES: Final = ("PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED")
-_OPERATIONAL_MODES: Final = ("MANUAL", "AUTOMATIC")
+_MODES_TO_SET: Final = (replies.OperationalMode.MANUAL.name, replies.OperationalMode.AUTOMATIC.name)
 _SHOWN_ROOT: Final = "/programs"
 _RELEASE_DATE: Final = "Jun 20 2022"  # of 3.15.8; other versions show the same, which is a guess
 # PolyScope answers when program and installation are loaded. Drivers wait 1 s for that, which simulators keep to unless
@@ -46,16 +45,10 @@ _START_WITHIN_S: Final = 0.1  # a program shorter than a period is never seen pl
 
 @dataclass(frozen=True, slots=True)
 class DashboardCommand:
-    """One command: its words as documented, the versions that have it, and the function.
+    """One command of the protocol and the function that does it."""
 
-    ``remote_only``: an e-Series arm in local control refuses it.
-    """
-
-    words: str
-    available: Availability
-    takes_argument: bool
+    form: replies.Command
     function: Callable[..., _Answer]
-    remote_only: bool = False
 
     @property
     def help(self) -> str:
@@ -68,7 +61,7 @@ COMMANDS: Final[dict[str, DashboardCommand]] = {}  # by lower-case words
 
 def available_commands(version: PolyscopeVersion) -> list[DashboardCommand]:
     """The commands a controller of this version understands."""
-    return [command for command in COMMANDS.values() if command.available.covers(version)]
+    return [command for command in COMMANDS.values() if command.form.available.covers(version)]
 
 
 def execute(controller: Controller, line: str, *, restricted: bool = False) -> str | _Waiting | None:
@@ -83,9 +76,9 @@ def execute(controller: Controller, line: str, *, restricted: bool = False) -> s
     if found is None:
         return replies.not_understood(text)
     entry, argument = found
-    if restricted and entry.remote_only:
+    if restricted and entry.form.remote_only:
         return replies.NOT_IN_REMOTE_CONTROL
-    return entry.function(controller, argument) if entry.takes_argument else entry.function(controller)
+    return entry.function(controller, argument) if entry.form.takes_argument else entry.function(controller)
 
 
 def _find(text: str, version: PolyscopeVersion) -> tuple[DashboardCommand, str] | None:
@@ -94,20 +87,16 @@ def _find(text: str, version: PolyscopeVersion) -> tuple[DashboardCommand, str] 
     for count in range(min(len(words), _MOST_WORDS), 0, -1):
         entry = COMMANDS.get(lower(" ".join(words[:count])))
         argument = strip(" ".join(words[count:]))
-        if entry and entry.available.covers(version) and (entry.takes_argument or not argument):
+        if entry and entry.form.available.covers(version) and (entry.form.takes_argument or not argument):
             return entry, argument
     return None
 
 
-def command(
-    words: str, *, cb3: str | None, e: str | None, remote_only: bool = False
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Register a function as a command; ``cb3`` and ``e`` are the first versions that have it."""
+def command(words: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Register what does the command of these words; KeyError where `urproto.dashboard.COMMANDS` has none."""
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
-        takes_argument = len(inspect.signature(function).parameters) > 1
-        available = Availability.since(cb3, e)
-        COMMANDS[words.lower()] = DashboardCommand(words, available, takes_argument, function, remote_only)
+        COMMANDS[words.lower()] = DashboardCommand(replies.COMMANDS[words.lower()], function)
         return function
 
     return register
@@ -116,7 +105,7 @@ def command(
 # Programs and installations
 
 
-@command("load", cb3="1.4", e="5.0", remote_only=True)
+@command("load")
 def load(controller: Controller, name: str) -> _Waiting:
     """Load a program of the programs directory; a running one is stopped."""
     path = _existing(controller, name)
@@ -135,7 +124,7 @@ def load(controller: Controller, name: str) -> _Waiting:
     return f"{loaded}, {_installation(controller)}" if controller.version.series is Series.E else loaded
 
 
-@command("play", cb3="1.4", e="5.0", remote_only=True)
+@command("play")
 def play(controller: Controller) -> _Waiting:
     """Start the loaded program, or let a paused one go on. Needs a running arm."""
     programs = controller.programs
@@ -154,7 +143,7 @@ def play(controller: Controller) -> _Waiting:
     return replies.STARTING
 
 
-@command("stop", cb3="1.4", e="5.0", remote_only=True)
+@command("stop")
 def stop(controller: Controller) -> _Waiting:
     """Stop the running program; also answered when none runs."""
     controller.programs.stop("dashboard")
@@ -163,7 +152,7 @@ def stop(controller: Controller) -> _Waiting:
     return replies.STOPPED
 
 
-@command("pause", cb3="1.4", e="5.0", remote_only=True)
+@command("pause")
 def pause(controller: Controller) -> _Waiting:
     """Pause the running program."""
     if not is_running(controller.programs.state):
@@ -173,34 +162,34 @@ def pause(controller: Controller) -> _Waiting:
     return replies.PAUSING
 
 
-@command("running", cb3="1.6", e="5.0")
+@command("running")
 def running(controller: Controller) -> str:
     """Whether a program is running."""
     return f"Program running: {str(is_running(controller.programs.state)).lower()}"
 
 
-@command("get loaded program", cb3="1.6", e="5.0")
+@command("get loaded program")
 def get_loaded_program(controller: Controller) -> str:
     """Path of the loaded program."""
     loaded = controller.programs.loaded
     return f"Loaded program: {_shown(controller, loaded.path)}" if loaded else replies.NO_PROGRAM_LOADED
 
 
-@command("isProgramSaved", cb3="1.8.11997", e="5.0")
+@command("isProgramSaved")
 def is_program_saved(controller: Controller) -> str:
     """Whether the loaded program has no unsaved changes: always, since there is no editor."""
     loaded = controller.programs.loaded
     return f"true {loaded.path.name if loaded else _no_program(controller)}"
 
 
-@command("programState", cb3="1.8.11997", e="5.0")
+@command("programState")
 def program_state(controller: Controller) -> str:
     """STOPPED, PLAYING or PAUSED, and the program's name."""
     shown = {RuntimeState.STOPPED: "STOPPED", RuntimeState.STOPPING: "STOPPED", RuntimeState.PAUSED: "PAUSED"}
     return f"{shown.get(controller.programs.state, 'PLAYING')} {_program_name(controller)}"
 
 
-@command("load installation", cb3="3.2.18654", e="5.0", remote_only=True)
+@command("load installation")
 def load_installation(controller: Controller, name: str) -> str:
     """Load TCP and payload of an installation of the programs directory."""
     path = _existing(controller, name)
@@ -217,27 +206,27 @@ def load_installation(controller: Controller, name: str) -> str:
 # Power and safety
 
 
-@command("power on", cb3="3.0", e="5.0", remote_only=True)
+@command("power on")
 def power_on(controller: Controller) -> str:
     """Switch the arm on; the robot mode goes to IDLE in its own time."""
     return replies.POWERING_ON if controller.power_event(PowerEvent.POWER_ON) else replies.failed("power on")
 
 
-@command("power off", cb3="3.0", e="5.0", remote_only=True)
+@command("power off")
 def power_off(controller: Controller) -> str:
     """Switch the arm off; a running program is stopped."""
     controller.power_event(PowerEvent.POWER_OFF)
     return replies.POWERING_OFF
 
 
-@command("brake release", cb3="3.0", e="5.0", remote_only=True)
+@command("brake release")
 def brake_release(controller: Controller) -> str:
     """Release the brakes; an arm that is off is switched on first."""
     accepted = controller.power_event(PowerEvent.BRAKE_RELEASE)
     return replies.BRAKE_RELEASING if accepted else replies.failed("brake release")
 
 
-@command("unlock protective stop", cb3="3.1", e="5.0", remote_only=True)
+@command("unlock protective stop")
 def unlock_protective_stop(controller: Controller) -> str:
     """Leave a protective stop, no earlier than 5 s after it happened."""
     if not controller.safety.may_unlock_remotely:
@@ -246,7 +235,7 @@ def unlock_protective_stop(controller: Controller) -> str:
     return replies.UNLOCKING
 
 
-@command("restart safety", cb3="3.7", e="5.1", remote_only=True)
+@command("restart safety")
 def restart_safety(controller: Controller) -> str:
     """Restart the safety system after a violation or fault; the arm ends switched off."""
     if controller.safety.mode in (SafetyMode.VIOLATION, SafetyMode.FAULT):
@@ -255,25 +244,25 @@ def restart_safety(controller: Controller) -> str:
     return replies.RESTARTING_SAFETY
 
 
-@command("robotmode", cb3="1.6", e="5.0")
+@command("robotmode")
 def robotmode(controller: Controller) -> str:
     """The robot mode."""
     return f"Robotmode: {controller.power.robot_mode.name}"
 
 
-@command("safetymode", cb3="3.0", e="5.0")
+@command("safetymode")
 def safetymode(controller: Controller) -> str:
     """The safety mode."""
     return f"Safetymode: {controller.safety.mode.name}"
 
 
-@command("safetystatus", cb3="3.11", e="5.4")
+@command("safetystatus")
 def safetystatus(controller: Controller) -> str:
     """The safety status: finer than the safety mode on e-Series."""
     return f"Safetystatus: {controller.safety.status.name}"
 
 
-@command("close safety popup", cb3="3.1", e="5.0", remote_only=True)
+@command("close safety popup")
 def close_safety_popup(controller: Controller) -> str:
     """Close the dialogue of a safety stop."""
     controller.safety_board.safety_popup = ""
@@ -283,21 +272,21 @@ def close_safety_popup(controller: Controller) -> str:
 # Pendant
 
 
-@command("popup", cb3="1.6", e="5.0")
+@command("popup")
 def popup(controller: Controller, text: str) -> str:
     """Show a popup."""
     controller.popups.show(text)
     return replies.SHOWING_POPUP
 
 
-@command("close popup", cb3="1.6", e="5.0")
+@command("close popup")
 def close_popup(controller: Controller) -> str:
     """Close the popups; a program that waits for one goes on."""
     controller.popups.close_all()
     return replies.CLOSING_POPUP
 
 
-@command("addToLog", cb3="1.8.11657", e="5.0")
+@command("addToLog")
 def add_to_log(controller: Controller, text: str) -> str:
     """Add a line to the log."""
     if not text:
@@ -306,44 +295,44 @@ def add_to_log(controller: Controller, text: str) -> str:
     return replies.LOG_ADDED
 
 
-@command("setUserRole", cb3="1.8.14035", e=None)
+@command("setUserRole")
 def set_user_role(controller: Controller, role: str) -> str:
     """Set what the pendant's user may do: programmer, operator, none, locked, restricted."""
-    if lower(role).upper() not in _USER_ROLES:
+    if lower(role).upper() not in replies.UserRole.__members__:
         return f"Failed setting user role: {role}"
     controller.user_role = role.upper()
     return f"Setting user role: {role}"
 
 
-@command("getUserRole", cb3="3.1", e=None)
+@command("getUserRole")
 def get_user_role(controller: Controller) -> str:
     """The pendant's user role."""
     return controller.user_role
 
 
-@command("set operational mode", cb3=None, e="5.0", remote_only=True)
+@command("set operational mode")
 def set_operational_mode(controller: Controller, mode: str) -> str:
     """Let the dashboard control the operational mode: manual or automatic."""
-    if lower(mode).upper() not in _OPERATIONAL_MODES:
+    if lower(mode).upper() not in _MODES_TO_SET:
         return f"Failed setting operational mode: {mode}"
     controller.operational_mode = mode.upper()
     return f"Operational mode {mode} is set"
 
 
-@command("get operational mode", cb3=None, e="5.6")
+@command("get operational mode")
 def get_operational_mode(controller: Controller) -> str:
     """MANUAL, AUTOMATIC, or NONE when nothing controls it."""
     return controller.operational_mode
 
 
-@command("clear operational mode", cb3=None, e="5.0", remote_only=True)
+@command("clear operational mode")
 def clear_operational_mode(controller: Controller) -> str:
     """Give the control of the operational mode back to the pendant."""
     controller.operational_mode = "NONE"
-    return "No longer controlling the operational mode."
+    return replies.NOT_CONTROLLING_MODE
 
 
-@command("is in remote control", cb3=None, e="5.6")
+@command("is in remote control")
 def is_in_remote_control(controller: Controller) -> str:
     """Whether the pendant is set to remote control. Commands are accepted either way unless that is enforced."""
     return str(controller.remote_control).lower()
@@ -352,31 +341,31 @@ def is_in_remote_control(controller: Controller) -> str:
 # About the controller
 
 
-@command("PolyscopeVersion", cb3="1.8.14035", e="5.0")
+@command("PolyscopeVersion")
 def polyscope_version(controller: Controller) -> str:
     """Software version with its release date."""
     return f"URSoftware {controller.version} ({_RELEASE_DATE})"
 
 
-@command("version", cb3=None, e="5.13")
+@command("version")
 def version(controller: Controller) -> str:
     """Software version."""
     return str(controller.version)
 
 
-@command("get serial number", cb3="3.12", e="5.6")
+@command("get serial number")
 def get_serial_number(controller: Controller) -> str:
     """Serial number of the arm."""
     return controller.serial_number
 
 
-@command("get robot model", cb3="3.12", e="5.6")
+@command("get robot model")
 def get_robot_model(controller: Controller) -> str:
     """Model of the arm, without the e of the e-Series."""
     return controller.model.title.removesuffix("e")
 
 
-@command("generate flight report", cb3="3.13", e="5.8")
+@command("generate flight report")
 def generate_flight_report(controller: Controller, kind: str) -> str:
     """Write a report (controller, software or system; system when not given) to the programs directory."""
     try:
@@ -385,7 +374,7 @@ def generate_flight_report(controller: Controller, kind: str) -> str:
         return f"Failed to generate flight report: {error}"
 
 
-@command("generate support file", cb3="3.13", e="5.8")
+@command("generate support file")
 def generate_support_file(controller: Controller, directory: str) -> str:
     """Write log, state and all flight reports, a new one among them, as a zip file below the programs directory."""
     try:
@@ -394,17 +383,17 @@ def generate_support_file(controller: Controller, directory: str) -> str:
         return f"Failed to generate support file: {error}"
 
 
-@command("saveLog", cb3="3.13", e="5.8")
+@command("saveLog")
 def save_log(controller: Controller) -> str:
     """Write the log to the programs directory."""
     try:
         reports.write_log(controller)
     except (OSError, ValueError) as error:
         return f"Failed to save log: {error}"
-    return "Log saved to disk"
+    return replies.LOG_SAVED
 
 
-@command("shutdown", cb3="1.4", e="5.0", remote_only=True)
+@command("shutdown")
 def shutdown(controller: Controller) -> str:
     """Switch the arm off and end the controller."""
     controller.power_event(PowerEvent.POWER_OFF)
@@ -412,7 +401,7 @@ def shutdown(controller: Controller) -> str:
     return replies.SHUTTING_DOWN
 
 
-@command("quit", cb3="1.4", e="5.0")
+@command("quit")
 def disconnect(controller: Controller) -> str:
     """Close this connection (the server does, after the reply)."""
     return replies.DISCONNECTED

@@ -96,9 +96,9 @@ class Jog(Command):
         if not plausible(*self.qd):
             return False
         if any(self.qd):
-            controller.motion.speedj(self.qd, a=_JOG_RAD_S2)
+            controller.motion.commands.speedj(self.qd, a=_JOG_RAD_S2)
         else:
-            controller.motion.stopj(_JOG_RAD_S2)
+            controller.motion.commands.stopj(_JOG_RAD_S2)
         return True
 
     @property

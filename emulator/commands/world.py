@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 from emulator.controller import Controller
 from emulator.mailbox import Command
-from emulator.snapshot import Vector6
 from emulator.world.shapes import Push, WorldObject
 from emulator.world.world import World
+from urproto.vectors import Vector6
 
 HAND = "hand"
 

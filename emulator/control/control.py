@@ -1,13 +1,17 @@
-"""All verbs of a robot as one Python object; `emulator.control.control` adds those of its ports."""
+"""All verbs of a robot as one Python object: `VirtualRobot` in virtual time, `LiveControl` of one with ports.
+
+The verbs of a subject are a class of their own, which knows what it is about and nothing of the others. To add a verb,
+mark a method there; to add a subject, name it in ``SUBJECTS`` and in the class that type checkers see.
+"""
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, cast
 
 from emulator.control.modes import ModeVerbs, SignalVerbs
 from emulator.control.programs import ProgramVerbs
 from emulator.control.state import StateVerbs
 from emulator.control.timing import OwnPace, Pace, TimeVerbs
-from emulator.control.verbs import BadArguments, ControlBase, NotPossible, Waiting, verb
+from emulator.control.verbs import BadArguments, ControlledRobot, NotPossible, Verbs, Waiting, methods_of, verb
 from emulator.control.world import WorldVerbs
 from emulator.controller import Controller
 from emulator.faults.catalogue import kinds, make_fault
@@ -16,11 +20,15 @@ from emulator.faults.injector import FaultInjector
 from emulator.machine import ControllerConfig
 from emulator.servers.admission import TurnedAway
 
+_T = TypeVar("_T")
 
-class FaultVerbs(ControlBase):
+
+class FaultVerbs(Verbs):
     """Verbs about what goes wrong."""
 
-    _faults: FaultInjector
+    def __init__(self, robot: ControlledRobot, faults: FaultInjector) -> None:
+        super().__init__(robot)
+        self._faults = faults
 
     @verb
     def inject_fault(self, kind: str, **arguments: Any) -> int:
@@ -57,71 +65,6 @@ class FaultVerbs(ControlBase):
         return kinds()
 
 
-_T = TypeVar("_T")
-
-
-class Control(StateVerbs, SignalVerbs, ModeVerbs, WorldVerbs, ProgramVerbs, TimeVerbs, FaultVerbs):
-    """The verbs of a robot."""
-
-    def __init__(self, controller: Controller, pace: Pace, faults: FaultInjector) -> None:
-        super().__init__(controller, pace)
-        self._faults = faults
-
-
-class VirtualRobot(Control):
-    """A controller without ports in virtual time: ``step``, ``run_until`` and what waits make its time go by.
-
-    robot = VirtualRobot(ControllerConfig(model=load_model("ur3")))
-    robot.release_brakes()
-    robot.run_until("robot_mode == RUNNING")
-    """
-
-    def __init__(self, config: ControllerConfig) -> None:
-        controller = Controller(config)
-        super().__init__(controller, OwnPace(), FaultInjector(controller, machine=self))
-        self._power_wanted = True
-        self._periods_off = 0
-        self._boot_s = 0.0
-
-    def switch_off(self, *, silent: bool) -> None:
-        """The controller is gone after this period: a fault."""
-        self._power_wanted = False
-
-    def switch_on(self, boot_s: float) -> None:
-        """A new controller boots; its uptime begins at 0."""
-        self._power_wanted, self._boot_s = True, boot_s
-
-    def _period(self) -> None:
-        """One control period, with or without a controller."""
-        if self._periods_off:
-            self._periods_off += 1
-            self._faults.step()
-            if self._power_wanted:
-                self._come_back()
-            return
-        self.controller.tick()
-        if not self._power_wanted:
-            self._periods_off = 1
-            self._faults.controller_gone()
-            self.controller.programs.stop("the controller ended")
-            show_gone(self.controller)
-
-    def _come_back(self) -> None:
-        before, periods, self._periods_off = self.controller, self._periods_off, 0
-        self.controller = rebooted(before, self._boot_s, periods * before.period_s)
-        self.controller.programs.socket_backend = before.programs.socket_backend
-        self._faults.controller_back(self.controller)
-
-    def _wait(self, steps: Waiting[_T]) -> _T:
-        while True:
-            try:
-                next(steps)
-            except StopIteration as done:
-                result: _T = done.value
-                return result
-            self._period()
-
-
 class Port(Protocol):
     """What the verbs want to know of a server."""
 
@@ -135,13 +78,15 @@ class Port(Protocol):
     def turned_away(self) -> TurnedAway: ...
 
 
-class LiveControl(Control):
-    """As Control. A verb that takes time returns its steps: a server continues them after each control period."""
+class PortVerbs(Verbs):
+    """Verbs about a robot's ports and who uses them. ``pendant_report``: what is known of the teach pendant."""
 
-    def __init__(self, controller: Controller, pace: Pace, ports: Mapping[str, Port], faults: FaultInjector) -> None:
-        super().__init__(controller, pace, faults)
+    def __init__(
+        self, robot: ControlledRobot, ports: Mapping[str, Port], pendant_report: Callable[[], dict[str, Any]]
+    ) -> None:
+        super().__init__(robot)
         self._ports = ports
-        self.pendant_report: Callable[[], dict[str, Any]] = dict
+        self._pendant_report = pendant_report
 
     @verb
     def ports(self) -> dict[str, int]:
@@ -168,10 +113,135 @@ class LiveControl(Control):
 
         One that was killed or has crashed is started anew, later each time; ``trouble`` tells why the last one ended.
         """
-        return {"state": "none", "port": None, "pid": None, "starts": 0, "trouble": ""} | self.pendant_report()
+        return {"state": "none", "port": None, "pid": None, "starts": 0, "trouble": ""} | self._pendant_report()
 
-    def _wait(self, steps: Waiting[_T]) -> _T:
+
+if TYPE_CHECKING:
+
+    class _Methods(StateVerbs, SignalVerbs, ModeVerbs, WorldVerbs, ProgramVerbs, TimeVerbs, FaultVerbs):
+        """What a type checker sees: each verb as a method."""
+
+    class _MethodsOfPorts(PortVerbs):
+        """And those of a robot with ports."""
+
+else:
+    _Methods = _MethodsOfPorts = object
+
+
+class Control(_Methods):
+    """The verbs of a robot, each as a method. ``pace``: how its time goes by."""
+
+    SUBJECTS: ClassVar[tuple[type[Verbs], ...]] = (
+        FaultVerbs,
+        TimeVerbs,
+        ProgramVerbs,
+        WorldVerbs,
+        ModeVerbs,
+        SignalVerbs,
+        StateVerbs,
+    )
+
+    def __init__(self, robot: ControlledRobot, pace: Pace, faults: FaultInjector) -> None:
+        self._robot = robot
+        self.pace = pace
+        self._take(FaultVerbs(robot, faults))
+        self._take(TimeVerbs(robot, pace))
+        for subject in (ProgramVerbs, WorldVerbs, ModeVerbs, SignalVerbs, StateVerbs):
+            self._take(subject(robot))
+
+    @property
+    def controller(self) -> Controller:
+        """The robot's controller: another one once the robot was switched off and on."""
+        return self._robot.controller
+
+    def _take(self, subject: Verbs) -> None:
+        """Have its verbs as methods."""
+        vars(self).update(methods_of(subject))
+
+
+class _VirtualMachine(ControlledRobot):
+    """A controller without ports, whose time goes by while somebody waits."""
+
+    def __init__(self, config: ControllerConfig) -> None:
+        super().__init__(Controller(config))
+        self.faults = FaultInjector(self.controller, machine=self)
+        self._power_wanted = True
+        self._periods_off = 0
+        self._boot_s = 0.0
+
+    def switch_off(self, *, silent: bool) -> None:
+        """The controller is gone after this period: a fault."""
+        self._power_wanted = False
+
+    def switch_on(self, boot_s: float) -> None:
+        """A new controller boots; its uptime begins at 0."""
+        self._power_wanted, self._boot_s = True, boot_s
+
+    def _period(self) -> None:
+        """One control period, with or without a controller."""
+        if self._periods_off:
+            self._periods_off += 1
+            self.faults.step()
+            if self._power_wanted:
+                self._come_back()
+            return
+        self.controller.tick()
+        if not self._power_wanted:
+            self._periods_off = 1
+            self.faults.controller_gone()
+            self.controller.programs.stop("the controller ended")
+            show_gone(self.controller)
+
+    def _come_back(self) -> None:
+        before, periods, self._periods_off = self.controller, self._periods_off, 0
+        self.controller = rebooted(before, self._boot_s, periods * before.period_s)
+        self.controller.programs.socket_backend = before.programs.socket_backend
+        self.faults.controller_back(self.controller)
+
+    def wait(self, steps: Waiting[_T]) -> _T:
+        while True:
+            try:
+                next(steps)
+            except StopIteration as done:
+                result: _T = done.value
+                return result
+            self._period()
+
+
+class VirtualRobot(Control):
+    """A controller without ports in virtual time: ``step``, ``run_until`` and what waits make its time go by.
+
+    robot = VirtualRobot(ControllerConfig(model=load_model("ur3")))
+    robot.release_brakes()
+    robot.run_until("robot_mode == RUNNING")
+    """
+
+    def __init__(self, config: ControllerConfig) -> None:
+        machine = _VirtualMachine(config)
+        super().__init__(machine, OwnPace(), machine.faults)
+
+
+class _ServedRobot(ControlledRobot):
+    """A controller whose time goes by itself: a server continues the steps after each control period."""
+
+    def wait(self, steps: Waiting[_T]) -> _T:
         return cast(_T, steps)
+
+
+class LiveControl(Control, _MethodsOfPorts):
+    """As Control, with verbs about ports. A verb that takes time returns its steps, for a server to go on with."""
+
+    SUBJECTS: ClassVar[tuple[type[Verbs], ...]] = (*Control.SUBJECTS, PortVerbs)
+
+    def __init__(self, controller: Controller, pace: Pace, ports: Mapping[str, Port], faults: FaultInjector) -> None:
+        robot = _ServedRobot(controller)
+        super().__init__(robot, pace, faults)
+        self.pendant_report: Callable[[], dict[str, Any]] = dict
+        self._take(PortVerbs(robot, ports, lambda: self.pendant_report()))
+
+    def switched_on(self, controller: Controller) -> None:
+        """The robot has another controller from now on."""
+        self._robot.controller = controller
 
 
 def is_waiting(result: Any) -> bool:

@@ -24,7 +24,7 @@ from urproto.backdoors import BackdoorMark
 from urproto.text import from_bytes, readable_in, to_bytes
 
 _MOST_BODY: Final = 4 * 1024 * 1024  # bytes of arguments; a saved state has some 10 kB
-_VERBS: Final[Mapping[str, Verb]] = verbs_of(LiveControl)
+_VERBS: Final[Mapping[str, Verb]] = verbs_of(LiveControl.SUBJECTS)
 _CONTINUE, _OK, _BAD, _UNAUTHORIZED, _FORBIDDEN, _NOT_FOUND, _NOT_ALLOWED = 100, 200, 400, 401, 403, 404, 405
 _CONFLICT, _TOO_LARGE, _WRONG_TYPE, _FAILED = 409, 413, 415, 500
 

@@ -6,16 +6,17 @@ from math import isfinite
 from typing import Any, Final, Literal
 
 from emulator.commands.safety import Jog, SetSafetyInput
-from emulator.control.verbs import BadArguments, ControlBase, NotPossible, Waiting, verb
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
+from emulator.control.verbs import BadArguments, NotPossible, Verbs, Waiting, verb
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP, StopCause
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.polyscope.safety_configuration import SafetyInput
 from emulator.safety.causes import CAUSES, Cause
 from emulator.safety.conditions import SafetyDevice
-from emulator.snapshot import Vector6, plausible
+from emulator.snapshot import plausible
 from urproto.modes import AnalogDomain
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
+from urproto.vectors import Vector6
 from urscript.values import INT_MAX, INT_MIN
 
 Group = Literal["standard", "configurable", "tool"]
@@ -25,7 +26,7 @@ Register = Literal["bit", "int", "double"]
 _GROUPS: Final[dict[str, DigitalGroup]] = {group.name: group for group in (STANDARD, CONFIGURABLE, TOOL)}
 
 
-class SignalVerbs(ControlBase):
+class SignalVerbs(Verbs):
     """Verbs about digital and analog signals and registers."""
 
     @verb
@@ -100,7 +101,7 @@ Button = Literal["robot", "system"]
 Device = Literal["safeguard", "automatic_safeguard", "enabling_device", "reduced_mode"]
 
 
-class ModeVerbs(ControlBase):
+class ModeVerbs(Verbs):
     """Verbs that buttons, gates and faults stand behind on a real robot."""
 
     @verb

@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from emulator.commands import dashboard
-from emulator.control.verbs import BadArguments, ControlBase, Waiting, verb
+from emulator.control.verbs import BadArguments, Verbs, Waiting, verb
 from emulator.polyscope.outline import OutlineNode, outline_steps
 from emulator.polyscope.tree import TreeError
 from emulator.programs.compiling import Submission, in_periods
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from emulator.controller import Controller
 
 
-class ProgramVerbs(ControlBase):
+class ProgramVerbs(Verbs):
     """Verbs about programs, the dashboard's lines and the log."""
 
     @verb

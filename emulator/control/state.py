@@ -6,14 +6,15 @@ from enum import IntEnum, IntFlag
 from typing import Any, Final
 
 from emulator.control.snapshots import restore_state, save_state
-from emulator.control.verbs import BadArguments, ControlBase, NotPossible, verb
+from emulator.control.verbs import BadArguments, NotPossible, Verbs, verb
 from emulator.robot.installation import Payload
-from emulator.snapshot import Snapshot, Vector3, Vector6, plausible
+from emulator.snapshot import Snapshot, plausible
+from urproto.vectors import ZERO3, Vector3, Vector6
 
 _FIELDS: Final = tuple(field.name for field in fields(Snapshot) if field.name != "messages")
 
 
-class StateVerbs(ControlBase):
+class StateVerbs(Verbs):
     """Verbs about the state as a whole, the arm and its load."""
 
     @verb
@@ -57,7 +58,7 @@ class StateVerbs(ControlBase):
             raise BadArguments(str(error)) from error
 
     @verb
-    def set_payload(self, mass_kg: float, cog_m: Vector3 = (0.0, 0.0, 0.0)) -> None:
+    def set_payload(self, mass_kg: float, cog_m: Vector3 = ZERO3) -> None:
         """Tell the controller another payload: mass and centre of gravity in the flange frame."""
         if mass_kg < 0.0:
             raise BadArguments(f"a payload of {mass_kg} kg: a mass cannot be negative")

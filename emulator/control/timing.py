@@ -7,8 +7,7 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import Any, Final, Protocol
 
-from emulator.control.verbs import BadArguments, ControlBase, NotPossible, Waiting, verb
-from emulator.controller import Controller
+from emulator.control.verbs import BadArguments, ControlledRobot, NotPossible, Verbs, Waiting, verb
 from emulator.snapshot import Snapshot
 from urproto.text import number
 
@@ -102,22 +101,22 @@ class OwnPace:
         """Who drives it decides what goes by."""
 
 
-class TimeVerbs(ControlBase):
+class TimeVerbs(Verbs):
     """Verbs about time."""
 
-    def __init__(self, controller: Controller, pace: Pace) -> None:
-        super().__init__(controller)
-        self.pace = pace
+    def __init__(self, robot: ControlledRobot, pace: Pace) -> None:
+        super().__init__(robot)
+        self._pace = pace
 
     @verb
     def time(self) -> dict[str, float | bool]:
         """Uptime [s], control period [s], speed (simulated seconds per second, 0 for as fast as it goes), paused."""
-        speed = self.pace.speed
+        speed = self._pace.speed
         return {
             "time_s": self.controller.time_s,
             "period_s": self.controller.period_s,
             "speed": speed if math.isfinite(speed) else 0.0,
-            "paused": self.pace.paused,
+            "paused": self._pace.paused,
         }
 
     @verb
@@ -125,24 +124,24 @@ class TimeVerbs(ControlBase):
         """Let time go faster or slower: simulated seconds per second; 0 is as fast as it goes."""
         if speed < 0.0:
             raise BadArguments(f"time cannot run at {speed} seconds per second")
-        self.pace.set_speed(speed or math.inf)
+        self._pace.set_speed(speed or math.inf)
 
     @verb
     def pause_time(self) -> None:
         """Stop time; the ports stay open. ``step`` and ``run_until`` go on, ``resume_time`` ends it."""
-        self.pace.pause()
+        self._pace.pause()
 
     @verb
     def resume_time(self) -> None:
         """Let time go on."""
-        self.pace.resume()
+        self._pace.resume()
 
     @verb
     def step(self, periods: int = 1) -> float:
         """Let that many control periods go by, after ``pause_time``; the uptime [s] then."""
         if periods < 1:
             raise BadArguments(f"{periods} periods: give 1 or more")
-        if not self.pace.paused:
+        if not self._pace.paused:
             raise NotPossible("time goes by itself: pause_time first")
         return self._wait(self._periods(periods))
 
@@ -159,17 +158,17 @@ class TimeVerbs(ControlBase):
         return self._wait(self._until(condition, holds, timeout_s))
 
     def _periods(self, count: int) -> Waiting[float]:
-        self.pace.resume()
+        self._pace.resume()
         try:
             for _ in range(count):
                 yield
         finally:
-            self.pace.pause()
+            self._pace.pause()
         return self.controller.time_s
 
     def _until(self, condition: str, holds: Condition, timeout_s: float) -> Waiting[float]:
-        paused = self.pace.paused
-        self.pace.resume()
+        paused = self._pace.paused
+        self._pace.resume()
         try:
             for _ in range(math.ceil(timeout_s / self.controller.period_s)):
                 if holds(self.controller.snapshot):
@@ -177,7 +176,7 @@ class TimeVerbs(ControlBase):
                 yield
         finally:
             if paused:
-                self.pace.pause()
+                self._pace.pause()
         if not holds(self.controller.snapshot):
             raise NotPossible(f"{condition!r} did not become true within {timeout_s:g} s of robot time")
         return self.controller.time_s

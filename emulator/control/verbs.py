@@ -2,7 +2,7 @@
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
 
@@ -16,18 +16,31 @@ _T = TypeVar("_T")
 Waiting = Generator[None, None, _T]  # yields once for each control period it waits; returns the verb's result
 
 
-class ControlBase(ABC):
-    """A robot under control. Verbs are carried out between two control periods."""
+class ControlledRobot(ABC):
+    """The robot that verbs are about. ``controller``: another one once it was switched off and on."""
 
     def __init__(self, controller: "Controller") -> None:
         self.controller = controller
 
     @abstractmethod
-    def _wait(self, steps: "Waiting[_T]") -> _T:
-        """Let control periods pass until the steps are done; their result.
+    def wait(self, steps: "Waiting[_T]") -> _T:
+        """Let control periods pass until the steps are done; their result."""
 
-        The last thing that a verb does, since who serves many clients takes the steps and goes on later.
-        """
+
+class Verbs:
+    """The verbs of one subject: methods marked by `verb`. They are carried out between two control periods."""
+
+    def __init__(self, robot: ControlledRobot) -> None:
+        self._robot = robot
+
+    @property
+    def controller(self) -> "Controller":
+        """The robot's controller."""
+        return self._robot.controller
+
+    def _wait(self, steps: "Waiting[_T]") -> _T:
+        """As of the robot. The last thing that a verb does: who serves many clients takes the steps for later."""
+        return self._robot.wait(steps)
 
 
 _ABSURD: Final = 1e30  # a timestamp in ns is far below
@@ -90,18 +103,18 @@ class Verb:
         return getattr(control, self.name)(**given)
 
 
-def verbs_of(kind: type) -> dict[str, Verb]:
-    """The verbs of a class by name, in the order of their definition, those of its bases first."""
-    return {name: _described(name, function) for name, function in _marked(kind)}
+def verbs_of(subjects: Iterable[type[Verbs]]) -> dict[str, Verb]:
+    """The verbs of some subjects by name, in the order of their definition."""
+    return {name: _described(name, function) for subject in subjects for name, function in _marked(subject)}
 
 
-def _marked(kind: type) -> Iterator[tuple[str, Callable[..., Any]]]:
-    seen: set[str] = set()
-    for base in reversed(kind.__mro__):
-        for name, member in vars(base).items():
-            if getattr(member, _MARK, False) and name not in seen:
-                seen.add(name)
-                yield name, getattr(kind, name)
+def methods_of(subject: Verbs) -> dict[str, Callable[..., Any]]:
+    """The verbs of one robot, on one subject, as what is called."""
+    return {name: getattr(subject, name) for name, _ in _marked(type(subject))}
+
+
+def _marked(subject: type[Verbs]) -> Iterator[tuple[str, Callable[..., Any]]]:
+    return ((name, member) for name, member in vars(subject).items() if getattr(member, _MARK, False))
 
 
 def _described(name: str, function: Callable[..., Any]) -> Verb:

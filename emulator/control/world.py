@@ -14,15 +14,15 @@ from emulator.commands.world import (
     RemoveObject,
     WorldCommand,
 )
-from emulator.control.verbs import BadArguments, ControlBase, verb
+from emulator.control.verbs import BadArguments, Verbs, verb
 from emulator.robot.installation import Payload
-from emulator.snapshot import Vector3, Vector6
 from emulator.world.file import describe_thing, read_thing
 from emulator.world.shapes import Frame, Push
 from emulator.world.world import World
+from urproto.vectors import ZERO3, Vector3, Vector6
 
 
-class WorldVerbs(ControlBase):
+class WorldVerbs(Verbs):
     """Verbs about things that push back, hands that push, and the payload that is really there."""
 
     @verb
@@ -91,7 +91,7 @@ class WorldVerbs(ControlBase):
         self._change(MountTool(tool))
 
     @verb
-    def mount_payload(self, mass_kg: float | None = None, cog_m: Vector3 = (0.0, 0.0, 0.0)) -> None:
+    def mount_payload(self, mass_kg: float | None = None, cog_m: Vector3 = ZERO3) -> None:
         """Hang something on the flange that programs do not know of; without a mass, what they say hangs there."""
         payload = None if mass_kg is None else Payload.of(mass_kg, cog_m)
         try:

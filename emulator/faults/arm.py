@@ -12,9 +12,10 @@ from emulator.faults.fault import Act, Fault, FaultImpossible, Site, Strikes, ad
 from emulator.faults.network import NotNegative
 from emulator.lifecycle.runstate import StopCause
 from emulator.safety.causes import Cause
-from emulator.snapshot import Snapshot, Vector6
+from emulator.snapshot import Snapshot
 from urproto.modes import JointMode
 from urproto.robots.pose import pose_trans
+from urproto.vectors import Vector6
 
 Sensor = Callable[[float, float], tuple[float, float]]  # rad, rad/s
 Joint = Annotated[int, Meta(ge=0, le=5)]

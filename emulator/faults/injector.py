@@ -90,7 +90,7 @@ class FaultInjector:
         self._check_room(claims)
         entry = _Entry(self._number + 1, fault, Strikes(fault, self._number + 1), begins, ends, claims=claims)
         if begins <= self._now and self._reaches(fault):
-            entry.begin(self.site)
+            self._begin(entry)
         self._number += 1
         self._present.append(entry)
         self._tidy()
@@ -153,7 +153,7 @@ class FaultInjector:
         for entry in tuple(self._present):
             if entry.state == "in force" and entry.act is None:
                 try:
-                    entry.begin(self.site)
+                    self._begin(entry)
                 except FaultImpossible as error:
                     self._fail(entry, str(error))
         self._tidy()
@@ -191,11 +191,15 @@ class FaultInjector:
 
     def _step(self, entry: _Entry) -> None:
         if entry.state == "waiting" and self._now >= entry.begins and self._reaches(entry.fault):
-            entry.begin(self.site)
+            self._begin(entry)
         elif entry.state == "in force" and entry.ends is not None and self._now >= entry.ends:
             entry.end()
         elif entry.act is not None:
             entry.go_on()
+
+    def _begin(self, entry: _Entry) -> None:
+        entry.begin(self.site)
+        self.site.controller.messages.trace("fault %d begins: %s", entry.number, entry.fault)
 
     def _end(self, entry: _Entry) -> None:
         try:
@@ -210,7 +214,10 @@ class FaultInjector:
 
     def _tidy(self) -> None:
         """Remember what is over, and be called only while something is not."""
-        self._over += [entry for entry in self._present if entry.state == "over"]
+        over = [entry for entry in self._present if entry.state == "over"]
+        for entry in over:
+            self.site.controller.messages.trace("fault %d is over: %s", entry.number, entry.fault.kind)
+        self._over += over
         self._present = [entry for entry in self._present if entry.state != "over"]
         if not self._present:
             self._unhook()

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from emulator.machine import Machine
 from urproto.modbus import ExceptionCode
 from urproto.modes import AnalogDomain
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 
 ReadCell = Callable[[Machine], float]
 WriteCell = Callable[[Machine, int], None]

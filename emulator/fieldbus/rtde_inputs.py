@@ -9,12 +9,12 @@ from collections.abc import Callable, Mapping
 from math import isfinite
 from typing import Any, Final
 
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from emulator.machine import Machine
 from emulator.snapshot import plausible
 from urproto.modes import AnalogDomain
 from urproto.rtde.fields import INPUT_FIELDS, Field
 from urproto.rtde.types import FieldType
+from urproto.signals import DIGITAL_GROUPS, DigitalGroup
 
 _Setter = Callable[[Machine, Any], None]
 
@@ -89,8 +89,8 @@ def _register(field: Field) -> _Setter:
 
 _SETTERS: Final[dict[str, _Setter]] = {
     **{name: _register(field) for name, field in INPUT_FIELDS.items() if field.index is not None},
-    **{f"{group.name}_digital_output_mask": _digital(group) for group in (STANDARD, CONFIGURABLE, TOOL)},
-    **{f"{group.name}_digital_output": _keep for group in (STANDARD, CONFIGURABLE, TOOL)},
+    **{f"{group.name}_digital_output_mask": _digital(group) for group in DIGITAL_GROUPS},
+    **{f"{group.name}_digital_output": _keep for group in DIGITAL_GROUPS},
     "speed_slider_mask": _speed_slider,
     "speed_slider_fraction": _keep,
     "standard_analog_output_mask": _analog,

@@ -48,7 +48,12 @@ def _fleet(
     ports_file: Annotated[
         Path | None, typer.Option(help="Write hosts and ports here as JSON once all are ready.")
     ] = None,
-    log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
+    log_level: Annotated[
+        LogLevel,
+        typer.Option(
+            help="How much to log; debug tells why: each transition, stop, refusal and fault, with robot time."
+        ),
+    ] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
 ) -> None:
     """Run many robots on this machine, each on an address of its own."""

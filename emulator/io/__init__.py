@@ -1,1 +1,1 @@
-"""What is wired to the controller or mapped like it: signals, registers, encoders, lights, Modbus memory."""
+"""What is wired to the controller: signals, registers, encoders, lights."""

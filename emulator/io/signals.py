@@ -9,9 +9,11 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
-from emulator.snapshot import Snapshot, Vector3, Vector6
+from emulator.snapshot import Snapshot
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolOutputMode
 from urproto.robots.pose import rotvec_to_matrix
+from urproto.signals import DigitalGroup
+from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6, rotate
 
 if TYPE_CHECKING:
     from emulator.robot.arm import Arm
@@ -104,9 +106,6 @@ class BaseLight:
     colour: tuple[int, int, int] | None = None
 
 
-_ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
 @dataclass
 class ForceInput:
     """What ``ft_rtde_input_enable`` sets and the RTDE input external_force_torque feeds.
@@ -118,31 +117,23 @@ class ForceInput:
     """
 
     enabled: bool = False
-    wrench_flange: Vector6 = _ZERO6
+    wrench_flange: Vector6 = ZERO6
     sensor_mass: float = 0.0
-    measuring_offset: Vector3 = (0.0, 0.0, 0.0)
-    sensor_cog: Vector3 = (0.0, 0.0, 0.0)
+    measuring_offset: Vector3 = ZERO3
+    sensor_cog: Vector3 = ZERO3
 
     def wrench_base(self, arm: "Arm") -> Vector6:
         """The wrench in the base frame, at the TCP the arm had in the last period."""
-        if self.wrench_flange == _ZERO6:
-            return _ZERO6
+        if self.wrench_flange == ZERO6:
+            return ZERO6
         flange = arm.flange_pose
         m = rotvec_to_matrix(*flange[3:])
-        force = _rotate(m, *self.wrench_flange[:3])
-        tx, ty, tz = _rotate(m, *self.wrench_flange[3:])
-        ox, oy, oz = _rotate(m, *self.measuring_offset)
+        force = rotate(m, self.wrench_flange[:3])
+        tx, ty, tz = rotate(m, self.wrench_flange[3:])
+        ox, oy, oz = rotate(m, self.measuring_offset)
         x, y, z = (f + o - t for f, o, t in zip(flange, (ox, oy, oz), arm.tcp_pose, strict=False))
         fx, fy, fz = force
         return (fx, fy, fz, tx + y * fz - z * fy, ty + z * fx - x * fz, tz + x * fy - y * fx)
-
-
-def _rotate(m: tuple[float, ...], x: float, y: float, z: float) -> Vector3:
-    return (
-        m[0] * x + m[1] * y + m[2] * z,
-        m[3] * x + m[4] * y + m[5] * z,
-        m[6] * x + m[7] * y + m[8] * z,
-    )
 
 
 # Ranges of the control box's analog outputs (user manual: 4-20 mA or 0-10 V).
@@ -150,26 +141,6 @@ _CURRENT_LOW_A: Final = 0.004
 _CURRENT_HIGH_A: Final = 0.020
 _VOLTAGE_HIGH_V: Final = 10.0
 _TOOL_VOLTAGES: Final = (0, 12, 24)  # V
-
-
-class DigitalGroup:
-    """A run of bits in the digital words: ``first`` bit and ``count``."""
-
-    def __init__(self, name: str, first: int, count: int) -> None:
-        self.name = name
-        self.first = first
-        self.count = count
-
-    def bit(self, index: int) -> int:
-        """Position of signal ``index`` in the word. Raises IndexError outside the group."""
-        if not 0 <= index < self.count:
-            raise IndexError(f"there is no {self.name} digital signal {index}: they are 0 to {self.count - 1}")
-        return self.first + index
-
-
-STANDARD: Final = DigitalGroup("standard", 0, 8)
-CONFIGURABLE: Final = DigitalGroup("configurable", 8, 8)
-TOOL: Final = DigitalGroup("tool", 16, 2)
 
 
 class Signals:

@@ -16,8 +16,9 @@ from typing import Protocol
 
 from emulator.motion.faults import MotionWarning, blend_cut, waypoint_skipped
 from emulator.motion.legs import ArcLeg, JointLeg, Leg, LineLeg, ToolLeg, mark_after_start
-from emulator.motion.vectors import Joints, Vec3, as_six, lerp, norm3, sub
+from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, pose_add, pose_sub
+from urproto.vectors import Vector3, as_six, lerp, norm3, scaled_sum3, sub
 
 _TOUCHING_M = 1e-5  # blends that overlap by less touch: people write radii of half a leg (guess)
 _CORNERS_ROUNDED = (0.01, 2.8)  # rad: movep rounds corners that turn by this much; sharper or flatter ones are added
@@ -113,12 +114,12 @@ class RoundedCorner(ToolBlend):
         self._start = (start[0], start[1], start[2])
         self._ahead = _unit(before)
         along = cos(turn_rad)
-        self._aside = _scaled_sum(_unit(after), 1.0 / sin(turn_rad), self._ahead, -along / sin(turn_rad))
+        self._aside = scaled_sum3(_unit(after), 1.0 / sin(turn_rad), self._ahead, -along / sin(turn_rad))
 
     def pose(self, u: float) -> Pose:
         angle = u * self._turn
-        offset = _scaled_sum(self._ahead, self._radius * sin(angle), self._aside, self._radius * (1.0 - cos(angle)))
-        position = _scaled_sum(self._start, 1.0, offset, 1.0)
+        offset = scaled_sum3(self._ahead, self._radius * sin(angle), self._aside, self._radius * (1.0 - cos(angle)))
+        position = scaled_sum3(self._start, 1.0, offset, 1.0)
         return (*position, *super().pose(u)[3:])
 
 
@@ -197,11 +198,7 @@ def _corner_to_round(leaving: LegEnd, before: LineLeg, after: LineLeg) -> float 
     return turn if can_stop and sideways <= after.limits.acceleration else None
 
 
-def _unit(leg: LineLeg) -> Vec3:
+def _unit(leg: LineLeg) -> Vector3:
     x, y, z = leg.change[:3]
     size = norm3(x, y, z)
     return (x / size, y / size, z / size)
-
-
-def _scaled_sum(a: Vec3, fa: float, b: Vec3, fb: float) -> Vec3:
-    return (fa * a[0] + fb * b[0], fa * a[1] + fb * b[1], fa * a[2] + fb * b[2])

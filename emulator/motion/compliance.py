@@ -17,26 +17,29 @@ from math import exp
 from emulator.motion.contact import Contact, Response, solve, without
 from emulator.motion.faults import MotionFault, near_singularity, off_the_path
 from emulator.motion.pacing import within_speed
+from emulator.motion.position_limits import PositionLimits
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import (
-    ZERO,
+from emulator.motion.target import ArmTarget
+from urproto.modes import ControlMode
+from urproto.robots.model import Joints
+from urproto.robots.pose import Pose, axes_of, pose_add, pose_sub
+from urproto.vectors import (
+    ZERO6,
     Axes,
-    Joints,
-    Vec3,
+    Vector3,
+    all_finite,
     as_six,
     cross,
     dot,
     into6,
     lerp,
     norm3,
-    of_rotation,
     out_of,
     out_of6,
     scaled,
     sub,
     unit,
 )
-from urproto.robots.pose import Pose, pose_add, pose_sub
 
 _MASS = 20.0  # kg, kg m2 for turning: gives time constants around 0.1 s (guess)
 _INERTIA = 1.0
@@ -50,6 +53,7 @@ _FREEDRIVE_LIMITS: Joints = (1.0, 1.0, 1.0, 3.0, 3.0, 3.0)  # m/s, rad/s (guess)
 _SUDDEN = 5.0  # times a joint's acceleration limit: only a singular arm, or a hard contact, asks for more (guess)
 _MOTION = 3  # kind of task frame
 _STIFF = (False,) * 6
+_BRAKE_DAMPING = 0.25  # of force mode and freedrive once they end or pause: standing within 0.5 s (guess)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,20 +85,20 @@ class Task:
     def screw(cls, force_N: float, speed_m_s: float) -> "Task":
         """Screw driving: along the tool's z axis."""
         along_z = (False, False, True, False, False, False)
-        return cls(ZERO, along_z, (0.0, 0.0, force_N, 0.0, 0.0, 0.0), _TOOL, (0.0, 0.0, speed_m_s, 0.0, 0.0, 0.0))
+        return cls(ZERO6, along_z, (0.0, 0.0, force_N, 0.0, 0.0, 0.0), _TOOL, (0.0, 0.0, speed_m_s, 0.0, 0.0, 0.0))
 
     @classmethod
     def free(cls, frame: Pose | None, free_axes: Sequence[float]) -> "Task":
         """Freedrive: only outside forces count. None is the tool's own frame."""
         free, kind = tuple(flag != 0 for flag in free_axes), _TOOL if frame is None else _FIXED
-        return cls(frame or ZERO, free, ZERO, kind, _FREEDRIVE_LIMITS, freedrive=True)
+        return cls(frame or ZERO6, free, ZERO6, kind, _FREEDRIVE_LIMITS, freedrive=True)
 
 
 @dataclass(frozen=True, slots=True)
 class Pushing:
     """What acts on the tool at its TCP, base frame [N, Nm]; the present forces of ``contacts`` are part of it."""
 
-    wrench: Joints = ZERO
+    wrench: Joints = ZERO6
     contacts: tuple[Contact, ...] = ()
 
 
@@ -123,19 +127,19 @@ class Compliance:
         self.task = task
         self.released = False
         self._pose = reach.pose(q)
-        self._speed = ZERO  # of the tool's own motion, in the task frame
+        self._speed = ZERO6  # of the tool's own motion, in the task frame
         self._yielding: tuple[bool, ...] = (False,) * 6  # directions of the last step
         self._moved = moved
-        self._heading: Vec3 | None = None  # x axis of a frame along the motion
-        self._next = (self._pose, ZERO, ZERO)
+        self._heading: Vector3 | None = None  # x axis of a frame along the motion
+        self._next = (self._pose, ZERO6, ZERO6)
 
     def standing(self) -> bool:
         """No motion of its own."""
-        return self._speed == ZERO
+        return self._speed == ZERO6
 
     def halt(self) -> None:
         """The last step cannot be: stay, and lose the speed of the compliant directions."""
-        self._next = (self._pose, ZERO, ZERO)
+        self._next = (self._pose, ZERO6, ZERO6)
 
     def comply(self, task: Task) -> None:
         """Another task, also after a release."""
@@ -147,7 +151,7 @@ class Compliance:
         """Comply no more; what speed there is dies away."""
         self.released = True
         kind = _TOOL if self.task.kind == _TOOL else _FIXED
-        self.task = Task(self.task.frame, (False,) * 6, ZERO, kind, self.task.limits)
+        self.task = Task(self.task.frame, (False,) * 6, ZERO6, kind, self.task.limits)
 
     def check(self, actual_q: Joints) -> None:
         """Raise MotionFault when the arm is further off than force mode's limits of the stiff axes allow.
@@ -157,7 +161,7 @@ class Compliance:
         task = self.task
         if task.freedrive or task.kind == _TOOL or self.released:
             return
-        axes, limits = self._axes(ZERO), zip(self._compliant, task.limits, strict=True)
+        axes, limits = self._axes(ZERO6), zip(self._compliant, task.limits, strict=True)
         off = into6(axes, pose_sub(self.reach.pose(actual_q), self._pose))
         for i, (deviation, (gives_way, limit)) in enumerate(zip(off, limits, strict=True)):
             if not gives_way and abs(deviation) > abs(limit) + _SLACK:
@@ -171,15 +175,15 @@ class Compliance:
         Raises MotionFault where the arm cannot go.
         """
         before, after = nominal
-        shift = ZERO if before == after else pose_sub(self.reach.pose(after), self.reach.pose(before))
+        shift = ZERO6 if before == after else pose_sub(self.reach.pose(after), self.reach.pose(before))
         axes = self._axes(shift)
         wanted = into6(axes, shift)
         compliant = self._compliant
         loop, given = _Loop.of(dt, damping, gain), scaled(wanted, 1.0 / dt)
         own = self._accelerated(loop, self._handed_over(given), axes, external, given)
         moved = as_six((0.0 if compliant[i] else wanted[i]) + own[i] * dt for i in range(6))
-        self._next = (self._pose, own, ZERO)
-        if moved == ZERO:
+        self._next = (self._pose, own, ZERO6)
+        if moved == ZERO6:
             return q
         pose = pose_add(out_of6(axes, moved), self._pose)
         target = self._exact(dt, pose, q, alone=before == after, touching=bool(external.contacts))
@@ -267,7 +271,7 @@ class Compliance:
         others = as_six(0.0 if compliant[i] else given[i] + free[i] for i in range(6))
         bounds = as_six(max(abs(self.task.limits[i]), abs(before[i]) * loop.decay[i]) for i in range(6))
         response = Response(compliant, inert, kept, others, bounds, loop.gain)
-        rest = lerp(net, into6(axes, without(ZERO, external.contacts)), 1.0)
+        rest = lerp(net, into6(axes, without(ZERO6, external.contacts)), 1.0)
         alone = self._unhindered(loop, before, rest)
         start = as_six(alone[i] if compliant[i] else others[i] for i in range(6))
         speed = solve(loop.dt, axes, response, rest, external.contacts, start)
@@ -285,7 +289,7 @@ class Compliance:
 
     def _axes(self, shift: Joints) -> Axes:
         """The task frame's axes in the base frame."""
-        x, y, z = of_rotation(self._pose if self.task.kind == _TOOL else self.task.frame)
+        x, y, z = axes_of(self._pose if self.task.kind == _TOOL else self.task.frame)
         if self.task.kind == 1:
             origin, tool = self.task.frame, self._pose
             y = unit((origin[0] - tool[0], origin[1] - tool[1], origin[2] - tool[2]), y)
@@ -303,3 +307,134 @@ class Compliance:
 def _slowed(speed: float, left: float) -> float:
     """What is left of a speed, which is neither gained nor reversed: else an arm that corrects itself never stands."""
     return max(0.0, min(speed, left)) if speed >= 0.0 else min(0.0, max(speed, left))
+
+
+class ForceControl:
+    """Force mode, screw driving and freedrive, one at a time: the arm gives way beside whatever else moves it.
+
+    ``damping``, ``gain_scaling``: force_mode_set_damping and force_mode_set_gain_scaling. ``contacts``: of the tool and
+    the world, whose forces are part of the external wrench.
+    """
+
+    def __init__(self, target: ArmTarget, limits: PositionLimits) -> None:
+        self.damping = 0.005  # default of the Script Manual
+        self.gain_scaling = 1.0
+        self.contacts: tuple[Contact, ...] = ()
+        self._external_wrench: Joints = ZERO6
+        self._actual_q: Joints | None = None  # None: where it was told to be
+        self._target, self._limits = target, limits
+        self._compliance: Compliance | None = None
+
+    @property
+    def active(self) -> bool:
+        """The arm gives way, or has not come to rest since."""
+        return self._compliance is not None
+
+    @property
+    def released(self) -> bool:
+        """It gives way no more, and what it gave way by is still beside the path."""
+        return self._compliance is not None and self._compliance.released
+
+    @property
+    def mode(self) -> ControlMode:
+        """TEACH in freedrive, FORCE in force mode and screw driving, POSITION otherwise."""
+        if self._compliance is None or self._compliance.released:
+            return ControlMode.POSITION
+        return ControlMode.TEACH if self._compliance.task.freedrive else ControlMode.FORCE
+
+    @property
+    def frame(self) -> Pose:
+        """The task frame in the base frame; zero without force mode."""
+        return self._compliance.task.frame if self.mode is ControlMode.FORCE and self._compliance else ZERO6
+
+    def feel(self, external_wrench: Joints, actual_q: Joints | None = None) -> None:
+        """What pushes the tool at its TCP, base frame [N, Nm], and where the arm is when not at its target [rad]."""
+        self._external_wrench, self._actual_q = external_wrench, actual_q
+
+    # what a program asks for
+
+    def force_mode(
+        self,
+        task_frame: Sequence[float],
+        selection: Sequence[float],
+        wrench: Sequence[float],
+        type: int,  # noqa: A002 - the name of the script function's parameter
+        limits: Sequence[float],
+    ) -> None:
+        """Comply in the selected directions of task_frame (in the base frame), beside any other movement.
+
+        ``limits`` are speeds [m/s, rad/s] in compliant directions. Raises ValueError for an unknown type.
+        """
+        if not all_finite((*task_frame, *selection, *wrench, *limits)):
+            raise ValueError("force mode needs finite numbers")
+        self._comply(Task.force(as_six(task_frame), selection, wrench, type, limits))
+
+    def screw_driving(self, force_N: float, speed_m_s: float) -> None:
+        """Push along the tool's own z axis, no faster than ``speed_m_s``, beside any other movement."""
+        self._comply(Task.screw(force_N, speed_m_s))
+
+    def freedrive(self, free_axes: Sequence[float], feature: Pose | None) -> None:
+        """Let the external wrench move the tool along the free axes of a frame given in the base frame.
+
+        None is the tool's own frame. Movements go on beside it: `MotionCommands.freedrive` stops them.
+        """
+        self._comply(Task.free(None if feature is None else as_six(feature), free_axes))
+
+    def end(self) -> None:
+        """Comply no more; the arm comes to rest where it is."""
+        if self._compliance is not None:
+            self._compliance.release()
+
+    def drop(self) -> None:
+        """Comply no more, at once: the arm is taken for being on its path."""
+        self._compliance = None
+
+    def _comply(self, task: Task) -> None:
+        if self._compliance is None:
+            arm = self._target
+            self._compliance = Compliance(arm.reach, arm.q, scaled(arm.qd, arm.period_s), task)
+        else:
+            self._compliance.comply(task)
+
+    # one control period
+
+    def advance(self, before: Joints, after: Joints, *, running: bool, alone: bool) -> Joints:
+        """Propose where the arm gives way to, while the path goes from ``before`` to ``after``.
+
+        ``running``: the movement is not held; held, nothing pushes. ``alone``: nothing else moves the arm, so force
+        mode or freedrive that has ended and come to rest is over. Raises MotionFault.
+        """
+        compliance, here = self._compliance, self._target.q
+        if compliance is None:
+            return after
+        if alone and compliance.released and compliance.standing():
+            self._compliance = None
+            return here
+        if self._actual_q is not None and self._actual_q != here:
+            compliance.check(self._actual_q)
+        try:
+            target = self._yielded(compliance, (before, after), running=running)
+            self._limits.check(target, here)
+        except MotionFault:
+            if after != before:
+                raise
+            # Nothing but a push asks for this: the end of the work space is a wall to the hand, and no fault.
+            compliance.halt()
+            return here
+        return target
+
+    def commit(self) -> bool:
+        """The last proposal came true; whether the arm has no motion of its own beside its path."""
+        if self._compliance is None:
+            return True
+        self._compliance.commit()
+        return self._compliance.standing()
+
+    def _yielded(self, compliance: Compliance, path: tuple[Joints, Joints], *, running: bool) -> Joints:
+        period_s, q = self._target.period_s, self._target.q
+        if not running:
+            damping = max(self.damping, _BRAKE_DAMPING)
+            return compliance.step(period_s, q, path, Pushing(ZERO6, ()), damping, 0.0)
+        pushing = Pushing(self._external_wrench, self.contacts)
+        damping = max(self.damping, _BRAKE_DAMPING) if compliance.released else self.damping
+        return compliance.step(period_s, q, path, pushing, damping, self.gain_scaling)

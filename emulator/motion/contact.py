@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from math import copysign
 from operator import mul
 
-from emulator.motion.vectors import Axes, Joints, Vec3, as_six, cross, dot, into6, lerp
+from urproto.robots.model import Joints
+from urproto.vectors import Axes, Vector3, as_six, cross, dot, into6, lerp
 
 _EXACT = 1.0 + 1e-9
 _ROUNDS = 4  # of finding out which contacts will push: two are the rule
@@ -27,20 +28,20 @@ class Contact:
     [N s/m]. force: the present one [N], friction included.
     """
 
-    lever: Vec3
-    normal: Vec3
+    lever: Vector3
+    normal: Vector3
     depth: float
     stiffness: float
     damping: float
     grip: float = 0.0
-    force: Vec3 = (0.0, 0.0, 0.0)
+    force: Vector3 = (0.0, 0.0, 0.0)
 
     @property
     def wrench(self) -> Joints:
         """The present force, and its torque about the TCP."""
         return (*self.force, *cross(self.lever, self.force))
 
-    def directions(self) -> tuple[Vec3, Vec3, Vec3]:
+    def directions(self) -> tuple[Vector3, Vector3, Vector3]:
         """The normal, and two across it."""
         helper = (1.0, 0.0, 0.0) if abs(self.normal[0]) < 0.6 else (0.0, 1.0, 0.0)
         across = cross(self.normal, helper)

@@ -10,8 +10,9 @@ from typing import Protocol
 from emulator.motion.faults import MotionFault, path_out_of_reach
 from emulator.motion.profile import Limits, Profile, choose_limits
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import Joints, Vec3, largest, lerp, norm3, scaled, sub
+from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, pose_add, pose_sub
+from urproto.vectors import Vector3, add3, cross, dot, largest, lerp, norm3, scaled, scaled3, sub, sub3
 
 # Bounds of what a program may ask of a tool path [m/s, m/s2]. 1.5 m/s is the default tool speed limit of the safety
 # configuration; the acceleration is a guess (the joints' 40 rad/s2 at a lever of 0.375 m).
@@ -34,7 +35,7 @@ class Leg(Protocol):
     def pose(self, s: float) -> Pose:
         """TCP pose at path length s, in the base frame."""
 
-    def point(self, s: float) -> Vec3:
+    def point(self, s: float) -> Vector3:
         """TCP position at path length s, in the base frame."""
 
     def goal(self) -> Pose:
@@ -70,7 +71,7 @@ class JointLeg:
     def pose(self, s: float) -> Pose:
         return self._reach.pose(self.joints(s))
 
-    def point(self, s: float) -> Vec3:
+    def point(self, s: float) -> Vector3:
         pose = self.pose(s)
         return (pose[0], pose[1], pose[2])
 
@@ -98,7 +99,7 @@ class ToolLeg:
         except MotionFault:
             raise path_out_of_reach(pose, self.goal()) from None
 
-    def point(self, s: float) -> Vec3:
+    def point(self, s: float) -> Vector3:
         pose = self.pose(s)
         return (pose[0], pose[1], pose[2])
 
@@ -121,20 +122,16 @@ def _mark(leg: Leg, radius_m: float, centre_s: float, far_s: float) -> float:
     if radius_m <= 0.0:
         return centre_s
     centre = leg.point(centre_s)
-    if _distance(leg.point(far_s), centre) <= radius_m:
+    if norm3(*sub3(leg.point(far_s), centre)) <= radius_m:
         return far_s
     inside, outside = centre_s, far_s
     for _ in range(_BISECTIONS):
         middle = 0.5 * (inside + outside)
-        if _distance(leg.point(middle), centre) < radius_m:
+        if norm3(*sub3(leg.point(middle), centre)) < radius_m:
             inside = middle
         else:
             outside = middle
     return inside
-
-
-def _distance(a: Vec3, b: Vec3) -> float:
-    return norm3(a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def path_length(distance_m: float, angle_rad: float, equivalent_radius_m: float) -> float:
@@ -177,7 +174,7 @@ _STRAIGHT = 1e-9  # m2: three points that span less than this area are taken as 
 class Circle:
     """An arc from a start point: centre, the two in-plane half axes (both ``radius`` long), angle to the end."""
 
-    def __init__(self, centre: Vec3, first: Vec3, second: Vec3, axis: Vec3, angle: float) -> None:
+    def __init__(self, centre: Vector3, first: Vector3, second: Vector3, axis: Vector3, angle: float) -> None:
         self.centre = centre
         self.first = first
         self.second = second
@@ -186,23 +183,23 @@ class Circle:
         self.radius = norm3(*first)
 
 
-def circle_through(start: Vec3, via: Vec3, end: Vec3) -> Circle | None:
+def circle_through(start: Vector3, via: Vector3, end: Vector3) -> Circle | None:
     """The arc from start over via to end; None when the three lie on a line (a full circle has no plane either)."""
-    to_via, to_end = _minus(via, start), _minus(end, start)
-    normal = _cross(to_via, to_end)
+    to_via, to_end = sub3(via, start), sub3(end, start)
+    normal = cross(to_via, to_end)
     area = norm3(*normal)
     if area < _STRAIGHT:
         return None
-    axis = _times(normal, 1.0 / area)
-    vv, ee = _dot(to_via, to_via), _dot(to_end, to_end)
-    towards_end = _times(_cross(to_end, normal), vv)
-    towards_via = _times(_cross(normal, to_via), ee)
-    offset = _times(_plus(towards_end, towards_via), 0.5 / (area * area))
-    centre = _plus(start, offset)
-    first = _times(offset, -1.0)
-    second = _cross(axis, first)
-    arm = _minus(end, centre)
-    angle = atan2(_dot(arm, second), _dot(arm, first)) % (2.0 * pi)
+    axis = scaled3(normal, 1.0 / area)
+    vv, ee = dot(to_via, to_via), dot(to_end, to_end)
+    towards_end = scaled3(cross(to_end, normal), vv)
+    towards_via = scaled3(cross(normal, to_via), ee)
+    offset = scaled3(add3(towards_end, towards_via), 0.5 / (area * area))
+    centre = add3(start, offset)
+    first = scaled3(offset, -1.0)
+    second = cross(axis, first)
+    arm = sub3(end, centre)
+    angle = atan2(dot(arm, second), dot(arm, first)) % (2.0 * pi)
     return Circle(centre, first, second, axis, angle)
 
 
@@ -219,7 +216,7 @@ class ArcLeg(ToolLeg):
         start = reach.pose(q_start)
         self._circle = circle
         self._orientation: Pose = (0.0, 0.0, 0.0, *start[3:])
-        turn = _times(circle.axis, circle.angle) if fixed else pose_sub(goal, start)[3:]
+        turn = scaled3(circle.axis, circle.angle) if fixed else pose_sub(goal, start)[3:]
         self._turn = turn
         self._goal = pose_add((*goal[:3], *turn), self._orientation) if fixed else goal
         # an arc in fixed mode turns the tool by its own angle: that costs nothing extra
@@ -233,25 +230,5 @@ class ArcLeg(ToolLeg):
         f = s / self.length
         circle = self._circle
         angle = f * circle.angle
-        position = _plus(circle.centre, _plus(_times(circle.first, cos(angle)), _times(circle.second, sin(angle))))
-        return pose_add((*position, *_times(self._turn, f)), self._orientation)
-
-
-def _plus(a: Vec3, b: Vec3) -> Vec3:
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-def _minus(a: Vec3, b: Vec3) -> Vec3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-def _times(a: Vec3, factor: float) -> Vec3:
-    return (a[0] * factor, a[1] * factor, a[2] * factor)
-
-
-def _dot(a: Vec3, b: Vec3) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: Vec3, b: Vec3) -> Vec3:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+        position = add3(circle.centre, add3(scaled3(circle.first, cos(angle)), scaled3(circle.second, sin(angle))))
+        return pose_add((*position, *scaled3(self._turn, f)), self._orientation)

@@ -21,8 +21,8 @@ from math import sqrt
 
 from emulator.motion.faults import MotionFault
 from emulator.motion.path_motion import PathMotion
-from emulator.motion.vectors import ZERO, Joints, largest, scaled, sub
-from urproto.robots.model import RobotModel
+from urproto.robots.model import Joints, RobotModel
+from urproto.vectors import ZERO6, largest, scaled, sub
 
 _CELL_S = 0.016  # of the movement's own time; shorter where a joint turns more than _TURN_RAD in one (guesses)
 _SHORTEST_CELL_S = _CELL_S / 8192
@@ -111,7 +111,7 @@ class Lookahead:
         self._end, self._cell, self._q = self._end + h, h, q
         if self._scout.done:
             self._over = True
-            self._append(self._end, ZERO, 1.0)
+            self._append(self._end, ZERO6, 1.0)
 
     def _too_coarse(self, turn: Joints, h: float, left: float) -> bool:
         """A cell of length h, in which the joints turn so far, says too little of what happens in it."""

@@ -15,10 +15,11 @@ from collections.abc import Callable
 from math import sqrt
 
 from emulator.motion.faults import MotionFault, near_singularity
+from emulator.motion.generator import Generator
 from emulator.motion.lookahead import Lookahead
-from emulator.motion.path_motion import Generator, PathMotion
-from emulator.motion.vectors import Joints, largest, sub
-from urproto.robots.model import RobotModel
+from emulator.motion.path_motion import PathMotion
+from urproto.robots.model import Joints, RobotModel
+from urproto.vectors import largest, sub
 
 Excess = Callable[[Joints, Joints], float]
 """From a configuration and a step of one period: the largest share of a limit that it takes."""
@@ -35,7 +36,12 @@ _STUCK_S = 0.1  # ... for so long does not get through a singularity (guess)
 
 
 class Pacer:
-    """Keeps the time scale of the movement in progress."""
+    """Keeps the time scale of the movement in progress.
+
+    What a path asks of the joints a step later is known only by asking the movement where it would be then. So a step
+    is proposed, judged, and proposed again shorter. A movement commits what it proposed last: whoever asks for
+    another step has to take that one.
+    """
 
     def __init__(self, model: RobotModel, period_s: float) -> None:
         self._model = model
@@ -47,6 +53,7 @@ class Pacer:
         self._change = [acceleration * (1.0 + _TOLERANCE) * period_s**2 for acceleration in model.qdd_max]
         self.scale = 1.0
         self.share = 1.0  # of the wanted speed, that the joints could follow in the last period
+        # Ramps bound accelerations of joints, but time scales are what is ramped; the pace converts between the two.
         self._pace = 0.0  # speed of the leading joint in the movement's own time [rad/s]; 0 = not yet known
         self._gain = 0.0  # how fast that grows [rad/s2]
         self._stuck_s = 0.0
@@ -73,13 +80,18 @@ class Pacer:
         wanted, goal = goal, self._slewed(goal, ramp)
         self.share = 1.0
         if goal < _TOLERANCE:
+            # The pace is kept: the path here is as fast as it was, and going on is ramped by that.
             self.scale = self._gain = 0.0
             return None
         most = goal * self._period
+        # From here on steps only become shorter. What looks ahead comes first, since it slows down in time and leaves
+        # little to the others; the joints' own limits come last, since nothing may lengthen a step that they allow.
         h = self._foreseen(movement, q, most) if isinstance(movement, PathMotion) else most
         target = movement.propose(h, q)
         step = sub(target, q)
         if excess is not None and (too_fast := excess(q, step)) > 1.0 + _TOLERANCE:
+            # Ramped, too: a limit that is suddenly lower, as in reduced mode, must not jerk the arm. Never to 0, which
+            # would be a standstill, from which nothing asks for the excess any more.
             h = max(self._slewed(h / self._period / too_fast, ramp), 2.0 * _TOLERANCE) * self._period
             target = movement.propose(h, q)
             step = sub(target, q)
@@ -101,6 +113,7 @@ class Pacer:
         if not movement.uneven:
             self._ahead = None
             return h
+        # Once for each movement: the scout keeps what it has seen of the path that is left.
         if self._ahead is None or self._ahead.movement is not movement:
             self._ahead = Lookahead(movement, q, self._model)
         return min(h, max(_CREEP, self._ahead.fraction(h)) * self._period)
@@ -130,6 +143,7 @@ class Pacer:
         ``target`` was proposed for the first.
         """
         h = wanted[0]
+        # Were the joints' speeds the same all along the step, one round would do; the path bends, so a few are needed.
         for _ in range(_ROUNDS):
             better = self._bounded(h, wanted, sub(target, q), qd)
             if abs(better - h) <= _TOLERANCE * h:
@@ -142,7 +156,7 @@ class Pacer:
 
     def _slewed(self, goal: float, ramp: float) -> float:
         if self._pace <= 0.0 or goal == self.scale:
-            return goal
+            return goal  # a movement that begins at rest speeds up by its own profile
         if goal > self.scale:
             return min(goal, self.scale + ramp * self._period / self._pace)
         # the pace grows with the way still made: speed = scale * (pace + gain * scale * period)
@@ -182,6 +196,7 @@ class Pacer:
         raise self._why()
 
     def _judge(self, h: float, goal: float) -> None:
+        """Give up a movement that creeps. Not at once: a joint that has to turn back is slow for some periods, too."""
         if h >= _STUCK_SHARE * goal * self._period:
             self._stuck_s = 0.0
             return

@@ -1,97 +1,10 @@
 """The generator of movej, movel, movep and movec: an optional blend, then the leg under its speed profile."""
 
-from math import copysign, hypot, sqrt
-from typing import Protocol
-
 from emulator.motion.blends import Blend, LegEnd
 from emulator.motion.legs import JointLeg, Leg, mark_before_end
-from emulator.motion.profile import Limits, Profile
-from emulator.motion.vectors import Joints, Vec3, norm3
+from emulator.motion.profile import Profile
+from urproto.robots.model import Joints
 from urproto.robots.pose import Pose
-
-_BANDWIDTH = 25.0  # rad/s, where no limit is reached: critically damped (guess)
-_BRAKE_SHARE = 0.8  # of the acceleration is planned with on the way to a far target; the rest corrects
-_ARRIVED = 1e-9  # m or rad: nearer to a standing target, and slower, it stands on it (guess)
-_ARRIVED_SPEED = 1e-6
-
-
-class Follower:
-    """``position`` and ``speed`` in any unit; starts at 0 with the given speed."""
-
-    def __init__(self, speed: float = 0.0) -> None:
-        self.position = 0.0
-        self.speed = speed
-
-    def follow(self, dt: float, target: float, rate: float, limits: Limits) -> None:
-        """Go after a target that moves at ``rate``; the limits are those of catching up."""
-        error = target - self.position - rate * dt  # at the end of the period, keeping pace
-        if rate == 0.0 and abs(error) < _ARRIVED and abs(self.speed) < _ARRIVED_SPEED:
-            self.position, self.speed = target, 0.0
-            return
-        a = limits.acceleration
-        change = 2.0 * _BANDWIDTH * dt * (rate + copysign(_closing(abs(error), limits), error) - self.speed)
-        self._move(dt, self.speed + max(-a * dt, min(a * dt, change)))
-
-    def brake(self, dt: float, deceleration: float) -> None:
-        """Come to a standstill."""
-        slower = max(0.0, abs(self.speed) - deceleration * dt)
-        self._move(dt, copysign(slower, self.speed) if slower else 0.0)
-
-    def _move(self, dt: float, speed: float) -> None:
-        self.position += 0.5 * (self.speed + speed) * dt
-        self.speed = speed
-
-
-def pursuit(dt: float, missing: Vec3, velocity: Vec3, limits: Limits) -> Vec3:
-    """A period later, the velocity of what is to go the way ``missing``; both are relative to what it follows."""
-    far = hypot(*missing)
-    share = _closing(far, limits) / far if far else 0.0
-    gain = 2.0 * _BANDWIDTH * dt
-    x, y, z = (gain * (share * way - speed) for way, speed in zip(missing, velocity, strict=True))
-    size = norm3(x, y, z)
-    cut = limits.acceleration * dt / size if size > limits.acceleration * dt else 1.0
-    return (velocity[0] + cut * x, velocity[1] + cut * y, velocity[2] + cut * z)
-
-
-def braked(dt: float, velocity: Vec3, deceleration: float) -> Vec3:
-    """A period later, the velocity of what comes to a standstill."""
-    size = norm3(*velocity)
-    left = 1.0 - deceleration * dt / size if size > deceleration * dt else 0.0
-    return (velocity[0] * left, velocity[1] * left, velocity[2] * left)
-
-
-def _closing(far: float, limits: Limits) -> float:
-    """How fast to go when the target is so far away."""
-    return min(0.5 * _BANDWIDTH * far, sqrt(2.0 * _BRAKE_SHARE * limits.acceleration * far), limits.speed)
-
-
-class Generator(Protocol):
-    """One movement in progress.
-
-    Each control period asks for a proposal, perhaps several times with ever shorter steps, and commits the last one.
-    ``scaled`` generators run in stretched time (speed slider, pause, joint speed limits); the others, which bring the
-    arm to rest, run by the clock.
-    """
-
-    scaled: bool
-
-    def propose(self, h: float, q: Joints) -> Joints:
-        """Configuration h seconds after the last commit, coming from q. Raises MotionFault when there is none."""
-
-    def commit(self) -> None:
-        """The last proposal came true."""
-
-    @property
-    def done(self) -> bool:
-        """The arm has arrived and stands."""
-
-    @property
-    def ready(self) -> bool:
-        """The program may go on."""
-
-    def goal(self) -> Pose | None:
-        """The TCP pose moved to, in the base frame; None when the movement has no goal."""
-
 
 _TIME_TOLERANCE = 1e-9  # s: rounding of summed periods must not cost a whole period
 

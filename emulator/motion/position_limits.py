@@ -3,9 +3,9 @@
 from math import inf
 
 from emulator.motion.faults import MotionFault, joint_limit
-from emulator.motion.stops import JointStop
-from emulator.motion.vectors import Joints, as_six
-from urproto.robots.model import RobotModel
+from emulator.motion.stops import JointStop, StopOrigin
+from urproto.robots.model import Joints, RobotModel
+from urproto.vectors import as_six
 
 _TOLERANCE_RAD = 1e-9
 
@@ -47,7 +47,8 @@ class PositionLimits:
     def brake(self, q: Joints, qd: Joints) -> JointStop:
         """Each joint at its acceleration limit, harder only where the position limit is nearer than that."""
         times = zip(self.longest_stop(q, qd), qd, self._qdd_max, strict=True)
-        return JointStop(q, qd, as_six(min(longest, abs(speed) / a) for longest, speed, a in times))
+        durations = as_six(min(longest, abs(speed) / a) for longest, speed, a in times)
+        return JointStop(q, qd, durations, StopOrigin.FAULT)
 
     def longest_stop(self, q: Joints, qd: Joints) -> Joints:
         """How long each joint may take to brake evenly to rest before its limit [s]; inf for one at rest."""

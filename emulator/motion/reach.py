@@ -5,10 +5,10 @@ from math import cos, inf, sin
 from operator import mul
 
 from emulator.motion.faults import unreachable
-from emulator.motion.vectors import ZERO, Joints, as_six
 from urproto.robots.kinematics import Kinematics
-from urproto.robots.model import DH, RobotModel
+from urproto.robots.model import DH, Joints, RobotModel
 from urproto.robots.pose import Pose, pose_inv, pose_sub, pose_trans
+from urproto.vectors import ZERO6, as_six
 
 
 def dexterity(dh: DH, q_rad: Joints) -> float:
@@ -60,7 +60,7 @@ class Reach:
 
         Position limits play no part: a path is followed by continuity, and limits are judged every step.
         """
-        flange = pose_base_tcp if self.tcp_offset == ZERO else pose_trans(pose_base_tcp, self._tcp_inverse)
+        flange = pose_base_tcp if self.tcp_offset == ZERO6 else pose_trans(pose_base_tcp, self._tcp_inverse)
         q = self.kinematics.inverse_near(flange, q_near_rad, _NO_LIMITS_BELOW, _NO_LIMITS)
         if q is None:
             raise unreachable(pose_base_tcp)

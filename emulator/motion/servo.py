@@ -15,9 +15,9 @@ from emulator.motion.faults import slider_raised
 from emulator.motion.legs import path_length
 from emulator.motion.profile import Limits
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import ZERO, Joints, as_six, largest, lerp, norm3, scaled, sub
-from urproto.robots.model import RobotModel
+from urproto.robots.model import Joints, RobotModel
 from urproto.robots.pose import Pose, point_dist, pose_add, pose_sub
+from urproto.vectors import ZERO6, as_six, largest, lerp, norm3, scaled, sub
 
 LOOKAHEAD_RANGE_S = (0.03, 0.2)  # Script Manual, servoj; values outside are brought to the nearest bound (guess)
 GAIN_RANGE = (100.0, 2000.0)  # Script Manual, servoj
@@ -72,7 +72,7 @@ class JointServo:
         self._next = as_six([qd for _, qd in moved])
         self._next_at = as_six([position for position, _ in moved])
         if self._settled(self._next_at, self._next):
-            self._next, self._next_at = ZERO, self._target
+            self._next, self._next_at = ZERO6, self._target
         return self._next_at
 
     def _joint(
@@ -102,7 +102,7 @@ class JointServo:
 
     @property
     def done(self) -> bool:
-        return self.ready and self._qd == ZERO and self._at == self._target
+        return self.ready and self._qd == ZERO6 and self._at == self._target
 
     @property
     def ready(self) -> bool:
@@ -123,7 +123,7 @@ class ToolServo:
     def __init__(self, reach: Reach, q: Joints, qd: Joints) -> None:
         self.reach = reach
         self._pose = self._next_pose = reach.pose(q)
-        self._twist = self._next = reach.twist(q, qd) if qd != ZERO else ZERO
+        self._twist = self._next = reach.twist(q, qd) if qd != ZERO6 else ZERO6
         self._target = self._pose
         self._limits = Limits(1.0, 1.0)
         self._radius = 0.0
@@ -143,10 +143,10 @@ class ToolServo:
         braking = min(a, self._bearable(q))
         brake = _BRAKE_SHARE * braking * h  # of speed, in each step of the way's end
         if length <= brake * h and self._length(self._twist) <= 2.0 * braking * h:
-            self._next, self._next_pose = ZERO, self._target
+            self._next, self._next_pose = ZERO6, self._target
         else:
             speed = min(self._limits.speed, sqrt(0.25 * brake * brake + 2.0 * brake * length / h) - 0.5 * brake)
-            wanted = scaled(error, speed / length) if length > 0.0 else ZERO
+            wanted = scaled(error, speed / length) if length > 0.0 else ZERO6
             change = sub(wanted, self._twist)
             size = self._length(change)
             self._next = now = wanted if size <= a * h else lerp(self._twist, change, a * h / size)
@@ -171,7 +171,7 @@ class ToolServo:
 
     @property
     def done(self) -> bool:
-        return self._begun and self._twist == ZERO and self._pose == self._target
+        return self._begun and self._twist == ZERO6 and self._pose == self._target
 
     @property
     def ready(self) -> bool:

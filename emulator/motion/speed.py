@@ -5,15 +5,16 @@ integral of the speeds asked for, wherever the speed slider stands. But programs
 command seldom ends with one. So the program goes on at the end of the period nearest to the command's end, and the next
 command begins where the one before ends: what is left of that is run first, or, where it has ended already, the new
 command is run from that moment on in retrospect. What the program reads of the arm's position just then is where the
-command ends (`Stepper.program_q`), so that a path which it plans from there is no fraction of a period off.
+command ends (`Motion.program_q`), so that a path which it plans from there is no fraction of a period off.
 """
 
 from math import inf
 from typing import NamedTuple
 
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import ZERO, Joints, largest, lerp, norm3, scaled, sub
+from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, pose_add
+from urproto.vectors import ZERO6, largest, lerp, norm3, scaled, sub
 
 _TIME_TOLERANCE = 1e-9  # s
 
@@ -43,7 +44,7 @@ class _HeldSpeed:
         self._now = state
         self._end: _State | None = None  # where the command's time ran out, in the last period
         self._start, self._owed = state, 0.0  # where the next step begins, and what it takes beside a period [s]
-        self._commands = [_Command(ZERO, 0.0, 0.0, None)]  # that rule one after the other
+        self._commands = [_Command(ZERO6, 0.0, 0.0, None)]  # that rule one after the other
         self._h = 0.0  # the last step
         self._next: tuple[_State, _State | None, list[_Command], float] = (state, None, self._commands, 0.0)
         self._begun = False
@@ -108,7 +109,7 @@ class _HeldSpeed:
 
     @property
     def done(self) -> bool:
-        return self.ready and self._now.speed == ZERO and self._commands[-1].speed == ZERO
+        return self.ready and self._now.speed == ZERO6 and self._commands[-1].speed == ZERO6
 
     @property
     def ready(self) -> bool:
@@ -150,7 +151,7 @@ class ToolSpeed(_HeldSpeed):
     """speedl: the tool's velocity changes by ``a`` and ``a_rot``, then holds."""
 
     def __init__(self, reach: Reach, q: Joints, qd: Joints) -> None:
-        super().__init__(_State(reach.pose(q), reach.twist(q, qd) if qd != ZERO else ZERO))
+        super().__init__(_State(reach.pose(q), reach.twist(q, qd) if qd != ZERO6 else ZERO6))
         self.reach = reach
 
     def command(self, xd: Joints, a: float, a_rot: float, t: float | None) -> None:
@@ -174,7 +175,7 @@ class ToolSpeed(_HeldSpeed):
         if duration != duration_rot:
             turning, turned = _changed(state.speed, command.speed, duration_rot, h)
         twist, way = (*velocity[:3], *turning[3:]), (*moved[:3], *turned[3:])
-        return _State(state.place if way == ZERO else pose_add(way, state.place), twist)
+        return _State(state.place if way == ZERO6 else pose_add(way, state.place), twist)
 
 
 def _duration(change: float, a: float) -> float:

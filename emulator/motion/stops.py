@@ -1,11 +1,22 @@
 """Bringing the arm to rest by the clock, whatever the speed slider says: stopj, stopl and the protective stop."""
 
+from enum import Enum, auto
+
 from emulator.motion.faults import MotionFault
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import ZERO, Joints, as_six, largest, norm3, scaled, sub
+from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, pose_add
+from urproto.vectors import ZERO6, as_six, largest, norm3, scaled, sub
 
 _TIME_TOLERANCE = 1e-9  # s
+
+
+class StopOrigin(Enum):
+    """What makes the arm stop."""
+
+    COMMAND = auto()
+    FAULT = auto()  # a movement could not go on
+    BRAKES = auto()  # the power is gone
 
 
 class JointStop:
@@ -13,7 +24,8 @@ class JointStop:
 
     scaled = False
 
-    def __init__(self, q: Joints, qd: Joints, durations: Joints) -> None:
+    def __init__(self, q: Joints, qd: Joints, durations: Joints, origin: StopOrigin = StopOrigin.COMMAND) -> None:
+        self.origin = origin
         self._q, self._qd, self._durations = q, qd, durations
         self._last = max(durations)
         self._t = self._proposed = 0.0
@@ -65,7 +77,7 @@ class ToolStop:
     def __init__(self, reach: Reach, q: Joints, qd: Joints, deceleration: float, turn_deceleration: float) -> None:
         self._reach = reach
         self._pose = reach.pose(q)
-        twist = reach.twist(q, qd) if qd != ZERO else ZERO
+        twist = reach.twist(q, qd) if qd != ZERO6 else ZERO6
         self._twist = twist
         self._duration = max(norm3(*twist[:3]) / deceleration, norm3(*twist[3:]) / turn_deceleration)
         self._t = self._proposed = 0.0

@@ -7,124 +7,21 @@ while the movement is held (pause, protective stop) they stand still too, and go
 A new source needs three things: ``step`` to move on, ``apply`` to displace a pose, ``undo`` to take that back.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from math import exp, pi, radians
+from math import exp, radians
 from typing import Protocol
 
-from emulator.motion.faults import conveyor_too_fast, sudden_jump
-from emulator.motion.legs import TOOL_LIMITS
-from emulator.motion.path_motion import Follower
-from emulator.motion.profile import Limits
+from emulator.motion.faults import MotionFault, sudden_jump
+from emulator.motion.movement import ActiveMovement
 from emulator.motion.reach import Reach
-from emulator.motion.vectors import (
-    ZERO,
-    Axes,
-    Joints,
-    Vec3,
-    as_six,
-    cross,
-    into6,
-    largest,
-    lerp,
-    norm3,
-    of_rotation,
-    out_of6,
-    scaled,
-    sub,
-    unit,
-)
-from urproto.robots.pose import Pose, pose_add, pose_inv, pose_sub, pose_trans
+from emulator.motion.target import ArmTarget
+from emulator.motion.tracking import LEVER_M, FrameTracking
+from urproto.robots.model import Joints
+from urproto.robots.pose import Pose, axes_of, pose_add, pose_inv, pose_sub, pose_trans
+from urproto.vectors import ZERO6, Axes, Vector3, as_six, cross, into6, largest, lerp, norm3, out_of6, scaled, sub, unit
 
-_CATCHING_UP = Limits(0.25, 2.0)  # m/s beyond the conveyor's own speed, m/s2 (guess)
-_SHORTEST_RADIUS_M = 0.05  # nearer to the centre a turning conveyor is followed as it is here
-
-
-class Belt(Protocol):
-    """What tells how far a conveyor went."""
-
-    travel: float
-    """Ticks, interpolated, never wrapped."""
-    speed: float
-    """Ticks/s."""
-
-
-class _Conveyor:
-    """``position``: how far the path has been taken along, in m or rad."""
-
-    def __init__(self, belt: Belt, ticks_per_unit: float) -> None:
-        self._belt = belt
-        self._origin = belt.travel
-        self._ticks = ticks_per_unit
-        self._follower = Follower()
-
-    @property
-    def position(self) -> float:
-        """How far the path has been taken along [m or rad]."""
-        return self._follower.position
-
-    def _advance(self, dt: float, radius: float, ramp: float | None) -> None:
-        """``radius``: metres a unit of position moves the tool."""
-        rate = self._belt.speed / self._ticks
-        if ramp is not None:
-            self._follower.brake(dt, ramp * LEVER_M / radius)
-            return
-        if abs(rate) * radius > TOOL_LIMITS.speed:
-            raise conveyor_too_fast(rate * radius, TOOL_LIMITS.speed)
-        bounds = Limits(_CATCHING_UP.speed / radius, _CATCHING_UP.acceleration / radius)
-        self._follower.follow(dt, (self._belt.travel - self._origin) / self._ticks, rate, bounds)
-
-
-class LinearConveyor(_Conveyor):
-    """Moves along ``direction``, in the base frame, whose length does not count."""
-
-    def __init__(self, belt: Belt, direction: Vec3, ticks_per_meter: float) -> None:
-        super().__init__(belt, ticks_per_meter)
-        self._direction = unit(direction, (1.0, 0.0, 0.0))
-
-    def step(self, dt: float, path: Pose, shift: Joints, ramp: float | None) -> None:
-        self._advance(dt, 1.0, ramp)
-
-    def apply(self, pose: Pose) -> Pose:
-        return pose_add(self._shift(self.position), pose)
-
-    def undo(self, pose: Pose) -> Pose:
-        return pose_add(self._shift(-self.position), pose)
-
-    def _shift(self, length: float) -> Pose:
-        x, y, z = self._direction
-        return (length * x, length * y, length * z, 0.0, 0.0, 0.0)
-
-
-class CircularConveyor(_Conveyor):
-    """Turns about the z axis of ``center``, a pose in the base frame; positive ticks counter-clockwise (guess)."""
-
-    def __init__(self, belt: Belt, center: Pose, ticks_per_revolution: float, *, rotate_tool: bool) -> None:
-        super().__init__(belt, ticks_per_revolution / (2.0 * pi))
-        self._center, self._inverse = center, pose_inv(center)
-        self._axis = of_rotation(center)[2]
-        self._rotate_tool = rotate_tool
-
-    def step(self, dt: float, path: Pose, shift: Joints, ramp: float | None) -> None:
-        self._advance(dt, max(self._radius(path), _SHORTEST_RADIUS_M), ramp)
-
-    def _radius(self, pose: Pose) -> float:
-        out = (pose[0] - self._center[0], pose[1] - self._center[1], pose[2] - self._center[2])
-        return norm3(*cross(out, self._axis))
-
-    def apply(self, pose: Pose) -> Pose:
-        return self._turned(pose, self.position)
-
-    def undo(self, pose: Pose) -> Pose:
-        return self._turned(pose, -self.position)
-
-    def _turned(self, pose: Pose, angle: float) -> Pose:
-        turn = pose_trans(pose_trans(self._center, (0.0, 0.0, 0.0, 0.0, 0.0, angle)), self._inverse)
-        there = pose_trans(turn, pose)
-        return there if self._rotate_tool else (*there[:3], *pose[3:])
-
-
-LEVER_M = 0.25  # from a leading joint to the tool: turns a deceleration of joints into one of the tool (guess)
 _SAME = 1e-9  # m, rad: a filtered offset nearer to the given one than this is that one (guess)
 _STANDING_M = 1e-9  # a shorter way in one period has no direction
 _FADE_S = 0.05  # how soon the coasted way is taken back (guess)
@@ -160,11 +57,11 @@ class PathOffset:
     def __init__(self, settings: OffsetSettings) -> None:
         self._settings = settings
         self._frame = OffsetFrame.BASE
-        self._target: Joints = ZERO
-        self._filtered: Joints = ZERO
-        self._coasted: Joints = ZERO
-        self._speed: Joints = ZERO  # of the applied offset
-        self._applied: Joints = ZERO
+        self._target: Joints = ZERO6
+        self._filtered: Joints = ZERO6
+        self._coasted: Joints = ZERO6
+        self._speed: Joints = ZERO6  # of the applied offset
+        self._applied: Joints = ZERO6
         self._path: Pose | None = None
         self._axes: Axes | None = None  # of the MOTION frame
 
@@ -172,7 +69,7 @@ class PathOffset:
         """Another offset [m, rotation vector], from the next period on."""
         if frame is not self._frame:
             self._filtered = self.get(frame)  # the filter goes on from what is applied now
-            self._coasted, self._frame = ZERO, frame
+            self._coasted, self._frame = ZERO6, frame
         self._target = self._settings.limited(offset)
 
     def get(self, frame: OffsetFrame) -> Pose:
@@ -201,20 +98,20 @@ class PathOffset:
         before, missing = self._applied, sub(self._target, self._filtered)
         near = largest(missing) <= _SAME
         self._filtered = self._target if near else lerp(self._filtered, missing, self._settings.alpha)
-        if self._coasted != ZERO:
-            self._coasted = scaled(self._coasted, exp(-dt / _FADE_S)) if largest(self._coasted) > _SAME else ZERO
+        if self._coasted != ZERO6:
+            self._coasted = scaled(self._coasted, exp(-dt / _FADE_S)) if largest(self._coasted) > _SAME else ZERO6
         self._applied = lerp(self._filtered, self._coasted, 1.0)
         self._speed = scaled(sub(self._applied, before), 1.0 / dt)
 
     def _coast(self, dt: float, ramp: float) -> None:
         size = max(norm3(*self._speed[:3]) / LEVER_M, norm3(*self._speed[3:]))
-        self._speed = scaled(self._speed, 1.0 - ramp * dt / size) if size > ramp * dt else ZERO
+        self._speed = scaled(self._speed, 1.0 - ramp * dt / size) if size > ramp * dt else ZERO6
         self._coasted = lerp(self._coasted, self._speed, dt)
         self._applied = lerp(self._filtered, self._coasted, 1.0)
 
     def apply(self, pose: Pose) -> Pose:
         offset = self._applied
-        if offset == ZERO:
+        if offset == ZERO6:
             return pose
         if self._frame is OffsetFrame.TCP:
             return pose_trans(pose, offset)
@@ -236,13 +133,13 @@ class PathOffset:
         return self._applied
 
 
-def _motion_axes(path: Pose, before: Axes | None, along: Vec3 | None = None) -> Axes:
+def _motion_axes(path: Pose, before: Axes | None, along: Vector3 | None = None) -> Axes:
     """Axes of the MOTION frame; the last ones where there is no direction, the tool's x before there was any."""
-    tool_x, _, tool_z = of_rotation(path)
+    tool_x, _, tool_z = axes_of(path)
     x = unit(along, tool_x) if along is not None else tool_x
     aside = cross(x, tool_z)
     if norm3(*aside) < 1e-6:
-        return before if before is not None else of_rotation(path)
+        return before if before is not None else axes_of(path)
     y = unit(aside, tool_x)
     return x, y, cross(x, y)
 
@@ -277,60 +174,158 @@ class Source(Protocol):
 
 
 class Superposition:
-    """The sources in force, and the joints they lead to.
+    """The sources in force, and where they take the path.
 
-    ``q`` and ``qd``: where the nominal path is taken to, and the speed of that [rad, rad/s].
+    ``q``, ``qd``: there [rad, rad/s], as long as anything is ``active``. ``settings``: of path offsets. ``lost``: the
+    fault that ended it all; poses of the program that runs no longer mean what they did.
     """
 
-    def __init__(self, period_s: float, q: Joints, qd: Joints) -> None:
-        self.sources: dict[Kind, Source] = {}
-        self.q, self.qd = q, qd
-        self._period = period_s
+    def __init__(self, target: ArmTarget, movement: ActiveMovement) -> None:
+        self.settings = OffsetSettings()
+        self.lost: MotionFault | None = None
+        self.active = False
+        self.q, self.qd = target.q, ZERO6
+        self._target, self._movement = target, movement
+        self._sources: dict[Kind, Source] = {}
         self._path: tuple[Reach, Joints, Pose] | None = None  # the last period's TCP, path joints and path pose
         self._pose: Pose | None = None  # the last displaced pose
 
-    def add(self, kind: Kind, source: Source) -> None:
-        """Begin to apply a source, in place of one of its kind."""
-        self.sources[kind] = source
-        self.sources = dict(sorted(self.sources.items()))
+    # what a program asks for
 
-    def path_pose(self, reach: Reach, path: Joints) -> Pose:
-        """TCP on the nominal path."""
+    def enable_path_offset(self) -> None:
+        """Begin to apply an offset, zero at first. Does nothing when that is so already."""
+        if self._path_offset is None:
+            self._add(Kind.PATH_OFFSET, PathOffset(self.settings))
+
+    def set_path_offset(self, offset: Sequence[float], frame: OffsetFrame) -> None:
+        """The offset to apply from now on [m, rotation vector]; without effect unless enabled (guess)."""
+        if self._path_offset is not None:
+            self._path_offset.set(as_six(offset), frame)
+
+    def path_offset(self, frame: OffsetFrame) -> Pose:
+        """The offset applied just now, as one of this frame; zero unless enabled."""
+        return ZERO6 if self._path_offset is None else self._path_offset.get(frame)
+
+    def track(self, conveyor: Source) -> None:
+        """Take the path along with a conveyor. Raises ValueError while one is tracked."""
+        if Kind.CONVEYOR in self._sources:
+            raise ValueError("a conveyor is tracked already: call stop_conveyor_tracking() first")
+        self._add(Kind.CONVEYOR, conveyor)
+
+    def track_frame(self, frame: FrameTracking) -> None:
+        """Take the path along with a frame. Raises ValueError while one is tracked."""
+        if self.tracked_frame is not None:
+            raise ValueError("a frame is tracked already: call frame_tracking_disable() first")
+        self._add(Kind.FRAME, frame)
+
+    @property
+    def tracked_frame(self) -> FrameTracking | None:
+        """The frame that the path is taken along with."""
+        source = self._sources.get(Kind.FRAME)
+        return source if isinstance(source, FrameTracking) else None
+
+    @property
+    def _path_offset(self) -> PathOffset | None:
+        source = self._sources.get(Kind.PATH_OFFSET)
+        return source if isinstance(source, PathOffset) else None
+
+    def _add(self, kind: Kind, source: Source) -> None:
+        """Begin to apply a source. The first one takes the path to where it is already: nothing jumps."""
+        if not self.active:
+            self.active = True
+            self.q, self.qd = self._movement.q, self._movement.qd
+            self._path, self._pose = None, None
+        self._sources = dict(sorted({**self._sources, kind: source}.items()))
+
+    # ending it: what a source did to the path so far stays, since the arm must not jump back
+
+    def end(self, kind: Kind) -> None:
+        """Apply a source no more. Raises MotionFault when the path cannot be where that has taken it."""
+        if self._sources.pop(kind, None) is None:
+            return
+        if self._sources:
+            self._movement.put(self._path_for(self.q), self._movement.qd)
+        else:
+            self.release()
+
+    def release(self) -> None:
+        """Displace the path no more: it is where it has been taken."""
+        if self.active:
+            self._movement.put(self.q, self.qd)
+            self.clear()
+
+    def clear(self) -> None:
+        """Displace the path no more, wherever it is."""
+        self.active, self._sources = False, {}
+
+    def lose(self, fault: MotionFault) -> None:
+        """A fault ends it. The program must not go on as if its path were displaced."""
+        if self.active:
+            self.lost = fault
+            self.clear()
+
+    def program_stopped(self) -> None:
+        """The next program begins without settings and loss; what is in force goes on until the arm is stopped."""
+        self.settings, self.lost = OffsetSettings(), None
+
+    def rejoin(self) -> bool:
+        """Take what brought the arm to where it is, beside its path, as part of the path; False when none leads here.
+
+        So the next movement, which starts from the path, can take that back.
+        """
+        target = self._target
+        try:
+            self._movement.put(self._path_for(target.q), self._movement.qd)
+        except MotionFault:
+            return False
+        self.q, self.qd = target.q, target.qd
+        return True
+
+    def _path_for(self, q: Joints) -> Joints:
+        """The path joints that are taken to q. Raises MotionFault when they are out of reach."""
+        reach = self._target.reach
+        pose = reach.pose(q)
+        for source in reversed(self._sources.values()):
+            pose = source.undo(pose)
+        self._path, self._pose = None, None
+        return reach.joints(pose, self._movement.q)
+
+    # one control period
+
+    def advance(self, path: Joints) -> tuple[Joints, Joints]:
+        """One period, at the end of which the movement is at ``path``: where that is taken, before and after it.
+
+        Raises MotionFault when a joint cannot follow.
+        """
+        reach, before = self._target.reach, self._path
+        pose = self._path_pose(reach, path)
+        shift = pose_sub(pose, before[2]) if before is not None and before[0] is reach else ZERO6
+        self._path = (reach, path, pose)
+        ramp = None if self._movement.running else self._movement.ramp
+        # In the order of `Kind`: what is tracked carries the offset along.
+        for source in self._sources.values():
+            source.step(self._target.period_s, pose, shift, ramp)
+            pose = source.apply(pose)
+        start = self.q
+        # The way back from a pose to joints rounds: an arm at rest must not move by that.
+        q = start if pose == self._pose else reach.joints(pose, start)
+        self._pose = pose
+        self._judge(reach, q)
+        return start, q
+
+    def _path_pose(self, reach: Reach, path: Joints) -> Pose:
+        """TCP on the path."""
         if self._path is not None and self._path[0] is reach and self._path[1] == path:
             return self._path[2]
         return reach.pose(path)
 
-    def advance(self, reach: Reach, path: Joints, ramp: float | None) -> Joints:
-        """One period, at the end of which the movement is at ``path``; where the sources take that.
-
-        Raises MotionFault when a joint cannot follow.
-        """
-        pose = self.path_pose(reach, path)
-        before = self._path
-        shift = pose_sub(pose, before[2]) if before is not None and before[0] is reach else ZERO
-        self._path = (reach, path, pose)
-        for source in self.sources.values():
-            source.step(self._period, pose, shift, ramp)
-            pose = source.apply(pose)
-        q = self.q if pose == self._pose else reach.joints(pose, self.q)
-        self._pose = pose
-        self._judge(reach, q)
-        return q
-
-    def path_for(self, reach: Reach, q: Joints, path_near: Joints) -> Joints:
-        """The path joints that are taken to q. Raises MotionFault when they are out of reach."""
-        pose = reach.pose(q)
-        for source in reversed(self.sources.values()):
-            pose = source.undo(pose)
-        self._path, self._pose = None, None
-        return reach.joints(pose, path_near)
-
     def _judge(self, reach: Reach, q: Joints) -> None:
-        qd = ZERO if q == self.q else scaled(sub(q, self.q), 1.0 / self._period)
+        period_s = self._target.period_s
+        qd = ZERO6 if q == self.q else scaled(sub(q, self.q), 1.0 / period_s)
         model = reach.model
         limits = zip(qd, self.qd, model.qd_max, model.qdd_max, strict=True)
         for joint, (now, before, most, acceleration) in enumerate(limits):
-            sudden = abs(now - before) > _SUDDEN * acceleration * self._period
+            sudden = abs(now - before) > _SUDDEN * acceleration * period_s
             if sudden or abs(now) > most * (1.0 + _TOLERANCE):
                 raise sudden_jump(joint, now - before, now)
         self.q, self.qd = q, qd

@@ -7,9 +7,10 @@ brake together and stand, so nothing drives an arm whose program is not there.
 from collections.abc import Callable
 
 from emulator.motion.stops import JointStop, brake_together
-from emulator.motion.vectors import ZERO, Joints
 from emulator.robot.drives import TorqueCommand
+from urproto.robots.model import Joints
 from urproto.robots.pose import Pose
+from urproto.vectors import ZERO6
 
 TorqueResponse = Callable[[TorqueCommand, Joints, Joints, float], tuple[Joints, Joints]]
 """From a command, joint angles, speeds and a time to the angles and speeds after it."""
@@ -24,7 +25,7 @@ class DirectTorque:
         self._qd = qd
         self._respond, self._ramp = respond, ramp
         self._command: TorqueCommand | None = None
-        self._next = (ZERO, qd)
+        self._next = (ZERO6, qd)
         self._stop: JointStop | None = None
         self.acting: TorqueCommand | None = None  # in the last period
 

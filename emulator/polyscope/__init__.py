@@ -1,1 +1,1 @@
-"""PolyScope program trees (`.urp` files) and what they are in URScript."""
+"""What PolyScope saves: programs (`.urp`) and the URScript they are run as, installations, safety settings."""

@@ -5,14 +5,15 @@ from typing import Final
 
 from emulator.polyscope.document import DocumentError, Element
 from emulator.polyscope.numbers import numbers
-from urproto.robots.pose import Pose, Vec3, matrix_to_rotvec, rotvec_to_matrix
+from urproto.robots.pose import Pose, matrix_to_rotvec, rotvec_to_matrix
+from urproto.vectors import ZERO6, Vector3, cross, sub3
 
 BASE_VARIABLE: Final = "Base"  # the base as a feature that programs use as a variable
 
 _POINT: Final = "GeomPoseNode"
 _LINE: Final = "GeomLineNode"
 _PLANE: Final = "GeomPlaneNode"
-_BASE: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_BASE: Final = ZERO6
 
 
 class _DegenerateError(Exception):
@@ -66,7 +67,7 @@ def _line(element: Element) -> Pose:
     """y from the first point to the second, z as near to the first point's z as that allows (Software Manual)."""
     first, second = _point(element, "firstPoint"), _point(element, "secondPoint")
     matrix = rotvec_to_matrix(*first[3:])
-    return _frame(first, _minus(second, first), _cross(_minus(second, first), (matrix[2], matrix[5], matrix[8])))
+    return _frame(first, sub3(second, first), cross(sub3(second, first), (matrix[2], matrix[5], matrix[8])))
 
 
 def _plane(element: Element) -> Pose:
@@ -78,18 +79,18 @@ def _plane(element: Element) -> Pose:
     first = _point(element, "firstPoint")
     if element.child("userFirstPoint"):
         return first
-    y = _minus(_point(element, "secondPoint"), first)
-    normal = _cross(y, _minus(_point(element, "thirdPoint"), first))
-    return _frame(first, y, _cross(y, normal))
+    y = sub3(_point(element, "secondPoint"), first)
+    normal = cross(y, sub3(_point(element, "thirdPoint"), first))
+    return _frame(first, y, cross(y, normal))
 
 
-def _frame(origin: Pose, y: Vec3, x: Vec3) -> Pose:
+def _frame(origin: Pose, y: Vector3, x: Vector3) -> Pose:
     x, y = _unit(x), _unit(y)
-    z = _cross(x, y)
+    z = cross(x, y)
     return (*origin[:3], *matrix_to_rotvec((x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2])))
 
 
-def _vector(element: Element, tag: str) -> Vec3:
+def _vector(element: Element, tag: str) -> Vector3:
     child = element.child(tag)
     values = numbers(child.get("value")) if child else []
     if len(values) != 3:
@@ -97,15 +98,7 @@ def _vector(element: Element, tag: str) -> Vec3:
     return (values[0], values[1], values[2])
 
 
-def _minus(a: Pose, b: Pose) -> Vec3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-def _cross(a: Vec3, b: Vec3) -> Vec3:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-def _unit(vector: Vec3) -> Vec3:
+def _unit(vector: Vector3) -> Vector3:
     length = math.hypot(*vector)
     if length == 0.0:
         raise _DegenerateError

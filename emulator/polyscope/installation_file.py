@@ -14,6 +14,7 @@ from emulator.polyscope.safety_configuration import SafetyConfiguration
 from emulator.polyscope.safety_section import SafetySettingsError, read_safety_settings
 from urproto.robots.pose import Pose
 from urproto.text import from_bytes, lines, strip
+from urproto.vectors import ZERO3, Vector3
 from urscript.work import Steps, run_to_end
 
 _TYPES: Final = {"DIGITAL_INPUT": 0, "DIGITAL_OUTPUT": 1, "REGISTER_INPUT": 2, "REGISTER_OUTPUT": 3}  # as for scripts
@@ -98,7 +99,7 @@ class PayloadSetting:
     """Mass [kg], centre of gravity from the flange [m], and inertia [kg m2] when the file gives one."""
 
     mass: float = 0.0
-    cog: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    cog: Vector3 = ZERO3
     inertia: Pose | None = None
 
 
@@ -140,7 +141,7 @@ class InstallationFile:
     tcps: Mapping[str, Pose] = field(default_factory=dict)
     payload: PayloadSetting | None = None
     payloads: Mapping[str, PayloadSetting] = field(default_factory=dict)
-    gravity: tuple[float, float, float] | None = None
+    gravity: Vector3 | None = None
     features: Mapping[str, Pose] = field(default_factory=dict)
     feature_variables: frozenset[str] = frozenset()
     pins: Mapping[str, tuple[str, str]] = field(default_factory=dict)
@@ -289,13 +290,13 @@ def _payloads(root: Element) -> tuple[dict[str, PayloadSetting], PayloadSetting]
     return payloads, default
 
 
-def _three(values: list[float]) -> tuple[float, float, float]:
+def _three(values: list[float]) -> Vector3:
     if len(values) != 3:
         raise DocumentError(f"{values} is not three numbers")
     return (values[0], values[1], values[2])
 
 
-def _gravity(root: Element) -> tuple[float, float, float]:
+def _gravity(root: Element) -> Vector3:
     """As PolyScope's mounting page turns the arm: tilted about x, then turned about z (signs as in public scripts)."""
     for element in root.walk():
         if "tiltAngle" in element.attributes:

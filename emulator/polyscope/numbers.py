@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from emulator.polyscope.document import DocumentError, Element
 from urproto.robots.pose import Pose, matrix_to_rotvec, pose_inv, pose_trans
 from urproto.text import number as text_number
+from urproto.vectors import ZERO6
 
 _DIGITS = 12  # behind the point, as PolyScope writes poses
 
@@ -66,7 +67,7 @@ def taught_pose(position: Element) -> tuple[Pose, Pose]:
 def _flange(arm: Element, joints: Pose) -> Pose:
     """Flange in the base frame of a calibrated arm, whose axes are not quite parallel."""
     a, d, alpha, theta = (six(_value(arm, tag, "value")) for tag in ("a", "d", "alpha", "deltaTheta"))
-    pose: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    pose: Pose = ZERO6
     for i in range(6):
         pose = pose_trans(pose, _link(joints[i] + theta[i], a[i], d[i], alpha[i]))
     return pose

@@ -13,10 +13,10 @@ from types import MappingProxyType
 from typing import Final
 
 from urproto.robots.model import Joints, RobotModel
+from urproto.vectors import Vector3, as_six
 from urproto.versions import Series
 
 CHANNELS: Final = 8  # configurable inputs, and as many outputs
-Vector3 = tuple[float, float, float]
 Pins = tuple[int, int]  # both channels of a safety signal: configurable pins 0-7
 
 _NO_JOINT_LIMIT: Final[Joints] = (inf,) * 6
@@ -240,12 +240,7 @@ def preset_of(name: str, model: RobotModel) -> LimitSet:
     if model.wrist3_unlimited:
         low, high = (*low[:5], -inf), (*high[:5], inf)
     speeds = tuple(speed + _SPEED_MARGIN_RAD_S for speed in model.qd_max)
-    return replace(limits, joint_speed=_six(speeds), joint_min=_six(low), joint_max=_six(high))
-
-
-def _six(values: tuple[float, ...]) -> Joints:
-    a, b, c, d, e, f = values
-    return (a, b, c, d, e, f)
+    return replace(limits, joint_speed=as_six(speeds), joint_min=as_six(low), joint_max=as_six(high))
 
 
 # As installation files and captures of simulators have it, by the highest joint speeds. The number in the file is the

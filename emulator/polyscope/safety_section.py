@@ -22,6 +22,7 @@ from emulator.polyscope.safety_configuration import (
 )
 from urproto.robots.model import Joints
 from urproto.text import lines
+from urproto.vectors import as_six
 
 Sections = Mapping[str, Mapping[str, str]]
 _Function = TypeVar("_Function", SafetyInput, SafetyOutput)
@@ -106,9 +107,9 @@ def _limits(sections: Sections, name: str, limited: tuple[float, ...]) -> LimitS
     high = _positions(sections, joints, "max")
     return LimitSet(
         **given,
-        joint_speed=_six(_numbers(sections, joints, "maxJointSpeed", 6)),
-        joint_min=_six(tuple(at if has else -inf for at, has in zip(low, limited, strict=True))),
-        joint_max=_six(tuple(at if has else inf for at, has in zip(high, limited, strict=True))),
+        joint_speed=as_six(_numbers(sections, joints, "maxJointSpeed", 6)),
+        joint_min=as_six(tuple(at if has else -inf for at, has in zip(low, limited, strict=True))),
+        joint_max=as_six(tuple(at if has else inf for at, has in zip(high, limited, strict=True))),
     )
 
 
@@ -185,9 +186,4 @@ def _pins(sections: Sections, which: str, functions: Iterable[_Function]) -> dic
 def _safe_home(sections: Sections) -> Joints | None:
     (enabled,) = _numbers(sections, "SafeHome", "safeHomeEnabled", 1, fallback=(1.0,))
     home = _numbers(sections, "SafeHome", "safeHomePosition", 6, fallback=(-1.0,) * 6)
-    return _six(home) if enabled and min(home) >= 0.0 else None  # -1: none
-
-
-def _six(values: tuple[float, ...]) -> Joints:
-    a, b, c, d, e, f = values
-    return (a, b, c, d, e, f)
+    return as_six(home) if enabled and min(home) >= 0.0 else None  # -1: none

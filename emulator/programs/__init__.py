@@ -1,1 +1,1 @@
-"""Running URScript programs against the controller."""
+"""Running programs: which one, when it is compiled, started, paused and ended."""

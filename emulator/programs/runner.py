@@ -158,7 +158,7 @@ class Programs:
         self.motion_version = 1  # guess: what motion_version_get() says before it was set
         self._share = WorkShare(machine.period_s)
         self._compiling = Compiling(self._share)
-        self.interpreter = Interpreter(self._share, self._note, machine.motion.abort)
+        self.interpreter = Interpreter(self._share, self._note, machine.motion.commands.abort)
         self._player = Player(machine, self)
         self._main: Runtime | None = None
         self._host: ProgramHost | None = None
@@ -231,6 +231,7 @@ class Programs:
         return self._compile(Submission(text, self._machine.version, self.step_hook is not None))
 
     def _compile(self, submission: Submission) -> Submission:
+        self._machine.messages.trace("program: %s bytes to be compiled", len(submission.text))
         self._compiling.add(submission)
         self._decide()
         return submission
@@ -436,6 +437,11 @@ class Programs:
         while (submission := self._compiling.next()) is not None:
             program = self._compiled(submission)
             submission.accepted = program is not None and self._accept(program)
+            self._machine.messages.trace(
+                "program: %s is %s",
+                program.name if program else "a text",
+                "accepted" if submission.accepted else "refused",
+            )
 
     def _compiled(self, submission: Submission) -> CompiledProgram | None:
         program, error = submission.program, submission.error
@@ -478,8 +484,6 @@ class Programs:
         host.withdraw_dialogues()
         self.watchdogs.clear()
         self.pause_codes.clear()
-        machine.motion.end_force_mode()
-        machine.motion.end_freedrive()
         machine.motion.program_stopped()
         unscheduled = main.error is not None or machine.safety.mode in _UNSCHEDULED_ENDS
         self.outputs.program_stopped(unscheduled=unscheduled)
@@ -491,6 +495,7 @@ class Programs:
         state = next_run_state(self.state, event)
         if state is self.state:
             return False
+        self._machine.messages.trace("program: %s leads from %s to %s", event.name, self.state.name, state.name)
         self.state = state
         return True
 

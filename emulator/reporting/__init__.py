@@ -1,1 +1,1 @@
-"""What the controller tells: messages, dialogues, reports, states for primary clients."""
+"""What the controller tells people: messages and dialogues."""

@@ -50,8 +50,16 @@ class MessageLog:
             self.on_note(text)
         self._log(text)
 
+    def trace(self, text: str, *values: object) -> None:
+        """A line that ``--log-level debug`` shows and nothing else: why something happened, with robot time.
+
+        text: a format of `logging` for the values, which are made into text only when somebody looks.
+        """
+        if _logger.isEnabledFor(logging.DEBUG):
+            _logger.debug("%.3f s: " + text, self._time_us() / 1e6, *values)
+
     def _log(self, text: str) -> None:
-        _logger.debug("%s", text)
+        self.trace("%s", text)
         self.history.append(f"{self._time_us() / 1e6:.3f} {text}")
 
     def text(self, text: str) -> None:

@@ -13,18 +13,32 @@ does not know of.
 import math
 from collections.abc import Sequence
 from math import pi
-from operator import sub, truediv
+from operator import truediv
 from random import Random
 from typing import TYPE_CHECKING, Final
 
 from emulator.robot.body import Body
 from emulator.robot.drives import Drives, TorqueCommand
 from emulator.robot.installation import Installation, Payload
-from emulator.robot.vectors import ZERO6, Rows, cross, into, minus3, minus6, out_of, plus3, plus6, rate6, times6
-from emulator.snapshot import Snapshot, Vector3, Vector6
+from emulator.snapshot import Snapshot
 from urproto.robots import RobotModel, kinematics_of
-from urproto.robots.kinematics import Kinematics
+from urproto.robots.kinematics import Jacobian, Kinematics
 from urproto.robots.pose import Pose, pose_trans, rotvec_to_matrix
+from urproto.vectors import (
+    ZERO3,
+    ZERO6,
+    Vector3,
+    Vector6,
+    add,
+    add3,
+    cross,
+    rate,
+    rotate,
+    rotate_back,
+    sub,
+    sub3,
+    times6,
+)
 from urproto.versions import Series
 
 if TYPE_CHECKING:
@@ -91,25 +105,25 @@ class ToolState:
         self.pose: Pose = ZERO6
         self.speed: Vector6 = ZERO6
         self.acceleration: Vector6 = ZERO6
-        self.elbow_position: Vector3 = (0.0, 0.0, 0.0)
-        self.elbow_velocity: Vector3 = (0.0, 0.0, 0.0)
+        self.elbow_position: Vector3 = ZERO3
+        self.elbow_velocity: Vector3 = ZERO3
 
-    def update(self, q: Vector6, qd: Vector6, tcp_offset: Pose, period_s: float, *, started: bool) -> Rows:
+    def update(self, q: Vector6, qd: Vector6, tcp_offset: Pose, period_s: float, *, started: bool) -> Jacobian:
         """One period later; the Jacobian at the TCP. ``started``: nothing was known before."""
         self.flange_pose = self._kinematics.forward(q)
         self.pose = self.flange_pose if tcp_offset == ZERO6 else pose_trans(self.flange_pose, tcp_offset)
         jacobian = self._kinematics.jacobian_at(q, self.pose)
         speed = times6(jacobian, qd) if qd != ZERO6 else ZERO6
         changing = speed != self.speed and not started
-        self.acceleration = rate6(speed, self.speed, period_s) if changing else ZERO6
+        self.acceleration = rate(speed, self.speed, period_s) if changing else ZERO6
         self.speed = speed
         self._update_elbow(q, period_s, moving=qd != ZERO6 and not started)
         return jacobian
 
     def _update_elbow(self, q: Vector6, period_s: float, *, moving: bool) -> None:
         position = self._kinematics.elbow_position(q)
-        x, y, z = minus3(position, self.elbow_position)
-        self.elbow_velocity = (x / period_s, y / period_s, z / period_s) if moving else (0.0, 0.0, 0.0)
+        x, y, z = sub3(position, self.elbow_position)
+        self.elbow_velocity = (x / period_s, y / period_s, z / period_s) if moving else ZERO3
         self.elbow_position = position
 
 
@@ -117,7 +131,6 @@ CURRENT_WINDOW_A: Final[Vector6] = (4.0, 4.0, 4.0, 2.0, 2.0, 2.0)  # of collisio
 _MOST_PUSH: Final = 3.0  # times a joint's torque limit: more from outside would break it (guess)
 _LOST_RAD_S: Final = 1e4  # no body moves like that, unless its payload has an inertia that none can have
 _STANDING_RAD_S: Final = 0.005  # slower than this is as good as standing (guess)
-_ZERO3: Final[Vector3] = (0.0, 0.0, 0.0)
 
 _Motion = tuple[Vector6, Vector6, Vector6]
 
@@ -148,14 +161,14 @@ class Arm:
         self.tcp_offset: Pose = ZERO6
         self._tool = ToolState(self.kinematics)
         self._target_tool = self._tool if self.drives is None else ToolState(self.kinematics)
-        self._jacobian: Rows = ()
+        self._jacobian: Sequence[Vector6] = ()
         self.mounted: Payload | None = None  # what really hangs on the flange; None: what the program says
         self.wrench: Vector6 = ZERO6  # external, before zeroing
         self.tcp_force: Vector6 = ZERO6
         self.measured_force: Vector6 = ZERO6  # as the controller gives it out: about the flange on e-Series
         self.sensor_in_flange = model.series is Series.E  # else the wrench is known at the TCP
         self.ft_raw_wrench: Vector6 = ZERO6
-        self.tool_acceleration: Vector3 = _ZERO3
+        self.tool_acceleration: Vector3 = ZERO3
         self.momentum = 0.0
         self.collision_ratio = 0.0  # largest share of its window by which a joint current is not the target's, to 1
         self.link_torque: Vector6 = ZERO6  # what the world does to the joints by touching links; set before ``update``
@@ -175,7 +188,7 @@ class Arm:
         self._mounted: Payload | None = None
         self._gravity: Vector3 | None = None
         self._base_acceleration: Vector3 | None = None
-        self._felt: Vector3 = _ZERO3  # gravity and the base's acceleration together
+        self._felt: Vector3 = ZERO3  # gravity and the base's acceleration together
         self._driven = False
         self._known = False  # False until the first update
         self._force_zeroed = False
@@ -215,7 +228,7 @@ class Arm:
     @property
     def following_error(self) -> Vector6:
         """How far each joint is behind its target [rad]; zero on an ideal arm."""
-        return ZERO6 if self.drives is None else minus6(self.target_q, self.q)
+        return ZERO6 if self.drives is None else sub(self.target_q, self.q)
 
     @property
     def standing(self) -> bool:
@@ -226,11 +239,11 @@ class Arm:
     @property
     def misjudged_torque(self) -> Vector6:
         """Joint torques [Nm] beyond what the controller expected: what the outside, or a wrong payload, causes."""
-        return minus6(self.actual_torque, self.own_torque)
+        return sub(self.actual_torque, self.own_torque)
 
     def zero_force(self) -> None:
         """What zero_ftsensor() does: the present external wrench counts as none from now on."""
-        self._force_bias = plus6(self.wrench, self._misjudged) if self._mounted is not None else self.wrench
+        self._force_bias = add(self.wrench, self._misjudged) if self._mounted is not None else self.wrench
         self._force_zeroed = True
 
     def torque_response(
@@ -333,7 +346,7 @@ class Arm:
             return False
         self._payload, self._gravity = installation.payload, installation.gravity
         self._base_acceleration, self._mounted = installation.base_acceleration, self.mounted
-        self._felt = plus3(self._gravity, self._base_acceleration)
+        self._felt = add3(self._gravity, self._base_acceleration)
         self._load(self.dynamics, self._payload)
         if self.drives is not None:
             self._load(self.drives.body.dynamics, self._mounted or self._payload)
@@ -370,12 +383,12 @@ class Arm:
             drives.place(self.target_q)
         body = drives.body
         place, before = body.q, body.qd
-        external = ZERO6 if started else self._bearable(plus6(self._pressed(self.wrench), self.link_torque))
+        external = ZERO6 if started else self._bearable(add(self._pressed(self.wrench), self.link_torque))
         if not self._driven:
             drives.hold(self.target_q, external, period_s)
         elif torque is not None:
             gravity = self.dynamics.gravity_torques(body.q)
-            self.target_torque = plus6(torque.torque, gravity)
+            self.target_torque = add(torque.torque, gravity)
             drives.push(self.target_q, torque, gravity, external, period_s)
         else:
             self.target_torque = self.dynamics.inverse_dynamics(self.target_q, self.target_qd, self.target_qdd)
@@ -383,7 +396,7 @@ class Arm:
         if not sum(map(abs, body.qd)) < _LOST_RAD_S:
             body.place(place)
         self.q, self.qd = self._senses.joints(body, period_s)
-        self.qdd = ZERO6 if before == body.qd else rate6(body.qd, before, period_s)
+        self.qdd = ZERO6 if before == body.qd else rate(body.qd, before, period_s)
         self.friction_W = ZERO6 if body.standing else body.friction_power
 
     def _pressed(self, wrench: Vector6) -> Vector6:
@@ -401,11 +414,11 @@ class Arm:
         """Force/torque sensor and accelerometer; both sit in the flange and share its axes."""
         payload, gravity = self._mounted or installation.payload, self._felt
         axes = rotvec_to_matrix(*self.flange_pose[3:])
-        self.tool_acceleration = into(axes, plus3(self.tcp_acceleration, gravity))
+        self.tool_acceleration = rotate_back(axes, add3(self.tcp_acceleration, gravity))
         felt = self.wrench
         if self._mounted is not None:
             self._misjudged = self._beyond(axes, self._mounted, installation.payload)
-            felt = plus6(felt, self._misjudged)
+            felt = add(felt, self._misjudged)
         else:
             self._misjudged = ZERO6
         if self.drives is not None and self._driven:
@@ -413,28 +426,28 @@ class Arm:
         if felt == self._force_bias == ZERO6 and not payload.mass:
             self.tcp_force = self.measured_force = self.ft_raw_wrench = ZERO6
             return
-        self.tcp_force = self.measured_force = minus6(felt, self._force_bias)
+        self.tcp_force = self.measured_force = sub(felt, self._force_bias)
         if self.sensor_in_flange:
             self.measured_force = self._at_flange(self.tcp_force)
         weight = _weight(axes, payload, gravity)
-        force = into(axes, self.wrench)
-        lever = into(axes, minus3(self.tcp_pose, self.flange_pose))
-        torque = plus3(into(axes, self.wrench[3:]), plus3(cross(lever, force), cross(payload.cog, weight)))
-        self.ft_raw_wrench = (*plus3(force, weight), *torque)
+        force = rotate_back(axes, self.wrench)
+        lever = rotate_back(axes, sub3(self.tcp_pose, self.flange_pose))
+        torque = add3(rotate_back(axes, self.wrench[3:]), add3(cross(lever, force), cross(payload.cog, weight)))
+        self.ft_raw_wrench = (*add3(force, weight), *torque)
 
     def _beyond(self, axes: tuple[float, ...], mounted: Payload, known: Payload) -> Vector6:
         """The weight that one payload has more than another, as a wrench at the TCP in base axes."""
         true, told = _weight(axes, mounted, self._felt), _weight(axes, known, self._felt)
-        lever = into(axes, minus3(self.flange_pose, self.tcp_pose))
-        force = minus3(true, told)
-        torque = minus3(cross(plus3(lever, mounted.cog), true), cross(plus3(lever, known.cog), told))
-        return (*out_of(axes, force), *out_of(axes, torque))
+        lever = rotate_back(axes, sub3(self.flange_pose, self.tcp_pose))
+        force = sub3(true, told)
+        torque = sub3(cross(add3(lever, mounted.cog), true), cross(add3(lever, known.cog), told))
+        return (*rotate(axes, force), *rotate(axes, torque))
 
     def _at_flange(self, wrench: Vector6) -> Vector6:
         """A wrench at the TCP about the flange, base axes."""
         if self.tcp_offset == ZERO6:
             return wrench
-        torque = plus3(wrench[3:], cross(minus3(self.tcp_pose, self.flange_pose), wrench))
+        torque = add3(wrench[3:], cross(sub3(self.tcp_pose, self.flange_pose), wrench))
         return (wrench[0], wrench[1], wrench[2], *torque)
 
     def _update_torques(self) -> None:
@@ -455,9 +468,9 @@ class Arm:
         self.own_torque = self.dynamics.inverse_dynamics(self.q, self.qd, self.qdd)
         self.target_torque = self.actual_torque = self.own_torque
         self.target_current = self.actual_current = self._currents(self.target_torque)
-        outside = self.wrench if self._mounted is None else plus6(self.wrench, self._misjudged)
+        outside = self.wrench if self._mounted is None else add(self.wrench, self._misjudged)
         if outside != ZERO6 or self.link_torque != ZERO6:
-            self.actual_torque = minus6(self.target_torque, plus6(self._pressed(outside), self.link_torque))
+            self.actual_torque = sub(self.target_torque, add(self._pressed(outside), self.link_torque))
             self.actual_current = self._currents(self.actual_torque)
             self._judge_currents()
         self.control_output = self.actual_current
@@ -473,7 +486,7 @@ class Arm:
         self._judge_currents()
 
     def _judge_currents(self) -> None:
-        excess = map(sub, self.actual_current, self.target_current)
+        excess = sub(self.actual_current, self.target_current)
         self.collision_ratio = min(1.0, max(map(truediv, map(abs, excess), CURRENT_WINDOW_A)))
 
     def _currents(self, torque: Vector6) -> Vector6:
@@ -490,7 +503,7 @@ class Arm:
 
 def _weight(axes: tuple[float, ...], payload: Payload, gravity: Vector3) -> Vector3:
     """In flange axes [N]."""
-    return into(axes, (-payload.mass * gravity[0], -payload.mass * gravity[1], -payload.mass * gravity[2]))
+    return rotate_back(axes, (-payload.mass * gravity[0], -payload.mass * gravity[1], -payload.mass * gravity[2]))
 
 
 def _onwards(start: Vector6, rate: Vector6, time_s: float) -> Vector6:

@@ -8,17 +8,15 @@ brakes slow each joint by its friction disc until all are slow; then the arm is 
 from collections.abc import Sequence
 from typing import Final
 
-from emulator.snapshot import Vector6
 from urproto.robots import RobotModel
 from urproto.robots.drivetrain import joint_sizes
+from urproto.vectors import ZERO6, Vector6, as_six
 
 STEP_S: Final = 0.001  # every arm's stays well inside the limit of explicit steps
 _BAND: Final = 2.0  # of Coulomb friction, in steps that it takes to stop a rotor
 _BRAKE_SHARE: Final = 1.0  # of the torque limit, which a brake must hold (guess)
 _LOCKED_RAD_S: Final = 0.1  # all joints slower than this: the brakes' pins hold (guess)
 _QUIET_RAD_S: Final = 1e-7  # slower than this, and no longer changing, is rest
-
-ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Body:
@@ -33,15 +31,15 @@ class Body:
         sizes = joint_sizes(model)
         self.dynamics = Dynamics(model)
         self.dynamics.set_rotor_inertia([size.rotor_kg_m2 for size in sizes])
-        self.rotors: Vector6 = _six([size.rotor_kg_m2 for size in sizes])
-        self.coulomb: Vector6 = ZERO6 if smooth else _six([size.coulomb_Nm for size in sizes])
-        self.viscous: Vector6 = ZERO6 if smooth else _six([size.viscous_Nm_s for size in sizes])
+        self.rotors: Vector6 = as_six([size.rotor_kg_m2 for size in sizes])
+        self.coulomb: Vector6 = ZERO6 if smooth else as_six([size.coulomb_Nm for size in sizes])
+        self.viscous: Vector6 = ZERO6 if smooth else as_six([size.viscous_Nm_s for size in sizes])
         self.q: Vector6 = ZERO6
         self.qd: Vector6 = ZERO6
         self.brakeless: set[int] = set()  # joints whose brake does not hold
-        self._bands = _six([_BAND * STEP_S * size.coulomb_Nm / size.rotor_kg_m2 for size in sizes])
-        self._brakes = _six([_BRAKE_SHARE * torque for torque in model.torque_max])
-        self._brake_gain = _six([size.rotor_kg_m2 / STEP_S for size in sizes])
+        self._bands = as_six([_BAND * STEP_S * size.coulomb_Nm / size.rotor_kg_m2 for size in sizes])
+        self._brakes = as_six([_BRAKE_SHARE * torque for torque in model.torque_max])
+        self._brake_gain = as_six([size.rotor_kg_m2 / STEP_S for size in sizes])
 
     @property
     def standing(self) -> bool:
@@ -63,7 +61,7 @@ class Body:
     def friction_power(self) -> Vector6:
         """What friction turns into heat in each joint [W]."""
         viscous, coulomb = self.friction_parts(self.qd)
-        return _six([(a + b) * speed for a, b, speed in zip(viscous, coulomb, self.qd, strict=True)])
+        return as_six([(a + b) * speed for a, b, speed in zip(viscous, coulomb, self.qd, strict=True)])
 
     def step(self, torque: Sequence[float], external: Sequence[float], h: float) -> None:
         """``h`` [s] under motor torques and those that forces from outside exert on the joints [Nm]."""
@@ -102,8 +100,3 @@ def _onwards(now: Vector6, rate: Vector6, h: float) -> Vector6:
     a, b, c, d, e, f = now
     u, v, w, x, y, z = rate
     return (a + h * u, b + h * v, c + h * w, d + h * x, e + h * y, f + h * z)
-
-
-def _six(values: Sequence[float]) -> Vector6:
-    a, b, c, d, e, f = values
-    return (a, b, c, d, e, f)

@@ -19,9 +19,8 @@ from math import copysign, sqrt
 from typing import Final
 
 from emulator.robot.body import STEP_S, Body
-from emulator.robot.vectors import ZERO6, minus6, plus6, rate6
-from emulator.snapshot import Vector6
 from urproto.robots import RobotModel
+from urproto.vectors import ZERO6, Vector6, add, rate, sub
 
 # of the friction that is made up for: defaults of the official drivers' friction model parameters
 VISCOUS_SHARE: Final[Vector6] = (0.9, 0.9, 0.8, 0.9, 0.9, 0.9)
@@ -33,7 +32,7 @@ _PLACED: Final = 2.0  # times the highest speed: no target moves like that, the 
 _FULL_PAYLOAD_COG: Final = (0.0, 0.0, 0.1)  # m, for the gains (guess)
 # arm postures in which a joint carries most: stretched out, and with the wrists bent either way
 _STRETCHED: Final = (
-    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    ZERO6,
     (0.0, 0.0, 0.0, 1.57, 0.0, 0.0),
     (0.0, 0.0, 0.0, 0.0, 1.57, 0.0),
     (0.0, 0.0, 0.0, 1.57, 1.57, 0.0),
@@ -98,7 +97,7 @@ class Drives:
         speed = self._retarget(target, period_s)
         if speed is None:
             start, before, speed = target, ZERO6, ZERO6
-        change = minus6(speed, before)
+        change = sub(speed, before)
         self.feedforward = expected = self._expected(known_torque, speed, change, period_s)
         if self._unchanged(target, expected, external) and self.body.standing and speed == before == ZERO6:
             self.asleep = True
@@ -113,7 +112,7 @@ class Drives:
         self._retarget(target, period_s)
         body, torques = self.body, []
         self.asleep = False
-        self.feedforward = asked = plus6(command.torque, gravity)
+        self.feedforward = asked = add(command.torque, gravity)
         for _ in range(_steps(period_s)):
             viscous, coulomb = body.friction_parts(body.qd)
             torque = [
@@ -139,7 +138,7 @@ class Drives:
         if target == self._target:
             self._speed = ZERO6
             return ZERO6
-        speed = rate6(target, self._target, period_s)
+        speed = rate(target, self._target, period_s)
         if max(map(abs, speed)) > self._placed_rad_s:
             self.place(target)
             return None

@@ -13,7 +13,8 @@ from operator import add, mul
 from typing import Final
 
 from emulator.robot.arm import CURRENT_WINDOW_A, Arm
-from emulator.snapshot import Snapshot, Vector6
+from emulator.snapshot import Snapshot
+from urproto.vectors import ZERO6, Vector6
 
 ROOM_C: Final = 24.0
 _PERIOD_S: Final = 1.0
@@ -26,7 +27,6 @@ _TOOL_RISE_K: Final = 6.0
 _BOX_RISE_K: Final = 13.0  # always on
 _EARLY_JOINT_C: Final = 40.0
 _EARLY_BOX_C: Final = 30.0
-_NO_RISE: Final[Vector6] = (0.0,) * 6
 
 
 class Thermals:
@@ -41,7 +41,7 @@ class Thermals:
         if early_simulator:
             self.joints, self.tool, self.box = (_EARLY_JOINT_C,) * 6, 0.0, _EARLY_BOX_C
 
-    def advance(self, current: Vector6, period_s: float, *, powered: bool, friction_W: Vector6 = _NO_RISE) -> bool:
+    def advance(self, current: Vector6, period_s: float, *, powered: bool, friction_W: Vector6 = ZERO6) -> bool:
         """One control period with these joint currents [A] and this heat of friction [W].
 
         True when the temperatures were renewed.
@@ -52,7 +52,7 @@ class Thermals:
         if self._elapsed_s < _PERIOD_S:
             return False
         self._elapsed_s -= _PERIOD_S
-        self.joints = _towards6(self.joints, _joint_rises(current, friction_W) if powered else _NO_RISE)
+        self.joints = _towards6(self.joints, _joint_rises(current, friction_W) if powered else ZERO6)
         self.tool = _towards(self.tool, _TOOL_RISE_K if powered else 0.0)
         self.box = _towards(self.box, _BOX_RISE_K)
         return True
@@ -78,7 +78,6 @@ _STANDBY_A: Final = 0.4  # control electronics of a powered arm
 _LOSS_OHM: Final = 0.5  # per joint, motor and drive
 _CABLE_OHM: Final = 0.4  # from the supply to the joints
 _EARLY_SHARE: Final = 2.0  # of the sum of the joints' currents
-_OFF6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Electrics:
@@ -116,7 +115,7 @@ class Electrics:
         snapshot.actual_main_voltage = _RAIL_V
         snapshot.actual_robot_voltage = _RAIL_V if powered else 0.0
         snapshot.actual_robot_current = self.robot_current_A
-        snapshot.actual_joint_voltage = (_RAIL_V - _CABLE_OHM * self.robot_current_A,) * 6 if powered else _OFF6
+        snapshot.actual_joint_voltage = (_RAIL_V - _CABLE_OHM * self.robot_current_A,) * 6 if powered else ZERO6
         snapshot.actual_current_window = CURRENT_WINDOW_A
         snapshot.joint_temperatures = self.thermals.joints
         snapshot.tool_temperature = self.thermals.tool

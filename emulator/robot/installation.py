@@ -12,13 +12,11 @@ from emulator.polyscope.document import DocumentError
 from emulator.polyscope.installation_file import InstallationFile, load_installation_file
 from emulator.snapshot import Snapshot, plausible
 from urproto.robots.pose import Pose
-
-Vector3 = tuple[float, float, float]
-Vector6 = tuple[float, float, float, float, float, float]
+from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
 
 _UPRIGHT_GRAVITY: Final[Vector3] = (0.0, 0.0, 9.82)  # m/s2; the value of the Script Manual's set_gravity example
-_STANDING: Final[Vector3] = (0.0, 0.0, 0.0)
-_NO_TCP: Final[Pose] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_STANDING: Final = ZERO3
+_NO_TCP: Final = ZERO6
 _PAYLOAD_DENSITY: Final = 1000.0  # kg/m3: Script Manual, set_payload assumes a sphere of 1 g/cm3
 
 
@@ -32,8 +30,8 @@ class Payload:
     gravity, flange axes, Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2]."""
 
     mass: float = 0.0
-    cog: Vector3 = (0.0, 0.0, 0.0)
-    inertia: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    cog: Vector3 = ZERO3
+    inertia: Vector6 = ZERO6
 
     @classmethod
     def of(cls, mass: float, cog: Vector3, inertia: Vector6 | None = None) -> "Payload":

@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from urproto.robots.pose import pose_inv, pose_sub, rotvec_to_matrix
-
-Vector3 = tuple[float, float, float]
+from urproto.vectors import ZERO3, Vector3, cross, dot, rotate
 
 MIN_POSES: Final = 4  # Script Manual, estimate_payload
 _SINGULAR: Final = 1e-6  # of the spread of weights: less than this tells nothing
@@ -38,16 +37,16 @@ def estimate_payload(
     pulls, forces, torques = [], [], []
     for pose, wrench in zip(flange_poses, wrenches, strict=True):
         axes = rotvec_to_matrix(*pose_inv(pose)[3:])
-        pulls.append(_times(axes, [-part for part in gravity]))
-        forces.append(_times(axes, wrench[:3]))
-        torques.append(_times(axes, wrench[3:]))
+        pulls.append(rotate(axes, [-part for part in gravity]))
+        forces.append(rotate(axes, wrench[:3]))
+        torques.append(rotate(axes, wrench[3:]))
     pulls, forces, torques = _varying(pulls), _varying(forces), _varying(torques)
-    spread = sum(_dot(pull, pull) for pull in pulls)
+    spread = sum(dot(pull, pull) for pull in pulls)
     if spread <= _SINGULAR:
         raise EstimateError("the weight points the same way in all poses: tilt the tool, do not only turn it")
-    mass = sum(_dot(pull, force) for pull, force in zip(pulls, forces, strict=True)) / spread
+    mass = sum(dot(pull, force) for pull, force in zip(pulls, forces, strict=True)) / spread
     if abs(mass) < _NO_MASS_KG:
-        return mass, (0.0, 0.0, 0.0)
+        return mass, ZERO3
     x, y, z = _lever(pulls, torques, spread)
     return mass, (x / mass, y / mass, z / mass)
 
@@ -68,14 +67,14 @@ def _check_spread(poses: Sequence[Sequence[float]]) -> None:
 def _lever(pulls: list[Vector3], torques: list[Vector3], spread: float) -> Vector3:
     """c of c x pull = torque, by least squares: the normal equations by Cramer's rule."""
     rows = [
-        [sum((_dot(p, p) if i == k else 0.0) - p[i] * p[k] for p in pulls) / spread for k in range(3)] for i in range(3)
+        [sum((dot(p, p) if i == k else 0.0) - p[i] * p[k] for p in pulls) / spread for k in range(3)] for i in range(3)
     ]
-    moments = [_cross(pull, torque) for pull, torque in zip(pulls, torques, strict=True)]
+    moments = [cross(pull, torque) for pull, torque in zip(pulls, torques, strict=True)]
     right = [sum(moment[i] for moment in moments) / spread for i in range(3)]
-    volume = _dot(rows[0], _cross(rows[1], rows[2]))
+    volume = dot(rows[0], cross(rows[1], rows[2]))
     if volume <= _SINGULAR:
         raise EstimateError("the weight turns in one direction only: tilt the tool about a second axis too")
-    columns = [_cross(rows[1], rows[2]), _cross(rows[2], rows[0]), _cross(rows[0], rows[1])]
+    columns = [cross(rows[1], rows[2]), cross(rows[2], rows[0]), cross(rows[0], rows[1])]
     x, y, z = (sum(columns[i][k] * right[i] for i in range(3)) / volume for k in range(3))
     return (x, y, z)
 
@@ -84,15 +83,3 @@ def _varying(vectors: list[Vector3]) -> list[Vector3]:
     """What is left of each without their mean."""
     mean = [sum(vector[i] for vector in vectors) / len(vectors) for i in range(3)]
     return [(v[0] - mean[0], v[1] - mean[1], v[2] - mean[2]) for v in vectors]
-
-
-def _times(m: Sequence[float], v: Sequence[float]) -> Vector3:
-    return (_dot(m[0:3], v), _dot(m[3:6], v), _dot(m[6:9], v))
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: Sequence[float], b: Sequence[float]) -> Vector3:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

@@ -12,11 +12,9 @@ from typing import Final
 
 from emulator.robot.installation import Payload
 from urproto.robots.pose import Pose, pose_inv, pose_trans, rotvec_to_matrix
+from urproto.vectors import ZERO6, Vector3, Vector6
 
-Vector3 = tuple[float, float, float]
-Vector6 = tuple[float, float, float, float, float, float]
-
-_ORIGIN: Final[Pose] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_ORIGIN: Final = ZERO6
 _WORLD, _BASE, _FLANGE, _TCP = "world", "base", "flange", "tcp"
 _PREDEFINED: Final = (_WORLD, _BASE, _FLANGE, _TCP)
 _FIXED: Final = (_WORLD, _FLANGE, _TCP)  # MotionPlus manual: these are never attached elsewhere

@@ -1,1 +1,1 @@
-"""The safety system: its configuration, what it watches, what it is told by inputs, and what it does about it."""
+"""The safety system: what it watches, what inputs tell it, and what it does about it."""

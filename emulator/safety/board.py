@@ -28,8 +28,9 @@ from emulator.safety.conditions import Conditions, SafetyDevice, SafetyInputs, d
 from emulator.safety.geometry import Boundaries
 from emulator.safety.governor import TRANSITION_S, Governor, manual_limits, operational_positions
 from emulator.safety.supervision import Finding, Supervision
-from emulator.snapshot import Snapshot, Vector6
+from emulator.snapshot import Snapshot
 from urproto.modes import ControlMode, JointMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatusBits
+from urproto.vectors import Vector6
 from urproto.versions import Availability
 
 _STOP_WITHIN_S: Final = 0.524  # CB3 manual: braking begins within 24 ms and takes 500 ms at most
@@ -335,6 +336,9 @@ class SafetyBoard:
             self._resume = False
         self.safety_popup = mode.name
         self._stop_monitor.begin(category, mode)
+        machine.messages.trace(
+            "stop: category %s for %s, the program is %s", category.value, mode.name, programs.state.name
+        )
         if category is StopCategory.POWER_REMOVED:
             programs.stop(mode.name)
             machine.motion.engage_brakes()

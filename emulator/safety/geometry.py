@@ -9,7 +9,8 @@ from emulator.polyscope.safety_configuration import BoundaryMode, Plane, SafetyC
 from emulator.robot.arm import Arm
 from urproto.modes import SafetyMode
 from urproto.robots.model import RobotModel
-from urproto.robots.pose import Vec3, rotvec_to_matrix
+from urproto.robots.pose import rotvec_to_matrix
+from urproto.vectors import Vector3, rotate
 
 # Between the flange's centre and the lower arm's axis, UR5e with 5.8 (vendor's answer in its forum): a cylinder and a
 # sphere of 37.5 mm each, 28 mm apart. 7 mm more, since the housing is that far beside the axis of our geometry; a
@@ -26,8 +27,8 @@ _MODES: Final = {
 class Point:
     """A restricted place of the arm in the base frame: the tool centre, a tool sphere, or the elbow."""
 
-    at: Vec3
-    speed: Vec3
+    at: Vector3
+    speed: Vector3
     radius: float = 0.0
     is_elbow: bool = False
 
@@ -74,7 +75,7 @@ class Boundaries:
         axes = rotvec_to_matrix(*arm.flange_pose[3:])
         u, v, w, p, q, r = arm.tcp_speed
         for sphere in spheres:
-            place = _out_of(axes, sphere.centre)
+            place = rotate(axes, sphere.centre)
             at = (arm.flange_pose[0] + place[0], arm.flange_pose[1] + place[1], arm.flange_pose[2] + place[2])
             x, y, z = at[0] - arm.tcp_pose[0], at[1] - arm.tcp_pose[1], at[2] - arm.tcp_pose[2]
             yield Point(at, (u + q * z - r * y, v + r * x - p * z, w + p * y - q * x), sphere.radius)
@@ -91,7 +92,7 @@ class Boundaries:
 
 def tool_deviation(orientation: ToolOrientation, arm: Arm) -> float:
     """Angle between the tool's direction and the one it is held to [rad]."""
-    x, y, z = _out_of(rotvec_to_matrix(*arm.flange_pose[3:]), orientation.tool_direction)
+    x, y, z = rotate(rotvec_to_matrix(*arm.flange_pose[3:]), orientation.tool_direction)
     u, v, w = orientation.direction
     return acos(min(1.0, max(-1.0, x * u + y * v + z * w)))
 
@@ -106,13 +107,3 @@ def clamping_distance(model: RobotModel, arm: Arm) -> float:
     share = ((x - ax) * ux + (y - ay) * uy + (z - az) * uz) / length
     share = min(1.0, max(0.0, share))
     return dist((x, y, z), (ax + share * ux, ay + share * uy, az + share * uz))
-
-
-def _out_of(axes: tuple[float, ...], v: Vec3) -> Vec3:
-    """A vector of the frame whose axes are the columns of the matrix, in the base frame."""
-    x, y, z = v
-    return (
-        axes[0] * x + axes[1] * y + axes[2] * z,
-        axes[3] * x + axes[4] * y + axes[5] * z,
-        axes[6] * x + axes[7] * y + axes[8] * z,
-    )

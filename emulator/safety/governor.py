@@ -5,7 +5,6 @@ A controller keeps a margin to each limit: 150 mm/s to speeds (CB3 manual, toler
 that the momentum's is its tolerance are guesses.
 """
 
-from collections.abc import Iterable
 from dataclasses import replace
 from math import dist, hypot, radians, sqrt
 from typing import Final
@@ -13,6 +12,7 @@ from typing import Final
 from emulator.polyscope.safety_configuration import LimitSet
 from emulator.robot.arm import Arm
 from urproto.robots.model import Joints, RobotModel
+from urproto.vectors import as_six
 
 TRANSITION_S: Final = 0.5  # hardware manuals: for so long both sets of limits are accepted
 MANUAL_SPEED_M_S: Final = 0.25  # user manual: manual mode, unless high speed is allowed
@@ -94,7 +94,7 @@ def operational(limits: LimitSet) -> LimitSet:
         tcp_speed=_less(limits.tcp_speed, _SPEED_MARGIN_M_S),
         elbow_speed=_less(limits.elbow_speed, _SPEED_MARGIN_M_S),
         momentum=_less(limits.momentum, _MOMENTUM_MARGIN),
-        joint_speed=_six(_less(speed, _JOINT_SPEED_MARGIN_RAD_S) for speed in limits.joint_speed),
+        joint_speed=as_six(_less(speed, _JOINT_SPEED_MARGIN_RAD_S) for speed in limits.joint_speed),
     )
 
 
@@ -108,11 +108,11 @@ def operational_positions(limits: LimitSet, model: RobotModel) -> tuple[Joints, 
     """Where joints may move: inside the limits by a margin; the arm's own range where that is no wider."""
     low, high = model.position_limits
     return (
-        _six(
+        as_six(
             own if limit <= own + 1e-6 else limit + _POSITION_MARGIN_RAD
             for limit, own in zip(limits.joint_min, low, strict=True)
         ),
-        _six(
+        as_six(
             own if limit >= own - 1e-6 else limit - _POSITION_MARGIN_RAD
             for limit, own in zip(limits.joint_max, high, strict=True)
         ),
@@ -127,9 +127,4 @@ def _radii(model: RobotModel) -> Joints:
     """At most this far from the axis of each joint is any part of the arm behind it [m]."""
     dh = model.dh
     lengths = [hypot(a, d) for a, d in zip(dh.a, dh.d, strict=True)]
-    return _six(sum(lengths[max(joint, 1) :]) for joint in range(6))
-
-
-def _six(values: Iterable[float]) -> Joints:
-    a, b, c, d, e, f = values
-    return (a, b, c, d, e, f)
+    return as_six(sum(lengths[max(joint, 1) :]) for joint in range(6))

@@ -11,16 +11,18 @@ Tolerances and detection times: hardware manuals, tables of the safety functions
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import hypot, radians
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from emulator.polyscope.safety_configuration import LimitSet
 from emulator.robot.arm import CURRENT_WINDOW_A, Arm
 from emulator.safety.causes import Cause
 from emulator.safety.geometry import CLAMPING_M, Boundaries, clamping_distance, tool_deviation
-from emulator.safety.selfcollision import SelfCollision
 from urproto.modes import SafetyMode
 from urproto.robots.model import RobotModel
 from urproto.versions import Series
+
+if TYPE_CHECKING:
+    from emulator.world.links import Links
 
 _POSITION_S: Final = 0.1
 _MOTION_S: Final = 0.25
@@ -75,7 +77,7 @@ class Supervision:
         self._clamping_room = 0.0
         self._wrist_before = (0.0, 0.0)
         self._wrist_m = hypot(*model.dh.d[3:])
-        self._links = SelfCollision(model) if self_collision else None
+        self._links = _links(model) if self_collision else None
         self._clearance_before: float | None = None
 
     @property
@@ -263,7 +265,7 @@ class Supervision:
         text = f"the flange is {1000.0 * distance:.0f} mm from the lower arm's axis; move it away"
         return Finding(Cause.CLAMPING, None, text)
 
-    def _touching(self, links: SelfCollision, arm: Arm) -> Finding | None:
+    def _touching(self, links: "Links", arm: Arm) -> Finding | None:
         """Contact of the arm with itself; the fastest joint is the one that notices (guess)."""
         if not any(arm.qd):
             return None
@@ -274,6 +276,12 @@ class Supervision:
         speeds = [abs(speed) for speed in arm.qd]
         joint = speeds.index(max(speeds))
         return Finding(Cause.COLLISION, joint, f"joint {joint} moved the arm against itself; move it back")
+
+
+def _links(model: RobotModel) -> "Links":
+    from emulator.world.links import Links  # coal and numpy, for which a look at options does not wait
+
+    return Links(model)
 
 
 _POSITIONS: Final = frozenset(

@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 
-from emulator.io.signals import DigitalGroup, Registers, Signals
+from emulator.io.signals import Registers, Signals
 from emulator.motion import Motion
 from emulator.services.modbus import ModbusSignals
+from urproto.signals import DigitalGroup
 
 
 class FreedriveInputs:
@@ -54,7 +55,7 @@ class FreedriveInputs:
             return
         wanted = allowed and any(high() for high in self._levels.values())
         if wanted and not self._free:
-            self._motion.freedrive()
+            self._motion.commands.freedrive()
             self._free = True
         elif not wanted:
             self.release()
@@ -62,5 +63,5 @@ class FreedriveInputs:
     def release(self) -> None:
         """Leave freedrive, if an input brought the arm there: a program takes over."""
         if self._free:
-            self._motion.end_freedrive()
+            self._motion.force_control.end()
             self._free = False

@@ -4,7 +4,8 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import Final, TypeAlias
 
-from emulator.io.signals import DigitalGroup, RegisterBank, Signals
+from emulator.io.signals import RegisterBank, Signals
+from urproto.signals import DigitalGroup
 from urproto.versions import Series
 
 

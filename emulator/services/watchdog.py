@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from emulator.snapshot import Vector6
+from urproto.vectors import Vector6
 
 _DEPTH_S: Final = 2.0  # guess: long enough to step back to any contact a program still reacts to
 _CONTACT_N: Final = 20.0  # guess: force against the direction that counts as contact

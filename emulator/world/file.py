@@ -59,7 +59,7 @@ class WorldPlan:
 
 
 def _links(model: RobotModel) -> "Links":
-    from emulator.world.links import Links  # brings a collision library along, which few need
+    from emulator.world.links import Links  # coal and numpy, for which a look at options does not wait
 
     return Links(model)
 

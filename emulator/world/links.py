@@ -1,27 +1,31 @@
-"""The arm's own links among the things of a world: capsules, whose touch is felt in the joints alone.
+"""The arm's own links among the things of a world and beside each other: capsules of `urproto.robots.shapes`.
 
-Upper arm, forearm, wrist 1 and wrist 2. The base stands where it stands, and wrist 3 belongs to the tool. Axes are
-those of the model's geometry; radii are guesses. A link's contact is no wrench at the TCP: the joints before it carry
-it.
+With things, upper arm, forearm, wrist 1 and wrist 2 count: the base stands where it stands, and wrist 3 belongs to the
+tool. A link's contact is no wrench at the TCP: the joints before it carry it.
+
+A real controller does not look after links that touch each other but for the flange and the lower arm
+(`emulator.safety.geometry`); its joints notice the contact. So that check is off unless asked for, and stands for what
+the joints would notice.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from math import cos, hypot, sin
+from math import dist
 from operator import mul
 from typing import Any, Final
 
 import coal
 import numpy as np
 
-from emulator.motion.vectors import ZERO, cross, lerp, unit
-from emulator.snapshot import Vector3, Vector6
 from emulator.world.shapes import Box, Shape, Sphere, WorldObject, force_of
 from urproto.robots import RobotModel
 from urproto.robots.kinematics import Kinematics
-from urproto.robots.shapes import tube_radius, wrist_radius
+from urproto.robots.shapes import ArmCapsules
+from urproto.vectors import ZERO6, Vector3, Vector6, cross, lerp, unit
 
-_CARRYING: Final = (2, 3, 4, 5)  # how many joints carry each link
+_CARRIED: Final = (1, 2, 3, 4)  # capsules that things touch; so many joints and one more carry each
+# base, upper arm, forearm, wrist 1, 2 and 3; neighbours touch always
+_PAIRS: Final = ((0, 2), (0, 3), (0, 4), (0, 5), (1, 3), (1, 4), (1, 5), (2, 5))
 _X: Final[Vector3] = (1.0, 0.0, 0.0)
 _Y: Final[Vector3] = (0.0, 1.0, 0.0)
 
@@ -41,13 +45,10 @@ class Links:
     """The capsules of one arm and what they can meet."""
 
     def __init__(self, model: RobotModel) -> None:
-        self._dh = model.dh
         self._kinematics = Kinematics(model.dh)
-        self._beside = (model.links[1].com_m[2], model.links[2].com_m[2])  # of the tubes, from the arm's plane [m]
-        tube, wrist = tube_radius(model), wrist_radius(model)
-        lengths = [hypot(*(b - a for a, b in zip(*ends, strict=True))) for ends in self.axes((0.0,) * 6)]
-        self.radii = (tube, tube, wrist, wrist)
-        self._capsules = [coal.Capsule(radius, length) for radius, length in zip(self.radii, lengths, strict=True)]
+        self._arm = ArmCapsules(model)
+        lengths = [dist(*ends) for ends in self._arm.axes(ZERO6)]
+        self._capsules = [coal.Capsule(radius, length) for radius, length in zip(self._arm.radii, lengths, strict=True)]
         self._things: list[tuple[WorldObject, Any, Any]] = []
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
 
@@ -55,47 +56,33 @@ class Links:
         """These are what the links can meet from now on."""
         self._things = [(thing, _geometry(thing.shape), _placement(thing)) for thing in things]
 
-    def axes(self, q: Sequence[float]) -> tuple[tuple[Vector3, Vector3], ...]:
-        """Both ends of each capsule's axis, in the base frame [m]."""
-        q1, q2, q3, q4, _, _ = q
-        s1, c1, (upper, fore) = sin(q1), cos(q1), self._beside
+    def clearance(self, q: Sequence[float]) -> float:
+        """The least distance between surfaces of links that are no neighbours [m]; negative where they overlap."""
+        placed = [(capsule, _along(*ends)) for capsule, ends in zip(self._capsules, self._arm.axes(q), strict=True)]
+        return min(self._distance(*placed[one], *placed[other]) for one, other in _PAIRS)
 
-        def at(start: Vector3, angle: float, length: float) -> Vector3:
-            along = length * cos(angle)
-            return (start[0] + c1 * along, start[1] + s1 * along, start[2] + length * sin(angle))
-
-        def aside(start: Vector3, distance: float) -> Vector3:
-            return (start[0] + s1 * distance, start[1] - c1 * distance, start[2])
-
-        shoulder = (0.0, 0.0, self._dh.d[0])
-        elbow = at(shoulder, q2, self._dh.a[1])
-        wrist = at(elbow, q2 + q3, self._dh.a[2])
-        hand, down = aside(wrist, self._dh.d[3]), q2 + q3 + q4
-        x, z = self._dh.d[4] * sin(down), -self._dh.d[4] * cos(down)
-        return (
-            (aside(shoulder, upper), aside(elbow, upper)),
-            (aside(elbow, fore), aside(wrist, fore)),
-            (aside(wrist, fore), hand),
-            (hand, (hand[0] + c1 * x, hand[1] + s1 * x, hand[2] + z)),
-        )
+    def _distance(self, one: Any, at: Any, other: Any, there: Any) -> float:
+        self._result.clear()
+        distance: float = coal.distance(one, at, other, there, self._request, self._result)
+        return distance
 
     def touches(self, q: Vector6) -> Iterator[Touching]:
         """Where links are in things."""
         if not self._things:
             return
-        for carrying, capsule, (start, end) in zip(_CARRYING, self._capsules, self.axes(q), strict=True):
-            placement = _along(start, end)
+        axes = self._arm.axes(q)
+        for link in _CARRIED:
+            placement = _along(*axes[link])
             for thing, geometry, place in self._things:
-                self._result.clear()
-                distance = coal.distance(capsule, placement, geometry, place, self._request, self._result)
+                distance = self._distance(self._capsules[link], placement, geometry, place)
                 if distance < 0.0:
                     px, py, pz = self._result.getNearestPoint1().tolist()
                     nx, ny, nz = self._result.normal.tolist()
-                    yield Touching(carrying, thing, -distance, (px, py, pz), (-nx, -ny, -nz))
+                    yield Touching(link + 1, thing, -distance, (px, py, pz), (-nx, -ny, -nz))
 
     def torques(self, q: Vector6, qd: Vector6) -> Vector6:
         """What the things do to the joints by touching links [Nm]."""
-        total = ZERO
+        total = ZERO6
         for touching in self.touches(q):
             total = lerp(total, self._torque(touching, q, qd), 1.0)
         return total
@@ -106,7 +93,7 @@ class Links:
         material = (at.thing.stiffness, at.thing.damping, at.thing.friction)
         force, _ = force_of(at.depth, at.normal, material, (vx, vy, vz))
         torques = [float(sum(row[i] * part for row, part in zip(rows, force, strict=True))) for i in range(at.carrying)]
-        a, b, c, d, e, f = (*torques, *ZERO)[:6]
+        a, b, c, d, e, f = (*torques, *ZERO6)[:6]
         return (a, b, c, d, e, f)
 
 

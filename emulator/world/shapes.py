@@ -12,9 +12,9 @@ from math import isfinite, sqrt
 from typing import Final
 
 from emulator.motion.contact import Contact
-from emulator.motion.vectors import Axes, cross, dot, of_rotation, out_of, out_of6
-from emulator.snapshot import Vector3, Vector6, plausible
-from urproto.robots.pose import Pose, pose_trans
+from emulator.snapshot import plausible
+from urproto.robots.pose import Pose, axes_of, pose_trans
+from urproto.vectors import ZERO3, ZERO6, Axes, Vector3, Vector6, cross, dot, out_of, out_of6
 
 _ALMOST = 1e-9
 
@@ -45,7 +45,7 @@ class Push:
 
     def wrench_base(self, pose_base_tcp: Pose) -> Vector6:
         """In the base frame's axes, for a tool that is there."""
-        return self.wrench if self.frame is Frame.BASE else out_of6(of_rotation(pose_base_tcp), self.wrench)
+        return self.wrench if self.frame is Frame.BASE else out_of6(axes_of(pose_base_tcp), self.wrench)
 
     def over(self, period_s: float) -> bool:
         """One period has gone; True when it was the last."""
@@ -56,7 +56,7 @@ class Push:
 
 
 NEAR_M: Final = 0.05  # contacts are known from this distance on: more than any tool moves in a period
-_AT_TCP: Final[Pose] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_AT_TCP: Final = ZERO6
 _CREEP_M_S: Final = 1e-3  # friction grows with the sliding speed up to here, and is Coulomb's beyond (guess)
 
 
@@ -115,21 +115,19 @@ def force_of(
     ``material``: stiffness, damping, coefficient of friction. The contact pushes or does nothing.
     """
     if depth <= 0.0:
-        return (0.0, 0.0, 0.0), 0.0
+        return ZERO3, 0.0
     stiffness, damping, coefficient = material
     away = dot(normal, velocity)
     push = stiffness * depth - damping * away
     if push <= 0.0:
-        return (0.0, 0.0, 0.0), 0.0
+        return ZERO3, 0.0
     slide = tuple(v - away * n for v, n in zip(velocity, normal, strict=True))
     grip = coefficient * push / max(sqrt(dot(slide, slide)), _CREEP_M_S)
     x, y, z = (push * n - grip * v for n, v in zip(normal, slide, strict=True))
     return (x, y, z), grip
 
 
-Vec3 = tuple[float, float, float]
-
-_ORIGIN: Final[Pose] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_ORIGIN: Final = ZERO6
 _CORNERS_TO_A_FACE: Final = 4
 
 
@@ -137,7 +135,7 @@ _CORNERS_TO_A_FACE: Final = 4
 class Probe:
     """A small ball that stands for a part of a shape: centre in the shape's frame, radius, share of the stiffness."""
 
-    centre: Vec3
+    centre: Vector3
     radius: float = 0.0
     share: float = 1.0
 
@@ -147,7 +145,7 @@ class Touch:
     """How deep a ball is inside a solid (negative: how far outside), and the unit vector that leads out."""
 
     depth: float
-    out: Vec3
+    out: Vector3
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +156,7 @@ class Plane:
     def probes(self) -> tuple[Probe, ...]:
         return ()
 
-    def touch(self, point: Vec3, radius: float) -> Touch:
+    def touch(self, point: Vector3, radius: float) -> Touch:
         """``point``: the ball's centre in the shape's frame; so in all shapes."""
         return Touch(radius - point[2], (0.0, 0.0, 1.0))
 
@@ -175,9 +173,9 @@ class Sphere:
 
     @property
     def probes(self) -> tuple[Probe, ...]:
-        return (Probe((0.0, 0.0, 0.0), self.radius),)
+        return (Probe(ZERO3, self.radius),)
 
-    def touch(self, point: Vec3, radius: float) -> Touch:
+    def touch(self, point: Vector3, radius: float) -> Touch:
         distance = sqrt(dot(point, point))
         return Touch(self.radius + radius - distance, _over(point, distance))
 
@@ -186,7 +184,7 @@ class Sphere:
 class Box:
     """A cuboid around the origin of its pose; ``size`` along x, y, z."""
 
-    size: Vec3
+    size: Vector3
 
     def __post_init__(self) -> None:
         if len(self.size) != 3 or not all(plausible(edge) and edge > 0.0 for edge in self.size):
@@ -199,7 +197,7 @@ class Box:
         corners = product((-x, x), (-y, y), (-z, z))
         return tuple(Probe(corner, 0.0, 1.0 / _CORNERS_TO_A_FACE) for corner in corners)
 
-    def touch(self, point: Vec3, radius: float) -> Touch:
+    def touch(self, point: Vector3, radius: float) -> Touch:
         half = [0.5 * edge for edge in self.size]
         over = [abs(at) - most for at, most in zip(point, half, strict=True)]
         nearest = max(range(3), key=over.__getitem__)
@@ -238,7 +236,7 @@ class WorldObject:
                 raise ValueError(f"the {name} must be from {least:g} to 1e7, not {value}")
         if not 0.0 <= self.friction <= 10.0:
             raise ValueError(f"the friction must be from 0 to 10, not {self.friction}")
-        object.__setattr__(self, "axes", of_rotation(self.pose))
+        object.__setattr__(self, "axes", axes_of(self.pose))
 
     def at(self, pose: Sequence[float]) -> "WorldObject":
         """The same thing elsewhere."""
@@ -249,7 +247,7 @@ class WorldObject:
         """The same thing, its pose given in the frame of the TCP, where that is now."""
         return self.at(pose_trans(pose_base_tcp, self.pose))
 
-    def touch(self, point: Vec3, radius: float) -> Touch:
+    def touch(self, point: Vector3, radius: float) -> Touch:
         """A ball at a point of the base frame; so is the way out."""
         px, py, pz = self.pose[:3]
         arm = (point[0] - px, point[1] - py, point[2] - pz)
@@ -257,12 +255,12 @@ class WorldObject:
         touch = self.shape.touch((dot(arm, x), dot(arm, y), dot(arm, z)), radius)
         return Touch(touch.depth, out_of(self.axes, touch.out))
 
-    def place(self, point: Vec3) -> Vec3:
+    def place(self, point: Vector3) -> Vector3:
         """A point of the shape's own frame, in the base frame."""
         x, y, z = out_of(self.axes, point)
         return (self.pose[0] + x, self.pose[1] + y, self.pose[2] + z)
 
 
-def _over(v: Vec3, length: float) -> Vec3:
+def _over(v: Vector3, length: float) -> Vector3:
     """A unit vector; upwards where it has no direction."""
     return (v[0] / length, v[1] / length, v[2] / length) if length > 1e-12 else (0.0, 0.0, 1.0)

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 from emulator.motion import Motion
 from emulator.motion.contact import Contact
-from emulator.motion.vectors import ZERO, lerp
-from emulator.snapshot import Vector6
 from emulator.world.shapes import Plane, Push, Sphere, WorldObject, contacts
+from urproto.vectors import ZERO6, Vector6, lerp
 
 if TYPE_CHECKING:
     from emulator.robot.arm import Arm
@@ -103,7 +102,7 @@ class World:
         Also tells the motion of the contacts, and the arm what the world does to its links.
         """
         wrench = lerp(wrench, self._tool_wrench(arm, period_s), 1.0)
-        motion.contacts = self.contacts
+        motion.force_control.contacts = self.contacts
         if self.links is not None:
             arm.link_torque = self.links.torques(arm.q, arm.qd)
         return wrench
@@ -113,7 +112,7 @@ class World:
             self.links.surround(self._things.values())
 
     def _tool_wrench(self, arm: "Arm", period_s: float) -> Vector6:
-        total = ZERO
+        total = ZERO6
         for name, push in tuple(self._pushes.items()):
             total = lerp(total, push.wrench_base(arm.tcp_pose), 1.0)
             if push.over(period_s):

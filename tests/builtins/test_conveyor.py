@@ -263,7 +263,7 @@ def test_settings_last_from_one_enabling_to_the_next_and_end_with_the_program(ri
     applied = rig.controller.programs.variables["applied"]
     assert list(applied) == pytest.approx([0.003, 0, 0, 0, 0, 0])
     rig.until(lambda: rig.state is RuntimeState.STOPPED)
-    assert rig.controller.motion.offset_settings == OffsetSettings()
+    assert rig.controller.motion.superposition.settings == OffsetSettings()
 
 
 def test_path_offsets_are_not_on_cb3(cb3):

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.motion.reach import distance_to_singularity
 from urproto.modes import ControlMode, RuntimeState
 from urproto.robots import MODELS, load_model
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.pose import rotvec_to_matrix
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL
 
 PUSH = (0.0, 30.0, 0.0, 0.0, 0.0, 0.0)
 

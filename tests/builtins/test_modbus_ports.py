@@ -4,8 +4,8 @@ import pytest
 
 from emulator.fieldbus.modbus_io import PortError
 from emulator.fieldbus.modbus_map import COILS, REGISTERS, read_coil, read_register
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL
 from emulator.lifecycle.safety import SafetyEvent
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL
 
 
 def word(rig, address: int) -> int:

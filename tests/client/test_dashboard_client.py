@@ -7,12 +7,12 @@ import pytest
 from client import dashboard, dashboard_commands
 from client.connection import POLL
 from client.dashboard import BlockingDashboardClient, DashboardClient, DashboardCore, Operation
+from client.dashboard_commands import judged
 from client.errors import ConnectionLostError, NoAnswerError, RobotUnreachableError
-from emulator.commands.dashboard import COMMANDS
-from urproto.dashboard import GREETING, LineDecoder, OperationalMode, ProgramState, UserRole, encode_line
+from urproto.dashboard import COMMANDS, GREETING, LineDecoder, OperationalMode, ProgramState, UserRole, encode_line
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.modes import RobotMode, SafetyMode, SafetyStatus
-from urproto.versions import Availability, PolyscopeVersion
+from urproto.versions import PolyscopeVersion
 
 ANSWERS = {
     "power on": "Powering on",
@@ -124,7 +124,7 @@ def test_a_refusal_tells_request_and_answer(serve):
 
 REFUSED = [
     (dashboard.UNLOCK_PROTECTIVE_STOP, "wait until 5 s after the stop"),
-    (dashboard.load("gone.urp"), "exists on CB3 since 3.0"),  # the table does not know the line
+    (dashboard.load("gone.urp"), "exists on CB3 since 1.4"),  # the table does not know the line
     (dashboard.USER_ROLE, "CB3 since 3.1, not on e-Series"),
     (dashboard.set_user_role(UserRole.OPERATOR), "not on e-Series: update the controller"),
     (dashboard.add_to_log(""), "not empty"),
@@ -166,6 +166,21 @@ def test_the_mode_nobody_can_set():
         dashboard.set_operational_mode(OperationalMode.NONE)
 
 
+def test_spellings_of_the_manual_are_confirmations_too():
+    """The e-Series manual of 2022 has other words than simulators answer."""
+    manual = OperationalMode.MANUAL
+    assert dashboard.set_operational_mode(manual).answer("Setting operational mode: manual") is None
+    answer = "operational mode is no longer controlled by Dashboard Server"
+    assert dashboard.CLEAR_OPERATIONAL_MODE.answer(answer) is None
+
+
+def test_any_line_is_judged_by_the_table():
+    refused = judged("setUserRole boss")
+    with pytest.raises(RobotRefused, match="roles set up on the pendant"):
+        refused.answer("Failed setting user role: boss")
+    assert judged("SETUSERROLE operator").answer("Setting user role: operator") == "Setting user role: operator"
+
+
 BUILDERS = [
     dashboard.load("x"),
     dashboard.load_installation("x"),
@@ -178,20 +193,22 @@ BUILDERS = [
 ]
 
 
-def test_every_command_the_emulator_offers_can_be_asked():
-    """Both tables come from the same manuals; they say the same about versions from 3.0 on."""
+def test_every_command_can_be_asked():
     asked = [*(value for value in vars(dashboard_commands).values() if isinstance(value, Operation)), *BUILDERS]
     rows = {_words(operation.line): operation.available for operation in asked}
-    oldest = PolyscopeVersion(3, 0)
-    for words, entry in COMMANDS.items():
-        cb3 = entry.available.cb3 and max(entry.available.cb3, oldest)
-        assert rows[words] == Availability(cb3, entry.available.e), words
-    assert rows.keys() == COMMANDS.keys()
+    assert rows == {words: row.available for words, row in COMMANDS.items()}
 
 
 def _words(line: str) -> str:
     """The longest command that begins a line."""
     return max((words for words in COMMANDS if f"{line.lower()} ".startswith(f"{words} ")), key=len, default=line)
+
+
+def test_what_every_controller_has_is_asked_without_its_version():
+    """Commands that came before 3.0 are in all versions that there are: asking needs no other exchange."""
+    everywhere = {row.line for row in vars(dashboard_commands).values() if getattr(row, "in_every_version", False)}
+    assert everywhere >= {"play", "quit", "programState", "PolyscopeVersion", "power on"}
+    assert everywhere.isdisjoint({"close safety popup", "safetystatus", "getUserRole", "version"})
 
 
 def test_silence_and_hanging_up(serve):

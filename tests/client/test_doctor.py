@@ -6,9 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from client.doctor.machine import examine_machine, governor, preemption, priority
-from client.doctor.network import examine_own_ports, judge_stream
-from client.doctor.robot import Finding, Grade, exit_status
+from client.doctor import (
+    Finding,
+    Grade,
+    examine_machine,
+    examine_own_ports,
+    exit_status,
+    governor,
+    judge_stream,
+    preemption,
+    priority,
+)
 
 PERIOD_S = 0.002
 
@@ -98,7 +106,7 @@ def test_a_port_of_the_driver_that_is_taken(monkeypatch: pytest.MonkeyPatch) -> 
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        monkeypatch.setattr("client.doctor.network.REVERSE_PORT", port)
+        monkeypatch.setattr("client.doctor.REVERSE_PORT", port)
         found = {finding.subject: finding for finding in examine_own_ports()}
     assert found[f"port {port}"].grade is Grade.WEAK
     assert f":{port}" in found[f"port {port}"].mend

@@ -36,15 +36,14 @@ from client.traffic.proxy import Proxy, Route
 from client.traffic.recording import Recorder as TrafficRecorder
 from client.traffic.recording import Recording
 from client.traffic.replay import ReplayRobot
-from urproto.errors import ProtocolError, RobotRefused
+from urproto.errors import RobotRefused, URError
 from urproto.ports import CONTROLLER_PORTS
-from urproto.robots import CalibrationError
 
 ROBOTS: Final = int(os.environ.get("HOSTILE_ROBOTS", "30"))
 SEED: Final = int(os.environ.get("HOSTILE_SEED", "1"))
 PATIENCE_S: Final = 0.4
 LONGEST_S: Final = 60.0  # a client that is told nothing useful gives up; the machine may be busy
-EXPLAINED: Final = (ClientError, ProtocolError, RobotRefused, CalibrationError)
+EXPLAINED: Final = URError
 FREE_PORTS: Final = dict.fromkeys(("reverse_port", "sender_port", "trajectory_port", "command_port"), 0)
 SCRIPT: Final = "def p():\n  textmsg(1)\n  sleep(0.02)\nend\n"
 
@@ -74,7 +73,7 @@ def _hasty(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("client.commands.robot.follow", briefly)
     monkeypatch.setattr(Connection, "__init__", hasty)
     monkeypatch.setattr("client.commands.following._come_back", give_up)
-    monkeypatch.setattr("client.doctor.network._STREAM_S", 0.2)
+    monkeypatch.setattr("client.doctor._STREAM_S", 0.2)
 
 
 def rtde(robot: HostileRobot, folder: Path) -> None:

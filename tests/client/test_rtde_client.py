@@ -7,8 +7,7 @@ import pytest
 
 from client.connection import POLL
 from client.errors import ConnectionLostError, RobotUnreachableError
-from client.rtde import BlockingRTDEClient, RTDEClient
-from client.rtde_core import RTDECore, read_recipe
+from client.rtde import BlockingRTDEClient, RTDEClient, RTDECore, read_recipe
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.rtde import codec
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS

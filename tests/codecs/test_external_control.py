@@ -2,7 +2,7 @@
 
 The expected words are laid out by hand after the write functions and the control program of
 Universal_Robots_Client_Library 2.14; the script commands from 100 on and their answers, which are
-our own extension, after client/resources/control_program.script.
+our own extension, after client/driver/control_program.script.
 """
 
 import struct

@@ -18,9 +18,9 @@ from pathlib import Path
 
 import pytest
 
-from emulator.commands.dashboard import COMMANDS
 from urproto import external_control as ec
 from urproto import modbus
+from urproto.dashboard import COMMANDS
 from urproto.interpreter import (
     InterpreterCommand,
     Reason,

@@ -6,7 +6,7 @@ import math
 import msgspec
 import pytest
 
-from emulator.control.control import Control, VirtualRobot
+from emulator.control.control import Control, LiveControl, VirtualRobot
 from emulator.control.verbs import BadArguments, NotPossible, verbs_of
 from emulator.machine import ControllerConfig
 from urproto.robots import load_model
@@ -14,7 +14,7 @@ from urproto.versions import PolyscopeVersion
 
 UP = (0.0, -1.57, 0.0, -1.57, 0.0, 0.0)
 BENT = (0.1, -1.2, 1.0, -1.4, -1.5, 0.2)
-VERBS = verbs_of(Control)
+VERBS = verbs_of(Control.SUBJECTS)
 
 
 @pytest.fixture(params=["ur3", "ur5e"])
@@ -218,6 +218,14 @@ class TestSnapshots:
                 robot.restore(damaged)
             assert robot.state() == before
             robot.step()
+
+
+def test_every_verb_is_a_method_of_the_robot_and_no_two_subjects_share_a_name(robot: VirtualRobot) -> None:
+    for subject in LiveControl.SUBJECTS:
+        for name in verbs_of([subject]):
+            assert [other for other in LiveControl.SUBJECTS if hasattr(other, name)] == [subject], name
+    assert {name for name in VERBS if callable(getattr(robot, name))} == set(VERBS)
+    assert set(verbs_of(LiveControl.SUBJECTS)) - set(VERBS) == {"ports", "connections", "turned_away", "pendant"}
 
 
 def test_results_are_plain(robot: VirtualRobot) -> None:

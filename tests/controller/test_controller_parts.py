@@ -7,13 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL, RegisterBank, Signals
+from emulator.io.signals import RegisterBank, Signals
 from emulator.lifecycle.runstate import Speed
 from emulator.reporting.messages import MessageLog
 from emulator.reporting.popups import Popups
 from emulator.robot.installation import Installation, InstallationError, Payload
 from urproto.modes import AnalogDomain, RequestedType
 from urproto.primary.messages import ErrorCodeMessage, PopupMessage, RequestValueMessage, TextMessage
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL
 
 # registers
 

@@ -90,7 +90,9 @@ def test_without_a_programs_directory_reports_go_to_one_folder_that_the_log_name
 def test_every_cb3_command_is_in_the_table_above():
     lines = [line.lower() for line, _ in SIMPLE]
     for command in dashboard.available_commands(PolyscopeVersion(3, 15, 8)):
-        assert any(line == command.words.lower() or line.startswith(command.words.lower() + " ") for line in lines)
+        assert any(
+            line == command.form.words.lower() or line.startswith(command.form.words.lower() + " ") for line in lines
+        )
 
 
 def test_every_command_has_help():

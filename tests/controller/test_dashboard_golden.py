@@ -1,7 +1,9 @@
 """The dashboard's answers, row by row as manuals, captures and clients have them: tests/golden/dashboard.tsv."""
 
 import gzip
+import inspect
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,7 @@ from emulator.commands import dashboard
 from emulator.commands.requests import DashboardLine
 from emulator.lifecycle.runstate import StopCause
 from emulator.lifecycle.safety import SafetyEvent
-from urproto.dashboard import NOT_IN_REMOTE_CONTROL
+from urproto.dashboard import COMMANDS, NOT_IN_REMOTE_CONTROL, not_understood
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
 TABLE = Path(__file__).parents[1] / "golden" / "dashboard.tsv"
@@ -81,9 +83,11 @@ def test_every_row_in_the_first_and_in_the_newest_version(make, programs, series
     command = entry(line)
     first = FIRST[series]
     if command is not None:
-        first = max(first, command.available.cb3 if series is Series.CB3 else command.available.e)
+        first = max(first, command.form.available.cb3 if series is Series.CB3 else command.form.available.e)
     setup = [entry(step) for step in STEPS.get(situation, [])]
-    first = max([first, *(step.available.e for step in setup if step and series is Series.E and step.available.e)])
+    first = max(
+        [first, *(step.form.available.e for step in setup if step and series is Series.E and step.form.available.e)]
+    )
     for version in (first, DEFAULT_VERSION[series]):
         rig = arm_in(make, situation, MODELS[series], version, programs)
         answers = []
@@ -93,9 +97,9 @@ def test_every_row_in_the_first_and_in_the_newest_version(make, programs, series
 
 
 def test_every_command_of_each_series_has_a_row():
-    having = {(series, command.words) for series, _, line, _ in CASES if (command := entry(line))}
+    having = {(series, command.form.words) for series, _, line, _ in CASES if (command := entry(line))}
     commands = {
-        (series, command.words)
+        (series, command.form.words)
         for series in Series
         for command in dashboard.available_commands(DEFAULT_VERSION[series])
     }
@@ -104,13 +108,49 @@ def test_every_command_of_each_series_has_a_row():
 
 def test_every_command_that_needs_remote_control_has_its_refusal():
     refused = {
-        entry(line).words
+        entry(line).form.words
         for _, situation, line, reply in CASES
         if situation == "local" and re.fullmatch(reply, NOT_IN_REMOTE_CONTROL)
     }
-    assert refused == {command.words for command in dashboard.COMMANDS.values() if command.remote_only}
+    assert refused == {command.form.words for command in dashboard.COMMANDS.values() if command.form.remote_only}
 
 
 def test_every_row_has_its_origin():
     assert {origin for row in ROWS for origin in row[4].split()} == ORIGINS
     assert all(row[4] for row in ROWS)
+
+
+def test_every_command_of_the_protocol_is_done_as_the_protocol_says():
+    assert dashboard.COMMANDS.keys() == COMMANDS.keys()
+    for words, row in dashboard.COMMANDS.items():
+        assert row.form is COMMANDS[words]
+        assert row.form.takes_argument == (len(inspect.signature(row.function).parameters) > 1), words
+
+
+def before(version):
+    """A version that is older and of the same series, None where there is none."""
+    oldest = FIRST[version.series]
+    minor = replace(version, minor=version.minor - 1, bugfix=0) if version.bugfix == 0 else oldest
+    return max(oldest, minor) if version > oldest else None
+
+
+@pytest.mark.parametrize("row", COMMANDS.values(), ids=lambda row: row.words)
+def test_a_controller_that_is_too_old_does_not_understand(make, row):
+    for series, first in ((Series.CB3, row.available.cb3), (Series.E, row.available.e)):
+        version = DEFAULT_VERSION[series] if first is None else before(first)
+        if version is not None:
+            line = f"{row.words} x" if row.takes_argument else row.words
+            answer = make(MODELS[series], str(version)).ask(line)
+            # before 3.2 there was no program called "installation ..." either
+            assert answer in (not_understood(line), "File not found: installation x"), str(version)
+
+
+def test_a_confirmation_in_the_table_is_one_that_is_answered(make, programs):
+    """What the client takes for success: the success rows of the golden table begin so."""
+    confirmed = {
+        row.words
+        for _, _, line, reply in CASES
+        if (command := entry(line)) and (row := command.form).confirmations
+        if reply.replace("\\", "").startswith(row.confirmations)
+    }
+    assert confirmed == {row.words for row in COMMANDS.values() if row.confirmations}

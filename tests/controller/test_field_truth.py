@@ -105,7 +105,7 @@ def the_arm_brakes(make: Make) -> Seen:
 
 def something_pushes_the_tool(make: Make) -> Seen:
     rig = powered_rig(make)
-    rig.controller.motion.q = (0.3, -1.2, 1.0, -1.4, -1.0, 0.2)
+    rig.controller.motion.target.q = (0.3, -1.2, 1.0, -1.4, -1.0, 0.2)
     before = rig.tick()
     rig.controller.external_wrench = (12.0, -7.0, 5.0, 0.3, 0.2, 0.1)
     return before, rig.tick()

@@ -211,7 +211,7 @@ def test_what_no_arm_can_do_is_never_published(make, tmp_path, monkeypatch, bad,
 
     def advance(fraction):
         fault = own(fraction)
-        rig.controller.motion.q = (bad,) * 6
+        rig.controller.motion.target.q = (bad,) * 6
         return fault
 
     with monkeypatch.context() as broken:

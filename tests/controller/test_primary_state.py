@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from emulator.io.signals import STANDARD
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.motion.reach import dexterity
 from emulator.servers.primary_state import configuration_data, kinematics_info, robot_state
 from urproto.modes import ControlMode, RobotMode, SafetyMode
 from urproto.primary.state import decode_robot_state, encode_robot_state
 from urproto.robots import MODELS, load_model
+from urproto.signals import STANDARD
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 

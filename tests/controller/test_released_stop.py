@@ -10,12 +10,12 @@ from urproto.robots import load_model
 def test_an_arm_that_may_move_again_does_not_stop_too_slowly():
     controller = Controller(ControllerConfig(model=load_model("ur5e"), running=True))
     for _ in range(200):
-        controller.motion.speedj((0.5, 0.0, 0.0, 0.0, 0.0, 0.0), a=10.0)
+        controller.motion.commands.speedj((0.5, 0.0, 0.0, 0.0, 0.0, 0.0), a=10.0)
         controller.tick()
     controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
     controller.safety_event(SafetyEvent.UNLOCK)
     for _ in range(1000):
-        controller.motion.speedj((0.5, 0.0, 0.0, 0.0, 0.0, 0.0), a=10.0)
+        controller.motion.commands.speedj((0.5, 0.0, 0.0, 0.0, 0.0, 0.0), a=10.0)
         controller.tick()
     assert controller.safety.mode is SafetyMode.NORMAL
     assert abs(controller.motion.qd[0] - 0.5) < 1e-9

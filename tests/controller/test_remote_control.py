@@ -17,7 +17,7 @@ REMOTE_ONLY = {
     "close safety popup", "load installation", "restart safety",
     "shutdown", "set operational mode", "clear operational mode",
 }  # fmt: skip
-EXAMPLES = {words: f"{words} x" if COMMANDS[words].takes_argument else words for words in REMOTE_ONLY}
+EXAMPLES = {words: f"{words} x" if COMMANDS[words].form.takes_argument else words for words in REMOTE_ONLY}
 
 
 def ask_restricted(rig, line):
@@ -40,8 +40,8 @@ def test_orders_over_a_local_connection_are_refused_and_change_nothing(make, wor
 def test_everything_else_is_answered_in_local_control(make):
     rig = make("ur5e", enforce_remote_control=True)
     for command in available_commands(rig.controller.version):
-        if command.words not in REMOTE_ONLY:
-            line = f"{command.words} x" if command.takes_argument else command.words
+        if command.form.words not in REMOTE_ONLY:
+            line = f"{command.form.words} x" if command.form.takes_argument else command.form.words
             answer = ask_restricted(rig, line)
             assert answer != NOT_IN_REMOTE_CONTROL
             assert answer != not_understood(line)
@@ -91,5 +91,5 @@ def test_a_refused_script_is_reported_as_c210_and_does_nothing(make):
 
 
 def test_remote_only_names_commands_of_the_e_series():
-    words = {command.words for command in available_commands(PolyscopeVersion(5, 22)) if command.remote_only}
+    words = {command.form.words for command in available_commands(PolyscopeVersion(5, 22)) if command.form.remote_only}
     assert words == REMOTE_ONLY

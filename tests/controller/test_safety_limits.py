@@ -3,11 +3,7 @@
 import math
 from dataclasses import replace
 
-import coal
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from emulator.lifecycle.safety import SafetyEvent, StopCategory
 from emulator.polyscope.safety_configuration import (
@@ -18,13 +14,13 @@ from emulator.polyscope.safety_configuration import (
     factory_configuration,
 )
 from emulator.robot.arm import Arm
-from emulator.robot.vectors import ZERO6
 from emulator.safety.geometry import CLAMPING_M, clamping_distance
-from emulator.safety.selfcollision import Capsule, SelfCollision, clearance
+from emulator.world.links import Links
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 from urproto.robots import START_Q, load_model
 from urproto.robots.pose import rotvec_to_matrix
+from urproto.vectors import ZERO6
 
 STRETCHED = (0.0, -0.3, 0.2, 0.0, 0.0, 0.0)
 BENT = (0.0, -1.5, 1.5, -1.6, -1.57, 0.0)
@@ -350,34 +346,10 @@ def test_the_flange_does_not_clamp_the_lower_arm_on_e_series(make, model, expect
 
 # the arm against itself
 
-points = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
-
-
-@given(points, points, points, points)
-def test_distances_of_capsules_are_those_of_a_collision_library(a, b, c, d):
-    one, other = Capsule(a, b, 0.05), Capsule(c, d, 0.1)
-    result = coal.DistanceResult()
-    coal.distance(*_solid(one), *_solid(other), coal.DistanceRequest(), result)
-    ours = clearance(one, other)
-    if result.min_distance > 0.0 or ours > 0.0:
-        assert ours == pytest.approx(result.min_distance, abs=1e-4)
-
-
-def _solid(capsule):
-    a, b = np.array(capsule.a), np.array(capsule.b)
-    axis = b - a
-    length = np.linalg.norm(axis)
-    z = axis / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
-    helper = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-    x = np.cross(helper, z)
-    x /= np.linalg.norm(x)
-    turn = np.column_stack([x, np.cross(z, x), z])
-    return coal.Capsule(capsule.radius, length), coal.Transform3s(turn, (a + b) / 2)
-
 
 @pytest.mark.parametrize("model", ["ur3e", "ur5", "ur5e", "ur10e"])
 def test_ordinary_poses_are_free(model):
-    links = SelfCollision(load_model(model))
+    links = Links(load_model(model))
     for q in (BENT, STRETCHED, START_Q):
         assert links.clearance(q) > 0.0
 

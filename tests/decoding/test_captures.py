@@ -8,11 +8,10 @@ from decoding_rig import ACK, BEGIN_S, PSH, Conversation, Sent, ethernet, golden
 from hypothesis import given
 from hypothesis import strategies as st
 
-from client.control_program import GREETING
 from client.decoding.codecs import CODECS
 from client.decoding.session import InputForm
 from urproto import modbus
-from urproto.external_control import ReverseMessage, TrajectoryResult
+from urproto.external_control import GREETING, ReverseMessage, TrajectoryResult
 from urproto.rtde import codec
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.recipes import Recipe

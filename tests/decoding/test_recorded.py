@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from client.cli import app
 from client.commands.robot import state_table
 from client.decoding.session import InputForm
-from client.rtde_core import unknown_fields
+from client.rtde import unknown_fields
 from urproto.rtde import codec
 
 PATIENCE_S = 30.0

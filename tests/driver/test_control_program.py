@@ -2,7 +2,7 @@
 
 import pytest
 
-from client.control_program import ControlProgram, ToolCommunication
+from client.driver.control_program import ControlProgram, ToolCommunication
 from emulator.programs.compiling import LIBRARY_SET
 from urproto.errors import LocalProtocolError
 from urproto.versions import PolyscopeVersion

@@ -8,13 +8,12 @@ from dataclasses import replace
 import pytest
 from driver_rig import CALM_S, HOME, HOST, Pair, swing
 
-from client.control_program import GREETING
 from client.driver import calibration_hash, points
 from client.errors import NoAnswerError, ProgramEndedError, ProgramNotRunningError, ScriptFailedError
 from client.rtde import RTDEClient
 from emulator.lifecycle.power import PowerEvent
 from urproto.errors import RobotRefused
-from urproto.external_control import ControlMode, TrajectoryResult
+from urproto.external_control import GREETING, ControlMode, TrajectoryResult
 from urproto.modes import SafetyMode
 
 LONG = points.movej([HOME[0] + 1.5, *HOME[1:]], v=0.5)
@@ -144,7 +143,7 @@ async def test_a_program_that_is_started_again_beside_silent_strangers_takes_ove
     ends = (pair.driver.trajectory, pair.driver.commands, pair.driver.reverse)
     strangers = [await asyncio.open_connection(HOST, endpoint.port) for endpoint in ends]
     before = pair.driver.reverse.peer
-    pair.robot.controller.programs.submit(pair.driver._program().render_headless(pair.driver.version))
+    pair.robot.controller.programs.submit(pair.driver.program.control_program().render_headless(pair.driver.version))
     await pair.until(lambda: pair.driver.reverse.current_peer not in (None, before), 3.0)
     assert pair.driver.reverse.peer.proven
     await pair.until(lambda: pair.driver.program_running)
@@ -158,7 +157,7 @@ async def test_a_program_that_is_started_again_beside_silent_strangers_takes_ove
 async def test_a_control_program_that_says_nothing_is_admitted_while_a_program_runs(connect):
     """As the vendor's; and the one that follows it. Strangers are not, whatever runs."""
     async with connect(start=False) as pair:
-        foreign = replace(pair.driver._program(), token="").render_headless(pair.driver.version)
+        foreign = replace(pair.driver.program.control_program(), token="").render_headless(pair.driver.version)
         strangers = [
             await asyncio.open_connection(HOST, end.port)
             for end in (pair.driver.trajectory, pair.driver.commands, pair.driver.reverse)
@@ -242,14 +241,14 @@ async def test_a_robot_that_is_off_refuses_the_program(pair):
 
 async def test_an_error_in_the_program_is_shown(connect, monkeypatch):
     async with connect(start=False) as pair:
-        monkeypatch.setattr("client.control_program._template", lambda: "textmsg(1)\nno_such_function()\n")
+        monkeypatch.setattr("client.driver.control_program._template", lambda: "textmsg(1)\nno_such_function()\n")
         with pytest.raises(ScriptFailedError, match="no_such_function"):
             await pair.driver.start_program()
 
 
 async def test_a_program_that_does_not_connect(connect, monkeypatch):
     async with connect(start=False, start_timeout_s=0.3) as pair:
-        monkeypatch.setattr("client.control_program._template", lambda: "sleep(0.1)\n")
+        monkeypatch.setattr("client.driver.control_program._template", lambda: "sleep(0.1)\n")
         with pytest.raises(ProgramNotRunningError, match="must be able to reach"):
             await pair.driver.start_program()
 
@@ -260,7 +259,7 @@ async def test_a_driver_that_comes_later_is_found(robot):
         port = taken.getsockname()[1]
     pair = Pair(robot, reverse_port=port)
     async with pair.driver:
-        text = pair.driver._program().render_headless(pair.driver.version)
+        text = pair.driver.program.control_program().render_headless(pair.driver.version)
     robot.controller.programs.submit(text)
     await pair.until(lambda: bool(robot.controller.popups.shown))
     assert f"There is no driver at {HOST}" in robot.controller.popups.shown[-1].text

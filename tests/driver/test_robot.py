@@ -19,7 +19,7 @@ from client import (
     SafetyStopError,
     points,
 )
-from client.robot.moves import Reach
+from client.robot.reach import Reach
 from emulator.app import Emulator
 from emulator.lifecycle.power import PowerEvent, PowerState
 from emulator.lifecycle.safety import SafetyEvent
@@ -311,7 +311,7 @@ async def test_a_protective_stop_is_the_reason_why_nothing_takes_effect(lab, mon
 
     await lab.driver.robot.send_script(STOP_IT)
     await lab.until(lambda: lab.driver.protective_stopped)
-    monkeypatch.setattr("client.robot.core._EFFECT_S", 0.1)
+    monkeypatch.setattr("client.robot.settings._EFFECT_S", 0.1)
     monkeypatch.setattr(lab.driver.robot, "send_script", say_nothing)
     for setting in (lab.arm.set_tcp([0, 0, 0.07, 0, 0, 0]), lab.arm.set_digital_out(1, True)):
         with pytest.raises(ProtectiveStopError, match=r"PROTECTIVE_STOP, C\d+A\d+"):
@@ -556,7 +556,7 @@ async def test_entering_leaves_the_running_program_alone(enter, robot):
 @E_SERIES
 async def test_local_control_is_the_reason(enter, monkeypatch):
     """A robot in local control ignores the program; that the emulator does not, so another program stands in."""
-    monkeypatch.setattr("client.control_program._template", lambda: "sleep(0.1)\n")
+    monkeypatch.setattr("client.driver.control_program._template", lambda: "sleep(0.1)\n")
     async with enter(start_timeout_s=0.3) as lab:
         with pytest.raises(RobotRefused, match=r"local control.*Remote Control"):
             await lab.arm.move_j(HOME)
@@ -564,7 +564,7 @@ async def test_local_control_is_the_reason(enter, monkeypatch):
 
 @pytest.mark.parametrize("robot", ["ur3"], indirect=True)
 async def test_without_remote_control_it_is_the_network(enter, monkeypatch):
-    monkeypatch.setattr("client.control_program._template", lambda: "sleep(0.1)\n")
+    monkeypatch.setattr("client.driver.control_program._template", lambda: "sleep(0.1)\n")
     async with enter(start_timeout_s=0.3) as lab:
         with pytest.raises(ProgramNotRunningError, match="must be able to reach"):
             await lab.arm.make_ready()
@@ -618,7 +618,7 @@ async def test_a_setting_without_effect_is_no_success(lab, monkeypatch):
     async def say_nothing(_: str) -> None:
         return
 
-    monkeypatch.setattr("client.robot.core._EFFECT_S", 0.1)
+    monkeypatch.setattr("client.robot.settings._EFFECT_S", 0.1)
     monkeypatch.setattr(lab.driver.robot, "send_script", say_nothing)
     with pytest.raises(RobotRefused, match="digital output 1"):
         await lab.arm.set_digital_out(1, True)

@@ -25,7 +25,7 @@ from tree_rig import assign, expression, line, main, sleep, tag
 from client.calibration import read_calibration as read_calibration_of_client
 from client.controllers.configuration import read_controllers
 from client.controllers.goal_files import read_goals
-from client.decoding.capture_writer import head_of_capture, packet_block
+from client.decoding.capture import head_of_capture, packet_block
 from client.decoding.codecs import ConnectionFrames
 from client.decoding.packets import Endpoint
 from client.decoding.session import Choice, Session
@@ -69,7 +69,7 @@ from urscript.work import run_to_end
 __all__ = ["TARGETS", "Finding", "Target"]
 
 GOLDEN: Final = Path(__file__).parents[1] / "golden"
-RESOURCES: Final = Path(__file__).parents[2] / "client" / "resources"
+CONTROLLERS: Final = Path(__file__).parents[2] / "client" / "controllers"
 EXAMPLES: Final = Path(__file__).parents[2] / "examples"
 VERSIONS: Final = (PolyscopeVersion(3, 15, 8, 106339), DEFAULT_VERSION[Series.E], PolyscopeVersion(5, 4, 0, 0))
 
@@ -531,7 +531,7 @@ def initial_positions(data: bytes) -> None:
         read_initial_positions(_file("positions.yaml", data), load_model("ur5e"))
 
 
-@target(_examples(EXAMPLES / "goals.yaml", RESOURCES / "ur_controllers.yaml"))
+@target(_examples(EXAMPLES / "goals.yaml", CONTROLLERS / "ur_controllers.yaml"))
 def controllers(data: bytes) -> None:
     path = _file("controllers.yaml", data)
     for read in (read_controllers, read_goals):
@@ -608,7 +608,7 @@ def _http(method: str, path: str, body: bytes = b"") -> bytes:
 
 def _requests() -> Iterator[bytes]:
     yield _http("GET", "/openapi.json") + _http("GET", "/verbs")
-    for name, verb in verbs_of(LiveControl).items():
+    for name, verb in verbs_of(LiveControl.SUBJECTS).items():
         yield _http("POST", f"/verbs/{name}", json.dumps(dict.fromkeys(verb.arguments, 1)).encode())
 
 

@@ -22,6 +22,7 @@ class Rig:
     def __init__(self, model: RobotModel, period_s: float = 0.002, q: tuple[float, ...] = START) -> None:
         self.model = model
         self.motion = Motion(model, period_s, q)
+        self.commands = self.motion.commands
         self.kinematics = Kinematics(model.dh)
         self.q = [self.motion.q]
         self.qd = [self.motion.qd]

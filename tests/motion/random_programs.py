@@ -344,9 +344,9 @@ class Run:
         hardest = max(abs(a - b) / (dt * m) for a, b, m in zip(rates, self._rates, model.qdd_max, strict=True))
         if hardest > 1.0 + 1e-2:
             self.outcome.hardest.append((hardest, self.period, self._doing()))
-        beside = self.controller.motion._beside or self._was_beside
+        beside = self.controller.motion.beside or self._was_beside
         assert hardest <= (MOST_BESIDE if beside else MOST), self._at(f"a joint does {hardest:.2f} times qdd_max")
-        self._was_beside = self.controller.motion._beside
+        self._was_beside = self.controller.motion.beside
         self._q, self._rates = q, rates
 
     def _check_snapshot(self) -> None:
@@ -369,7 +369,7 @@ class Run:
         if snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP is not self._safety_mode:
             self._protective_stops += 1
         self._safety_mode = snapshot.safety_mode
-        streamed = isinstance(self.controller.motion._generator, JointServo | ToolServo) or self._was_beside
+        streamed = isinstance(self.controller.motion.movement.generator, JointServo | ToolServo) or self._was_beside
         self._ungoverned_s = 0.0 if streamed else self._ungoverned_s + self.controller.period_s
         assert snapshot.robot_mode is RobotMode.RUNNING, self._at(f"{snapshot.robot_mode!r}")
         assert snapshot.safety_mode in LEGAL_SAFETY, self._at(f"{snapshot.safety_mode!r}")
@@ -403,7 +403,8 @@ class Run:
         line, lines = self.controller.programs.line, self.case.programs[max(self.running, 0)]
         added = "+compliance" * (motion.control_mode is not ControlMode.POSITION)
         text = lines[line - 2] if 2 <= line <= len(lines) + 1 else ""
-        return f"{type(motion._generator).__name__}{added} {motion.fault and motion.fault.code} line {line} {text}"
+        doing = type(motion.movement.generator).__name__
+        return f"{doing}{added} {motion.fault and motion.fault.code} line {line} {text}"
 
     def _at(self, what: str) -> str:
         return f"{what}; {self.case.model}, period {self.period}, {self._doing()}\n{self.case}"

@@ -13,24 +13,24 @@ def shifted(pose, x=0.0, y=0.0):
 
 
 def test_without_a_blend_radius_the_arm_stops_on_its_path(rig):
-    move = rig.motion.movej(GOAL)
+    move = rig.commands.movej(GOAL)
     rig.steps(300)
-    rig.motion.abort()
+    rig.commands.abort()
     assert not move.ready, "the program waits until the arm stands"
     rig.finish(move)
     assert rig.motion.idle
     assert 0.3 < rig.motion.q[0] < GOAL[0] - 0.2
     assert rig.motion.q[1:] == pytest.approx(GOAL[1:], abs=1e-12)
     assert rig.hardest() < 15.0
-    rig.finish(rig.motion.movej(GOAL))
+    rig.finish(rig.commands.movej(GOAL))
     assert rig.motion.q == pytest.approx(GOAL)
 
 
 def test_a_line_is_not_left_by_stopping(rig):
     start = rig.pose()
-    move = rig.motion.movel(shifted(start, x=0.3))
+    move = rig.commands.movel(shifted(start, x=0.3))
     rig.steps(300)
-    rig.motion.abort()
+    rig.commands.abort()
     rig.finish(move)
     at = rig.pose()
     assert 0.01 < at[0] - start[0] < 0.25
@@ -42,16 +42,16 @@ def test_with_a_blend_radius_the_next_move_blends_in_at_once(rig, make_rig, comm
     def nearest_to_the_corner(rig, aborted):
         corner = shifted(rig.pose(), x=0.25)
         line = command == "movel"
-        first = rig.motion.movel(corner, v=0.2, r=0.02) if line else rig.motion.movej(GOAL, r=0.02)
+        first = rig.commands.movel(corner, v=0.2, r=0.02) if line else rig.commands.movej(GOAL, r=0.02)
         rig.steps(400)
         assert not first.ready
         if aborted:
-            rig.motion.abort()
+            rig.commands.abort()
             rig.step()
             assert first.ready
         rig.finish(first)
         speed_before = max(map(abs, rig.motion.qd))
-        second = rig.motion.movel(shifted(corner, y=0.2)) if line else rig.motion.movej(NEXT)
+        second = rig.commands.movel(shifted(corner, y=0.2)) if line else rig.commands.movej(NEXT)
         rig.step()
         assert max(map(abs, rig.motion.qd)) > 0.9 * speed_before, "no stop in between"
         rig.finish(second)
@@ -63,9 +63,9 @@ def test_with_a_blend_radius_the_next_move_blends_in_at_once(rig, make_rig, comm
 
 
 def test_with_a_blend_radius_but_no_next_move_the_arm_goes_where_it_went(rig):
-    move = rig.motion.movej(GOAL, r=0.05)
+    move = rig.commands.movej(GOAL, r=0.05)
     rig.steps(200)
-    rig.motion.abort()
+    rig.commands.abort()
     rig.step()
     assert move.ready
     rig.rest()
@@ -73,10 +73,10 @@ def test_with_a_blend_radius_but_no_next_move_the_arm_goes_where_it_went(rig):
 
 
 def test_in_an_initial_blend_it_is_ignored(rig):
-    rig.finish(rig.motion.movej(GOAL, r=0.1))
-    second = rig.motion.movej(NEXT, r=0.05)
+    rig.finish(rig.commands.movej(GOAL, r=0.1))
+    second = rig.commands.movej(NEXT, r=0.05)
     rig.steps(3)
-    rig.motion.abort()
+    rig.commands.abort()
     rig.steps(3)
     assert not second.ready
 
@@ -87,23 +87,23 @@ def test_nothing_else_is_aborted(rig, make_rig, command):
         start = rig.pose()
         match command:
             case "movep":
-                rig.motion.movep(shifted(start, x=0.3))
+                rig.commands.movep(shifted(start, x=0.3))
             case "movec":
-                rig.motion.movec(shifted(start, x=0.1, y=0.1), shifted(start, x=0.2))
+                rig.commands.movec(shifted(start, x=0.1, y=0.1), shifted(start, x=0.2))
             case "servoj":
-                rig.motion.servoj(GOAL, t=2.0)
+                rig.commands.servoj(GOAL, t=2.0)
             case "speedj":
-                rig.motion.speedj((0.3, 0, 0, 0, 0, 0), a=1.0, t=2.0)
+                rig.commands.speedj((0.3, 0, 0, 0, 0, 0), a=1.0, t=2.0)
             case "stopj":
-                rig.finish(rig.motion.speedj((0.3, 0, 0, 0, 0, 0), a=1.0, t=1.0))
-                rig.motion.stopj(0.2)
+                rig.finish(rig.commands.speedj((0.3, 0, 0, 0, 0, 0), a=1.0, t=1.0))
+                rig.commands.stopj(0.2)
             case "pause":
-                rig.motion.movej(GOAL)
+                rig.commands.movej(GOAL)
                 rig.steps(200)
                 rig.motion.pause()
         rig.steps(200)
         if aborted:
-            rig.motion.abort()
+            rig.commands.abort()
         rig.steps(200)
         rig.motion.resume()
         rig.steps(200)

@@ -18,8 +18,8 @@ AT_ONCE = {"movel", "movep", "movec", "servoc"}
 
 def stay(rig, command):
     """Ask for the pose that the arm has: it stays there, but for what rounding of a pose does to singular joints."""
-    pose, before = rig.motion._reach.pose(rig.motion.q), rig.motion.q
-    move = rig.motion.movec(pose, pose) if command == "movec" else getattr(rig.motion, command)(pose)
+    pose, before = rig.motion.target.reach.pose(rig.motion.q), rig.motion.q
+    move = rig.commands.movec(pose, pose) if command == "movec" else getattr(rig.commands, command)(pose)
     assert rig.finish(move) <= 2 * rig.motion.period_s
     assert move.failed is rig.fault is None
     assert rig.motion.q == pytest.approx(before, abs=2e-6)
@@ -37,7 +37,7 @@ def test_every_move_to_the_present_pose_to_upright_and_back(make_rig, name):
             stay(rig, command)
         upright = random.choice((UPRIGHT, tuple(round(angle, 4) for angle in UPRIGHT)))
         for goal in (upright, start):
-            move = rig.motion.movej(goal, a=20.0, v=3.0)
+            move = rig.commands.movej(goal, a=20.0, v=3.0)
             rig.rest()
             assert move.failed is rig.fault is None
             assert rig.motion.q == goal
@@ -53,7 +53,7 @@ def test_a_path_however_short_is_a_path(make_rig, command, length_m):
     for q in (UPRIGHT, (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)):
         rig = make_rig(q=q)
         x, *rest = rig.pose()
-        rig.finish(getattr(rig.motion, command)((x, rest[0], rest[1] - length_m, *rest[2:])))
+        rig.finish(getattr(rig.commands, command)((x, rest[0], rest[1] - length_m, *rest[2:])))
         assert rig.fault is None
 
 
@@ -80,12 +80,12 @@ def test_a_program_at_the_upright_pose_goes_on(model):
 def test_where_a_path_leaves_the_work_space_is_told_apart_from_a_goal_out_of_reach(make_rig):
     rig = make_rig("ur3", q=START_Q)
     x, y, *rest = rig.pose()
-    move = rig.motion.movel((-x, -y, *rest))  # straight through the column of the robot
+    move = rig.commands.movel((-x, -y, *rest))  # straight through the column of the robot
     rig.rest()
     assert move.failed is not None
     assert "leads through p[" in move.failed.text
     assert f"path to p[{-x:.4f}" in move.failed.text
-    far = rig.motion.movel((2.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    far = rig.commands.movel((2.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     assert far.failed is not None
     assert "p[2.0000, 0.0000, 0.0000" in far.failed.text
     assert "is out of reach" in far.failed.text

@@ -65,7 +65,7 @@ def test_movej(start_rig, name, v, a):
     start = rig.motion.q
     way, duration = trapezoid(0.8, v, a)
     share = [(b - s) / 0.8 for s, b in zip(start, GOAL, strict=True)]
-    move = rig.motion.movej(GOAL, v=v, a=a)
+    move = rig.commands.movej(GOAL, v=v, a=a)
     check(rig, move, lambda t: tuple(s + part * way(t) for s, part in zip(start, share, strict=True)), duration, tuple)
 
 
@@ -76,7 +76,7 @@ def test_movej_in_time(start_rig, name, t):
     start = rig.motion.q
     way, duration = thirds(0.8, t)
     share = [(b - s) / 0.8 for s, b in zip(start, GOAL, strict=True)]
-    move = rig.motion.movej(GOAL, t=t)
+    move = rig.commands.movej(GOAL, t=t)
     assert duration == pytest.approx(t)
     check(rig, move, lambda t: tuple(s + part * way(t) for s, part in zip(start, share, strict=True)), t, tuple)
 
@@ -91,7 +91,7 @@ def test_line(start_rig, name, command, v, a):
     rig = start_rig(name)
     pose = rig.pose()
     way, duration = trapezoid(0.08, v, a)
-    move = getattr(rig.motion, command)(shifted(pose, z=0.08), v=v, a=a)
+    move = getattr(rig.commands, command)(shifted(pose, z=0.08), v=v, a=a)
     check(rig, move, lambda t: shifted(pose, z=way(t))[:3], duration, lambda q: rig.kinematics.forward(q)[:3], 2e-8)
 
 
@@ -100,7 +100,7 @@ def test_movel_in_time(start_rig, name):
     rig = start_rig(name)
     pose = rig.pose()
     way, _ = thirds(0.08, 1.1)
-    move = rig.motion.movel(shifted(pose, x=0.08), t=1.1)
+    move = rig.commands.movel(shifted(pose, x=0.08), t=1.1)
     check(rig, move, lambda t: shifted(pose, x=way(t))[:3], 1.1, lambda q: rig.kinematics.forward(q)[:3], 2e-8)
 
 
@@ -110,7 +110,7 @@ def test_movec(start_rig, name, v, a):
     rig = start_rig(name)
     pose, radius = rig.pose(), 0.04
     way, duration = trapezoid(radius * pi, v, a)
-    move = rig.motion.movec(shifted(pose, radius, radius), shifted(pose, 2.0 * radius), v=v, a=a)
+    move = rig.commands.movec(shifted(pose, radius, radius), shifted(pose, 2.0 * radius), v=v, a=a)
 
     def expected(t):
         angle = way(t) / radius
@@ -127,7 +127,7 @@ def test_servoj_is_critically_damped(start_rig, name):
     rig = start_rig(name)
     start, step = rig.motion.q, 0.002
     omega = 2.0 / (0.1 + 1.0 / sqrt(300.0))
-    move = rig.motion.servoj((start[0] + step, *start[1:]), t=0.4)
+    move = rig.commands.servoj((start[0] + step, *start[1:]), t=0.4)
     check(
         rig,
         move,
@@ -148,7 +148,7 @@ def test_speedj(start_rig, name):
         time = 0.5 * t * t / ramp if t < ramp else t - 0.5 * ramp
         return tuple(s + speed * time for s, speed in zip(start, wanted, strict=True))
 
-    check(rig, rig.motion.speedj(wanted, a=a, t=0.7), expected, 0.7, tuple, 0.5 * a * rig.motion.period_s**2)
+    check(rig, rig.commands.speedj(wanted, a=a, t=0.7), expected, 0.7, tuple, 0.5 * a * rig.motion.period_s**2)
 
 
 @every_model
@@ -160,7 +160,7 @@ def test_speedl(start_rig, name):
         ramp = v / a
         return shifted(pose, z=v * (0.5 * t * t / ramp if t < ramp else t - 0.5 * ramp))[:3]
 
-    move = rig.motion.speedl((0.0, 0.0, v, 0.0, 0.0, 0.0), a=a, t=0.5)
+    move = rig.commands.speedl((0.0, 0.0, v, 0.0, 0.0, 0.0), a=a, t=0.5)
     measure = lambda q: rig.kinematics.forward(q)[:3]  # noqa: E731
     check(rig, move, expected, 0.5, measure, 0.5 * a * rig.motion.period_s**2)
 
@@ -172,10 +172,10 @@ def test_speedl(start_rig, name):
 @pytest.mark.parametrize("a", [0.7, 8.0])
 def test_stopj(start_rig, name, a):
     rig = start_rig(name)
-    rig.finish(rig.motion.speedj((0.6, -0.3, 0.2, 0.1, 0.0, 0.5), a=5.0))
+    rig.finish(rig.commands.speedj((0.6, -0.3, 0.2, 0.1, 0.0, 0.5), a=5.0))
     rig.steps(2)  # at full speed
     begin, qd = rig.motion.q, rig.motion.qd
-    taken = rig.finish(rig.motion.stopj(a))
+    taken = rig.finish(rig.commands.stopj(a))
     duration = 0.6 / a
     assert taken == pytest.approx(duration, abs=rig.motion.period_s)
     assert rig.motion.q == pytest.approx([q + 0.5 * speed * duration for q, speed in zip(begin, qd, strict=True)])
@@ -187,10 +187,10 @@ def test_stopj(start_rig, name, a):
 def test_stopl(start_rig, name, a):
     rig = start_rig(name)
     v = 0.1
-    rig.finish(rig.motion.speedl((0.0, v, 0.0, 0.0, 0.0, 0.0), a=1.0))
+    rig.finish(rig.commands.speedl((0.0, v, 0.0, 0.0, 0.0, 0.0), a=1.0))
     rig.steps(2)  # at full speed
     begin = rig.pose()
-    taken = rig.finish(rig.motion.stopl(a))
+    taken = rig.finish(rig.commands.stopl(a))
     assert taken == pytest.approx(v / a, abs=rig.motion.period_s)
     # the speed it starts with is the last period's mean, so its direction is half a period old
     assert rig.pose()[:3] == pytest.approx(shifted(begin, y=0.5 * v * v / a)[:3], abs=1e-4)

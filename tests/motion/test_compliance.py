@@ -15,12 +15,12 @@ def add(pose, *shift):
 
 
 def push_down(rig, newton=10.0, limits=LIMITS):
-    rig.motion.start_force_mode(BASE, Z_ONLY, (0, 0, -newton, 0, 0, 0), 2, limits)
+    rig.motion.force_control.force_mode(BASE, Z_ONLY, (0, 0, -newton, 0, 0, 0), 2, limits)
 
 
 def test_the_tool_yields_to_the_force_only_where_it_may(rig):
     """As the ROS 2 driver's test: 10 N, damping 0.1, gain 0.8, 5 s: more than 3 cm along it, under 1 mm beside it."""
-    rig.motion.force_damping, rig.motion.force_gain_scaling = 0.1, 0.8
+    rig.motion.force_control.damping, rig.motion.force_control.gain_scaling = 0.1, 0.8
     start = rig.pose()
     push_down(rig)
     rig.steps(2500)
@@ -35,7 +35,7 @@ def test_the_tool_yields_to_the_force_only_where_it_may(rig):
 def test_frame_turns_the_direction(rig):
     """A frame turned by 90 degrees about x has its z along the base's -y."""
     start = rig.pose()
-    rig.motion.start_force_mode((0, 0, 0, 1.5707963267948966, 0, 0), Z_ONLY, (0, 0, 10, 0, 0, 0), 2, LIMITS)
+    rig.motion.force_control.force_mode((0, 0, 0, 1.5707963267948966, 0, 0), Z_ONLY, (0, 0, 10, 0, 0, 0), 2, LIMITS)
     rig.steps(1000)
     assert rig.pose()[1] - start[1] < -0.02
     assert rig.pose()[0] == pytest.approx(start[0], abs=1e-6)
@@ -51,7 +51,7 @@ def test_speed_limit_of_a_compliant_direction(rig, limit):
 
 
 def test_balanced_forces_do_not_move_the_arm(rig):
-    rig.motion.external_wrench = (0, 0, 10, 0, 0, 0)
+    rig.motion.force_control.feel((0, 0, 10, 0, 0, 0))
     push_down(rig)
     q = rig.motion.q
     rig.steps(100)
@@ -62,7 +62,7 @@ def test_balanced_forces_do_not_move_the_arm(rig):
 def test_more_damping_is_slower_and_more_gain_is_faster(make_rig):
     def depth(damping, gain):
         rig = make_rig()
-        rig.motion.force_damping, rig.motion.force_gain_scaling = damping, gain
+        rig.motion.force_control.damping, rig.motion.force_control.gain_scaling = damping, gain
         start = rig.pose()[2]
         push_down(rig)
         rig.steps(500)
@@ -74,7 +74,7 @@ def test_more_damping_is_slower_and_more_gain_is_faster(make_rig):
 def test_end_of_force_mode_leaves_the_arm_at_rest(rig):
     push_down(rig)
     rig.steps(500)
-    rig.motion.end_force_mode()
+    rig.motion.force_control.end()
     assert rig.rest() < 1.0
     q = rig.motion.q
     rig.steps(100)
@@ -86,7 +86,7 @@ def test_a_move_goes_on_beside_the_force(rig):
     goal = add(start, 0.1, 0.05, 0.03)  # its part along z is not followed: that direction is the force's
     push_down(rig)
     way = (0.1**2 + 0.05**2 + 0.03**2) ** 0.5
-    assert rig.finish(rig.motion.movel(goal)) == pytest.approx(way / 0.25 + 0.25 / 1.2, abs=0.004)
+    assert rig.finish(rig.commands.movel(goal)) == pytest.approx(way / 0.25 + 0.25 / 1.2, abs=0.004)
     at = rig.pose()
     assert at[:2] == pytest.approx(goal[:2], abs=1e-4)
     assert at[2] < start[2] - 0.005
@@ -95,9 +95,9 @@ def test_a_move_goes_on_beside_the_force(rig):
 def test_the_next_move_starts_where_the_force_left_the_arm(rig):
     push_down(rig)
     rig.steps(500)
-    rig.motion.end_force_mode()
+    rig.motion.force_control.end()
     goal = add(rig.pose(), 0.05)
-    rig.finish(rig.motion.movel(goal))
+    rig.finish(rig.commands.movel(goal))
     assert rig.pose() == pytest.approx(goal, abs=1e-8)
     assert rig.motion.idle
 
@@ -114,7 +114,7 @@ def test_force_mode_again_each_cycle_keeps_its_speed(rig):
 def test_type_1_pulls_along_y_towards_the_origin_of_the_frame(rig):
     start = rig.pose()
     origin = add(start, 0.0, 0.0, -0.3)
-    rig.motion.start_force_mode((*origin[:3], 0, 0, 0), (0, 1, 0, 0, 0, 0), (0, 10, 0, 0, 0, 0), 1, LIMITS)
+    rig.motion.force_control.force_mode((*origin[:3], 0, 0, 0), (0, 1, 0, 0, 0, 0), (0, 10, 0, 0, 0, 0), 1, LIMITS)
     rig.steps(500)
     assert start[2] - rig.pose()[2] > 0.02
 
@@ -122,10 +122,10 @@ def test_type_1_pulls_along_y_towards_the_origin_of_the_frame(rig):
 def test_type_3_complies_across_the_motion_once_there_is_one(rig):
     """User manual, "Motion": x along the TCP's motion; nothing complies before there was motion, and a frame stays."""
     start = rig.pose()
-    rig.motion.start_force_mode(BASE, (0, 1, 0, 0, 0, 0), (0, 10, 0, 0, 0, 0), 3, LIMITS)
+    rig.motion.force_control.force_mode(BASE, (0, 1, 0, 0, 0, 0), (0, 10, 0, 0, 0, 0), 3, LIMITS)
     rig.steps(500)
     assert rig.pose() == start
-    rig.finish(rig.motion.movel(add(start, 0.0, 0.05)))  # along y of the base: its left is -x
+    rig.finish(rig.commands.movel(add(start, 0.0, 0.05)))  # along y of the base: its left is -x
     moved = start[0] - rig.pose()[0]
     assert moved > 0.001
     rig.steps(500)
@@ -141,9 +141,9 @@ def bent(rig, shift):
 
 def pulled_aside(rig, limit, shift=0.004):
     """A stiff axis, x, has been bent by 4 mm."""
-    rig.motion.start_force_mode(BASE, Z_ONLY, ZERO, 2, (limit, 0.01, 0.2, 0.1, 0.1, 0.1))
+    rig.motion.force_control.force_mode(BASE, Z_ONLY, ZERO, 2, (limit, 0.01, 0.2, 0.1, 0.1, 0.1))
     rig.step()
-    rig.motion.actual_q = bent(rig, shift)
+    rig.motion.force_control.feel(ZERO, bent(rig, shift))
     rig.step()
 
 
@@ -151,7 +151,7 @@ def test_a_stiff_axis_may_be_off_by_its_limit(rig):
     """User manual, "Force": in non-compliant axes the limit is the largest deviation before a protective stop."""
     pulled_aside(rig, 0.005)
     assert rig.fault is None
-    rig.motion.end_force_mode()
+    rig.motion.force_control.end()
     rig.step()
     rig = type(rig)(rig.model)
     pulled_aside(rig, 0.003)
@@ -161,21 +161,21 @@ def test_a_stiff_axis_may_be_off_by_its_limit(rig):
 
 
 def test_a_compliant_axis_may_be_anywhere(rig):
-    rig.motion.start_force_mode(BASE, (1, 0, 0, 0, 0, 0), ZERO, 2, (0.001, *[0.01] * 5))
+    rig.motion.force_control.force_mode(BASE, (1, 0, 0, 0, 0, 0), ZERO, 2, (0.001, *[0.01] * 5))
     rig.step()
-    rig.motion.actual_q = bent(rig, 0.004)
+    rig.motion.force_control.feel(ZERO, bent(rig, 0.004))
     rig.step()
     assert rig.fault is None
 
 
 def test_unknown_type_is_refused(rig):
     with pytest.raises(ValueError, match="type 4"):
-        rig.motion.start_force_mode(BASE, Z_ONLY, ZERO, 4, LIMITS)
+        rig.motion.force_control.force_mode(BASE, Z_ONLY, ZERO, 4, LIMITS)
     assert rig.motion.idle
 
 
 def test_the_end_of_the_work_space_holds_the_arm(rig):
-    rig.motion.start_force_mode(BASE, (1, 1, 1, 0, 0, 0), (-300, -300, 300, 0, 0, 0), 2, (1.0,) * 6)
+    rig.motion.force_control.force_mode(BASE, (1, 1, 1, 0, 0, 0), (-300, -300, 300, 0, 0, 0), 2, (1.0,) * 6)
     rig.steps(4000)
     assert rig.fault is None
     push_down(rig, 50.0)
@@ -196,35 +196,35 @@ def test_pause_holds_the_force_too(rig):
 
 
 def test_freedrive_follows_the_hand_and_stands_without_it(rig):
-    rig.motion.freedrive()
+    rig.commands.freedrive()
     q = rig.motion.q
     rig.steps(50)
     assert rig.motion.q == q
     start = rig.pose()
-    rig.motion.external_wrench = (20, 0, 0, 0, 0, 0)
+    rig.motion.force_control.feel((20, 0, 0, 0, 0, 0))
     rig.steps(500)
-    rig.motion.external_wrench = ZERO
+    rig.motion.force_control.feel(ZERO)
     rig.steps(1500)
     assert rig.pose()[0] - start[0] > 0.02
     assert rig.motion.qd == ZERO
-    rig.motion.end_freedrive()
+    rig.motion.force_control.end()
     rig.step()
     assert rig.motion.idle
 
 
 def test_freedrive_along_chosen_axes_only(rig):
     start = rig.pose()
-    rig.motion.freedrive((1, 0, 0, 0, 0, 0), BASE)
-    rig.motion.external_wrench = (20, 20, 20, 1, 1, 1)
+    rig.commands.freedrive((1, 0, 0, 0, 0, 0), BASE)
+    rig.motion.force_control.feel((20, 20, 20, 1, 1, 1))
     rig.steps(500)
     assert rig.pose()[0] - start[0] > 0.02
     assert rig.pose()[1:3] == pytest.approx(start[1:3], abs=1e-6)
 
 
 def test_freedrive_takes_over_a_moving_arm(rig):
-    rig.motion.movej((1.3, -1.1, 1.5, -1.5, -1.9, 0.9))
+    rig.commands.movej((1.3, -1.1, 1.5, -1.5, -1.9, 0.9))
     rig.steps(300)
-    rig.motion.freedrive()
+    rig.commands.freedrive()
     rig.steps(1000)
     assert rig.motion.qd == ZERO
     rig.motion.program_stopped()
@@ -247,14 +247,14 @@ def test_a_stretched_arm_gives_way_sideways(make_rig, model, newton):
     """Straight up, all of the arm's joints but the base swing the tool along x; none of them lifts it."""
     rig = make_rig(model, q=STRETCHED)
     start = rig.pose()
-    rig.motion.freedrive()
-    rig.motion.external_wrench = (newton, 0, 0, 0, 0, 0)
+    rig.commands.freedrive()
+    rig.motion.force_control.feel((newton, 0, 0, 0, 0, 0))
     rig.steps(500)
     moved = [b - a for a, b in zip(start, rig.pose(), strict=True)]
     assert moved[0] / newton > 0.02 / 20
     assert abs(moved[1]) < 0.1 * abs(moved[0])
     assert rig.hardest() < 2.1 * max(rig.model.qdd_max)  # no jerk where the elbow could bend quickly
-    rig.motion.external_wrench = ZERO
+    rig.motion.force_control.feel(ZERO)
     rig.steps(1500)
     assert rig.fault is None
     assert rig.motion.qd == ZERO
@@ -263,8 +263,8 @@ def test_a_stretched_arm_gives_way_sideways(make_rig, model, newton):
 def test_a_stretched_arm_cannot_be_pulled_longer(make_rig):
     rig = make_rig("ur3", q=(0, -1.5707963267948966, 0, -1.5707963267948966, 0, 0))
     start = rig.pose()
-    rig.motion.freedrive()
-    rig.motion.external_wrench = (0, 0, 200, 0, 0, 0)
+    rig.commands.freedrive()
+    rig.motion.force_control.feel((0, 0, 200, 0, 0, 0))
     rig.steps(500)
     assert rig.pose() == pytest.approx(start, abs=1e-3)
     assert rig.fault is None
@@ -274,7 +274,7 @@ def test_a_stretched_arm_keeps_what_is_not_compliant(make_rig):
     """Straight up the tool cannot go sideways without coming down: force mode along x alone soon stands."""
     rig = make_rig("ur3", q=STRETCHED)
     start = rig.pose()
-    rig.motion.start_force_mode(BASE, (1, 0, 0, 0, 0, 0), (20, 0, 0, 0, 0, 0), 2, LIMITS)
+    rig.motion.force_control.force_mode(BASE, (1, 0, 0, 0, 0, 0), (20, 0, 0, 0, 0, 0), 2, LIMITS)
     rig.steps(2000)
     assert rig.pose()[1:] == pytest.approx(start[1:], abs=2e-4)
     assert rig.fault is None

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulator.motion.path_motion import Follower
 from emulator.motion.profile import Limits
-from emulator.motion.superposition import CircularConveyor, LinearConveyor, OffsetFrame
+from emulator.motion.superposition import OffsetFrame
+from emulator.motion.tracking import CircularConveyor, Follower, LinearConveyor
 from urproto.robots.pose import pose_trans
 
 ZERO = (0.0,) * 6
@@ -35,7 +35,7 @@ def steps(rig, belt, count):
 
 def along_y(rig, metres_per_s):
     belt = Belt(metres_per_s * TICKS)
-    rig.motion.track(LinearConveyor(belt, (0.0, 3.0, 0.0), TICKS))
+    rig.motion.superposition.track(LinearConveyor(belt, (0.0, 3.0, 0.0), TICKS))
     return belt
 
 
@@ -55,7 +55,7 @@ def test_moves_mean_where_things_were_when_tracking_began(rig):
     start = rig.pose()
     belt = along_y(rig, 0.05)
     goal = add(start, 0.08, -0.02, -0.05)
-    move = rig.motion.movel(goal, v=0.2)
+    move = rig.commands.movel(goal, v=0.2)
     count = 0
     while not move.ready:
         steps(rig, belt, 1)
@@ -73,7 +73,7 @@ def test_a_turning_conveyor(rig, rotate_tool):
     start = rig.pose()
     center = add(start, -0.2, 0.05)
     belt = Belt(25.0)
-    rig.motion.track(CircularConveyor(belt, (*center[:3], 0, 0, 0), 500.0, rotate_tool=rotate_tool))
+    rig.motion.superposition.track(CircularConveyor(belt, (*center[:3], 0, 0, 0), 500.0, rotate_tool=rotate_tool))
     steps(rig, belt, 1000)
     angle = 2 * pi * 25.0 * 2.0 / 500.0
     x, y = 0.2, -0.05
@@ -92,7 +92,7 @@ def test_the_axis_of_a_turning_conveyor_is_the_centers_z(rig):
     start = rig.pose()
     belt = Belt(-10.0)  # backwards about base x
     center = (start[0], start[1], start[2] - 0.1, 0.0, pi / 2, 0.0)
-    rig.motion.track(CircularConveyor(belt, center, 500.0, rotate_tool=False))
+    rig.motion.superposition.track(CircularConveyor(belt, center, 500.0, rotate_tool=False))
     steps(rig, belt, 1000)
     angle = -2 * pi * 10.0 * 2.0 / 500.0
     expected = add(start, 0.0, -0.1 * sin(angle), 0.1 * (cos(angle) - 1))
@@ -103,10 +103,10 @@ def test_stopping_leaves_the_tool_where_it_is_and_poses_in_the_base_again(rig):
     start = rig.pose()
     belt = along_y(rig, 0.1)
     steps(rig, belt, 1000)
-    assert rig.finish(rig.motion.stop_tracking(20.0)) < 0.05
+    assert rig.finish(rig.commands.stop_tracking(20.0)) < 0.05
     assert rig.motion.idle
     assert rig.pose()[1] == pytest.approx(start[1] + 0.2, abs=3e-3)
-    rig.finish(rig.motion.movel(start))
+    rig.finish(rig.commands.movel(start))
     assert rig.pose() == pytest.approx(start, abs=1e-8)
     assert rig.hardest() < 45.0
 
@@ -114,7 +114,7 @@ def test_stopping_leaves_the_tool_where_it_is_and_poses_in_the_base_again(rig):
 def test_speed_slider_slows_the_path_and_not_the_conveyor(rig):
     start = rig.pose()
     belt = along_y(rig, 0.05)
-    rig.motion.movel(add(start, 0.1), v=0.1, a=1.0)
+    rig.commands.movel(add(start, 0.1), v=0.1, a=1.0)
     for _ in range(600):
         belt.travel += belt.speed * 0.002
         rig.step(0.5)
@@ -128,7 +128,7 @@ def test_a_held_arm_stands_and_catches_up_afterwards(rig, halt, moving):
     start = rig.pose()
     belt = along_y(rig, 0.1)
     if moving:
-        rig.motion.movel(add(start, 0.1), v=0.02)
+        rig.commands.movel(add(start, 0.1), v=0.02)
     steps(rig, belt, 500)
     getattr(rig.motion, halt)()
     steps(rig, belt, 250)
@@ -145,7 +145,7 @@ def test_a_held_arm_stands_and_catches_up_afterwards(rig, halt, moving):
 
 def test_a_conveyor_that_leaves_the_work_space_stops_the_arm(rig):
     belt = Belt(0.2 * TICKS)
-    rig.motion.track(LinearConveyor(belt, (1.0, 0.0, 0.0), -TICKS))
+    rig.motion.superposition.track(LinearConveyor(belt, (1.0, 0.0, 0.0), -TICKS))
     for _ in range(5000):
         steps(rig, belt, 1)
         if rig.fault is not None:
@@ -164,7 +164,7 @@ def test_a_conveyor_that_is_too_fast_stops_the_arm(rig):
 def test_only_one_conveyor_at_a_time(rig):
     belt = along_y(rig, 0.1)
     with pytest.raises(ValueError, match="tracked already"):
-        rig.motion.track(LinearConveyor(belt, (1.0, 0.0, 0.0), TICKS))
+        rig.motion.superposition.track(LinearConveyor(belt, (1.0, 0.0, 0.0), TICKS))
 
 
 def test_blends_and_streams_go_along(rig):
@@ -172,20 +172,20 @@ def test_blends_and_streams_go_along(rig):
     belt = along_y(rig, 0.05)
     steps(rig, belt, 500)
     corner, goal = add(start, 0.1), add(start, 0.1, 0.0, 0.1)
-    first = rig.motion.movel(corner, r=0.03)
+    first = rig.commands.movel(corner, r=0.03)
     while not first.ready:
         steps(rig, belt, 1)
-    second = rig.motion.movel(goal)
+    second = rig.commands.movel(goal)
     while not second.ready:
         steps(rig, belt, 1)
     belt_at = (belt.travel - 77.0) / TICKS
     assert rig.pose() == pytest.approx(add(goal, 0.0, belt_at), abs=1e-5)
-    rig.motion.speedl((-0.05, 0, 0, 0, 0, 0), a=0.5)
+    rig.commands.speedl((-0.05, 0, 0, 0, 0, 0), a=0.5)
     steps(rig, belt, 500)
-    rig.motion.stopl(1.0)
+    rig.commands.stopl(1.0)
     steps(rig, belt, 100)
     q = rig.motion.path_q
-    rig.motion.servoj(q, t=0.002)
+    rig.commands.servoj(q, t=0.002)
     steps(rig, belt, 100)
     belt_at = (belt.travel - 77.0) / TICKS
     assert rig.pose()[1] == pytest.approx(goal[1] + belt_at, abs=1e-5)
@@ -196,12 +196,12 @@ def test_blends_and_streams_go_along(rig):
 def test_an_offset_beside_a_conveyor_and_its_end(rig):
     start = rig.pose()
     belt = along_y(rig, 0.05)
-    rig.motion.enable_path_offset()
-    rig.motion.offset_settings.alpha = 0.02
-    rig.motion.set_path_offset((0, 0, 0.01, 0, 0, 0), OffsetFrame.BASE)
+    rig.motion.superposition.enable_path_offset()
+    rig.motion.superposition.settings.alpha = 0.02
+    rig.motion.superposition.set_path_offset((0, 0, 0.01, 0, 0, 0), OffsetFrame.BASE)
     steps(rig, belt, 1000)
     assert rig.pose() == pytest.approx(add(start, 0.0, 0.1, 0.01), abs=1e-5)
-    rig.motion.disable_path_offset(20.0)
+    rig.commands.disable_path_offset(20.0)
     steps(rig, belt, 500)
     assert rig.pose() == pytest.approx(add(start, 0.0, 0.15, 0.01), abs=1e-5)
     assert rig.fault is None
@@ -210,13 +210,13 @@ def test_an_offset_beside_a_conveyor_and_its_end(rig):
 def test_force_mode_on_a_conveyor(rig):
     start = rig.pose()
     belt = along_y(rig, 0.05)
-    rig.motion.start_force_mode(ZERO, (0, 0, 1, 0, 0, 0), (0, 0, -10, 0, 0, 0), 2, (0.1,) * 6)
+    rig.motion.force_control.force_mode(ZERO, (0, 0, 1, 0, 0, 0), (0, 0, -10, 0, 0, 0), 2, (0.1,) * 6)
     steps(rig, belt, 1500)
     assert rig.pose()[1] == pytest.approx(start[1] + 0.15, abs=1e-4)
     assert rig.pose()[2] < start[2] - 0.02
-    rig.motion.end_force_mode()
+    rig.motion.force_control.end()
     steps(rig, belt, 300)
-    move = rig.motion.movel(start)
+    move = rig.commands.movel(start)
     while not move.ready:
         steps(rig, belt, 1)
     assert rig.pose() == pytest.approx(add(start, 0.0, (belt.travel - 77.0) / TICKS), abs=1e-5)

@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulator.motion.frame_tracking import FrameTracking
-from emulator.motion.path_motion import pursuit
 from emulator.motion.profile import Limits
-from emulator.motion.superposition import LinearConveyor, OffsetFrame
+from emulator.motion.superposition import OffsetFrame
+from emulator.motion.tracking import FrameTracking, LinearConveyor, pursuit
 from urproto.robots.pose import pose_trans
 
 ZERO = (0.0,) * 6
@@ -44,7 +43,7 @@ class Part:
 
     def __init__(self, rig, pose=FRAME):
         self.rig, self.pose, self.first = rig, pose, matrix(pose)
-        rig.motion.track_frame(FrameTracking("part", self.place))
+        rig.motion.superposition.track_frame(FrameTracking("part", self.place))
 
     def place(self):
         if self.pose is None:
@@ -154,7 +153,7 @@ def test_moves_mean_where_things_were_when_tracking_began(rig):
     part = Part(rig)
     by = (5e-5, 0, 0, 0, 0, 2e-4)
     goal = add(start, 0.08, -0.02, -0.05)
-    move = rig.motion.movel(goal, v=0.1)
+    move = rig.commands.movel(goal, v=0.1)
     count = 0
     while not move.ready:
         part.step(by)
@@ -173,7 +172,7 @@ def test_the_path_is_exact_seen_from_the_frame_while_it_moves(rig):
     part = Part(rig)
     by = (5e-5, 2e-5, 0, 0, 1e-4, 2e-4)
     part.step(by, 800)
-    rig.motion.movel(add(start, 0.1), v=0.1)
+    rig.commands.movel(add(start, 0.1), v=0.1)
     for _ in range(300):
         part.step(by)
         path = rig.kinematics.forward(rig.motion.path_q, rig.motion.tcp_offset)
@@ -184,7 +183,7 @@ def test_the_path_is_exact_seen_from_the_frame_while_it_moves(rig):
 def test_speed_slider_slows_the_path_and_not_the_frame(rig):
     start = rig.pose()
     part = Part(rig, ZERO)
-    rig.motion.movel(add(start, 0.1), v=0.1, a=1.0)
+    rig.commands.movel(add(start, 0.1), v=0.1, a=1.0)
     part.step((0, 1e-4, 0, 0, 0, 0), 600, fraction=0.5)
     assert rig.pose()[1] == pytest.approx(start[1] + 0.06, abs=1e-4)
     assert rig.pose()[0] == pytest.approx(start[0] + 0.05 * (1.2 - 0.1), abs=2e-3)
@@ -198,7 +197,7 @@ def test_a_held_arm_stands_and_catches_up_afterwards(rig, halt, moving):
     by = (2e-4, 0, 0, 0, 0, 3e-4)
     goal = add(start, 0.0, 0.05)
     if moving:
-        rig.motion.movel(goal, v=0.02)
+        rig.commands.movel(goal, v=0.02)
     part.step(by, 400)
     getattr(rig.motion, halt)()
     part.step(by, 250)
@@ -218,10 +217,10 @@ def test_disabling_leaves_the_tool_where_it_is_and_poses_in_the_base_again(rig):
     part = Part(rig)
     part.step((1e-4, 0, 0, 0, 0, 2e-4), 1000)
     there = part.takes(start)
-    assert rig.finish(rig.motion.stop_tracking_frame(20.0)) < 0.05
+    assert rig.finish(rig.commands.stop_tracking_frame(20.0)) < 0.05
     assert rig.motion.idle
     assert apart(rig.pose(), there) < 5e-3
-    rig.finish(rig.motion.movel(start))
+    rig.finish(rig.commands.movel(start))
     assert rig.pose() == pytest.approx(start, abs=1e-8)
     assert rig.hardest() < 45.0
 
@@ -232,16 +231,16 @@ def test_a_frame_beside_an_offset_and_a_conveyor(rig):
 
     start = rig.pose()
     part, belt = Part(rig), Belt()
-    rig.motion.track(LinearConveyor(belt, (0.0, 1.0, 0.0), 1000.0))
-    rig.motion.enable_path_offset()
-    rig.motion.offset_settings.alpha = 0.02
-    rig.motion.set_path_offset((0, 0, 0.01, 0, 0, 0), OffsetFrame.BASE)
+    rig.motion.superposition.track(LinearConveyor(belt, (0.0, 1.0, 0.0), 1000.0))
+    rig.motion.superposition.enable_path_offset()
+    rig.motion.superposition.settings.alpha = 0.02
+    rig.motion.superposition.set_path_offset((0, 0, 0.01, 0, 0, 0), OffsetFrame.BASE)
     for _ in range(800):
         belt.travel += belt.speed * 0.002
         part.step((0, 0, 2e-5, 0, 0, 2e-4))
     expected = matrix((0.0, 0.05 * 1.6, 0.0, 0, 0, 0)) @ part.takes(add(start, 0.0, 0.0, 0.01))
     assert apart(rig.pose(), expected) < 1e-5
-    rig.motion.stop_tracking_frame(20.0)  # the others stay
+    rig.commands.stop_tracking_frame(20.0)  # the others stay
     at = rig.pose()
     for _ in range(500):
         belt.travel += belt.speed * 0.002
@@ -253,7 +252,7 @@ def test_a_frame_beside_an_offset_and_a_conveyor(rig):
 def test_force_mode_beside_a_frame(rig):
     start = rig.pose()
     part = Part(rig, ZERO)
-    rig.motion.start_force_mode(ZERO, (0, 0, 1, 0, 0, 0), (0, 0, -10, 0, 0, 0), 2, (0.1,) * 6)
+    rig.motion.force_control.force_mode(ZERO, (0, 0, 1, 0, 0, 0), (0, 0, -10, 0, 0, 0), 2, (0.1,) * 6)
     part.step((0, 1e-4, 0, 0, 0, 0), 1500)
     assert rig.pose()[1] == pytest.approx(start[1] + 0.15, abs=1e-4)
     assert rig.pose()[2] < start[2] - 0.02

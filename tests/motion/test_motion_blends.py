@@ -25,10 +25,10 @@ def corner(rig, command, radius, **arguments):
     """Two legs of 0.1 m at a right angle, the second asked for as soon as the first is ready."""
     start = rig.pose()
     waypoint, goal = add(start, 0.1), add(start, 0.1, 0.1)
-    first = getattr(rig.motion, command)(waypoint, r=radius, **arguments)
+    first = getattr(rig.commands, command)(waypoint, r=radius, **arguments)
     rig.finish(first)
     handed_over = rig.pose()
-    rig.finish(getattr(rig.motion, command)(goal, **arguments))
+    rig.finish(getattr(rig.commands, command)(goal, **arguments))
     return start, waypoint, goal, handed_over
 
 
@@ -63,7 +63,7 @@ def test_movep_rounds_the_corner_at_constant_speed(rig):
 
 def test_without_a_next_move_the_arm_stops_at_the_waypoint(rig):
     waypoint = add(rig.pose(), 0.1)
-    rig.finish(rig.motion.movel(waypoint, r=0.03))
+    rig.finish(rig.commands.movel(waypoint, r=0.03))
     assert not rig.motion.idle
     rig.rest()
     assert rig.pose() == pytest.approx(waypoint, abs=1e-9)
@@ -72,10 +72,10 @@ def test_without_a_next_move_the_arm_stops_at_the_waypoint(rig):
 
 def test_a_late_next_move_still_blends(rig):
     waypoint = add(rig.pose(), 0.1)
-    rig.finish(rig.motion.movel(waypoint, r=0.05))
+    rig.finish(rig.commands.movel(waypoint, r=0.05))
     rig.steps(30)
     goal = add(waypoint, 0.0, 0.1)
-    rig.finish(rig.motion.movel(goal))
+    rig.finish(rig.commands.movel(goal))
     assert rig.pose() == pytest.approx(goal, abs=1e-9)
     assert min(tool_speeds(rig)[20:-20]) > 0.01
 
@@ -83,11 +83,11 @@ def test_a_late_next_move_still_blends(rig):
 def test_joint_blend(rig):
     waypoint = (0.9, *START[1:])
     goal = (0.9, -1.1, *START[2:])
-    first = rig.motion.movej(waypoint, r=0.1)
+    first = rig.commands.movej(waypoint, r=0.1)
     rig.finish(first)
     centre = rig.kinematics.forward(waypoint)
     assert dist(rig.pose()[:3], centre[:3]) == pytest.approx(0.1, abs=2e-3)
-    rig.finish(rig.motion.movej(goal))
+    rig.finish(rig.commands.movej(goal))
     assert rig.motion.q == goal
     assert all(max(map(abs, qd)) <= 1.05 * (1 + 1e-6) for qd in rig.qd)
     assert rig.hardest() <= 1.5 * 1.4 * 2
@@ -100,12 +100,12 @@ def test_blend_between_joint_and_tool_moves(rig, first, second):
     way = rig.kinematics.forward(q_way)
     goal = add(way, 0.0, 0.1, 0.05)
     if first == "movej":
-        rig.finish(rig.motion.movej(q_way, r=0.05))
-        rig.finish(rig.motion.movel(goal))
+        rig.finish(rig.commands.movej(q_way, r=0.05))
+        rig.finish(rig.commands.movel(goal))
         assert rig.pose() == pytest.approx(goal, abs=1e-9)
     else:
-        rig.finish(rig.motion.movel(way, r=0.05))
-        rig.finish(rig.motion.movej(START))
+        rig.finish(rig.commands.movel(way, r=0.05))
+        rig.finish(rig.commands.movej(START))
         assert rig.motion.q == START
     moving = [max(map(abs, qd)) for qd in rig.qd[20:-20]]
     assert min(moving) > 0.01
@@ -116,23 +116,23 @@ def test_chain_of_blends_ends_exactly(rig):
     start = rig.pose()
     corners = [add(start, 0.1), add(start, 0.1, 0.1), add(start, 0.0, 0.1), start]
     for pose in corners[:-1]:
-        rig.finish(rig.motion.movel(pose, r=0.02, v=0.2))
-    rig.finish(rig.motion.movel(start, v=0.2))
+        rig.finish(rig.commands.movel(pose, r=0.02, v=0.2))
+    rig.finish(rig.commands.movel(start, v=0.2))
     assert rig.pose() == pytest.approx(start, abs=1e-9)
     assert rig.motion.q == pytest.approx(START, abs=1e-6)
     assert min(tool_speeds(rig)[60:-60]) > 0.1
 
 
 def codes(rig):
-    return [(warning.code, warning.argument) for warning in rig.motion.take_warnings()]
+    return [(warning.code, warning.argument) for warning in rig.commands.take_warnings()]
 
 
 def test_radius_larger_than_the_leg_is_cut_to_half_of_it_and_that_is_said(rig):
     waypoint = add(rig.pose(), 0.1)
-    rig.finish(rig.motion.movel(waypoint, r=5.0))
+    rig.finish(rig.commands.movel(waypoint, r=5.0))
     assert codes(rig) == [(197, 0)]
     assert dist(rig.pose()[:3], waypoint[:3]) == pytest.approx(0.05, abs=1e-3)
-    rig.finish(rig.motion.movel(add(waypoint, 0.0, 0.1)))
+    rig.finish(rig.commands.movel(add(waypoint, 0.0, 0.1)))
     assert codes(rig) == [(197, 0)]  # the same blend, at its other end
     assert rig.fault is None
 
@@ -142,19 +142,19 @@ def test_a_waypoint_whose_blend_overlaps_the_one_before_is_skipped(rig, command,
     """Script Manual, movej: this move will be skipped, and a warning tells of overlapping blends."""
     start = rig.pose()
     corner, skipped, goal = add(start, 0.1), add(start, 0.1, 0.05), add(start, 0.0, 0.1)
-    rig.finish(rig.motion.movel(corner, r=0.03, v=0.2))
+    rig.finish(rig.commands.movel(corner, r=0.03, v=0.2))
     if command == "movec":
-        move = rig.motion.movec(add(start, 0.12, 0.03), skipped, r=0.03)
+        move = rig.commands.movec(add(start, 0.12, 0.03), skipped, r=0.03)
     elif command == "movej":
-        move = rig.motion.movej(
+        move = rig.commands.movej(
             rig.kinematics.inverse_near(skipped, rig.motion.q, rig.model.q_min, rig.model.q_max), r=0.03
         )
     else:
-        move = getattr(rig.motion, command)(skipped, r=0.03)
+        move = getattr(rig.commands, command)(skipped, r=0.03)
     assert move.ready
     assert codes(rig) == [(171, argument)]
     rig.step()
-    rig.finish(rig.motion.movel(goal, v=0.2))
+    rig.finish(rig.commands.movel(goal, v=0.2))
     assert rig.pose() == pytest.approx(goal, abs=1e-9)
     assert min(dist(at, skipped[:3]) for at in places(rig)) > 0.03
     assert min(dist(at, corner[:3]) for at in places(rig)) < 0.03  # and this one is blended with, not skipped
@@ -164,8 +164,8 @@ def test_a_waypoint_whose_blend_overlaps_the_one_before_is_skipped(rig, command,
 
 def test_skipping_the_last_waypoint_leaves_the_arm_at_the_one_before(rig):
     waypoint = add(rig.pose(), 0.1)
-    rig.finish(rig.motion.movel(waypoint, r=0.04))
-    assert rig.motion.movel(add(waypoint, 0.05), r=0.04).ready
+    rig.finish(rig.commands.movel(waypoint, r=0.04))
+    assert rig.commands.movel(add(waypoint, 0.05), r=0.04).ready
     rig.rest()
     assert rig.pose() == pytest.approx(waypoint, abs=1e-9)
 
@@ -174,27 +174,27 @@ def test_skipping_the_last_waypoint_leaves_the_arm_at_the_one_before(rig):
 def test_blends_that_touch_and_waypoints_without_one_are_not_skipped(rig, radius):
     start = rig.pose()
     goal = add(start, 0.1, 0.1)
-    rig.finish(rig.motion.movel(add(start, 0.1), r=0.05))
-    rig.finish(rig.motion.movel(goal, r=radius))
+    rig.finish(rig.commands.movel(add(start, 0.1), r=0.05))
+    rig.finish(rig.commands.movel(goal, r=radius))
     rig.rest()
     assert rig.pose() == pytest.approx(goal, abs=1e-9)
     assert codes(rig) == []
 
 
 def test_a_move_to_where_the_arm_is_warns_of_nothing(rig):
-    rig.finish(rig.motion.movel(rig.pose(), r=0.05))
-    rig.finish(rig.motion.movej(rig.motion.q, r=0.05))
+    rig.finish(rig.commands.movel(rig.pose(), r=0.05))
+    rig.finish(rig.commands.movej(rig.motion.q, r=0.05))
     assert codes(rig) == []
 
 
 @pytest.mark.parametrize("after", [10, 150, 300])
 def test_take_over_in_mid_motion(rig, after):
     """After `kill` of a moving thread another one moves the arm: from where it is and as fast as it is."""
-    rig.motion.movej((1.5, -1.2, 1.0, -1.5, -1.9, 0.9))
+    rig.commands.movej((1.5, -1.2, 1.0, -1.5, -1.9, 0.9))
     rig.steps(after)
     speed = rig.motion.qd
     goal = (0.0, -1.6, 1.7, -1.5, -1.5, 0.2)
-    move = rig.motion.movej(goal)
+    move = rig.commands.movej(goal)
     rig.step()
     assert rig.motion.qd == pytest.approx(speed, abs=0.05)
     rig.finish(move)
@@ -203,16 +203,16 @@ def test_take_over_in_mid_motion(rig, after):
 
 
 def test_take_over_by_a_tool_move(rig):
-    rig.motion.movej((1.5, -1.2, 1.0, -1.5, -1.9, 0.9))
+    rig.commands.movej((1.5, -1.2, 1.0, -1.5, -1.9, 0.9))
     rig.steps(200)
     goal = add(rig.pose(), 0.0, 0.0, 0.1)
-    rig.finish(rig.motion.movel(goal))
+    rig.finish(rig.commands.movel(goal))
     assert rig.pose() == pytest.approx(goal, abs=1e-9)
     assert rig.hardest() < 40.0
 
 
 def test_the_one_who_waited_for_the_old_move_waits_no_longer(rig):
-    old = rig.motion.movej((1.5, *START[1:]))
+    old = rig.commands.movej((1.5, *START[1:]))
     rig.steps(10)
-    rig.motion.movej(START)
+    rig.commands.movej(START)
     assert old.ready

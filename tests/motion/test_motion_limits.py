@@ -38,16 +38,16 @@ def give(rig, name, values, a, v, r):
     near = tuple(p + d for p, d in zip(rig.pose(), values, strict=True))
     via = tuple(p + d for p, d in zip(rig.pose(), (0.05, 0.02, 0, 0, 0, 0), strict=True))
     calls = {
-        "movej": lambda: motion.movej(values, a=a, v=v, r=r),
-        "movel": lambda: motion.movel(near, a=a, v=v, r=r),
-        "movep": lambda: motion.movep(near, a=a, v=v, r=r),
-        "movec": lambda: motion.movec(via, near, a=a, v=v, r=r, mode=int(a) % 2),
-        "servoj": lambda: motion.servoj(values, t=0.008),
-        "servoc": lambda: motion.servoc(near, a=a, v=v, r=r),
-        "speedj": lambda: motion.speedj(values, a=a),
-        "speedl": lambda: motion.speedl(values, a=a),
-        "stopj": lambda: motion.stopj(a),
-        "stopl": lambda: motion.stopl(a),
+        "movej": lambda: motion.commands.movej(values, a=a, v=v, r=r),
+        "movel": lambda: motion.commands.movel(near, a=a, v=v, r=r),
+        "movep": lambda: motion.commands.movep(near, a=a, v=v, r=r),
+        "movec": lambda: motion.commands.movec(via, near, a=a, v=v, r=r, mode=int(a) % 2),
+        "servoj": lambda: motion.commands.servoj(values, t=0.008),
+        "servoc": lambda: motion.commands.servoc(near, a=a, v=v, r=r),
+        "speedj": lambda: motion.commands.speedj(values, a=a),
+        "speedl": lambda: motion.commands.speedl(values, a=a),
+        "stopj": lambda: motion.commands.stopj(a),
+        "stopl": lambda: motion.commands.stopl(a),
         "pause": motion.pause,
         "protective_stop": motion.protective_stop,
         "resume": motion.resume,
@@ -83,7 +83,7 @@ def test_tool_path_by_a_singular_wrist_slows_down_and_arrives(make_rig):
     before = rig.pose()
     goal = (*(a + 2 * (b - a) / 2 for a, b in zip(before[:3], beyond[:3], strict=True)), *beyond[3:])
     goal = (goal[0], goal[1], goal[2] + 0.004, goal[3], goal[4] + 0.02, goal[5])
-    move = rig.motion.movel(goal, v=1.0, a=5.0)
+    move = rig.commands.movel(goal, v=1.0, a=5.0)
     taken = rig.finish(move)
     assert move.failed is None
     assert rig.pose() == pytest.approx(goal, abs=1e-8)
@@ -96,7 +96,7 @@ def test_tool_path_from_the_stretched_arm(make_rig):
     rig = make_rig(q=(0.0, -1.57, 0.0, -1.57, 0.0, 0.0))
     pose = rig.pose()
     goal = (pose[0] + 0.1, pose[1], pose[2] - 0.2, *pose[3:])
-    move = rig.motion.movel(goal)
+    move = rig.commands.movel(goal)
     rig.finish(move)
     if move.failed is None:
         assert rig.pose() == pytest.approx(goal, abs=1e-8)
@@ -106,14 +106,14 @@ def test_tool_path_from_the_stretched_arm(make_rig):
 
 def test_joint_move_to_the_very_limit(rig):
     limit = rig.model.q_max[0]
-    rig.finish(rig.motion.movej((limit, *START[1:]), a=40.0, v=pi))
+    rig.finish(rig.commands.movej((limit, *START[1:]), a=40.0, v=pi))
     assert rig.fault is None
     assert rig.motion.q[0] == limit
 
 
 def test_servo_to_the_very_limit(rig):
     limit = rig.model.q_max[5]
-    rig.motion.servoj((*START[:5], limit), t=0.0, lookahead_time=0.03, gain=2000)
+    rig.commands.servoj((*START[:5], limit), t=0.0, lookahead_time=0.03, gain=2000)
     rig.step()
     rig.rest()
     assert rig.fault is None

@@ -90,7 +90,7 @@ def start_rig(make_rig):
 @given(touches=_touches)
 def test_movej_stays_on_its_joint_line(start_rig, name, touches):
     rig = start_rig(name)
-    disturbed(rig, rig.motion.movej(GOAL, v=1.5, a=5.0), touches)
+    disturbed(rig, rig.commands.movej(GOAL, v=1.5, a=5.0), touches)
     assert off_joint_line(rig, GOAL) < 1e-9
     assert rig.motion.q == GOAL
 
@@ -103,7 +103,7 @@ def test_lines_stay_straight(start_rig, name, command, touches):
     rig = start_rig(name)
     start = rig.pose()
     goal = shifted(start, 0.04, 0.05, 0.06)
-    disturbed(rig, getattr(rig.motion, command)(goal, v=0.4, a=2.0), touches)
+    disturbed(rig, getattr(rig.commands, command)(goal, v=0.4, a=2.0), touches)
     assert max(off_line(place, start[:3], goal[:3]) for place in places(rig)) < ON_PATH_M
     assert rig.pose() == pytest.approx(goal, abs=1e-9)
 
@@ -115,7 +115,7 @@ def test_arcs_stay_round(start_rig, name, touches):
     rig = start_rig(name)
     start, radius = rig.pose(), 0.04
     centre = shifted(start, x=radius)
-    disturbed(rig, rig.motion.movec(shifted(centre, y=radius), shifted(centre, x=radius), v=0.4, a=2.0), touches)
+    disturbed(rig, rig.commands.movec(shifted(centre, y=radius), shifted(centre, x=radius), v=0.4, a=2.0), touches)
     for x, y, z in places(rig):
         assert sqrt((x - centre[0]) ** 2 + (y - centre[1]) ** 2) == pytest.approx(radius, abs=ON_PATH_M)
         assert z == pytest.approx(centre[2], abs=ON_PATH_M)
@@ -130,8 +130,8 @@ def test_a_blended_corner_is_cut_in_the_same_way(start_rig, name, touches):
 
     def corner(rig, touches):
         start = rig.pose()
-        rig.finish(rig.motion.movel(shifted(start, 0.07), v=0.2, r=0.03))
-        disturbed(rig, rig.motion.movel(shifted(start, 0.07, 0.07), v=0.2), touches)
+        rig.finish(rig.commands.movel(shifted(start, 0.07), v=0.2, r=0.03))
+        disturbed(rig, rig.commands.movel(shifted(start, 0.07, 0.07), v=0.2), touches)
         return places(rig)
 
     undisturbed, path = corner(start_rig(name), []), corner(start_rig(name), touches)
@@ -166,7 +166,7 @@ def test_tool_blends(start_rig, name, command, first, second, radius, v):
     start = rig.pose()
     corner = shifted(start, *first)
     goal = shifted(corner, *second)
-    move = getattr(rig.motion, command)
+    move = getattr(rig.commands, command)
     check_blend(rig, [lambda: move(corner, v=v, r=radius), lambda: move(goal, v=v)])
     assert rig.pose() == pytest.approx(goal, abs=1e-8)
     for before, here in pairwise(places(rig)):
@@ -184,7 +184,7 @@ def test_joint_blends(start_rig, name, first, second, radius, v):
     start = rig.motion.q
     corner = tuple(q + bend for q, bend in zip(start, first, strict=True))
     goal = tuple(q + bend for q, bend in zip(corner, second, strict=True))
-    move = rig.motion.movej
+    move = rig.commands.movej
     check_blend(rig, [lambda: move(corner, v=v, a=4.0, r=radius), lambda: move(goal, v=v, a=4.0)])
     assert rig.motion.q == goal
     centre = rig.kinematics.forward(corner)[:3]

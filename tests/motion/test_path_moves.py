@@ -21,7 +21,7 @@ def trapezoid(length, v, a):
 @pytest.mark.parametrize(("a", "v"), [(1.4, 1.05), (5.0, 2.0), (40.0, 3.0)])
 def test_movej_takes_what_its_leading_joint_needs(rig, a, v):
     goal = (1.5, -1.2, 1.0, -1.5, -1.9, 0.9)
-    taken = rig.finish(rig.motion.movej(goal, a=a, v=v))
+    taken = rig.finish(rig.commands.movej(goal, a=a, v=v))
     assert taken == pytest.approx(trapezoid(1.2, v, a), abs=TICK)
     assert rig.motion.q == goal
     assert rig.motion.qd == ZERO
@@ -31,7 +31,7 @@ def test_movej_takes_what_its_leading_joint_needs(rig, a, v):
 
 def test_movej_joints_stay_in_step(rig):
     goal = (1.3, -1.1, 1.7, -1.5, -1.5, 0.2)
-    rig.finish(rig.motion.movej(goal))
+    rig.finish(rig.commands.movej(goal))
     for q in rig.q:
         assert (q[0] - START[0]) / 1.0 == pytest.approx((q[1] - START[1]) / 0.5, abs=1e-12)
 
@@ -39,19 +39,19 @@ def test_movej_joints_stay_in_step(rig):
 def test_movej_asked_too_much_keeps_joint_limits(make_rig):
     rig = make_rig("ur3")  # shoulder half as fast as wrists
     goal = (START[0] + 1, START[1], START[2], START[3], START[4], START[5] + 2)
-    taken = rig.finish(rig.motion.movej(goal, a=1000, v=100))
+    taken = rig.finish(rig.commands.movej(goal, a=1000, v=100))
     assert taken == pytest.approx(trapezoid(2.0, 2 * pi, 40.0), abs=TICK)
 
 
 @pytest.mark.parametrize("t", [0.5, 2.0, 7.0])
 def test_movej_in_given_time(rig, t):
-    taken = rig.finish(rig.motion.movej((1.0, *START[1:]), a=0.001, v=0.001, t=t))
+    taken = rig.finish(rig.commands.movej((1.0, *START[1:]), a=0.001, v=0.001, t=t))
     assert taken == pytest.approx(t, abs=TICK)
 
 
 def test_movej_in_too_short_a_time_is_stretched(rig):
     """An integration test of the official client library asks for 3.14 rad in 0.1 s and expects success."""
-    taken = rig.finish(rig.motion.movej((START[0] + 3.14, *START[1:]), t=0.1))
+    taken = rig.finish(rig.commands.movej((START[0] + 3.14, *START[1:]), t=0.1))
     assert taken == pytest.approx(trapezoid(3.14, pi, 40.0), abs=TICK)
     assert rig.fault is None
 
@@ -61,7 +61,7 @@ def test_movel_goes_straight(make_rig, name):
     rig = make_rig(name)
     start = rig.pose()
     goal = add(start, 0.05, 0.04, -0.03)
-    taken = rig.finish(rig.motion.movel(goal, a=1.0, v=0.2))
+    taken = rig.finish(rig.commands.movel(goal, a=1.0, v=0.2))
     assert taken == pytest.approx(trapezoid(sqrt(0.005), 0.2, 1.0), abs=TICK)
     assert rig.pose() == pytest.approx(goal, abs=1e-9)
     assert rig.motion.qd == ZERO
@@ -74,7 +74,7 @@ def test_movel_goes_straight(make_rig, name):
 def test_movel_uses_the_tcp(rig):
     rig.motion.tcp_offset = (0.0, 0.0, 0.15, 0.0, 0.3, 0.0)
     goal = add(rig.pose(), 0.0, 0.1, 0.0)
-    rig.finish(rig.motion.movel(goal))
+    rig.finish(rig.commands.movel(goal))
     assert rig.pose() == pytest.approx(goal, abs=1e-9)
     assert rig.motion.target_waypoint == pytest.approx(goal)
 
@@ -82,7 +82,7 @@ def test_movel_uses_the_tcp(rig):
 def test_movel_in_too_short_a_time_is_stretched(rig):
     """As for movej: 0.23 m in 0.1 s."""
     goal = add(rig.pose(), 0.0, 0.23, 0.0)
-    assert rig.finish(rig.motion.movel(goal, t=0.1)) < 0.5
+    assert rig.finish(rig.commands.movel(goal, t=0.1)) < 0.5
     assert rig.fault is None
     assert rig.pose() == pytest.approx(goal, abs=1e-9)
 
@@ -91,7 +91,7 @@ def test_pure_rotation_takes_time_by_the_equivalent_radius(rig):
     start = rig.pose()
     rig.motion.tcp_offset = ZERO
     goal = rig.kinematics.forward((*START[:5], START[5] + 1.0), ZERO)
-    taken = rig.finish(rig.motion.movel(goal, a=1.2, v=0.25))
+    taken = rig.finish(rig.commands.movel(goal, a=1.2, v=0.25))
     assert taken == pytest.approx(trapezoid(rig.model.eq_radius * 1.0, 0.25, 1.2), abs=TICK)
     assert rig.pose()[:3] == pytest.approx(start[:3], abs=1e-9)
     assert rig.motion.q == pytest.approx((*START[:5], START[5] + 1.0), abs=1e-6)
@@ -103,7 +103,7 @@ def test_movec_stays_on_the_circle(rig):
     centre = add(start, -radius)
     via = add(centre, radius * cos(1.0), radius * sin(1.0), 0.0)
     goal = add(centre, radius * cos(3.0), radius * sin(3.0), 0.0)
-    taken = rig.finish(rig.motion.movec(via, goal, a=1.0, v=0.1))
+    taken = rig.finish(rig.commands.movec(via, goal, a=1.0, v=0.1))
     assert taken == pytest.approx(trapezoid(3.0 * radius, 0.1, 1.0), abs=TICK)
     assert rig.pose() == pytest.approx(goal, abs=1e-9)
     assert all(dist(rig.kinematics.forward(q)[:3], centre[:3]) == pytest.approx(radius, abs=1e-9) for q in rig.q[::10])
@@ -115,7 +115,7 @@ def test_movec_in_fixed_mode_turns_the_tool_with_the_arc(rig):
     centre = add(start, -radius)
     via = add(centre, radius * cos(0.5), radius * sin(0.5), 0.0)
     goal = add(centre, 0.0, radius, 0.0)  # a quarter turn about the base's z
-    rig.finish(rig.motion.movec(via, goal, mode=1))
+    rig.finish(rig.commands.movec(via, goal, mode=1))
     rig.motion.tcp_offset = ZERO
     turned = rig.kinematics.forward((START[0] + pi / 2, *START[1:]))
     assert rig.pose()[3:] == pytest.approx(turned[3:], abs=1e-9)
@@ -125,7 +125,7 @@ def test_movec_in_fixed_mode_turns_the_tool_with_the_arc(rig):
 def test_movec_over_three_points_on_a_line_is_a_line(rig):
     start = rig.pose()
     goal = add(start, 0.1)
-    rig.finish(rig.motion.movec(add(start, 0.05), goal))
+    rig.finish(rig.commands.movec(add(start, 0.05), goal))
     assert rig.pose() == pytest.approx(goal, abs=1e-9)
 
 
@@ -135,15 +135,15 @@ def test_movec_over_three_points_on_a_line_is_a_line(rig):
 def test_nothing_to_do_takes_one_period(rig, command):
     motion, here = rig.motion, rig.pose()
     move = {
-        "movej": lambda: motion.movej(START, t=3.0),
-        "movel": lambda: motion.movel(here),
-        "movep": lambda: motion.movep(here),
-        "movec": lambda: motion.movec(here, here),
-        "servoc": lambda: motion.servoc(here),
-        "servoj": lambda: motion.servoj(START, t=0.0),
-        "speedj": lambda: motion.speedj(ZERO, a=1.0),
-        "stopj": lambda: motion.stopj(2.0),
-        "stopl": lambda: motion.stopl(2.0),
+        "movej": lambda: motion.commands.movej(START, t=3.0),
+        "movel": lambda: motion.commands.movel(here),
+        "movep": lambda: motion.commands.movep(here),
+        "movec": lambda: motion.commands.movec(here, here),
+        "servoc": lambda: motion.commands.servoc(here),
+        "servoj": lambda: motion.commands.servoj(START, t=0.0),
+        "speedj": lambda: motion.commands.speedj(ZERO, a=1.0),
+        "stopj": lambda: motion.commands.stopj(2.0),
+        "stopl": lambda: motion.commands.stopl(2.0),
     }[command]()
     assert not move.ready
     assert rig.finish(move) == TICK
@@ -155,7 +155,7 @@ def test_nothing_to_do_takes_one_period(rig, command):
 @pytest.mark.parametrize("command", ["movel", "movep", "servoc", "movec"])
 def test_out_of_reach_is_a_fault(rig, command):
     far = (10.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    move = rig.motion.movec(add(rig.pose(), 0.1), far) if command == "movec" else getattr(rig.motion, command)(far)
+    move = rig.commands.movec(add(rig.pose(), 0.1), far) if command == "movec" else getattr(rig.commands, command)(far)
     assert move.failed is not None
     assert (move.failed.code, move.failed.argument) == (204, 5)
     assert rig.motion.advance(1.0) is move.failed
@@ -168,7 +168,7 @@ def test_a_path_that_leaves_the_work_space_brakes(rig):
     """Both ends can be reached, the middle of the straight line cannot: it runs through the base."""
     start = rig.pose()
     goal = rig.kinematics.forward((START[0] + pi, *START[1:]))
-    move = rig.motion.movel(goal, v=0.5)
+    move = rig.commands.movel(goal, v=0.5)
     rig.finish(move)
     assert move.failed is not None
     assert rig.rest() < 0.2
@@ -178,7 +178,7 @@ def test_a_path_that_leaves_the_work_space_brakes(rig):
 @pytest.mark.parametrize("joint", range(6))
 def test_joint_target_outside_the_range_is_a_fault(rig, joint):
     goal = tuple(-123.0 if i == joint else q for i, q in enumerate(START))
-    move = rig.motion.movej(goal)
+    move = rig.commands.movej(goal)
     assert move.failed is not None
     assert (move.failed.code, move.failed.joint) == (150, joint)
     assert rig.motion.advance(1.0) is move.failed
@@ -188,13 +188,13 @@ def test_joint_target_outside_the_range_is_a_fault(rig, joint):
 def test_not_a_number_is_a_fault(rig, bad):
     here = rig.pose()
     for move in (
-        rig.motion.movej((bad, *START[1:])),
-        rig.motion.movel((bad, *here[1:])),
-        rig.motion.servoj((bad, *START[1:]), t=0.1),
-        rig.motion.speedj((bad, 0, 0, 0, 0, 0), a=1.0),
-        rig.motion.speedl((bad, 0, 0, 0, 0, 0), a=1.0),
-        rig.motion.movej(START, a=bad),
-        rig.motion.stopj(bad),
+        rig.commands.movej((bad, *START[1:])),
+        rig.commands.movel((bad, *here[1:])),
+        rig.commands.servoj((bad, *START[1:]), t=0.1),
+        rig.commands.speedj((bad, 0, 0, 0, 0, 0), a=1.0),
+        rig.commands.speedl((bad, 0, 0, 0, 0, 0), a=1.0),
+        rig.commands.movej(START, a=bad),
+        rig.commands.stopj(bad),
     ):
         assert move.failed is not None
     assert rig.motion.advance(1.0) is not None
@@ -205,7 +205,7 @@ def test_unlimited_wrist_turns_beyond_the_others(make_rig):
     rig = make_rig("ur3e")
     assert rig.model.wrist3_unlimited
     goal = (*START[:5], 20.0)
-    move = rig.motion.movej(goal, v=6.0, a=30.0)
+    move = rig.commands.movej(goal, v=6.0, a=30.0)
     while not move.ready:
         assert rig.motion.advance(1.0) is None
     assert rig.motion.q == goal

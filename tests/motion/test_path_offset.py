@@ -21,8 +21,8 @@ def add(pose, *shift):
 
 def offset_on(rig, alpha=0.02):
     """Enabled, with a filter smooth enough for an offset that comes at once."""
-    rig.motion.enable_path_offset()
-    rig.motion.offset_settings.alpha = alpha
+    rig.motion.superposition.enable_path_offset()
+    rig.motion.superposition.settings.alpha = alpha
 
 
 def path_pose(rig):
@@ -31,10 +31,10 @@ def path_pose(rig):
 
 def settle(rig, offset, frame):
     """Enabled, and brought to this offset smoothly."""
-    rig.motion.enable_path_offset()
+    rig.motion.superposition.enable_path_offset()
     for count in range(1, 501):
         share = 0.5 - 0.5 * cos(pi * count / 500)
-        rig.motion.set_path_offset(tuple(share * value for value in offset), frame)
+        rig.motion.superposition.set_path_offset(tuple(share * value for value in offset), frame)
         rig.step()
     rig.step()
 
@@ -55,7 +55,7 @@ def test_a_standing_arm_goes_where_the_offset_is(rig, frame, expected, tcp):
     assert rig.pose() == pytest.approx(expected(start), abs=1e-8)
     assert path_pose(rig) == pytest.approx(start, abs=1e-9)
     assert rig.motion.qd == ZERO
-    assert rig.motion.path_offset(frame) == pytest.approx(SLANTED)
+    assert rig.motion.superposition.path_offset(frame) == pytest.approx(SLANTED)
     for _ in range(300):
         rig.step()
     assert rig.motion.steady
@@ -68,8 +68,8 @@ def test_the_motion_frame_follows_the_path(rig):
     m = rotvec_to_matrix(*start[3:])
     tool_z = (m[2], m[5], m[8])
     offset_on(rig)
-    rig.motion.movel(add(start, 0.0, -0.2), v=0.05)
-    rig.motion.set_path_offset((0.0, 0.004, 0.007, 0, 0, 0), MOTION)
+    rig.commands.movel(add(start, 0.0, -0.2), v=0.05)
+    rig.motion.superposition.set_path_offset((0.0, 0.004, 0.007, 0, 0, 0), MOTION)
     rig.steps(1000)
     x = (0.0, -1.0, 0.0)
     y = cross(x, tool_z)
@@ -114,18 +114,18 @@ def same(a, b):
 
 def test_the_filter_takes_its_share_of_the_difference_each_period(rig):
     offset_on(rig, alpha=0.1)
-    rig.motion.set_path_offset((0, 0, 0.001, 0, 0, 0), BASE)
+    rig.motion.superposition.set_path_offset((0, 0, 0.001, 0, 0, 0), BASE)
     for count in range(1, 40):
         rig.step()
-        assert rig.motion.path_offset(BASE)[2] == pytest.approx(0.001 * (1 - 0.9**count))
+        assert rig.motion.superposition.path_offset(BASE)[2] == pytest.approx(0.001 * (1 - 0.9**count))
 
 
 def test_without_a_filter_the_tool_is_where_the_offset_says_in_each_period(rig):
     start = rig.pose()
-    rig.motion.enable_path_offset()
+    rig.motion.superposition.enable_path_offset()
     for count in range(1000):
         wave = 0.005 * (cos(4 * pi * count / 500) - 1)
-        rig.motion.set_path_offset((0, 0, wave, 0, 0, 0), BASE)
+        rig.motion.superposition.set_path_offset((0, 0, wave, 0, 0, 0), BASE)
         rig.step()
         assert rig.pose()[2] == pytest.approx(start[2] + wave, abs=1e-9)
     assert rig.fault is None
@@ -133,12 +133,12 @@ def test_without_a_filter_the_tool_is_where_the_offset_says_in_each_period(rig):
 
 def test_weaving_beside_a_line_leaves_its_speed_alone(rig):
     start = rig.pose()
-    rig.motion.enable_path_offset()
-    move = rig.motion.movel(add(start, 0.0, 0.1), v=0.05, a=0.5)
+    rig.motion.superposition.enable_path_offset()
+    move = rig.commands.movel(add(start, 0.0, 0.1), v=0.05, a=0.5)
     count = 0
     while not move.ready:
         wave = 0.003 * (1 - cos(2 * pi * 3 * count / 500))
-        rig.motion.set_path_offset((wave, 0, 0, 0, 0, 0), BASE)
+        rig.motion.superposition.set_path_offset((wave, 0, 0, 0, 0, 0), BASE)
         rig.step()
         count += 1
         assert rig.pose()[0] == pytest.approx(start[0] + wave, abs=1e-7)
@@ -149,57 +149,57 @@ def test_weaving_beside_a_line_leaves_its_speed_alone(rig):
 
 @pytest.mark.parametrize("limits", [(0.1, pi / 6), (0.02, 0.1)])
 def test_offsets_are_cut_to_the_limits_of_each_axis(rig, limits):
-    rig.motion.offset_settings.translation_limit, rig.motion.offset_settings.rotation_limit = limits
-    rig.motion.offset_settings.alpha = 0.05
+    rig.motion.superposition.settings.translation_limit, rig.motion.superposition.settings.rotation_limit = limits
+    rig.motion.superposition.settings.alpha = 0.05
     settle(rig, (0.0, 0.0, 1.05 * limits[0], 0.0, 0.0, -1.05 * limits[1]), BASE)
     rig.steps(500)
-    assert rig.motion.path_offset(BASE) == pytest.approx((0, 0, limits[0], 0, 0, -limits[1]), abs=1e-9)
+    assert rig.motion.superposition.path_offset(BASE) == pytest.approx((0, 0, limits[0], 0, 0, -limits[1]), abs=1e-9)
 
 
 def test_a_jump_stops_the_arm(rig):
-    rig.motion.enable_path_offset()
-    rig.motion.set_path_offset((0, 0, 0.02, 0, 0, 0), BASE)
+    rig.motion.superposition.enable_path_offset()
+    rig.motion.superposition.set_path_offset((0, 0, 0.02, 0, 0, 0), BASE)
     rig.step()
     assert str(rig.fault).startswith("C204A1: the path offset")
     rig.rest()
-    assert rig.motion.path_offset(BASE) == ZERO
+    assert rig.motion.superposition.path_offset(BASE) == ZERO
 
 
 def test_an_offset_out_of_reach_stops_the_arm(make_rig):
     rig = make_rig(q=(0.3, -0.02, 0.1, -1.5, -1.5, 0.2))
     start = rig.pose()
     offset_on(rig, alpha=0.005)
-    rig.motion.offset_settings.translation_limit = 2.0
+    rig.motion.superposition.settings.translation_limit = 2.0
     size = (start[0] ** 2 + start[1] ** 2) ** 0.5
-    rig.motion.set_path_offset((0.5 * start[0] / size, 0.5 * start[1] / size, 0, 0, 0, 0), BASE)
+    rig.motion.superposition.set_path_offset((0.5 * start[0] / size, 0.5 * start[1] / size, 0, 0, 0, 0), BASE)
     rig.steps(800)
     assert rig.fault is not None
     rig.rest()
 
 
 def test_a_set_offset_does_nothing_unless_enabled(rig):
-    rig.motion.set_path_offset(LIFT, BASE)
+    rig.motion.superposition.set_path_offset(LIFT, BASE)
     q = rig.motion.q
     rig.steps(10)
     assert rig.motion.q == q
     assert rig.motion.idle
-    rig.motion.enable_path_offset()
+    rig.motion.superposition.enable_path_offset()
     rig.steps(10)
-    assert rig.motion.path_offset(BASE) == ZERO
+    assert rig.motion.superposition.path_offset(BASE) == ZERO
     assert rig.motion.q == pytest.approx(q, abs=1e-10)
 
 
 def test_enabling_again_keeps_the_offset(rig):
     settle(rig, LIFT, BASE)
-    rig.motion.enable_path_offset()
+    rig.motion.superposition.enable_path_offset()
     rig.steps(5)
-    assert rig.motion.path_offset(BASE) == pytest.approx(LIFT)
+    assert rig.motion.superposition.path_offset(BASE) == pytest.approx(LIFT)
 
 
 def test_another_frame_goes_on_from_the_offset_applied(rig):
     settle(rig, SLANTED, BASE)
     before = rig.pose()
-    rig.motion.set_path_offset(rig.motion.path_offset(TCP), TCP)
+    rig.motion.superposition.set_path_offset(rig.motion.superposition.path_offset(TCP), TCP)
     rig.steps(200)
     assert rig.pose() == pytest.approx(before, abs=1e-8)
 
@@ -208,17 +208,17 @@ def test_the_offset_outlives_movements_of_all_kinds(rig):
     start = rig.pose()
     settle(rig, LIFT, BASE)
     goal = add(start, 0.05, 0.03)
-    rig.finish(rig.motion.movel(add(start, 0.05), r=0.01))
-    rig.finish(rig.motion.movel(goal))
+    rig.finish(rig.commands.movel(add(start, 0.05), r=0.01))
+    rig.finish(rig.commands.movel(goal))
     assert rig.pose() == pytest.approx(add(goal, 0, 0, 0.01), abs=1e-8)
     assert rig.motion.target_waypoint == pytest.approx(goal)
     q = rig.motion.path_q
-    rig.finish(rig.motion.movej((q[0] + 0.2, *q[1:]), v=0.5))
+    rig.finish(rig.commands.movej((q[0] + 0.2, *q[1:]), v=0.5))
     assert rig.motion.path_q == pytest.approx((q[0] + 0.2, *q[1:]))
-    rig.motion.speedl((0, 0, -0.05, 0, 0, 0), a=0.5)
+    rig.commands.speedl((0, 0, -0.05, 0, 0, 0), a=0.5)
     rig.steps(200)
-    rig.finish(rig.motion.stopl(1.0))
-    rig.motion.servoj(q, t=0.002)
+    rig.finish(rig.commands.stopl(1.0))
+    rig.commands.servoj(q, t=0.002)
     rig.steps(2500)
     assert rig.pose() == pytest.approx(add(goal, 0, 0, 0.01), abs=1e-6)
     assert rig.fault is None
@@ -230,29 +230,29 @@ def test_disabling_stops_all_joints_together_where_they_are(rig, moving):
     start = rig.pose()
     settle(rig, LIFT, BASE)
     if moving:
-        rig.motion.movel(add(start, 0.2), v=0.2)
+        rig.commands.movel(add(start, 0.2), v=0.2)
         rig.steps(300)
     speed = max(map(abs, rig.motion.qd))
-    took = rig.finish(rig.motion.disable_path_offset(2.0))
+    took = rig.finish(rig.commands.disable_path_offset(2.0))
     assert took == pytest.approx(speed / 2.0, abs=0.004)
     assert rig.motion.idle
     assert rig.pose()[2] == pytest.approx(start[2] + 0.01, abs=2e-3)
     assert rig.motion.path_q == rig.motion.q
-    rig.finish(rig.motion.movel(start))
+    rig.finish(rig.commands.movel(start))
     assert rig.pose() == pytest.approx(start, abs=1e-8)
 
 
 @pytest.mark.parametrize("halt", ["pause", "protective_stop"])
 def test_a_paused_program_stands_and_goes_on_without_a_jump(rig, halt):
     start = rig.pose()
-    rig.motion.enable_path_offset()
-    move = rig.motion.movel(add(start, 0.0, 0.2), v=0.1)
+    rig.motion.superposition.enable_path_offset()
+    move = rig.commands.movel(add(start, 0.0, 0.2), v=0.1)
     wave = 0.0
     for count in range(2500):
         if not 600 <= count < 1000:  # the thread that gives offsets is paused as well
             wave = 0.004 * sin(2 * pi * 2 * (count if count < 600 else count - 400) / 500)
-            rig.motion.offset_settings.alpha = 0.1
-            rig.motion.set_path_offset((wave, 0, 0, 0, 0, 0), BASE)
+            rig.motion.superposition.settings.alpha = 0.1
+            rig.motion.superposition.set_path_offset((wave, 0, 0, 0, 0, 0), BASE)
         if count == 600:
             getattr(rig.motion, halt)()
         if count == 1000:
@@ -267,13 +267,13 @@ def test_a_paused_program_stands_and_goes_on_without_a_jump(rig, halt):
 def test_the_end_of_the_program_ends_the_offset_and_its_settings(rig):
     start = rig.pose()
     settle(rig, LIFT, BASE)
-    rig.motion.movel(add(start, 0.2), v=0.2)
+    rig.commands.movel(add(start, 0.2), v=0.2)
     rig.steps(300)
     rig.motion.program_stopped()
     rig.rest()
-    assert rig.motion.offset_settings == OffsetSettings()
+    assert rig.motion.superposition.settings == OffsetSettings()
     assert rig.pose()[2] == pytest.approx(start[2] + 0.01, abs=1e-3)
-    rig.finish(rig.motion.movel(start))
+    rig.finish(rig.commands.movel(start))
     assert rig.pose() == pytest.approx(start, abs=1e-8)
 
 
@@ -281,22 +281,22 @@ def test_power_off_forgets_the_offset(rig):
     settle(rig, LIFT, BASE)
     rig.motion.halt()
     assert rig.motion.idle
-    assert rig.motion.path_offset(BASE) == ZERO
+    assert rig.motion.superposition.path_offset(BASE) == ZERO
 
 
 def test_force_mode_yields_beside_an_offset(rig):
     """The tool sinks under force while the offset moves it sideways; the next move takes back what the force did."""
     start = rig.pose()
     settle(rig, (0.01, 0, 0, 0, 0, 0), BASE)
-    rig.motion.start_force_mode(ZERO, (0, 0, 1, 0, 0, 0), (0, 0, -10, 0, 0, 0), 2, (0.1,) * 6)
-    rig.motion.offset_settings.alpha = 0.02
-    rig.motion.set_path_offset((0.02, 0, 0, 0, 0, 0), BASE)
+    rig.motion.force_control.force_mode(ZERO, (0, 0, 1, 0, 0, 0), (0, 0, -10, 0, 0, 0), 2, (0.1,) * 6)
+    rig.motion.superposition.settings.alpha = 0.02
+    rig.motion.superposition.set_path_offset((0.02, 0, 0, 0, 0, 0), BASE)
     rig.steps(1500)
     assert rig.pose()[0] == pytest.approx(start[0] + 0.02, abs=1e-6)
     assert rig.pose()[2] < start[2] - 0.02
-    rig.motion.end_force_mode()
+    rig.motion.force_control.end()
     rig.steps(500)
     goal = add(start, 0.0, 0.05)
-    rig.finish(rig.motion.movel(goal))
+    rig.finish(rig.commands.movel(goal))
     assert rig.pose() == pytest.approx(add(goal, 0.02), abs=1e-6)
     assert rig.fault is None

@@ -26,12 +26,12 @@ def on_joint_line(rig):
 @pytest.mark.parametrize("fraction", [1.0, 0.5, 0.1])
 def test_scaling_stretches_time(rig, fraction):
     full = 1.0 / 1.05 + 1.05 / 1.4
-    assert rig.finish(rig.motion.movej(GOAL), fraction) == pytest.approx(full / fraction, abs=0.01)
+    assert rig.finish(rig.commands.movej(GOAL), fraction) == pytest.approx(full / fraction, abs=0.01)
     on_joint_line(rig)
 
 
 def test_target_speed_is_the_physical_one(rig):
-    rig.motion.movej(GOAL, v=1.0)
+    rig.commands.movej(GOAL, v=1.0)
     rig.steps(800, 0.5)
     assert max(map(abs, rig.motion.qd)) == pytest.approx(0.5, rel=1e-6)
 
@@ -40,7 +40,7 @@ def test_target_speed_is_the_physical_one(rig):
 @given(fractions=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=12))
 def test_any_change_of_the_slider_stays_on_the_path(make_rig, fractions):
     rig = make_rig(period_s=0.008)
-    move = rig.motion.movej(GOAL, v=2.0, a=5.0)
+    move = rig.commands.movej(GOAL, v=2.0, a=5.0)
     for fraction in fractions:
         rig.steps(10, fraction)
     rig.finish(move)
@@ -51,7 +51,7 @@ def test_any_change_of_the_slider_stays_on_the_path(make_rig, fractions):
 
 def test_slider_on_a_tool_path(rig):
     start, goal = rig.pose(), add(rig.pose(), 0.2)
-    move = rig.motion.movel(goal, v=0.5)
+    move = rig.commands.movel(goal, v=0.5)
     for fraction in (1.0, 0.2, 0.0, 0.7, 1.0, 0.05, 1.0):
         rig.steps(60, fraction)
     rig.finish(move)
@@ -61,7 +61,7 @@ def test_slider_on_a_tool_path(rig):
 
 
 def test_slider_at_zero_stops_and_goes_on(rig):
-    move = rig.motion.movej(GOAL)
+    move = rig.commands.movej(GOAL)
     rig.steps(300)
     rig.steps(300, 0.0)
     assert rig.motion.qd == ZERO
@@ -74,7 +74,7 @@ def test_slider_at_zero_stops_and_goes_on(rig):
 @pytest.mark.parametrize("tool", [False, True])
 def test_pause_and_resume_on_the_path(rig, after, tool):
     goal = add(rig.pose(), 0.1, 0.1)
-    move = rig.motion.movel(goal, v=0.1) if tool else rig.motion.movej(GOAL)
+    move = rig.commands.movel(goal, v=0.1) if tool else rig.commands.movej(GOAL)
     rig.steps(after)
     rig.motion.pause()
     rig.steps(200)
@@ -97,8 +97,8 @@ def test_pause_and_resume_on_the_path(rig, after, tool):
 def test_pause_in_a_blend(rig):
     start = rig.pose()
     waypoint, goal = add(start, 0.1), add(start, 0.1, 0.1)
-    rig.finish(rig.motion.movel(waypoint, r=0.04))
-    move = rig.motion.movel(goal)
+    rig.finish(rig.commands.movel(waypoint, r=0.04))
+    move = rig.commands.movel(goal)
     rig.steps(20)
     rig.motion.pause()
     rig.steps(200)
@@ -110,7 +110,7 @@ def test_pause_in_a_blend(rig):
 
 
 def test_protective_stop_takes_a_known_time_and_can_be_resumed(rig):
-    move = rig.motion.movej(GOAL, v=2.0, a=10.0)
+    move = rig.commands.movej(GOAL, v=2.0, a=10.0)
     rig.steps(250)
     assert max(map(abs, rig.motion.qd)) == pytest.approx(2.0, rel=0.02)
     rig.motion.protective_stop()
@@ -127,7 +127,7 @@ def test_protective_stop_takes_a_known_time_and_can_be_resumed(rig):
 
 @pytest.mark.parametrize("decel", [2.0, 20.0, None])
 def test_stop_ends_the_movement_on_its_path(rig, decel):
-    move = rig.motion.movej(GOAL, v=0.8)
+    move = rig.commands.movej(GOAL, v=0.8)
     rig.steps(400)
     rig.motion.stop(decel)
     assert rig.rest() == pytest.approx(0.8 / (decel or 10.0), abs=0.008)
@@ -141,12 +141,12 @@ def test_stop_ends_the_movement_on_its_path(rig, decel):
 def test_program_stopped_brings_any_movement_to_rest(rig, command):
     motion, there = rig.motion, add(rig.pose(), 0.1)
     {
-        "movej": lambda: motion.movej(GOAL),
-        "movel": lambda: motion.movel(there),
-        "servoj": lambda: motion.servoj(GOAL, t=0.1),
-        "speedj": lambda: motion.speedj((0.5, 0, 0.2, 0, 0, 0), a=2.0),
-        "speedl": lambda: motion.speedl((0.1, 0, 0, 0, 0, 0.2), a=1.0),
-        "servoc": lambda: motion.servoc(there),
+        "movej": lambda: motion.commands.movej(GOAL),
+        "movel": lambda: motion.commands.movel(there),
+        "servoj": lambda: motion.commands.servoj(GOAL, t=0.1),
+        "speedj": lambda: motion.commands.speedj((0.5, 0, 0.2, 0, 0, 0), a=2.0),
+        "speedl": lambda: motion.commands.speedl((0.1, 0, 0, 0, 0, 0.2), a=1.0),
+        "servoc": lambda: motion.commands.servoc(there),
     }[command]()
     rig.steps(120)
     assert motion.qd != ZERO
@@ -154,12 +154,12 @@ def test_program_stopped_brings_any_movement_to_rest(rig, command):
     assert rig.rest() < 0.5
     assert motion.qd == ZERO
     assert not motion.paused
-    rig.finish(motion.movej(START))  # and the next program moves as ever
+    rig.finish(motion.commands.movej(START))  # and the next program moves as ever
     assert motion.q == START
 
 
 def test_halt_is_instant(rig):
-    rig.motion.movej(GOAL)
+    rig.commands.movej(GOAL)
     rig.steps(100)
     rig.motion.halt()
     assert rig.motion.idle
@@ -171,14 +171,14 @@ def test_halt_is_instant(rig):
 def test_set_position_only_at_rest(rig):
     rig.motion.set_position(GOAL)
     assert rig.motion.q == GOAL
-    rig.motion.movej(START)
+    rig.commands.movej(START)
     rig.step()
     with pytest.raises(ValueError, match="moving"):
         rig.motion.set_position(START)
 
 
 def test_at_rest_nothing_changes(rig):
-    rig.finish(rig.motion.movel(add(rig.pose(), 0.05)))
+    rig.finish(rig.commands.movel(add(rig.pose(), 0.05)))
     stood = rig.motion.q
     rig.steps(50)
     assert rig.motion.q == stood

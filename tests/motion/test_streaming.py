@@ -16,7 +16,7 @@ def add(pose, *shift):
 
 def servo(rig, target, **arguments):
     """One servoj call of one period."""
-    move = rig.motion.servoj(target, t=rig.motion.period_s, **arguments)
+    move = rig.commands.servoj(target, t=rig.motion.period_s, **arguments)
     rig.step()
     assert move.ready
     return max(abs(a - b) for a, b in zip(target, rig.motion.q, strict=True))
@@ -24,12 +24,12 @@ def servo(rig, target, **arguments):
 
 @pytest.mark.parametrize("t", [0.0, 0.002, 0.008, 0.1])
 def test_servoj_blocks_for_t(rig, t):
-    move = rig.motion.servoj((0.4, *START[1:]), t=t)
+    move = rig.commands.servoj((0.4, *START[1:]), t=t)
     assert rig.finish(move) == pytest.approx(max(t, 0.002))
 
 
 def test_servoj_blocks_longer_with_the_slider_down(rig):
-    assert rig.finish(rig.motion.servoj((0.4, *START[1:]), t=0.002), 0.5) == pytest.approx(0.004)
+    assert rig.finish(rig.commands.servoj((0.4, *START[1:]), t=0.002), 0.5) == pytest.approx(0.004)
 
 
 @pytest.mark.parametrize("period_s", PERIODS)
@@ -54,7 +54,7 @@ def test_lag_behind_a_steady_target(make_rig, period_s, settings, lag):
 def test_step_of_the_target_is_reached_without_overshoot(make_rig, period_s, step, settings):
     rig = make_rig(period_s=period_s)
     goal = (START[0] + step, *START[1:])
-    rig.motion.servoj(goal, t=0.0, **settings)
+    rig.commands.servoj(goal, t=0.0, **settings)
     rig.step()
     assert rig.rest() < 4.0
     assert rig.motion.q == goal
@@ -82,7 +82,7 @@ def test_servoj_follows_a_sine_smoothly(rig):
 def test_servoj_then_stopj(rig):
     for k in range(300):
         servo(rig, (START[0] + 0.002 * k, *START[1:]), **DRIVER)
-    assert rig.finish(rig.motion.stopj(4.0)) == pytest.approx(1.0 / 4.0, abs=0.004)
+    assert rig.finish(rig.commands.stopj(4.0)) == pytest.approx(1.0 / 4.0, abs=0.004)
     assert rig.motion.qd == ZERO
     assert rig.motion.idle
 
@@ -92,7 +92,7 @@ def test_servoc_arrives_without_overshoot(make_rig, period_s):
     rig = make_rig(period_s=period_s)
     start = rig.pose()
     goal = add(start, 0.1, 0.05, 0.0, 0.0, 0.0, 0.2)
-    taken = rig.finish(rig.motion.servoc(goal, a=1.0, v=0.2))
+    taken = rig.finish(rig.commands.servoc(goal, a=1.0, v=0.2))
     assert rig.pose() == pytest.approx(goal, abs=1e-6)
     assert rig.motion.idle
     assert taken < 1.2 * (dist(start[:3], goal[:3]) / 0.2 + 0.2)
@@ -101,36 +101,36 @@ def test_servoc_arrives_without_overshoot(make_rig, period_s):
 def test_servoc_is_ready_within_its_radius_and_turns_to_the_next(rig):
     start = rig.pose()
     first = add(start, 0.1)
-    rig.finish(rig.motion.servoc(first, r=0.02))
+    rig.finish(rig.commands.servoc(first, r=0.02))
     assert dist(rig.pose()[:3], first[:3]) == pytest.approx(0.02, abs=1e-3)
     goal = add(first, 0.0, 0.1)
-    rig.finish(rig.motion.servoc(goal))
+    rig.finish(rig.commands.servoc(goal))
     assert rig.pose() == pytest.approx(goal, abs=1e-6)
     assert rig.hardest() < 40.0
 
 
 def test_speedj_without_t_returns_at_speed_and_holds_it(rig):
     wanted = (0.6, -0.3, 0.0, 0.0, 0.0, 0.1)
-    assert rig.finish(rig.motion.speedj(wanted, a=2.0)) == pytest.approx(0.6 / 2.0, abs=0.002)
+    assert rig.finish(rig.commands.speedj(wanted, a=2.0)) == pytest.approx(0.6 / 2.0, abs=0.002)
     rig.steps(100)
     assert rig.motion.qd == pytest.approx(wanted, abs=1e-9)
 
 
 @pytest.mark.parametrize("t", [0.002, 0.1, 0.5])
 def test_speedj_with_t_returns_after_t(rig, t):
-    assert rig.finish(rig.motion.speedj((1.0, 0, 0, 0, 0, 0), a=2.0, t=t)) == pytest.approx(t)
+    assert rig.finish(rig.commands.speedj((1.0, 0, 0, 0, 0, 0), a=2.0, t=t)) == pytest.approx(t)
     assert rig.motion.qd[0] == pytest.approx(min(1.0, 2.0 * (t - 0.001)), abs=1e-9)
 
 
 @pytest.mark.parametrize("t", [1e-16, 0.0, 0.0005])
 def test_speedj_takes_one_period_at_least(rig, t):
-    assert rig.finish(rig.motion.speedj((1.0, 0, 0, 0, 0, 0), a=2.0, t=t)) == 0.002
+    assert rig.finish(rig.commands.speedj((1.0, 0, 0, 0, 0, 0), a=2.0, t=t)) == 0.002
 
 
 def test_speedj_without_acceleration_keeps_its_speed(rig):
-    rig.finish(rig.motion.speedj((0.5, 0, 0, 0, 0, 0), a=2.0))
+    rig.finish(rig.commands.speedj((0.5, 0, 0, 0, 0, 0), a=2.0))
     for _ in range(10):
-        move = rig.motion.speedj((0.5, 0, 0, 0, 0, 0), a=0.0, t=0.002)
+        move = rig.commands.speedj((0.5, 0, 0, 0, 0, 0), a=0.0, t=0.002)
         rig.step()
         assert move.ready
         assert rig.motion.qd[0] == pytest.approx(0.5, abs=1e-9)
@@ -143,24 +143,24 @@ def test_speedj_follows_a_spline_sampled_by_its_speed(rig, fraction):
     for k in range(1, 501):
         share = k * h / duration
         wanted = 0.6 * (6 * share - 6 * share**2) / duration  # cubic from 0 to 0.6 rad
-        move = rig.motion.speedj((wanted, 0, 0, 0, 0, 0), a=abs(wanted - speed) / h, t=h)
+        move = rig.commands.speedj((wanted, 0, 0, 0, 0, 0), a=abs(wanted - speed) / h, t=h)
         rig.finish(move, fraction)
         speed = wanted
     assert rig.motion.q[0] - START[0] == pytest.approx(0.6, abs=1e-4)
-    rig.finish(rig.motion.stopj(4.0))
+    rig.finish(rig.commands.stopj(4.0))
     assert rig.motion.qd == ZERO
 
 
 def test_speedj_beyond_the_joint_limit_is_scaled_as_a_whole(rig):
-    rig.finish(rig.motion.speedj((8.0, 0, 0, 0, 4.0, 0), a=40.0))
+    rig.finish(rig.commands.speedj((8.0, 0, 0, 0, 4.0, 0), a=40.0))
     rig.step()
     most = rig.model.qd_max[0]
     assert rig.motion.qd == pytest.approx((most, 0, 0, 0, most / 2, 0), abs=1e-9)
 
 
 def test_speedj_to_zero_is_rest(rig):
-    rig.finish(rig.motion.speedj((0.5, 0, 0, 0, 0, 0), a=2.0))
-    rig.finish(rig.motion.speedj(ZERO, a=2.0))
+    rig.finish(rig.commands.speedj((0.5, 0, 0, 0, 0, 0), a=2.0))
+    rig.finish(rig.commands.speedj(ZERO, a=2.0))
     assert rig.motion.qd == ZERO
     assert rig.motion.idle
 
@@ -170,7 +170,7 @@ def test_speedj_to_zero_is_rest(rig):
 def test_speedj_into_a_position_limit_is_a_fault_and_stops_inside(make_rig, joint, direction):
     rig = make_rig("ur10e", period_s=0.008)
     speeds = tuple(direction * 2.0 if i == joint else 0.3 for i in range(6))
-    move = rig.motion.speedj(speeds, a=10.0)
+    move = rig.commands.speedj(speeds, a=10.0)
     for _ in range(1000):
         rig.step()
         if rig.fault is not None:
@@ -185,18 +185,18 @@ def test_speedj_into_a_position_limit_is_a_fault_and_stops_inside(make_rig, join
 
 def test_speedl_moves_the_tool_straight(rig):
     start = rig.pose()
-    rig.finish(rig.motion.speedl((0.1, 0, 0, 0, 0, 0), a=0.5, t=1.0))
+    rig.finish(rig.commands.speedl((0.1, 0, 0, 0, 0, 0), a=0.5, t=1.0))
     at = rig.pose()
     assert at[0] - start[0] == pytest.approx(0.1 * 1.0 - 0.1**2 / (2 * 0.5), abs=1e-9)
     assert at[1:] == pytest.approx(start[1:], abs=1e-9)
-    assert rig.finish(rig.motion.stopl(0.5)) == pytest.approx(0.2, abs=0.004)
+    assert rig.finish(rig.commands.stopl(0.5)) == pytest.approx(0.2, abs=0.004)
     assert rig.pose()[0] - at[0] == pytest.approx(0.1**2 / (2 * 0.5), abs=1e-4)
     assert rig.pose()[1:] == pytest.approx(start[1:], abs=1e-5)
     assert rig.motion.qd == ZERO
 
 
 def test_speedl_turns_the_tool(rig):
-    rig.finish(rig.motion.speedl((0, 0, 0, 0, 0, 0.5), a=1.0, a_rot=2.0))
+    rig.finish(rig.commands.speedl((0, 0, 0, 0, 0, 0.5), a=1.0, a_rot=2.0))
     before = rig.pose()
     rig.steps(100)
     assert rig.pose()[:3] == pytest.approx(before[:3], abs=1e-9)
@@ -206,7 +206,7 @@ def test_speedl_turns_the_tool(rig):
 
 
 def test_speedl_out_of_the_work_space_stops_with_a_fault(rig):
-    rig.motion.speedl((0.3, 0, 0.3, 0, 0, 0), a=1.0)
+    rig.commands.speedl((0.3, 0, 0.3, 0, 0, 0), a=1.0)
     for _ in range(5000):
         rig.step()
         if rig.fault:
@@ -219,27 +219,27 @@ def test_speedl_out_of_the_work_space_stops_with_a_fault(rig):
 
 @pytest.mark.parametrize("a", [0.5, 4.0, 40.0])
 def test_stopj_keeps_the_direction_and_takes_v_over_a(rig, a):
-    rig.finish(rig.motion.speedj((1.0, -0.5, 0.25, 0, 0, 0), a=10.0))
+    rig.finish(rig.commands.speedj((1.0, -0.5, 0.25, 0, 0, 0), a=10.0))
     rig.steps(50)
     before = rig.motion.q
-    assert rig.finish(rig.motion.stopj(a)) == pytest.approx(1.0 / a, abs=0.004)
+    assert rig.finish(rig.commands.stopj(a)) == pytest.approx(1.0 / a, abs=0.004)
     moved = [x - y for x, y in zip(rig.motion.q, before, strict=True)]
     assert moved[:3] == pytest.approx((0.5 / a, -0.25 / a, 0.125 / a), abs=1e-6)
     assert rig.motion.qd == ZERO
 
 
 def test_stopl_from_a_joint_move_stays_near_its_screw(rig):
-    rig.motion.movej((1.3, -1.1, 1.5, -1.5, -1.9, 0.9))
+    rig.commands.movej((1.3, -1.1, 1.5, -1.5, -1.9, 0.9))
     rig.steps(400)
-    rig.finish(rig.motion.stopl(1.0, 4.0))
+    rig.finish(rig.commands.stopl(1.0, 4.0))
     assert rig.motion.qd == ZERO
     assert rig.hardest() < 80.0
 
 
 def test_stop_ignores_the_slider(rig):
     """A stop must end in time even when the operator slows the program down."""
-    rig.finish(rig.motion.speedj((1.0, 0, 0, 0, 0, 0), a=10.0))
-    assert rig.finish(rig.motion.stopj(4.0), 0.01) == pytest.approx(0.25, abs=0.004)
+    rig.finish(rig.commands.speedj((1.0, 0, 0, 0, 0, 0), a=10.0))
+    assert rig.finish(rig.commands.stopj(4.0), 0.01) == pytest.approx(0.25, abs=0.004)
 
 
 @pytest.mark.parametrize("period_s", [0.002, 0.008])
@@ -247,7 +247,7 @@ def test_raising_the_slider_from_0_during_servoj_is_a_fault(make_rig, period_s):
     """Seen with the ROS drivers: the arm stands at 0, and the next value stops it protectively."""
     rig = make_rig(period_s=period_s)
     goal = (0.32, *rig.motion.q[1:])
-    rig.motion.servoj(goal, t=5.0)
+    rig.commands.servoj(goal, t=5.0)
     rig.steps(20)
     rig.steps(200, fraction=0.0)
     assert rig.fault is None
@@ -260,7 +260,7 @@ def test_raising_the_slider_from_0_during_servoj_is_a_fault(make_rig, period_s):
 
 
 def test_a_pause_during_servoj_is_no_slider_at_0(rig):
-    move = rig.motion.servoj((0.32, *rig.motion.q[1:]), t=0.5)
+    move = rig.commands.servoj((0.32, *rig.motion.q[1:]), t=0.5)
     rig.steps(20)
     rig.motion.pause()
     rig.steps(100)

@@ -23,10 +23,10 @@ def one_joint(speed):
 @pytest.mark.parametrize("fraction", SLIDERS)
 def test_a_speed_commanded_period_by_period_covers_speed_times_time(make_rig, period_s, fraction):
     rig = make_rig(period_s=period_s)
-    rig.finish(rig.motion.speedj(one_joint(0.5), a=40.0), fraction)
+    rig.finish(rig.commands.speedj(one_joint(0.5), a=40.0), fraction)
     count, before, begun = 50, rig.motion.q[0], len(rig.q)
     for _ in range(count):
-        rig.finish(rig.motion.speedj(one_joint(0.5), a=40.0, t=period_s), fraction)
+        rig.finish(rig.commands.speedj(one_joint(0.5), a=40.0, t=period_s), fraction)
     # the last command ends in the nearest period
     assert rig.motion.q[0] - before == pytest.approx(0.5 * count * period_s, abs=0.51 * 0.5 * period_s * fraction)
     assert len(rig.q) - begun == pytest.approx(count / fraction, abs=1.0)
@@ -45,7 +45,7 @@ def test_a_spline_of_speeds_ends_where_it_should(make_rig, period_s, fraction, t
         share = t / duration
         wanted = way * (6 * share - 6 * share**2) / duration
         how = {"a": max(abs(wanted - speed) / period_s, 1e-3), "t": period_s}
-        command = rig.motion.speedl if tool else rig.motion.speedj
+        command = rig.commands.speedl if tool else rig.commands.speedj
         rig.finish(command(one_joint(wanted), **how), fraction)
         speed = wanted
     rig.steps(2, fraction)  # what is left of the last command
@@ -64,7 +64,7 @@ def test_the_slider_may_be_moved_on_the_way(make_rig, period_s, seed):
     while t < duration - 1e-9:
         t += period_s
         wanted = way * (1.0 - 2.0 * abs(t / duration - 0.5)) * 2.0 / duration
-        move = rig.motion.speedj(one_joint(wanted), a=abs(wanted - speed) / period_s, t=period_s)
+        move = rig.commands.speedj(one_joint(wanted), a=abs(wanted - speed) / period_s, t=period_s)
         speed = wanted
         while not move.ready:
             if random.random() < 0.02:
@@ -79,7 +79,7 @@ def test_the_slider_may_be_moved_on_the_way(make_rig, period_s, seed):
 @pytest.mark.parametrize("period_s", PERIODS)
 def test_a_single_command_covers_its_integral_to_the_period(make_rig, period_s, t, fraction):
     rig = make_rig(period_s=period_s)
-    move = rig.motion.speedj(one_joint(0.4), a=8.0, t=t)
+    move = rig.commands.speedj(one_joint(0.4), a=8.0, t=t)
     took = rig.finish(move, fraction, at_most=100_000)
     assert took == pytest.approx(t / fraction, abs=0.51 * period_s)
     promised = 0.4 * (t - 0.5 * 0.4 / 8.0)
@@ -93,23 +93,23 @@ def test_servoj_commands_take_their_time_on_average(make_rig, period_s, fraction
     begun, count = len(rig.q), 40
     for k in range(count):
         target = (START[0] + 0.05 * sin(2 * pi * k / count), *START[1:])
-        rig.finish(rig.motion.servoj(target, t=period_s, lookahead_time=0.03, gain=2000.0), fraction)
+        rig.finish(rig.commands.servoj(target, t=period_s, lookahead_time=0.03, gain=2000.0), fraction)
     assert len(rig.q) - begun == pytest.approx(count / fraction, abs=1.0)
 
 
 def test_who_comes_late_owes_nothing(rig):
     """A command that was not followed by another in time is over; the next one starts from there."""
-    rig.finish(rig.motion.speedj(one_joint(0.5), a=40.0, t=0.1))
+    rig.finish(rig.commands.speedj(one_joint(0.5), a=40.0, t=0.1))
     rig.steps(50)
     before = rig.motion.q[0]
-    rig.finish(rig.motion.speedj(one_joint(0.5), a=40.0, t=0.1))
+    rig.finish(rig.commands.speedj(one_joint(0.5), a=40.0, t=0.1))
     assert rig.motion.q[0] - before == pytest.approx(0.05)
 
 
 def test_another_command_of_the_kind_takes_over_at_once(rig):
-    rig.motion.speedj(one_joint(0.5), a=40.0, t=10.0)
+    rig.commands.speedj(one_joint(0.5), a=40.0, t=10.0)
     rig.steps(10)
-    rig.finish(rig.motion.speedj(one_joint(-0.5), a=40.0))
+    rig.finish(rig.commands.speedj(one_joint(-0.5), a=40.0))
     rig.step()
     assert rig.motion.qd[0] == pytest.approx(-0.5)
 

@@ -115,7 +115,7 @@ async def test_who_looks_at_the_same_shares_a_connection_which_ends_with_the_las
 
 
 async def test_a_lost_robot_is_told_and_tried_again(monkeypatch) -> None:
-    monkeypatch.setattr("client.pendant.feeds._AGAIN_S", 0.0)
+    monkeypatch.setattr("client.pendant.polling._AGAIN_S", 0.0)
     opened = list[Client]()
     feeds = Feeds(lambda names, rate: Client(names, rate, opened))  # type: ignore[arg-type, return-value]
     feed = feeds.look(["timestamp"], 10.0, keeps=True)

@@ -1,10 +1,14 @@
 """What is asked again and again, and what is done again and again."""
 
 import asyncio
+import struct
 from collections.abc import Callable
 
+import pytest
+
 from client.errors import ClientError
-from client.pendant.polling import Asked, Newest
+from client.pendant.polling import Newest, Poller, PortRegisters, keep_following
+from urproto.modbus import Frame, FrameDecoder, encode_frame
 
 
 async def until(condition: Callable[[], object]) -> None:
@@ -15,7 +19,7 @@ async def until(condition: Callable[[], object]) -> None:
 
 async def test_asks_while_somebody_looks_and_tells_what_is_new() -> None:
     answers, told = [1], []
-    asked = Asked(lambda: answer(), 0.0, lambda: told.append(asked.value))
+    asked = Poller(lambda: answer(), 0.0, lambda: told.append(asked.value))
 
     async def answer() -> int:
         return answers[0]
@@ -35,7 +39,7 @@ async def test_nobody_looks_nobody_asks() -> None:
         asking.append(1)
         return 1
 
-    asked = Asked(answer, 0.0, lambda: None)
+    asked = Poller(answer, 0.0, lambda: None)
     for _ in range(20):
         await asyncio.sleep(0)
     assert not asking
@@ -52,10 +56,70 @@ async def test_says_why_there_is_no_answer() -> None:
     async def answer() -> int:
         raise ClientError("nobody there")
 
-    asked = Asked(answer, 0.0, lambda: None)
+    asked = Poller(answer, 0.0, lambda: None)
     await until(lambda: asked.value is None and asked.trouble)
     assert asked.trouble == "nobody there"
     await asked.close()
+
+
+async def test_what_asking_needs_is_ended_when_nobody_looks_and_when_it_is_closed() -> None:
+    rests, answers = list[int](), list[int]()
+
+    async def rest() -> None:
+        rests.append(1)
+
+    async def answer() -> int:
+        answers.append(1)
+        return len(answers)
+
+    asked = Poller(answer, 0.0, lambda: None, rest)
+    assert asked.value is None
+    await until(lambda: rests)
+    count = len(answers)
+    await until(lambda: asked.value == count + 1)
+    await asked.close()
+    assert len(rests) == 2
+
+
+async def test_a_connection_that_is_lost_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("client.pendant.polling._AGAIN_S", 0.0)
+    tries, told = list[int](), list[str]()
+
+    async def follow() -> None:
+        tries.append(1)
+        raise OSError("gone")
+
+    following = asyncio.create_task(keep_following(follow, told.append))
+    await until(lambda: len(tries) > 2)
+    following.cancel()
+    assert told[:2] == ["gone", "gone"]
+
+
+async def test_registers_are_read_over_one_connection_while_they_are_looked_at() -> None:
+    memory = [*range(256)]
+    connections = list[int]()
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        connections.append(1)
+        frames = FrameDecoder()
+        while data := await reader.read(4096):
+            for frame in frames.feed(data):
+                first, count = struct.unpack(">2H", frame.pdu[1:5])
+                words = struct.pack(f">{count}H", *memory[first : first + count])
+                writer.write(encode_frame(Frame(frame.transaction, frame.unit, bytes([3, 2 * count]) + words)))
+        connections.append(-1)
+        writer.close()
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    registers = PortRegisters("127.0.0.1", server.sockets[0].getsockname()[1], lambda: None)
+    await until(lambda: registers.words == tuple(range(128, 256)))
+    memory[130] = 7
+    await until(lambda: registers.words[2] == 7)
+    assert connections == [1]
+    await until(lambda: sum(connections) == 0)  # nobody looks any more
+    server.close()
+    await until(lambda: registers.words == () and registers.trouble)
+    await registers.close()
 
 
 async def test_of_many_wishes_the_newest_is_carried_out() -> None:

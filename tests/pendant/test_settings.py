@@ -11,13 +11,14 @@ import pytest
 from client.errors import FileError
 from client.pendant.events import EventLog
 from client.pendant.mounting import apply_gravity, apply_payload, apply_tcp, gravity_of, tilt_of
-from client.pendant.outputs import CONFIGURABLE, TOOL, analog_range, set_analog, set_digital
+from client.pendant.outputs import analog_range, set_analog, set_digital
 from client.pendant.page import NotTakenError
 from client.pendant.saved import Tools
 from client.pendant.screens.io_registers import Bank, word_of
 from urproto.errors import RobotRefused
 from urproto.modes import AnalogDomain
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
+from urproto.signals import CONFIGURABLE, TOOL
 from urproto.versions import PolyscopeVersion
 
 E_5_26 = PolyscopeVersion(5, 26)

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from tree_rig import Arm, installation, main, say, sleep, tag
 
-from emulator.io.signals import CONFIGURABLE, STANDARD
 from emulator.lifecycle.power import PowerTimings
 from urproto.modes import RobotMode, RuntimeState
+from urproto.signals import CONFIGURABLE, STANDARD
 
 both_series = pytest.mark.parametrize("model", ["ur5", "ur5e"])
 TCP = '<tcp name="TCP" offset="0, 0, 0.1, 0, 0, 0"/>'

@@ -12,6 +12,7 @@ from tree_rig import Arm
 
 from emulator.commands.requests import DashboardLine, ScriptUnit
 from emulator.control.programs import ProgramVerbs
+from emulator.control.verbs import ControlledRobot
 from emulator.polyscope.installation_file import read_installation
 from emulator.services.sockets import MemorySocket, MemorySockets
 from emulator.services.urcap import DriverAddress, ProgramRequest, split_program
@@ -373,14 +374,14 @@ def test_where_the_driver_is_asked_for(tmp_path):
         assert driver.state == "open"
 
 
-class _Behind(ProgramVerbs):
-    def _wait(self, steps):
+class _Behind(ControlledRobot):
+    def wait(self, steps):
         raise AssertionError("it takes no time")
 
 
 def test_an_address_from_the_control_api_counts_from_the_next_play_on(tmp_path):
     robot = Robot(tmp_path, driver=("10.0.0.8", 7000))
-    _Behind(robot.controller).set_external_control("10.0.0.8", 7000)
+    ProgramVerbs(_Behind(robot.controller)).set_external_control("10.0.0.8", 7000)
     _, driver = robot.play()
     assert driver.state == "open"
 

@@ -22,7 +22,6 @@ from tree_rig import (
     waypoint,
 )
 
-from emulator.io.signals import STANDARD
 from emulator.polyscope.document import read_document
 from emulator.polyscope.installation_file import InstallationFile
 from emulator.polyscope.program import script_of
@@ -31,6 +30,7 @@ from urproto.modes import SafetyMode
 from urproto.robots import load_model
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.pose import pose_dist, pose_trans
+from urproto.signals import STANDARD
 
 ASIDE = (0.3, -1.4, 1.4, -1.5, -1.5, 0.2)
 BACK = (0.0, -1.6, 1.6, -1.6, -1.57, 0.0)

@@ -3,10 +3,10 @@
 import pytest
 from tree_rig import Arm, assign, children, expression, installation, line, main, pin, say, sleep, tag
 
-from emulator.io.signals import STANDARD
 from emulator.reporting.popups import Popup
 from urproto.modes import RuntimeState
 from urproto.primary.messages import RequestValueMessage
+from urproto.signals import STANDARD
 
 
 @pytest.fixture

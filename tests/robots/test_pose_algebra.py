@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from urproto.robots.pose import (
     Pose,
-    Vec3,
     interpolate_pose,
     matrix_to_rotvec,
     point_dist,
@@ -24,6 +23,7 @@ from urproto.robots.pose import (
     rpy_to_rotvec,
     wrench_trans,
 )
+from urproto.vectors import Vector3
 
 TOLERANCE = 1e-12
 IDENTITY: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -38,7 +38,7 @@ lengths = st.floats(-2.0, 2.0)
 
 
 @st.composite
-def rotvecs(draw: st.DrawFn) -> Vec3:
+def rotvecs(draw: st.DrawFn) -> Vector3:
     direction = np.array([draw(components), draw(components), draw(components)])
     size = float(np.linalg.norm(direction))
     direction = direction / size if size > 1e-3 else np.array([0.0, 0.0, 1.0])
@@ -70,13 +70,13 @@ def assert_same(pose_1: Pose, pose_2: Pose) -> None:
 
 
 @given(rotvecs())
-def test_matrix_is_rodrigues_formula(rotvec: Vec3) -> None:
+def test_matrix_is_rodrigues_formula(rotvec: Vector3) -> None:
     expected = homogeneous((0.0, 0.0, 0.0, *rotvec))[:3, :3].ravel()
     assert rotvec_to_matrix(*rotvec) == pytest.approx(expected, abs=TOLERANCE)
 
 
 @given(rotvecs())
-def test_matrix_and_rotation_vector_undo_each_other(rotvec: Vec3) -> None:
+def test_matrix_and_rotation_vector_undo_each_other(rotvec: Vector3) -> None:
     back = matrix_to_rotvec(rotvec_to_matrix(*rotvec))
     assert_same((0.0, 0.0, 0.0, *back), (0.0, 0.0, 0.0, *rotvec))
     assert sqrt(sum(c * c for c in back)) <= pi + TOLERANCE
@@ -84,7 +84,7 @@ def test_matrix_and_rotation_vector_undo_each_other(rotvec: Vec3) -> None:
 
 @pytest.mark.parametrize("angle", [1e-12, 1e-8, 0.5, pi - 1e-6, pi - 1e-9])
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, -0.8), (-0.48, 0.6, 0.64)])
-def test_rotation_vector_keeps_its_digits(axis: Vec3, angle: float) -> None:
+def test_rotation_vector_keeps_its_digits(axis: Vector3, angle: float) -> None:
     rotvec = tuple(angle * c for c in axis)
     assert matrix_to_rotvec(rotvec_to_matrix(*rotvec)) == pytest.approx(rotvec, rel=1e-12, abs=1e-15)
 
@@ -162,7 +162,7 @@ def test_distances_ignore_orientation() -> None:
 
 
 @given(rotvecs())
-def test_rpy_and_rotation_vector_undo_each_other(rotvec: Vec3) -> None:
+def test_rpy_and_rotation_vector_undo_each_other(rotvec: Vector3) -> None:
     rpy = rotvec_to_rpy(*rotvec)
     back = (0.0, 0.0, 0.0, *rpy_to_rotvec(*rpy))
     np.testing.assert_allclose(homogeneous(back), homogeneous((0.0, 0.0, 0.0, *rotvec)), rtol=0, atol=1e-8)

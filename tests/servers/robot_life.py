@@ -22,12 +22,12 @@ from server_rig import MemoryClient
 from emulator.app import make_servers
 from emulator.commands.requests import DashboardLine, PopupAnswer, RTDEInputs
 from emulator.controller import Controller
-from emulator.io.signals import CONFIGURABLE, STANDARD, TOOL
 from emulator.lifecycle.runstate import StopCause
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.machine import ControllerConfig
 from urproto.modes import AnalogDomain, RequestedType
 from urproto.robots import load_model
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL
 from urproto.versions import PolyscopeVersion, Series
 
 Episode = Generator[float, None, None]

@@ -122,9 +122,9 @@ class Robot:
             status, answer = self.call(name)
             assert status == 200, (name, answer)
         for command in available_commands(self.controller.version):
-            if command.words not in ENDS_IT and not command.takes_argument:
-                answer = self.command(command.words.encode())
-                assert answer, command.words
+            if command.form.words not in ENDS_IT and not command.form.takes_argument:
+                answer = self.command(command.form.words.encode())
+                assert answer, command.form.words
                 assert b"rror" not in answer, answer
         self.controller.tick()
         assert self.controller.guard.problem is None

@@ -10,10 +10,10 @@ from emulator.app import Emulator
 from emulator.commands.requests import ModbusCall
 from emulator.config import EmulatorConfig
 from emulator.controller import Controller
-from emulator.io.signals import STANDARD
 from emulator.machine import ControllerConfig
 from emulator.servers.hooks import Direction
 from urproto.robots import load_model
+from urproto.signals import STANDARD
 
 HOST = "127.0.0.1"
 

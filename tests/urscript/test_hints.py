@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from client.control_program import ControlProgram
+from client.driver.control_program import ControlProgram
 from emulator.builtins import LIBRARIES
 from urproto.versions import PolyscopeVersion
 from urscript import CompileError, LibrarySet, compile_script, hints

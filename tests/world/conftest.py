@@ -99,9 +99,9 @@ class Rig:
         gain: float = 1.0,
     ) -> None:
         """Force mode in the base frame, downwards."""
-        self.motion.force_damping, self.motion.force_gain_scaling = damping, gain
+        self.motion.force_control.damping, self.motion.force_control.gain_scaling = damping, gain
         limits = (limit,) * 3 + (1.0,) * 3
-        self.motion.start_force_mode((0.0,) * 6, selection, (0, 0, -newton, 0, 0, 0), 2, limits)
+        self.motion.force_control.force_mode((0.0,) * 6, selection, (0, 0, -newton, 0, 0, 0), 2, limits)
 
 
 @pytest.fixture(scope="session")  # hypothesis' tests use it

@@ -14,7 +14,7 @@ MASS_KG = 20.0  # of the compliant tool
 def move_down(rig, depth_m, speed=0.05):
     """With a position-controlled arm, until it stands."""
     goal = (rig.pose[0], rig.pose[1], rig.pose[2] - depth_m, *rig.pose[3:])
-    rig.motion.movel(goal, v=speed, a=1.0)
+    rig.motion.commands.movel(goal, v=speed, a=1.0)
     rig.tick()
     rig.until(lambda: rig.motion.idle)
     rig.tick(2)
@@ -107,7 +107,7 @@ def test_sliding_is_held_back_by_coulomb_friction(rig):
     rig.table(0.0, stiffness=1e4, friction=0.4)
     move_down(rig, 0.003)
     x, y, *rest = rig.pose
-    rig.motion.movel((x, y + 0.05, *rest), v=0.1, a=1.0)
+    rig.motion.commands.movel((x, y + 0.05, *rest), v=0.1, a=1.0)
     rig.seconds(0.3)
     assert rig.force[2] == pytest.approx(30, abs=0.1)
     assert rig.force[1] == pytest.approx(-12, abs=0.1)
@@ -153,7 +153,7 @@ def test_no_contact_no_force_no_change(make):
     for rig in (alone, with_world):
         rig.press(20.0)
         rig.seconds(0.5)
-        rig.motion.end_force_mode()
-        rig.motion.movej((0.2, -1.4, 1.4, -1.6, -1.57, 0.1))
+        rig.motion.force_control.end()
+        rig.motion.commands.movej((0.2, -1.4, 1.4, -1.6, -1.57, 0.1))
         rig.seconds(1.0)
     assert alone.controller.snapshot == with_world.controller.snapshot

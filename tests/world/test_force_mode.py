@@ -99,7 +99,7 @@ def test_pressing_and_sliding_keeps_the_force(make, model):
     rig.world.add("slope", WorldObject(Plane(), (x, y, z, 0.1, 0.0, 0.0)))
     rig.press(10.0, damping=0.05)
     rig.seconds(2.0)
-    rig.motion.movel((x, y + 0.06, z, *rig.pose[3:]), v=0.02, a=0.5)
+    rig.motion.commands.movel((x, y + 0.06, z, *rig.pose[3:]), v=0.02, a=0.5)
     rig.seconds(2.0)
     assert rig.motion.qd != (0.0,) * 6
     assert rig.force[2] == pytest.approx(10.0, abs=0.8)  # friction of the force loop against the climb: 0.6 N
@@ -124,7 +124,7 @@ def test_position_control_against_a_table_presses_harder_and_harder(rig):
     """No force mode: the table's stiffness decides, until a joint current is off the model by its window."""
     rig.table(0.002, stiffness=5e4)
     x, y, z, *turn = rig.pose
-    rig.motion.movel((x, y, z - 0.02, *turn), v=0.01, a=1.0)
+    rig.motion.commands.movel((x, y, z - 0.02, *turn), v=0.01, a=1.0)
     ratios = []
     for _ in range(round(1.0 / rig.controller.period_s)):
         rig.tick()
@@ -138,7 +138,7 @@ def test_position_control_against_a_table_presses_harder_and_harder(rig):
 def test_a_hand_moves_the_arm_in_freedrive_down_to_the_table(make, model):
     rig = make(model)
     table = rig.table(0.01)
-    rig.motion.freedrive()
+    rig.motion.commands.freedrive()
     rig.post(PushTool(Push((0.0, 0.0, -20.0, 0.0, 0.0, 0.0))))
     rig.seconds(4.0)
     assert rig.pose[2] == pytest.approx(table.pose[2] - 20.0 / table.stiffness, abs=1e-5)
@@ -188,7 +188,7 @@ def test_a_stretched_arm_presses_too(make):
     rig = make("ur5e", initial_q=(0.0, -pi / 2, 0.0, -pi / 2, 0.0, 0.0))
     x, y, z, *_ = rig.pose
     rig.world.add("wall", WorldObject(Plane(), (x + 0.01, y, z, 0.0, -pi / 2, 0.0)))
-    rig.motion.freedrive()
+    rig.motion.commands.freedrive()
     rig.post(PushTool(Push((15.0, 0.0, 0.0, 0.0, 0.0, 0.0))))
     rig.seconds(4.0)
     assert rig.force[0] == pytest.approx(0.0, abs=1.0)

@@ -6,9 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from client.pendant.arm_shapes import link_parts
 from emulator.world.links import Links
 from emulator.world.shapes import Box, Plane, Sphere, WorldObject
 from urproto.robots import MODELS, load_model
+from urproto.robots.shapes import ArmCapsules, capsules
 
 POSTURES = [(0.3, -1.2, 1.4, -1.9, -1.1, 0.4), (-2.0, -0.4, -1.1, 0.7, 1.9, -0.6)]
 
@@ -25,11 +27,24 @@ def test_axes_run_along_the_links(model, q):
         link = pin.SE3(pin.utils.rotate("x", dh.alpha[i]), np.array((dh.a[i], 0.0, 0.0)))
         place = place * turn * link
         origins.append(place.translation)
-    upper, fore, wrist_1, wrist_2 = Links(robot).axes(q)
+    base, upper, fore, wrist_1, wrist_2, wrist_3 = ArmCapsules(robot).axes(q)
+    assert base == ((0.0, 0.0, 0.0), pytest.approx(origins[0], abs=1e-8))
     assert np.linalg.norm(np.subtract(*upper)) == pytest.approx(abs(dh.a[1]))
     assert np.linalg.norm(np.subtract(*fore)) == pytest.approx(abs(dh.a[2]))
     assert wrist_1[1] == pytest.approx(origins[3], abs=1e-8)
     assert wrist_2 == (pytest.approx(origins[3], abs=1e-8), pytest.approx(origins[4], abs=1e-8))
+    assert wrist_3 == (pytest.approx(origins[4], abs=1e-8), pytest.approx(origins[5], abs=1e-8))
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_links_are_as_thick_in_every_picture_of_the_arm(model):
+    """In collisions, in the description for planners and on the pendant."""
+    robot = load_model(model)
+    described = [capsule.radius for capsule in capsules(robot)]
+    assert list(ArmCapsules(robot).radii) == [described[0], *described[2:]]
+    drawn = [max(radius for part in parts for radius, _ in part.profile) for parts in link_parts(robot)]
+    # housings are drawn with rims; those of the last link are 6 % narrower
+    assert drawn[2:6] == pytest.approx([described[2], *described[3:6]], rel=0.02)
 
 
 @pytest.fixture
@@ -46,9 +61,9 @@ def extra(rig):
 
 
 def test_a_post_under_the_forearm_is_felt_by_the_joints_before_it(arm):
-    start, end = arm.world.links.axes(arm.now.actual_q)[1]
+    start, end = ArmCapsules(arm.controller.model).axes(arm.now.actual_q)[2]
     middle = [0.5 * (a + b) for a, b in zip(start, end, strict=True)]
-    radius = arm.world.links.radii[1]
+    radius = ArmCapsules(arm.controller.model).radii[2]
     post = WorldObject(Sphere(0.05), (middle[0], middle[1], middle[2] - radius - 0.049, 0, 0, 0), stiffness=1e5)
     arm.world.add("post", post)
     arm.tick(2)
@@ -68,10 +83,11 @@ def test_power_of_a_push_agrees_with_that_of_the_joints(arm, shape):
     """Virtual work: what the joints feel is the gradient of the spring's energy along each of them."""
     links = arm.world.links
     q = list(arm.now.actual_q)
-    start, end = links.axes(q)[1]
+    arm_capsules = ArmCapsules(arm.controller.model)
+    start, end = arm_capsules.axes(q)[2]
     x, y, z = (0.5 * (a + b) for a, b in zip(start, end, strict=True))
     below = {Plane: 0.0, Box: 0.2, Sphere: 0.2}[type(shape)]
-    place = (x, y, z - links.radii[1] - below + 0.002, 0.1, 0.2, 0.0)
+    place = (x, y, z - arm_capsules.radii[2] - below + 0.002, 0.1, 0.2, 0.0)
     thing = WorldObject(shape, place, stiffness=2e4, damping=0.0)
     links.surround([thing])
 
@@ -89,6 +105,6 @@ def test_power_of_a_push_agrees_with_that_of_the_joints(arm, shape):
 def test_the_arm_laid_on_a_block_by_its_upper_arm_overloads_a_joint(arm):
     """The tool is far beyond the block; the upper arm is not."""
     arm.world.add("block", WorldObject(Box((0.2, 0.6, 0.1)), (0.3, 0.0, 0.08, 0, 0, 0), stiffness=1e5))
-    arm.motion.movej((0.0, -pi, 0.0, 0.0, 0.0, 0.0), a=1.0, v=0.5)
+    arm.motion.commands.movej((0.0, -pi, 0.0, 0.0, 0.0, 0.0), a=1.0, v=0.5)
     arm.until(lambda: arm.now.collision_detection_ratio == 1.0)
     assert arm.force == (0.0,) * 6

@@ -27,13 +27,11 @@ from urproto.modes import (
     ToolOutputMode,
 )
 from urproto.primary._wire import frame
+from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
 from urproto.versions import Availability, PolyscopeVersion
 
-Vector3 = tuple[float, float, float]
-Vector6 = tuple[float, float, float, float, float, float]
 Layout = tuple[tuple[str, str], ...]
 
-_ZERO6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _ALWAYS = Availability.since("3.0", "5.0")
 _FROM_3_2 = Availability.since("3.2", "5.0")
 _FROM_3_3 = Availability.since("3.3", "5.0")
@@ -289,7 +287,7 @@ class CartesianInfo(SubPackage):
     _later: ClassVar[tuple[tuple[Availability, Layout], ...]] = ((_FROM_3_2, (("tcp_offset", "6d"),)),)
 
     pose_base_tcp: Vector6
-    tcp_offset: Vector6 = _ZERO6
+    tcp_offset: Vector6 = ZERO6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -312,10 +310,10 @@ class KinematicsInfo(SubPackage):
     )
 
     checksum: tuple[int, ...] = (0xFFFFFFFF,) * 6
-    dh_theta: Vector6 = _ZERO6
-    dh_a: Vector6 = _ZERO6
-    dh_d: Vector6 = _ZERO6
-    dh_alpha: Vector6 = _ZERO6
+    dh_theta: Vector6 = ZERO6
+    dh_a: Vector6 = ZERO6
+    dh_d: Vector6 = ZERO6
+    dh_alpha: Vector6 = ZERO6
     status: int = KinematicsStatus.OK
 
     @classmethod
@@ -399,7 +397,7 @@ class ForceModeData(SubPackage):
     type: ClassVar[int] = 7
     _layout: ClassVar[Layout] = (("frame", "6d"), ("dexterity", "d"))
 
-    frame: Vector6 = _ZERO6
+    frame: Vector6 = ZERO6
     dexterity: float = 0.0
 
 
@@ -428,7 +426,7 @@ class CalibrationData(SubPackage):
     type: ClassVar[int] = 9
     _layout: ClassVar[Layout] = (("wrench", "6d"),)
 
-    wrench: Vector6 = _ZERO6
+    wrench: Vector6 = ZERO6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -448,7 +446,7 @@ class SafetyData(SubPackage):
     checksum: int = 0
     flag0: int = 1
     flag1: int = 1
-    elbow_position: Vector3 = (0.0, 0.0, 0.0)
+    elbow_position: Vector3 = ZERO3
     elbow_radius: float = 0.0
 
 

@@ -14,7 +14,8 @@ from typing import Final
 from urproto.robots.calibration import chain_of
 from urproto.robots.kinematics import Jacobian, Kinematics, unwind, wrap
 from urproto.robots.model import DH, Joints, RobotModel
-from urproto.robots.pose import Matrix3, Pose, Vec3, matrix_to_rotvec, pose_trans, rotvec_to_matrix
+from urproto.robots.pose import Pose, matrix_to_rotvec, pose_trans, rotvec_to_matrix
+from urproto.vectors import Matrix3, Vector3
 
 _ARRIVED: Final = 1e-10  # m and rad
 _STEPS: Final = 12  # from a start that is near, two or three are enough; at singular arms more
@@ -31,7 +32,7 @@ _MOVED_RAD: Final = 0.5  # how far Newton's steps may lead from the closed form'
 _DISTINCT_RAD: Final = 1e-6
 _TINY: Final = 1e-24  # of a pivot that rounding has made nothing
 
-_Spot = tuple[Vec3, Matrix3]
+_Spot = tuple[Vector3, Matrix3]
 
 
 def kinematics_of(model: RobotModel) -> Kinematics:
@@ -53,11 +54,11 @@ class CalibratedKinematics(Kinematics):
         flange = (*place, *matrix_to_rotvec(axes))
         return flange if tcp_offset is None else pose_trans(flange, tcp_offset)
 
-    def elbow_position(self, q_rad: Sequence[float]) -> Vec3:
+    def elbow_position(self, q_rad: Sequence[float]) -> Vector3:
         """Where joint 3 begins, in the base frame [m]."""
         return self._spots(q_rad)[2][0]
 
-    def wrist_position(self, q_rad: Sequence[float]) -> Vec3:
+    def wrist_position(self, q_rad: Sequence[float]) -> Vector3:
         """Where joint 4's axis crosses the arm's plane, in the base frame [m]."""
         (x, y, z), axes = self._spots(q_rad)[3]
         aside = self._chain[3].position[2]

@@ -16,9 +16,10 @@ from itertools import product
 from math import atan2, cos, hypot, sin, tau
 from typing import Any, Final, NamedTuple, Self
 
+from urproto.errors import URError
 from urproto.robots.model import DH, Joints, RobotModel
-from urproto.robots.pose import Matrix3, Vec3
 from urproto.text import quoted
+from urproto.vectors import Matrix3, Vector3
 
 LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """Names of the six frames in ur_description's files."""
@@ -31,18 +32,18 @@ _FARTHEST_M: Final = 0.03  # guess: calibrations move a frame by millimetres
 _MOST_TURNED: Final = 0.05  # rad (guess)
 
 
-class CalibrationError(ValueError):
+class CalibrationError(URError, ValueError):
     """No calibration, or one of another arm. The text says why."""
 
 
 class Frame(NamedTuple):
     """Where a joint's frame is in the frame before, at joint angle 0."""
 
-    position: Vec3  # m
+    position: Vector3  # m
     axes: Matrix3
 
     @property
-    def rpy(self) -> Vec3:
+    def rpy(self) -> Vector3:
         """Roll, pitch, yaw [rad] about fixed axes, as in URDF: R = Rz(yaw) Ry(pitch) Rx(roll)."""
         r = self.axes
         return (atan2(r[7], r[8]), atan2(-r[6], hypot(r[0], r[3])), atan2(r[3], r[0]))

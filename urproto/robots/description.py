@@ -18,8 +18,9 @@ from urproto.joints import JOINT_NAMES
 from urproto.robots.calibration import Chain, Frame, chain_of
 from urproto.robots.meshes import PlacedMesh, mesh_file, placed_meshes
 from urproto.robots.model import DH, Link, RobotModel
-from urproto.robots.pose import Pose, Vec3, matrix_to_rotvec, rpy_to_rotvec
+from urproto.robots.pose import Pose, matrix_to_rotvec, rpy_to_rotvec
 from urproto.robots.shapes import Capsule, capsules
+from urproto.vectors import ZERO3, Vector3
 
 _LINKS: Final = (
     "base_link_inertia",
@@ -30,8 +31,7 @@ _LINKS: Final = (
     "wrist_2_link",
     "wrist_3_link",
 )
-_ZERO: Final[Vec3] = (0.0, 0.0, 0.0)
-_FIXED: Final[Sequence[tuple[str, str, str, Vec3]]] = (
+_FIXED: Final[Sequence[tuple[str, str, str, Vector3]]] = (
     ("base_link-base_link_inertia", "base_link", "base_link_inertia", (0.0, 0.0, pi)),
     ("base_link-base_fixed_joint", "base_link", "base", (0.0, 0.0, pi)),
     ("wrist_3_link-ft_frame", "wrist_3_link", "ft_frame", (pi, 0.0, 0.0)),
@@ -61,7 +61,7 @@ def joint_frames(model: RobotModel, prefix: str = "") -> list[JointFrame]:
         for name, (parent, child), (position, axes) in chain
     ]
     return moving + [
-        JointFrame(prefix + name, prefix + parent, prefix + child, (*_ZERO, *rpy_to_rotvec(*rpy)), False)
+        JointFrame(prefix + name, prefix + parent, prefix + child, (*ZERO3, *rpy_to_rotvec(*rpy)), False)
         for name, parent, child, rpy in _FIXED
     ]
 
@@ -93,7 +93,7 @@ def urdf(model: RobotModel, *, meshes: Path | None = None, prefix: str = "") -> 
         if child not in _LINKS:
             _fixed_link(root, prefix + child)
         joint = SubElement(root, "joint", name=prefix + name, type="fixed")
-        _origin(joint, _ZERO, rpy)
+        _origin(joint, ZERO3, rpy)
         SubElement(joint, "parent", link=prefix + parent)
         SubElement(joint, "child", link=prefix + child)
     indent(root)
@@ -127,11 +127,11 @@ def _inertial(parent: Element, link: Link, dh: DH, i: int) -> None:
     SubElement(inertial, "inertia", ixx=xx, ixy=xy, ixz=xz, iyy=yy, iyz=yz, izz=zz)
 
 
-def _origin(parent: Element, xyz: Vec3, rpy: Vec3) -> None:
+def _origin(parent: Element, xyz: Vector3, rpy: Vector3) -> None:
     SubElement(parent, "origin", xyz=_numbers(xyz), rpy=_numbers(rpy))
 
 
-def _numbers(values: Vec3) -> str:
+def _numbers(values: Vector3) -> str:
     return " ".join(repr(value + 0.0) for value in values)
 
 
@@ -156,12 +156,12 @@ def _parts(capsule: Capsule) -> list[_Put]:
     length = repr(dist(capsule.start, capsule.end))
     return [
         _shape(middle, turn, "cylinder", radius=radius, length=length),
-        _shape(capsule.start, _ZERO, "sphere", radius=radius),
-        _shape(capsule.end, _ZERO, "sphere", radius=radius),
+        _shape(capsule.start, ZERO3, "sphere", radius=radius),
+        _shape(capsule.end, ZERO3, "sphere", radius=radius),
     ]
 
 
-def _shape(xyz: Vec3, rpy: Vec3, kind: str, **size: str) -> _Put:
+def _shape(xyz: Vector3, rpy: Vector3, kind: str, **size: str) -> _Put:
     def put(parent: Element, colour: str | None) -> None:
         _origin(parent, xyz, rpy)
         SubElement(SubElement(parent, "geometry"), kind, size)

@@ -18,9 +18,10 @@ from urproto.robots.calibration import chain_of
 from urproto.robots.kinematics import Jacobian
 from urproto.robots.model import DH, Joints, RobotModel
 from urproto.robots.pose import rotvec_to_matrix
+from urproto.vectors import ZERO6
 
 _STANDARD_GRAVITY: Final = (0.0, 0.0, 9.82)  # m/s2, default of URScript's set_gravity (Script Manual)
-_NO_INERTIA: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_NO_INERTIA: Final = ZERO6
 _Vector = npt.NDArray[np.float64]
 
 

@@ -25,7 +25,8 @@ from math import acos, atan2, copysign, cos, dist, hypot, inf, pi, remainder, si
 from typing import Final
 
 from urproto.robots.model import DH, Joints
-from urproto.robots.pose import Matrix3, Pose, Vec3, matrix_to_rotvec, pose_trans, rotvec_to_matrix
+from urproto.robots.pose import Pose, matrix_to_rotvec, pose_trans, rotvec_to_matrix
+from urproto.vectors import Matrix3, Vector3, cross
 
 Jacobian = tuple[Joints, Joints, Joints, Joints, Joints, Joints]
 """Six rows: linear x, y, z [m/rad], angular x, y, z [rad/rad]; one column a joint."""
@@ -77,7 +78,7 @@ class Kinematics:
         flange = (c1 * reach + s1 * aside, s1 * reach - c1 * aside, height, *matrix_to_rotvec(axes))
         return flange if tcp_offset is None else pose_trans(flange, tcp_offset)
 
-    def elbow_position(self, q_rad: Sequence[float]) -> Vec3:
+    def elbow_position(self, q_rad: Sequence[float]) -> Vector3:
         """Where the axis of joint 3 crosses the arm's plane, in the base frame [m].
 
         That the controller means this point, and not the housing beside it, is a guess.
@@ -86,7 +87,7 @@ class Kinematics:
         reach = self._a2 * cos(q2)
         return (cos(q1) * reach, sin(q1) * reach, self._d1 + self._a2 * sin(q2))
 
-    def wrist_position(self, q_rad: Sequence[float]) -> Vec3:
+    def wrist_position(self, q_rad: Sequence[float]) -> Vector3:
         """Where the axis of joint 4 crosses the arm's plane, in the base frame [m]."""
         q1, q2, q3, *_ = q_rad
         reach = self._a2 * cos(q2) + self._a3 * cos(q2 + q3)
@@ -113,7 +114,7 @@ class Kinematics:
         arm = (px - wrist[0], py - wrist[1], pz - wrist[2])
         # the axis of joint 6 runs d5 z4 further out
         arm_6 = (arm[0] - self._d5 * z4[0], arm[1] - self._d5 * z4[1], arm[2] - self._d5 * z4[2])
-        v5, v6 = _cross(z4, arm), _cross(z5, arm_6)
+        v5, v6 = cross(z4, arm), cross(z5, arm_6)
         return (
             (-py, -c1 * h1, -c1 * h2, -c1 * h3, v5[0], v6[0]),
             (px, -s1 * h1, -s1 * h2, -s1 * h3, v5[1], v6[1]),
@@ -291,7 +292,3 @@ def _turned(angle: float, near: float, low: float, high: float) -> float:
     elif nearest < low:
         nearest += tau
     return nearest if low <= nearest <= high else inf
-
-
-def _cross(a: Vec3, b: Vec3) -> Vec3:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from urproto.robots.model import RobotModel
-from urproto.robots.pose import Vec3
+from urproto.vectors import ZERO3, Vector3
 
 _MESHES: Final = ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3")
-_ZERO: Final[Vec3] = (0.0, 0.0, 0.0)
-_MESH_RPY: Final[Sequence[Vec3]] = (
+_MESH_RPY: Final[Sequence[Vector3]] = (
     *((0.0, 0.0, pi), (0.0, 0.0, pi), (pi / 2, 0.0, -pi / 2), (pi / 2, 0.0, -pi / 2)),
-    *((pi / 2, 0.0, 0.0), _ZERO, (pi / 2, 0.0, 0.0)),
+    *((pi / 2, 0.0, 0.0), ZERO3, (pi / 2, 0.0, 0.0)),
 )
 _UR5E: Final = (0.138, 0.007, -0.127, -0.0997, -0.0989)
 _UR10E: Final = (0.1762, 0.0393, -0.135, -0.12, -0.1168)
@@ -45,8 +44,8 @@ class PlacedMesh(NamedTuple):
     """name: of its files, without ending. position [m] and rpy [rad, about fixed axes]: in the link's frame."""
 
     name: str
-    position: Vec3
-    rpy: Vec3
+    position: Vector3
+    rpy: Vector3
 
 
 def placed_meshes(model: RobotModel) -> tuple[PlacedMesh, ...]:

@@ -14,10 +14,10 @@ from math import inf
 from pathlib import Path
 from typing import Any, Final, Self
 
-from urproto.robots.pose import Vec3
+from urproto.vectors import Vector3, Vector6
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
-Joints = tuple[float, float, float, float, float, float]
+Joints = Vector6
 """One number for each joint: base, shoulder, elbow, wrist 1, wrist 2, wrist 3."""
 
 START_Q: Final[Joints] = (-1.6007, -1.7271, -2.2030, -0.8080, 1.5951, -0.0310)
@@ -52,7 +52,7 @@ class Link:
     """Mass properties of the link that a joint moves, in the Denavit-Hartenberg frame at its far end."""
 
     mass_kg: float
-    com_m: Vec3
+    com_m: Vector3
     inertia_kg_m2: tuple[float, float, float, float, float, float]
     """Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass."""
 
@@ -167,7 +167,7 @@ class _Table:
         a, b, c, d, e, f = self._numbers(key, 6)
         return (a, b, c, d, e, f)
 
-    def vector(self, key: str) -> Vec3:
+    def vector(self, key: str) -> Vector3:
         x, y, z = self._numbers(key, 3)
         return (x, y, z)
 

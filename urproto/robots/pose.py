@@ -11,10 +11,9 @@ going through the trace of a matrix loses half of the digits.
 from collections.abc import Sequence
 from math import atan2, cos, hypot, sin, sqrt
 
-Vec3 = tuple[float, float, float]
-Pose = tuple[float, float, float, float, float, float]
-Matrix3 = tuple[float, float, float, float, float, float, float, float, float]
-"""A 3x3 matrix, row by row."""
+from urproto.vectors import ZERO3, Axes, Matrix3, Vector3, Vector6
+
+Pose = Vector6
 
 _Quaternion = tuple[float, float, float, float]
 
@@ -102,13 +101,19 @@ def rotvec_to_matrix(rx: float, ry: float, rz: float) -> Matrix3:
     return (1.0 - yy - zz, xy - wz, xz + wy, xy + wz, 1.0 - xx - zz, yz - wx, xz - wy, yz + wx, 1.0 - xx - yy)
 
 
+def axes_of(pose: Sequence[float]) -> Axes:
+    """The axes of a pose's orientation, in the frame that the pose is given in."""
+    m = rotvec_to_matrix(*pose[3:])
+    return (m[0], m[3], m[6]), (m[1], m[4], m[7]), (m[2], m[5], m[8])
+
+
 def rotvec_to_quaternion(rx: float, ry: float, rz: float) -> tuple[float, float, float, float]:
     """Unit quaternion x, y, z, w (as ROS writes them) of a rotation vector [rad]."""
     w, x, y, z = _quaternion(rx, ry, rz)
     return (x, y, z, w)
 
 
-def matrix_to_rotvec(matrix: Sequence[float]) -> Vec3:
+def matrix_to_rotvec(matrix: Sequence[float]) -> Vector3:
     """Rotation vector [rad], at most pi long, of a rotation matrix given row by row.
 
     The quaternion is built around its largest component, which the matrix holds exactly.
@@ -123,13 +128,13 @@ def matrix_to_rotvec(matrix: Sequence[float]) -> Vec3:
     return _rotvec((yx - xy, xz + zx, yz + zy, 1.0 - xx - yy + zz))
 
 
-def rpy_to_rotvec(roll: float, pitch: float, yaw: float) -> Vec3:
+def rpy_to_rotvec(roll: float, pitch: float, yaw: float) -> Vector3:
     """Rotation vector of turns about the fixed axes x, y, z in this order (R = Rz Ry Rx), all rad."""
     yaw_pitch = _multiply(_quaternion(0.0, 0.0, yaw), _quaternion(0.0, pitch, 0.0))
     return _rotvec(_multiply(yaw_pitch, _quaternion(roll, 0.0, 0.0)))
 
 
-def rotvec_to_rpy(rx: float, ry: float, rz: float) -> Vec3:
+def rotvec_to_rpy(rx: float, ry: float, rz: float) -> Vector3:
     """Roll, pitch, yaw [rad] about fixed axes; pitch in [-pi/2, pi/2], yaw 0 where roll and yaw coincide."""
     r = rotvec_to_matrix(rx, ry, rz)
     level = hypot(r[0], r[3])
@@ -146,12 +151,12 @@ def _quaternion(rx: float, ry: float, rz: float) -> _Quaternion:
     return (cos(0.5 * angle), scale * rx, scale * ry, scale * rz)
 
 
-def _rotvec(quaternion: _Quaternion) -> Vec3:
+def _rotvec(quaternion: _Quaternion) -> Vector3:
     """The rotation vector of a quaternion of any non-zero length."""
     w, x, y, z = quaternion
     size = sqrt(x * x + y * y + z * z)
     if size < 1e-150:  # squares underflow; the angle is zero for all purposes
-        return (0.0, 0.0, 0.0)
+        return ZERO3
     scale = 2.0 * atan2(size, w) / size if w >= 0.0 else -2.0 * atan2(size, -w) / size
     return (scale * x, scale * y, scale * z)
 
@@ -167,7 +172,7 @@ def _multiply(a: _Quaternion, b: _Quaternion) -> _Quaternion:
     )
 
 
-def _rotate(quaternion: _Quaternion, vx: float, vy: float, vz: float) -> Vec3:
+def _rotate(quaternion: _Quaternion, vx: float, vy: float, vz: float) -> Vector3:
     w, x, y, z = quaternion
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
     return (

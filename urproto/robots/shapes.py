@@ -1,49 +1,123 @@
-"""What the links of an arm look like, roughly: one capsule each, out of the model's own numbers.
+"""Where the links of an arm are and how thick: one capsule each, for collisions, descriptions and pictures.
 
-Good for pictures and for coarse collision checks. The radii are guesses.
+A link is taken to be as thick as the housing of the joint that it begins with, which is what others touch first; the
+tube between its joints is a fifth thinner.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from math import cos, sin
+from typing import Final, NamedTuple
 
+from urproto.robots.meshes import tube_offsets
 from urproto.robots.model import RobotModel
-from urproto.robots.pose import Vec3
+from urproto.vectors import ZERO3, Vector3, add3
 
-_TUBE: Final = (0.025, 0.035)  # m, and per m of reach: radius of upper arm and forearm (guess)
-_WRIST: Final = (0.025, 0.015)  # of the wrists (guess)
+# Radii [m] of the housings of shoulder, elbow and wrists, and of the foot: measured on ur_description's collision
+# meshes (2.4.5)
+_UR5E: Final = (0.060, 0.058, 0.0395, 0.0755)
+_UR10E: Final = (0.0765, 0.058, 0.047, 0.095)
+_UR20: Final = (0.090, 0.0755, 0.0503, 0.1225)
+_RADII: Final = {
+    "ur3": (0.0455, 0.0375, 0.032, 0.064),
+    "ur3e": (0.047, 0.0375, 0.032, 0.064),
+    "ur5": (0.0595, 0.058, 0.0385, 0.0735),
+    "ur5e": _UR5E,
+    "ur7e": _UR5E,
+    "ur10": (0.0755, 0.060, 0.0455, 0.075),
+    "ur10e": _UR10E,
+    "ur12e": _UR10E,
+    "ur16e": _UR10E,
+    "ur20": _UR20,
+    "ur30": _UR20,
+}
+
 _SHORTEST_M: Final = 0.01
+
+Segment = tuple[Vector3, Vector3]
+
+
+class HousingRadii(NamedTuple):
+    """Of the joints' housings, and of the foot that the arm stands on [m]."""
+
+    shoulder: float
+    elbow: float
+    wrist: float
+    foot: float
+
+
+def housing_radii(model: RobotModel) -> HousingRadii:
+    """Measured; a guess for models whose meshes nobody has published."""
+    if model.name in _RADII:
+        return HousingRadii(*_RADII[model.name])
+    upper, fore = tube_offsets(model)
+    half = (upper - fore) / 2  # of the way from the upper arm's plane to the forearm's
+    return HousingRadii(0.9 * half, 0.76 * half, 0.56 * half, 1.18 * half)
 
 
 @dataclass(frozen=True, slots=True)
 class Capsule:
     """Ends of the axis in the frame that turns with the link [m]."""
 
-    start: Vec3
-    end: Vec3
+    start: Vector3
+    end: Vector3
     radius: float
-
-
-def tube_radius(model: RobotModel) -> float:
-    """Of upper arm and forearm [m]."""
-    return _TUBE[0] + _TUBE[1] * model.reach_m
-
-
-def wrist_radius(model: RobotModel) -> float:
-    """Of the wrists [m]."""
-    return _WRIST[0] + _WRIST[1] * model.reach_m
 
 
 def capsules(model: RobotModel) -> tuple[Capsule, ...]:
     """Of base, shoulder, upper arm, forearm, wrist 1, 2 and 3, in the frames of ur_description's links."""
-    tube, wrist = tube_radius(model), wrist_radius(model)
+    shoulder, elbow, wrist, _ = housing_radii(model)
     d1, _, _, d4, d5, d6 = model.dh.d
-    upper, fore = model.links[1].com_m[2], model.links[2].com_m[2]  # of the tubes, from the arm's plane
+    upper, fore = tube_offsets(model)
     return (
-        Capsule((0.0, 0.0, 0.0), (0.0, 0.0, d1 / 2), tube),
-        Capsule((0.0, 0.0, -d1 / 2), (0.0, 0.0, 0.0), tube),
-        Capsule((0.0, 0.0, upper), (model.dh.a[1], 0.0, upper), tube),
-        Capsule((0.0, 0.0, fore), (model.dh.a[2], 0.0, fore), tube),
-        Capsule((0.0, 0.0, fore - d4), (0.0, 0.0, 0.0), wrist),
-        Capsule((0.0, 0.0, -d5), (0.0, 0.0, 0.0), wrist),
+        Capsule(ZERO3, (0.0, 0.0, d1 / 2), shoulder),
+        Capsule((0.0, 0.0, -d1 / 2), ZERO3, shoulder),
+        Capsule((0.0, 0.0, upper), (model.dh.a[1], 0.0, upper), shoulder),
+        Capsule((0.0, 0.0, fore), (model.dh.a[2], 0.0, fore), elbow),
+        Capsule((0.0, 0.0, fore - d4), ZERO3, wrist),
+        Capsule((0.0, 0.0, -d5), ZERO3, wrist),
         Capsule((0.0, 0.0, min(-wrist, _SHORTEST_M - d6)), (0.0, 0.0, -wrist), wrist),
     )
+
+
+class ArmCapsules:
+    """The capsules of a nominal arm in its base frame: base, upper arm, forearm, wrist 1, 2 and 3.
+
+    radii: of each [m].
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self._d1, _, _, self._d4, self._d5, self._d6 = model.dh.d
+        _, self._a2, self._a3, _, _, _ = model.dh.a
+        self._upper, self._fore = tube_offsets(model)
+        shoulder, elbow, wrist, _ = housing_radii(model)
+        self.radii = (shoulder, shoulder, elbow, wrist, wrist, wrist)
+
+    def axes(self, q_rad: Sequence[float]) -> tuple[Segment, Segment, Segment, Segment, Segment, Segment]:
+        """Both ends of each capsule's axis [m]; wrist 3 ends inside of its capsule at the flange."""
+        q1, q2, q3, q4, q5, _ = q_rad
+        s1, c1, s5, c5 = sin(q1), cos(q1), sin(q5), cos(q5)
+
+        def at(start: Vector3, angle: float, length: float) -> Vector3:
+            along = length * cos(angle)
+            return (start[0] + c1 * along, start[1] + s1 * along, start[2] + length * sin(angle))
+
+        def aside(start: Vector3, distance: float) -> Vector3:
+            return (start[0] + s1 * distance, start[1] - c1 * distance, start[2])
+
+        shoulder = (0.0, 0.0, self._d1)
+        elbow = at(shoulder, q2, self._a2)
+        wrist = at(elbow, q2 + q3, self._a3)
+        first = aside(wrist, self._d4)
+        s, c = sin(q2 + q3 + q4), cos(q2 + q3 + q4)
+        second = add3(first, (c1 * s * self._d5, s1 * s * self._d5, -c * self._d5))
+        ahead = self._d6
+        flange = add3(second, ((s1 * c5 - c1 * c * s5) * ahead, (-c1 * c5 - s1 * c * s5) * ahead, -s * s5 * ahead))
+        return (
+            (ZERO3, shoulder),
+            (aside(shoulder, self._upper), aside(elbow, self._upper)),
+            (aside(elbow, self._fore), aside(wrist, self._fore)),
+            (aside(wrist, self._fore), first),
+            (first, second),
+            (second, flange),
+        )

@@ -29,6 +29,6 @@ _HOMES: Final = {
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from urproto.testing.installed import load
+    from urproto.testing.launch import load
 
     return getattr(load(_HOMES[name]), name)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 from urproto.joints import JOINT_NAMES
 from urproto.testing import launch
-from urproto.testing.installed import load
+from urproto.testing.launch import load
 
 if TYPE_CHECKING:
     from emulator.control.remote import RemoteControl

@@ -12,6 +12,7 @@ from client.pendant.page import Page
 from client.pendant.situation import STAGES, Action, Tone
 from client.pendant.station import Station
 from urproto.errorcodes import error_text
+from urproto.joints import JOINT_TITLES
 from urproto.modes import JointMode, ReportLevel, SafetyMode, SafetyStatusBits, ToolMode
 from urproto.primary.messages import ErrorCodeMessage
 
@@ -247,7 +248,6 @@ async def set_payload(station: Station, mass_kg: float, cog_m: list[float]) -> N
         await station.say(f"set_payload({mass_kg!r}, {cog_m!r})")
 
 
-_JOINTS: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
 _HOT_C: Final = (60.0, 80.0)  # guess: warm, hot; joints switch off by themselves
 _LAMPS: Final[dict[str, Tone]] = {
     "Running": "ready",
@@ -267,7 +267,7 @@ def joints_panel(page: Page) -> None:
         with ui.element("div").classes("init-table"):
             for title in ("", "Mode", "Position", "Speed", "Current", "Temperature"):
                 ui.label(title).classes("init-th")
-            for number, name in enumerate(_JOINTS):
+            for number, name in enumerate(JOINT_TITLES):
                 _joint(page, number, name)
             _tool(page)
         with ui.element("div").classes("init-box"):

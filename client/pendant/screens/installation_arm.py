@@ -15,11 +15,11 @@ from client.dashboard_commands import Operation
 from client.pendant.page import Page, Views
 from client.pendant.station import Station
 from urproto.errors import RobotRefused
+from urproto.joints import JOINT_TITLES
 from urproto.modes import ControllerBox, mode_name
 from urproto.primary.state import ConfigurationData, KinematicsInfo
 from urproto.robots import Calibration, CalibrationError
 
-_JOINTS: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
 _HEADS: Final = ("Joint", "From", "To", "Speed", "Acceleration")
 
 
@@ -100,7 +100,7 @@ def _limits(table: ui.element, arm: ConfigurationData | None) -> None:
     with table:
         for head in _HEADS:
             ui.label(head).classes("soft")
-        rows = zip(_JOINTS, arm.q_min, arm.q_max, arm.qd_max, arm.qdd_max, strict=True)
+        rows = zip(JOINT_TITLES, arm.q_min, arm.q_max, arm.qd_max, arm.qdd_max, strict=True)
         for name, low, high, speed, acceleration in rows:
             ui.label(name)
             ui.label(f"{math.degrees(low):.0f}°")

@@ -5,11 +5,12 @@ from typing import Any, Final
 
 from nicegui import ui
 
-from client.pendant.outputs import CONFIGURABLE, STANDARD, TOOL, Group, Range, analog_range, set_analog, set_digital
+from client.pendant.outputs import Range, analog_range, set_analog, set_digital
 from client.pendant.page import Page, Views, choice
 from client.pendant.screens import io_registers
 from client.pendant.station import Station
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolMode, ToolOutputMode, mode_name
+from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.versions import Series
 
 _VOLTAGES: Final = {0: "0 V", 12: "12 V", 24: "24 V"}
@@ -162,7 +163,7 @@ def simulated(page: Page, panel: ui.element) -> None:
     page.live.bind(panel, "state", lambda station: "simulated" if station.behind.available else "real")
 
 
-def inputs(page: Page, group: Group) -> None:
+def inputs(page: Page, group: DigitalGroup) -> None:
     """Lamps of a group."""
     station = page.station
 
@@ -176,7 +177,7 @@ def inputs(page: Page, group: Group) -> None:
     _lamps(page, group, "I", "actual_digital_input_bits", switch)
 
 
-def outputs(page: Page, group: Group) -> None:
+def outputs(page: Page, group: DigitalGroup) -> None:
     """Lamps of a group that switch."""
     station = page.station
 
@@ -187,7 +188,7 @@ def outputs(page: Page, group: Group) -> None:
     _lamps(page, group, "O", "actual_digital_output_bits", switch)
 
 
-def _lamps(page: Page, group: Group, way: str, field: str, switch: Callable[[int], object]) -> None:
+def _lamps(page: Page, group: DigitalGroup, way: str, field: str, switch: Callable[[int], object]) -> None:
     with ui.element("div").classes(f"wires {'wires-in' if way == 'I' else 'wires-out'}") as row:
         for index in range(group.count):
             name = f"{group.letter}{way}{index}"
@@ -199,7 +200,7 @@ def _lamps(page: Page, group: Group, way: str, field: str, switch: Callable[[int
     page.live.bind(row, "bits", _reader(field, group))
 
 
-def _reader(field: str, group: Group) -> Callable[[Station], str]:
+def _reader(field: str, group: DigitalGroup) -> Callable[[Station], str]:
     def read(station: Station) -> str:
         """A digit each, 0 or 1, in order; "" while they are not known."""
         if field not in station.values:
@@ -210,7 +211,7 @@ def _reader(field: str, group: Group) -> Callable[[Station], str]:
     return read
 
 
-def _level(station: Station, field: str, group: Group, index: int) -> bool:
+def _level(station: Station, field: str, group: DigitalGroup, index: int) -> bool:
     return bool(station.values.get(field, 0) >> group.first + index & 1)
 
 

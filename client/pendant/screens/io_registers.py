@@ -1,6 +1,6 @@
 """Registers shared by programs and clients: booleans, integers, doubles, each way, some at a time."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -22,19 +22,13 @@ def build_modbus(page: Page, views: Views) -> None:
     """Put it on the page."""
     registers = page.station.port_registers
     form = ["unsigned"]
-    looking = [False]
 
-    def look(view: str) -> None:
-        wanted = view == "modbus"
-        if wanted != looking[0]:
-            looking[0] = wanted
-            (registers.look if wanted else registers.leave)()
-
-    views.on_look.append(look)
+    def words() -> tuple[int, ...]:
+        return registers.words if views.looked_at == "modbus" else ()
 
     async def touch(index: int) -> None:
         address = GENERAL_REGISTERS[index]
-        now = registers.words[index] if registers.words else None
+        now = dict(enumerate(words())).get(index)
         value = await ask_number(page, f"Modbus register {address}", now, whole=True)
         if value is not None:
             await page.attempt(lambda: registers.write(address, word_of(value)))
@@ -54,17 +48,16 @@ def build_modbus(page: Page, views: Views) -> None:
             with cell:
                 ui.element("i")
                 ui.label("")
-    page.live.bind(grid, "cells", lambda station: _modbus_cells(station, form[0]))
+    page.live.bind(grid, "cells", lambda _: _modbus_cells(words(), form[0]))
 
 
 def _where(station: Station) -> str:
     return f"Modbus/TCP server at {station.robot_ip}:{station.ports['modbus']}"
 
 
-def _modbus_cells(station: Station, form: str) -> Any:
-    words = station.port_registers.words or ("-",) * len(GENERAL_REGISTERS)
+def _modbus_cells(words: Sequence[int], form: str) -> Any:
     write = _FORMS[form]
-    return [GENERAL_REGISTERS[0], [word if isinstance(word, str) else write(word) for word in words]]
+    return [GENERAL_REGISTERS[0], list(map(write, words)) or ["-"] * len(GENERAL_REGISTERS)]
 
 
 def word_of(value: float) -> int:

@@ -10,13 +10,15 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.errors import MotionStoppedError
-from client.pendant.jogging import JOINT_TITLES, Velocity
+from client.pendant.jogging import Velocity
 from client.pendant.mover import STALE_S
 from client.pendant.page import MISTAKES, Page
 from client.pendant.situation import Action
 from client.pendant.station import Station
+from urproto.joints import JOINT_TITLES
 from urproto.robots import Joints
-from urproto.robots.pose import Matrix3, rotvec_to_matrix, rotvec_to_rpy
+from urproto.robots.pose import rotvec_to_matrix, rotvec_to_rpy
+from urproto.vectors import Matrix3
 
 FEATURES: Final = {"base": "Base", "tool": "Tool", "view": "View"}
 JOINT_TOP: Final = 1.0472  # rad/s, and rad/s of a tool: speeds at 100 %; 60 degrees a second is URScript's default

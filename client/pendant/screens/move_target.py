@@ -8,13 +8,13 @@ from typing import Final
 from nicegui import ui
 
 from client.errors import FileError
-from client.pendant.jogging import JOINT_TITLES
 from client.pendant.page import Page
 from client.pendant.saved import BUILT_IN
 from client.pendant.screens.move_jog import MoveSettings
 from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.errors import RobotRefused
+from urproto.joints import JOINT_TITLES
 from urproto.robots import Joints, RobotModel
 from urproto.robots.pose import Pose, rotvec_to_rpy, rpy_to_rotvec
 

@@ -9,9 +9,9 @@ from nicegui import events, ui
 
 from client.pendant.page import Page
 from client.pendant.station import Station
+from urproto.joints import JOINT_TITLES
 from urproto.robots import START_Q
 
-_JOINTS: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
 _MM: Final = 1e3
 _MOST_BYTES: Final = 4_000_000  # what the control API takes
 
@@ -41,7 +41,7 @@ def _pose(page: Page) -> None:
     station = page.station
     ui.label("Pose of the arm").classes("panel-title")
     with ui.element("div").classes("sim-six"):
-        fields = [number(name, "°", f"q{i}", form="%.2f") for i, name in enumerate(_JOINTS)]
+        fields = [number(name, "°", f"q{i}", form="%.2f") for i, name in enumerate(JOINT_TITLES)]
 
     def fill(q: Sequence[float] | None) -> None:
         for field, value in zip(fields, q or [0.0] * 6, strict=True):

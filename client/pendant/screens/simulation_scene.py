@@ -12,10 +12,10 @@ from client.pendant.polling import Newest
 from client.pendant.screens.simulation_arm import number, numbers
 from client.pendant.station import Station
 from urproto.robots.pose import rotvec_to_matrix
+from urproto.vectors import ZERO3
 
 _NAMES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 _UNITS: Final = ("N",) * 3 + ("Nm",) * 3
-_ZERO: Final = (0.0, 0.0, 0.0)
 _STEP_M: Final = 4  # digits: a tenth of a millimetre
 
 
@@ -54,7 +54,7 @@ def scene_panel(page: Page) -> None:
 
 
 def _is_vector(said: Any) -> bool:
-    return isinstance(said, list) and len(said) == len(_ZERO) and all(isinstance(value, int | float) for value in said)
+    return isinstance(said, list) and len(said) == len(ZERO3) and all(isinstance(value, int | float) for value in said)
 
 
 def _wrench(page: Page) -> ui.checkbox:
@@ -90,7 +90,7 @@ def _wrench(page: Page) -> ui.checkbox:
 
 async def _push_or_release(station: Station, force: Sequence[float] | None) -> None:
     if force is not None:
-        await station.behind.change("push_tool", wrench=[*force, *_ZERO], frame="base")
+        await station.behind.change("push_tool", wrench=[*force, *ZERO3], frame="base")
     elif (await station.behind.call("world"))["push"] is not None:
         await station.behind.change("release_tool")
 
@@ -138,7 +138,7 @@ class _Surroundings:
 def _force(push: Mapping[str, Any] | None, pose: Sequence[float]) -> list[float]:
     """In the base frame."""
     if push is None:
-        return [*_ZERO]
+        return [*ZERO3]
     force = push["wrench"][:3]
     if push["frame"] == "base":
         return list(force)
@@ -150,4 +150,4 @@ def _measured(station: Station) -> str:
     wrench = station.values.get("actual_TCP_force")
     if wrench is None:
         return ""
-    return f"Measured {dist(wrench[:3], _ZERO):.1f} N ({', '.join(f'{value:.1f}' for value in wrench[:3])})"
+    return f"Measured {dist(wrench[:3], ZERO3):.1f} N ({', '.join(f'{value:.1f}' for value in wrench[:3])})"

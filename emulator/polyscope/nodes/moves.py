@@ -8,12 +8,13 @@ from emulator.polyscope.naming import identifier
 from emulator.polyscope.numbers import inverse_text, list_text, pose_text, six, taught_pose
 from emulator.polyscope.registry import node, translate_children
 from emulator.polyscope.writer import BASE, NO_POSE, TOOL, Writer, variable_name
+from urproto.vectors import ZERO6
 from urscript.work import Steps
 
 DIRECTION: Final = "gui.program.direction.MoveDirectionNode"
 
 _JOINTS: Final = "JointAngles"
-_NO_TCP: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_NO_TCP: Final = ZERO6
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
     text = ControlProgram("192.168.56.1").render(PolyscopeVersion(5, 12))
 
-The program itself is resources/control_program.script. Here its open places are filled in:
+The program itself is control_program.script beside this file. Here its open places are filled in:
 who the driver is, and what differs between versions. Everything it names exists in that
 version, since a controller refuses a program with one unknown name.
 """
@@ -12,8 +12,9 @@ from functools import cache
 from importlib.resources import files
 from typing import Final
 
-from client.availability import GATES
+from client.driver.availability import GATES
 from urproto.errors import LocalProtocolError
+from urproto.external_control import GREETING
 from urproto.versions import PolyscopeVersion, Series
 
 PROGRAM_NAME: Final = "external_control"
@@ -25,10 +26,6 @@ GONE_TEXT: Final = "External Control: the driver is gone"
 """What the program says (textmsg) before it ends because nothing came from its driver."""
 LATE_TEXT: Final = "External Control: a setpoint is late"
 """What it says when it brings the arm to rest for that reason; it goes on."""
-
-GREETING: Final = b"external_control "
-"""How the first line that the program says on each connection begins; its driver's token follows."""
-_LONGEST_GREETING: Final = 128  # bytes; guess
 
 # Shares of the joint friction that direct torque control makes up for by default (the client library's)
 _VISCOUS: Final = "[0.9, 0.9, 0.8, 0.9, 0.9, 0.9]"
@@ -206,16 +203,6 @@ class ControlProgram:
         return "\n".join(lines)
 
 
-def split_greeting(data: bytes) -> tuple[str | None, bytes] | None:
-    """What a control program says first: its token, None without one, and what follows. None: more bytes will tell."""
-    if not data.startswith(GREETING[: len(data)]):
-        return None, data
-    line, end, rest = data.partition(b"\n")
-    if not end:
-        return (None, data) if len(data) > _LONGEST_GREETING else None
-    return line.removeprefix(GREETING).decode("ascii", "replace"), rest
-
-
 def check_servo_parameters(lookahead_s: float, gain: float) -> None:
     """Raise LocalProtocolError for what servoj does not take."""
     if not 0.03 <= lookahead_s <= 0.2:
@@ -226,7 +213,7 @@ def check_servo_parameters(lookahead_s: float, gain: float) -> None:
 
 @cache
 def _template() -> str:
-    return files("client").joinpath("resources/control_program.script").read_text("utf-8")
+    return files("client.driver").joinpath("control_program.script").read_text("utf-8")
 
 
 def _at_least(version: PolyscopeVersion, e_series: str, polyscope_x: str = "10.0") -> bool:

@@ -10,9 +10,10 @@ from math import inf, sqrt
 
 from emulator.motion.legs import Leg
 from emulator.motion.profile import Limits, Profile
-from emulator.motion.vectors import Joints, Vec3, as_six
 from emulator.robot.installation import Payload
+from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, pose_inv, pose_sub, pose_trans, rotvec_to_matrix, wrench_trans
+from urproto.vectors import Vector3, as_six, cross, rotate_back, scaled_sum3, sub3
 
 _STRIDES = 16  # that a leg is cut into to look at it
 
@@ -59,29 +60,30 @@ def _accelerating(leg: Leg, tcp_offset: Pose, payload: Payload) -> Iterator[Join
     stride, back = leg.length / _STRIDES, pose_inv(tcp_offset)
     flanges = [pose_trans(leg.pose(stride * i), back) for i in range(_STRIDES + 1)]
     places = [pose_trans(flange, (*payload.cog, 0.0, 0.0, 0.0))[:3] for flange in flanges]
-    shifts = [_minus(places[i + 1], places[i]) for i in range(_STRIDES)]
+    shifts = [sub3(places[i + 1], places[i]) for i in range(_STRIDES)]
     turns = [pose_sub(flanges[i + 1], flanges[i])[3:] for i in range(_STRIDES)]
     for i, flange in enumerate(flanges):
         m = rotvec_to_matrix(*flange[3:])
         velocity, curvature = _derivatives(shifts, i, stride)
         spin, twist = _derivatives(turns, i, stride)
         for speed, gain in _paces(leg.profile, stride * i):
-            force = _into(m, _scaled_sum(velocity, gain * payload.mass, curvature, speed**2 * payload.mass))
-            omega, alpha = _into(m, _scaled_sum(spin, speed, twist, 0.0)), _scaled_sum(spin, gain, twist, speed**2)
-            gyroscopic = _cross(omega, _times_inertia(payload, omega))
-            torque = _scaled_sum(_times_inertia(payload, _into(m, alpha)), 1.0, gyroscopic, 1.0)
+            force = rotate_back(m, scaled_sum3(velocity, gain * payload.mass, curvature, speed**2 * payload.mass))
+            omega = rotate_back(m, scaled_sum3(spin, speed, twist, 0.0))
+            alpha = scaled_sum3(spin, gain, twist, speed**2)
+            gyroscopic = cross(omega, _times_inertia(payload, omega))
+            torque = scaled_sum3(_times_inertia(payload, rotate_back(m, alpha)), 1.0, gyroscopic, 1.0)
             yield (*force, *torque)
 
 
-def _derivatives(steps: Sequence[Vec3], i: int, stride: float) -> tuple[Vec3, Vec3]:
+def _derivatives(steps: Sequence[Vector3], i: int, stride: float) -> tuple[Vector3, Vector3]:
     """First and second derivative at node i of what changes by ``steps`` from node to node; one-sided at the ends."""
     first = min(max(i - 1, 0), len(steps) - 2)
     before, after = steps[first], steps[first + 1]
     where = i - 1 - first  # -1, 0, 1: the start, inside, the end
-    change = _scaled_sum(after, 1.0, before, -1.0)
-    middle = _scaled_sum(before, 0.5 / stride, after, 0.5 / stride)
-    curvature = _scaled_sum(after, 1.0 / stride**2, before, -1.0 / stride**2)
-    return _scaled_sum(middle, 1.0, change, where / stride), curvature
+    change = scaled_sum3(after, 1.0, before, -1.0)
+    middle = scaled_sum3(before, 0.5 / stride, after, 0.5 / stride)
+    curvature = scaled_sum3(after, 1.0 / stride**2, before, -1.0 / stride**2)
+    return scaled_sum3(middle, 1.0, change, where / stride), curvature
 
 
 def _paces(profile: Profile, s: float) -> list[tuple[float, float]]:
@@ -96,25 +98,7 @@ def _paces(profile: Profile, s: float) -> list[tuple[float, float]]:
     return paces or [(peak, 0.0)]
 
 
-def _into(m: Sequence[float], v: Vec3) -> Vec3:
-    """A base vector in the axes that are the columns of m."""
-    x, y, z = v
-    return (m[0] * x + m[3] * y + m[6] * z, m[1] * x + m[4] * y + m[7] * z, m[2] * x + m[5] * y + m[8] * z)
-
-
-def _times_inertia(payload: Payload, v: Vec3) -> Vec3:
+def _times_inertia(payload: Payload, v: Vector3) -> Vector3:
     xx, yy, zz, xy, xz, yz = payload.inertia
     x, y, z = v
     return (xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z)
-
-
-def _minus(a: Sequence[float], b: Sequence[float]) -> Vec3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-def _scaled_sum(a: Vec3, p: float, b: Vec3, q: float) -> Vec3:
-    return (a[0] * p + b[0] * q, a[1] * p + b[1] * q, a[2] * p + b[2] * q)
-
-
-def _cross(a: Vec3, b: Vec3) -> Vec3:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

@@ -1,0 +1,271 @@
+"""What stands between this machine and a robot: its kernel, the network and ports, versions and calibration.
+
+Each check yields findings; ``ur-client doctor`` prints them.
+"""
+
+import math
+import platform
+import socket
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib.metadata import PackageNotFoundError, version
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+from typing import Final
+
+from client import dashboard, primary, realtime, rtde
+from client.calibration import calibration_of, is_nominal, read_calibration
+from client.connection import DEFAULT_TIMEOUT_S
+from client.driver.endpoint import REVERSE_PORT, SENDER_PORT
+from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
+from client.errors import FileError
+from urproto.errors import URError
+from urproto.robots import Calibration, CalibrationError
+
+
+class Grade(StrEnum):
+    """How bad it is."""
+
+    GOOD = "good"
+    UNKNOWN = "cannot be seen"
+    WEAK = "weak"  # works, but less well than it could
+    BROKEN = "broken"  # something will not work
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """``mend``: the command, or what to do, where it is not good."""
+
+    grade: Grade
+    subject: str
+    text: str
+    mend: str = ""
+
+
+def exit_status(findings: list[Finding]) -> int:
+    """1 when something will not work, else 0."""
+    return int(any(finding.grade is Grade.BROKEN for finding in findings))
+
+
+_PACKAGES = ("ur-emulator", "ur-rtde", "pin", "numpy")
+
+
+def examine_versions() -> Iterator[Finding]:
+    """Of Python and of the packages that are here."""
+    here = [f"Python {platform.python_version()}"]
+    for package in _PACKAGES:
+        try:
+            here.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            continue
+    yield Finding(Grade.GOOD, "versions", ", ".join(here))
+
+
+def examine_calibration(host: str, file: Path | None = None, port_offset: int = 0) -> Iterator[Finding]:
+    """Which arm it is, and whether the file is of this one."""
+    subject = "calibration"
+    again = f"ur-client calibration --robot-ip {host} -o {file or 'my_robot_calibration.yaml'}"
+    try:
+        with primary.BlockingPrimaryClient(host, primary.PORT + port_offset) as robot:
+            found = calibration_of(robot.run(robot.core.kinematics_info()))
+            nominal = is_nominal(found, robot.run(robot.core.configuration_data()))
+    except CalibrationError as error:
+        yield Finding(Grade.BROKEN, subject, str(error), "restore the calibration on the robot's pendant")
+        return
+    except URError as error:
+        yield Finding(Grade.UNKNOWN, subject, str(error))
+        return
+    yield _compared(found, file, again, nominal=nominal)
+
+
+def _compared(found: Calibration, file: Path | None, again: str, *, nominal: bool) -> Finding:
+    if file is None:
+        kind = "nominal (a simulated arm)" if nominal else "of its own"
+        mend = "" if nominal else f"poses are right only with it: {again}"
+        return Finding(Grade.GOOD, "calibration", f"{kind}, {found.hash}", mend)
+    try:
+        given = read_calibration(file)
+    except FileError as error:
+        return Finding(Grade.BROKEN, "calibration", str(error), again)
+    if given.hash != found.hash:
+        text = f"the robot's is {found.hash}, that of {file} is {given.hash}: another arm, or calibrated again"
+        return Finding(Grade.BROKEN, "calibration", text, again)
+    if not given.is_whole:
+        return Finding(Grade.BROKEN, "calibration", f"the numbers in {file} do not give its hash", again)
+    return Finding(Grade.GOOD, "calibration", f"{file} is this robot's, {found.hash}")
+
+
+_ENOUGH_PRIORITY = 1  # any real-time priority is above everything else
+_PRIORITY = (
+    "sudo groupadd -f realtime && sudo usermod -aG realtime $USER && "
+    "echo '@realtime - rtprio 99' | sudo tee /etc/security/limits.d/99-realtime.conf, then log in again"
+)
+
+
+def examine_machine() -> Iterator[Finding]:
+    """What this machine lets us see."""
+    if sys.platform != "linux":
+        for subject in ("kernel", "real-time priority", "processor speed"):
+            yield Finding(Grade.UNKNOWN, subject, f"only Linux tells; this is {platform.system() or sys.platform}")
+        return
+    import resource
+
+    yield preemption(platform.version(), Path("/"))
+    yield priority(resource.getrlimit(resource.RLIMIT_RTPRIO)[0])
+    yield governor(Path("/"))
+
+
+def preemption(version: str, root: Path) -> Finding:
+    """Of a Linux kernel that describes itself like this (``uname -v``)."""
+    subject = "kernel"
+    try:
+        real_time = (root / "sys/kernel/realtime").read_text().strip() == "1"
+    except OSError:
+        real_time = False
+    if real_time or "PREEMPT_RT" in version:
+        return Finding(Grade.GOOD, subject, "fully preemptible (PREEMPT_RT)")
+    kind = "PREEMPT_DYNAMIC" if "PREEMPT_DYNAMIC" in version else "PREEMPT" if "PREEMPT" in version else "none"
+    text = f"not a real-time one (preemption: {kind}): a loaded machine may be some milliseconds late"
+    mend = "sudo apt install linux-image-rt-amd64 (Debian), or sudo pro enable realtime-kernel (Ubuntu), then reboot"
+    return Finding(Grade.WEAK, subject, text, mend)
+
+
+def priority(limit: int) -> Finding:
+    """With this limit of the real-time priority; -1 is none."""
+    subject = "real-time priority"
+    if limit == -1 or limit >= _ENOUGH_PRIORITY:
+        return Finding(Grade.GOOD, subject, "allowed" if limit == -1 else f"allowed up to {limit}")
+    return Finding(Grade.WEAK, subject, "not allowed to this user: other programs may delay a control loop", _PRIORITY)
+
+
+def governor(root: Path) -> Finding:
+    """What the processors' speed is governed by."""
+    subject = "processor speed"
+    files = sorted(root.glob("sys/devices/system/cpu/cpu[0-9]*/cpufreq/scaling_governor"))
+    try:
+        found = Counter(file.read_text().strip() for file in files)
+    except OSError as error:
+        return Finding(Grade.UNKNOWN, subject, f"{error.strerror}")
+    if not found:
+        return Finding(Grade.UNKNOWN, subject, "the kernel does not govern it (a virtual machine, or fixed)")
+    if set(found) == {"performance"}:
+        return Finding(Grade.GOOD, subject, "always the highest")
+    kinds = ", ".join(f"{count} x {kind}" for kind, count in found.items())
+    return Finding(Grade.WEAK, subject, f"varies: {kinds}", "sudo cpupower frequency-set -g performance")
+
+
+_PORTS: Final = {"primary": primary.PORT, "RTDE": rtde.PORT, "dashboard": dashboard.PORT, "realtime": realtime.PORT}
+_NEEDED: Final = ("primary", "RTDE")  # PolyScope X has no dashboard of this kind
+_CONNECT_S: Final = 2.0
+_REPLIES: Final = 20
+_STREAM_S: Final = 2.0
+_SLOW_CONNECT_S: Final = 0.005  # guess: a cable through a switch takes less than 1 ms
+_LONGEST_S: Final = 1e9  # guess: no robot has been on for 30 years
+_LATE: Final = 1.0  # periods; a servo setpoint for this state comes one period late
+_WIFI: Final = "use a cable, without other traffic on it, to this machine's own network card"
+
+
+def examine_ports(host: str, port_offset: int = 0) -> Iterator[Finding]:
+    """Connect to each port once."""
+    times = []
+    for name, port in _PORTS.items():
+        port += port_offset
+        began = time.perf_counter()
+        try:
+            socket.create_connection((host, port), _CONNECT_S).close()
+        except OSError as error:
+            grade = Grade.BROKEN if name in _NEEDED else Grade.WEAK
+            mend = f"ping {host}; e-Series: enable it in Settings, Security, Services; nc -vz {host} {port}"
+            yield Finding(grade, f"port {port}", f"{name} is closed: {error.strerror or error}", mend)
+            continue
+        times.append(time.perf_counter() - began)
+        yield Finding(Grade.GOOD, f"port {port}", f"{name} is open")
+    if times:
+        typical = median(times)
+        text = f"a connection takes {_ms(typical)}"
+        slow = typical > _SLOW_CONNECT_S
+        yield Finding(Grade.WEAK if slow else Grade.GOOD, "network latency", text, _WIFI if slow else "")
+
+
+def examine_own_ports() -> Iterator[Finding]:
+    """Whether a driver could open its four ports here."""
+    for port in (REVERSE_PORT, SENDER_PORT, TRAJECTORY_PORT, COMMAND_PORT):
+        with closing(socket.socket()) as own:
+            own.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                own.bind(("", port))
+            except OSError as error:
+                text = f"of this machine, for the driver, is taken: {error.strerror}"
+                yield Finding(Grade.WEAK, f"port {port}", text, f"ss -ltnp 'sport = :{port}' tells by whom")
+
+
+def examine_replies(host: str, port_offset: int = 0) -> Iterator[Finding]:
+    """How long the dashboard takes to answer a question that moves nothing."""
+    subject = "round trip"
+    try:
+        with dashboard.BlockingDashboardClient(host, dashboard.PORT + port_offset) as board:
+            times = [_timed(board) for _ in range(_REPLIES)]
+    except URError as error:
+        yield Finding(Grade.UNKNOWN, subject, f"the dashboard does not answer: {error}")
+        return
+    yield Finding(Grade.GOOD, subject, f"the dashboard answers within {_ms(median(times))}, at most {_ms(max(times))}")
+
+
+def _timed(board: dashboard.BlockingDashboardClient) -> float:
+    began = time.perf_counter()
+    board.ask(dashboard.ROBOT_MODE)
+    return time.perf_counter() - began
+
+
+def examine_stream(host: str, port_offset: int = 0, seconds: float = _STREAM_S) -> Iterator[Finding]:
+    """How regularly RTDE states come at the robot's full rate."""
+    try:
+        with rtde.BlockingRTDEClient(host, ["timestamp"], port=rtde.PORT + port_offset) as robot:
+            yield Finding(Grade.GOOD, "PolyScope", str(robot.core.version))
+            arrivals: list[float] = []
+            stamps: list[float] = []
+            end = time.perf_counter() + min(seconds, DEFAULT_TIMEOUT_S)
+            while not arrivals or arrivals[-1] < end:
+                stamps.append(float(robot.receive()["timestamp"]))
+                arrivals.append(time.perf_counter())
+    except URError as error:
+        yield Finding(Grade.BROKEN, "RTDE stream", str(error), f"nc -vz {host} {rtde.PORT + port_offset}")
+        return
+    yield from judge_stream(arrivals, stamps)
+
+
+def judge_stream(arrivals: Sequence[float], stamps: Sequence[float]) -> Iterator[Finding]:
+    """Of states by when they came here and when the robot made them [s], each on its own clock."""
+    if timeless := sum(not (math.isfinite(stamp) and abs(stamp) < _LONGEST_S) for stamp in stamps):
+        text = f"{timeless} of {len(stamps)} states have no time (timestamp)"
+        yield Finding(Grade.BROKEN, "RTDE stream", text, "restart the controller")
+        return
+    steps = [b - a for a, b in pairwise(stamps)]
+    if not steps or min(steps) <= 0.0:
+        yield Finding(Grade.BROKEN, "RTDE stream", "the robot's clock stands still", "restart the controller")
+        return
+    period = median(steps)
+    lost = sum(round(step / period) - 1 for step in steps)
+    # the earliest arrival, relative to the robot's clock, is the one that was not late
+    delays = [arrival - stamp for arrival, stamp in zip(arrivals, stamps, strict=True)]
+    late = sorted(delay - min(delays) for delay in delays)
+    often, worst = late[int(0.99 * (len(late) - 1))], late[-1]
+    rate = f"{len(stamps)} states at {1.0 / period:.0f} Hz"
+    if lost:
+        mend = "read states faster than they come, or ask for a lower rate; look at the network with ping -i 0.2"
+        yield Finding(Grade.WEAK, "RTDE stream", f"{rate}, and {lost} were left out", mend)
+    else:
+        yield Finding(Grade.GOOD, "RTDE stream", f"{rate}, none left out")
+    jitter = f"99 of 100 states are less than {_ms(often)} late, the worst {_ms(worst)} (period {_ms(period)})"
+    weak = often > _LATE * period
+    yield Finding(Grade.WEAK if weak else Grade.GOOD, "jitter", jitter, _WIFI if weak else "")
+
+
+def _ms(seconds: float) -> str:
+    return f"{seconds * 1e3:.2f} ms"

@@ -1,1 +1,0 @@
-"""``ur-client doctor``: whether this machine, the network and the robot are fit to work together."""

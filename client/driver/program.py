@@ -1,0 +1,425 @@
+"""The life of the control program: started, watched, kept alive, ended, started again."""
+
+import asyncio
+import logging
+import secrets
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import AsyncExitStack, suppress
+from types import TracebackType
+from typing import Any, Final, Self
+
+from client import dashboard
+from client.driver.config import DriverConfig
+from client.driver.control_program import GONE_TEXT, LATE_TEXT, ControlProgram
+from client.driver.endpoint import Endpoint, Peer, ReverseEndpoint, ScriptSender
+from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
+from client.driver.robot import MOVABLE, RobotLink, cancel
+from client.driver.scheduling import RealTime, real_time_thread
+from client.errors import ProgramNotRunningError, ProgramStaysError
+from urproto.errors import LocalProtocolError, RobotRefused, URError
+from urproto.external_control import ControlMode
+from urproto.modes import RobotMode, RuntimeState
+
+_PLAYED: Final = (RuntimeState.PLAYING, RuntimeState.PAUSING, RuntimeState.PAUSED, RuntimeState.RESUMING)
+_ENDED: Final = (RuntimeState.STOPPING, RuntimeState.STOPPED)
+_STOP_LINE: Final = "stop program"
+_END_TIMEOUT_S: Final = 2.0  # guess: a ramp to rest from full speed takes 0.8 s
+
+_LOOK_S: Final = 0.02  # guess: how closely setpoints that cease are watched
+_BREATH_S: Final = 0.1
+_SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within this
+_GREETING_S: Final = 0.2  # guess: who has said nothing for so long is no program of ours
+_LINGER_S: Final = 2.0  # guess: a program that was disconnected has ended, by the robot's state too
+
+_logger = logging.getLogger(__name__)
+
+
+class Pulse:
+    """Says that the driver lives, in a thread that does nothing else; use it with ``with``.
+
+    every_s: how often; timeout_s: how long the program waits for the next time. Two things end the program: a
+    watchdog that is not kicked, if the owner has set one, and an event loop that has hung for ``hang_s``, which
+    `breathe` tells it has not. A thread that goes on by itself is no reason for the arm to.
+    """
+
+    def __init__(
+        self,
+        reverse: ReverseEndpoint,
+        every_s: float,
+        timeout_s: float,
+        realtime: RealTime = "auto",
+        hang_s: float = 0.0,
+    ) -> None:
+        self._reverse = reverse
+        self._every_s = every_s
+        self._timeout_s = timeout_s
+        self._realtime = realtime
+        self._ended = threading.Event()
+        self._watchdog_s = 0.0
+        self._kicked_s = 0.0
+        self._hang_s = hang_s
+        self._breathed_s = time.monotonic()
+        self.bitten = ""  # why the watchdog ended the program, until the next one starts
+        self._thread = threading.Thread(target=self._work, name="driver's pulse", daemon=True)
+
+    def __enter__(self) -> "Pulse":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def watch(self, longest_s: float) -> None:
+        """End the program when `kick` does not come for so long; 0 ends the watch."""
+        if not longest_s >= 0.0:
+            raise LocalProtocolError(f"a watchdog waits for 0 s (off) or more, not {longest_s}")
+        self.kick()
+        self._watchdog_s = longest_s
+
+    def kick(self) -> None:
+        """The owner lives too."""
+        self._kicked_s = time.monotonic()
+
+    def breathe(self) -> None:
+        """The event loop lives."""
+        self._breathed_s = time.monotonic()
+
+    def _work(self) -> None:
+        try:
+            real_time_thread(self._realtime)
+        except OSError as error:
+            _logger.error("%s", error)
+        due_s = time.monotonic() + self._every_s
+        while not self._ended.wait(min(_LOOK_S, self._every_s)):
+            try:
+                due_s = self._beat(due_s)
+            except Exception:
+                _logger.debug("nobody to keep alive", exc_info=True)  # the program has just left
+
+    def _beat(self, due_s: float) -> float:
+        if not self._reverse.connected:
+            return due_s
+        now = time.monotonic()
+        if why := self._hangs(now):
+            if not self.bitten:
+                self.bitten = why
+                self._watchdog_s = 0.0  # who starts the program again sets it again
+                _logger.error("%s: the control program is ended", why)
+                self._reverse.stop()
+            return due_s
+        self._reverse.end_late_stream()
+        if now < due_s:
+            return due_s
+        self._reverse.continue_mode(self._timeout_s)
+        return now + self._every_s
+
+    def _hangs(self, now: float) -> str:
+        """Why the arm should not go on."""
+        if self._watchdog_s and now - self._kicked_s > self._watchdog_s:
+            late_s = now - self._kicked_s
+            return f"the watchdog was not kicked for {late_s:.2f} s, and waits {self._watchdog_s:g} s"
+        if self._hang_s and now - self._breathed_s > self._hang_s:
+            return f"the event loop of this program has hung for {now - self._breathed_s:.1f} s"
+        return ""
+
+
+class ProgramSupervisor:
+    """The ports that the control program connects to, and its life: started, watched, kept alive, ended, started again.
+
+    Use it with ``async with``, inside the `RobotLink` that tells it about the robot.
+    """
+
+    reverse: ReverseEndpoint
+    """Says what the arm is to do; while a robot is connected here its program runs."""
+    sender: ScriptSender
+    """Gives the program to the URCap that asks for it."""
+    trajectory: TrajectoryEndpoint
+    """Takes the points of trajectories."""
+    commands: ScriptCommandEndpoint
+    """Takes commands beside the motion, and questions."""
+    pulse: Pulse
+    """Keeps the program alive from a thread of its own."""
+
+    def __init__(self, config: DriverConfig, robot: RobotLink) -> None:
+        self.reverse = ReverseEndpoint(config.reverse_port)
+        self.sender = ScriptSender(self.text, config.sender_port)
+        self.trajectory = TrajectoryEndpoint(config.trajectory_port)
+        self.commands = ScriptCommandEndpoint(config.command_port)
+        self.pulse = Pulse(
+            self.reverse, config.keep_alive_s, config.keep_alive_timeout_s, config.realtime, config.hang_s
+        )
+        self._config = config
+        self._robot = robot
+        self._own_address = ""
+        self._has_played = False  # the robot's state shows that the program runs
+        self._lost_why = ""  # the driver's own fault that the last program ended, if it was
+        self._restart: asyncio.Task[None] | None = None
+        self._partners: dict[Endpoint, Peer | None] = {}
+        self._token = secrets.token_hex(8)  # not against who listens in: against who connects by accident
+        self._starting = False  # a program of ours, which will greet
+        self._seen_ended = True  # the robot's state has shown the end of the last program that was here, and
+        self._left_s = 0.0  # when it left, by the loop's clock
+        self._open = AsyncExitStack()
+        self.reverse.listeners.append(self._program_changed)
+        for partner in (self.trajectory, self.commands):
+            partner.listeners.append(self._partner_changed)
+
+    async def __aenter__(self) -> Self:
+        """Open the ports; the program is not started yet. Raises OSError for a port that is taken."""
+        async with AsyncExitStack() as opening:
+            self._own_address = self._config.own_address or self._robot.own_address
+            self.reverse.period_s = self._robot.version.series.period_s
+            for endpoint in self._endpoints:
+                endpoint.token = self._token
+                endpoint.host = self._own_address if self._config.listen_on is None else self._config.listen_on
+                await opening.enter_async_context(endpoint)
+            self._robot.on_silence.append(self._robot_is_silent)
+            self._robot.on_text.append(self._heard)
+            self._robot.on_modes.append(self._look_for_end)
+            opening.enter_context(self.pulse)
+            opening.push_async_callback(cancel, asyncio.create_task(self._breathe()))
+            self._open = opening.pop_all()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the program, which stops the arm, and close the ports."""
+        try:
+            with suppress(ProgramStaysError):
+                await self.stop()
+        finally:
+            await self._open.aclose()
+
+    @property
+    def _endpoints(self) -> tuple[Endpoint, ...]:
+        return self.reverse, self.sender, self.trajectory, self.commands
+
+    @property
+    def running(self) -> bool:
+        """True while the control program is connected, and has not ended or been told to end."""
+        return self.reverse.connected and self.reverse.mode is not ControlMode.STOPPED and not self._has_ended
+
+    @property
+    def _has_ended(self) -> bool:
+        """By the robot's state, which may know it before its connection does."""
+        state = self._robot.state["runtime_state"]
+        if not self._has_played and state in _PLAYED:
+            self._has_played = True
+        return self._has_played and state in _ENDED
+
+    @property
+    def lost_why(self) -> str:
+        """Why the last control program has ended, when that was this machine's doing; else empty."""
+        return self._lost_why or self.pulse.bitten
+
+    def control_program(self) -> ControlProgram:
+        """The program, with this driver's address, ports and token in it."""
+        config = self._config
+        return ControlProgram(
+            host=self._own_address,
+            reverse_port=self.reverse.port,
+            trajectory_port=self.trajectory.port,
+            command_port=self.commands.port,
+            servoj_lookahead_s=config.servoj_lookahead_s,
+            servoj_gain=config.servoj_gain,
+            tool_voltage=config.tool_voltage,
+            tool_communication=config.tool_communication,
+            token=self._token,
+        )
+
+    def text(self) -> str:
+        """The program as the URCap gets it."""
+        return self.control_program().render(self._robot.version)
+
+    async def start(self) -> None:
+        """Start it, or start it again, and wait until it is connected; see `URDriver.start_program`."""
+        await self._give_up_restart()
+        await self._start()
+
+    async def _start(self) -> None:
+        self._check_modes()
+        await self._end_old_program()
+        self._lost_why = self.pulse.bitten = ""
+        self.pulse.breathe()
+        self._robot.forget_errors()
+        self._starting = self._config.headless
+        try:
+            if self._config.headless:
+                await self._robot.send_script(self.control_program().render_headless(self._robot.version))
+            else:
+                await self._play()
+            await self._wait_for_program()
+        finally:
+            self._starting = False
+
+    async def stop(self) -> None:
+        """End it, which stops the arm; does nothing when it is not running."""
+        await self._give_up_restart()
+        if self.reverse.connected:
+            self.reverse.stop()
+            await self.reverse.wait_disconnected(_END_TIMEOUT_S)
+
+    # starting
+
+    def _check_modes(self) -> None:
+        if self._robot.safety_mode not in MOVABLE:
+            raise RobotRefused(
+                "start of the control program",
+                f"its safety mode is {self._robot.safety_mode.name}: clear the cause, then unlock "
+                "(dashboard: unlock protective stop) or restart the safety",
+            )
+        if self._robot.robot_mode is not RobotMode.RUNNING:
+            raise RobotRefused(
+                "start of the control program",
+                f"its mode is {self._robot.robot_mode.name}: power it on and release the brakes",
+            )
+
+    async def _end_old_program(self) -> None:
+        if self.reverse.connected:
+            await self._robot.send_script(_STOP_LINE)
+            await self.reverse.wait_disconnected(_END_TIMEOUT_S)
+
+    async def _play(self) -> None:
+        assert self._robot.dashboard is not None
+        if self._config.program is not None:
+            await self._robot.dashboard.ask(dashboard.load(self._config.program))
+        await self._robot.dashboard.ask(dashboard.PLAY)
+
+    async def _wait_for_program(self) -> None:
+        connected = asyncio.create_task(self.reverse.wait_connected(self._config.start_timeout_s))
+        failed = asyncio.create_task(self._robot.script_error())
+        try:
+            await asyncio.wait((connected, failed), return_when=asyncio.FIRST_COMPLETED)
+            if failed.done():
+                raise failed.result()
+            await connected
+        except ProgramNotRunningError:
+            raise ProgramNotRunningError(self.reverse.port, await self._why_not()) from None
+        finally:
+            for task in (connected, failed):
+                task.cancel()
+            await asyncio.gather(connected, failed, return_exceptions=True)
+
+    async def _why_not(self) -> str:
+        where = f"{self._own_address}, ports {', '.join(str(endpoint.port) for endpoint in self._endpoints)}"
+        remote = "the robot has to be in remote control"
+        if not self._config.headless and not self.sender.requests:
+            return f"the URCap did not ask for it; check that it is set to {where} (program: {self.sender.port})"
+        return f"the robot was sent it; it must be able to reach {where}, and e-Series: {remote}"
+
+    # watching
+
+    def _program_changed(self, connected: bool) -> None:
+        self._has_played = False
+        if connected:
+            self._seen_ended = False
+            self._partners = {end: end.current_peer for end in (self.trajectory, self.commands)}
+            self.reverse.keep_alive(self._config.keep_alive_timeout_s)
+            asyncio.get_running_loop().call_later(_SETTLE_S, self._expect_partners, self.reverse.current_peer)
+            return
+        self._left_s = asyncio.get_running_loop().time()
+        partners, self._partners = self._partners, {}
+        for peer in partners.values():  # only its own: a new program may have connected to these already
+            if peer is not None:
+                peer.abort()
+
+    def _partner_changed(self, connected: bool) -> None:
+        """A program that has lost one of its connections is ended as a whole."""
+        for endpoint, peer in tuple(self._partners.items()):
+            if peer is None:
+                self._partners[endpoint] = endpoint.current_peer  # accepted after the last one
+            elif not connected and peer is not endpoint.current_peer:
+                self._end_crippled(endpoint)
+                return
+
+    def _expect_partners(self, reverse: Peer | None) -> None:
+        """A program that got through to the last port only, because others were lost meanwhile, is of no use."""
+        if reverse is None or reverse is not self.reverse.current_peer:
+            return
+        for endpoint, peer in self._partners.items():
+            if peer is None:
+                self._end_crippled(endpoint)
+                return
+
+    def _end_crippled(self, endpoint: Endpoint) -> None:
+        _logger.error("the robot is not connected to port %d: its program is ended", endpoint.port)
+        if self.reverse.connected:
+            self.reverse.stop()
+            asyncio.get_running_loop().call_later(_END_TIMEOUT_S, self.reverse.peer.abort)  # should it not obey
+
+    def _look_for_end(self, state: Mapping[str, Any]) -> None:
+        self._seen_ended = self._seen_ended or state["runtime_state"] in _ENDED
+
+    def _admit_foreign_program(self) -> None:
+        """A control program with another text than ours, such as the vendor's, does not say who it is.
+
+        Three silent connections from one address are taken for one while the robot's state shows that a program runs,
+        which is not the one that was here last.
+        """
+        vacant = not self.reverse.connected
+        if self._starting or self._robot.state["runtime_state"] not in _PLAYED or not (vacant or self._seen_ended):
+            return
+        now_s = asyncio.get_running_loop().time()
+        if (vacant and not self._seen_ended and now_s - self._left_s < _LINGER_S) or (
+            not vacant and self.reverse.peer.proven
+        ):
+            return
+        ends = (self.trajectory, self.commands, self.reverse)
+        for address in {peer.address for peer in self.reverse.waiting if now_s - peer.arrived_s > _GREETING_S}:
+            newest = [[peer for peer in end.waiting if peer.address == address][-1:] for end in ends]
+            if all(newest):
+                _logger.warning("a control program that is not this driver's connects from %s", address)
+                for end, (peer,) in zip(ends, newest, strict=True):
+                    end.admit(peer)
+                return
+
+    async def _breathe(self) -> None:
+        while True:
+            self.pulse.breathe()
+            self._admit_foreign_program()
+            await asyncio.sleep(_BREATH_S)
+
+    # late, or lost
+
+    def _heard(self, text: str) -> None:
+        """What the control program says about its driver."""
+        if text == LATE_TEXT:
+            self.reverse.note_late("the robot had to wait too long for the next setpoint")
+        elif text == GONE_TEXT and not self.pulse.bitten:
+            self._lost_why = (
+                f"the robot heard nothing from this machine for too long ({self.reverse.quiet_s:.1f} s by its clock), "
+                "or the network failed"
+            )
+            _logger.warning("the control program has ended: %s", self._lost_why)
+            if self._config.restart and self._config.headless and self._restart is None:
+                self._restart = asyncio.create_task(self._start_again())
+
+    async def _start_again(self) -> None:
+        """The program that was lost through our own fault. The arm rests until somebody moves it."""
+        try:
+            await self.reverse.wait_disconnected(_END_TIMEOUT_S)
+            async with asyncio.timeout(_END_TIMEOUT_S):
+                while self._robot.state["runtime_state"] != RuntimeState.STOPPED:
+                    await self._robot.next_state()
+            self._restart = None  # from here on it may be given up no more
+            await self._start()
+            _logger.warning("the control program runs again; the arm rests until it is moved")
+        except (URError, TimeoutError) as error:
+            _logger.error("the control program could not be started again: %s", error)
+        finally:
+            self._restart = None
+
+    async def _give_up_restart(self) -> None:
+        restart, self._restart = self._restart, None
+        if restart is not None and restart is not asyncio.current_task():
+            await cancel(restart)
+
+    def _robot_is_silent(self) -> None:
+        peer = self.reverse.current_peer
+        if peer is not None:
+            _logger.error("the robot is silent: its program is disconnected")
+            peer.abort()

@@ -1,0 +1,237 @@
+"""`Robot`: the same calls for scripts and notebooks."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, contextmanager
+from functools import partial, update_wrapper
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+from client.dashboard_commands import Operation
+from client.driver.blocking import Blocking, Part, blocking, blocking_context, carried, straight
+from client.driver.endpoint import StreamStatistics
+from client.driver.scheduling import real_time
+from client.robot.contact import Contact, Force
+from client.robot.facade import AsyncRobot
+from client.robot.io import IO
+from client.robot.kinematics import Dynamics, Kinematics
+from client.robot.programs import Dashboard, Programs
+from client.robot.state import RobotState
+from client.robot.streaming import Follow
+from urproto.robots import Joints
+from urproto.robots.pose import Pose
+
+Answer = TypeVar("Answer")
+Given = ParamSpec("Given")
+
+
+class BlockingKinematics(Part[Kinematics]):
+    """`Kinematics` for scripts and notebooks."""
+
+    forward = blocking(Kinematics.forward)
+    inverse = blocking(Kinematics.inverse)
+    has_solution = blocking(Kinematics.has_solution)
+    pose_within_limits = blocking(Kinematics.pose_within_limits)
+    joints_within_limits = blocking(Kinematics.joints_within_limits)
+    jacobian = blocking(Kinematics.jacobian)
+    jacobian_time_derivative = blocking(Kinematics.jacobian_time_derivative)
+    flange_pose = blocking(Kinematics.flange_pose)
+    freedrive_status = blocking(Kinematics.freedrive_status)
+    pose_trans = staticmethod(Kinematics.pose_trans)
+
+
+class BlockingDynamics(Part[Dynamics]):
+    """`Dynamics` for scripts and notebooks."""
+
+    mass_matrix = blocking(Dynamics.mass_matrix)
+    coriolis_torques = blocking(Dynamics.coriolis_torques)
+    joint_torques = blocking(Dynamics.joint_torques)
+    target_accelerations = blocking(Dynamics.target_accelerations)
+
+
+class BlockingContact(Part[Contact]):
+    """`Contact` for scripts and notebooks."""
+
+    steps = blocking(Contact.steps)
+    start_detection = blocking(Contact.start_detection)
+    detected = blocking(Contact.detected)
+    stop_detection = blocking(Contact.stop_detection)
+
+
+class BlockingForce(Part[Force]):
+    """`Force` for scripts and notebooks."""
+
+    zero_sensor = blocking(Force.zero_sensor)
+    set_mode_parameters = blocking(Force.set_mode_parameters)
+    use_external_sensor = blocking(Force.use_external_sensor)
+    set_external_wrench = blocking(Force.set_external_wrench)
+
+
+class BlockingIO(Part[IO]):
+    """`IO` for scripts and notebooks."""
+
+    set_analog_voltage = blocking(IO.set_analog_voltage)
+    set_analog_current = blocking(IO.set_analog_current)
+    analog_in = straight(IO.analog_in)
+    analog_out = straight(IO.analog_out)
+    set_tool_voltage = blocking(IO.set_tool_voltage)
+    set_int_register = blocking(IO.set_int_register)
+    set_double_register = blocking(IO.set_double_register)
+    int_register = straight(IO.int_register)
+    double_register = straight(IO.double_register)
+
+
+class BlockingPrograms(Part[Programs]):
+    """`Programs` for scripts and notebooks."""
+
+    send = blocking(Programs.send)
+    run = blocking(Programs.run)
+    run_function = blocking(Programs.run_function)
+    run_file = blocking(Programs.run_file)
+
+
+class BlockingDashboard(Part[Dashboard]):
+    """`Dashboard` for scripts and notebooks."""
+
+    def ask(self, operation: Operation[Answer]) -> Answer:
+        """Any operation of `client.dashboard_commands`; its ``command("...")`` makes one that is not there."""
+        return self.call(self.inner.ask(operation))
+
+    power_on = blocking(Dashboard.power_on)
+    power_off = blocking(Dashboard.power_off)
+    brake_release = blocking(Dashboard.brake_release)
+    unlock_protective_stop = blocking(Dashboard.unlock_protective_stop)
+    restart_safety = blocking(Dashboard.restart_safety)
+    close_safety_popup = blocking(Dashboard.close_safety_popup)
+    load = blocking(Dashboard.load)
+    play = blocking(Dashboard.play)
+    pause = blocking(Dashboard.pause)
+    stop = blocking(Dashboard.stop)
+    popup = blocking(Dashboard.popup)
+    close_popup = blocking(Dashboard.close_popup)
+    add_to_log = blocking(Dashboard.add_to_log)
+    shutdown = blocking(Dashboard.shutdown)
+    set_user_role = blocking(Dashboard.set_user_role)
+    robot_mode = blocking(Dashboard.robot_mode)
+    safety_mode = blocking(Dashboard.safety_mode)
+    safety_status = blocking(Dashboard.safety_status)
+    running = blocking(Dashboard.running)
+    program_state = blocking(Dashboard.program_state)
+    loaded_program = blocking(Dashboard.loaded_program)
+    is_program_saved = blocking(Dashboard.is_program_saved)
+    is_in_remote_control = blocking(Dashboard.is_in_remote_control)
+    polyscope_version = blocking(Dashboard.polyscope_version)
+    robot_model = blocking(Dashboard.robot_model)
+    serial_number = blocking(Dashboard.serial_number)
+
+
+def _streaming(
+    method: Callable[Concatenate[AsyncRobot, Given], AbstractAsyncContextManager[Follow]],
+) -> Callable[Concatenate[Any, Given], AbstractContextManager[Callable[[Sequence[float]], RobotState]]]:
+    """The blocking form of a stream of setpoints: the caller's thread sends them itself, with real-time priority."""
+
+    @contextmanager
+    def enter(
+        self: Blocking[AsyncRobot], /, *args: Given.args, **kwargs: Given.kwargs
+    ) -> Iterator[Callable[[Sequence[float]], RobotState]]:
+        realtime = self.inner.driver.config.realtime
+        with carried(self, method(self.inner, *args, **kwargs)) as follow, real_time(realtime):
+            yield partial(follow.from_thread, self.call)
+
+    update_wrapper(enter, method)
+    enter.__dict__.pop("__wrapped__", None)  # it is no coroutine function
+    return enter
+
+
+class Robot(Blocking[AsyncRobot]):
+    """`AsyncRobot` for scripts and notebooks; use it with ``with``.
+
+    `stop` may be called from another thread. A KeyboardInterrupt during a move stops the arm.
+    """
+
+    def __init__(self, host: str, **options: Any) -> None:
+        super().__init__(lambda: AsyncRobot(host, **options))
+        self.kinematics = BlockingKinematics(self, lambda robot: robot.kinematics)
+        self.dynamics = BlockingDynamics(self, lambda robot: robot.dynamics)
+        self.contact = BlockingContact(self, lambda robot: robot.contact)
+        self.force = BlockingForce(self, lambda robot: robot.force)
+        self.io = BlockingIO(self, lambda robot: robot.io)
+        self.programs = BlockingPrograms(self, lambda robot: robot.programs)
+        self.dashboard = BlockingDashboard(self, lambda robot: robot.dashboard)
+
+    make_ready = blocking(AsyncRobot.make_ready)
+    recover = blocking(AsyncRobot.recover)
+    stop = blocking(AsyncRobot.stop)
+    wait_done = blocking(AsyncRobot.wait_done)
+    wait_for = blocking(AsyncRobot.wait_for)
+
+    move_j = blocking(AsyncRobot.move_j)
+    move_l = blocking(AsyncRobot.move_l)
+    move_p = blocking(AsyncRobot.move_p)
+    move_c = blocking(AsyncRobot.move_c)
+    sequence = blocking(AsyncRobot.sequence)
+    speed_j = blocking(AsyncRobot.speed_j)
+    speed_l = blocking(AsyncRobot.speed_l)
+    jog = blocking(AsyncRobot.jog)
+    move_until_contact = blocking(AsyncRobot.move_until_contact)
+    progress = blocking(AsyncRobot.progress)
+
+    ask = blocking(AsyncRobot.ask)
+    need_program = blocking(AsyncRobot.need_program)
+    free = blocking(AsyncRobot.free)
+    start_again = blocking(AsyncRobot.start_again)
+    tcp_offset = blocking(AsyncRobot.tcp_offset)
+    history = blocking(AsyncRobot.history)
+    is_steady = blocking(AsyncRobot.is_steady)
+    step_time = blocking(AsyncRobot.step_time)
+    target_waypoint = blocking(AsyncRobot.target_waypoint)
+
+    servo_j = _streaming(AsyncRobot.servo_j)
+    servo_pose = _streaming(AsyncRobot.servo_pose)
+    velocity_j = _streaming(AsyncRobot.velocity_j)
+    velocity_l = _streaming(AsyncRobot.velocity_l)
+    direct_torque = _streaming(AsyncRobot.direct_torque)
+    freedrive = blocking_context(AsyncRobot.freedrive)
+    force_mode = blocking_context(AsyncRobot.force_mode)
+
+    digital_in = blocking(AsyncRobot.digital_in)
+    digital_out = blocking(AsyncRobot.digital_out)
+    set_digital_out = blocking(AsyncRobot.set_digital_out)
+    set_payload = blocking(AsyncRobot.set_payload)
+    set_target_payload = blocking(AsyncRobot.set_target_payload)
+    set_gravity = blocking(AsyncRobot.set_gravity)
+    set_tcp = blocking(AsyncRobot.set_tcp)
+    set_watchdog = straight(AsyncRobot.set_watchdog)
+    kick_watchdog = straight(AsyncRobot.kick_watchdog)
+    trigger_protective_stop = blocking(AsyncRobot.trigger_protective_stop)
+    set_speed_slider = blocking(AsyncRobot.set_speed_slider)
+
+    @property
+    def state(self) -> RobotState:
+        """The newest state."""
+        return self.inner.state
+
+    @property
+    def q(self) -> Joints:
+        """Joint angles (6,) [rad], base to wrist 3."""
+        return self.inner.q
+
+    @property
+    def tcp_pose(self) -> Pose:
+        """TCP in the base frame (6,) [m, rotation vector]."""
+        return self.inner.tcp_pose
+
+    def tcp_pose_at(self, q_rad: Sequence[float]) -> Pose:
+        """Where the TCP would be (6,) with these joint angles (6,), by the geometry that this very arm reports.
+
+        Raises RobotRefused while the robot has not told its geometry, or for one that is not known here.
+        """
+        return self.inner.tcp_pose_at(q_rad)
+
+    @property
+    def stream(self) -> StreamStatistics:
+        """How the setpoints of the present or the last such block went out: sent, skipped, late, longest gap."""
+        return self.inner.stream
+
+    @property
+    def moving(self) -> bool:
+        """True while a motion that was begun here is under way."""
+        return self.inner.moving

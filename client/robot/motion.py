@@ -1,0 +1,255 @@
+"""One motion at a time: begun, watched, waited for, stopped."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
+from contextlib import asynccontextmanager, suppress
+from typing import Any, Final
+from weakref import WeakKeyDictionary
+
+from client.driver.control_program import DECELERATION, SPEED_ACCELERATION
+from client.errors import ClientError, MotionStoppedError, WaitTimeoutError
+from client.robot.readiness import PROGRAM_GONE, Readiness
+from client.robot.state import RobotState
+from urproto.errors import LocalProtocolError
+from urproto.external_control import ControlMode
+
+_REST_S: Final = 5.0  # guess: a ramp to rest takes less than one second
+_SETTLE_STATES: Final = 3  # guess: a command beside the motion is read within one control period
+_USUAL: Final[Mapping[str, float | None]] = {
+    "acceleration": SPEED_ACCELERATION,
+    "deceleration_rad_s2": DECELERATION,
+}
+
+
+class MotionRunner:
+    """Who has the arm: the motion that is under way, or a context. It knows nothing of what a motion does."""
+
+    doing: str
+    """What has the arm, or had it last, as errors name it."""
+    stops: int
+    """How often `stop` was called: who sees another number has been stopped."""
+    rolling: bool
+    """A stream of speeds is about to go on as another one, without a stop in between."""
+
+    def __init__(self, readiness: Readiness) -> None:
+        self.readiness = readiness
+        self.driver = readiness.driver
+        self.diagnosis = readiness.diagnosis
+        self.doing = ""
+        self.stops = 0
+        self.rolling = False
+        self._motion: asyncio.Task[None] | None = None  # begun, and its end not yet told to anybody
+        self._has_context = False
+        self._awaited: asyncio.Task[None] | None = None  # the last motion whose caller waits: nobody may replace it
+        self._replaced: WeakKeyDictionary[asyncio.Task[None], str] = WeakKeyDictionary()
+        self._tuned: Mapping[str, float | None] = _USUAL  # how setpoints are followed
+        self.driver.on_program_state(self._program_changed)
+
+    @property
+    def state(self) -> RobotState:
+        """The newest state."""
+        return RobotState.of(self.driver.state)
+
+    async def close(self) -> BaseException | None:
+        """End the motion that is under way; the failure of one that had ended and that nobody has asked for."""
+        motion, self._motion = self._motion, None
+        if motion is not None and not motion.done():
+            await _cancelled(motion)
+        return None if motion is None or motion.cancelled() else motion.exception()
+
+    @property
+    def moving(self) -> bool:
+        """True while a motion that was begun here is under way."""
+        return self._motion is not None and not self._motion.done()
+
+    @property
+    def taken(self) -> bool:
+        """Something has the arm: a motion, or a context."""
+        return self.moving or self._has_context
+
+    # to begin
+
+    async def ready(self, doing: str, *, rolling: bool = False) -> None:
+        """The program runs and nobody has the arm, or else the error that says why not.
+
+        A motion that nobody waits for is replaced. The caller must take the arm before it awaits anything.
+        """
+        stops = self.stops
+        if not self._has_context:
+            await self._replace(doing, rolling=rolling)
+        await self.check_free(doing)
+        self.diagnosis.trouble.clear()
+        await self.readiness.need_program(doing)
+        if self.stops != stops:  # by another task, as what follows
+            raise MotionStoppedError(doing, "stop() was called")
+        self.check_nobody_moves(doing)
+
+    async def check_free(self, doing: str) -> None:
+        """See that nobody has the arm. Raises LocalProtocolError, and the failure of a motion that nobody was told."""
+        self.check_nobody_moves(doing)
+        await self.wait_done()
+
+    def check_nobody_moves(self, doing: str) -> None:
+        """Raise LocalProtocolError while something has the arm."""
+        if self.taken:
+            raise LocalProtocolError(f"{doing} has to wait for {self.doing}: wait_done() or stop() first")
+
+    async def launch(self, doing: str, work: Callable[[], Coroutine[Any, Any, None]], wait: bool) -> None:
+        """Begin a motion, and wait for its end if asked to; then it ends with its caller."""
+        self.doing = doing
+        motion = self._motion = asyncio.create_task(self._guarded(work))
+        if not wait:
+            return
+        self._awaited = motion
+        try:
+            await self.wait_done()
+        except asyncio.CancelledError:
+            self._motion = None
+            await _cancelled(motion)
+            raise
+
+    @asynccontextmanager
+    async def holding(self, doing: str) -> AsyncIterator[None]:
+        """A context that has the arm for itself; its end brings the arm to rest."""
+        await self.ready(doing)
+        self.doing, self._has_context = doing, True
+        try:
+            yield
+        except BaseException:
+            if self.driver.program_running:
+                self.driver.idle()
+            raise
+        finally:
+            self._has_context = False
+        if not self.driver.program_running or self.diagnosis.trouble.is_set():
+            raise await self.readiness.explanation(doing)
+        await self.come_to_rest()
+
+    async def settle(self, doing: str) -> None:
+        """Wait until a command that was sent is in effect: what follows travels by another connection."""
+        for _ in range(_SETTLE_STATES):
+            await self.diagnosis.next_state(doing)
+
+    async def tune(self, doing: str, **parameters: float | None) -> None:
+        """Let setpoints be followed as these `URDriver.set_stream_parameters` say."""
+        parameters = {name: value for name, value in ({**_USUAL, **parameters}).items() if value is not None}
+        if parameters == self._tuned:
+            return
+        self.driver.set_stream_parameters(**parameters)  # type: ignore[arg-type] # names of floats
+        self._tuned = parameters
+        await self.settle(doing)
+
+    # to wait and to stop
+
+    async def wait_done(self, timeout_s: float | None = None) -> None:
+        """Wait for the end of the motion that is under way, if any, and raise what went wrong.
+
+        Raises WaitTimeoutError when it takes longer than ``timeout_s``; the motion goes on.
+        """
+        motion, doing = self._motion, self.doing
+        if motion is None:
+            return
+        await asyncio.wait({motion}, timeout=timeout_s)
+        if not motion.done():
+            raise WaitTimeoutError(f"{doing} is still under way after {timeout_s} s: wait_done() again, or stop()")
+        if self._motion is motion:
+            self._motion = None
+        if motion.cancelled():
+            raise MotionStoppedError(doing, self._replaced.get(motion, "stop() was called"))
+        motion.result()
+
+    async def wait_for(self, condition: Callable[[RobotState], bool], timeout_s: float | None = None) -> RobotState:
+        """Look at each state until the condition holds for one, and return that.
+
+        Raises WaitTimeoutError, what ends the motion that is under way, and RobotUnreachableError
+        for a silent robot. The condition must be quick and must not call the robot.
+        """
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not condition(state := self.state):
+                    if self._motion is not None and self._motion.done() and _failed(self._motion):
+                        await self.wait_done()
+                    await self.diagnosis.next_state("wait_for")
+        except TimeoutError:
+            raise WaitTimeoutError(f"what was waited for did not happen within {timeout_s} s: wait again") from None
+        return state
+
+    async def stop(self, deceleration_rad_s2: float = DECELERATION) -> None:
+        """Bring the arm to rest, and return when it has; who waits for the motion gets MotionStoppedError.
+
+        The program goes on, the next motion may follow. For motions that were begun here: a
+        program of somebody else is stopped by ``driver.robot.send_script("stop program")``.
+        """
+        self.stops += 1
+        if self.driver.program_running and not self.diagnosis.paused:
+            await self.tune("stop", deceleration_rad_s2=deceleration_rad_s2)
+        motion, self._motion = self._motion, None
+        had_failed = motion is not None and motion.done()
+        if motion is not None:
+            await _cancelled(motion)
+        await self.come_to_rest()
+        if motion is not None and had_failed:
+            motion.result()  # a failure that nobody was told
+
+    async def come_to_rest(self) -> None:
+        """Stop sending, and wait until no joint is meant to move."""
+        if not self.driver.program_running or self.diagnosis.paused:
+            return
+        if self.driver.reverse.mode is ControlMode.FORWARD:
+            with suppress(ClientError, LocalProtocolError):  # none under way, or it ended otherwise
+                await self.driver.trajectory_result(_REST_S)
+        else:
+            self.driver.idle()
+            await self.diagnosis.next_state("stop")  # the program reads it once a control period
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_REST_S):
+                while not self.state.at_rest:
+                    await self.diagnosis.next_state("stop")
+
+    async def _replace(self, doing: str, *, rolling: bool) -> None:
+        """End a motion that goes on by itself, since its owner wants another one instead.
+
+        rolling: speeds that replace speeds do so without a stop in between.
+        """
+        motion = self._motion
+        if motion is None or motion.done() or motion is self._awaited:
+            return
+        self._motion, self.rolling = None, rolling
+        self._replaced[motion] = f"{doing} replaced it"
+        try:
+            await _cancelled(motion)
+        finally:
+            self.rolling = False
+        if self.driver.program_running and self.driver.reverse.mode is ControlMode.FORWARD:
+            with suppress(ClientError, LocalProtocolError):  # none under way, or it ended otherwise
+                await self.driver.trajectory_result(_REST_S)
+
+    async def _guarded(self, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        """Do it, and raise why it failed: also when the robot stops and the program waits for somebody."""
+        doing = self.doing
+        task = asyncio.create_task(work())
+        trouble = asyncio.create_task(self.diagnosis.trouble.wait())
+        try:
+            await asyncio.wait((task, trouble), return_when=asyncio.FIRST_COMPLETED)
+            if task.done() and not isinstance(task.exception(), PROGRAM_GONE):
+                return task.result()
+        finally:
+            await _cancelled(task)
+            await _cancelled(trouble)
+        raise await self.readiness.explanation(doing)
+
+    def _program_changed(self, connected: bool) -> None:
+        if connected:
+            self._tuned = _USUAL  # a new program has those
+
+
+def _failed(motion: "asyncio.Task[None]") -> bool:
+    return motion.cancelled() or motion.exception() is not None
+
+
+async def _cancelled(task: "asyncio.Task[Any]") -> None:
+    """End a task and wait until it has; its failure is for whoever awaits it."""
+    task.cancel()
+    await asyncio.wait({task})
+    if not task.cancelled():
+        task.exception()  # looked at

@@ -1,0 +1,88 @@
+"""Whether an arm gets to where it is to go, judged before it is sent there."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from client.calibration import geometry_of
+from client.errors import OutOfReachError
+from urproto.external_control import MotionType, TrajectoryPoint
+from urproto.joints import JOINT_LABELS
+from urproto.primary.state import ConfigurationData, KinematicsInfo
+from urproto.robots import Kinematics
+from urproto.robots.pose import Pose, pose_inv, pose_trans
+
+_JOINTS: Final = frozenset(
+    [
+        MotionType.MOVEJ,
+        MotionType.OPTIMOVEJ,
+        MotionType.MOVEL_JOINT,
+        MotionType.MOVEP_JOINT,
+        MotionType.MOVEC_JOINT,
+        MotionType.MOVEC_POSE_JOINT,
+        MotionType.OPTIMOVEL_JOINT,
+        MotionType.SPLINE,
+    ]
+)
+_SLACK: Final = 0.01  # of the distance; guess: calibrations differ by some millimetres in a metre
+_ROUNDING_RAD: Final = 1e-6  # a word of the wire is so much
+
+
+class Reach:
+    """Of an arm with this TCP, flange to TCP (6,) [m, rotation vector], that stands at ``q_rad``."""
+
+    def __init__(
+        self,
+        arm: ConfigurationData,
+        tcp_offset: Sequence[float],
+        q_rad: Sequence[float],
+        calibration: KinematicsInfo | None = None,
+    ) -> None:
+        self._arm = arm
+        self._tcp_inverse = pose_inv(tcp_offset)
+        self._q_rad = q_rad
+        self._limits = ((*arm.q_min[:5], -math.inf), (*arm.q_max[:5], math.inf))
+        self._kinematics = geometry_of(arm, calibration)
+
+    def check(self, doing: str, points: Sequence[TrajectoryPoint]) -> None:
+        """Raise OutOfReachError for the first point the arm cannot get to."""
+        for number, point in enumerate(points):
+            problem = self._problem(point)
+            if problem is not None:
+                which = f"point {number} " if len(points) > 1 else "the target "
+                raise OutOfReachError(doing, which + problem, number)
+
+    def _problem(self, point: TrajectoryPoint) -> str | None:
+        if point.type in _JOINTS:
+            return self._beyond_limits(point.target)
+        if not self._reachable(point.target):
+            return f"p[{_listed(point.target)}] has no joint angles within the arm's limits: choose one nearer to it"
+        return None
+
+    def _beyond_limits(self, q_rad: Sequence[float]) -> str | None:
+        without_wrist_3 = JOINT_LABELS[:-1]  # it has no end stop on some arms
+        for name, low, angle, high in zip(without_wrist_3, self._arm.q_min, q_rad, self._arm.q_max, strict=False):
+            if not low - _ROUNDING_RAD <= angle <= high + _ROUNDING_RAD:
+                return f"asks {name} for {angle:.4f} rad, and its limits are {low:.4f} and {high:.4f} rad"
+        return None
+
+    def _reachable(self, pose_base_tcp: Sequence[float]) -> bool:
+        if self._kinematics is None:
+            return True
+        flange = pose_trans(pose_base_tcp, self._tcp_inverse)
+        scales = (1.0, 1.0 - _SLACK, 1.0 + _SLACK)
+        return any(self._solves(self._kinematics, self._moved(flange, scale)) for scale in scales)
+
+    def _moved(self, pose: Pose, scale: float) -> Pose:
+        """Nearer to the shoulder, or farther from it."""
+        height = self._arm.dh_d[0]
+        x, y, z, *turn = pose
+        rx, ry, rz = turn
+        return (x * scale, y * scale, height + (z - height) * scale, rx, ry, rz)
+
+    def _solves(self, kinematics: Kinematics, flange: Pose) -> bool:
+        return kinematics.inverse_near(flange, self._q_rad, *self._limits) is not None
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:.4f}" for value in values)

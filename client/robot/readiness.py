@@ -1,0 +1,133 @@
+"""Whether the arm can move: the control program started, and kept from starting when somebody has ended it."""
+
+import asyncio
+from collections.abc import Coroutine, Sequence
+from typing import Any, Final
+
+from client import dashboard
+from client.driver import URDriver
+from client.errors import NoAnswerError, OutOfReachError, ProgramEndedError, ProgramNotRunningError
+from client.robot.diagnosis import Diagnosis
+from urproto.errors import RobotRefused
+from urproto.external_control import Question
+from urproto.modes import RobotMode
+
+PROGRAM_GONE: Final = (ProgramEndedError, ProgramNotRunningError)
+"""What a driver raises when its program has left; `Readiness.explanation` says why it has."""
+_POWER_UP_S: Final = 60.0  # guess: switching an arm on takes up to half a minute
+_REMOTE: Final = "switch the robot to Remote Control on its teach pendant, then connect again"
+LOCAL_CONTROL: Final = ("it is in local control", _REMOTE)
+_RUN_LINE: Final = "set robotmode run"
+
+
+class Readiness:
+    """Makes the arm ready, at first and after a protective stop, and sees that it still is."""
+
+    def __init__(self, driver: URDriver, diagnosis: Diagnosis) -> None:
+        self.driver = driver
+        self.diagnosis = diagnosis
+        self._told_running = False  # the program runs as far as the caller was told: its end is explained first
+
+    async def make_ready(self) -> None:
+        """Power the arm on, release the brakes and start the control program, whatever of it is still to be done.
+
+        The arm moves a little as its brakes are released. Raises SafetyStopError while a stop
+        is in effect, RobotRefused when the robot says no.
+        """
+        await self.diagnosis.refuse_in_stop("make_ready")
+        if self.driver.robot.robot_mode is not RobotMode.RUNNING:
+            await self._release_brakes()
+        if not self.driver.program_running or self.diagnosis.paused:
+            await self.start("make_ready")
+        self._told_running = True
+
+    async def recover(self) -> None:
+        """Unlock a protective stop, 5 s after it occurred, and start the control program again.
+
+        For a caller who knows why the arm stopped and that it may move. Raises RobotRefused
+        when the stop comes back at once, SafetyStopError for another kind of stop.
+        """
+        if not self.driver.protective_stopped:
+            await self.diagnosis.refuse_in_stop("recover")
+        await self._reporting("recover", self.driver.recover())
+        self._told_running = True
+
+    async def need_program(self, doing: str) -> None:
+        """See that the control program runs and obeys, or raise the error that says why it does not.
+
+        Started as by a motion: the first time, or after an end that was this machine's own fault.
+        """
+        if self.diagnosis.silent:
+            raise self.diagnosis.unreachable(doing)
+        await self.diagnosis.refuse_in_stop(doing)
+        if self.driver.program_running and self.diagnosis.paused:
+            raise RobotRefused(doing, "its program is paused", "resume it on the robot, or make_ready() starts it anew")
+        if self.driver.program_running:
+            self._told_running = True
+            return
+        if self.driver.robot.robot_mode is not RobotMode.RUNNING:
+            mode = self.driver.robot.robot_mode.name
+            raise RobotRefused(doing, f"its mode is {mode}", "make_ready() powers it on and releases the brakes")
+        if self._told_running and (not self.driver.lost_why or self.driver.pulse.bitten):
+            raise await self.explanation(doing)
+        await self.start(doing)
+
+    async def start(self, doing: str) -> None:
+        """Start the control program. Raises RobotRefused for a robot in local control."""
+        link = self.driver.robot
+        link.reports.clear()
+        link.popups.clear()
+        await self._reporting(doing, self.driver.start_program())
+        self._told_running = True
+
+    async def ask(
+        self,
+        doing: str,
+        question: Question,
+        *arguments: Sequence[float] | None,
+        number: int = 0,
+        gate: str | None = None,
+    ) -> tuple[float, ...]:
+        """What the control program answers; the robot's components ask so. See `URDriver.ask`."""
+        await self.need_program(doing)
+        try:
+            return await self.driver.ask(question, *arguments, number=number, gate=gate)
+        except PROGRAM_GONE:
+            raise await self.explanation(doing) from None
+        except NoAnswerError:
+            await self.diagnosis.refuse_in_stop(doing)
+            raise
+
+    async def explanation(self, doing: str) -> Exception:
+        """Why this has ended, as far as the robot says so."""
+        error = await self.diagnosis.explanation(doing)
+        if isinstance(error, OutOfReachError):  # the caller's target, and nobody's wish to end the program
+            self._told_running = False  # so it may start by itself
+        return error
+
+    async def _release_brakes(self) -> None:
+        if (board := self.driver.robot.dashboard) is not None:
+            await board.ask(dashboard.BRAKE_RELEASE)
+        else:
+            await self.driver.robot.send_script(_RUN_LINE)
+        try:
+            async with asyncio.timeout(_POWER_UP_S):
+                while self.driver.robot.robot_mode is not RobotMode.RUNNING:
+                    await self.diagnosis.next_state("make_ready")
+                    self.diagnosis.check_safety("make_ready")
+        except TimeoutError:
+            mode = self.driver.robot.robot_mode.name
+            advice = f"look at the pendant; e-Series: {_REMOTE}"
+            raise RobotRefused("brake release", f"after {_POWER_UP_S:g} s its mode is {mode}", advice) from None
+
+    async def _reporting(self, doing: str, start: Coroutine[Any, Any, None]) -> None:
+        """Await the start of the program; one that does not come about is explained."""
+        try:
+            await start
+        except ProgramNotRunningError as error:
+            if await self.diagnosis.in_local_control():
+                why, advice = LOCAL_CONTROL
+                raise RobotRefused(
+                    doing, why, f"{advice}; a simulator, which takes scripts anyway: {error.hint}"
+                ) from None
+            raise

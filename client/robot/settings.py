@@ -1,0 +1,88 @@
+"""Settings that return when their effect is seen."""
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from client.driver.robot import MOVABLE
+from client.robot.motion import MotionRunner
+from client.robot.readiness import LOCAL_CONTROL
+from client.robot.state import RobotState, check_signal
+from urproto.errors import LocalProtocolError, RobotRefused
+from urproto.external_control import to_words
+from urproto.modes import RobotMode, SafetyMode
+from urproto.signals import digital_signal
+
+_EFFECT_S: Final = 2.0  # guess: ten times what the slowest takes, which the primary interface shows
+_SAME_M: Final = 1e-5  # m or rad
+
+
+class Settings:
+    """What is set by a script or a command, and seen in the robot's state afterwards.
+
+    The next motion travels by another connection and could overtake it. Raises RobotRefused when no effect is seen.
+    """
+
+    def __init__(self, motion: MotionRunner) -> None:
+        self._motion = motion
+        self._driver = motion.driver
+        self._diagnosis = motion.diagnosis
+
+    async def set_digital_out(self, number: int, on: bool) -> None:
+        """Switch a digital output: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
+        group, index = digital_signal(check_signal(number))
+        await self._say(group.statement(index, on))
+        await self._take_effect(f"digital output {number}", lambda state: state.digital_out(number) is bool(on))
+
+    async def set_tcp(self, pose_flange_tcp: Sequence[float]) -> None:
+        """Flange to TCP (6,) [m, rotation vector]; not while a motion is under way."""
+        if self._motion.taken:
+            await self._motion.check_free("set_tcp")
+        to_words(pose_flange_tcp)
+        if len(pose_flange_tcp) != 6:
+            raise LocalProtocolError(f"a pose has 6 numbers, not {len(pose_flange_tcp)}")
+        if self._driver.program_running and self._obeys:
+            self._driver.set_tcp(pose_flange_tcp)
+        else:
+            await self._say(f"set_tcp(p[{', '.join(str(float(value)) for value in pose_flange_tcp)}])")
+        await self._take_effect("set_tcp", lambda _: self._tcp_is(pose_flange_tcp))
+
+    async def set_speed_slider(self, fraction: float) -> None:
+        """Scale the speed of everything by 0.01 to 1."""
+        await self._driver.set_speed_slider(fraction)
+        await self._take_effect("speed slider", lambda state: abs(state.speed_fraction - fraction) < 1e-3)
+
+    async def trigger_protective_stop(self) -> None:
+        """Stop the arm as the robot would after a collision, from any motion. See `recover`."""
+        await self._say("protective_stop()")
+        await self._take_effect("protective stop", lambda state: state.safety_mode == SafetyMode.PROTECTIVE_STOP)
+
+    async def _say(self, statement: str) -> None:
+        await self._driver.robot.send_script(f"sec setting():\n  {statement}\nend")
+
+    async def _take_effect(self, what: str, done: Callable[[RobotState], bool]) -> None:
+        try:
+            await self._motion.wait_for(done, _EFFECT_S)
+        except TimeoutError:
+            await self._diagnosis.refuse_in_stop(what)
+            raise RobotRefused(what, *await self._why_no_effect()) from None
+
+    @property
+    def _obeys(self) -> bool:
+        """The control program executes commands: it is not held by a pause or a stop."""
+        return not self._diagnosis.paused and self._driver.robot.safety_mode in MOVABLE
+
+    async def _why_no_effect(self) -> tuple[str, str]:
+        link = self._driver.robot
+        failure = link.take_script_error()
+        why = str(failure) if failure else self._diagnosis.reported()
+        if not why and await self._diagnosis.in_local_control():
+            return LOCAL_CONTROL
+        if not why and link.robot_mode is not RobotMode.RUNNING:
+            return f"its mode is {link.robot_mode.name}", "make_ready() powers it on and releases the brakes"
+        return f"{why or 'nothing changed'} within {_EFFECT_S:g} s", "look at the pendant and its log"
+
+    def _tcp_is(self, pose_flange_tcp: Sequence[float]) -> bool:
+        state = self._driver.robot.primary_state
+        if state is None or state.cartesian is None:
+            return False
+        return all(abs(a - b) < _SAME_M for a, b in zip(state.cartesian.tcp_offset, pose_flange_tcp, strict=True))

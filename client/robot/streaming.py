@@ -1,0 +1,89 @@
+"""Streams of setpoints: one for each state of the robot."""
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
+from contextlib import asynccontextmanager
+from typing import Any, Final
+
+from client.driver.robot import MOVABLE
+from client.errors import ClientError, LateSetpointError, MotionError, MotionStoppedError
+from client.robot.motion import MotionRunner
+from client.robot.readiness import PROGRAM_GONE
+from client.robot.state import RobotState
+
+_logger = logging.getLogger(__name__)
+
+_AS_IT_IS: Final[Mapping[str, float | None]] = {}
+_MANY: Final = 0.01  # guess: so many control periods without a setpoint are worth a warning
+
+
+class Follow:
+    """Send one setpoint (6,), wait for a state that was not seen yet, return that."""
+
+    def __init__(self, motion: MotionRunner, doing: str, send: Callable[[Sequence[float]], None]) -> None:
+        self._motion = motion
+        self._link = motion.driver.robot
+        self._feed = motion.driver.robot.feed
+        self._silence_s = motion.driver.config.silence_s
+        self._doing = doing
+        self._send = send
+        self._stops = motion.stops
+        self._seen = self._feed.count
+
+    async def __call__(self, setpoint: Sequence[float]) -> RobotState:
+        """From the event loop."""
+        if not self._put(setpoint):
+            raise await self._motion.readiness.explanation(self._doing)
+        if self._feed.count > self._seen:
+            await asyncio.sleep(0)
+        else:
+            await self._motion.diagnosis.next_state(self._doing)
+        self._seen = self._feed.count
+        return RobotState.of(self._feed.state)
+
+    def from_thread(self, call: Callable[[Coroutine[Any, Any, Any]], Any], setpoint: Sequence[float]) -> RobotState:
+        """From a thread, past the event loop; ``call`` runs a coroutine in it and waits."""
+        if not self._put(setpoint):
+            raise call(self._motion.readiness.explanation(self._doing))
+        try:
+            self._feed.wait(self._seen, self._silence_s)
+        except ClientError:
+            raise self._motion.diagnosis.unreachable(self._doing) from None
+        self._seen = self._feed.count
+        return RobotState.of(self._feed.state)
+
+    def _put(self, setpoint: Sequence[float]) -> bool:
+        """Send it; False when there is a trouble to be explained."""
+        if self._motion.stops != self._stops:
+            raise MotionStoppedError(self._doing, "stop() was called")
+        if popups := self._link.popups:
+            raise MotionError(self._doing, popups[-1].text)
+        if self._link.safety_mode not in MOVABLE:
+            return False
+        try:
+            self._send(setpoint)
+        except LateSetpointError as late:
+            raise LateSetpointError(self._doing, late.late) from None
+        except PROGRAM_GONE:
+            return False
+        return True
+
+
+@asynccontextmanager
+async def setpoint_stream(
+    motion: MotionRunner,
+    doing: str,
+    send: Callable[[Sequence[float]], None],
+    tuning: Mapping[str, float | None] = _AS_IT_IS,
+) -> AsyncIterator[Follow]:
+    """Hold the arm for setpoints that ``send`` sends; its end says in the log how they went out."""
+    async with motion.holding(doing):
+        await motion.tune(doing, **tuning)
+        motion.driver.robot.popups.clear()
+        yield Follow(motion, doing, send)
+        if why := motion.driver.reverse.take_late():
+            raise LateSetpointError(doing, why)
+        stream = motion.driver.reverse.stream
+        level = logging.WARNING if stream.skipped > _MANY * stream.sent else logging.INFO
+        _logger.log(level, "%s: %s", doing, stream)

@@ -1,0 +1,43 @@
+"""Digital signals: the three groups that share a word of 18 bits in each direction, on every interface."""
+
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True, slots=True)
+class DigitalGroup:
+    """A run of bits in the digital words: ``count`` from bit ``first`` on. letter: as in DI0."""
+
+    name: str
+    letter: str
+    first: int
+    count: int
+
+    def bit(self, index: int) -> int:
+        """Position of signal ``index`` in the word. Raises IndexError outside the group."""
+        if not 0 <= index < self.count:
+            raise IndexError(f"there is no {self.name} digital signal {index}: they are 0 to {self.count - 1}")
+        return self.first + index
+
+    def statement(self, index: int, level: bool) -> str:
+        """What switches an output in a script."""
+        return f"set_{self.name}_digital_out({index}, {bool(level)})"
+
+
+STANDARD: Final = DigitalGroup("standard", "D", 0, 8)
+CONFIGURABLE: Final = DigitalGroup("configurable", "C", 8, 8)
+TOOL: Final = DigitalGroup("tool", "T", 16, 2)
+
+DIGITAL_GROUPS: Final = (STANDARD, CONFIGURABLE, TOOL)
+"""In the order of their bits: of the control box, of its configurable connector, and at the tool."""
+
+SIGNALS: Final = 18
+"""Digital signals of one direction: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
+
+
+def digital_signal(number: int) -> tuple[DigitalGroup, int]:
+    """Group of the signal of this bit, and its index there. Raises IndexError when there is none."""
+    for group in DIGITAL_GROUPS:
+        if group.first <= number < group.first + group.count:
+            return group, number - group.first
+    raise IndexError(f"there is no digital signal {number}: 0-7 standard, 8-15 configurable, 16-17 tool")

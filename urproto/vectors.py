@@ -1,0 +1,176 @@
+"""Vectors of three and six numbers as plain tuples, without numpy's cost per call: the control period uses them.
+
+What has no number in its name is of six (joints, or a linear part and an angular one), but for what only vectors of
+space have: length, products, direction. Units and frames are those of what is put in.
+"""
+
+from collections.abc import Iterable, Sequence
+from math import isfinite, sqrt
+from typing import Final
+
+Vector3 = tuple[float, float, float]
+Vector6 = tuple[float, float, float, float, float, float]
+Matrix3 = tuple[float, float, float, float, float, float, float, float, float]
+"""A 3x3 matrix, row by row."""
+Axes = tuple[Vector3, Vector3, Vector3]
+"""x, y and z of a frame: the columns of its rotation matrix."""
+
+ZERO3: Final[Vector3] = (0.0, 0.0, 0.0)
+ZERO6: Final[Vector6] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+_NO_LENGTH: Final = 1e-9
+
+
+# of six
+
+
+def as_six(values: Iterable[float]) -> Vector6:
+    """Six floats, or ValueError."""
+    a, b, c, d, e, f = values
+    return (float(a), float(b), float(c), float(d), float(e), float(f))
+
+
+def all_finite(values: Iterable[float]) -> bool:
+    """False when any value is NaN or infinite."""
+    return all(map(isfinite, values))
+
+
+def largest(values: Iterable[float]) -> float:
+    """Largest magnitude."""
+    return max(map(abs, values))
+
+
+def add(a: Sequence[float], b: Sequence[float]) -> Vector6:
+    """a + b."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5])
+
+
+def sub(a: Sequence[float], b: Sequence[float]) -> Vector6:
+    """a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5])
+
+
+def lerp(a: Sequence[float], b: Sequence[float], scale: float) -> Vector6:
+    """a + scale * b."""
+    return (
+        a[0] + scale * b[0],
+        a[1] + scale * b[1],
+        a[2] + scale * b[2],
+        a[3] + scale * b[3],
+        a[4] + scale * b[4],
+        a[5] + scale * b[5],
+    )
+
+
+def scaled(a: Sequence[float], factor: float) -> Vector6:
+    """factor * a."""
+    return (a[0] * factor, a[1] * factor, a[2] * factor, a[3] * factor, a[4] * factor, a[5] * factor)
+
+
+def rate(now: Vector6, before: Vector6, period_s: float) -> Vector6:
+    """Change per second."""
+    x, y, z, u, v, w = sub(now, before)
+    return (x / period_s, y / period_s, z / period_s, u / period_s, v / period_s, w / period_s)
+
+
+def towards(now: Vector6, goal: Vector6, step: float) -> Vector6:
+    """Go from now to goal on a straight line, the leading component by at most step; ends on goal exactly."""
+    change = sub(goal, now)
+    size = largest(change)
+    return goal if size <= step else lerp(now, change, step / size)
+
+
+def times6(rows: Sequence[Sequence[float]], vector: Sequence[float]) -> Vector6:
+    """A 6x6 matrix, given by its rows, times a vector."""
+    a, b, c, d, e, f = vector
+    x, y, z, rx, ry, rz = [r * a + s * b + t * c + u * d + v * e + w * f for r, s, t, u, v, w in rows]
+    return (x, y, z, rx, ry, rz)
+
+
+# of three: the first three of what is given
+
+
+def add3(a: Sequence[float], b: Sequence[float]) -> Vector3:
+    """a + b."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def sub3(a: Sequence[float], b: Sequence[float]) -> Vector3:
+    """a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def scaled3(a: Sequence[float], factor: float) -> Vector3:
+    """factor * a."""
+    return (a[0] * factor, a[1] * factor, a[2] * factor)
+
+
+def scaled_sum3(a: Sequence[float], p: float, b: Sequence[float], q: float) -> Vector3:
+    """p * a + q * b."""
+    return (a[0] * p + b[0] * q, a[1] * p + b[1] * q, a[2] * p + b[2] * q)
+
+
+def norm3(x: float, y: float, z: float) -> float:
+    """Euclidean length."""
+    return sqrt(x * x + y * y + z * z)
+
+
+def dot(a: Sequence[float], b: Sequence[float]) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Sequence[float], b: Sequence[float]) -> Vector3:
+    """Vector product."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def unit(v: Sequence[float], otherwise: Vector3) -> Vector3:
+    """The direction of v; ``otherwise`` when it has none."""
+    size = norm3(v[0], v[1], v[2])
+    return (v[0] / size, v[1] / size, v[2] / size) if size > _NO_LENGTH else otherwise
+
+
+# between frames
+
+
+def rotate(matrix: Sequence[float], v: Sequence[float]) -> Vector3:
+    """Matrix (row by row) times vector: out of the frame whose axes are its columns."""
+    x, y, z = v[0], v[1], v[2]
+    return (
+        matrix[0] * x + matrix[1] * y + matrix[2] * z,
+        matrix[3] * x + matrix[4] * y + matrix[5] * z,
+        matrix[6] * x + matrix[7] * y + matrix[8] * z,
+    )
+
+
+def rotate_back(matrix: Sequence[float], v: Sequence[float]) -> Vector3:
+    """Transposed matrix times vector, the inverse of ``rotate``: into the frame whose axes are its columns."""
+    x, y, z = v[0], v[1], v[2]
+    return (
+        matrix[0] * x + matrix[3] * y + matrix[6] * z,
+        matrix[1] * x + matrix[4] * y + matrix[7] * z,
+        matrix[2] * x + matrix[5] * y + matrix[8] * z,
+    )
+
+
+def out_of(axes: Axes, v: Sequence[float]) -> Vector3:
+    """A vector given in the axes, in the frame that the axes are given in."""
+    x, y, z = axes
+    return (
+        x[0] * v[0] + y[0] * v[1] + z[0] * v[2],
+        x[1] * v[0] + y[1] * v[1] + z[1] * v[2],
+        x[2] * v[0] + y[2] * v[1] + z[2] * v[2],
+    )
+
+
+def out_of6(axes: Axes, screw: Vector6) -> Vector6:
+    """As out_of, for a (linear, angular) pair."""
+    return (*out_of(axes, screw[:3]), *out_of(axes, screw[3:]))
+
+
+def into6(axes: Axes, screw: Vector6) -> Vector6:
+    """A (linear, angular) pair in the axes: the inverse of out_of6."""
+    x, y, z = axes
+    lin, ang = screw[:3], screw[3:]
+    return (dot(lin, x), dot(lin, y), dot(lin, z), dot(ang, x), dot(ang, y), dot(ang, z))
