@@ -228,7 +228,7 @@ def recorded_and_replayed(robot: HostileRobot, folder: Path) -> None:
     routes = [Route(n, CONTROLLER_PORTS[n], "127.0.0.1", 0, robot.host, CONTROLLER_PORTS[n]) for n in names]
 
     def watch(host: str, port: int) -> None:
-        with suppress(*EXPLAINED), BlockingRTDEClient(host, DEFAULT_FIELDS, port=port) as client:
+        with suppress(EXPLAINED), BlockingRTDEClient(host, DEFAULT_FIELDS, port=port) as client:
             for _ in range(10):
                 client.receive()
 
