@@ -18,7 +18,7 @@ from urproto.robots import load_model
 
 __all__ = ["KINDS", "HostileRobot"]
 
-SPOILT: Final = ("dashboard", "primary", "secondary", "realtime", "rtde", "modbus")
+SPOILT: Final = ("dashboard", "primary", "secondary", "realtime", "rtde", "tool line", "modbus")
 _PATIENCE_S: Final = 30.0
 _MOST: Final = 4_000_000  # bytes of an endless answer: a client is to give up before
 _LENGTH: Final = struct.Struct(">i")
@@ -135,7 +135,7 @@ class HostileRobot:
 
     def __init__(self, model: str = "ur5e") -> None:
         controller = ControllerConfig(model=load_model(model), running=True)
-        self.robot = Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True))
+        self.robot = Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True, tool_device="echo"))
         self.host = ""
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever)

@@ -30,9 +30,15 @@ from client.primary import POWER_ON, BlockingPrimaryClient, PrimaryClient
 from client.realtime import BlockingRealtimeClient
 from client.recording import DEFAULT_FIELDS, Recorder, read
 from client.rtde import BlockingRTDEClient, RTDEClient
+from client.tool_communication import ToolCommunication
+from client.traffic.proxy import Proxy, Route
+from client.traffic.recording import Recorder as TrafficRecorder
+from client.traffic.recording import Recording
+from client.traffic.replay import ReplayRobot
 from urproto.errors import RobotRefused, URError
+from urproto.ports import CONTROLLER_PORTS
 
-ROBOTS: Final = int(os.environ.get("HOSTILE_ROBOTS", "26"))
+ROBOTS: Final = int(os.environ.get("HOSTILE_ROBOTS", "29"))
 SEED: Final = int(os.environ.get("HOSTILE_SEED", "1"))
 PATIENCE_S: Final = 0.4
 LONGEST_S: Final = 60.0  # a client that is told nothing useful gives up; the machine may be busy
@@ -183,6 +189,51 @@ def driver_async(robot: HostileRobot, folder: Path) -> None:
     asyncio.run(use())
 
 
+def tool_line(robot: HostileRobot, folder: Path) -> None:
+    async def use() -> None:
+        device = folder / "tty"
+        async with ToolCommunication(robot.host, device=device) as line:
+            running = asyncio.create_task(line.run())
+            near = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            try:
+                for _ in range(20):
+                    os.write(near, b"hello")
+                    await asyncio.sleep(0.005)
+                    with suppress(BlockingIOError):
+                        os.read(near, 4096)
+            finally:
+                os.close(near)
+                running.cancel()
+                await asyncio.gather(running, return_exceptions=True)
+
+    asyncio.run(use())
+
+
+def recorded_and_replayed(robot: HostileRobot, folder: Path) -> None:
+    """A client through a proxy that records, and then before what the recording makes of the robot."""
+    names = ("rtde", "dashboard", "primary")
+    routes = [Route(n, CONTROLLER_PORTS[n], "127.0.0.1", 0, robot.host, CONTROLLER_PORTS[n]) for n in names]
+
+    def watch(host: str, port: int) -> None:
+        with suppress(EXPLAINED), BlockingRTDEClient(host, DEFAULT_FIELDS, port=port) as client:
+            for _ in range(10):
+                client.receive()
+
+    async def use() -> None:
+        recorder = TrafficRecorder(folder / "traffic.pcapng", ["hostile"])
+        try:
+            async with Proxy(routes, recorder) as proxy:
+                await asyncio.to_thread(watch, "127.0.0.1", proxy.ports["rtde"])
+        finally:
+            recorder.close()
+        recording = Recording.read(folder / "traffic.pcapng")
+        async with ReplayRobot(recording, "127.0.0.1", speed=100.0, free_ports=True) as again:
+            if "rtde" in again.ports:
+                await asyncio.to_thread(watch, "127.0.0.1", again.ports["rtde"])
+
+    asyncio.run(use())
+
+
 def command(*words: str) -> Entry:
     def invoke(robot: HostileRobot, folder: Path) -> None:
         placed = [word.replace("FOLDER", str(folder)) for word in words]
@@ -208,6 +259,7 @@ ENTRIES: Final[tuple[Entry, ...]] = (
     command("doctor"), command("doctor", "--json"), command("calibration", "-o", "FOLDER/calibration.yaml"),
     command("describe"), command("send", "FOLDER/p.script"), command("send", "FOLDER/p.script", "--wait"),
     command("record", "FOLDER/run.mcap", "--duration", "0.1"), command("record", "FOLDER/run.npz", "--duration", "0.1"),
+    tool_line, recorded_and_replayed, command("controllers", "interfaces"),
     command("goal", "0.1,-1.5,0.1,0,0,0", "--duration", "0.5", "--yes"),
 )  # fmt: skip
 
