@@ -131,7 +131,7 @@ class DashboardCore:
         self._forget()
         greeting = yield from self._next_line()
         if greeting != wire.GREETING:
-            raise RemoteProtocolError(f"this is no dashboard server, it says {greeting!r}")
+            raise RemoteProtocolError(f"this is not a dashboard server, it says {greeting!r}")
 
     def ask(self, operation: Operation[Answer]) -> Flow[Answer]:
         """Send an operation's line and read its answer."""

@@ -220,7 +220,7 @@ def command(line: str) -> Operation[str]:
 
 
 def judged(line: str) -> Operation[str]:
-    """Any line; the answer is what the robot says, unless that is no answer of success."""
+    """Any line; the answer is what the robot says, unless that is not an answer of success."""
     known = _known(line.strip())
 
     def read(reply: str) -> str:

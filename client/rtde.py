@@ -36,13 +36,13 @@ _MASK = "_mask"  # these choose what the same package changes, so they are not k
 def read_recipe(path: Path) -> tuple[str, ...]:
     """The variables of a file with one name a line. Blank lines and what follows a ``#`` do not count.
 
-    Raises OSError when the file cannot be read and LocalProtocolError when it is no list of names.
+    Raises OSError when the file cannot be read and LocalProtocolError when it is not a list of names.
     """
     lines = (line.partition("#")[0].strip() for line in path.read_text("utf-8-sig").splitlines())
     names = tuple(line for line in lines if line)
     odd = [name for name in names if not name.isidentifier()]
     if odd:
-        raise LocalProtocolError(f"{path}: {odd[0]!r} is no variable: give one name a line")
+        raise LocalProtocolError(f"{path}: {odd[0]!r} is not a variable: give one name a line")
     if not names:
         raise LocalProtocolError(f"{path} names no variable")
     return names

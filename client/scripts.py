@@ -92,7 +92,7 @@ def is_secondary(text: str) -> bool:
 
 def _wrapped(text: str, name: str) -> Script:
     if not _NAME.match(name):
-        raise LocalProtocolError(f"{name!r} is no program name: use letters, digits and _, a digit not first")
+        raise LocalProtocolError(f"{name!r} is not a program name: use letters, digits and _, a digit not first")
     return Script(name, f"def {name}():\n{text}\nend", shift=1)
 
 

@@ -140,7 +140,7 @@ def _read_ports(path: Path) -> dict[str, int]:
     try:
         ports: dict[str, int] = json.loads(path.read_text())
     except (OSError, ValueError) as error:
-        raise typer.BadParameter(f"{path} is no file of ports: {error}") from error
+        raise typer.BadParameter(f"{path} is not a file of ports: {error}") from error
     return ports
 
 

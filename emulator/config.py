@@ -248,7 +248,7 @@ def read_yaml(path: Path) -> Any:
 def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
     """The PolyScope version to report, the series' usual one when nothing is asked for.
 
-    Raises ConfigError when the text is no version or the arm never ran it.
+    Raises ConfigError when the text is not a version or the arm never ran it.
     """
     try:
         return robots.choose_version(text, model)

@@ -102,7 +102,7 @@ def _read(file: Path) -> Any:
     try:
         return json.loads(file.read_text())
     except ValueError as error:
-        raise BadArguments(f"{file} is no JSON: {error}") from error
+        raise BadArguments(f"{file} is not JSON: {error}") from error
 
 
 def _show(result: Any, file: Path | None) -> None:

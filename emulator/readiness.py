@@ -111,7 +111,7 @@ async def _primary(stream: _Stream) -> str:
         messages += decoder.feed(await stream.read())
     version = messages[0]
     if not isinstance(version, VersionMessage):
-        raise NotReady(f"the first message is no version message but {type(version).__name__}")
+        raise NotReady(f"the first message is not a version message but {type(version).__name__}")
     state = next(message for message in messages if isinstance(message, RobotStateData))
     if state.configuration is None:
         raise NotReady("there is no full robot state after the version message")
@@ -166,7 +166,7 @@ async def _rtde(stream: _Stream) -> str:
 
 
 async def _interpreter(stream: _Stream) -> str:
-    """A state without a program is no state: both answers are good."""
+    """A state without a program is not a state: both answers are good."""
     decoder = StatementDecoder()
     stream.send(b"statelastexecuted\n")
     while not (lines := decoder.feed(await stream.read())):

@@ -154,6 +154,6 @@ class _Watch:
             return lambda: machine.signals.get_digital_input(group, index)
         if kind == "GP_bool_in" and index < BIT_COUNT:
             return lambda: machine.registers.input.get_bit(index)
-        text = f"{machine.installation.name}: {trigger.pin} is no digital input, and starts or initializes nothing"
+        text = f"{machine.installation.name}: {trigger.pin} is not a digital input, and starts or initializes nothing"
         machine.messages.note(text)
         return None

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-_UNWRAPPED: Final = 10_000  # columns of what is no terminal: whoever reads a file or a pipe wants whole lines
+_UNWRAPPED: Final = 10_000  # columns of what is not a terminal: whoever reads a file or a pipe wants whole lines
 
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON instead, for programs.")]
 

@@ -172,7 +172,7 @@ class Question(IntEnum):
 
 def to_words(values: Iterable[float]) -> tuple[int, ...]:
     """Physical values as words. Raises LocalProtocolError for one that is not finite or beyond ±2147 units."""
-    # in one expression: hundreds of setpoints a second go through here. What is no number fails the comparison
+    # in one expression: hundreds of setpoints a second go through here. What is not a number fails the comparison
     return tuple([round(value * SCALE) if -_LARGEST <= value <= _LARGEST else _unsendable(value) for value in values])
 
 

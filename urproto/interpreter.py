@@ -85,7 +85,7 @@ def parse_answer(text: str) -> InterpreterAnswer:
     """Read an answer without its line end. Raises RemoteProtocolError."""
     match = _ANSWER.fullmatch(text)
     if match is None:
-        raise RemoteProtocolError(f"{text!r} is no answer of interpreter mode")
+        raise RemoteProtocolError(f"{text!r} is not an answer of interpreter mode")
     _, number, line, reason, discarded = match.groups()
     if number is None:
         return InterpreterAnswer(None, reason, discarded)

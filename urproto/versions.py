@@ -87,11 +87,10 @@ class Availability:
         return first is not None and version >= first
 
     def __str__(self) -> str:
-        """For people: ``CB3 since 3.12, e-Series since 5.6``."""
+        """For people: ``CB3 since 3.12, e-Series since 5.6``, or ``e-Series since 5.13 only``."""
         firsts = ((Series.CB3, self.cb3), (Series.E, self.e))
-        return ", ".join(
-            f"{series.value} since {_first(first)}" if first else f"not on {series.value}" for series, first in firsts
-        )
+        since = [f"{series.value} since {_first(first)}" for series, first in firsts if first]
+        return f"{since[0]} only" if len(since) == 1 else ", ".join(since) or "no series"
 
 
 def _first(version: PolyscopeVersion) -> str:

@@ -248,7 +248,7 @@ class ExpressionCompiler:
             unit.name_not_found(name, node, kind, hint, lambda: [*unit.plans, *unit.builtins])
 
     def _variable_hint(self, name: str) -> str:
-        """What a name that is no variable here is instead."""
+        """What a name that is not a variable here is instead."""
         unit = self.unit
         if name in unit.plans or name in unit.builtins:
             return f"it is a function: {name}() calls it"

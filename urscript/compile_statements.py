@@ -413,7 +413,7 @@ class _BodyCompiler(ExpressionCompiler):
         return [self.bind(*stored, place)]
 
     def _old_setter(self, node: Assign) -> Call | None:
-        """The built-in call behind an assignment to an element of what is no variable, as ``digital_out[2] = True``."""
+        """The built-in call behind an assignment to an element of no variable, as ``digital_out[2] = True``."""
         target = node.target
         if not isinstance(target, Index) or not isinstance(target.target, Name) or self.known(target.target.name):
             return None

@@ -15,7 +15,7 @@ from urscript.values import KindMismatchError, Pose, is_number, type_name
 
 _LONGEST: Final = 20  # elements of a list that is looked at: no built-in asks for more
 UNKNOWN: Final = object()
-"""The value of what is no literal."""
+"""The value of what is not a literal."""
 
 _JOINTS: Final = frozenset(["q", "qnear", "qNear"])
 _POSES: Final = frozenset(["pose", "pose_via", "pose_to", "q", "x"])

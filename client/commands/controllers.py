@@ -176,7 +176,7 @@ def types_command(as_json: AsJson = False) -> None:
     for name in sorted(CONTROLLER_TYPES):
         table.add_row(name, configuration.help_of(CONTROLLER_TYPES[name]))
     for name, instead in configuration.REFUSED.items():
-        table.add_row(name, f"not had here: {instead}")
+        table.add_row(name, f"not available here: {instead}")
     console().print(table)
 
 

@@ -355,4 +355,4 @@ def _text(path: Path) -> str:
     try:
         return path.read_text("utf-8")
     except UnicodeDecodeError as error:
-        raise RecordingError(f"{path} is no text: {error}") from error
+        raise RecordingError(f"{path} is not text: {error}") from error

@@ -72,14 +72,14 @@ def send_command(
     port_offset: PortOffset = 0,
     wait: Annotated[bool, typer.Option("--wait", help="Wait until the program ends.")] = False,
 ) -> None:
-    """Send a script and wait until it runs. Status 1 when it is no URScript, or when an error or a stop ends it.
+    """Send a script and wait until it runs. Status 1 when it is not URScript, or when an error or a stop ends it.
 
     With --wait the robot's log has a line more, by which the end of the program is told from a stop; programs that use
     halt or return go without.
     """
     text = from_bytes(file.read_bytes())
     if "\0" in text:
-        raise FileError(file, "is no text")
+        raise FileError(file, "is not text")
     with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
         if is_secondary(text):
             if wait:

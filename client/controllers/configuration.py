@@ -31,7 +31,7 @@ def find(controller: str, type_name: str) -> type[Controller[Any]]:
     if type_name in CONTROLLER_TYPES:
         return CONTROLLER_TYPES[type_name]
     if type_name in REFUSED:
-        raise ControllerError(controller, f"the type {type_name} is not had here ({REFUSED[type_name]})")
+        raise ControllerError(controller, f"type {type_name} is not available here ({REFUSED[type_name]})")
     close = get_close_matches(type_name, CONTROLLER_TYPES, 1, 0.4)
     hint = f"did you mean {close[0]}?" if close else "`ur-client controllers types` lists them"
     raise ControllerError(controller, f"there is no type {type_name}: {hint}")
@@ -89,7 +89,7 @@ def text_of(path: Path) -> str:
     try:
         return path.read_text("utf-8")
     except UnicodeDecodeError as error:
-        raise ControllerError(str(path), f"it is no text: {error}") from None
+        raise ControllerError(str(path), f"it is not text: {error}") from None
 
 
 def _parse(text: str, name: str, variables: Mapping[str, str]) -> ControllersFile:
@@ -105,7 +105,7 @@ def _parse(text: str, name: str, variables: Mapping[str, str]) -> ControllersFil
         elif key in _WITHOUT_EFFECT:
             notes.append(f"{_MANAGER}: {key} has no effect ({_WITHOUT_EFFECT[key]})")
         else:
-            notes.append(f"{_MANAGER}: {key} is no controller with a type: it is ignored")
+            notes.append(f"{_MANAGER}: {key} is not a controller with a type: it is ignored")
     known = {_MANAGER, _ANY, *types}
     notes += [
         f"the section {section} belongs to no controller: it is ignored" for section in found if section not in known
@@ -120,7 +120,7 @@ def sections(text: str, name: str, variables: Mapping[str, str]) -> dict[str, Ma
     try:
         content = load_yaml(_filled(text, name, variables))
     except NotYaml as error:
-        raise ControllerError(name, f"it is no YAML: {error}") from None
+        raise ControllerError(name, f"it is not YAML: {error}") from None
     if not isinstance(content, Mapping):
         raise ControllerError(name, "it has no sections")
     return {str(key).strip("/"): _parameters(str(key), value, name) for key, value in content.items()}

@@ -233,7 +233,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         if not self.joints or len(set(self.joints)) < len(self.joints):
             raise self.error("joints has to name each joint once")
         if given.command_joints not in ((), self.joints):
-            raise self.error("command_joints other than joints are not had here: leave them out")
+            raise self.error("command_joints that differ from joints are not supported: leave them out")
         if len(given.command_interfaces) != 1 or self._command not in _COMMANDS:
             raise self.error(f"command_interfaces is one of {', '.join(_COMMANDS)}, not {given.command_interfaces}")
         if "position" not in given.state_interfaces or not set(given.state_interfaces) <= set(_STATES):

@@ -1,4 +1,4 @@
-"""Captured streams of the controller's ports, told to people: one line a message.
+"""Captured streams of the controller's ports, shown to people: one line a message.
 
 - capture: packets out of pcap and pcapng files, and into pcapng
 - packets: TCP segments out of packets

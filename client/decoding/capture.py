@@ -86,7 +86,7 @@ class PacketReader:
 
 
 def open_capture(magic: bytes) -> PacketReader | None:
-    """The reader of a file that begins with these 4 bytes (they are to be fed too); None when it is no capture."""
+    """The reader of a file that begins with these 4 bytes (they are to be fed too); None when it is not a capture."""
     if magic == _PCAPNG:
         return _PcapngReader()
     return _PcapReader(*_PCAP[magic]) if magic in _PCAP else None

@@ -1,4 +1,4 @@
-"""External Control's ports (50001, 50003, 50004) told to people. The driver is the server there."""
+"""External Control's ports (50001, 50003, 50004) shown to people. The driver is the server there."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -23,7 +23,7 @@ from urproto.external_control import (
 )
 from urproto.modes import mode_name
 
-_LIKELY_TIMEOUT_MS = 60_000  # guess: what waits longer is no message; drivers use 2 ms to a few seconds
+_LIKELY_TIMEOUT_MS = 60_000  # guess: what waits longer is not a message; drivers use 2 ms to a few seconds
 _PARAMETERS = {  # how many words of a command mean something
     ScriptCommandKind.ZERO_FTSENSOR: 0,
     ScriptCommandKind.SET_PAYLOAD: 4,

@@ -1,4 +1,4 @@
-"""Modbus/TCP told to people. An answer is read with the request of its transaction, where that was seen."""
+"""Modbus/TCP shown to people. An answer is read with the request of its transaction, where that was seen."""
 
 import struct
 from collections import OrderedDict

@@ -1,4 +1,4 @@
-"""RTDE told to people. What a data package holds is known from the set-up before it.
+"""RTDE shown to people. What a data package holds is known from the set-up before it.
 
 The two directions of a connection complete each other: a request names the variables, the
 reply has their types and the recipe's number. With one direction only, values are told

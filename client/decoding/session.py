@@ -176,7 +176,7 @@ class _Hex:
         except ValueError:
             self._broken = True
             self._text.clear()
-            yield trouble(f"line {self._line} is no hexadecimal text: the rest is left out")
+            yield trouble(f"line {self._line} is not hexadecimal text: the rest is left out")
             return
         self._line += 1
         yield from self._raw.feed(data)
@@ -278,7 +278,7 @@ class _Capture:
             return
         if self._reader is None:
             self._broken = True
-            yield trouble("this is no pcap or pcapng file")
+            yield trouble("this is not a pcap or pcapng file")
             return
         try:
             for packet in self._reader.feed(data):

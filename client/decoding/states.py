@@ -1,4 +1,4 @@
-"""The robot's side of the primary, secondary and realtime interface told to people."""
+"""The robot's side of the primary, secondary and realtime interface shown to people."""
 
 import struct
 from collections.abc import Iterator

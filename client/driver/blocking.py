@@ -141,7 +141,7 @@ def blocking(method: Callable[..., Any]) -> Callable[..., Any]:
     def call(self: Blocking[Any], *args: Any, **kwargs: Any) -> Any:
         return self.call(do(self.inner, args, kwargs))
 
-    call.__dict__.pop("__wrapped__", None)  # it is no coroutine function
+    call.__dict__.pop("__wrapped__", None)  # it is not a coroutine function
     return cast(Callable[..., Any], call)
 
 
@@ -176,7 +176,7 @@ def blocking_context(method: Callable[..., Any]) -> Callable[..., Any]:
             yield None if do is None else lambda *given, **named: self.call(do(*given, **named))
 
     functools.update_wrapper(enter, method)
-    enter.__dict__.pop("__wrapped__", None)  # it is no coroutine function
+    enter.__dict__.pop("__wrapped__", None)  # it is not a coroutine function
     return enter
 
 

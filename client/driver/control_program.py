@@ -146,9 +146,9 @@ class ControlProgram:
     def __post_init__(self) -> None:
         check_servo_parameters(self.servoj_lookahead_s, self.servoj_gain)
         if '"' in self.host or not self.host.isprintable() or not self.host:
-            raise LocalProtocolError(f"{self.host!r} is no address")
+            raise LocalProtocolError(f"{self.host!r} is not an address")
         if self.token and not self.token.isalnum():
-            raise LocalProtocolError(f"{self.token!r} is no token: letters and digits only")
+            raise LocalProtocolError(f"{self.token!r} is not a token: letters and digits only")
 
     def render(self, version: PolyscopeVersion) -> str:
         """The program as the External Control URCap wants it: bare statements between anchors."""

@@ -361,7 +361,7 @@ class ScriptSender(Endpoint):
 
     def _answer(self, peer: Peer, line: bytes) -> None:
         if line.rstrip(b"\r") != REQUEST_PROGRAM.rstrip(b"\n"):
-            _logger.warning("%s asks for %r; only the program can be had here", peer.address, line[:80])
+            _logger.warning("%s asks for %r; this port only hands out the program", peer.address, line[:80])
             return
         self.requests += 1
         peer.transport.write(to_bytes(self._program()) + b"\n")

@@ -30,7 +30,7 @@ _END_TIMEOUT_S: Final = 2.0  # guess: a ramp to rest from full speed takes 0.8 s
 _LOOK_S: Final = 0.02  # guess: how closely setpoints that cease are watched
 _BREATH_S: Final = 0.1
 _SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within this
-_GREETING_S: Final = 0.2  # guess: who has said nothing for so long is no program of ours
+_GREETING_S: Final = 0.2  # guess: who has said nothing for so long is not a program of ours
 _LINGER_S: Final = 2.0  # guess: a program that was disconnected has ended, by the robot's state too
 
 _logger = logging.getLogger(__name__)

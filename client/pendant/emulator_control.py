@@ -24,7 +24,7 @@ class BehindError(ClientError):
 
 
 class Behind:
-    """Verbs of an emulator's control API (docs/control_verbs.md). available: there is one; so this is no robot.
+    """Verbs of an emulator's control API (docs/control_verbs.md). available: there is one; so this is not a robot.
 
     port: 0 for none. token: what the emulator was told to ask for. locked: it asks for another one. time: what the
     verb of this name says, empty before. catalogue: results of verbs that stay the same. tell: called when there is

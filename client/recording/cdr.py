@@ -87,7 +87,7 @@ class MessageType:
     def decode(self, data: bytes) -> dict[str, Any]:
         """The fields of a message. Raises RecordingError for one that does not fit the definition."""
         if len(data) < len(_HEADER) or data[0] != 0 or data[1] > _LITTLE_ENDIAN:
-            raise RecordingError(f"a message of type {self.name} is no plain CDR")
+            raise RecordingError(f"a message of type {self.name} is not plain CDR")
         cursor = _Cursor(data[len(_HEADER) :], "<" if data[1] == _LITTLE_ENDIAN else ">")
         try:
             fields: dict[str, Any] = self._get(cursor)

@@ -32,9 +32,9 @@ def address_of(text: str, scheme: str, default_port: int) -> tuple[str, int]:
         parts = urlsplit(text if "://" in text else f"{scheme}://{text}")
         host, port = parts.hostname, default_port if parts.port is None else parts.port
     except ValueError as error:
-        raise RecordingError(f"{text!r} is no address: {error}") from error
+        raise RecordingError(f"{text!r} is not an address: {error}") from error
     if parts.scheme != scheme or not host:
-        raise RecordingError(f"{text!r} is no address like {scheme}://127.0.0.1:{default_port}")
+        raise RecordingError(f"{text!r} is not an address like {scheme}://127.0.0.1:{default_port}")
     return host, port
 
 
@@ -52,7 +52,7 @@ class PlotJugglerSender:
         try:
             family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         except OSError as error:
-            raise RecordingError(f"{host} is no host: {error.strerror}") from error
+            raise RecordingError(f"{host} is not a host: {error.strerror}") from error
         self._address = address
         self._socket = socket.socket(family, kind)
 
@@ -108,7 +108,7 @@ def datagrams(values: Mapping[str, Any], time_ns: int) -> Iterator[bytes]:
     """A state as JSON objects that fit into a datagram each; all have its ``timestamp`` [s since 1970].
 
     The robot's own clock is called ``robot_time``. A variable that is not finite is left out:
-    JSON has no such numbers, and PlotJuggler ends its server over what is no JSON.
+    JSON has no such numbers, and PlotJuggler ends its server over what is not JSON.
     """
     head, *parts = _parts(values, time_ns)
     packed, size = [head], len(head) + 1

@@ -103,7 +103,7 @@ class Recording:
             return self._robots_tracking()
         if controller not in self.controllers:
             known = ", ".join((*self.controllers, ROBOT))
-            raise RecordingError(f"{controller} is no controller of the recording, but {known}")
+            raise RecordingError(f"{controller} is not a controller of the recording, but {known}")
         return self.controllers[controller]
 
     def _robots_tracking(self) -> Tracking:

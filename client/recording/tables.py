@@ -182,7 +182,7 @@ def read_npz(path: Path) -> Recording:
                             broken.append(f"{name} is damaged and left out: {error}")
                 info = _info(file[_INFO]) if _INFO in file.files else {}
         except Exception as error:  # of zipfile, zlib, struct, tokenize, json: numpy lets through any
-            raise RecordingError(f"{path} is no npz file of a recording: {error}") from error
+            raise RecordingError(f"{path} is not an npz file of a recording: {error}") from error
     for name, array in values.items():
         count = OUTPUT_FIELDS[name].type.count
         if array.dtype.kind not in "biuf" or array.shape != (

@@ -137,7 +137,7 @@ def _streaming(
             yield partial(follow.from_thread, self.call)
 
     update_wrapper(enter, method)
-    enter.__dict__.pop("__wrapped__", None)  # it is no coroutine function
+    enter.__dict__.pop("__wrapped__", None)  # it is not a coroutine function
     return enter
 
 

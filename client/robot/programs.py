@@ -48,7 +48,7 @@ class Programs:
     async def run_function(self, name: str, body: str, *, timeout_s: float = float("inf")) -> ScriptResult:
         """As `run`, with the statements of a function of this name."""
         if not name.isidentifier():
-            raise LocalProtocolError(f"{name!r} is no name of a function")
+            raise LocalProtocolError(f"{name!r} is not the name of a function")
         return await self.run(f"def {name}():\n{body}\nend\n", timeout_s=timeout_s)
 
     async def run_file(self, path: Path | str, *, timeout_s: float = float("inf")) -> ScriptResult:

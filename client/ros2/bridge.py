@@ -102,7 +102,7 @@ class Bridge:
         calibration = calibration_of(await link.kinematics())
         model = described(link.configuration, calibration) if link.configuration else None
         if model is None:
-            _logger.warning("the arm is no model that is known here: no robot_description, and no frames on /tf")
+            _logger.warning("the arm is not a model that is known here: no robot_description, and no frames on /tf")
             return
         frames = Frames(model, prefix)
         self._scene = Scene(prefix, frames)

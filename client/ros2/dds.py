@@ -71,7 +71,7 @@ def check_namespace(text: str) -> str:
     namespace = "" if not text.strip("/") else "/" + text.removeprefix("/")
     if not _NAMESPACE.fullmatch(namespace) or "__" in namespace:
         raise Ros2Error(
-            f"{text!r} is no namespace: letters, digits and single underscores, parts with a slash between them, "
+            f"{text!r} is not a namespace: letters, digits and single underscores, parts with a slash between them, "
             "none beginning with a digit, such as left or cell1/left"
         )
     return namespace
@@ -80,7 +80,7 @@ def check_namespace(text: str) -> str:
 def check_prefix(text: str) -> str:
     """What comes before the names of joints and frames. Raises Ros2Error."""
     if not _PREFIX.fullmatch(text):
-        raise Ros2Error(f"{text!r} is no prefix of joint names: letters, digits and underscores, such as left_")
+        raise Ros2Error(f"{text!r} is not a prefix of joint names: letters, digits and underscores, such as left_")
     return text
 
 

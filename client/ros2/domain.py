@@ -43,7 +43,7 @@ def read_domain(environment: Mapping[str, str] = os.environ, domain_id: int | No
     """The domain that ROS 2 would use; another one if its number is given. Raises Ros2Error."""
     number = _domain_id(environment.get("ROS_DOMAIN_ID", "")) if domain_id is None else domain_id
     if not 0 <= number <= _HIGHEST:
-        raise Ros2Error(f"{number} is no domain: they are numbered from 0 to {_HIGHEST}")
+        raise Ros2Error(f"{number} is not a domain: they are numbered from 0 to {_HIGHEST}")
     reach, peers, notes = _reach(environment)
     last_word = environment.get("CYCLONEDDS_URI", "")
     configs = [

@@ -166,7 +166,7 @@ def modbus_requests(conversations: Iterable[Conversation], loop: bool) -> Reques
 
 
 def answer_modbus(requests: Requests, frame: bytes) -> bytes:
-    """What was never read is no address of this robot."""
+    """What was never read is not an address of this robot."""
     answer = requests.answer(frame[_NUMBER:])
     if answer is None:
         unit, function = frame[_UNIT_AND_FUNCTION]

@@ -71,4 +71,4 @@ def _port(text: str) -> int:
         return int(text)
     close = get_close_matches(text, ROBOT_PORTS, 1)
     hint = f"did you mean {close[0]}?" if close else f"a robot has {', '.join(ROBOT_PORTS)}; or give a number"
-    raise LocalProtocolError(f"{text!r} is no port of a robot: {hint}")
+    raise LocalProtocolError(f"{text!r} is not a port of a robot: {hint}")

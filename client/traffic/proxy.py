@@ -57,7 +57,7 @@ def robot_routes(
 ) -> list[Route]:
     """The ports of a robot. The offsets are what is added to the usual numbers there and here.
 
-    Raises LocalProtocolError when that is no port number.
+    Raises LocalProtocolError when that is not a port number.
     """
     routes = [Route(name, port, listen, port + listen_offset, robot, port + port_offset) for name, port in ports]
     for route in routes:

@@ -168,7 +168,7 @@ class Recording:
                 magic = file.read(MAGIC_SIZE)
                 packets = open_capture(magic)
                 if packets is None:
-                    raise FileError(path, "this is no pcap or pcapng file; `ur-client proxy --record` makes one")
+                    raise FileError(path, "this is not a pcap or pcapng file; `ur-client proxy --record` makes one")
                 reader.take(packets, magic)
                 while data := file.read(_CHUNK):
                     reader.take(packets, data)

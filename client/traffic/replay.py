@@ -166,7 +166,7 @@ class _Connection(asyncio.Protocol):
         except UnansweredError as error:
             self._give_up(f"the recording has no answer to {error}")
         except ProtocolError as error:
-            self._give_up(f"what the client sent is no request: {error}")
+            self._give_up(f"what the client sent is not a request: {error}")
         else:
             self._go_on()
 

@@ -134,7 +134,7 @@ def _primary_state(message: Any) -> State | None:
 
 
 def flat(items: Iterable[tuple[str, Any]]) -> dict[str, float]:
-    """Numbers by name: of vectors and of dataclasses, one for each part. What is no number is left out."""
+    """Numbers by name: of vectors and of dataclasses, one for each part. What is not a number is left out."""
     found: dict[str, float] = {}
     for name, value in items:
         if isinstance(value, int | float):
@@ -166,7 +166,7 @@ def tracks_of_csv(path: Path) -> list[Track]:
     except (OSError, csv.Error, UnicodeDecodeError) as error:
         raise FileError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
     except (KeyError, TypeError, ValueError) as error:
-        raise FileError(path, "is no table with a column `timestamp` of numbers [s]") from error
+        raise FileError(path, "is not a table with a column `timestamp` of numbers [s]") from error
     if len(track.times_s) < 2:
         raise FileError(path, "has fewer than two states with rising timestamps")
     return [track]

@@ -76,7 +76,7 @@ def _parse(text: str) -> tuple[str, float]:
     except ValueError:
         tolerance = -1.0
     if not key.strip() or not tolerance >= 0:
-        raise LocalProtocolError(f"{text!r} is no tolerance: give a field or unit and a number, as rad=0.01")
+        raise LocalProtocolError(f"{text!r} is not a tolerance: give a field or unit and a number, as rad=0.01")
     return key.strip(), tolerance
 
 

@@ -70,7 +70,7 @@ class ProgramVerbs(Verbs):
         What is left out is the installation's, or else the URCap's own, 192.168.56.1 and 50002.
         """
         if host is not None and (not host.strip() or any(letter.isspace() for letter in host.strip())):
-            raise BadArguments(f"{host!r} is no host: give an address or a name")
+            raise BadArguments(f"{host!r} is not a host: give an address or a name")
         if port is not None and not 0 < port < 65536:
             raise BadArguments(f"there is no port {port}: they are 1 to 65535")
         address = DriverAddress(None if host is None else host.strip(), port)

@@ -22,8 +22,8 @@ _Setter = Callable[[Machine, Any], None]
 def apply_inputs(machine: Machine, values: Mapping[str, Any]) -> None:
     """Apply one package; every variable in it counts as refreshed in this period.
 
-    A value that is no number, or of no use for what it sets, is refused: the variable keeps its last one (guess).
-    Raises KeyError for a name that is no input variable; nothing has changed then.
+    A value that is not a number, or of no use for what it sets, is refused: the variable keeps its last one (guess).
+    Raises KeyError for a name that is not an input variable; nothing has changed then.
     """
     if strange := values.keys() - _SETTERS.keys():
         raise KeyError(f"no input variables: {', '.join(sorted(strange))}")

@@ -43,7 +43,7 @@ def read_features(root: Element) -> tuple[dict[str, Pose], frozenset[str]]:
 
 
 def _pose(element: Element) -> Pose | None:
-    """None for what is no feature."""
+    """None for what is not a feature."""
     if element.tag == _POINT and element.child("toolPosition"):
         return (*_vector(element, "toolPosition"), *_vector(element, "toolAxisAngle"))
     if element.tag == _LINE and element.child("firstPoint"):

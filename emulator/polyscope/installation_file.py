@@ -183,7 +183,7 @@ def load_installation_file(path: Path) -> InstallationFile:
 
 def _installation(root: Element, name: str, variables: bytes) -> InstallationFile:
     if root.tag != _ROOT:
-        raise DocumentError(f"<{root.tag}> is no installation")
+        raise DocumentError(f"<{root.tag}> is not an installation")
     tcps, tcp = _tcps(root)
     payloads, payload = _payloads(root)
     features, feature_variables = read_features(root)

@@ -44,7 +44,7 @@ _VALUES: Final = {  # key -> attribute of a LimitSet
 
 
 class SafetySettingsError(ValueError):
-    """The text is no safety configuration; the message says where and why."""
+    """The text is not a safety configuration; the message says where and why."""
 
 
 def read_safety_settings(text: str) -> SafetyConfiguration:

@@ -49,7 +49,7 @@ class ProgramTree:
                 "objects and are not read; load and save it with a newer PolyScope"
             )
         if root.tag != _ROOT or root.child("children") is None:
-            raise TreeError(f"<{root.tag}> is no PolyScope program")
+            raise TreeError(f"<{root.tag}> is not a PolyScope program")
         self.root = root
         self.name = name
         self.twin = twin
@@ -124,7 +124,7 @@ def _given_name(element: Element) -> str:
 
 
 def _nodes(element: Element) -> list[Element]:
-    """The nodes directly below a node; a suppressed one is wrapped, which is no line of its own."""
+    """The nodes directly below a node; a suppressed one is wrapped, which is not a line of its own."""
     node = element.child("suppressedNode") if element.tag == "SuppressedNode" else element
     children = node.child("children") if node else None
     return [child.resolved() for child in children or ()]

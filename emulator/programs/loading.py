@@ -25,7 +25,7 @@ from urscript.work import Steps
 
 MOST_PROGRAMS: Final = 2000  # guess: more are of no use to anybody who chooses one
 _AT_ONCE: Final = 20  # entries looked at in one control period; each may ask the file system
-_MOST_ENTRIES: Final = 50_000  # guess: then the folder is no programs folder
+_MOST_ENTRIES: Final = 50_000  # guess: then the folder is not a programs folder
 _SUFFIXES: Final = (".urp", ".script")
 
 
@@ -183,7 +183,7 @@ def load_steps(
     if path.suffix == ".script":
         return (yield from _script(path, _read(path)))
     if path.suffix != ".urp":
-        raise ProgramLoadError(f"{path.name} is no program: programs are .urp or .script files")
+        raise ProgramLoadError(f"{path.name} is not a program: programs are .urp or .script files")
     folder = ProgramsFolder(root or path.parent, path.parent)
     try:
         tree = yield from read_tree_steps(path, folder)

@@ -129,7 +129,7 @@ def _fitting(value: Any, requested: RequestedType) -> Any:
         return float(value)
     if requested is RequestedType.STRING and kind is str and len(to_bytes(value)) <= MAX_STRING:
         return value
-    raise ValueError(f"{value!r:.60} is no answer: the program asks for a value of type {requested.name.lower()}")
+    raise ValueError(f"{value!r:.60} is not an answer: the program asks for a value of type {requested.name.lower()}")
 
 
 _WORDS: Final = {"true": True, "yes": True, "false": False, "no": False}

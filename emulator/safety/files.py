@@ -68,7 +68,7 @@ def _from_installation(data: bytes) -> SafetyConfiguration:
     try:
         root = read_document(data)
     except DocumentError as error:
-        raise SafetySettingsError(f"it is no installation: {error}") from error
+        raise SafetySettingsError(f"it is not an installation: {error}") from error
     settings = root.child("SafetySettings")
     if settings is None:
         raise SafetySettingsError("the installation has no safety settings")

@@ -30,7 +30,7 @@ _RESET: Final = struct.pack("ii", 1, 0)  # SO_LINGER: on, no time: closing sends
 _WRONG_PORT: Final = {
     Visitor.HTTP: (
         Reason.HTTP,
-        "sent an HTTP request and was disconnected; nothing of it was carried out. This is no web server: close the "
+        "sent an HTTP request and was disconnected; nothing of it was carried out. This is not a web server: close the "
         "web page that did it, or mend the port in your program. HTTP is for the control API",
     ),
     Visitor.TLS: (

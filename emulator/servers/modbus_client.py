@@ -110,7 +110,7 @@ class _Item:
             self.exchange.complete(connection_error=connection_error)
 
     def answered(self, pdu: bytes) -> None:
-        """Raises RemoteProtocolError when this is no answer to the request."""
+        """Raises RemoteProtocolError when this is not an answer to the request."""
         if self.request is None or self.exchange is None:
             return
         try:

@@ -200,7 +200,7 @@ class PrimaryServer(PortServer):
                 connection.send(package)
 
     def _state_is_due(self, step: int) -> bool:
-        """125 Hz is no multiple of 10 Hz: states are 12 or 13 control periods apart."""
+        """125 Hz is not a multiple of 10 Hz: states are 12 or 13 control periods apart."""
         frequency_hz = self.controller.version.series.frequency_hz
         return step * _STATES_PER_S // frequency_hz != (step - 1) * _STATES_PER_S // frequency_hz
 

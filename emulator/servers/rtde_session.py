@@ -8,7 +8,7 @@ States of the output side, by event:
 
 Inputs do not depend on that state: a public client sends them without ever starting.
 Undocumented and therefore guesses: a new output recipe while data flows goes on flowing; an
-empty recipe, and a frequency that is no positive number, are refused.
+empty recipe, and a frequency that is not a positive number, are refused.
 
 A variable has one writer at a time: another connection that asks for it is told IN_USE
 until the first one has closed.

@@ -72,7 +72,7 @@ _logger = logging.getLogger(__name__)
 def open_tool_device(choice: str) -> Iterator[tuple[SerialDevice, str]]:
     """The device and what to call it: ``echo``, a new pseudo terminal for ``pty``, else a serial port by its path.
 
-    Raises OSError for a path that cannot be opened or is no terminal.
+    Raises OSError for a path that cannot be opened or is not a terminal.
     """
     if choice == ECHO:
         yield EchoDevice(), "an echo"
@@ -109,7 +109,7 @@ def _serial_port(path: str) -> tuple[list[int], str]:
         raise OSError(error.errno, f"cannot open the tool device {path}: {error.strerror}") from error
     if not os.isatty(descriptor):
         os.close(descriptor)
-        raise OSError(None, f"the tool device {path} is no serial port")
+        raise OSError(None, f"the tool device {path} is not a serial port")
     tty.setraw(descriptor)
     return [descriptor], path
 

@@ -50,7 +50,7 @@ class DriverAddress:
         host, digits = (match["host"], match["port"]) if match else ("", None)
         if not (host or digits) or (digits is not None and not 0 < int(digits) < 65536):
             raise ValueError(
-                f"{text!r} is no address of a driver: write HOST:PORT, HOST or :PORT, ports are 1 to 65535"
+                f"{text!r} is not an address of a driver: write HOST:PORT, HOST or :PORT, ports are 1 to 65535"
             )
         return cls(host.strip("[]") or None, int(digits) if digits else None)
 

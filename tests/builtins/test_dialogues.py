@@ -61,7 +61,7 @@ def test_typed_answer_that_means_nothing_is_said_so(rig, line):
     ask(rig, "integer")
     rig.controller.post(ScriptUnit(f"{line}\n", "line"))
     rig.tick(2)
-    assert "is no answer" in rig.texts[0]
+    assert "is not an answer" in rig.texts[0]
     assert len(rig.controller.popups.shown) == 1
 
 

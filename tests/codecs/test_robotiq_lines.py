@@ -46,7 +46,7 @@ def test_a_get_without_its_end() -> None:
     decoder = RequestDecoder()
     assert decoder.feed(b"GET STA") == []
     assert decoder.flush() == [Get("STA", named=False)]
-    assert decoder.feed(b"\n") == [], "the late line end is no request"
+    assert decoder.feed(b"\n") == [], "the late line end is not a request"
     for unfinished in (b"GET ST", b"SET ACT 1", b"\xff"):
         decoder = RequestDecoder()
         assert decoder.feed(unfinished) == []

@@ -38,14 +38,14 @@ def test_namespaces(text: str, namespace: str) -> None:
 
 @pytest.mark.parametrize("text", ["1left", "left/", "a__b", "a b", "ä", "//a", "a//b", "~"])
 def test_what_is_no_namespace(text: str) -> None:
-    with pytest.raises(Ros2Error, match="is no namespace"):
+    with pytest.raises(Ros2Error, match="is not a namespace"):
         check_namespace(text)
 
 
 def test_what_is_no_prefix() -> None:
     assert check_prefix("left_") == "left_"
     for text in ("1_", "a b", "x-"):
-        with pytest.raises(Ros2Error, match="is no prefix"):
+        with pytest.raises(Ros2Error, match="is not a prefix"):
             check_prefix(text)
 
 

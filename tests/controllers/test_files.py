@@ -206,7 +206,7 @@ def test_the_shell_lists_what_there_is(tmp_path):
     broken = run(app, ["controllers", "list", "--controllers", str(bad)])
     assert broken.exit_code == 1
     assert "joints is a list" in broken.output
-    assert "hurry is no controller" in broken.output
+    assert "hurry is not a controller" in broken.output
 
 
 @pytest.mark.parametrize("line", ["--positions 1,2", "--positions a,b,c,d,e,f", "--positions 1,2,3,4,5,6 --time 0"])

@@ -185,7 +185,7 @@ def test_files_that_end_or_break():
     assert lines[-1] == (f"! the capture file cannot be read on at offset {len(whole)}: a packet of 1073741824 bytes")
     assert messages(lines)[0] == "a"
     assert troubles == 1
-    assert session(b"no capture", form=InputForm.PCAP) == (["! this is no pcap or pcapng file"], 1)
+    assert session(b"no capture", form=InputForm.PCAP) == (["! this is not a pcap or pcapng file"], 1)
     assert session(pcap([b"x"], 105))[0][-1] == ("! 1 packets were left out: packets of link type 105 cannot be read")
 
 

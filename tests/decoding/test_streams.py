@@ -88,7 +88,7 @@ def test_the_form_is_found_out():
 
 def test_broken_hexadecimal_text_is_told_with_its_line():
     lines, troubles = session(b"00 01\nnothing\n", form=InputForm.HEX, codec=CODECS["modbus"])
-    assert lines[0] == "! line 2 is no hexadecimal text: the rest is left out"
+    assert lines[0] == "! line 2 is not hexadecimal text: the rest is left out"
     assert troubles == 2  # the two bytes before are no whole message
 
 

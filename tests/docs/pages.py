@@ -41,7 +41,7 @@ class Block:
 
     @property
     def file(self) -> str:
-        """Where to write it; empty when it is no file."""
+        """Where to write it; empty when it is not a file."""
         return self.note.removeprefix("file: ") if self.note.startswith("file: ") else ""
 
     @property

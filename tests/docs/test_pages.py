@@ -63,7 +63,7 @@ def test_every_block_says_what_it_is(page: Path) -> None:
     assert not indented(page), f"{page.name}: code in lines {indented(page)} has no fence"
     assert page.read_text().count("\n```") + page.read_text().startswith("```") == 2 * len(blocks(page))
     for block in blocks(page):
-        assert block.language in LANGUAGES, f"{block.place}: {block.language!r} is no language of ours"
+        assert block.language in LANGUAGES, f"{block.place}: {block.language!r} is not a language of ours"
         if block.note:
             known = block.reason or block.file or block.stays or block.note.startswith("robot: ")
             assert known, f"{block.place}: what is {block.note!r}?"

@@ -102,7 +102,7 @@ def not_finite(value: Any, where: str = "", seen: frozenset[int] = frozenset()) 
 
 
 def published(**settings: Any) -> list[str]:
-    """What an arm with these settings tells the world, where it is no number."""
+    """What an arm with these settings tells the world, where it is not a number."""
     controller = Controller(ControllerConfig(**({"model": load_model("ur5e"), "running": True} | settings)))
     for _ in range(3):
         controller.tick()

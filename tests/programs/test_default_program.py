@@ -103,7 +103,7 @@ def test_without_an_installation_nothing_happens(tmp_path):
         ("gone.urp", b"", "the default program gone.urp of default.installation is not in the programs folder"),
         ("../outside.urp", b"", "the default program ../outside.urp of default.installation is not in the programs"),
         ("bad.urp", b"\x1f\x8b?", "loading the default program bad.urp failed: "),
-        ("bad.txt", b"hello", "loading the default program bad.txt failed: bad.txt is no program"),
+        ("bad.txt", b"hello", "loading the default program bad.txt failed: bad.txt is not a program"),
     ],
 )
 def test_a_default_program_that_cannot_be_loaded_is_a_line_in_the_log(tmp_path, name, content, says):
@@ -243,7 +243,7 @@ def test_an_input_that_is_none_is_a_line_in_the_log(tmp_path, pin):
     box = Box(tmp_path, "ur5e", settings(release=(pin, False)))
     box.seconds(0.5)
     assert box.mode is RobotMode.POWER_OFF
-    assert len([line for line in box.controller.messages.history if f"{pin} is no digital input" in line]) == 1
+    assert len([line for line in box.controller.messages.history if f"{pin} is not a digital input" in line]) == 1
 
 
 def test_another_installation_begins_with_the_level_that_its_input_has(tmp_path):

@@ -96,7 +96,7 @@ def test_addresses(text: str, address: tuple[str, int]) -> None:
 
 @pytest.mark.parametrize("text", ["tcp://10.0.0.5:99", "", "udp://:7", "udp://a:99999", "udp://a:b"])
 def test_what_is_no_address_is_told(text: str) -> None:
-    with pytest.raises(RecordingError, match="is no address"):
+    with pytest.raises(RecordingError, match="is not an address"):
         address_of(text, "udp", 9870)
 
 

@@ -100,7 +100,7 @@ async def test_only_where_it_is_wanted() -> None:
 async def test_a_device_that_is_none(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
-    for path, problem in ((file, "is no serial port"), (tmp_path / "none", "No such file")):
+    for path, problem in ((file, "is not a serial port"), (tmp_path / "none", "No such file")):
         with pytest.raises(OSError, match=problem):
             async with Emulator(config(str(path))):
                 pass

@@ -87,7 +87,7 @@ def test_tables_of_watch(folder, usual, tmp_path):
     assert comparison.same, report(comparison)
     assert comparison.pairs[0].columns == 6
     (tmp_path / "text.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(FileError, match="is no table with a column `timestamp`"):
+    with pytest.raises(FileError, match="is not a table with a column `timestamp`"):
         read_source(tmp_path / "text.csv")
 
 

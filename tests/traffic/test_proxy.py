@@ -241,7 +241,7 @@ async def test_the_command_ends_by_ctrl_c_and_leaves_a_whole_recording(tmp_path)
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (["--ports", "rtd"], "'rtd' is no port of a robot: did you mean rtde?"),
+        (["--ports", "rtd"], "'rtd' is not a port of a robot: did you mean rtde?"),
         (["--port-offset", "40000"], "dashboard would be on port 69999"),
         (["--robot-ip", HOST, "--listen", HOST], "the proxy cannot listen where dashboard is"),
     ],

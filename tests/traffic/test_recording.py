@@ -168,7 +168,7 @@ def test_garbage_is_one_clear_line(tmp_path, command):
     arguments = [command, str(path), *([str(path)] if command == "compare" else [])]
     error = CliRunner().invoke(app, arguments).exception
     assert isinstance(error, FileError)
-    assert str(error) == f"{path}: this is no pcap or pcapng file; `ur-client proxy --record` makes one"
+    assert str(error) == f"{path}: this is not a pcap or pcapng file; `ur-client proxy --record` makes one"
 
 
 def test_a_recording_of_nothing(tmp_path):

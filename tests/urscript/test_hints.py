@@ -176,9 +176,9 @@ def test_a_lost_end_is_found_where_it_is_missing(text, found):
         (
             "x = make_list(2, 0)\n",
             "5.11.1",
-            "function 'make_list' is not known; PolyScope 5.11.1 does not have it (not on CB3, e-Series since 5.15)",
+            "function 'make_list' is not known; PolyScope 5.11.1 does not have it (e-Series since 5.15 only)",
         ),
-        ("x = struct(a=1)\n", "3.15.8", "PolyScope 3.15.8 does not have it (not on CB3, e-Series since 5.14)"),
+        ("x = struct(a=1)\n", "3.15.8", "PolyScope 3.15.8 does not have it (e-Series since 5.14 only)"),
         ('x = str_len("a")\n', "3.4", "PolyScope 3.4.0 does not have it (CB3 since 3.8, e-Series since 5.2)"),
     ],
 )

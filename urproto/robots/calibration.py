@@ -76,7 +76,9 @@ class Calibration:
         if isinstance(content, Mapping) and "dh_theta" in content:
             return cls.of(_dh_lists(content, where))
         if not isinstance(content, Mapping) or not isinstance(content.get("kinematics"), Mapping):
-            raise CalibrationError(f"{where}: there is neither `kinematics:` nor `dh_theta:`, so it is no calibration")
+            raise CalibrationError(
+                f"{where}: neither `kinematics:` nor `dh_theta:` is in it, so it is not a calibration"
+            )
         kinematics = content["kinematics"]
         name = kinematics.get("hash")
         if not (name is None or isinstance(name, str)):
@@ -104,7 +106,7 @@ class Calibration:
             turned = max(abs(a - b) for a, b in zip(mine.axes, nominal.axes, strict=True))
             if apart > _FARTHEST_M or turned > _MOST_TURNED:
                 raise CalibrationError(
-                    f"this is no calibration of {model.title}: its {link} is {apart * 1e3:.0f} mm and "
+                    f"this is not a calibration of {model.title}: its {link} is {apart * 1e3:.0f} mm and "
                     f"{turned:.2f} rad from where that of {model.title} is"
                 )
 
@@ -236,7 +238,7 @@ def _candidates(kinematics: Mapping[str, Any], where: str) -> list[DH]:
             if _same(chain_of(dh), chain):
                 found.append(dh)
     if not found:
-        raise CalibrationError(f"{where}: no Denavit-Hartenberg parameters give these frames, so it is no calibration")
+        raise CalibrationError(f"{where}: no Denavit-Hartenberg parameters give these frames: not a calibration")
     return found
 
 

@@ -203,7 +203,7 @@ _DEFAULT_MODEL: Final = {Series.CB3: "ur3", Series.E: "ur3e"}
 def default_model(version: str | None) -> str:
     """Name of the arm that nobody named: ur3, or ur3e where the PolyScope version asked for is an e-Series one.
 
-    Raises ValueError when the text is no version.
+    Raises ValueError when the text is not a version.
     """
     return _DEFAULT_MODEL[PolyscopeVersion.parse(version).series if version else Series.CB3]
 
@@ -215,7 +215,7 @@ _RUNS: Final = {Series.CB3: (3, 15, "3.0 to 3.15"), Series.E: (5, sys.maxsize, "
 def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
     """The PolyScope version of an arm, the usual one of its series when no text is given.
 
-    Raises ValueError when the text is no version, or that of one the arm never ran.
+    Raises ValueError when the text is not a version, or that of one the arm never ran.
     """
     if text is None:
         return DEFAULT_VERSION[model.series]

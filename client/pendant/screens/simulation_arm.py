@@ -118,7 +118,7 @@ def read_document(content: bytes) -> dict[str, Any]:
     try:
         document = json.loads(content)
     except (ValueError, UnicodeDecodeError) as error:
-        raise ValueError(f"This file is no saved state: {error}.") from error
+        raise ValueError(f"This file is not a saved state: {error}.") from error
     if not isinstance(document, dict):
-        raise ValueError("This file is no saved state: it has no JSON object.")
+        raise ValueError("This file is not a saved state: it has no JSON object.")
     return document
