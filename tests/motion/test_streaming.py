@@ -207,7 +207,7 @@ def test_speedl_turns_the_tool(rig):
 
 def test_speedl_speeds_up_its_turn_with_its_own_acceleration(rig):
     """0.2 m/s at 1 m/s2 take 0.2 s, 0.5 rad/s at 5 rad/s2 take 0.1 s: ready when the slower one is."""
-    move = rig.motion.speedl((0.2, 0, 0, 0, 0, 0.5), a=1.0, a_rot=5.0)
+    move = rig.commands.speedl((0.2, 0, 0, 0, 0, 0.5), a=1.0, a_rot=5.0)
     rig.steps(50)
 
     def turn():
@@ -222,7 +222,7 @@ def test_speedl_speeds_up_its_turn_with_its_own_acceleration(rig):
 def test_servoj_beyond_a_joint_limit_is_refused_and_stops_the_arm(rig, joint):
     beyond = list(START)
     beyond[joint] = rig.model.q_max[joint] + 0.001
-    move = rig.motion.servoj(beyond, t=0.002)
+    move = rig.commands.servoj(beyond, t=0.002)
     assert move.failed
     rig.step()
     assert rig.fault is not None
