@@ -20,7 +20,7 @@ from client.controllers.manager import ControllerManager
 from client.controllers.ur_hardware import URHardware
 from client.controllers.ur_states import RTDE_OUTPUTS
 from client.driver import URDriver
-from client.errors import ControllerError
+from client.errors import ControllerError, NoAnswerError
 
 _FIRST_STATE_S: Final = 5.0  # guess: a robot that sends states at all does so within this
 _REST_S: Final = 3.0  # guess: a ramp to rest takes less than one second
@@ -62,11 +62,20 @@ class ControlLoop:
         self._manager = ControllerManager(hardware, self._file, rate_hz, self._prefix)
         self._listen()
         try:
-            await asyncio.wait_for(self._cycled.wait(), _FIRST_STATE_S)
+            await self._first_cycle()
         except BaseException:
             self._listen_no_more()
             raise
         return self
+
+    async def _first_cycle(self) -> None:
+        try:
+            async with asyncio.timeout(_FIRST_STATE_S):
+                await self._cycled.wait()
+        except TimeoutError:
+            config = self.driver.config
+            port = config.robot_ports["rtde"]
+            raise NoAnswerError(config.robot, port, _FIRST_STATE_S, "states that a control loop can use") from None
 
     def _listen(self) -> None:
         self.driver.robot.on_state.append(self._take)
@@ -154,6 +163,7 @@ class ControlLoop:
         time_s = state["timestamp"]
         period_s = 0.0 if self._last_s is None else max(time_s - self._last_s, 0.0)  # a robot may start again
         self._last_s = time_s
-        self._manager.cycle(state, time_s, period_s)
+        if not self._manager.cycle(state, time_s, period_s):
+            return
         cycled, self._cycled = self._cycled, asyncio.Event()
         cycled.set()

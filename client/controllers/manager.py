@@ -55,6 +55,7 @@ class ControllerManager:
         self.notes: list[str] = []
         self.on_load: list[Callable[[Controller[Any]], object]] = []
         self.time_s = 0.0
+        self._absurd = False  # the state before this one held numbers that no arm has
         self._prefix = prefix
         self._controllers: dict[str, Controller[Any]] = {}
 
@@ -229,13 +230,22 @@ class ControllerManager:
 
     # a cycle
 
-    def cycle(self, state: Mapping[str, Any], time_s: float, period_s: float) -> None:
+    def cycle(self, state: Mapping[str, Any], time_s: float, period_s: float) -> bool:
         """Read a state of the robot, update the active controllers, write what they command.
 
-        time_s: the robot's time. period_s: since the cycle before.
+        time_s: the robot's time. period_s: since the cycle before. False for a state with numbers no arm has, which
+        ends what moves the arm and nothing else.
         """
         self.time_s = time_s
-        self.hardware.read(state, period_s)
+        try:
+            self.hardware.read(state, period_s)
+        except (ArithmeticError, ValueError) as error:
+            if not self._absurd:
+                _logger.warning("states of the robot hold numbers that no arm has: %s", error)
+            self._absurd = True
+            self.stop_motion("the robot's state holds numbers that no arm has")
+            return False
+        self._absurd = False
         if self.hardware.failure is not None:
             self.stop_motion(self.hardware.failure)
         if (halt := self.hardware.take_halt()) is not None:
@@ -248,6 +258,7 @@ class ControllerManager:
                 _logger.exception("%s failed and is deactivated", controller.name)
                 self._drop([controller])
         self.hardware.write(time_s, period_s)
+        return True
 
     def stop_motion(self, reason: str) -> None:
         """Deactivate what moves the arm, and let its goals end, because the arm cannot be moved."""

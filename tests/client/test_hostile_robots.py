@@ -22,6 +22,7 @@ from client import AsyncRobot, Robot, dashboard
 from client.cli import app
 from client.commands.following import follow
 from client.connection import Connection
+from client.controllers import RTDE_OUTPUTS, ControlLoop
 from client.dashboard import BlockingDashboardClient, DashboardClient
 from client.driver import BlockingURDriver, URDriver, points
 from client.errors import ClientError
@@ -38,7 +39,7 @@ from client.traffic.replay import ReplayRobot
 from urproto.errors import RobotRefused, URError
 from urproto.ports import CONTROLLER_PORTS
 
-ROBOTS: Final = int(os.environ.get("HOSTILE_ROBOTS", "29"))
+ROBOTS: Final = int(os.environ.get("HOSTILE_ROBOTS", "30"))
 SEED: Final = int(os.environ.get("HOSTILE_SEED", "1"))
 PATIENCE_S: Final = 0.4
 LONGEST_S: Final = 60.0  # a client that is told nothing useful gives up; the machine may be busy
@@ -189,6 +190,18 @@ def driver_async(robot: HostileRobot, folder: Path) -> None:
     asyncio.run(use())
 
 
+def control_loop(robot: HostileRobot, folder: Path) -> None:
+    async def use() -> None:
+        async with (
+            URDriver(robot.host, outputs=RTDE_OUTPUTS, silence_s=PATIENCE_S, start_timeout_s=2.0, **FREE_PORTS) as arm,
+            ControlLoop(arm) as loop,
+        ):
+            loop.manager.activate("scaled_joint_trajectory_controller")
+            await asyncio.sleep(0.1)
+
+    asyncio.run(use())
+
+
 def tool_line(robot: HostileRobot, folder: Path) -> None:
     async def use() -> None:
         device = folder / "tty"
@@ -259,7 +272,7 @@ ENTRIES: Final[tuple[Entry, ...]] = (
     command("doctor"), command("doctor", "--json"), command("calibration", "-o", "FOLDER/calibration.yaml"),
     command("describe"), command("send", "FOLDER/p.script"), command("send", "FOLDER/p.script", "--wait"),
     command("record", "FOLDER/run.mcap", "--duration", "0.1"), command("record", "FOLDER/run.npz", "--duration", "0.1"),
-    tool_line, recorded_and_replayed, command("controllers", "interfaces"),
+    control_loop, tool_line, recorded_and_replayed, command("controllers", "interfaces"),
     command("goal", "0.1,-1.5,0.1,0,0,0", "--duration", "0.5", "--yes"),
 )  # fmt: skip
 
