@@ -4,8 +4,8 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 MODEL  ?= ur3
 ARGS   ?=
-# one more than there are cores: a good part of the tests waits for robots in real time
-JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 1)
+# two more than there are cores: a good part of the tests waits for robots in real time
+JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 
 .PHONY: emulator test pages mutants soak chaos fuzz check wheel-check benchmarks docs constraints clean
 
