@@ -4,8 +4,10 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 MODEL  ?= ur3
 ARGS   ?=
-# two more than there are cores: a good part of the tests waits for robots in real time
-JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
+# which tests `make test` runs; MARKS= for all of them, with those of `make pages`
+MARKS  ?= not page
+# one more than there are cores: a good part of the tests waits for robots in real time
+JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 1)
 
 .PHONY: emulator test pages mutants soak chaos fuzz check wheel-check benchmarks docs constraints clean
 
@@ -14,7 +16,7 @@ emulator: $(VENV)/.base
 
 test: $(VENV)/.dev
 	tests/system_packages.sh
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m "not page" $(ARGS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m "$(MARKS)" $(ARGS)
 
 # What README, docs and examples/ci tell a reader to type is typed, against robots in real time: some minutes.
 pages: $(VENV)/.dev

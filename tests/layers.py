@@ -62,7 +62,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
     "recording": Layer(
         "recordings: written, read, drawn, streamed", ("client.recording",), ("ports", "driver", "robot")
     ),
-    "decoding": Layer("traffic: captured bytes told to people", ("client.decoding",)),
+    "decoding": Layer("traffic: captured bytes shown to people", ("client.decoding",)),
     "traffic": Layer("traffic: recorded, replayed, compared", ("client.traffic",), ("ports", "decoding")),
     "controllers": Layer(
         "ros2_control's controllers without ROS", ("client.controllers",), ("ports", "driver", "robot", "recording")

@@ -126,7 +126,7 @@ REFUSED = [
     (dashboard.UNLOCK_PROTECTIVE_STOP, "wait until 5 s after the stop"),
     (dashboard.load("gone.urp"), "exists on CB3 since 1.4"),  # the table does not know the line
     (dashboard.USER_ROLE, "CB3 since 3.1 only"),
-    (dashboard.set_user_role(UserRole.OPERATOR), "CB3 since 3.1 only: update the controller"),
+    (dashboard.set_user_role(UserRole.OPERATOR), "only: update the controller"),
     (dashboard.add_to_log(""), "not empty"),
     (Operation("in local", dashboard.POWER_ON.read), "then connect again"),
 ]

@@ -193,7 +193,7 @@ def test_what_is_a_program(text, name, shift):
 def test_what_cannot_be_waited_for():
     with pytest.raises(LocalProtocolError, match="send_script"):
         prepare("# beside\nsec f():\nend")
-    with pytest.raises(LocalProtocolError, match="no program name"):
+    with pytest.raises(LocalProtocolError, match="not a program name"):
         prepare("x = 1", "1st")
 
 

@@ -52,7 +52,7 @@ def test_answers_come_back(line: str, number: int) -> None:
 
 @pytest.mark.parametrize("text", ["", "ack", "ack: x: y", "nack: 1: y", "Connected: Universal Robots Dashboard Server"])
 def test_what_is_no_answer(text: str) -> None:
-    with pytest.raises(RemoteProtocolError, match="no answer of interpreter mode"):
+    with pytest.raises(RemoteProtocolError, match="not an answer of interpreter mode"):
         parse_answer(text)
 
 

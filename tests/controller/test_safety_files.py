@@ -230,7 +230,7 @@ def test_files_that_are_none(tmp_path):
         read_safety(tmp_path / "missing.yaml", load_model("ur5"))
     path = tmp_path / "x.installation"
     path.write_bytes(b"\\x00\\x01")
-    with pytest.raises(ConfigError, match="no installation"):
+    with pytest.raises(ConfigError, match="not an installation"):
         read_safety(path, load_model("ur5"))
     path.write_text("<Installation></Installation>")
     with pytest.raises(ConfigError, match="no safety settings"):

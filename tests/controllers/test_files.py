@@ -84,7 +84,7 @@ def test_a_controllers_file(tmp_path, key):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("a: [", "no YAML"),
+        ("a: [", "not YAML"),
         ("- 1", "no sections"),
         ("x: {ros__parameters: {}}", "no section controller_manager"),
         ("controller_manager: {a: 1}", "no ros__parameters"),

@@ -51,5 +51,5 @@ def test_a_plane_has_no_size() -> None:
 def test_a_saved_state_is_read_and_nonsense_refused() -> None:
     assert read_document(json.dumps({"format": 1}).encode()) == {"format": 1}
     for nonsense in (b"\xff\xfe", b"[1]", b"{"):
-        with pytest.raises(ValueError, match="no saved state"):
+        with pytest.raises(ValueError, match="not a saved state"):
             read_document(nonsense)

@@ -222,7 +222,7 @@ def test_what_is_no_calibration(content: object, problem: str) -> None:
 
 def test_of_another_arm() -> None:
     _, dh = measured(0)
-    with pytest.raises(CalibrationError, match=r"no calibration of UR5: its shoulder is \d+ mm"):
+    with pytest.raises(CalibrationError, match=r"not a calibration of UR5: its shoulder is \d+ mm"):
         Calibration.of(dh).check_model(load_model("ur5"))
     with pytest.raises(CalibrationError, match="a6 and alpha6"):
         Calibration.of(replace(dh, alpha=(*dh.alpha[:5], 0.1)))

@@ -153,7 +153,7 @@ def test_calibration_files_that_are_none(tmp_path: Path, text: str, problem: str
     with pytest.raises(ConfigError, match=problem) as caught:
         read_calibration(file, load_model("ur5e"))
     assert str(caught.value).count(str(file)) == 1
-    with pytest.raises(ConfigError, match="no calibration of UR3"):
+    with pytest.raises(ConfigError, match="not a calibration of UR3"):
         read_calibration(CALIBRATION, load_model("ur3"))
     with pytest.raises(ConfigError, match="cannot read"):
         read_calibration(tmp_path / "missing.yaml", load_model("ur5e"))

@@ -242,7 +242,7 @@ async def test_readiness_is_a_real_question(emulator: Emulator) -> None:
 
     other = await asyncio.start_server(say, HOST, 0)
     port = other.sockets[0].getsockname()[1]
-    with pytest.raises(NotReady, match=rf"interpreter port {port}.*no answer of interpreter mode"):
+    with pytest.raises(NotReady, match=rf"interpreter port {port}.*not an answer of interpreter mode"):
         await check_ready(HOST, {"interpreter": port})
     other.close()
 

@@ -64,7 +64,7 @@ def test_tolerances_are_by_unit_and_field(folder, usual):
     columns = {one.column.partition("[")[0] for _, one in compare(usual, slower, ["target_q=1"]).differences}
     assert "actual_q" in columns
     assert "target_q" not in columns
-    with pytest.raises(LocalProtocolError, match="no tolerance: give a field or unit and a number"):
+    with pytest.raises(LocalProtocolError, match="not a tolerance: give a field or unit and a number"):
         compare(usual, slower, ["much"])
 
 
