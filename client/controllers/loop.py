@@ -137,12 +137,17 @@ class ControlLoop:
         for _ in range(count):
             await self._cycled.wait()
 
+    @property
+    def at_rest(self) -> bool:
+        """The arm stands, by what it measures."""
+        return bool(max(map(abs, self.driver.state["actual_qd"])) < _AT_REST_RAD_S)
+
     async def rest(self, within_s: float = _REST_S) -> None:
         """Wait until the arm rests, or for so long in the robot's time."""
         begin_s = self.manager.time_s
         while self.manager.time_s < begin_s + within_s:
             await self.cycles()
-            if max(map(abs, self.driver.state["actual_qd"])) < _AT_REST_RAD_S:
+            if self.at_rest:
                 return
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> "asyncio.Task[None]":

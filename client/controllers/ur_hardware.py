@@ -19,6 +19,7 @@ from client.controllers.ur_states import URStates
 from client.driver import points
 from client.driver.availability import GATES
 from client.driver.endpoint import LONGEST_REAL_TIME_S
+from client.driver.robot import MOVABLE
 from client.errors import ControllerError, LateSetpointError
 from urproto.errors import URError
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
@@ -26,7 +27,6 @@ from urproto.joints import JOINT_NAMES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.versions import PolyscopeVersion
 
-_MOVABLE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 _WAITING: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.SAFEGUARD_STOP)  # a program is paused in these, not ended
 _BACK_S: Final = 10.0  # guess: how long after such a stop somebody may take to start the program again
 _RISE_PER_PERIOD: Final = 0.01  # Universal_Robots_ROS2_Driver: of the speed scaling after a pause
@@ -92,7 +92,7 @@ class URHardware:
             self._scaling, self._waits = 0.0, True
         was_ready, self._ready = (
             self._ready and not held_up,
-            (running and mode in _MOVABLE and state["runtime_state"] == RuntimeState.PLAYING),
+            (running and mode in MOVABLE and state["runtime_state"] == RuntimeState.PLAYING),
         )
         self._scale(state, period_s)
         if self._ready and not was_ready:
@@ -121,7 +121,7 @@ class URHardware:
         if safety in _WAITING:
             self._forgiven_s = time_s + _BACK_S
             return None
-        if safety not in _MOVABLE:
+        if safety not in MOVABLE:
             return f"its safety mode is {_name(SafetyMode, safety)}: clear the cause, then activate again"
         if robot != RobotMode.RUNNING:
             return f"its mode is {_name(RobotMode, robot)}: power it on, start the program, then activate again"

@@ -13,7 +13,7 @@ with Participant(read_domain()) as participant:
 import asyncio
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from threading import Lock
 from types import TracebackType
@@ -44,7 +44,6 @@ from urproto.robots.description import urdf
 
 _AGAIN_S: Final = 1.0  # as in recordings; guess
 _QUIET_S: Final = 1.0  # the same complaint again only after this; guess
-_AT_REST_RAD_S: Final = 0.005  # guess: above the noise of an arm that stands
 
 _logger = logging.getLogger(__name__)
 
@@ -215,15 +214,10 @@ class Bridge:
             raise controller.error("it is not active: name it when the bridge is started")
         moving = self._robot.manager.moving()
         for other in moving:
-            if _busy(other) or not self._at_rest:
+            if _busy(other) or not self._robot.at_rest:
                 raise controller.error(f"{other.name} moves the arm: wait until it rests")
         self._robot.manager.switch(activate=[controller.name], deactivate=[other.name for other in moving])
         _logger.info("%s is active now", controller.name)
-
-    @property
-    def _at_rest(self) -> bool:
-        speeds: Sequence[float] = self._robot.driver.state["actual_qd"]
-        return max(map(abs, speeds)) < _AT_REST_RAD_S
 
 
 def _busy(controller: Controller[Any]) -> bool:
