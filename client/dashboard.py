@@ -143,9 +143,13 @@ class DashboardCore:
             operation.check(self.version)
         return (yield from self._exchange(operation))
 
-    def _exchange(self, operation: Operation[Answer]) -> Flow[Answer]:
+    def listen(self) -> Flow[None]:
+        """Take what has arrived meanwhile, without sending anything."""
         while data := (yield POLL):
             self._received += self._lines.feed(data)
+
+    def _exchange(self, operation: Operation[Answer]) -> Flow[Answer]:
+        yield from self.listen()
         # answers to what timed out, and lines that nobody has asked for: not the answer to this
         self._unanswered = max(0, self._unanswered - len(self._received))
         self._received.clear()
@@ -190,6 +194,10 @@ class BlockingDashboardClient(BlockingConnection):
     def ask(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
         """Do one operation; RobotRefused when the robot says no."""
         return self.run(self._core.ask(operation), timeout_s or operation.timeout_s)
+
+    def check(self) -> None:
+        """Raise ConnectionLostError when the robot has closed the connection meanwhile; it is not asked anything."""
+        self.run(self._core.listen())
 
     def _opening(self) -> Flow[None]:
         return self._core.greet()

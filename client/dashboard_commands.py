@@ -160,16 +160,16 @@ def add_to_log(text: str) -> Operation[None]:
     return _confirmed("addToLog", "give a text that is not empty", f" {text}")
 
 
-def set_user_role(role: UserRole) -> Operation[None]:
-    """Choose who the pendant's user is (CB3)."""
-    return _confirmed("setUserRole", _ROLE, f" {role.value}")
+def set_user_role(role: UserRole | str) -> Operation[None]:
+    """Choose who the pendant's user is (CB3). A text is sent as it is."""
+    return _confirmed("setUserRole", _ROLE, f" {role if isinstance(role, str) else role.value}")
 
 
-def set_operational_mode(mode: OperationalMode) -> Operation[None]:
-    """Take control of the operational mode (e-Series): MANUAL or AUTOMATIC."""
+def set_operational_mode(mode: OperationalMode | str) -> Operation[None]:
+    """Take control of the operational mode (e-Series): MANUAL or AUTOMATIC. A text is sent as it is."""
     if mode is OperationalMode.NONE:
         raise LocalProtocolError("nobody can set the operational mode NONE: ask CLEAR_OPERATIONAL_MODE")
-    return _confirmed("set operational mode", argument=f" {mode.value}")
+    return _confirmed("set operational mode", argument=f" {mode if isinstance(mode, str) else mode.value}")
 
 
 # About the controller
@@ -203,8 +203,8 @@ _WITH_ARGUMENT: Final[dict[str, Callable[[str], Operation[str] | Operation[None]
     "load": load,
     "popup": popup,
     "addToLog": add_to_log,
-    "setUserRole": lambda role: _confirmed("setUserRole", _ROLE, f" {role}"),
-    "set operational mode": lambda mode: _confirmed("set operational mode", argument=f" {mode}"),
+    "setUserRole": set_user_role,
+    "set operational mode": set_operational_mode,
     "generate flight report": generate_flight_report,
     "generate support file": generate_support_file,
 }

@@ -11,15 +11,15 @@ flows are made of it, so a message one flow has read is not there for the next.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
 from client.connection import DEFAULT_TIMEOUT_S, POLL, AsyncConnection, BlockingConnection, Connection, Flow, TimeLimit
 from client.errors import NoAnswerError, ScriptFailedError
-from client.scripts import MAY_RUN, Script, ScriptResult, ScriptRun, prepare, telling_its_end
+from client.scripts import GRAVE, MAY_RUN, Script, ScriptResult, ScriptRun, prepare, telling_its_end
 from urproto.errors import RobotRefused
-from urproto.modes import RobotMode, SafetyMode, mode_name
+from urproto.modes import ReportLevel, RobotMode, SafetyMode, mode_name
 from urproto.primary.framing import PrimaryDecoder, PrimaryMessage
 from urproto.primary.messages import (
     PROGRAM_STARTED,
@@ -176,7 +176,13 @@ class PrimaryCore:
         return (yield from self._key_message(PROGRAM_STOPPED))
 
     def execute(
-        self, text: str, name: str | None = None, *, start_timeout_s: float = _START_S, timeout_s: float = float("inf")
+        self,
+        text: str,
+        name: str | None = None,
+        *,
+        start_timeout_s: float = _START_S,
+        timeout_s: float = float("inf"),
+        failing: Collection[ReportLevel] = GRAVE,
     ) -> Flow[ScriptResult]:
         """Run a ``def`` program, or bare statements as one of this name, and wait for its end.
 
@@ -185,20 +191,27 @@ class PrimaryCore:
         not start within ``start_timeout_s`` or has not ended after ``timeout_s``. After the
         last two, and a protective stop, the program may still be there: see STOP_PROGRAM.
         """
-        run = yield from self.start(text, name, timeout_s=start_timeout_s)
+        run = yield from self.start(text, name, timeout_s=start_timeout_s, failing=failing)
         return (yield from self.finish(run, timeout_s=timeout_s))
 
     def start(
-        self, text: str, name: str | None = None, *, timeout_s: float = _START_S, to_its_end: bool = False
+        self,
+        text: str,
+        name: str | None = None,
+        *,
+        timeout_s: float = _START_S,
+        to_its_end: bool = False,
+        failing: Collection[ReportLevel] = GRAVE,
     ) -> Flow[ScriptRun]:
         """The first half of ``execute``: until the program runs. `ScriptRun.script` has its name.
 
-        to_its_end: let ``finish`` raise ScriptFailedError when somebody stops the program; see `telling_its_end`.
+        failing: levels of error codes that are a ScriptFailedError. to_its_end: let ``finish`` raise it when somebody
+        stops the program, too; see `telling_its_end`.
         """
         script = telling_its_end(prepare(text, name)) if to_its_end else prepare(text, name)
         yield from self._catch_up()
         self._check_ready(script)
-        run = ScriptRun(script)
+        run = ScriptRun(script, failing)
         yield from self.send_script(script.text)
         yield from self._within(timeout_s, self._until(run, PROGRAM_STARTED), run, "it has not started after")
         return run

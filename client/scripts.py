@@ -5,6 +5,7 @@ A text is sent as a program with a name; a controller reports that name, and err
 
 import itertools
 import re
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -16,7 +17,8 @@ from urproto.primary.messages import ErrorCodeMessage, RuntimeExceptionMessage, 
 from urproto.primary.state import RobotStateData
 
 MAY_RUN: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED, SafetyMode.RECOVERY)
-_GRAVE: Final = (ReportLevel.VIOLATION, ReportLevel.FAULT, ReportLevel.CRITICAL_FAULT)
+GRAVE: Final = (ReportLevel.VIOLATION, ReportLevel.FAULT, ReportLevel.CRITICAL_FAULT)
+"""Error codes of these levels end a program."""
 
 # What may stand before a program: blank lines and comments.
 _HEAD: Final = re.compile(r"\A(?:[ \t]*(?:#[^\n]*)?\r?\n)*[ \t]*(def|sec)\s+(\w+)\s*\(")
@@ -109,10 +111,11 @@ class ScriptResult:
 
 
 class ScriptRun:
-    """What is heard about a program while it runs."""
+    """What is heard about a program while it runs. failing: levels of error codes with which it has failed."""
 
-    def __init__(self, script: Script) -> None:
+    def __init__(self, script: Script, failing: Collection[ReportLevel] = GRAVE) -> None:
         self.script = script
+        self._failing = failing
         self._texts: list[str] = []
         self._errors: list[ErrorCodeMessage] = []
         self._stopped: SafetyMode | int | None = None
@@ -130,7 +133,7 @@ class ScriptRun:
             raise self.failed(self.script.message(message.text), line, message.column)
         elif isinstance(message, ErrorCodeMessage):
             self._errors.append(message)
-            if message.level in _GRAVE:
+            if message.level in self._failing:
                 raise self.failed(f"{message.label} {message.text}")
         elif isinstance(message, SafetyModeMessage) and message.safety_mode not in MAY_RUN:
             self._stopped = message.safety_mode

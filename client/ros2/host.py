@@ -9,8 +9,10 @@ nodes, 300 of them here, which takes milliseconds.
 """
 
 import asyncio
+import concurrent.futures
 import threading
-from collections.abc import Awaitable, Callable, Sequence
+from collections import defaultdict
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -48,6 +50,7 @@ class NodeHost:
         self._arguments = ["--ros-args", *ros_arguments] if ros_arguments else []
         self._context = Context()
         self._spinning: dict[Node, tuple[SingleThreadedExecutor, threading.Thread]] = {}
+        self._tasks: dict[Node, set[concurrent.futures.Future[Any]]] = defaultdict(set)
 
     def __enter__(self) -> "NodeHost":
         self._context.init(self._arguments, domain_id=self._domain)
@@ -82,6 +85,8 @@ class NodeHost:
 
     def close(self, node: Node) -> None:
         """End a node and its thread; not from that thread."""
+        for task in list(self._tasks.pop(node, ())):
+            task.cancel()
         executor, thread = self._spinning.pop(node)
         executor.shutdown(timeout_sec=0.0)
         thread.join()
@@ -107,6 +112,28 @@ class NodeHost:
         future = Future(executor=executor)
         future.add_done_callback(_nothing)  # whose call wakes the executor: setting the result alone does not
         return future
+
+    def task(self, node: Node, work: "Coroutine[Any, Any, Any]") -> "Future[Any]":
+        """Run a coroutine in the event loop; a coroutine of this node can await what it gives or raises.
+
+        The node goes on meanwhile. When the node is closed the coroutine is cancelled.
+        """
+        ended = self.ending(node)
+        tasks = self._tasks[node]
+
+        def tell(task: "concurrent.futures.Future[Any]") -> None:
+            tasks.discard(task)
+            if task.cancelled():  # with the node
+                return
+            if (error := task.exception()) is not None:
+                ended.set_exception(error)
+            else:
+                ended.set_result(task.result())
+
+        task = asyncio.run_coroutine_threadsafe(work, self.loop)
+        tasks.add(task)
+        task.add_done_callback(tell)
+        return ended
 
 
 async def _awaited(work: "Awaitable[Result]") -> Result:

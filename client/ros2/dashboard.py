@@ -1,0 +1,347 @@
+"""The node ``dashboard_client``: a service for each command of a robot's dashboard.
+
+Names, types and results are those of the ROS 2 driver. A service whose command takes its time answers when the effect
+shows, as a query of the dashboard says: `Effect`. What a service answers in words is the robot's line; where it has no
+success, what is wrong and what to do about it.
+"""
+
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import PurePosixPath
+from types import MappingProxyType
+from typing import Any, Final
+
+import ur_dashboard_msgs.srv
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from std_srvs.srv import Trigger
+
+from client import dashboard
+from client.dashboard import BlockingDashboardClient, Operation
+from client.errors import ClientError, ConnectionLostError
+from client.robot import AsyncRobot
+from client.ros2.host import NodeHost
+from urproto.dashboard import ProgramState
+from urproto.errors import RemoteProtocolError, RobotRefused, URError
+from urproto.modes import RobotMode
+
+NAME: Final = "dashboard_client"
+_RECEIVE_TIMEOUT_S: Final = 20.0  # the parameter's default, and
+_EFFECT_S: Final = 30.0  # how long effects are waited for, and
+_POWER_ON_S: Final = 300.0  # that of power_on, whose command is repeated, and
+_POWER_ON_AGAIN_S: Final = 1.0  # after how long: the ROS 2 driver and its client library
+_LOOK_EVERY_S: Final = 0.1
+_LARGEST: Final = 2**64 - 1  # uint64
+_POLYSCOPE_X: Final = "it is for robots with PolyScope X; programs of this one are files that load_program takes"
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What shows that a command has taken effect.
+
+    asked: the query that tells. seen: whether its answer, to this request, is it. within_s: how long it may take.
+    again_s: after how long without effect the command is sent again.
+    """
+
+    asked: Operation[Any]
+    seen: Callable[[Any, Any], bool]
+    within_s: float = _EFFECT_S
+    again_s: float = math.inf
+
+
+@dataclass(frozen=True)
+class Service:
+    """A row of the table.
+
+    type: in std_srvs or ur_dashboard_msgs. asks: what a request asks of the dashboard. values: fields of the response,
+    dotted, and what they get of the answer. parts: the connection ends with it.
+    """
+
+    name: str
+    type: str
+    asks: Callable[[Any], Operation[Any]]
+    values: Mapping[str, Callable[[Any], Any]] = field(default_factory=lambda: MappingProxyType({}))
+    effect: Effect | None = None
+    parts: bool = False
+
+
+def _always(operation: Operation[Any]) -> Callable[[Any], Operation[Any]]:
+    return lambda request: operation
+
+
+def _mode(*modes: RobotMode, **more: float) -> Effect:
+    return Effect(dashboard.ROBOT_MODE, lambda mode, request: mode in modes, **more)
+
+
+def _state(state: ProgramState) -> Effect:
+    return Effect(dashboard.PROGRAM_STATE, lambda program, request: program[0] is state)
+
+
+def _has_loaded(program: "tuple[ProgramState, str | None]", request: Any) -> bool:
+    return program == (ProgramState.STOPPED, PurePosixPath(request.filename).name)
+
+
+def _named(operation: Operation[Any], name: Callable[[Any], str | None]) -> Operation[Any]:
+    """An answer in which no program is named is none of success."""
+
+    def read(reply: str) -> Any:
+        answer = operation.read(reply)
+        if name(answer) is None:
+            raise RemoteProtocolError(f"{reply!r} names no program")
+        return answer
+
+    return replace(operation, read=read)
+
+
+def _polyscope_x(request: Any) -> Operation[Any]:
+    raise RobotRefused(type(request).__qualname__, "this robot does not have it", _POLYSCOPE_X)
+
+
+def _trigger(name: str, operation: Operation[Any], effect: Effect | None = None, *, parts: bool = False) -> Service:
+    return Service(name, "Trigger", _always(operation), effect=effect, parts=parts)
+
+
+def _query(name: str, of_type: str, operation: Operation[Any], **values: Callable[[Any], Any]) -> Service:
+    return Service(name, of_type, _always(operation), {path.replace("__", "."): of for path, of in values.items()})
+
+
+def _itself(answer: Any) -> Any:
+    return answer
+
+
+def _second(answer: Any) -> Any:
+    return answer[1]
+
+
+_OFF: Final = _mode(RobotMode.POWER_OFF)
+_ON: Final = _mode(RobotMode.IDLE, RobotMode.RUNNING, within_s=_POWER_ON_S, again_s=_POWER_ON_AGAIN_S)
+_RUNNING: Final = _mode(RobotMode.RUNNING)
+
+_PROGRAM_STATE: Final = replace(  # with the name that the robot gives no program
+    dashboard.PROGRAM_STATE, read=lambda reply: (dashboard.PROGRAM_STATE.read(reply)[0], reply.partition(" ")[2])
+)
+
+SERVICES: Final = (
+    _trigger("power_on", dashboard.POWER_ON, _ON),
+    _trigger("power_off", dashboard.POWER_OFF, _OFF),
+    _trigger("brake_release", dashboard.BRAKE_RELEASE, _RUNNING),
+    _trigger("unlock_protective_stop", dashboard.UNLOCK_PROTECTIVE_STOP, _RUNNING),
+    _trigger("restart_safety", dashboard.RESTART_SAFETY, _OFF),
+    _trigger("play", dashboard.PLAY, _state(ProgramState.PLAYING)),
+    _trigger("pause", dashboard.PAUSE, _state(ProgramState.PAUSED)),
+    _trigger("stop", dashboard.STOP, _state(ProgramState.STOPPED)),
+    _trigger("close_popup", dashboard.CLOSE_POPUP),
+    _trigger("close_safety_popup", dashboard.CLOSE_SAFETY_POPUP),
+    _trigger("clear_operational_mode", dashboard.CLEAR_OPERATIONAL_MODE),
+    _trigger("shutdown", dashboard.SHUTDOWN),
+    _trigger("quit", dashboard.QUIT, parts=True),
+    Service(
+        "load_program", "Load", lambda request: dashboard.load(request.filename),
+        effect=Effect(dashboard.PROGRAM_STATE, _has_loaded),
+    ),
+    Service("load_installation", "Load", lambda request: dashboard.load_installation(request.filename)),
+    Service("popup", "Popup", lambda request: dashboard.popup(request.message)),
+    Service("add_to_log", "AddToLog", lambda request: dashboard.add_to_log(request.message)),
+    Service("set_user_role", "SetUserRole", lambda request: dashboard.set_user_role(request.user_role.role)),
+    Service(
+        "set_operational_mode", "SetOperationalMode",
+        lambda request: dashboard.set_operational_mode(request.operational_mode.mode),
+    ),
+    Service(
+        "generate_flight_report", "GenerateFlightReport",
+        lambda request: dashboard.generate_flight_report(request.report_type), {"report_id": _itself},
+    ),
+    Service(
+        "generate_support_file", "GenerateSupportFile",
+        lambda request: dashboard.generate_support_file(request.dir_path), {"generated_file_name": _itself},
+    ),
+    Service("raw_request", "RawRequest", lambda request: dashboard.command(request.query)),
+    _query("get_robot_mode", "GetRobotMode", dashboard.ROBOT_MODE, robot_mode__mode=int),
+    _query("get_safety_mode", "GetSafetyMode", dashboard.SAFETY_MODE, safety_mode__mode=int),
+    _query("get_safety_status", "GetSafetyStatus", dashboard.SAFETY_STATUS, safety_status__status=int),
+    _query("program_running", "IsProgramRunning", dashboard.IS_RUNNING, program_running=_itself),
+    _query(
+        "program_state", "GetProgramState", _PROGRAM_STATE,
+        state__state=lambda answer: answer[0].name, program_name=_second,
+    ),
+    _query(
+        "program_saved", "IsProgramSaved", _named(dashboard.IS_PROGRAM_SAVED, _second),
+        program_saved=lambda answer: answer[0], program_name=_second,
+    ),
+    _query("get_loaded_program", "GetLoadedProgram", _named(dashboard.LOADED_PROGRAM, _itself), program_name=_itself),
+    _query("is_in_remote_control", "IsInRemoteControl", dashboard.IS_IN_REMOTE_CONTROL, remote_control=_itself),
+    _query("get_user_role", "GetUserRole", dashboard.USER_ROLE, user_role__role=lambda role: role.name),
+    _query(
+        "get_operational_mode", "GetOperationalMode", dashboard.OPERATIONAL_MODE,
+        operational_mode__mode=lambda mode: mode.name,
+    ),
+    _query("get_robot_model", "GetRobotModel", dashboard.ROBOT_MODEL, robot_model=_itself),
+    _query(
+        "get_serial_number", "GetSerialNumber", dashboard.SERIAL_NUMBER,
+        serial_number=lambda number: min(int(number), _LARGEST),
+    ),
+    _query(
+        "get_polyscope_version", "GetPolyScopeVersion", dashboard.POLYSCOPE_VERSION,
+        version__major=lambda version: version.major, version__minor=lambda version: version.minor,
+        version__bugfix=lambda version: version.bugfix, version__build=lambda version: version.build,
+    ),
+    Service("get_programs", "GetPrograms", _polyscope_x),
+    Service("upload_program", "UploadProgram", _polyscope_x),
+    Service("update_program", "UploadProgram", _polyscope_x),
+    Service("download_program", "DownloadProgram", _polyscope_x),
+)  # fmt: skip
+
+
+class DashboardNode:
+    """The node; it spins from its making until `close`.
+
+    One service at a time: another one waits until the effect of the first shows. The services are there without a
+    robot, too. A connection that the robot has ended is opened again by the next service; after ``quit``, and without
+    the parameter ``autoconnect``, by ``connect`` only.
+    """
+
+    def __init__(self, host: NodeHost, robot: AsyncRobot) -> None:
+        config = robot.driver.config
+        self.node = host.node(NAME)
+        fixed = ParameterDescriptor(read_only=True)
+        self._address = self.node.declare_parameter("robot_ip", config.robot, fixed).value
+        self._wanted = self.node.declare_parameter("autoconnect", True, fixed).value
+        limits = ParameterDescriptor(
+            description="longest wait for an answer of the dashboard [s]; 0: for ever",
+            floating_point_range=[FloatingPointRange(from_value=0.0, to_value=1e9)],
+        )
+        self.node.declare_parameter("receive_timeout", _RECEIVE_TIMEOUT_S, limits)
+        self._port = config.robot_ports["dashboard"]
+        self._host = host
+        self._client: BlockingDashboardClient | None = None
+        self._ended = threading.Event()
+        self.node.create_service(Trigger, "~/connect", self._connect)
+        for service in SERVICES:
+            kind = Trigger if service.type == "Trigger" else getattr(ur_dashboard_msgs.srv, service.type, None)
+            if kind is not None:  # else this distribution of ROS does not have it
+                self.node.create_service(kind, f"~/{service.name}", partial(self._serve, service))
+        host.spin(self.node)
+
+    def close(self) -> None:
+        """End the node and its connection; a service that waits for the robot ends without success."""
+        self._ended.set()
+        if (client := self._client) is not None:
+            client.shut_down()
+        self._host.close(self.node)
+        self._disconnect()
+
+    # in the node's thread
+
+    def _serve(self, service: Service, request: Any, response: Any) -> Any:
+        try:
+            line, answer = self._carry_out(service, request)
+            for path, value in service.values.items():
+                _set(response, path, value(answer))
+            success = True
+        except URError as error:
+            self.node.get_logger().error(f"{service.name}: {error}")
+            line, success = str(error), False
+        return _answered(response, success, line)
+
+    def _connect(self, request: Any, response: Any) -> Any:
+        if self._connected():
+            return _answered(response, False, f"{self._where} is connected already")
+        try:
+            self._open()
+        except URError as error:
+            self.node.get_logger().error(f"connect: {error}")
+            return _answered(response, False, str(error))
+        self._wanted = True
+        return _answered(response, True, f"{self._where} is connected")
+
+    def _carry_out(self, service: Service, request: Any) -> "tuple[str, Any]":
+        """The robot's line and what it means, once the effect shows."""
+        operation = service.asks(request)
+        told = replace(operation, read=lambda reply: (reply, operation.read(reply)))
+        line, answer = self._ask(told)
+        if service.effect is not None:
+            self._await_effect(service.effect, told, request)
+        if service.parts:
+            self._wanted = False
+            self._disconnect()
+        return line, answer
+
+    def _await_effect(self, effect: Effect, command: Operation[Any], request: Any) -> None:
+        since = asked = time.monotonic()
+        while not effect.seen(found := self._ask(effect.asked), request):
+            now = time.monotonic()
+            if now - since > effect.within_s:
+                shown = ", ".join(getattr(part, "name", str(part)) for part in _parts(found))
+                why = f"it has confirmed that, but after {effect.within_s:g} s {effect.asked.line} still is {shown}"
+                raise RobotRefused(command.line, why, "look at the robot's log")
+            if now - asked > effect.again_s:
+                asked = now
+                self._ask(command)
+            self._ended.wait(_LOOK_EVERY_S)
+
+    def _ask(self, operation: Operation[Any]) -> Any:
+        if not self._connected():
+            if not self._wanted:
+                raise ClientError(f"{self._where} is not connected: call ~/connect first")
+            self._open()
+        assert self._client is not None
+        limit_s = self.node.get_parameter("receive_timeout").value
+        limit_s = limit_s if limit_s > 0.0 else math.inf
+        try:
+            return self._client.ask(operation, operation.timeout_s or limit_s)
+        except (ConnectionLostError, RemoteProtocolError):
+            self._disconnect()
+            raise
+        except RobotRefused as error:
+            if "remote control" in error.answer.lower():  # which this connection was opened without
+                self._disconnect()
+            raise
+
+    # the connection
+
+    @property
+    def _where(self) -> str:
+        return f"the dashboard of {self._address}:{self._port}"
+
+    def _connected(self) -> bool:
+        if self._client is None:
+            return False
+        try:
+            self._client.check()
+        except (ConnectionLostError, RemoteProtocolError):
+            self._disconnect()
+        return self._client is not None
+
+    def _open(self) -> None:
+        if self._ended.is_set():
+            raise ConnectionLostError(self._address, self._port)
+        self._client = BlockingDashboardClient(self._address, self._port).__enter__()
+
+    def _disconnect(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+
+def _answered(response: Any, success: bool, words: str) -> Any:
+    _set(response, "message" if isinstance(response, Trigger.Response) else "answer", words)
+    if hasattr(response, "success"):
+        response.success = success
+    return response
+
+
+def _set(message: Any, path: str, value: Any) -> None:
+    """Of a field of a field, dotted. A text is made one that ROS can carry, whatever the robot has sent."""
+    *within, name = path.split(".")
+    for part in within:
+        message = getattr(message, part)
+    if isinstance(value, str):
+        value = value.encode("utf-8", "replace").decode().replace("\0", "?")
+    setattr(message, name, value)
+
+
+def _parts(answer: Any) -> "tuple[Any, ...]":
+    return answer if isinstance(answer, tuple) else (answer,)

@@ -1,0 +1,181 @@
+"""The node ``ur_robot_state_helper``: one action, ``~/set_mode``, brings the arm to a mode, whatever is in the way."""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.action import CancelResponse, GoalResponse
+from ur_dashboard_msgs.action import SetMode
+
+from client import dashboard
+from client.dashboard import DashboardClient
+from client.driver.robot import MOVABLE
+from client.errors import ClientError
+from client.primary import BRAKE_RELEASE, POWER_OFF, POWER_ON, STOP_PROGRAM, PrimaryClient, TextCommand
+from client.robot import AsyncRobot
+from client.ros2.host import ActionServer, NodeHost
+from urproto.errors import RobotRefused, URError
+from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_of
+
+NAME: Final = "ur_robot_state_helper"
+_EFFECT_S: Final = 30.0  # as long as the dashboard's services wait
+_PLAY_AFTER_S: Final = 1.0  # the ROS 2 driver: a robot refuses to play at once after its brakes were released
+
+_COMMANDS: Final[Mapping[int, TextCommand]] = {
+    RobotMode.POWER_OFF: POWER_OFF,
+    RobotMode.IDLE: POWER_ON,
+    RobotMode.RUNNING: BRAKE_RELEASE,
+}
+"""The modes that can be asked for, and how one gets there; also those one gets there from."""
+_ADVICE: Final[Mapping[int, str]] = {
+    RobotMode.CONFIRM_SAFETY: "confirm the safety configuration on the teach pendant",
+    RobotMode.BOOTING: "wait until it has booted",
+    RobotMode.POWER_ON: "wait until it is IDLE",
+    RobotMode.BACKDRIVE: "let go of the teach button",
+}
+_EMERGENCY: Final = (SafetyMode.SYSTEM_EMERGENCY_STOP, SafetyMode.ROBOT_EMERGENCY_STOP)
+_BROKEN: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
+
+
+class StateHelperNode:
+    """The node; it spins from its making until `close`.
+
+    Goals are carried out one after the other, and not cancelled. Without ``headless_mode`` ``play_program`` plays the
+    program that is loaded on the pendant, with it the control program is sent. A goal is rejected while the robot
+    is silent.
+    """
+
+    def __init__(self, host: NodeHost, robot: AsyncRobot) -> None:
+        config = robot.driver.config
+        self.node = host.node(NAME)
+        fixed = ParameterDescriptor(read_only=True)
+        self._headless = self.node.declare_parameter("headless_mode", config.headless, fixed).value
+        self._address = self.node.declare_parameter("robot_ip", config.robot, fixed).value
+        self._host = host
+        self._driver = robot.driver
+        self._link = robot.driver.robot
+        self._one_at_a_time = asyncio.Lock()
+        self._server = ActionServer(
+            self.node,
+            SetMode,
+            "~/set_mode",
+            self._execute,
+            goal_callback=self._judge,
+            cancel_callback=lambda handle: CancelResponse.REJECT,
+        )
+        host.spin(self.node)
+
+    def close(self) -> None:
+        """End the node; a goal that is under way is left where it is."""
+        self._host.close(self.node)
+
+    # in the node's thread
+
+    def _judge(self, goal: Any) -> GoalResponse:
+        if self._link.feed.silent:
+            self.node.get_logger().error("set_mode: the robot is silent, so nobody knows its mode")
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    async def _execute(self, handle: Any) -> Any:
+        why = await self._host.task(self.node, self._work(handle))
+        if why:
+            self.node.get_logger().error(f"set_mode: {why}")
+            handle.abort()
+        else:
+            handle.succeed()
+        return SetMode.Result(success=not why, message=why or "the robot is in the mode that was asked for")
+
+    # in the event loop
+
+    async def _work(self, handle: Any) -> str:
+        """Why it has not come about; empty when it has."""
+        tell = self._feedback(handle)
+        self._link.on_modes.append(tell)
+        try:
+            async with self._one_at_a_time:
+                await self._reach(handle.request)
+        except URError as error:
+            return str(error)
+        finally:
+            self._link.on_modes.remove(tell)
+        return ""
+
+    def _feedback(self, handle: Any) -> Callable[[Mapping[str, Any]], None]:
+        """What tells each change of a mode."""
+        last = [self._modes]
+
+        def tell(state: Mapping[str, Any]) -> None:
+            if self._modes != last[0]:
+                last[0] = self._modes
+                robot_mode, safety_mode = self._modes
+                handle.publish_feedback(
+                    SetMode.Feedback(current_robot_mode=int(robot_mode), current_safety_mode=int(safety_mode))
+                )
+
+        return tell
+
+    @property
+    def _modes(self) -> "tuple[RobotMode, SafetyMode]":
+        return self._link.robot_mode, self._link.safety_mode
+
+    async def _reach(self, goal: Any) -> None:
+        target = mode_of(RobotMode, goal.target_robot_mode)
+        if target not in _COMMANDS:
+            raise ClientError(f"{target.name} cannot be asked for: choose POWER_OFF (3), IDLE (5) or RUNNING (7)")
+        if goal.stop_program and self._driver.program_running:
+            await self._command(STOP_PROGRAM)
+        if self._link.robot_mode != target or self._link.safety_mode not in MOVABLE:
+            await self._recover()
+            await self._switch(target)
+        await self._until(lambda: self._link.robot_mode == target, target.name)
+        if goal.play_program and target is RobotMode.RUNNING and not self._driver.program_running:
+            await self._play()
+
+    async def _recover(self) -> None:
+        """End what keeps the arm from any mode."""
+        mode = self._link.safety_mode
+        if mode in _EMERGENCY:
+            raise RobotRefused("set_mode", f"it is in {mode.name}", "release the emergency stop")
+        if mode is SafetyMode.PROTECTIVE_STOP:
+            await self._link.unlock_protective_stop()
+        elif mode in _BROKEN:
+            await self._ask(dashboard.RESTART_SAFETY)
+            await self._until(self._is_safe_and_off, "POWER_OFF after its safety was restarted")
+
+    def _is_safe_and_off(self) -> bool:
+        return self._link.robot_mode is RobotMode.POWER_OFF and self._link.safety_mode in MOVABLE
+
+    async def _switch(self, target: RobotMode) -> None:
+        mode = self._link.robot_mode
+        if mode not in _COMMANDS:
+            raise RobotRefused("set_mode", f"its mode is {mode.name}", _ADVICE.get(mode, "look at its teach pendant"))
+        if mode is RobotMode.RUNNING and target is RobotMode.IDLE:  # brakes are engaged by switching the arm off only
+            await self._command(POWER_OFF)
+        await self._command(_COMMANDS[target])
+
+    async def _play(self) -> None:
+        if self._headless:
+            await self._driver.start_program()
+            return
+        await asyncio.sleep(_PLAY_AFTER_S)
+        await self._ask(dashboard.PLAY)
+        await self._until(lambda: self._link.state["runtime_state"] == RuntimeState.PLAYING, "PLAYING")
+
+    async def _command(self, command: TextCommand) -> None:
+        """By a connection of its own: one that was opened in local control takes no commands in remote control."""
+        async with PrimaryClient(self._address, self._driver.config.robot_ports["primary"]) as primary:
+            await primary.run(primary.core.command(command))
+
+    async def _ask(self, operation: "dashboard.Operation[None]") -> None:
+        async with DashboardClient(self._address, self._driver.config.robot_ports["dashboard"]) as board:
+            await board.ask(operation)
+
+    async def _until(self, reached: Callable[[], bool], what: str) -> None:
+        until_s = self._host.loop.time() + _EFFECT_S
+        while not reached():
+            if self._host.loop.time() > until_s:
+                modes = " and ".join(mode.name for mode in self._modes)
+                raise RobotRefused("set_mode", f"it is not {what} after {_EFFECT_S:g} s, but {modes}")
+            await self._link.next_state()

@@ -1,0 +1,139 @@
+"""The node ``urscript_interface``: scripts from ROS on the robot, by a topic or by an action that tells how they end.
+
+A program (``def``) takes the place of the control program, as on any robot; start that one again afterwards.
+"""
+
+import math
+from typing import Any, Final
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.action import CancelResponse, GoalResponse
+from std_msgs.msg import String
+
+from client.errors import ScriptFailedError
+from client.primary import STOP_PROGRAM, PrimaryClient
+from client.robot import AsyncRobot
+from client.ros2.host import ActionServer, NodeHost
+from client.scripts import GRAVE, is_secondary
+from urproto.errors import LocalProtocolError, URError
+from urproto.modes import ReportLevel
+
+try:
+    from ur_msgs.action import SendScript
+except ImportError:  # Humble's ur_msgs has no actions
+    SendScript = None
+
+NAME: Final = "urscript_interface"
+_WITH_WARNINGS: Final = (ReportLevel.WARNING, *GRAVE)
+
+
+class URScriptNode:
+    """The node; it spins from its making until `close`.
+
+    ``~/script_command`` hands a script over, ``~/execute_script`` waits for its end: one at a time, and the topic is
+    not heeded meanwhile. Cancelling stops the program. Of a secondary program (``sec``) nobody knows the end: the
+    goal succeeds when no error is heard of soon.
+    """
+
+    def __init__(self, host: NodeHost, robot: AsyncRobot) -> None:
+        self.node = host.node(NAME)
+        config = robot.driver.config
+        self._address = self.node.declare_parameter("robot_ip", config.robot, ParameterDescriptor(read_only=True)).value
+        self._port = config.robot_ports["primary"]
+        self._host = host
+        self._link = robot.driver.robot
+        self._busy = False
+        self._cancelled = False
+        self._primary: PrimaryClient | None = None  # with which a goal is carried out
+        self.node.create_subscription(String, "~/script_command", self._send, 1)
+        if SendScript is not None:
+            self._server = ActionServer(
+                self.node,
+                SendScript,
+                "~/execute_script",
+                self._execute,
+                goal_callback=self._judge,
+                cancel_callback=self._cancel,
+            )
+        host.spin(self.node)
+
+    def close(self) -> None:
+        """End the node; a program that it has sent goes on."""
+        self._host.close(self.node)
+
+    # in the node's thread
+
+    async def _send(self, script: Any) -> None:
+        if self._busy:
+            self.node.get_logger().error("script_command: not sent, since a goal of execute_script is carried out")
+            return
+        try:
+            await self._host.task(self.node, self._link.send_script(script.data))
+        except URError as error:
+            self.node.get_logger().error(f"script_command: {error}")
+
+    def _judge(self, goal: Any) -> GoalResponse:
+        if self._busy:
+            self.node.get_logger().error("execute_script: rejected, since another goal is carried out")
+            return GoalResponse.REJECT
+        self._busy, self._cancelled = True, False
+        return GoalResponse.ACCEPT
+
+    async def _cancel(self, handle: Any) -> CancelResponse:
+        if not self._busy:
+            return CancelResponse.REJECT
+        self._cancelled = True
+        try:
+            await self._host.task(self.node, self._stop())
+        except URError as error:
+            self.node.get_logger().error(f"execute_script: cannot be stopped: {error}")
+        return CancelResponse.ACCEPT
+
+    async def _execute(self, handle: Any) -> Any:
+        try:
+            await self._host.task(self.node, self._run(handle.request))
+            why = ""
+        except URError as error:
+            why = str(error)
+            self.node.get_logger().error(f"execute_script: {why}")
+        finally:
+            self._busy = False
+        if handle.is_cancel_requested:
+            handle.canceled()
+            return SendScript.Result(success=False, message=why or "the script was stopped, as asked")
+        if why:
+            handle.abort()
+        else:
+            handle.succeed()
+        return SendScript.Result(success=not why, message=why or "the script has come to its end")
+
+    # in the event loop
+
+    async def _run(self, goal: Any) -> None:
+        if not any(line.split("#")[0].strip() for line in goal.program.splitlines()):
+            raise LocalProtocolError("the script is empty, beside comments")
+        failing = _WITH_WARNINGS if goal.fail_on_warnings else GRAVE
+        start_s = goal.start_timeout.sec + goal.start_timeout.nanosec * 1e-9
+        start_s = start_s if start_s > 0.0 else math.inf
+        async with PrimaryClient(self._address, self._port) as primary:
+            core = primary.core
+            self._primary = primary
+            try:
+                if self._cancelled:
+                    return
+                if is_secondary(goal.program):
+                    await primary.run(core.send_secondary(goal.program))
+                    return
+                name = goal.script_name or None
+                work = core.execute(goal.program, name, start_timeout_s=start_s, failing=failing)
+                await primary.run(work, math.inf)
+            except ScriptFailedError as error:
+                if error.errors:  # as the official client: a program with an error goes no further
+                    await self._stop()
+                raise
+            finally:
+                self._primary = None
+
+    async def _stop(self) -> None:
+        if (primary := self._primary) is not None:
+            await primary.run(primary.core.send_script(STOP_PROGRAM.line))
