@@ -60,9 +60,9 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "traffic:proxy_command",
         "Carry every connection to a robot unchanged, and record it, until Ctrl-C.",
     ),
-    "ros2-bridge": (
-        "ros2_bridge:ros2_bridge_command",
-        "Offer a robot to ROS 2: joint states, frames, I/O; trajectories and commands. Topics only, see docs/ros2.md.",
+    "ros2": (
+        "ros2:ros2_command",
+        "Run the ROS 2 driver: nodes, topics, services and actions as of ur_robot_driver. See docs/ros2.md.",
     ),
     "replay-traffic": (
         "traffic:replay_traffic_command",

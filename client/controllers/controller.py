@@ -203,6 +203,18 @@ class Controller(Generic[Parameters]):
     def on_configure(self) -> None:
         """Check the parameters. Raises ControllerError."""
 
+    def reconfigure(self, parameters: Parameters) -> None:
+        """Take other parameters, also while active. Raises ControllerError, and keeps those that it has."""
+        before, self.parameters = self.parameters, parameters
+        if self.state is LifecycleState.UNCONFIGURED:
+            return
+        try:
+            self.on_configure()
+        except ControllerError:
+            self.parameters = before
+            self.on_configure()
+            raise
+
     def on_activate(self, time_s: float) -> None:
         """Begin; states and commands have been lent. Raises ControllerError."""
 

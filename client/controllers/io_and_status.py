@@ -1,6 +1,6 @@
 """Inputs, outputs and modes of the robot, and what is set about it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
@@ -13,6 +13,7 @@ _EVERY_CYCLE: Final = "the effect is waited for in robot time"
 _ANSWER: Final = "gpio/io_async_success"
 _PAYLOAD: Final = ("mass", "cog.x", "cog.y", "cog.z")
 _INERTIA: Final = ("inertia.ixx", "inertia.iyy", "inertia.izz", "inertia.ixy", "inertia.ixz", "inertia.iyz")
+_PAYLOAD_OFF: Final = 1e-4  # kg, m, kg m2: the ROS 2 driver's tolerance of centre and inertia
 _COMMANDS: Final = (
     *(f"gpio/standard_digital_output_cmd_{pin}" for pin in range(SIGNALS)),
     *(f"gpio/standard_analog_output_cmd_{pin}" for pin in range(2)),
@@ -62,16 +63,16 @@ class ToolData:
 
 @dataclass(frozen=True, slots=True)
 class GPIOParameters:
-    """tf_prefix: in front of all names."""
+    """tf_prefix: in front of all names. verify_payload_on_set: a payload counts as set when the robot reports it."""
 
     tf_prefix: str = ""
     check_io_successfull_retries: int = without_effect(10, _EVERY_CYCLE)
-    verify_payload_on_set: bool = without_effect(True, "the payload is not looked at again")
+    verify_payload_on_set: bool = True
 
 
 @controller_type("ur_controllers/GPIOController")
 class GPIOController(CallingController[GPIOParameters]):
-    """Tells inputs, outputs, modes and tool data when they change, and sets what can be set.
+    """Publishes inputs, outputs and tool data, and modes when they change, and sets what can be set.
 
     Every setting gives a `Call`, which is answered when the robot has it, for outputs and the
     speed slider when it is seen to be in effect.
@@ -94,12 +95,12 @@ class GPIOController(CallingController[GPIOParameters]):
     @property
     def state_interfaces(self) -> tuple[str, ...]:
         prefix = self.parameters.tf_prefix
-        return (f"{prefix}gpio/*", f"{prefix}speed_scaling/*")
+        return (f"{prefix}gpio/*", f"{prefix}speed_scaling/*", f"{prefix}payload/*")
 
     def update(self, time_s: float, period_s: float) -> None:
         super().update(time_s, period_s)
-        _tell(self.io_states, self._io_states())
-        _tell(self.tool_data, self._tool_data())
+        self.io_states.publish(self._io_states())
+        self.tool_data.publish(self._tool_data())
         _tell(self.robot_mode, self._whole("gpio/robot_mode"))
         _tell(self.safety_mode, self._whole("gpio/safety_mode"))
         _tell(self.program_running, self._state("gpio/program_running") == 1.0)
@@ -166,7 +167,15 @@ class GPIOController(CallingController[GPIOParameters]):
         if inertia_kg_m2 is not None:
             values |= dict(zip((f"payload/{part}" for part in _INERTIA), inertia_kg_m2, strict=True))
             values["payload/transition_time"] = transition_time_s
-        return self._send("payload", values, "payload/payload_async_success")
+        checked = self.parameters.verify_payload_on_set and transition_time_s < 1.0
+        return self._send(
+            "payload", values, "payload/payload_async_success", lambda: self._reports(values) if checked else True
+        )
+
+    def _reports(self, values: Mapping[str, float]) -> bool:
+        """Whether the robot does, to single precision; what it does not report is not looked at."""
+        seen = [(self._state(name), value) for name, value in values.items() if name != "payload/transition_time"]
+        return all(state != state or abs(state - value) <= _PAYLOAD_OFF for state, value in seen)
 
     def zero_ftsensor(self) -> Call:
         """Let what the force sensor feels now be zero; e-Series."""

@@ -32,7 +32,8 @@ _logger = logging.getLogger(__name__)
 class ControlLoop:
     """Runs the controllers of a robot by its driver; use it with ``async with``.
 
-    driver: connected, with `RTDE_OUTPUTS` among its outputs. manager: load, activate, switch.
+    driver: connected, with `RTDE_OUTPUTS` among its outputs. manager: load, activate, switch. prefix: of the
+    names of joints and interfaces.
     The loop runs at the rate of the robot's states, and in their time; states that come
     together, as after a hold-up of this machine, are one cycle.
     """
@@ -40,7 +41,7 @@ class ControlLoop:
     def __init__(self, driver: URDriver, file: ControllersFile | None = None, *, prefix: str = "") -> None:
         self.driver = driver
         self._file = usual_controllers(prefix) if file is None else file
-        self._prefix = prefix
+        self.prefix = prefix
         self._tasks: set[asyncio.Task[None]] = set()
         self._newest: Mapping[str, Any] | None = None
         self._last_s: float | None = None
@@ -57,9 +58,9 @@ class ControlLoop:
     async def __aenter__(self) -> Self:
         if missing := [name for name in RTDE_OUTPUTS if name not in self.driver.state]:
             raise ControllerError("control loop", f"the driver does not receive {missing[0]}: give it RTDE_OUTPUTS")
-        hardware = URHardware(self.driver, self.driver.version, self._spawn, prefix=self._prefix)
+        hardware = URHardware(self.driver, self.driver.version, self._spawn, prefix=self.prefix)
         rate_hz = self.driver.config.frequency_hz or float(self.driver.version.series.frequency_hz)
-        self._manager = ControllerManager(hardware, self._file, rate_hz, self._prefix)
+        self._manager = ControllerManager(hardware, self._file, rate_hz, self.prefix)
         self._listen()
         try:
             await self._first_cycle()

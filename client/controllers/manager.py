@@ -45,7 +45,8 @@ class ControllerManager:
 
     file: types and parameters of controllers by name. notes: what the parameters of loaded
     controllers said that is not known, or has no effect here. on_load: called with each controller
-    that is loaded.
+    that is loaded. on_stop: called with the names of controllers that are deactivated because the
+    arm cannot be moved. on_cycle: called after each cycle.
     """
 
     def __init__(self, hardware: Hardware, file: ControllersFile, update_rate_hz: float, prefix: str = "") -> None:
@@ -54,6 +55,8 @@ class ControllerManager:
         self.update_rate_hz = update_rate_hz
         self.notes: list[str] = []
         self.on_load: list[Callable[[Controller[Any]], object]] = []
+        self.on_stop: list[Callable[[list[str]], object]] = []
+        self.on_cycle: list[Callable[[], object]] = []
         self.time_s = 0.0
         self._absurd = False  # the state before this one held numbers that no arm has
         self._prefix = prefix
@@ -258,6 +261,8 @@ class ControllerManager:
                 _logger.exception("%s failed and is deactivated", controller.name)
                 self._drop([controller])
         self.hardware.write(time_s, period_s)
+        for after in self.on_cycle:
+            after()
         return True
 
     def stop_motion(self, reason: str) -> None:
@@ -267,6 +272,7 @@ class ControllerManager:
             for controller in moving:
                 controller.on_halt(reason)
             self._drop(moving)
+            tell(self.on_stop, [controller.name for controller in moving])
 
     def _drop(self, controllers: Iterable[Controller[Any]]) -> None:
         for controller in controllers:

@@ -74,7 +74,8 @@ class ControlledRobot(ControlLoop):
     """A control loop that brings its robot along; options are those of `client.driver.DriverConfig`.
 
     make_ready: power the arm on and release its brakes if need be; else a robot that is not
-    ready is a RobotRefused. file: the usual controllers when None. record: a file for what the
+    ready is a RobotRefused. start: start the control program; without it the arm cannot be moved until
+    somebody does. file: the usual controllers when None. record: a file for what the
     robot and its trajectory controllers do (.mcap; .csv and .npz hold the robot alone).
     """
 
@@ -85,6 +86,7 @@ class ControlledRobot(ControlLoop):
         *,
         prefix: str = "",
         make_ready: bool = False,
+        start: bool = True,
         record: Path | str | None = None,
         **options: Any,
     ) -> None:
@@ -93,13 +95,17 @@ class ControlledRobot(ControlLoop):
         self.robot = AsyncRobot(host, outputs=outputs, **options)
         super().__init__(self.robot.driver, file, prefix=prefix)
         self._make_ready = make_ready
+        self._start = start
         self._record = Path(record) if record else None
         self._opened = AsyncExitStack()
 
     async def __aenter__(self) -> Self:
         async with AsyncExitStack() as opening:
             await opening.enter_async_context(self.robot)
-            await (self.robot.make_ready() if self._make_ready else self.driver.start_program())
+            if self._make_ready:
+                await self.robot.make_ready()
+            elif self._start:
+                await self.driver.start_program()
             recorder = None
             if self._record is not None:
                 recorder = await opening.enter_async_context(recorded(self.driver, self._record))
@@ -130,7 +136,7 @@ class ControlledRobot(ControlLoop):
         link = self.driver.robot
         if link.configuration is None:
             return
-        stands = dict(zip((self._prefix + joint for joint in JOINT_NAMES), self.driver.state["actual_q"], strict=True))
+        stands = dict(zip((self.prefix + joint for joint in JOINT_NAMES), self.driver.state["actual_q"], strict=True))
         names = trajectory.joint_names
         targets = [stands | dict(zip(names, point.positions, strict=False)) for point in trajectory.points]
         moves = [points.movej([target[joint] for joint in stands]) for target in targets]

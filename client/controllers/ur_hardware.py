@@ -41,7 +41,8 @@ class URHardware:
     """Of a driver; see `client.controllers.controller.Hardware`.
 
     spawn: runs what takes longer than a cycle. version: the robot's. prefix: in front of all
-    names. setpoint_timeout_s: how long the robot goes on without the next setpoint.
+    names. setpoint_timeout_s: how long the robot goes on without the next setpoint. withheld: why the arm
+    must not be moved whatever the robot reports; None if it may.
     """
 
     def __init__(
@@ -62,6 +63,7 @@ class URHardware:
         self._orders = URCommands(prefix, driver, self._states, spawn)
         self.states, self.commands = self._states.all, self._orders.all
         self.failure: str | None = None
+        self.withheld: str | None = None
         self._modes: set[CommandMode] = set()
         self._positions = self._orders.joints("position")
         self._velocities = self._orders.joints("velocity")
@@ -97,7 +99,7 @@ class URHardware:
         self._scale(state, period_s)
         if self._ready and not was_ready:
             self._come_back()
-        self.failure = self._judge(state["timestamp"], mode, state["robot_mode"], running)
+        self.failure = self.withheld or self._judge(state["timestamp"], mode, state["robot_mode"], running)
 
     def _scale(self, state: Mapping[str, Any], period_s: float) -> None:
         full = state["speed_scaling"] * state["target_speed_fraction"]

@@ -16,7 +16,6 @@ from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from types import TracebackType
 from typing import Any, TypeVar
 
-from rclpy.action import ActionServer
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -57,13 +56,13 @@ class NodeHost:
         return self
 
     def __exit__(
-        self, kind: "type[BaseException] | None", error: "BaseException | None", trace: "TracebackType | None"
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for node in list(self._spinning):
             self.close(node)
         self._context.try_shutdown()
 
-    def node(self, name: str, overrides: "Sequence[Parameter]" = (), **options: Any) -> Node:
+    def node(self, name: str, overrides: Sequence[Parameter] = (), **options: Any) -> Node:
         """A node that does not spin yet. options: of rclpy's Node."""
         return Node(
             name, context=self._context, namespace=self.namespace, parameter_overrides=list(overrides), **options
@@ -94,7 +93,7 @@ class NodeHost:
 
     # from the threads of nodes
 
-    def do(self, work: "Callable[[], Result]") -> Result:
+    def do(self, work: Callable[[], Result]) -> Result:
         """Call it in the event loop, between two control cycles, and give what it gives or raises."""
 
         async def inside() -> Result:
@@ -102,11 +101,11 @@ class NodeHost:
 
         return self.wait(inside())
 
-    def wait(self, work: "Awaitable[Result]") -> Result:
+    def wait(self, work: Awaitable[Result]) -> Result:
         """Wait for a coroutine that runs in the event loop."""
         return asyncio.run_coroutine_threadsafe(_awaited(work), self.loop).result()
 
-    def ending(self, node: Node) -> "Future[Any]":
+    def ending(self, node: Node) -> Future[Any]:
         """What a coroutine of this node can await, and any thread may set the result of."""
         executor, _ = self._spinning[node]
         future = Future(executor=executor)
@@ -136,7 +135,7 @@ class NodeHost:
         return ended
 
 
-async def _awaited(work: "Awaitable[Result]") -> Result:
+async def _awaited(work: Awaitable[Result]) -> Result:
     return await work
 
 
@@ -146,6 +145,3 @@ def _nothing(_: object) -> None: ...
 def stamp(message: Any, time_ns: int) -> None:
     """Set a message's builtin_interfaces/Time."""
     message.sec, message.nanosec = divmod(time_ns, 1_000_000_000)
-
-
-__all__ = ["LATCHED", "SYSTEM_DEFAULT", "ActionServer", "NodeHost", "stamp"]

@@ -113,6 +113,11 @@ def rotvec_to_quaternion(rx: float, ry: float, rz: float) -> tuple[float, float,
     return (x, y, z, w)
 
 
+def quaternion_to_rotvec(x: float, y: float, z: float, w: float) -> Vector3:
+    """Rotation vector [rad], at most pi long, of a quaternion in ROS's order, of any length but 0."""
+    return _rotvec((w, x, y, z))
+
+
 def matrix_to_rotvec(matrix: Sequence[float]) -> Vector3:
     """Rotation vector [rad], at most pi long, of a rotation matrix given row by row.
 

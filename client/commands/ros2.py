@@ -1,0 +1,74 @@
+"""``ur-client ros2``: a robot as the nodes of the official ROS 2 driver, on rclpy."""
+
+import asyncio
+import sys
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from client.commands.control import ControllersOption, MakeReady, controllers_file, run
+from client.commands.following import PortOffset, RobotIP
+from client.driver.config import ROBOT_PORTS
+from client.driver.scheduling import real_time
+from client.recording.extras import extra
+
+if TYPE_CHECKING:
+    from client.ros2.driver import DriverOptions
+
+_CONTROLLER = "scaled_joint_trajectory_controller"
+_SWITCH_INTERVAL_S = 0.0005  # between threads: a setpoint must not wait 5 ms for a callback that computes
+
+
+def ros2_command(
+    ros_arguments: Annotated[
+        list[str] | None, typer.Argument(metavar="[-- ROS_ARGUMENTS]", help="For ROS, such as -r or --params-file.")
+    ] = None,
+    controller: Annotated[
+        str, typer.Option(help="The controller that is active at first, once the arm can be moved; empty for none.")
+    ] = _CONTROLLER,
+    domain: Annotated[
+        int | None, typer.Option("--domain", min=0, max=232, help="Number of the domain, instead of ROS_DOMAIN_ID.")
+    ] = None,
+    namespace: Annotated[str, typer.Option(help="Of all nodes: left makes /left/joint_states.")] = "",
+    tf_prefix: Annotated[
+        str, typer.Option("--tf-prefix", help="Put before the names of joints, frames and interfaces, as left_.")
+    ] = "",
+    headless: Annotated[
+        bool,
+        typer.Option(
+            "--headless/--no-headless",
+            help="Send the control program to the robot, or wait until its External Control program is played.",
+        ),
+    ] = True,
+    controllers: ControllersOption = None,
+    make_ready: MakeReady = False,
+    robot_ip: RobotIP = "127.0.0.1",
+    port_offset: PortOffset = 0,
+) -> None:
+    """Run the ROS 2 driver: nodes, topics, services and actions as of ur_robot_driver. See docs/ros2.md."""
+    with extra("ros2", "the ROS 2 driver"):
+        from client.ros2.driver import DriverOptions
+    options = DriverOptions(
+        robot_ip,
+        {"robot_ports": {name: port + port_offset for name, port in ROBOT_PORTS.items()}},
+        controllers_file(controllers, tf_prefix),
+        controller,
+        tf_prefix,
+        namespace,
+        domain,
+        headless,
+        make_ready,
+        tuple(argument for argument in ros_arguments or () if argument != "--ros-args"),
+    )
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
+    run(serve(options))
+
+
+async def serve(options: "DriverOptions") -> None:
+    """Until it is cancelled."""
+    from client.ros2.driver import Ros2Driver
+
+    with real_time("auto"):
+        async with Ros2Driver(options) as driver:
+            typer.echo(f"ready: {options.robot_ip}, {driver.summary()}. Ctrl-C ends it.", err=True)
+            await asyncio.Event().wait()

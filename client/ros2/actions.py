@@ -1,0 +1,196 @@
+"""Actions of controllers: following trajectories, and watching for contact of the tool.
+
+A goal is handed to the controller when it is accepted, so that what the controller refuses is refused to the client;
+its end comes from the controller, in the event loop, and wakes the action's coroutine in the node's thread.
+"""
+
+import time
+from typing import Any, Final
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.node import Node
+
+from client.controllers.calls import Call
+from client.controllers.compliance import ToolContactController
+from client.controllers.controller import Controller
+from client.controllers.goals import Feedback, FollowJointTrajectory, GoalHandle, GoalStatus, Tolerance
+from client.controllers.joint_trajectory import JointTrajectoryController
+from client.controllers.passthrough import PassthroughTrajectoryController
+from client.controllers.robot import ControlledRobot
+from client.errors import ClientError
+from client.ros2.host import NodeHost
+from client.ros2.topics import Moment, interface, seconds, set_point, trajectory
+
+_FEEDBACK_S: Final = 0.05  # action_monitor_rate is 20 Hz
+
+
+def serve_actions(host: NodeHost, node: Node, controller: Controller[Any], robot: ControlledRobot) -> None:
+    """Offer a controller's actions on its node, which spins already."""
+    if isinstance(controller, (JointTrajectoryController, PassthroughTrajectoryController)):
+        FollowTrajectoryAction(host, node, controller, robot)
+    elif isinstance(controller, ToolContactController):
+        ToolContactAction(host, node, controller)
+
+
+class FollowTrajectoryAction:
+    """``~/follow_joint_trajectory`` of a controller."""
+
+    def __init__(self, host: NodeHost, node: Node, controller: Any, robot: ControlledRobot) -> None:
+        self._host = host
+        self._node = node
+        self._controller = controller
+        self._robot = robot
+        self._type = interface("control_msgs/action/FollowJointTrajectory")
+        self._begun: list[_Begun] = []  # accepted, and not executed yet: one at most, callbacks come in turn
+        self._goals: dict[bytes, _Begun] = {}
+        self._server = ActionServer(
+            node,
+            self._type,
+            "~/follow_joint_trajectory",
+            self._execute,
+            goal_callback=self._accept,
+            cancel_callback=self._cancel,
+        )
+
+    def _accept(self, request: Any) -> GoalResponse:
+        try:
+            self._begun.append(self._host.do(lambda: self._begin(request)))
+        except ClientError as error:
+            self._node.get_logger().error(f"a goal is refused: {error}")
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _begin(self, request: Any) -> "_Begun":
+        """In the event loop."""
+        goal = _goal(request, Moment(self._robot.manager.time_s, time.time_ns()), self._controller)
+        self._robot.check_reach(goal.trajectory)
+        begun = _Begun(self._controller.send_goal(goal), self._host.ending(self._node))
+        begun.handle.on_end.append(begun.ended.set_result)
+        begun.handle.on_feedback.append(lambda feedback: self._feed_back(begun, feedback))
+        return begun
+
+    async def _execute(self, goal: Any) -> Any:
+        begun = self._goals[bytes(goal.goal_id.uuid)] = self._begun.pop()
+        begun.goal = goal
+        result = await begun.ended
+        del self._goals[bytes(goal.goal_id.uuid)]
+        if begun.handle.status is GoalStatus.SUCCEEDED:
+            goal.succeed()
+        elif begun.handle.status is GoalStatus.CANCELED and goal.is_cancel_requested:
+            goal.canceled()
+        else:
+            goal.abort()
+        return self._type.Result(error_code=int(result.error_code), error_string=result.error_string)
+
+    def _cancel(self, goal: Any) -> CancelResponse:
+        begun = self._goals.get(bytes(goal.goal_id.uuid))
+        if begun is not None:
+            try:
+                self._host.do(lambda: self._stop(begun))
+            except ClientError as error:
+                self._node.get_logger().error(f"a goal cannot be canceled: {error}")
+                return CancelResponse.REJECT
+        return CancelResponse.ACCEPT
+
+    def _stop(self, begun: "_Begun") -> None:
+        """In the event loop; a goal that was replaced or has ended stops nothing."""
+        if self._controller.goal is begun.handle:
+            self._controller.cancel()
+
+    def _feed_back(self, begun: "_Begun", feedback: Feedback) -> None:
+        """In the event loop, within a control cycle."""
+        if begun.goal is None or 0.0 <= feedback.time_s - begun.told_s < _FEEDBACK_S:
+            return
+        begun.told_s = feedback.time_s
+        self._host.loop.call_soon(self._publish, begun, feedback)
+
+    def _publish(self, begun: "_Begun", feedback: Feedback) -> None:
+        if begun.handle.done:
+            return
+        message = self._type.Feedback()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns(), 1_000_000_000)
+        message.joint_names = list(self._controller.joints)
+        set_point(message.desired, feedback.desired)
+        set_point(message.actual, feedback.actual)
+        set_point(message.error, feedback.error)
+        if hasattr(message, "index"):
+            message.index = feedback.index
+        begun.goal.publish_feedback(message)
+
+
+class _Begun:
+    """A goal between the controller, which has it, and its client."""
+
+    def __init__(self, handle: GoalHandle, ended: Any) -> None:
+        self.handle = handle
+        self.ended = ended
+        self.goal: Any = None
+        self.told_s = -1.0
+
+
+def _goal(request: Any, now: Moment, controller: Any) -> FollowJointTrajectory:
+    """Raises ControllerError for what only other controllers could do."""
+    if request.multi_dof_trajectory.points or request.component_path_tolerance or request.component_goal_tolerance:
+        raise controller.error("trajectories of joints with several degrees of freedom are not for this arm")
+    return FollowJointTrajectory(
+        trajectory(request.trajectory, now),
+        _tolerances(request.path_tolerance),
+        _tolerances(request.goal_tolerance),
+        seconds(request.goal_time_tolerance),
+    )
+
+
+def _tolerances(messages: Any) -> dict[str, Tolerance]:
+    return {one.name: Tolerance(one.position, one.velocity, one.acceleration) for one in messages}
+
+
+class ToolContactAction:
+    """``~/detect_tool_contact``: ends when the tool has touched something and the arm is back where it did."""
+
+    def __init__(self, host: NodeHost, node: Node, controller: ToolContactController) -> None:
+        self._host = host
+        self._node = node
+        self._controller = controller
+        self._type = interface("ur_msgs/action/ToolContact")
+        self._begun: list[tuple[Call, Any]] = []
+        self._server = ActionServer(
+            node,
+            self._type,
+            "~/detect_tool_contact",
+            self._execute,
+            goal_callback=self._accept,
+            cancel_callback=self._cancel,
+        )
+
+    def _accept(self, request: Any) -> GoalResponse:
+        try:
+            self._begun.append(self._host.do(self._begin))
+        except ClientError as error:
+            self._node.get_logger().error(f"a goal is refused: {error}")
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _begin(self) -> tuple[Call, Any]:
+        call, ended = self._controller.detect_tool_contact(), self._host.ending(self._node)
+        call.on_end.append(ended.set_result)
+        return call, ended
+
+    async def _execute(self, goal: Any) -> Any:
+        call, ended = self._begun.pop()
+        success = await ended
+        if success:
+            goal.succeed()
+        elif goal.is_cancel_requested:
+            goal.canceled()
+        else:
+            self._node.get_logger().error(f"detect_tool_contact: {call.message}")
+            goal.abort()
+        return self._type.Result()
+
+    def _cancel(self, goal: Any) -> CancelResponse:
+        try:
+            self._host.do(self._controller.cancel)
+        except ClientError as error:
+            self._node.get_logger().error(f"a goal cannot be canceled: {error}")
+            return CancelResponse.REJECT
+        return CancelResponse.ACCEPT

@@ -1,0 +1,314 @@
+"""The node ``controller_manager``: its services, activity, diagnostics and parameters, as of ros2_control.
+
+Source of names, types and answers: controller_manager and controller_manager_msgs of Humble, Jazzy and Kilted; fields
+that a distribution's messages do not have are left out.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from lifecycle_msgs.msg import State
+
+from client.controllers.configuration import sections, text_of
+from client.controllers.controller import CONTROLLER_TYPES, Controller, LifecycleState
+from client.controllers.manager import ControllerManager
+from client.controllers.robot import ControlledRobot
+from client.errors import ClientError, ControllerError
+from client.ros2.controller_nodes import ControllerNodes
+from client.ros2.hardware import HardwareComponent
+from client.ros2.host import LATCHED, NodeHost
+from client.ros2.topics import interface
+from urproto.errors import URError
+
+_STATES: Final = {
+    LifecycleState.UNCONFIGURED: State.PRIMARY_STATE_UNCONFIGURED,
+    LifecycleState.INACTIVE: State.PRIMARY_STATE_INACTIVE,
+    LifecycleState.ACTIVE: State.PRIMARY_STATE_ACTIVE,
+    LifecycleState.FINALIZED: State.PRIMARY_STATE_FINALIZED,
+}
+_BASE: Final = "controller_interface::ControllerInterface"
+_DIAGNOSTICS_S: Final = 1.0  # diagnostic_updater
+_ACTIVITY_S: Final = 0.1  # how often it is looked for changes; guess
+_TYPES: Final = (
+    ("list_controllers", "ListControllers"),
+    ("list_controller_types", "ListControllerTypes"),
+    ("load_controller", "LoadController"),
+    ("configure_controller", "ConfigureController"),
+    ("switch_controller", "SwitchController"),
+    ("unload_controller", "UnloadController"),
+    ("cleanup_controller", "CleanupController"),
+    ("reload_controller_libraries", "ReloadControllerLibraries"),
+    ("list_hardware_components", "ListHardwareComponents"),
+    ("list_hardware_interfaces", "ListHardwareInterfaces"),
+    ("set_hardware_component_state", "SetHardwareComponentState"),
+)
+
+
+class ControllerManagerNode:
+    """Offers a controller manager to ROS 2; creation spins its node."""
+
+    def __init__(
+        self, host: NodeHost, robot: ControlledRobot, controllers: ControllerNodes, hardware: HardwareComponent
+    ) -> None:
+        self._host = host
+        self._robot = robot
+        self._controllers = controllers
+        self._hardware = hardware
+        self.node = host.node(
+            "controller_manager",
+            allow_undeclared_parameters=True,
+            automatically_declare_parameters_from_overrides=True,
+        )
+        self._declare()
+        for name, type_name in _TYPES:
+            try:
+                kind = interface(f"controller_manager_msgs/srv/{type_name}")
+            except (ImportError, AttributeError):  # not in this distribution
+                continue
+            self.node.create_service(kind, f"~/{name}", getattr(self, name))
+        self._diagnostics = self.node.create_publisher(DiagnosticArray, "/diagnostics", 1)
+        self.node.create_timer(_DIAGNOSTICS_S, self._diagnose)
+        self._activity: Any = None
+        self._last_activity: Any = None
+        try:
+            self._activity_type = interface("controller_manager_msgs/msg/ControllerManagerActivity")
+        except (ImportError, AttributeError):
+            pass
+        else:
+            self._activity = self.node.create_publisher(self._activity_type, "~/activity", LATCHED)
+            self.node.create_timer(_ACTIVITY_S, self._tell_activity)
+        host.spin(self.node)
+
+    @property
+    def _manager(self) -> ControllerManager:
+        return self._robot.manager
+
+    def _declare(self) -> None:
+        values: dict[str, Any] = {"update_rate": int(self._manager.update_rate_hz)}
+        values.update({f"{name}.type": type_name for name, type_name in self._manager.file.types.items()})
+        for name, value in values.items():
+            if not self.node.has_parameter(name):
+                self.node.declare_parameter(name, value)
+
+    def _refused(self, what: str, error: URError) -> str:
+        self.node.get_logger().error(f"{what}: {error}")
+        return str(error)
+
+    # controllers
+
+    def list_controllers(self, request: Any, response: Any) -> Any:
+        """All that are loaded, the newest first as ros2_control has them."""
+        response.controller = self._host.do(lambda: [self._described(one) for one in self._loaded()])
+        return response
+
+    def _loaded(self) -> list[Controller[Any]]:
+        return [self._manager.controller(info.name) for info in self._manager.list_controllers()]
+
+    def _described(self, controller: Controller[Any]) -> Any:
+        known = self._manager.hardware.states.names
+        message = interface("controller_manager_msgs/msg/ControllerState")()
+        message.name = controller.name
+        message.type = controller.type_name
+        message.state = str(controller.state)
+        if controller.active:
+            message.claimed_interfaces = list(controller.command_interfaces)
+        if controller.state is not LifecycleState.UNCONFIGURED:
+            message.required_command_interfaces = list(controller.command_interfaces)
+            message.required_state_interfaces = [
+                name for wanted in controller.state_interfaces for name in _matching(known, wanted)
+            ]
+        if hasattr(message, "update_rate"):
+            message.update_rate = int(controller.update_rate_hz)
+        return message
+
+    def list_controller_types(self, request: Any, response: Any) -> Any:
+        """All that can be loaded."""
+        response.types = sorted(CONTROLLER_TYPES)
+        response.base_classes = [_BASE] * len(response.types)
+        return response
+
+    def load_controller(self, request: Any, response: Any) -> Any:
+        """By the parameters NAME.type and NAME.params_file, or as the controllers file has it."""
+        name = request.name
+        try:
+            if not name:
+                raise ControllerError("load_controller", "its name is empty")
+            type_name, parameters = self._given(name)
+            controller = self._host.do(lambda: self._manager.load(name, type_name, parameters))
+        except (ClientError, OSError) as error:
+            self.node.get_logger().error(f"load_controller: {error}")
+            response.ok = False
+            return response
+        self._controllers.open(controller)
+        response.ok = True
+        return response
+
+    def _given(self, name: str) -> tuple[str | None, dict[str, Any] | None]:
+        """Type and parameters that were given by parameters of this node; None for what the file says."""
+        type_name = self._text(f"{name}.type") or None
+        files = self._texts(f"{name}.params_file")
+        if not files:
+            return type_name, None
+        parameters: dict[str, Any] = {}
+        for file in files:
+            found = sections(text_of(Path(file)), file, {"tf_prefix": self._robot.prefix})
+            parameters = {**parameters, **found.get("**", {}), **found.get(name, {})}
+        return type_name, parameters
+
+    def _text(self, name: str) -> str:
+        return str(self.node.get_parameter(name).value or "") if self.node.has_parameter(name) else ""
+
+    def _texts(self, name: str) -> list[str]:
+        value = self.node.get_parameter(name).value if self.node.has_parameter(name) else None
+        return [value] if isinstance(value, str) and value else list(value or ())
+
+    def configure_controller(self, request: Any, response: Any) -> Any:
+        """Take it from unconfigured, or from inactive once more, to inactive."""
+
+        def configure() -> None:
+            if self._manager.controller(request.name).state is LifecycleState.INACTIVE:
+                self._manager.cleanup(request.name)
+            self._manager.configure(request.name)
+
+        return self._done("configure_controller", configure, response)
+
+    def cleanup_controller(self, request: Any, response: Any) -> Any:
+        """Take it from inactive to unconfigured."""
+        return self._done("cleanup_controller", lambda: self._manager.cleanup(request.name), response)
+
+    def unload_controller(self, request: Any, response: Any) -> Any:
+        """Forget it, and end its node."""
+        self._done("unload_controller", lambda: self._manager.unload(request.name), response)
+        if response.ok:
+            self._controllers.close(request.name)
+        return response
+
+    def reload_controller_libraries(self, request: Any, response: Any) -> Any:
+        """There are no libraries: controllers are part of this program."""
+        self.node.get_logger().error("reload_controller_libraries: controllers are not in libraries here")
+        response.ok = False
+        return response
+
+    def _done(self, what: str, work: Callable[[], object], response: Any) -> Any:
+        try:
+            self._host.do(work)
+        except ClientError as error:
+            self._refused(what, error)
+            response.ok = False
+        else:
+            response.ok = True
+        return response
+
+    def switch_controller(self, request: Any, response: Any) -> Any:
+        """All of it or, with STRICT, nothing; with BEST_EFFORT what is possible."""
+        best_effort = request.strictness != request.STRICT
+        start = [*request.activate_controllers, *getattr(request, "start_controllers", ())]
+        stop = [*request.deactivate_controllers, *getattr(request, "stop_controllers", ())]
+        text = "Successfully switched controllers!"
+        try:
+            self._host.do(lambda: self._manager.switch(activate=start, deactivate=stop, best_effort=best_effort))
+            response.ok = True
+        except ClientError as error:
+            text, response.ok = self._refused("switch_controller", error), False
+        if hasattr(response, "message"):
+            response.message = text
+        return response
+
+    # hardware
+
+    def list_hardware_components(self, request: Any, response: Any) -> Any:
+        """The arm, which is one component."""
+        component = interface("controller_manager_msgs/msg/HardwareComponentState")()
+        component.name = self._hardware.name
+        component.type = "system"
+        for field in ("plugin_name", "class_type"):
+            if hasattr(component, field):
+                setattr(component, field, "ur_robot_driver/URPositionHardwareInterface")
+        if hasattr(component, "rw_rate"):
+            component.rw_rate = int(self._manager.update_rate_hz)
+        component.state = self._hardware.message()
+        component.command_interfaces, component.state_interfaces = self._interfaces()
+        response.component = [component]
+        return response
+
+    def list_hardware_interfaces(self, request: Any, response: Any) -> Any:
+        """All of the arm's."""
+        response.command_interfaces, response.state_interfaces = self._interfaces()
+        return response
+
+    def _interfaces(self) -> tuple[list[Any], list[Any]]:
+        kind = interface("controller_manager_msgs/msg/HardwareInterface")
+        infos = self._host.do(self._manager.list_interfaces)
+        messages: dict[str, list[Any]] = {"command": [], "state": []}
+        for info in infos:
+            message = kind(name=info.name, is_available=self._hardware.available, is_claimed=bool(info.claimed_by))
+            if hasattr(message, "data_type"):
+                message.data_type = "double"
+            messages[info.kind].append(message)
+        return messages["command"], messages["state"]
+
+    def set_hardware_component_state(self, request: Any, response: Any) -> Any:
+        """Active, inactive or unconfigured."""
+        try:
+            if request.name != self._hardware.name:
+                raise ControllerError(request.name, f"the hardware component here is {self._hardware.name}")
+            self._host.wait(self._hardware.go_to(request.target_state.id, request.target_state.label))
+            response.ok = True
+        except URError as error:
+            self._refused("set_hardware_component_state", error)
+            response.ok = False
+        response.state = self._hardware.message()
+        return response
+
+    # what is told unasked
+
+    def _tell_activity(self) -> None:
+        states = self._host.do(lambda: [(info.name, info.state) for info in self._manager.list_controllers()])
+        hardware = self._hardware.message()
+        key = (tuple(states), hardware.id)
+        if key == self._last_activity:
+            return
+        self._last_activity = key
+        named = interface("controller_manager_msgs/msg/NamedLifecycleState")
+        message = self._activity_type()
+        message.header.stamp = self.node.get_clock().now().to_msg()
+        message.controllers = [
+            named(name=name, state=State(id=_STATES[state], label=str(state))) for name, state in states
+        ]
+        message.hardware_components = [named(name=self._hardware.name, state=hardware)]
+        self._activity.publish(message)
+
+    def _diagnose(self) -> None:
+        states = self._host.do(lambda: [(info.name, str(info.state)) for info in self._manager.list_controllers()])
+        message = DiagnosticArray()
+        message.header.stamp = self.node.get_clock().now().to_msg()
+        message.status = [
+            self._status("Controllers Activity", self._trouble(states), states),
+            self._status(
+                "Hardware Components Activity",
+                self._hardware.trouble,
+                [(self._hardware.name, str(self._hardware.state))],
+            ),
+        ]
+        self._diagnostics.publish(message)
+
+    def _trouble(self, states: Sequence[tuple[str, str]]) -> str:
+        return "" if any(state == "active" for _, state in states) else "No controllers are active"
+
+    def _status(self, name: str, trouble: str, values: Sequence[tuple[str, str]]) -> DiagnosticStatus:
+        return DiagnosticStatus(
+            level=DiagnosticStatus.WARN if trouble else DiagnosticStatus.OK,
+            name=f"controller_manager: {name}",
+            message=trouble or "All is well",
+            hardware_id=self._hardware.name,
+            values=[KeyValue(key=key, value=value) for key, value in values],
+        )
+
+
+def _matching(names: Sequence[str], wanted: str) -> list[str]:
+    if "*" not in wanted:
+        return [wanted]
+    beginning, _, ending = wanted.partition("*")
+    return [name for name in names if name.startswith(beginning) and name.endswith(ending)]

@@ -1,0 +1,115 @@
+"""A node for each controller that is loaded, with its parameters, topics, services and actions."""
+
+import time
+from typing import Any, Final
+
+from rclpy.node import Node
+
+from client.controllers.controller import Controller
+from client.controllers.joint_trajectory import JointTrajectoryController
+from client.controllers.robot import ControlledRobot
+from client.errors import ClientError
+from client.ros2 import parameters, services
+from client.ros2.actions import serve_actions
+from client.ros2.host import SYSTEM_DEFAULT, NodeHost
+from client.ros2.publishing import Outbox, publisher
+from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, Moment, Subscription, interface
+
+_QUIET_S: Final = 1.0  # the same complaint again only after this; guess
+
+
+class ControllerNodes:
+    """Opens and closes the nodes of controllers; not from the event loop, which would be held up."""
+
+    def __init__(self, host: NodeHost, robot: ControlledRobot, outbox: Outbox) -> None:
+        self._host = host
+        self._robot = robot
+        self._outbox = outbox
+        self._nodes: dict[str, ControllerNode] = {}
+
+    def open(self, controller: Controller[Any]) -> None:
+        """The node of a controller that has been loaded."""
+        self._nodes[controller.name] = ControllerNode(self._host, self._robot, self._outbox, controller)
+
+    def close(self, name: str) -> None:
+        """The node of a controller that has been unloaded."""
+        self._nodes.pop(name).close()
+
+    def close_all(self) -> None:
+        """All of them."""
+        for name in list(self._nodes):
+            self.close(name)
+
+
+class ControllerNode:
+    """One controller as a node of its name."""
+
+    def __init__(self, host: NodeHost, robot: ControlledRobot, outbox: Outbox, controller: Controller[Any]) -> None:
+        self._host = host
+        self._robot = robot
+        self._outbox = outbox
+        self._controller = controller
+        self.node: Node = host.node(controller.name)
+        parameters.declare(host, self.node, controller)
+        rows = [row for row in PUBLICATIONS if isinstance(controller, row.controller)]
+        publishers = [publisher(self.node, row) for row in rows]
+        for subscription in SUBSCRIPTIONS:
+            if isinstance(controller, subscription.controller):
+                _Listener(host, self.node, robot, controller, subscription)
+        services.serve(host, self.node, controller, robot, outbox.scene)
+        host.spin(self.node)
+        serve_actions(host, self.node, controller, robot)
+
+        def add() -> list[Any]:
+            return [
+                outbox.add(getattr(controller, row.source), to, row) for row, to in zip(rows, publishers, strict=True)
+            ]
+
+        self._channels = host.do(add)
+
+    def close(self) -> None:
+        """End it; not from its own thread."""
+
+        def remove() -> None:
+            for channel in self._channels:
+                self._outbox.remove(channel)
+
+        self._host.do(remove)
+        self._host.close(self.node)
+
+
+class _Listener:
+    """Hands a topic's messages to a controller, the newest only: the queue of the subscription holds one."""
+
+    def __init__(
+        self, host: NodeHost, node: Node, robot: ControlledRobot, controller: Controller[Any], row: Subscription
+    ) -> None:
+        self._host = host
+        self._node = node
+        self._robot = robot
+        self._controller = controller
+        self._row = row
+        self._complaint = ("", 0.0)
+        node.create_subscription(interface(row.type), row.name, self._arrived, SYSTEM_DEFAULT)
+
+    def _arrived(self, message: Any) -> None:
+        try:
+            order = self._row.order(message, Moment(self._robot.manager.time_s, time.time_ns()))
+            self._host.do(lambda: self._give(order))
+        except ClientError as error:
+            self._complain(str(error))
+
+    def _give(self, order: Any) -> None:
+        if isinstance(self._controller, JointTrajectoryController):
+            self._controller.check_active()
+            self._controller.check(order)
+            self._robot.check_reach(order)
+        self._row.give(self._controller, order)
+
+    def _complain(self, text: str) -> None:
+        """The same reason at most once a second."""
+        now_s = time.monotonic()
+        before, logged_s = self._complaint
+        if text != before or now_s - logged_s >= _QUIET_S:
+            self._complaint = text, now_s
+            self._node.get_logger().error(f"{self._row.name.lstrip('~/')}: a message is refused: {text}")

@@ -1,0 +1,156 @@
+"""The arm as a hardware component of ros2_control: its life cycle, and what becomes of controllers around a stop."""
+
+import asyncio
+import logging
+from typing import Any, Final
+
+from lifecycle_msgs.msg import State
+
+from client.controllers.controller import LifecycleState
+from client.controllers.robot import ControlledRobot
+from client.driver.robot import MOVABLE
+from client.errors import ControllerError
+from urproto.errors import URError
+from urproto.modes import RobotMode
+
+_LABELS: Final = {
+    State.PRIMARY_STATE_UNCONFIGURED: LifecycleState.UNCONFIGURED,
+    State.PRIMARY_STATE_INACTIVE: LifecycleState.INACTIVE,
+    State.PRIMARY_STATE_ACTIVE: LifecycleState.ACTIVE,
+}
+_IDS: Final = {state: number for number, state in _LABELS.items()}
+
+_logger = logging.getLogger(__name__)
+
+
+class HardwareComponent:
+    """The arm; methods are called in the event loop.
+
+    name: as ros2_control has it. state: of the component, which is not the robot's.
+    """
+
+    def __init__(self, robot: ControlledRobot, name: str, *, headless: bool) -> None:
+        self.name = name
+        self.state = LifecycleState.ACTIVE
+        self._robot = robot
+        self._headless = headless
+
+    @property
+    def available(self) -> bool:
+        """Whether its interfaces are: those of a component that is merely inactive still are."""
+        return self.state is not LifecycleState.UNCONFIGURED
+
+    @property
+    def trouble(self) -> str:
+        """Why it is not active; empty while it is."""
+        return "" if self.state is LifecycleState.ACTIVE else f"{self.name} is {self.state}"
+
+    def message(self) -> State:
+        """As lifecycle_msgs/State."""
+        return State(id=_IDS[self.state], label=str(self.state))
+
+    async def go_to(self, number: int, label: str = "") -> None:
+        """Change the state, by its number or else its label. Raises ControllerError."""
+        named = [state for state in _LABELS.values() if str(state) == label]
+        if number in _LABELS:
+            target = _LABELS[number]
+        elif not number and named:
+            target = named[0]
+        else:
+            raise ControllerError(self.name, f"state {number} {label!r} is not unconfigured, inactive or active")
+        hardware: Any = self._robot.manager.hardware
+        if target is LifecycleState.ACTIVE:
+            hardware.withheld = None
+        elif self.state is not target:
+            manager = self._robot.manager
+            manager.switch(deactivate=[one.name for one in manager.active() if one.command_interfaces])
+            hardware.withheld = f"the hardware component {self.name} is {target}: activate it first"
+        before, self.state = self.state, target
+        if target is LifecycleState.UNCONFIGURED:
+            await self._robot.driver.stop_program()
+        elif target is LifecycleState.ACTIVE and before is LifecycleState.UNCONFIGURED and self._headless:
+            await start_if_ready(self._robot)
+
+
+async def start_if_ready(robot: ControlledRobot) -> None:
+    """Start the control program on a robot that can run it; why it did not start is logged."""
+    if robot.driver.program_running or robot.driver.robot.robot_mode is not RobotMode.RUNNING:
+        return
+    try:
+        await robot.driver.start_program()
+    except URError as error:
+        _logger.error("%s", error)
+
+
+class ControllerStopper:
+    """Activates again what had to end because the arm could not be moved, once it can: the official driver's node.
+
+    What the user activates or deactivates meanwhile stays so.
+    """
+
+    def __init__(self, robot: ControlledRobot) -> None:
+        self._manager = robot.manager
+        self._robot = robot
+        self._stopped: list[str] = []
+        self._manager.on_stop.append(self._note)
+        self._manager.on_cycle.append(self._look)
+
+    def close(self) -> None:
+        """Activate nothing any more."""
+        self._manager.on_stop.remove(self._note)
+        self._manager.on_cycle.remove(self._look)
+
+    def activate_when_possible(self, name: str) -> None:
+        """A controller that moves the arm, at once or as soon as it can be."""
+        self._note([name])
+
+    def _note(self, names: list[str]) -> None:
+        self._stopped = list(dict.fromkeys((*self._stopped, *names)))
+
+    def _look(self) -> None:
+        """After each cycle."""
+        if not self._stopped or self._manager.hardware.failure is not None or not self._robot.driver.program_running:
+            return
+        names, self._stopped = self._stopped, []
+        inactive = {info.name for info in self._manager.list_controllers() if info.state is LifecycleState.INACTIVE}
+        for name in names:
+            if name in inactive:
+                self._activate(name)
+
+    def _activate(self, name: str) -> None:
+        try:
+            self._manager.switch(activate=[name])
+            _logger.info("%s is active again", name)
+        except ControllerError as error:
+            _logger.warning("%s stays inactive: %s", name, error)
+
+
+class ProgramKeeper:
+    """Starts the control program again on a robot that was silent and is back, as was done at the first connection.
+
+    A program that somebody has stopped stays so, as with the official driver: resend_robot_program starts it.
+    """
+
+    def __init__(self, robot: ControlledRobot) -> None:
+        self._robot = robot
+        self._was_silent = False
+        self._starting: asyncio.Task[None] | None = None
+        robot.driver.robot.on_silence.append(self._note)
+        robot.manager.on_cycle.append(self._look)
+
+    def close(self) -> None:
+        """Start nothing any more."""
+        self._robot.driver.robot.on_silence.remove(self._note)
+        self._robot.manager.on_cycle.remove(self._look)
+        if self._starting is not None:
+            self._starting.cancel()
+
+    def _note(self) -> None:
+        self._was_silent = True
+
+    def _look(self) -> None:
+        """After each cycle."""
+        link = self._robot.driver.robot
+        if self._was_silent and link.robot_mode is RobotMode.RUNNING and link.safety_mode in MOVABLE:
+            self._was_silent = False
+            self._starting = asyncio.get_running_loop().create_task(start_if_ready(self._robot))

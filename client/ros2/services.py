@@ -1,0 +1,176 @@
+"""Services of controllers: one row each, under the names and with the types of the ROS 2 driver.
+
+What is asked of the robot is answered when the robot has it; a request that makes no sense, or that comes while the
+controller is not active, gets ``success`` false and a line in the log.
+"""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from rclpy.node import Node
+
+from client.controllers.calls import Call
+from client.controllers.compliance import ForceModeController
+from client.controllers.controller import Controller
+from client.controllers.io_and_status import GPIOController
+from client.controllers.loop import ControlLoop
+from client.controllers.settings import FrictionModelController, GravityUpdateController, URConfigurationController
+from client.driver.availability import GATES
+from client.errors import ClientError, ControllerError
+from client.ros2.host import NodeHost
+from client.ros2.topics import Scene, interface, seconds
+from urproto.errors import URError
+from urproto.robots.pose import pose_trans
+
+ANSWER_S: Final = 15.0  # above what starting the control program may take; guess
+_TRIGGER: Final = "std_srvs/srv/Trigger"
+
+
+@dataclass(frozen=True)
+class Service:
+    """A service. begin: asks the controller, which answers by a `Call`; raises ControllerError."""
+
+    controller: type[Controller[Any]]
+    name: str
+    type: str
+    begin: Callable[[Any, Any, Scene], Call]
+
+
+def _set_io(controller: GPIOController, request: Any, scene: Scene) -> Call:
+    if request.fun == request.FUN_SET_DIGITAL_OUT:
+        return controller.set_digital_out(request.pin, request.state != 0.0)
+    if request.fun == request.FUN_SET_ANALOG_OUT:
+        return controller.set_analog_out(request.pin, request.state)
+    if request.fun == request.FUN_SET_TOOL_VOLTAGE:
+        return controller.set_tool_voltage(int(request.state))
+    raise controller.error(f"function {request.fun} of set_io is not available: 1, 3 and 4 are")
+
+
+def _set_analog_output(controller: GPIOController, request: Any, scene: Scene) -> Call:
+    data = request.data
+    if data.domain not in (data.CURRENT, data.VOLTAGE):
+        raise controller.error(f"the domain is 0 (current) or 1 (voltage), not {data.domain}")
+    return controller.set_analog_out(data.pin, data.state, voltage=data.domain == data.VOLTAGE)
+
+
+def _set_payload(controller: GPIOController, request: Any, scene: Scene) -> Call:
+    """Requests have an inertia and a transition since 2025; controllers have taken them since 5.10."""
+    cog = request.center_of_gravity
+    centre = (cog.x, cog.y, cog.z)
+    if not hasattr(request, "ixx") or GATES["set_target_payload"].refusal(scene.version):
+        return controller.set_payload(request.mass, centre)
+    inertia = (request.ixx, request.iyy, request.izz, request.ixy, request.ixz, request.iyz)
+    return controller.set_payload(request.mass, centre, inertia, seconds(request.transition_time))
+
+
+def _set_gravity(controller: GravityUpdateController, request: Any, scene: Scene) -> Call:
+    """ROS gives the direction in which things fall; the robot takes the acceleration against it."""
+    frame = scene.pose_of(request.gravity.header.frame_id, controller.error)
+    vector = request.gravity.vector
+    turned = pose_trans((0.0, 0.0, 0.0, *frame[3:]), (-vector.x, -vector.y, -vector.z, 0.0, 0.0, 0.0))
+    return controller.set_gravity(turned[:3])
+
+
+def _set_friction(controller: FrictionModelController, request: Any, scene: Scene) -> Call:
+    scales = request.parameters
+    return controller.set_friction_model_parameters(list(scales.viscous_scale), list(scales.coulomb_scale))
+
+
+def _start_force_mode(controller: ForceModeController, request: Any, scene: Scene) -> Call:
+    wrench = request.wrench
+    axes = ("x", "y", "z", "rx", "ry", "rz")
+    limits, deviations = request.speed_limits, request.deviation_limits
+    return controller.start_force_mode(
+        scene.pose_in_base(request.task_frame, controller.error),
+        [int(getattr(request, f"selection_vector_{axis}")) for axis in axes],
+        [wrench.force.x, wrench.force.y, wrench.force.z, wrench.torque.x, wrench.torque.y, wrench.torque.z],
+        type=request.type,
+        speed_limits=(
+            limits.linear.x, limits.linear.y, limits.linear.z, limits.angular.x, limits.angular.y, limits.angular.z,
+        ),
+        deviation_limits=list(deviations),
+        damping_factor=request.damping_factor,
+        gain_scaling=request.gain_scaling,
+    )  # fmt: skip
+
+
+SERVICES: Final = (
+    Service(GPIOController, "set_io", "ur_msgs/srv/SetIO", _set_io),
+    Service(GPIOController, "set_analog_output", "ur_msgs/srv/SetAnalogOutput", _set_analog_output),
+    Service(
+        GPIOController,
+        "set_speed_slider",
+        "ur_msgs/srv/SetSpeedSliderFraction",
+        lambda controller, request, _: controller.set_speed_slider(request.speed_slider_fraction),
+    ),
+    Service(GPIOController, "resend_robot_program", _TRIGGER, lambda controller, *_: controller.resend_robot_program()),
+    Service(GPIOController, "hand_back_control", _TRIGGER, lambda controller, *_: controller.hand_back_control()),
+    Service(GPIOController, "set_payload", "ur_msgs/srv/SetPayload", _set_payload),
+    Service(GPIOController, "zero_ftsensor", _TRIGGER, lambda controller, *_: controller.zero_ftsensor()),
+    Service(ForceModeController, "start_force_mode", "ur_msgs/srv/SetForceMode", _start_force_mode),
+    Service(ForceModeController, "stop_force_mode", _TRIGGER, lambda controller, *_: controller.stop_force_mode()),
+    Service(GravityUpdateController, "set_gravity", "ur_msgs/srv/SetGravity", _set_gravity),
+    Service(
+        FrictionModelController,
+        "set_friction_model_parameters",
+        "ur_msgs/srv/SetFrictionModelParameters",
+        _set_friction,
+    ),
+)
+
+
+def serve(host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, scene: Scene) -> None:
+    """Offer a controller's services on its node."""
+    for row in SERVICES:
+        if isinstance(controller, row.controller):
+            node.create_service(
+                interface(row.type), f"~/{row.name}", _handler(host, node, controller, loop, scene, row)
+            )
+    if isinstance(controller, URConfigurationController):
+        node.create_service(
+            interface("ur_msgs/srv/GetRobotSoftwareVersion"),
+            "~/get_robot_software_version",
+            _version_handler(host, node, controller),
+        )
+
+
+def _handler(
+    host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, scene: Scene, row: Service
+) -> Callable[[Any, Any], Any]:
+    async def ask(request: Any) -> None:
+        call = row.begin(controller, request, scene)
+        try:
+            await asyncio.wait_for(loop.answer(call), ANSWER_S)
+        except asyncio.TimeoutError:  # noqa: UP041 # not the builtin one before Python 3.11
+            call.end(False)
+            raise ControllerError(controller.name, f"the robot does not answer within {ANSWER_S:g} s") from None
+
+    def handle(request: Any, response: Any) -> Any:
+        try:
+            host.wait(ask(request))
+        except URError as error:
+            node.get_logger().error(f"{row.name}: {error}")
+            response.success = False
+            for text in ("message", "status"):
+                if hasattr(response, text):
+                    setattr(response, text, str(error))
+        else:
+            response.success = True
+        return response
+
+    return handle
+
+
+def _version_handler(host: NodeHost, node: Node, controller: URConfigurationController) -> Callable[[Any, Any], Any]:
+    def handle(request: Any, response: Any) -> Any:
+        try:
+            version = host.do(controller.robot_software_version)
+        except ClientError as error:
+            node.get_logger().error(f"get_robot_software_version: {error}")
+        else:
+            response.major, response.minor, response.bugfix, response.build = version
+        return response
+
+    return handle

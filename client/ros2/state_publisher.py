@@ -1,0 +1,49 @@
+"""The node ``robot_state_publisher``: the arm's description and its frames."""
+
+import time
+from typing import Any
+
+from std_msgs.msg import String
+
+from client.controllers.broadcasters import JointStateBroadcaster
+from client.ros2.frames import Frames
+from client.ros2.host import LATCHED, NodeHost
+from client.ros2.publishing import Outbox, publisher
+from client.ros2.topics import MOVING_FRAMES, interface
+from urproto.robots import RobotModel
+from urproto.robots.description import urdf
+
+
+class RobotStatePublisher:
+    """Publishes a model's description and frames; creation spins its node."""
+
+    def __init__(
+        self, host: NodeHost, outbox: Outbox, model: RobotModel, states: JointStateBroadcaster, prefix: str = ""
+    ) -> None:
+        self._host = host
+        self._outbox = outbox
+        self.node = host.node("robot_state_publisher")
+        description = urdf(model, prefix=prefix)
+        self.node.declare_parameter("robot_description", description)
+        self.node.declare_parameter("frame_prefix", "")
+        self.node.declare_parameter("publish_frequency", 20.0)
+        self._description = self.node.create_publisher(String, "robot_description", LATCHED)
+        self._description.publish(String(data=description))
+        frames = Frames(model, prefix)
+        sec, nanosec = divmod(time.time_ns(), 1_000_000_000)
+        message = interface("tf2_msgs/msg/TFMessage")(transforms=frames.fixed(sec, nanosec))
+        self._static = self.node.create_publisher(type(message), "/tf_static", LATCHED)
+        self._static.publish(message)
+        moving = publisher(self.node, MOVING_FRAMES)
+        host.spin(self.node)
+
+        def add() -> Any:
+            outbox.scene.frames = frames
+            return outbox.add(states.topic, moving, MOVING_FRAMES)
+
+        self._channel = host.do(add)
+
+    def close(self) -> None:
+        """End it."""
+        self._host.do(lambda: self._outbox.remove(self._channel))
+        self._host.close(self.node)

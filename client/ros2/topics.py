@@ -1,0 +1,380 @@
+"""Topics of controllers: one row each, under the names and with the types of the ROS 2 driver.
+
+Source of names, types, frames, rates and quality of service: ros2_controllers, ur_controllers and tf2_ros. A
+controller's own topics (``~/``) are below its name; /tf is the same in every namespace.
+"""
+
+import math
+from array import array
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module
+from typing import Any, Final
+
+from client.controllers.broadcasters import (
+    ForceTorqueSensorBroadcaster,
+    JointState,
+    JointStateBroadcaster,
+    PoseBroadcaster,
+    PoseStamped,
+    SpeedScalingStateBroadcaster,
+    WrenchStamped,
+)
+from client.controllers.compliance import FreedriveModeController
+from client.controllers.controller import Controller, Interfaces
+from client.controllers.forward import ForwardCommandController
+from client.controllers.goals import JointTrajectory, JointTrajectoryPoint
+from client.controllers.io_and_status import GPIOController, IOStates, ToolData
+from client.controllers.joint_trajectory import ControllerState, JointTrajectoryController
+from client.ros2.frames import Frames, set_transform
+from urproto.joints import JOINT_NAMES
+from urproto.robots.pose import Pose, pose_trans, quaternion_to_rotvec
+from urproto.vectors import ZERO6
+from urproto.versions import PolyscopeVersion
+
+_TF_EVERY_S: Final = 0.05  # robot_state_publisher's publish_frequency is 20 Hz
+_SCALING_EVERY_S: Final = 0.01  # state_publish_rate of the ROS 2 driver
+TF_DEPTH: Final = 100  # tf2_ros
+_TCP_FRAME: Final = "tool0_controller"
+_POSE: Final = (*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw"))
+_SMALL: Final = 1e-6  # as the ROS 2 driver's force mode controller has it
+
+
+def interface(name: str) -> Any:
+    """The class of an interface, such as ``sensor_msgs/msg/JointState``. Raises ImportError."""
+    package, kind, type_name = name.split("/")
+    return getattr(import_module(f"{package}.{kind}"), type_name)
+
+
+@dataclass
+class Scene:
+    """What messages need besides what controllers publish.
+
+    prefix: of the names of joints and frames. version: the robot's. states: all state interfaces. frames: the arm's,
+    if it is known. sec, nanosec: wall time now.
+    """
+
+    prefix: str = ""
+    version: PolyscopeVersion = field(default_factory=lambda: PolyscopeVersion(0, 0))
+    states: Interfaces = field(default_factory=lambda: Interfaces(()))
+    frames: Frames | None = None
+    sec: int = 0
+    nanosec: int = 0
+
+    def stamp(self, header: Any, frame_id: str) -> None:
+        """Set a std_msgs/Header."""
+        header.stamp.sec, header.stamp.nanosec = self.sec, self.nanosec
+        header.frame_id = frame_id
+
+    def pose_of(self, frame: str, refuse: Callable[[str], Exception]) -> Pose:
+        """Where a frame of the arm is in its base frame [m, rotation vector]; "" is the base frame.
+
+        Raises what ``refuse`` makes of the reason for a frame that only others know.
+        """
+        name, base = frame.lstrip("/") or f"{self.prefix}base", f"{self.prefix}base"
+        if name == f"{self.prefix}{_TCP_FRAME}":
+            x, y, z, *turn = self.states.lend([f"{self.prefix}tcp_pose/{part}" for part in _POSE]).get()
+            return (x, y, z, *quaternion_to_rotvec(*turn))
+        joints = self.states.lend([f"{self.prefix}{joint}/position" for joint in JOINT_NAMES])
+        angles = dict(zip((self.prefix + joint for joint in JOINT_NAMES), joints.get(), strict=True))
+        pose = self.frames.pose_in(base, name, angles) if self.frames else None
+        if pose is None and name != base:
+            raise refuse(f"the frame {frame} is not one of the arm: give what you ask for in the frame {base}")
+        return pose or ZERO6
+
+    def pose_in_base(self, stamped: Any, refuse: Callable[[str], Exception]) -> Pose:
+        """A geometry_msgs/PoseStamped in the base frame; raises as `pose_of`, and for an orientation that is none."""
+        place, turn = stamped.pose.position, stamped.pose.orientation
+        if max(map(abs, (turn.x, turn.y, turn.z, turn.w))) < _SMALL:
+            raise refuse("its orientation is zero: a quaternion has at least one part that is not")
+        pose = (place.x, place.y, place.z, *quaternion_to_rotvec(turn.x, turn.y, turn.z, turn.w))
+        return pose_trans(self.pose_of(stamped.header.frame_id, refuse), pose)
+
+    @cached_property
+    def components(self) -> dict[str, tuple[list[str], Interfaces]]:
+        """Joints, sensors and so on: the names of their state interfaces, and these."""
+        names: dict[str, list[str]] = {}
+        for name in self.states.names:
+            names.setdefault(name.rpartition("/")[0], []).append(name)
+        return {
+            component: ([name.rpartition("/")[2] for name in theirs], self.states.lend(theirs))
+            for component, theirs in names.items()
+        }
+
+
+@dataclass(frozen=True)
+class Publication:
+    """A topic that a controller publishes.
+
+    controller: whose. source: the attribute that is its topic here. fill: sets a message's fields; False when there
+    is nothing to publish. latched: those who come late get the last one. every_s: not more often, by the robot's clock.
+    """
+
+    controller: type[Controller[Any]]
+    source: str
+    name: str
+    type: str
+    fill: Callable[[Any, Any, Scene], bool]
+    latched: bool = False
+    depth: int = 1
+    every_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Moment:
+    """Now, by the robot's clock [s] and by this machine's [ns since 1970]."""
+
+    robot_s: float
+    time_ns: int
+
+
+@dataclass(frozen=True)
+class Subscription:
+    """A topic that a controller listens to.
+
+    order: what a message asks of the controller; give: hands it over; both raise ControllerError.
+    """
+
+    controller: type[Controller[Any]]
+    name: str
+    type: str
+    order: Callable[[Any, Moment], Any]
+    give: Callable[[Any, Any], object]
+
+
+# publications
+
+
+def _joint_states(message: Any, state: JointState, scene: Scene) -> bool:
+    scene.stamp(message.header, "base_link")
+    message.name = state.name
+    message.position = array("d", state.position)
+    message.velocity = array("d", state.velocity)
+    message.effort = array("d", state.effort)
+    return True
+
+
+def _dynamic_joint_states(message: Any, state: JointState, scene: Scene) -> bool:
+    scene.stamp(message.header, "")
+    make = interface("control_msgs/msg/InterfaceValue")
+    message.joint_names = list(scene.components)
+    message.interface_values = [
+        make(interface_names=names, values=array("d", values.get())) for names, values in scene.components.values()
+    ]
+    return True
+
+
+def _frames(message: Any, state: JointState, scene: Scene) -> bool:
+    if scene.frames is None:
+        return False
+    message.transforms = scene.frames.moving(state.name, state.position, scene.sec, scene.nanosec)
+    return True
+
+
+def _speed_scaling(message: Any, percent: float, scene: Scene) -> bool:
+    message.data = percent
+    return True
+
+
+def _wrench(message: Any, wrench: WrenchStamped, scene: Scene) -> bool:
+    scene.stamp(message.header, wrench.frame_id)
+    _set_xyz(message.wrench.force, wrench.force)
+    _set_xyz(message.wrench.torque, wrench.torque)
+    return True
+
+
+def _pose(message: Any, pose: PoseStamped, scene: Scene) -> bool:
+    scene.stamp(message.header, pose.frame_id)
+    _set_xyz(message.pose.position, pose.position)
+    turn = message.pose.orientation
+    turn.x, turn.y, turn.z, turn.w = pose.orientation
+    return True
+
+
+def _tcp_frame(message: Any, pose: PoseStamped, scene: Scene) -> bool:
+    if not message.transforms:
+        message.transforms = [interface("geometry_msgs/msg/TransformStamped")()]
+    transform = message.transforms[0]
+    scene.stamp(transform.header, pose.frame_id)
+    set_transform(transform, scene.prefix + _TCP_FRAME, pose.position, pose.orientation)
+    return True
+
+
+def _io_states(message: Any, states: IOStates, scene: Scene) -> bool:
+    digital, analog = interface("ur_msgs/msg/Digital"), interface("ur_msgs/msg/Analog")
+    message.digital_in_states = [digital(pin=pin, state=on) for pin, on in enumerate(states.digital_in)]
+    message.digital_out_states = [digital(pin=pin, state=on) for pin, on in enumerate(states.digital_out)]
+    inputs, outputs = states.analog_types[:2], states.analog_types[2:]
+    for name, values, domains in (
+        ("analog_in_states", states.analog_in, inputs),
+        ("analog_out_states", states.analog_out, outputs),
+    ):
+        signals = enumerate(zip(values, domains, strict=True))
+        made = [analog(pin=pin, domain=max(domain, 0), state=_number(value)) for pin, (value, domain) in signals]
+        setattr(message, name, made)
+    return True
+
+
+def _tool_data(message: Any, data: ToolData, scene: Scene) -> bool:
+    message.analog_input_range2, message.analog_input_range3 = (max(kind, 0) for kind in data.analog_types)
+    message.analog_input2, message.analog_input3 = map(_number, data.analog_in)
+    message.tool_output_voltage = _whole(data.output_voltage)
+    message.tool_current = _number(data.output_current)
+    message.tool_temperature = _number(data.temperature)
+    message.tool_mode = _whole(data.mode)
+    return True
+
+
+def _mode(message: Any, mode: int, scene: Scene) -> bool:
+    if mode < 0:
+        return False
+    message.mode = mode
+    return True
+
+
+def _running(message: Any, running: bool, scene: Scene) -> bool:
+    message.data = running
+    return True
+
+
+def _controller_state(message: Any, state: ControllerState, scene: Scene) -> bool:
+    """In Humble the reference is called desired and the feedback actual, and there is no output."""
+    scene.stamp(message.header, "")
+    message.joint_names = state.joint_names
+    points = {
+        "reference": state.reference,
+        "feedback": state.feedback,
+        "error": state.error,
+        "output": state.output,
+        "desired": state.reference,
+        "actual": state.feedback,
+    }
+    for name, point in points.items():
+        if hasattr(message, name):
+            set_point(getattr(message, name), point)
+    if hasattr(message, "speed_scaling_factor"):
+        message.speed_scaling_factor = state.speed_scaling_factor
+    return True
+
+
+def set_point(message: Any, point: JointTrajectoryPoint) -> None:
+    """Set a trajectory_msgs/JointTrajectoryPoint."""
+    message.positions = array("d", point.positions)
+    message.velocities = array("d", point.velocities)
+    message.accelerations = array("d", point.accelerations)
+    message.effort = array("d", point.effort)
+    nanoseconds = round(point.time_from_start_s * 1e9)
+    message.time_from_start.sec, message.time_from_start.nanosec = divmod(nanoseconds, 1_000_000_000)
+
+
+def _set_xyz(message: Any, values: Sequence[float]) -> None:
+    message.x, message.y, message.z = values
+
+
+def _number(value: float) -> float:
+    """0 where the robot does not say, as ros2_control has it."""
+    return value if math.isfinite(value) else 0.0
+
+
+def _whole(value: float) -> int:
+    return int(value) if value >= 0 else 0
+
+
+# subscriptions
+
+
+def _commands(message: Any, now: Moment) -> Sequence[float]:
+    return tuple(message.data)
+
+
+def trajectory(message: Any, now: Moment) -> JointTrajectory:
+    """Its stamp is by this machine's clock, as all times in ROS; 0 is at once."""
+    stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+    begin_s = now.robot_s + (stamp_ns - now.time_ns) * 1e-9 if stamp_ns else 0.0
+    return JointTrajectory(tuple(message.joint_names), tuple(map(_point, message.points)), begin_s)
+
+
+def _point(message: Any) -> JointTrajectoryPoint:
+    return JointTrajectoryPoint(
+        tuple(message.positions),
+        tuple(message.velocities),
+        tuple(message.accelerations),
+        tuple(message.effort),
+        seconds(message.time_from_start),
+    )
+
+
+def seconds(duration: Any) -> float:
+    """Of a builtin_interfaces/Duration."""
+    return float(duration.sec + duration.nanosec * 1e-9)
+
+
+def _enable(message: Any, now: Moment) -> bool:
+    return bool(message.data)
+
+
+MOVING_FRAMES: Final = Publication(
+    JointStateBroadcaster, "topic", "/tf", "tf2_msgs/msg/TFMessage", _frames, depth=TF_DEPTH, every_s=_TF_EVERY_S
+)
+"""What robot_state_publisher makes of joint states."""
+PUBLICATIONS: Final = (
+    Publication(JointStateBroadcaster, "topic", "joint_states", "sensor_msgs/msg/JointState", _joint_states),
+    Publication(
+        JointStateBroadcaster,
+        "topic",
+        "dynamic_joint_states",
+        "control_msgs/msg/DynamicJointState",
+        _dynamic_joint_states,
+    ),
+    Publication(PoseBroadcaster, "topic", "/tf", "tf2_msgs/msg/TFMessage", _tcp_frame, depth=TF_DEPTH),
+    Publication(PoseBroadcaster, "topic", "~/pose", "geometry_msgs/msg/PoseStamped", _pose),
+    Publication(ForceTorqueSensorBroadcaster, "topic", "~/wrench", "geometry_msgs/msg/WrenchStamped", _wrench),
+    Publication(
+        SpeedScalingStateBroadcaster,
+        "topic",
+        "~/speed_scaling",
+        "std_msgs/msg/Float64",
+        _speed_scaling,
+        every_s=_SCALING_EVERY_S,
+    ),
+    Publication(GPIOController, "io_states", "~/io_states", "ur_msgs/msg/IOStates", _io_states),
+    Publication(GPIOController, "tool_data", "~/tool_data", "ur_msgs/msg/ToolDataMsg", _tool_data),
+    Publication(GPIOController, "robot_mode", "~/robot_mode", "ur_dashboard_msgs/msg/RobotMode", _mode, latched=True),
+    Publication(
+        GPIOController, "safety_mode", "~/safety_mode", "ur_dashboard_msgs/msg/SafetyMode", _mode, latched=True
+    ),
+    Publication(
+        GPIOController, "program_running", "~/robot_program_running", "std_msgs/msg/Bool", _running, latched=True
+    ),
+    Publication(
+        JointTrajectoryController,
+        "state_topic",
+        "~/controller_state",
+        "control_msgs/msg/JointTrajectoryControllerState",
+        _controller_state,
+    ),
+)
+SUBSCRIPTIONS: Final = (
+    Subscription(
+        JointTrajectoryController,
+        "~/joint_trajectory",
+        "trajectory_msgs/msg/JointTrajectory",
+        trajectory,
+        JointTrajectoryController.command,
+    ),
+    Subscription(
+        ForwardCommandController,
+        "~/commands",
+        "std_msgs/msg/Float64MultiArray",
+        _commands,
+        ForwardCommandController.command,
+    ),
+    Subscription(
+        FreedriveModeController,
+        "~/enable_freedrive_mode",
+        "std_msgs/msg/Bool",
+        _enable,
+        FreedriveModeController.enable_freedrive_mode,
+    ),
+)
