@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.action import CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from ur_dashboard_msgs.action import SetMode
 
 from client import dashboard
@@ -14,7 +14,7 @@ from client.driver.robot import MOVABLE
 from client.errors import ClientError
 from client.primary import BRAKE_RELEASE, POWER_OFF, POWER_ON, STOP_PROGRAM, PrimaryClient, TextCommand
 from client.robot import AsyncRobot
-from client.ros2.host import ActionServer, NodeHost
+from client.ros2.host import NodeHost
 from urproto.errors import RobotRefused, URError
 from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_of
 

@@ -7,13 +7,13 @@ import math
 from typing import Any, Final
 
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.action import CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from std_msgs.msg import String
 
 from client.errors import ScriptFailedError
 from client.primary import STOP_PROGRAM, PrimaryClient
 from client.robot import AsyncRobot
-from client.ros2.host import ActionServer, NodeHost
+from client.ros2.host import NodeHost
 from client.scripts import GRAVE, is_secondary
 from urproto.errors import LocalProtocolError, URError
 from urproto.modes import ReportLevel

@@ -1,0 +1,201 @@
+"""The node ``dashboard_client`` before a plain rclpy program in another process, and before robots of both series."""
+
+import asyncio
+import gzip
+import os
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from driver_rig import HOST, emulator
+from ros2_rig import Peer, free_domain, peer
+
+from client import AsyncRobot
+from client.ros2.dashboard import SERVICES, DashboardNode
+from client.ros2.host import NodeHost
+from emulator.lifecycle.safety import SafetyEvent
+from urproto.dashboard import GREETING, encode_line
+from urproto.modes import RobotMode, SafetyMode, SafetyStatus
+
+SPEED = 10.0  # nobody here is a second late
+PROGRAM = "while True:\n  sync()\nend\n"
+TYPES = {row.name: row.type for row in SERVICES} | {"connect": "Trigger"}
+INSTALLATION = b"<Installation><TCPSettings activePose='TCP' toolPayload='0.5'/></Installation>"
+BOTH = pytest.mark.parametrize("model", ["ur3", "ur5e"])
+
+
+class Dashboard:
+    """Calls services, and knows which."""
+
+    def __init__(self, peer: Peer) -> None:
+        self._peer = peer
+        self.called: set[str] = set()
+
+    async def __call__(self, name: str, **request: Any) -> dict[str, Any]:
+        self.called.add(name)
+        package = "std_srvs" if TYPES[name] == "Trigger" else "ur_dashboard_msgs"
+        return await self._peer.call(f"/dashboard_client/{name}", f"{package}/srv/{TYPES[name]}", **request)
+
+    async def well(self, name: str, **request: Any) -> dict[str, Any]:
+        answer = await self(name, **request)
+        assert answer["success"], answer
+        return answer
+
+    async def words(self, name: str, **request: Any) -> str:
+        answer = await self.well(name, **request)
+        return answer.get("message") or answer["answer"]
+
+    async def refusal(self, name: str, **request: Any) -> str:
+        answer = await self(name, **request)
+        assert not answer["success"], answer
+        return answer.get("message") or answer["answer"]
+
+    async def parameter(self, name: str, kind: int, **value: Any) -> bool:
+        """Whether it could be set."""
+        wanted = {"name": name, "value": {"type": kind, **value}}
+        service = "/dashboard_client/set_parameters"
+        answer = await self._peer.call(service, "rcl_interfaces/srv/SetParameters", parameters=[wanted])
+        return answer["results"][0]["successful"]
+
+
+@asynccontextmanager
+async def dashboard_of(ports: dict[str, int], *ros_arguments: str) -> AsyncIterator[Dashboard]:
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    with free_domain() as domain, NodeHost(domain=domain, ros_arguments=ros_arguments) as host:
+        node = DashboardNode(host, AsyncRobot(HOST, robot_ports=ports))
+        try:
+            async with peer(domain) as other:
+                yield Dashboard(other)
+        finally:
+            node.close()
+
+
+@BOTH
+async def test_every_service(model: str, tmp_path: Path) -> None:
+    (tmp_path / "pick.script").write_text(PROGRAM)
+    (tmp_path / "default.installation").write_bytes(gzip.compress(INSTALLATION))
+    cb3 = model == "ur3"
+    async with emulator(model, programs_dir=tmp_path, speed=SPEED) as robot, dashboard_of(robot.ports) as ask:
+        log = robot.controller.messages.history
+
+        assert await ask.words("power_off") == "Powering off"
+        assert (await ask.well("get_robot_mode"))["robot_mode"]["mode"] == RobotMode.POWER_OFF
+        assert await ask.words("power_on") == "Powering on"
+        mode = await ask.well("get_robot_mode")
+        assert mode["robot_mode"]["mode"] == RobotMode.IDLE
+        assert mode["answer"] == "Robotmode: IDLE"
+        assert await ask.words("brake_release") == "Brake releasing"
+        assert (await ask.well("get_robot_mode"))["robot_mode"]["mode"] == RobotMode.RUNNING
+        assert (await ask.well("get_safety_mode"))["safety_mode"]["mode"] == SafetyMode.NORMAL
+        assert (await ask.well("get_safety_status"))["safety_status"]["status"] == SafetyStatus.NORMAL
+
+        assert "Failed to execute: play" in await ask.refusal("play")
+        assert "No program loaded" in await ask.refusal("get_loaded_program")
+        await ask.refusal("program_saved")
+        assert "File not found: lost.script" in await ask.refusal("load_program", filename="lost.script")
+        assert (await ask.words("load_program", filename="pick.script")).startswith("Loading program: ")
+        assert (await ask.well("get_loaded_program"))["program_name"].endswith("pick.script")
+        saved = await ask.well("program_saved")
+        assert saved["program_saved"]
+        assert saved["program_name"] == "pick.script"
+        state = await ask.well("program_state")
+        assert (state["state"]["state"], state["program_name"]) == ("STOPPED", "pick.script")
+        assert await ask.words("play") == "Starting program"
+        assert (await ask.well("program_running"))["program_running"]
+        assert await ask.words("pause") == "Pausing program"
+        assert (await ask.well("program_state"))["state"]["state"] == "PAUSED"
+        assert await ask.words("stop") == "Stopped"
+        assert not (await ask.well("program_running"))["program_running"]
+        assert "Failed to execute: pause" in await ask.refusal("pause")
+        assert "lost.installation" in await ask.refusal("load_installation", filename="lost.installation")
+        words = await ask.words("load_installation", filename="default.installation")
+        assert words.startswith("Loading installation: ")
+        assert robot.controller.installation.name == "default.installation"
+
+        assert await ask.words("popup", message="look here") == "showing popup"
+        assert robot.controller.popups.shown
+        assert await ask.words("close_popup") == "closing popup"
+        assert await ask.words("close_safety_popup") == "closing safety popup"
+        assert await ask.words("add_to_log", message="noted") == "Added log message"
+        assert any("noted" in line for line in log)
+        assert "No log message to add" in await ask.refusal("add_to_log", message="")
+        assert "one line" in await ask.refusal("add_to_log", message="one\ntwo")
+
+        assert "UR" in (await ask.well("get_robot_model"))["robot_model"]
+        assert (await ask.well("get_serial_number"))["serial_number"] > 0
+        assert (await ask.well("get_polyscope_version"))["version"]["major"] == (3 if cb3 else 5)
+        assert (await ask.well("generate_flight_report"))["report_id"]
+        assert (await ask.well("generate_support_file", dir_path="."))["generated_file_name"].endswith(".zip")
+        assert (await ask("raw_request", query="robotmode"))["answer"] == "Robotmode: RUNNING"
+        assert "could not understand" in (await ask("raw_request", query="dance"))["answer"]
+
+        if cb3:
+            for role in ("PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED"):
+                await ask.well("set_user_role", user_role={"role": role})
+                assert (await ask.well("get_user_role"))["user_role"]["role"] == role
+            assert "KING" in await ask.refusal("set_user_role", user_role={"role": "KING"})
+            for name in ("is_in_remote_control", "get_operational_mode", "clear_operational_mode"):
+                assert "e-Series since" in await ask.refusal(name)
+            assert "e-Series" in await ask.refusal("set_operational_mode", operational_mode={"mode": "MANUAL"})
+        else:
+            assert (await ask.well("is_in_remote_control"))["remote_control"]
+            for mode in ("MANUAL", "AUTOMATIC"):
+                await ask.well("set_operational_mode", operational_mode={"mode": mode})
+                assert (await ask.well("get_operational_mode"))["operational_mode"]["mode"] == mode
+            await ask.refusal("set_operational_mode", operational_mode={"mode": "NONE"})
+            await ask.well("clear_operational_mode")
+            assert "CB3 since" in await ask.refusal("get_user_role")
+            assert "CB3 since" in await ask.refusal("set_user_role", user_role={"role": "NONE"})
+        for name in ("get_programs", "upload_program", "update_program", "download_program"):
+            assert "PolyScope X" in await ask.refusal(name)
+
+        robot.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
+        assert (await ask.well("get_safety_mode"))["safety_mode"]["mode"] == SafetyMode.PROTECTIVE_STOP
+        assert "until 5s after" in await ask.refusal("unlock_protective_stop")
+        while not robot.controller.safety.may_unlock_remotely:
+            await asyncio.sleep(0.01)
+        assert await ask.words("unlock_protective_stop") == "Protective stop releasing"
+        robot.controller.safety_event(SafetyEvent.VIOLATION)
+        assert "Failed to execute: power on" in await ask.refusal("power_on")
+        assert await ask.words("restart_safety") == "Restarting safety"
+        assert (await ask.well("get_safety_mode"))["safety_mode"]["mode"] == SafetyMode.NORMAL
+
+        assert "connected already" in await ask.refusal("connect")
+        assert await ask.words("quit") == "Disconnected"
+        assert "~/connect" in await ask.refusal("get_robot_mode")
+        await ask.well("connect")
+        assert await ask.words("shutdown") == "Shutting down"
+        assert robot.controller.shutdown_requested
+        assert ask.called == set(TYPES)
+
+
+async def test_a_robot_that_goes_and_comes_back(tmp_path: Path) -> None:
+    """Nobody has to connect again, and a robot that is away is said to be."""
+    async with emulator("ur5e", speed=SPEED) as robot, dashboard_of(robot.ports) as ask:
+        await ask.well("get_robot_mode")
+        assert (await ask("raw_request", query="quit"))["answer"] == "Disconnected"  # the robot ends the connection
+        await ask.well("get_robot_mode")
+        await robot.__aexit__(None, None, None)
+        assert "no connection to" in await ask.refusal("get_robot_mode")
+        assert "no connection to" in await ask.refusal("connect")
+
+
+async def test_parameters() -> None:
+    """Only the patience can be changed; without autoconnect a connection is asked for."""
+    with socket.create_server((HOST, 0)) as silent:
+        port = silent.getsockname()[1]
+        async with dashboard_of({"dashboard": port}, "-p", "autoconnect:=false") as ask:
+            assert "~/connect" in await ask.refusal("play")
+            assert not await ask.parameter("robot_ip", 4, string_value="10.0.0.1")
+            assert not await ask.parameter("receive_timeout", 3, double_value=-1.0)
+            assert await ask.parameter("receive_timeout", 3, double_value=0.1)
+            silent.setblocking(True)
+            answer = asyncio.create_task(ask("connect"))
+            connection, _ = await asyncio.to_thread(silent.accept)
+            with connection:
+                connection.sendall(encode_line(GREETING))
+                assert (await answer)["success"]
+                assert "for 0.1 s" in await ask.refusal("play")
