@@ -1,6 +1,6 @@
 #!/bin/sh
-# What the tests need of the system beside Python: a browser for those of the teach pendant, Fast DDS and its compiler
-# of types for those of the ROS 2 bridge. As root on Debian or Ubuntu they are installed; elsewhere this says what is
+# What the tests need of the system beside Python: a browser for those of the teach pendant, and a compiler for message
+# packages of ROS 2. As root on Debian or Ubuntu they are installed; elsewhere this says what is
 # missing, and those tests are left out.
 set -eu
 
@@ -15,8 +15,6 @@ need() { # package, commands of which one shows that it is there
 }
 need chromium chromium chromium-browser google-chrome
 need g++ g++
-need fastddsgen fastddsgen
-if [ ! -e /usr/include/fastdds/dds/domain/DomainParticipant.hpp ]; then missing="$missing libfastrtps-dev"; fi
 
 if [ -z "$missing" ]; then exit 0; fi
 if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then

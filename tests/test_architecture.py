@@ -24,7 +24,12 @@ MAY_IMPORT = {
 }
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
-    "cyclonedds": ("client.ros2.dds", "client.ros2.dds"),
+    "rclpy": ("client.ros2",),
+    "rcl_interfaces": ("client.ros2",),
+    "geometry_msgs": ("client.ros2",),
+    "std_msgs": ("client.ros2",),
+    "lifecycle_msgs": ("client.ros2",),
+    "diagnostic_msgs": ("client.ros2",),
     "coal": ("emulator.world.links",),
     "h11": ("emulator.builtins.remote.httpclient", "emulator.control.http"),
     "msgspec": ("emulator.control", "emulator.faults", "emulator.control.http", "emulator.fleet.plan"),

@@ -1,4 +1,4 @@
-"""Definitions of the ROS 2 messages that recordings are made of, and that `client.ros2` sends and takes.
+"""Definitions of the ROS 2 messages that recordings are made of.
 
 The fields of common_interfaces, tf2_msgs, control_msgs (as of Jazzy), ur_msgs and ur_dashboard_msgs;
 recordings hold them, so none of these packages has to be installed anywhere.

@@ -1,0 +1,291 @@
+"""Message packages that the official driver uses and this machine may lack: control_msgs, ur_msgs and others.
+
+Where a ROS 2 workspace is sourced that has them, its own are imported and nothing happens here. Otherwise `ensure`
+makes them, once: rosidl generates code by the definitions in ``interfaces/``, a compiler makes libraries of it, and
+what comes about stays in a cache for the next time.
+
+The definitions are those of the distribution that is there, since they differ: the same name stands for other fields
+in Humble than in Jazzy. ``interfaces/<package>/{msg,srv,action}`` holds what all distributions have in common,
+``interfaces/<package>/<distribution>+<distribution>/{msg,srv,action}`` what those named have. Names, types, order and
+values are of the packages in `_VERSIONS`; tests compare their type hashes with published ones.
+"""
+
+import contextlib
+import fcntl
+import hashlib
+import importlib
+import importlib.metadata
+import importlib.util
+import json
+import os
+import platform
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from client.errors import Ros2Error
+from client.ros2.message_builder import KINDS, Plan, python_folder
+
+Progress = Callable[[float, str], None]
+"""Is told the part that is done, 0 to 1, and what is under way."""
+
+CACHE_VARIABLE: Final = "UR_CLIENT_ROS2_CACHE"
+"""Environment variable that names another folder for what `ensure` makes."""
+
+_INTERFACES: Final = Path(__file__).with_name("interfaces")
+_BUILDER: Final = Path(__file__).with_name("message_builder.py")
+# A package stands after those it refers to. Where the definitions are from, by distribution: the newest release in its
+# branch of the official repositories in August 2026. That of ur_msgs is a guess: its definitions are those that
+# ur_robot_driver 3.8 is written for, the release was not at hand.
+_VERSIONS: Final = {
+    "control_msgs": {"humble": "4.8.0", "jazzy": "5.8.0", "kilted": "6.8.0"},
+    "controller_manager_msgs": {"humble": "2.54.0", "jazzy": "4.46.0", "kilted": "5.16.0"},
+    "tf2_msgs": {"humble": "0.25.0", "jazzy": "0.36.0", "kilted": "0.41.0"},
+    "ur_dashboard_msgs": {"humble": "2.14.0", "jazzy": "3.8.0", "kilted": "4.8.0"},
+    "ur_msgs": {"humble": "2.5.0", "jazzy": "2.5.0", "kilted": "2.5.0"},
+}
+PACKAGES: Final = tuple(_VERSIONS)
+DISTRIBUTIONS: Final = tuple(_VERSIONS["control_msgs"])
+
+_WHEELS: Final = "pip install 'ur-emulator[ros2]'"
+_MANIFEST: Final = "manifest.json"
+_LOOK: Final = 0.2  # s between looks whether another process is ready
+
+
+@dataclass(frozen=True)
+class Ros2Installation:
+    """The ROS 2 that this process would import.
+
+    distribution: its name in lower case (``jazzy``). prefixes: folders that hold it, the first has precedence.
+    sourced: whether it is a workspace that was sourced; otherwise it is of wheels.
+    """
+
+    distribution: str
+    prefixes: tuple[Path, ...]
+    sourced: bool
+
+
+@dataclass(frozen=True)
+class MessagePackages:
+    """What `ensure` did. prefix: where the packages are that it made, None if there was nothing to make."""
+
+    names: tuple[str, ...] = ()
+    prefix: Path | None = None
+
+    @property
+    def setup_file(self) -> Path | None:
+        """What a shell has to source so that other programs (``ros2``, nodes of a user) find the packages."""
+        return self.prefix / "setup.sh" if self.prefix else None
+
+    def environment(self) -> dict[str, str]:
+        """Variables by which another process finds the packages; without those that stay as they are in this one."""
+        if self.prefix is None:
+            return {}
+        index = os.environ.get("AMENT_PREFIX_PATH") or os.pathsep.join(map(str, find_installation().prefixes))
+        modules = os.environ.get("PYTHONPATH", "")
+        return {
+            "AMENT_PREFIX_PATH": _joined(str(self.prefix), index),
+            "PYTHONPATH": _joined(modules, str(python_folder(self.prefix))),
+        }
+
+
+def ensure(progress: Progress | None = None, cache: Path | None = None) -> MessagePackages:
+    """Makes every package of `PACKAGES` importable, in this process and in those it starts.
+
+    What is there is not touched. The rest is taken from ``cache`` or made there, which takes a minute or so; another
+    process that wants the same at the same time waits for the first. Without ``cache``: the folder named by the
+    environment variable UR_CLIENT_ROS2_CACHE, else ``ur-client/ros2`` in the user's cache. Raises Ros2Error.
+    """
+    names = missing()
+    if not names:
+        return MessagePackages()
+    installation = find_installation()
+    plan = _plan(names, installation)
+    prefix = (cache or default_cache()) / _key(plan, installation)
+    if not _whole(prefix):
+        try:
+            prefix.parent.mkdir(parents=True, exist_ok=True)
+            with _lock(prefix, progress):
+                if not _whole(prefix):
+                    _build(plan, prefix, progress)
+        except OSError as error:
+            raise Ros2Error(
+                f"no message packages can be made in {prefix.parent} ({error.strerror or error}): make it writable, "
+                f"or name another folder in {CACHE_VARIABLE}"
+            ) from error
+    packages = MessagePackages(names, prefix)
+    os.environ.update(packages.environment())
+    sys.path.append(str(python_folder(prefix)))
+    importlib.invalidate_caches()
+    return packages
+
+
+def missing() -> tuple[str, ...]:
+    """The packages of `PACKAGES` that cannot be imported."""
+    return tuple(name for name in PACKAGES if not _importable(name))
+
+
+def _importable(name: str) -> bool:
+    spec = importlib.util.find_spec(name)
+    return spec is not None and spec.origin is not None  # else a folder that happens to have this name
+
+
+def default_cache() -> Path:
+    """Where `ensure` keeps what it made."""
+    if named := os.environ.get(CACHE_VARIABLE):
+        return Path(named).expanduser().absolute()
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ur-client" / "ros2"
+
+
+def find_installation() -> Ros2Installation:
+    """Raises Ros2Error if there is none, or it is of a distribution whose definitions are not known here."""
+    spec = importlib.util.find_spec("rclpy")
+    if spec is None or spec.origin is None:
+        raise Ros2Error(f"there is no ROS 2: source a workspace (source /opt/ros/jazzy/setup.bash), or {_WHEELS}")
+    rclpy = Path(spec.origin)
+    sourced = tuple(Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix)
+    if any(prefix in rclpy.parents for prefix in sourced):
+        installation = Ros2Installation(os.environ.get("ROS_DISTRO", ""), sourced, sourced=True)
+    else:
+        names = (name for name in DISTRIBUTIONS if _installed(f"ros-{name}-rclpy"))
+        # <prefix>/lib/python3.12/site-packages/rclpy/__init__.py
+        installation = Ros2Installation(next(names, ""), (*sourced, rclpy.parents[4]), sourced=False)
+    if installation.distribution not in DISTRIBUTIONS:
+        raise Ros2Error(
+            f"the message packages {', '.join(missing())} are not installed, and can be made for {_either(DISTRIBUTIONS)} "
+            f"only, not for {installation.distribution or 'an unknown distribution'}: install them in the workspace"
+        )
+    return installation
+
+
+def _installed(distribution: str) -> bool:
+    try:
+        importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def _plan(names: Sequence[str], installation: Ros2Installation) -> Plan:
+    distribution = installation.distribution
+    packages = [(name, _VERSIONS[name][distribution], definitions(name, distribution)) for name in names]
+    return Plan(packages, [str(prefix) for prefix in installation.prefixes], prefix="", scratch="")
+
+
+def definitions(package: str, distribution: str) -> dict[str, str]:
+    """The text of every interface of a package, by its path in the package (``msg/IOStates.msg``)."""
+    folder = _INTERFACES / package
+    parts = [folder, *(part for part in folder.iterdir() if distribution in part.name.split("+"))]
+    files = [file for part in parts for kind in KINDS for file in part.glob(f"{kind}/*.{kind}")]
+    return {f"{file.parent.name}/{file.name}": file.read_text(encoding="utf-8") for file in sorted(files)}
+
+
+def _key(plan: Plan, installation: Ros2Installation) -> str:
+    """A folder's name, another one for whatever the libraries depend on."""
+    numpy = importlib.metadata.version("numpy").split(".")[0]
+    parts = [json.dumps(plan), _BUILDER.read_text(encoding="utf-8"), numpy, str(sysconfig.get_config_var("SOABI"))]
+    digest = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:12]
+    version = sysconfig.get_python_version()
+    return f"{installation.distribution}-python{version}-{platform.machine()}-{digest}"
+
+
+def _whole(prefix: Path) -> bool:
+    try:
+        files = json.loads((prefix / _MANIFEST).read_text(encoding="utf-8"))
+        return all((prefix / name).stat().st_size == size for name, size in files.items())
+    except (OSError, ValueError, AttributeError):
+        return False
+
+
+@contextlib.contextmanager
+def _lock(prefix: Path, progress: Progress | None) -> Iterator[None]:
+    """Waits for other processes that make the same. The lock of one that dies is gone with it."""
+    with open(f"{prefix}.lock", "w", encoding="utf-8") as file:
+        while True:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if progress:
+                    progress(0.0, "another process is making the message packages")
+                time.sleep(_LOOK)
+        yield
+
+
+def _build(plan: Plan, prefix: Path, progress: Progress | None) -> None:
+    for left in prefix.parent.glob(f"{prefix.name}.*/"):  # of those that died
+        shutil.rmtree(left, ignore_errors=True)
+    folder = Path(tempfile.mkdtemp(prefix=f"{prefix.name}.", dir=prefix.parent))
+    try:
+        made, scratch = folder / "prefix", folder / "scratch"
+        scratch.mkdir()
+        log = Path(f"{prefix}.log")
+        _run_builder(plan._replace(prefix=str(made), scratch=str(scratch)), log, progress)
+        (made / "setup.sh").write_text(_setup_file(prefix, plan), encoding="utf-8")
+        files = {str(file.relative_to(made)): file.stat().st_size for file in made.rglob("*") if file.is_file()}
+        (made / _MANIFEST).write_text(json.dumps(files), encoding="utf-8")
+        if prefix.exists():  # and is not whole
+            prefix.rename(folder / "broken")
+        made.rename(prefix)
+        log.unlink()
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _run_builder(plan: Plan, log: Path, progress: Progress | None) -> None:
+    error = ""
+    with log.open("w", encoding="utf-8") as stderr:
+        builder = subprocess.Popen(
+            [sys.executable, str(_BUILDER)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+            text=True,
+            start_new_session=True,  # so that its compilers can be ended with it
+        )
+        assert builder.stdin is not None
+        assert builder.stdout is not None
+        try:
+            with contextlib.suppress(BrokenPipeError), builder.stdin as stdin:
+                json.dump(plan._asdict(), stdin)
+            for line in builder.stdout:
+                part, what = line.rstrip("\n").split(" ", 1)
+                if part == "error":
+                    error = what
+                elif progress:
+                    progress(float(part), what)
+        except BaseException:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(builder.pid, signal.SIGKILL)
+            raise
+        finally:
+            builder.stdout.close()
+            builder.wait()
+    if builder.returncode:
+        names = ", ".join(name for name, _, _ in plan.packages)
+        raise Ros2Error(f"the message packages {names} cannot be made: {error or 'rosidl failed'}. Details: {log}")
+
+
+def _setup_file(prefix: Path, plan: Plan) -> str:
+    index = os.pathsep.join(plan.prefixes)
+    return (
+        "# Source this, after the workspace if there is one: ros2 and other nodes then find these message packages.\n"
+        f'export AMENT_PREFIX_PATH="{prefix}:${{AMENT_PREFIX_PATH:-{index}}}"\n'
+        f'export PYTHONPATH="${{PYTHONPATH:+$PYTHONPATH:}}{python_folder(prefix)}"\n'
+    )
+
+
+def _joined(*paths: str) -> str:
+    return os.pathsep.join(path for path in paths if path)
+
+
+def _either(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}"

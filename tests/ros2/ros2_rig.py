@@ -1,0 +1,110 @@
+"""A robot, its ROS 2 driver, and a plain rclpy program in another process that talks to it."""
+
+import asyncio
+import json
+import os
+import socket
+import sys
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from client.ros2.driver import DriverOptions, Ros2Driver
+from emulator.app import Emulator
+
+HOST = "127.0.0.1"
+SCALED = "scaled_joint_trajectory_controller"
+PATIENCE_S = 90.0
+_LAST = 99  # UDP ports of those beyond are taken for outgoing connections too
+_turns = count(os.getpid())
+
+
+@contextmanager
+def free_domain() -> Iterator[int]:
+    """The number of a domain that no other test of this machine uses meanwhile."""
+    for _ in range(_LAST):
+        number = 1 + next(_turns) % _LAST
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as claim:
+            try:
+                claim.bind((HOST, 7400 + 250 * number + 249))  # the last port of the domain, which nobody gets
+            except OSError:
+                continue
+            yield number
+            return
+    raise AssertionError(f"all domains from 1 to {_LAST} are in use")
+
+
+class Peer:
+    """The program peer.py."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        self._process = process
+
+    async def ask(self, **order: Any) -> dict[str, Any]:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(f"{json.dumps(order)}\n".encode())
+        async with asyncio.timeout(PATIENCE_S):
+            line = await self._process.stdout.readline()
+        assert line, f"it ended at {order}"
+        answer: dict[str, Any] = json.loads(line)
+        assert "error" not in answer or set(answer) != {"error"}, answer
+        return answer
+
+    async def call(self, service: str, kind: str, **request: Any) -> dict[str, Any]:
+        return await self.ask(call=service, type=kind, request=request)
+
+    async def echo(self, topic: str, kind: str, *, latched: bool = False, new: bool = False) -> dict[str, Any]:
+        return await self.ask(echo=topic, type=kind, latched=latched, new=new)
+
+    async def close(self) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        async with asyncio.timeout(PATIENCE_S):
+            await self._process.wait()
+
+
+@asynccontextmanager
+async def peer(domain: int) -> AsyncIterator[Peer]:
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        str(Path(__file__).with_name("peer.py")),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        limit=2**22,
+        env=environment,
+    )
+    started = Peer(process)
+    try:
+        yield started
+    finally:
+        try:
+            await started.close()
+        except TimeoutError:
+            process.kill()
+            await process.wait()
+            raise
+
+
+class Lab:
+    """What a test has: the emulator, the driver's nodes, and the peer."""
+
+    def __init__(self, robot: Emulator, driver: Ros2Driver, peer: Peer) -> None:
+        self.robot = robot
+        self.driver = driver
+        self.peer = peer
+
+
+@asynccontextmanager
+async def laboratory(robot: Emulator, options: dict[str, Any], **of_driver: Any) -> AsyncIterator[Lab]:
+    """A driver for a robot that has been entered, and a peer in its domain. options: of the robot's driver."""
+    with free_domain() as domain:
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        async with (
+            peer(domain) as other,
+            Ros2Driver(DriverOptions(HOST, options, domain=domain, **of_driver)) as driver,
+        ):
+            yield Lab(robot, driver, other)
