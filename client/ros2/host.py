@@ -105,14 +105,14 @@ class NodeHost:
         """Wait for a coroutine that runs in the event loop."""
         return asyncio.run_coroutine_threadsafe(_awaited(work), self.loop).result()
 
-    def ending(self, node: Node) -> Future[Any]:
+    def ending(self, node: Node) -> Any:
         """What a coroutine of this node can await, and any thread may set the result of."""
         executor, _ = self._spinning[node]
         future = Future(executor=executor)
         future.add_done_callback(_nothing)  # whose call wakes the executor: setting the result alone does not
         return future
 
-    def task(self, node: Node, work: "Coroutine[Any, Any, Any]") -> "Future[Any]":
+    def task(self, node: Node, work: Coroutine[Any, Any, Any]) -> Any:
         """Run a coroutine in the event loop; a coroutine of this node can await what it gives or raises.
 
         The node goes on meanwhile. When the node is closed the coroutine is cancelled.
@@ -120,7 +120,7 @@ class NodeHost:
         ended = self.ending(node)
         tasks = self._tasks[node]
 
-        def tell(task: "concurrent.futures.Future[Any]") -> None:
+        def tell(task: concurrent.futures.Future[Any]) -> None:
             tasks.discard(task)
             if task.cancelled():  # with the node
                 return
