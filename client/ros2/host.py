@@ -9,6 +9,7 @@ nodes, 300 of them here, which takes milliseconds.
 """
 
 import asyncio
+import logging
 import threading
 from collections.abc import Awaitable, Callable, Sequence
 from types import TracebackType
@@ -22,6 +23,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.task import Future
 
 Result = TypeVar("Result")
+
+_logger = logging.getLogger(__name__)
 
 SYSTEM_DEFAULT = qos_profile_system_default
 LATCHED = QoSProfile(
@@ -74,10 +77,14 @@ class NodeHost:
         thread.start()
 
     def _spin(self, executor: SingleThreadedExecutor) -> None:
-        try:
-            executor.spin()
-        except ExternalShutdownException:  # the context was shut down: nothing else is to be done
-            return
+        while True:
+            try:
+                executor.spin()
+                return
+            except ExternalShutdownException:  # the context was shut down: nothing else is to be done
+                return
+            except Exception:  # of a callback: its client goes without an answer, the others do not
+                _logger.exception("%s: a callback failed", threading.current_thread().name)
 
     def close(self, node: Node) -> None:
         """End a node and its thread; not from that thread."""
@@ -100,7 +107,7 @@ class NodeHost:
         """Wait for a coroutine that runs in the event loop."""
         return asyncio.run_coroutine_threadsafe(_awaited(work), self.loop).result()
 
-    def ending(self, node: Node) -> Future[Any]:
+    def ending(self, node: Node) -> Any:
         """What a coroutine of this node can await, and any thread may set the result of."""
         executor, _ = self._spinning[node]
         future = Future(executor=executor)
