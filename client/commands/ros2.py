@@ -5,12 +5,13 @@ import sys
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
 
 from client.commands.control import ControllersOption, MakeReady, controllers_file, run
 from client.commands.following import PortOffset, RobotIP
 from client.driver.config import ROBOT_PORTS
 from client.driver.scheduling import real_time
-from client.recording.extras import extra
 
 if TYPE_CHECKING:
     from client.ros2.driver import DriverOptions
@@ -46,8 +47,9 @@ def ros2_command(
     port_offset: PortOffset = 0,
 ) -> None:
     """Run the ROS 2 driver: nodes, topics, services and actions as of ur_robot_driver. See docs/ros2.md."""
-    with extra("ros2", "the ROS 2 driver"):
-        from client.ros2.driver import DriverOptions
+    prepare()
+    from client.ros2.driver import DriverOptions
+
     options = DriverOptions(
         robot_ip,
         {"robot_ports": {name: port + port_offset for name, port in ROBOT_PORTS.items()}},
@@ -62,6 +64,23 @@ def ros2_command(
     )
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
     run(serve(options))
+
+
+def prepare() -> None:
+    """See that rclpy and all message packages can be imported. Raises Ros2Error."""
+    from client.ros2 import message_packages
+
+    if not message_packages.missing():
+        return
+    with Progress(TextColumn("{task.description}"), BarColumn(), console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("message packages", total=1.0)
+
+        def show(part: float, what: str) -> None:
+            bar.update(task, completed=part, description=f"making message packages, once: {what}")
+
+        packages = message_packages.ensure(show)
+    if packages.setup_file is not None:
+        typer.echo(f"other programs find the message packages by: . {packages.setup_file}", err=True)
 
 
 async def serve(options: "DriverOptions") -> None:

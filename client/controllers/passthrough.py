@@ -109,8 +109,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         self.check_active()
         if self.goal is not None:
             raise self._rejected("a trajectory is under way: wait for its end, or cancel it")
-        TrajectoryRules(self.name, self.joints).check(goal.trajectory, self._now_s)
-        self._check_like(goal.trajectory)
+        self.check(goal.trajectory)
         unlimited = (Tolerance(),) * len(self.joints)
         try:
             self._limits = with_goal(Tolerances(unlimited, unlimited), goal, self.joints)
@@ -121,7 +120,9 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         self.goal = GoalHandle(goal)
         return self.goal
 
-    def _check_like(self, trajectory: JointTrajectory) -> None:
+    def check(self, trajectory: JointTrajectory) -> None:
+        """Whether it would be taken, were the controller active and idle. Raises GoalRejectedError."""
+        TrajectoryRules(self.name, self.joints).check(trajectory, self._now_s)
         if trajectory.stamp_s != 0.0:
             raise self._rejected("the robot begins at once: leave the trajectory's start time out")
         kinds = {(bool(point.velocities), bool(point.accelerations)) for point in trajectory.points}

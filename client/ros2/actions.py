@@ -63,6 +63,8 @@ class FollowTrajectoryAction:
     def _begin(self, request: Any) -> "_Begun":
         """In the event loop."""
         goal = _goal(request, Moment(self._robot.manager.time_s, time.time_ns()), self._controller)
+        self._controller.check_active()
+        self._controller.check(goal.trajectory)
         self._robot.check_reach(goal.trajectory)
         begun = _Begun(self._controller.send_goal(goal), self._host.ending(self._node))
         begun.handle.on_end.append(begun.ended.set_result)

@@ -10,6 +10,7 @@ nodes, 300 of them here, which takes milliseconds.
 
 import asyncio
 import concurrent.futures
+import logging
 import threading
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
@@ -24,6 +25,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.task import Future
 
 Result = TypeVar("Result")
+
+_logger = logging.getLogger(__name__)
 
 SYSTEM_DEFAULT = qos_profile_system_default
 LATCHED = QoSProfile(
@@ -77,10 +80,14 @@ class NodeHost:
         thread.start()
 
     def _spin(self, executor: SingleThreadedExecutor) -> None:
-        try:
-            executor.spin()
-        except ExternalShutdownException:  # the context was shut down: nothing else is to be done
-            return
+        while True:
+            try:
+                executor.spin()
+                return
+            except ExternalShutdownException:  # the context was shut down: nothing else is to be done
+                return
+            except Exception:  # of a callback: its client goes without an answer, the others do not
+                _logger.exception("%s: a callback failed", threading.current_thread().name)
 
     def close(self, node: Node) -> None:
         """End a node and its thread; not from that thread."""

@@ -10,6 +10,7 @@ from emulator.robot import payloadestimate
 from emulator.robot.installation import Payload
 from urproto.robots.pose import pose_inv, pose_trans
 from urproto.vectors import Vector3, Vector6, as_six
+from urproto.versions import Series
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, ListArg, Matrix, Num, PoseArg, Str, Struct
@@ -44,19 +45,19 @@ def get_gravity(host: ProgramHost) -> list[float]:
 def set_payload(host: ProgramHost, m: Num, cog: ListArg | None = None) -> None:
     """Payload mass [kg] and centre of gravity from the flange [m], the TCP when omitted."""
     centre = _xyz(host.machine.installation.tcp) if cog is None else three(cog, "set_payload: cog")
-    use_payload(host, Payload.of(checked_mass(m), centre))
+    use_payload(host, _assumed(host, checked_mass(m), centre))
 
 
 @LIBRARY.builtin(work=90)
 def set_payload_mass(host: ProgramHost, m: Num) -> None:
     """Payload mass [kg]."""
-    use_payload(host, Payload.of(checked_mass(m), host.machine.installation.target_payload.cog))
+    use_payload(host, _assumed(host, checked_mass(m), host.machine.installation.target_payload.cog))
 
 
 @LIBRARY.builtin(work=90)
 def set_payload_cog(host: ProgramHost, CoG: ListArg) -> None:
     """Payload centre of gravity from the flange [m]."""
-    use_payload(host, Payload.of(host.machine.installation.target_payload.mass, three(CoG, "set_payload_cog: CoG")))
+    use_payload(host, _assumed(host, host.machine.installation.target_payload.mass, three(CoG, "set_payload_cog: CoG")))
 
 
 # On CB3 from the first version on: the official control script names it there, in branches that never run.
@@ -132,6 +133,14 @@ def _sixes(values: object, what: str) -> list[Vector6]:
     if not isinstance(rows, list | tuple) or not all(isinstance(row, list | tuple) for row in rows):
         raise RuntimeFault(f"estimate_payload: {what} must be a list of poses or of lists of six numbers")
     return [as_six(numbers(row, 6, f"estimate_payload: each element of {what}")) for row in rows]
+
+
+def _assumed(host: ProgramHost, mass: float, cog: Vector3) -> Payload:
+    """The payload when no inertia is given: a sphere on e-Series, as the Script Manual says; CB3 reports zeros.
+
+    Source of the zeros: the ROS 2 driver compares what RTDE reports with what it has set, on CB3 without an inertia.
+    """
+    return Payload(mass, cog) if host.machine.version.series is Series.CB3 else Payload.of(mass, cog)
 
 
 def use_payload(host: ProgramHost, payload: Payload, transition_s: float = 0.0) -> None:

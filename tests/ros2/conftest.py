@@ -5,3 +5,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "driver"))
 sys.path.insert(0, str(Path(__file__).parent))
+
+from client.ros2 import message_packages
+
+message_packages.ensure()

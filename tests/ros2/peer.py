@@ -34,7 +34,7 @@ def plain(value):
         return value[0]
     if isinstance(value, array.array | list | tuple) or type(value).__name__ == "ndarray":
         return [plain(item) for item in value]
-    return value
+    return value.item() if hasattr(value, "item") else value  # of numpy
 
 
 def fill(message, values):

@@ -1,8 +1,10 @@
 """The ROS 2 driver before a plain rclpy program in another process: one robot for all of them, at its usual speed."""
 
+import json
 import math
 import time
 from collections.abc import AsyncIterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,7 +14,7 @@ from ros2_rig import SCALED, Lab, laboratory
 
 from urproto.joints import JOINT_NAMES
 
-pytestmark = pytest.mark.asyncio(loop_scope="module")
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("ros2")]
 
 FOLLOW = "control_msgs/action/FollowJointTrajectory"
 SWITCH = "controller_manager_msgs/srv/SwitchController"
@@ -162,7 +164,7 @@ async def test_goals_that_make_no_sense_are_refused_and_move_nothing(lab: Lab) -
         trajectory((HOME, 1.0), names=[*JOINT_NAMES[:5], "knee_joint"]),
         trajectory((HOME, 2.0), (HOME, 1.0)),
         trajectory((shifted(math.nan), 1.0)),
-        trajectory((shifted(100.0), 60.0)),
+        trajectory((shifted(5.0, joint=2), 60.0)),
         trajectory((HOME[:3], 1.0)),
         {},
     ):
@@ -233,16 +235,31 @@ async def test_unknown_controllers(lab: Lab) -> None:
     assert not (await lab.peer.call("/controller_manager/load_controller", load))["ok"]
 
 
-async def test_a_controller_is_unloaded_and_loaded_again(lab: Lab) -> None:
-    name = "forward_effort_controller"
-    verbs = {"unload": "Unload", "load": "Load", "configure": "Configure"}
-    for verb, kind in verbs.items():
-        service = f"/controller_manager/{verb}_controller"
-        answer = await lab.peer.call(service, f"controller_manager_msgs/srv/{kind}Controller", name=name)
-        assert answer["ok"], verb
-        nodes = (await lab.peer.ask(graph=True))["nodes"]
-        assert (name in await states(lab)) == (verb != "unload")
-    assert f"/{name}" in nodes
+async def test_a_controller_of_ones_own_is_loaded_and_unloaded(lab: Lab, tmp_path: Path) -> None:
+    """As ``ros2 control load_controller mine --param-file`` does it, and the spawner."""
+    name = "mine"
+    file = tmp_path / "mine.yaml"
+    file.write_text(f"{name}: {{ros__parameters: {{joints: {json.dumps(JOINT_NAMES)}, interface_name: velocity}}}}\n")
+    values = {f"{name}.type": "forward_command_controller/ForwardCommandController", f"{name}.params_file": str(file)}
+    answer = await lab.peer.call(
+        "/controller_manager/set_parameters",
+        "rcl_interfaces/srv/SetParameters",
+        parameters=[{"name": key, "value": {"type": 4, "string_value": value}} for key, value in values.items()],
+    )
+    assert all(one["successful"] for one in answer["results"]), answer
+
+    async def do(verb: str) -> bool:
+        kind = f"controller_manager_msgs/srv/{verb.capitalize()}Controller"
+        return bool((await lab.peer.call(f"/controller_manager/{verb}_controller", kind, name=name))["ok"])
+
+    assert await do("load")
+    assert not await do("load")  # it is already
+    assert (await states(lab))[name] == "unconfigured"
+    assert await do("configure")
+    assert (await states(lab))[name] == "inactive"
+    assert f"/{name}" in (await lab.peer.ask(graph=True))["nodes"]
+    assert await do("unload")
+    assert name not in await states(lab)
     answer = await lab.peer.call(
         "/controller_manager/unload_controller", "controller_manager_msgs/srv/UnloadController", name=SCALED
     )
