@@ -79,6 +79,7 @@ $(VENV)/.base: pyproject.toml | $(VENV)/bin/python
 # CI takes what constraints.txt names, each file by its hash; elsewhere the newest packages are tried.
 $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(if $(CI),tests/install_locked.sh $(BIN)/python,$(BIN)/python -m pip install --quiet --editable '.[test,check]')
+	$(BIN)/ur-client ros2 --setup || echo "Tests of the ROS 2 driver need the message packages: they will fail." >&2
 	touch $@ $(VENV)/.base
 
 $(VENV)/.fuzz: $(VENV)/.dev

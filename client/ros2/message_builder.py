@@ -200,7 +200,7 @@ class Generators:
     def _tasks(self, package: Package) -> Iterator[Callable[[], object]]:
         supports = self._installation.typesupports
         rosidl = self._rosidl
-        hashes = {}
+        hashes: dict[str, Any] = {}
         if rosidl.hashes is not None:
             files = [Path(file) for file in package.files]
             hashes["type_description_tuples"] = [
