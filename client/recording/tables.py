@@ -180,7 +180,7 @@ def read_npz(path: Path) -> Recording:
                 for name in file.files:
                     if name in OUTPUT_FIELDS:
                         try:
-                            values[name] = file[name]
+                            values[name] = np.asarray(file[name])  # bytes, when it does not begin as an array
                         except Exception as error:  # as below
                             broken.append(f"{name} is damaged and left out: {error}")
                 info = _info(file[_INFO]) if _INFO in file.files else {}

@@ -2,6 +2,7 @@
 
 import csv
 import sys
+import zipfile
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -248,6 +249,15 @@ def test_an_unfinished_recording_whose_beginning_is_damaged(tmp_path: Path, head
     path = tmp_path / "run.npz"
     path.write_bytes(b"ur-client recording, not finished\n" + head + b"\n" + bytes(96))
     with pytest.raises(RecordingError, match=f"beginning is damaged: .*{why}" if why != "damaged" else why):
+        read(path)
+
+
+def test_an_array_that_does_not_begin_as_one(tmp_path: Path) -> None:
+    """numpy gives its bytes then, and says nothing."""
+    path = tmp_path / "run.npz"
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("actual_q.npy", b"not an array")
+    with pytest.raises(RecordingError, match=r"actual_q of .* has the shape"):
         read(path)
 
 
