@@ -16,6 +16,7 @@ from emulator.control.remote import ControlClient
 from emulator.control.verbs import BadArguments, NotPossible
 from urproto.commandline import application, console
 from urproto.ports import CONTROL_API_PORT
+from urproto.text import json_document
 
 _FAILED: Final = 1
 _USAGE_ERROR: Final = 2
@@ -93,14 +94,14 @@ def _value(word: str, kind: str) -> Any:
     if kind == "str":
         return word
     try:
-        return json.loads(word)
+        return json_document(word)
     except ValueError:
         return {"on": True, "off": False}.get(word, word)
 
 
 def _read(file: Path) -> Any:
     try:
-        return json.loads(file.read_text())
+        return json_document(file.read_text())
     except ValueError as error:
         raise BadArguments(f"{file} is not JSON: {error}") from error
 

@@ -121,7 +121,7 @@ class ExpressionParser:
         if string is not None:
             problem += f"; the string that starts in line {string.line} is closed only here"
         else:
-            at = self.tokens.index(token, min(self.started, self.at))
+            at = bisect_left(self.tokens, (token.line, token.column), key=attrgetter("line", "column"))
             odd = self.odd_end is not None and self.odd_end < at - 1
             cause = end_with_word(self.tokens, self.odd_end or 0) if odd else blamed
             hint = cause.text if cause else syntax_hint(self.tokens, at, self.started)

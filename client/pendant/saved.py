@@ -10,6 +10,7 @@ from typing import Any, Final, Generic, TypeVar
 from client.errors import FileError
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
+from urproto.text import json_document
 
 
 class Tools:
@@ -170,7 +171,7 @@ class OwnFile(Generic[_T]):
 
     def _load(self, path: Path) -> dict[str, _T]:
         try:
-            return self._parse(json.loads(path.read_text("utf-8")))
+            return self._parse(json_document(path.read_text("utf-8")))
         except FileNotFoundError:
             return {}
         except OSError as error:

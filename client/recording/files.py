@@ -14,8 +14,9 @@ from client.errors import RecordingError
 from client.recording.mcapfile import McapWriter, read_mcap
 from client.recording.recording import DEFAULT_FIELDS, Info, Recording
 from client.recording.tables import CsvWriter, NpzWriter, read_csv, read_npz
-from client.recording.timestamps import LONGEST_S, Stamps
+from client.recording.timestamps import Stamps
 from client.rtde import unknown_fields
+from urproto.rtde.fields import LONGEST_S
 
 FORMATS: Final = (".mcap", ".csv", ".npz")
 _DEFAULT: Final = "default"

@@ -216,9 +216,10 @@ class _Content:
         kind = self._types[channel.id] = MessageType(schema.name, schema.data.decode("utf-8", "replace"))
         if controller:
             self._controllers[channel.id] = TrackingBuilder(controller)
-        if channel.topic == RTDE_TOPIC:
+        names = tuple(name for lower, name in _RTDE_NAMES.items() if lower in kind.names)
+        if channel.topic == RTDE_TOPIC and names:
             self._rtde_channel = channel.id
-            self._rtde = Columns(tuple(name for lower, name in _RTDE_NAMES.items() if lower in kind.names))
+            self._rtde = Columns(names)
 
     def _take_message(self, channel: int, time_ns: int, data: bytes) -> None:
         if channel not in self._types:

@@ -50,6 +50,6 @@ def test_a_plane_has_no_size() -> None:
 
 def test_a_saved_state_is_read_and_nonsense_refused() -> None:
     assert read_document(json.dumps({"format": 1}).encode()) == {"format": 1}
-    for nonsense in (b"\xff\xfe", b"[1]", b"{"):
+    for nonsense in (b"\xff\xfe", b"[1]", b"{", b"[" * 5000):
         with pytest.raises(ValueError, match="not a saved state"):
             read_document(nonsense)

@@ -2,6 +2,7 @@
 
 import csv
 import sys
+import zipfile
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -232,6 +233,43 @@ def test_what_cannot_be_written_or_read_is_told(states, tmp_path: Path) -> None:
         convert(tmp_path / "one.csv", tmp_path / "one.csv")
     with pytest.raises(RecordingError, match=r"payload was not recorded.*--fields default,payload"):
         read(tmp_path / "one.csv")["payload"]
+
+
+@pytest.mark.parametrize(
+    ("head", "why"),
+    [
+        (b'{"names": [], "info": {}}', "names no variable"),
+        (b'{"names": ["actual_q", "actual_q"], "info": {}}', "one twice"),
+        (b"[" * 5000, "nested too deeply"),
+        (b"[]", "damaged"),
+    ],
+    ids=["none", "twice", "brackets", "list"],
+)
+def test_an_unfinished_recording_whose_beginning_is_damaged(tmp_path: Path, head: bytes, why: str) -> None:
+    path = tmp_path / "run.npz"
+    path.write_bytes(b"ur-client recording, not finished\n" + head + b"\n" + bytes(96))
+    with pytest.raises(RecordingError, match=f"beginning is damaged: .*{why}" if why != "damaged" else why):
+        read(path)
+
+
+def test_an_array_that_does_not_begin_as_one(tmp_path: Path) -> None:
+    """numpy gives its bytes then, and says nothing."""
+    path = tmp_path / "run.npz"
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("actual_q.npy", b"not an array")
+    with pytest.raises(RecordingError, match=r"actual_q of .* has the shape"):
+        read(path)
+
+
+def test_a_bag_whose_rtde_has_no_variable_of_rtde(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = RosWriter(file)
+        schema = writer.register_msgdef("other/msg/State", "float64 voltage\n")
+        writer.write_message("/rtde", schema, {"voltage": 1.0}, log_time=1, publish_time=1)
+        writer.finish()
+    with pytest.raises(RecordingError, match="has no messages on /rtde"):
+        read(path)
 
 
 @pytest.mark.parametrize("suffix", FORMATS)

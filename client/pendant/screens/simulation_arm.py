@@ -11,6 +11,7 @@ from client.pendant.page import Page
 from client.pendant.station import Station
 from urproto.joints import JOINT_TITLES
 from urproto.robots import START_Q
+from urproto.text import json_document
 
 _MM: Final = 1e3
 _MOST_BYTES: Final = 4_000_000  # what the control API takes
@@ -116,7 +117,7 @@ def _state(page: Page) -> None:
 def read_document(content: bytes) -> dict[str, Any]:
     """A state that was saved. Raises ValueError."""
     try:
-        document = json.loads(content)
+        document = json_document(content)
     except (ValueError, UnicodeDecodeError) as error:
         raise ValueError(f"This file is not a saved state: {error}.") from error
     if not isinstance(document, dict):
