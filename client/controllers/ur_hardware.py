@@ -21,7 +21,7 @@ from client.driver.availability import GATES
 from client.driver.endpoint import LONGEST_REAL_TIME_S
 from client.driver.robot import MOVABLE
 from client.errors import ControllerError, LateSetpointError
-from urproto.errors import URError
+from urproto.errors import LocalProtocolError, URError
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
 from urproto.joints import JOINT_NAMES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
@@ -72,6 +72,7 @@ class URHardware:
         self._scaling = 1.0
         self._waits = False
         self._held_up = False  # setpoints were late
+        self._unsendable = ""  # why what was commanded cannot be sent
         self._stands = False  # and the program knows where
         self._forgiven_s = 0.0  # until when the program may be missing
         self._offset = [0.0] * len(JOINT_NAMES)
@@ -97,7 +98,8 @@ class URHardware:
         self._scale(state, period_s)
         if self._ready and not was_ready:
             self._come_back()
-        self.failure = self._judge(state["timestamp"], mode, state["robot_mode"], running)
+        unsendable, self._unsendable = self._unsendable, ""
+        self.failure = self._judge(state["timestamp"], mode, state["robot_mode"], running) or unsendable or None
 
     def _scale(self, state: Mapping[str, Any], period_s: float) -> None:
         full = state["speed_scaling"] * state["target_speed_fraction"]
@@ -223,6 +225,8 @@ class URHardware:
             do()
         except LateSetpointError:  # logged where it was noticed
             self._held_up = True
+        except LocalProtocolError as error:  # a number that no message carries, and the next one will be like it
+            self._unsendable = f"what is commanded cannot be sent: {error}"
         except URError as error:  # the program has just left: read() will know
             _logger.warning("%s", error)
 

@@ -1,4 +1,4 @@
-"""The list of mutants is about the code as it is: `make mutants`, which takes long, is not to find out that it is not."""
+"""The list of mutants is about the code as it is: it does not take `make mutants`, which is slow, to find that out."""
 
 import ast
 
