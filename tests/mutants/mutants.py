@@ -13,7 +13,7 @@ A mutant in mutants.toml:
     package   the folder, or file, that `before` is looked for in; it stands there once
     before    a piece of code, whatever its line breaks and indentation
     after     what stands there instead
-    tests     the files of tests that should find it
+    tests     the files of tests, or single ones as pytest names them, that should find it
     missed    only of one that nothing finds: why that may be so
 """
 
@@ -66,10 +66,12 @@ def read_list(path: Path) -> list[Mutant]:
 
 def changed(mutant: Mutant, tree: Path) -> tuple[Path, str]:
     """The file that a mutant changes, and its text with the bug. Raises GoneError."""
-    pattern = re.compile(r"\s+".join(map(re.escape, mutant.before.split())))
+    words = mutant.before.split()
+    pattern = re.compile(r"\s+".join(map(re.escape, words)))
     folder = tree / mutant.package
     files = [folder] if folder.is_file() else sorted(folder.rglob("*.py"))
-    places = [(file, text) for file in files for text in [file.read_text()] for _ in pattern.finditer(text)]
+    likely = [(file, text) for file in files if all(word in (text := file.read_text()) for word in words)]
+    places = [(file, text) for file, text in likely for _ in pattern.finditer(text)]
     if len(places) != 1:
         raise GoneError(f"{' '.join(mutant.before.split())!r} stands {len(places)} times in {mutant.package}")
     ((file, text),) = places
