@@ -77,10 +77,8 @@ def _build(kind: type[Any], given: Mapping[str, Any], owner: str, path: str, rea
         if key in known and key != rest:
             if why := known[key].metadata.get(_WHY):
                 reading.without_effect.append(f"{place} ({why})")
-            values[key] = _value(hints[key], value, owner, place, reading)
-            if isinstance(values[key], float) and not (
-                isfinite(values[key]) or _may_be_infinite(known[key], values[key])
-            ):
+            values[key] = found = _value(hints[key], value, owner, place, reading)
+            if isinstance(found, float) and not isfinite(found) and not (isinf(found) and _is_limit(known[key])):
                 raise ControllerError(owner, f"{place} is a finite number, not {quoted(value)}")
         elif rest and isinstance(value, Mapping):
             values[rest][key] = _build(get_args(hints[rest])[1], value, owner, f"{place}.", reading)
@@ -95,8 +93,9 @@ def _is_required(entry: Any) -> bool:
     return entry.default is MISSING and entry.default_factory is MISSING
 
 
-def _may_be_infinite(entry: Any, value: float) -> bool:
-    return isinf(value) and isinstance(entry.default, float) and isinf(entry.default)
+def _is_limit(entry: Any) -> bool:
+    """There need not be one: it is infinite until it is set."""
+    return isinstance(entry.default, float) and isinf(entry.default)
 
 
 def _value(hint: Any, value: Any, owner: str, place: str, reading: Reading) -> Any:
@@ -114,7 +113,10 @@ def _value(hint: Any, value: Any, owner: str, place: str, reading: Reading) -> A
 
 def _scalar(hint: Any, value: Any, owner: str, place: str) -> Any:
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError:
+            raise ControllerError(owner, f"{place} is a finite number, not {quoted(value)}") from None
     if isinstance(value, hint) and (hint is bool or not isinstance(value, bool)):
         return value
     raise ControllerError(owner, f"{place} is {_WORDS[hint]}, not {quoted(value)}")

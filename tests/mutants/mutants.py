@@ -175,7 +175,8 @@ def main() -> int:
         bench = Bench(Path(folder), given.jobs)
         troubles = {test: said for test, said in zip(subjects, pool.map(bench.trouble, subjects), strict=True) if said}
         print(*troubles.values(), sep="\n", end="\n" if troubles else "")
-        print(f"{len(subjects) - len(troubles)} of {len(subjects)} files of tests pass without a bug", flush=True)
+        if subjects:
+            print(f"{len(subjects) - len(troubles)} of {len(subjects)} files of tests pass without a bug", flush=True)
         provable = [mutant for mutant in mutants if not set(mutant.tests) & set(troubles)]
         verdicts = dict(zip(provable, pool.map(bench.verdict, provable), strict=True))
     return _report(mutants, verdicts, whole=not given.words)
