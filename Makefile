@@ -23,7 +23,7 @@ pages: $(VENV)/.dev
 	tests/system_packages.sh
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m page $(ARGS)
 
-# Bugs planted one at a time, and whether the tests of their subject find them: half an hour. ARGS="rtde motion" for those
+# Bugs planted one at a time, and whether the tests of their subject find them: an hour. ARGS="rtde motion" for those
 # of some subjects only.
 mutants: $(VENV)/.dev
 	$(BIN)/python tests/mutants/mutants.py $(ARGS)

@@ -121,6 +121,7 @@ class ControllerManager:
     ) -> None:
         """End some controllers and begin others, in one cycle: all of it, or, with an error, nothing.
 
+        Only a controller that fails as it begins is noticed too late for those that were to end; none begins then.
         best_effort: leave out those that are not in a state for it, instead. Raises
         ControllerError, naming the interface that two controllers would have at once.
         """

@@ -176,7 +176,7 @@ class OwnFile(Generic[_T]):
             return {}
         except OSError as error:
             raise FileError(path, error.strerror or str(error)) from error
-        except (ValueError, AttributeError) as error:  # UnicodeError and JSONDecodeError are ValueErrors
+        except (ValueError, AttributeError, ArithmeticError, RecursionError) as error:  # huge numbers, deep nesting
             raise FileError(path, f"these are no {self._what}: {error}; move the file away") from error
 
 

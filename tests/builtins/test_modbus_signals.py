@@ -158,6 +158,15 @@ def test_value_of_a_silent_device_is_tolerated_as_long_as_the_watchdog(rig, modb
     )
 
 
+def test_without_a_watchdog_time_a_valid_signal_can_be_read_and_no_other(rig, modbus):
+    rig.run(add(2) + 'modbus_set_signal_watchdog("s", 0)\nsleep(0.2)\ntextmsg(modbus_get_signal_status("s"))')
+    assert rig.texts == ["40000"]
+    del modbus.units[UNIT]
+    assert "invalid for more than 0 s" in rig.fault(
+        add(2) + 'modbus_set_signal_watchdog("s", 0)\nsleep(0.2)\nx = modbus_get_signal_status("s")'
+    )
+
+
 def test_last_value_holds_until_the_watchdog_of_a_lost_device_expires(rig, modbus):
     unit = modbus.units[UNIT]
     rig.start(

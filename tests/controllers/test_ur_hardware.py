@@ -13,7 +13,7 @@ from client.controllers.goals import ErrorCode, GoalStatus, JointTrajectory, Joi
 from client.controllers.manager import ControllerManager
 from client.controllers.ur_hardware import URHardware
 from client.errors import ControllerError, LateSetpointError, ProgramEndedError
-from urproto.external_control import SplineType, TrajectoryResult
+from urproto.external_control import SplineType, TrajectoryResult, to_words
 from urproto.joints import JOINT_NAMES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.robots.pose import wrench_trans
@@ -480,3 +480,18 @@ def test_what_a_controller_of_ours_does_wrong_is_not_taken_for_a_state_that_is()
     arm.hardware._scale = lambda state, period_s: 1 / 0
     with pytest.raises(ZeroDivisionError):
         arm.cycle()
+
+
+def test_a_controller_whose_commands_cannot_be_sent_is_ended_by_name(caplog):
+    arm = Arm()
+    arm.manager.activate("forward_velocity_controller")
+    arm.driver.speedj = lambda speeds, _: to_words(speeds)
+    arm.manager.controller("forward_velocity_controller").command([9e9, *REST[1:]])
+    arm.cycle(2)
+    assert not arm.manager.active()
+    assert arm.driver.calls[-1] == ("idle",)
+    assert "what is commanded cannot be sent: 9000000000.0 cannot be sent" in caplog.text
+    arm.cycle()
+    arm.manager.activate("forward_velocity_controller")
+    arm.cycle(10)
+    assert arm.manager.active(), "it is as before"

@@ -136,8 +136,11 @@ class _Reader:
         self.stalled = False
 
 
-async def test_clients_together_are_read_within_their_share_of_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Virtual time: two clients that always have something to say, and what it costs to read them."""
+@pytest.mark.parametrize("clients", [1, 2, 3])
+async def test_clients_together_are_read_within_their_share_of_time(
+    clients: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Virtual time: clients that always have something to say, and what it costs to read them."""
     now_s, wakes = 0.0, []
 
     class Loop:
@@ -146,7 +149,7 @@ async def test_clients_together_are_read_within_their_share_of_time(monkeypatch:
 
     monkeypatch.setattr("emulator.servers.read_budget.time.monotonic", lambda: now_s)
     monkeypatch.setattr("emulator.servers.read_budget.asyncio.get_running_loop", Loop)
-    intake, readers, used_s = Intake(0.002), [_Reader(), _Reader()], 0.0
+    intake, readers, used_s = Intake(0.002), [_Reader() for _ in range(clients)], 0.0
     for _ in range(20_000):
         for reader in readers:
             if not reader.stalled:

@@ -71,8 +71,10 @@ def test_without_a_file_they_last_as_long_as_the_pendant() -> None:
         b'{"ur5e": 1}',
         b'{"ur5e": {"box": [1, 2]}}',
         b'{"ur5e": {"a": [0,0,0,0,0,NaN]}}',
+        b'{"ur5e": {"a": [0,0,0,0,0,1' + 400 * b"0" + b"]}}",
+        100_000 * b"[",
     ],
-    ids=range(7),
+    ids=lambda content: content[:35].decode("latin-1"),
 )
 def test_a_file_that_has_no_poses_is_told_and_not_overwritten(path: Path, content: bytes) -> None:
     path.parent.mkdir()
