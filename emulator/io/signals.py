@@ -94,9 +94,6 @@ def _checked(index: int, count: int) -> int:
     return index
 
 
-ARMS_WITH_BASE_LIGHT: Final = ("ur20", "ur30")  # Script Manual, set_baselight_solid
-
-
 @dataclass(frozen=True, slots=True)
 class BaseLight:
     """``mode``: "iec" shows the state of the arm in the colours of IEC 60204-1 (how it begins is a guess), "solid"
