@@ -81,6 +81,11 @@ class PortServer:
             self.controller.post(ServingFailed(self.name, error))
 
     @property
+    def robot_time_s(self) -> float:
+        """Uptime of the controller at the end of its last control period [s]."""
+        return self.controller.snapshot.timestamp
+
+    @property
     def port(self) -> int:
         """The port it listens on, or did last."""
         return self._address[1]

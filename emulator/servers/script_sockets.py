@@ -46,10 +46,15 @@ _logger = logging.getLogger(__name__)
 
 
 class ScriptPort(PortServer):
-    """Keeps the connections of scripts, and their hooks."""
+    """Keeps the connections of scripts, and their hooks. robot_time: tells the controller's uptime [s], for the log."""
 
-    def __init__(self) -> None:
+    def __init__(self, robot_time: Callable[[], float] = lambda: 0.0) -> None:
         super().__init__("scripts", cast(ControllerDoor, None))  # it publishes nothing and commands nobody
+        self._robot_time = robot_time
+
+    @property
+    def robot_time_s(self) -> float:
+        return self._robot_time()
 
 
 class NetworkSockets:
