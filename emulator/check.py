@@ -128,7 +128,7 @@ class _Plan:
 
 
 def _plan(host: str, offset: int, ports_file: Path | None, require: Sequence[str]) -> _Plan:
-    known = _read_ports(ports_file) if ports_file is not None else _told_ports(host, PORTS["control"] + offset)
+    known = _read_ports(ports_file) if ports_file is not None else _reported_ports(host, PORTS["control"] + offset)
     named = [*require, *(known or _ALWAYS)]
     looked_for = [] if known is not None else _LOOKED_FOR
     names = dict.fromkeys((*_ALWAYS, *named, *looked_for))
@@ -144,7 +144,7 @@ def _read_ports(path: Path) -> dict[str, int]:
     return ports
 
 
-def _told_ports(host: str, port: int) -> dict[str, int] | None:
+def _reported_ports(host: str, port: int) -> dict[str, int] | None:
     """What an emulator says itself; None from a real robot, or an emulator that wants a token."""
     client = ControlClient(host, port, timeout_s=_ASK_S)
     try:

@@ -141,9 +141,9 @@ def within(name: str, parts: tuple[str, ...]) -> bool:
     return any(name == part or name.startswith(f"{part}.") for part in parts)
 
 
-def none(troubles: Iterable[str]) -> None:
+def none(problems: Iterable[str]) -> None:
     """Fail with all that was found at once: one rule is one test, however many modules there are."""
-    found = sorted(troubles)
+    found = sorted(problems)
     assert not found, "\n".join(found)
 
 

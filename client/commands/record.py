@@ -17,7 +17,7 @@ from client.connection import DEFAULT_TIMEOUT_S
 from client.driver.config import ROBOT_PORTS
 from client.errors import ClientError, FileError, RecordingError
 from client.recording import live
-from client.recording.files import Recorder, Writer, convert, field_names, read, told
+from client.recording.files import Recorder, Writer, convert, field_names, read, remarks
 from client.recording.live import (
     FOXGLOVE_PORT,
     PLOTJUGGLER_PORT,
@@ -295,7 +295,7 @@ def read_telling(path: Path) -> Recording:
 
 
 def _tell(path: Path, recording: Recording) -> None:
-    if what := told(recording.info):
+    if what := remarks(recording.info):
         typer.echo(f"note: {path}: {'; '.join(what)}; the {len(recording)} states that are left count", err=True)
 
 

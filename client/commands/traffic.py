@@ -55,7 +55,7 @@ def decode_command(
             _pump(source, session)
         except KeyboardInterrupt:  # the usual end of an endless stream
             _show(session.end())
-    if session.troubles:
+    if session.problems:
         raise typer.Exit(_UNREADABLE)
 
 
@@ -130,8 +130,8 @@ def replay_traffic_command(
 ) -> None:
     """Be the robot of a recording, until Ctrl-C: states by their times, answers by their requests."""
     recording = Recording.read(file, recorded_offset)
-    for trouble in recording.troubles:
-        typer.echo(f"! {trouble}", err=True)
+    for problem in recording.problems:
+        typer.echo(f"! {problem}", err=True)
     try:
         asyncio.run(_play(recording, listen, speed, loop, port_offset))
     except OSError as error:
@@ -197,7 +197,7 @@ def _refuse_loop(routes: list[Route]) -> None:
 
 def _recorder(file: Path, robot_ip: str, port_offset: int) -> Recorder:
     comments = asyncio.run(ask_identity(robot_ip, port_offset))
-    return Recorder(file, comments, trouble=_warn)
+    return Recorder(file, comments, problem=_warn)
 
 
 async def _carry(routes: list[Route], recorder: Recorder | None) -> None:

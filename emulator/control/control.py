@@ -109,11 +109,11 @@ class PortVerbs(Verbs):
 
     @verb
     def pendant(self) -> dict[str, Any]:
-        """The teach pendant's process: state (none, starting, running, waiting, given up), port, pid, starts, trouble.
+        """The teach pendant's process: state (none, starting, running, waiting, given up), port, pid, starts, problem.
 
-        One that was killed or has crashed is started anew, later each time; ``trouble`` tells why the last one ended.
+        One that was killed or has crashed is started anew, later each time; ``problem`` tells why the last one ended.
         """
-        return {"state": "none", "port": None, "pid": None, "starts": 0, "trouble": ""} | self._pendant_report()
+        return {"state": "none", "port": None, "pid": None, "starts": 0, "problem": ""} | self._pendant_report()
 
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from emulator.control.control import LiveControl, is_waiting
 from emulator.control.openapi import listing, openapi
 from emulator.control.verbs import BadArguments, NotPossible, Verb, verbs_of
 from emulator.servers.connection import Connection
-from emulator.servers.port import ControllerDoor, PortServer
+from emulator.servers.port import PortServer, ServedController
 from emulator.snapshot import Snapshot
 from urproto.backdoors import BackdoorMark
 from urproto.text import from_bytes, readable_in, to_bytes
@@ -40,7 +40,7 @@ class _Refused(Exception):  # noqa: N818 - an answer
 class ControlServer(PortServer):
     """Calls the verbs of ``control``. ``token``: what a client has to present, "" for nothing."""
 
-    def __init__(self, controller: ControllerDoor, control: LiveControl, token: str = "") -> None:
+    def __init__(self, controller: ServedController, control: LiveControl, token: str = "") -> None:
         super().__init__("control", controller)
         self.control = control
         self.token = token

@@ -97,7 +97,7 @@ def _menu(page: Page, name: str) -> None:
 
 async def _rename(page: Page, name: str) -> None:
     station = page.station
-    new = await _asked("Rename pose", name)
+    new = await _ask("Rename pose", name)
     if new is not None:
 
         async def rename() -> None:
@@ -106,7 +106,7 @@ async def _rename(page: Page, name: str) -> None:
         await page.attempt(rename)
 
 
-async def _asked(title: str, text: str) -> str | None:
+async def _ask(title: str, text: str) -> str | None:
     """What somebody types instead of a text; None if nothing."""
     with ui.dialog() as dialog, ui.card():
         ui.label(title).classes("text-h6")

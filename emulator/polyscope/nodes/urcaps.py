@@ -26,7 +26,7 @@ def contributed(writer: Writer, element: Element) -> None:
         return
     urcap, kind = element.get("strategyURCapName"), element.get("strategyProgramNodeType")
     tree = writer.home(element)
-    lines = tree.twin.code(writer.line_in(tree, element), urcap, kind)
+    lines = tree.saved_script.code(writer.line_in(tree, element), urcap, kind)
     if lines is None:
         raise TreeError(
             f"the node {kind!r} is one of the URCap {urcap!r}, which is not installed here; "
