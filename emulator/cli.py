@@ -10,8 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import wraps
-from inspect import Parameter, Signature, signature
+from inspect import Parameter, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn
 
@@ -21,7 +20,7 @@ from emulator.logs import LogLevel, log_to_stderr
 from emulator.realtime import RealTime
 from emulator.robot.kinds import ArmKind
 from emulator.services.sockets import ScriptNetwork
-from urproto.commandline import Deferred, application, completing, load_from, version_of
+from urproto.commandline import Deferred, application, completing, load_from, version_of, with_options_of
 from urproto.ports import PENDANT_PORT
 
 if TYPE_CHECKING:
@@ -180,19 +179,7 @@ ROBOT_OPTIONS: Final[Mapping[str, Parameter]] = signature(configure).parameters
 
 def with_robot_options(*, without: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Let a command have the options of ``configure`` before its own; it gets them as a mapping, first of all."""
-    options = {name: option for name, option in ROBOT_OPTIONS.items() if name not in without}
-
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        _, *own = signature(command).parameters.values()
-
-        @wraps(command)
-        def run(**given: Any) -> None:
-            command({name: given.pop(name) for name in options}, **given)
-
-        run.__signature__ = Signature([*options.values(), *own])  # type: ignore[attr-defined]
-        return run
-
-    return decorate
+    return with_options_of(configure, without=without)
 
 
 @app.callback(invoke_without_command=True, subcommand_metavar="[COMMAND [ARGS]...]")

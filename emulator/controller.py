@@ -19,8 +19,7 @@ from emulator.devices.robotiq import Gripper
 from emulator.devices.tool_line import ToolLine
 from emulator.guard import MOVING, PUBLISHING, Guard
 from emulator.io.encoders import Encoders
-from emulator.io.port_memory import PortMemory
-from emulator.io.signals import BaseLight, ForceInput, Registers, Signals
+from emulator.io.signals import BaseLight, ForceInput, ModbusRegisters, Registers, Signals
 from emulator.lifecycle.power import Power, PowerEvent, PowerState
 from emulator.lifecycle.runstate import Speed, StopCause
 from emulator.lifecycle.safety import Safety, SafetyEvent
@@ -76,7 +75,7 @@ class Controller(Machine):
         self.messages = MessageLog(self._time_us)
         self.popups = Popups(self.messages, lambda: self.time_s, config.popup_auto_close_s)
         self.registers = Registers()
-        self.port_memory: PortMemory = PortMemory()
+        self.modbus_registers: ModbusRegisters = ModbusRegisters()
         early = not config.dynamic and not _LATE_SIMULATOR.covers(self.version)
         self.signals = Signals(early_simulator=early)
         self.encoders = Encoders(self.period_s, config.encoder_speeds)

@@ -1,4 +1,4 @@
-"""Digital and analog inputs and outputs of the control box and the tool flange.
+"""Digital and analog inputs and outputs of the control box and the tool flange; registers; the base light.
 
 Digital signals share one word each way: bits 0-7 standard, 8-15 configurable, 16-17
 tool (RTDE and primary interface agree on this). Analog values are kept in amperes and
@@ -86,6 +86,24 @@ class Registers:
         snapshot.input_int_registers, snapshot.input_double_registers = given.ints, given.doubles
         snapshot.output_bit_registers = made.bits
         snapshot.output_int_registers, snapshot.output_double_registers = made.ints, made.doubles
+
+
+MODBUS_GENERAL_PURPOSE: Final = range(128, 256)
+"""Registers of the Modbus server that mean what programs and clients agree on."""
+
+
+class ModbusRegisters:
+    """Those of the Modbus server that show nothing else: the general purpose ones, and the uptime latched last."""
+
+    def __init__(self) -> None:
+        self.general = [0] * len(MODBUS_GENERAL_PURPOSE)
+        self.uptime = [0] * 5  # ms, s, min, h, days
+
+    def latch_uptime(self, seconds: float) -> None:
+        """Keep the time since the controller started until the next call."""
+        milliseconds = round(seconds * 1000.0)
+        whole = milliseconds // 1000
+        self.uptime = [milliseconds % 1000, whole % 60, whole // 60 % 60, whole // 3600 % 24, whole // 86400]
 
 
 def _checked(index: int, count: int) -> int:
