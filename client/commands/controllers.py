@@ -60,9 +60,9 @@ def goal_command(
     positions: Annotated[str, typer.Option(help='Joint angles, base to wrist 3: "0,-1.57,0,-1.57,0,0" [rad].')],
     time: Annotated[float, typer.Option(help="How long the motion takes at full speed [s].")] = 6.0,
     degrees: Annotated[bool, typer.Option("--degrees", help="The angles are in degrees.")] = False,
-    controller: Annotated[str, typer.Option(help="Which trajectory controller.")] = _CONTROLLER,
+    controller: Annotated[str, typer.Option(help="Trajectory controller to use.")] = _CONTROLLER,
 ) -> None:
-    """Move the arm to joint angles, smoothly and at rest there; Ctrl-C stops it softly."""
+    """Move the arm to joint angles and stop there; Ctrl-C brings it to rest."""
     q = tuple(radians(angle) for angle in _angles(positions)) if degrees else _angles(positions)
     _check_time(time)
     target = _target(**robot)
@@ -74,12 +74,12 @@ def goal_command(
 def publish_goals_command(
     robot: Mapping[str, Any],
     file: Annotated[Path, typer.Argument(help="Goals as publisher_joint_trajectory_controller reads them.")],
-    node: Annotated[str | None, typer.Option(help="Which of the file's sections, when it has several.")] = None,
+    node: Annotated[str | None, typer.Option(help="Section of the file, if it has several.")] = None,
     time: Annotated[float, typer.Option(help="How long each motion takes at full speed [s].")] = GOAL_TIME_S,
-    rounds: Annotated[int, typer.Option(min=0, help="How often all goals; 0 goes on until Ctrl-C.")] = 1,
-    controller: Annotated[str | None, typer.Option(help="Another controller than the file says.")] = None,
+    rounds: Annotated[int, typer.Option(min=0, help="How many times to send all goals; 0 repeats until Ctrl-C.")] = 1,
+    controller: Annotated[str | None, typer.Option(help="Controller to use instead of the file's.")] = None,
 ) -> None:
-    """Send the goals of a file one after the other, each when the one before is reached; Ctrl-C stops softly."""
+    """Send the goals of a file, each once the previous one is reached; Ctrl-C brings the arm to rest."""
     _check_time(time)
     try:
         goals = read_goals(file, node)
@@ -152,12 +152,12 @@ def _listed(values: Sequence[float]) -> str:
     return ", ".join(f"{value:g}" for value in values)
 
 
-controllers_app = application("Controllers as of ros2_control.", completion=False, no_args_is_help=True)
+controllers_app = application("ros2_control's controllers.", completion=False, no_args_is_help=True)
 
 
 @controllers_app.command("types")
 def types_command(as_json: AsJson = False) -> None:
-    """List the types of controllers there are."""
+    """List the available controller types."""
     if as_json:
         known = {name: configuration.help_of(kind) for name, kind in sorted(CONTROLLER_TYPES.items())}
         print_json({"types": known, "refused": configuration.REFUSED})
@@ -172,7 +172,7 @@ def types_command(as_json: AsJson = False) -> None:
 
 @controllers_app.command("list")
 def list_command(controllers: ControllersOption = None, as_json: AsJson = False) -> None:
-    """List the controllers of a file, and say what in it is not understood: status 1 if any cannot be loaded."""
+    """List the controllers of a file and what in it is not understood; exit status 1 if any cannot be loaded."""
     file = controllers_file(controllers)
     table = Table("controller", "type", "notes", title=file.name)
     rows = [(name, kind, *_notes(name, kind, file.parameters_of(name))) for name, kind in file.types.items()]
@@ -214,7 +214,7 @@ def interfaces_command(
 
 @controllers_app.command("load")
 def load_command(
-    names: Annotated[list[str], typer.Argument(help="Controllers of the file, to be activated together.")],
+    names: Annotated[list[str], typer.Argument(help="Controllers of the file to activate together.")],
     controllers: ControllersOption = None,
     make_ready: MakeReady = False,
     robot_ip: RobotIP = "127.0.0.1",

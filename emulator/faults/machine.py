@@ -21,7 +21,7 @@ def _rate(site: Site) -> Rate:
 @register
 @dataclass(frozen=True, kw_only=True)
 class LateTicks(Fault):
-    """Control periods begin ``by_s`` late, of 1000 one unless told otherwise.
+    """Control periods begin ``by_s`` late, one in 1000 by default.
 
     The ones after it catch up (made_up), or that much time is lost for good. Real time only.
     """

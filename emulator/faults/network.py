@@ -70,7 +70,7 @@ class ClientFault(PortFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class DropConnection(ClientFault):
-    """End the connections: at once with a reset (RST), or in order with an end (FIN); once unless told otherwise."""
+    """End the connections: at once with a reset (RST), or in order with an end (FIN); once by default."""
 
     occasion: ClassVar[str] = "each period in which somebody is connected"
     how: Literal["reset", "end"] = "reset"
