@@ -168,7 +168,7 @@ def set_user_role(role: UserRole) -> Operation[None]:
 def set_operational_mode(mode: OperationalMode) -> Operation[None]:
     """Take control of the operational mode (e-Series): MANUAL or AUTOMATIC."""
     if mode is OperationalMode.NONE:
-        raise LocalProtocolError("nobody can set the operational mode NONE: ask CLEAR_OPERATIONAL_MODE")
+        raise LocalProtocolError("the operational mode NONE cannot be set: use CLEAR_OPERATIONAL_MODE")
     return _confirmed("set operational mode", argument=f" {mode.value}")
 
 

@@ -224,7 +224,7 @@ def _refuse_options_before(context: typer.Context) -> None:
         source = context.get_parameter_source(name)
         if source is not None and source.name == "COMMANDLINE":
             option = f"--{name.replace('_', '-')}"
-            raise typer.BadParameter(f"{option} belongs behind {context.invoked_subcommand}, or is not an option of it")
+            raise typer.BadParameter(f"{option} goes after {context.invoked_subcommand}, or is not an option of it")
 
 
 def _fleet() -> Any:

@@ -291,7 +291,9 @@ def convert_command(
     _tell(file, recording)
     typer.echo(f"{target}: {len(recording)} states of {len(recording.values)} variables")
     if recording.controllers:
-        typer.echo(f"without what controllers told ({', '.join(recording.controllers)}): it stays in {file}", err=True)
+        typer.echo(
+            f"without what controllers reported ({', '.join(recording.controllers)}): it stays in {file}", err=True
+        )
 
 
 def read_telling(path: Path) -> Recording:

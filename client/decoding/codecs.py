@@ -50,7 +50,7 @@ def _read_answer(text: str) -> Iterator[Line]:
     try:
         answer = interpreter.parse_answer(text)
     except RemoteProtocolError:
-        yield problem(f"no answer of interpreter mode: {formatting.quoted(text)}")
+        yield problem(f"not an answer of interpreter mode: {formatting.quoted(text)}")
         return
     if answer.number is None:
         yield Line(f"discarded, {formatting.escaped(answer.reason)}: {formatting.escaped(answer.line)}")

@@ -22,7 +22,7 @@ _BITS = _READS[:2]
 def _size(header: bytes) -> int:
     _, protocol, size, _ = _HEADER.unpack_from(header)
     if protocol or not 2 <= size <= 254:
-        raise RemoteProtocolError(f"protocol {protocol} and {size} bytes are no header")
+        raise RemoteProtocolError(f"protocol {protocol} and {size} bytes are not a header")
     return int(size) + _HEADER.size - 1
 
 

@@ -176,7 +176,7 @@ class OwnFile(Generic[_T]):
         except OSError as error:
             raise FileError(path, error.strerror or str(error)) from error
         except (ValueError, AttributeError) as error:  # UnicodeError and JSONDecodeError are ValueErrors
-            raise FileError(path, f"these are no {self._what}: {error}; move the file away") from error
+            raise FileError(path, f"these are not {self._what}: {error}; move the file away") from error
 
 
 def checked_name(name: str, of: str) -> str:

@@ -220,7 +220,7 @@ class Robot(Blocking[AsyncRobot]):
     def tcp_pose_at(self, q_rad: Sequence[float]) -> Pose:
         """Where the TCP would be (6,) with these joint angles (6,), by the geometry that this very arm reports.
 
-        Raises RobotRefused while the robot has not told its geometry, or for one that is not known here.
+        Raises RobotRefused while the robot has not reported its geometry, or for one that is not known here.
         """
         return self.inner.tcp_pose_at(q_rad)
 

@@ -123,7 +123,7 @@ class ModeVerbs(Verbs):
     def protective_stop(self, code: int = SCRIPT_PROTECTIVE_STOP.code, argument: int = 0) -> None:
         """Stop the arm protectively, with this error code in the log."""
         if not (0 <= code <= INT_MAX and INT_MIN <= argument <= INT_MAX):
-            raise BadArguments(f"C{code}A{argument} is no error code: both numbers have 32 bits")
+            raise BadArguments(f"C{code}A{argument} is not an error code: both numbers have 32 bits")
         self.controller.protective_stop(StopCause(code, argument))
 
     @verb

@@ -71,7 +71,7 @@ class StateVerbs(Verbs):
     def set_gravity(self, acceleration_m_s2: Vector3) -> None:
         """Mount the robot another way: the acceleration its base senses, (0, 0, 9.82) when it stands upright."""
         if not plausible(*acceleration_m_s2):
-            raise BadArguments(f"no base feels {list(acceleration_m_s2)} m/s2")
+            raise BadArguments(f"no base senses {list(acceleration_m_s2)} m/s2")
         self.controller.installation.gravity = acceleration_m_s2
 
     @verb

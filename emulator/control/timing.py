@@ -38,7 +38,7 @@ def parse_condition(text: str) -> Condition:
 def _term(text: str) -> Condition:
     match = _TERM.fullmatch(text)
     if match is None:
-        raise ValueError(f"{text!r} is no condition: write a field, ==, !=, <, <=, > or >=, and a value")
+        raise ValueError(f"{text!r} is not a condition: write a field, ==, !=, <, <=, > or >=, and a value")
     name, index, sign, value = match.groups()
     example = _value_of(_FIELDS, name, index)
     compare, wanted = _COMPARISONS[sign], _constant(value.strip(), example)

@@ -95,7 +95,7 @@ class Outage(Fault):
 
     def _machine(self, site: Site) -> Machine:
         if site.machine is None:
-            raise FaultImpossible("nobody is here who could start the controller again")
+            raise FaultImpossible("nothing here could start the controller again")
         return site.machine
 
     @contextmanager

@@ -44,7 +44,7 @@ class ListenerFault(PortFault):
         """Those that listen."""
         found = [server for server in super().servers(site) if server.port]
         if not found:
-            raise FaultImpossible(f"{self.port} are connections that the robot opens: nobody listens")
+            raise FaultImpossible(f"{self.port} are connections that the robot opens: there is no listener")
         return found
 
     def claims(self, site: Site) -> set[str]:

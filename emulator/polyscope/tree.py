@@ -66,7 +66,7 @@ class ProgramTree:
         return (relative or alone, alone)
 
     @cached_property
-    def changed_since_twin(self) -> str:
+    def changed_since_saved(self) -> str:
         """Where the program is another than when the script beside it was saved, in words; empty when it is the same.
 
         What people have named shows it: other labels depend on the language of the pendant.

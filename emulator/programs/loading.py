@@ -203,16 +203,16 @@ def _twin(path: Path, tree: ProgramTree | None, error: Exception, version: Polys
         raise ProgramLoadError(reason) from error
     if tree is not None and tree.needs_external_control:  # a saved script has the code of an earlier driver
         raise ProgramLoadError(reason) from error
-    if tree is not None and tree.changed_since_twin:
+    if tree is not None and tree.changed_since_saved:
         raise ProgramLoadError(
             f"{reason}. {saved.name} is not played instead, since it was not saved with the program as it is now: "
-            f"{tree.changed_since_twin}"
+            f"{tree.changed_since_saved}"
         ) from error
     script = _read(saved)
     try:
         yield from compile_steps(script, LIBRARY_SET, version)
-    except CompileError as twins:
-        raise ProgramLoadError(f"{reason}. {saved.name} cannot be played instead: {twins}") from error
+    except CompileError as complaint:
+        raise ProgramLoadError(f"{reason}. {saved.name} cannot be played instead: {complaint}") from error
     return LoadedProgram(path, script, notes=[f"{saved.name} is played instead of {path.name}: {error}"])
 
 

@@ -169,7 +169,7 @@ def test_what_a_terminal_would_obey_is_escaped():
 def test_interpreter_mode():
     answers = b"ack: 1: stopj(2)\ndiscard: Syntax error: stopj(\nwhat\n"
     assert told(answers, codec=CODECS["interpreter"]) == [
-        "ack: 1: stopj(2)", "discarded, Syntax error: stopj(", '! no answer of interpreter mode: "what"',
+        "ack: 1: stopj(2)", "discarded, Syntax error: stopj(", '! not an answer of interpreter mode: "what"',
     ]  # fmt: skip
     assert told(b"stopj(2)\nabort\n", codec=CODECS["interpreter"], side=Side.CLIENT) == [
         "statements: stopj(2)", "command abort",

@@ -181,7 +181,7 @@ async def test_bad_commands_are_told_and_disturb_nothing(robot, domain, caplog):
         "leaves out wrist_3_joint": trajectory(JOINT_NAMES[:5], (1.0, HOME[:5])),
         "the trajectory has no points": trajectory(JOINT_NAMES),
         "times have to rise": trajectory(JOINT_NAMES, (1.0, HOME), (0.5, HOME)),
-        "has positions that are no numbers": trajectory(JOINT_NAMES, (1.0, [math.nan] * 6)),
+        "has positions that are not numbers": trajectory(JOINT_NAMES, (1.0, [math.nan] * 6)),
         "base for 9.0000 rad": trajectory(JOINT_NAMES, (1.0, [9.0, *HOME[1:]])),
         "it is .* s already": trajectory(JOINT_NAMES, (1.0, HOME), stamp=time.time() - 100.0),
     }

@@ -121,7 +121,7 @@ def _calibration(page: Page) -> None:
         async def save() -> None:
             kinematics = page.station.core.kinematics
             if kinematics is None:
-                raise ValueError("this robot has not told its calibration")
+                raise ValueError("this robot has not reported its calibration")
             content = await asyncio.to_thread(_file, calibration_of(kinematics))
             ui.download.content(content, "my_robot_calibration.yaml")
 
