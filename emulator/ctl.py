@@ -34,9 +34,7 @@ def _ctl(
     host: Annotated[str, typer.Option(help="Address of the control API.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Its port.")] = CONTROL_API_PORT,
     token: Annotated[str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="Its token.")] = "",
-    file: Annotated[
-        Path | None, typer.Option("--file", "-f", help="Of save: where to write. Of restore: what to read.")
-    ] = None,
+    file: Annotated[Path | None, typer.Option("--file", "-f", help="File that save writes or restore reads.")] = None,
 ) -> None:
     """Use the control API of a running emulator: inputs, buttons, faults, time. Results are JSON."""
     client = ControlClient(host, port, token, timeout_s=None)

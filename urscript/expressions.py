@@ -210,10 +210,12 @@ class ExpressionParser:
 
     def _unary(self, token: Token) -> Expression:
         if token.kind == "-" and self.token.text == "2147483648":
-            return Constant(token.line, token.column, -int(self.take().text))  # the one int without a positive twin
+            return Constant(
+                token.line, token.column, -int(self.take().text)
+            )  # the one int without a positive counterpart
         operand = self.expression(_UNARY_POWER)
         if isinstance(operand, Constant) and operand.value.__class__ in (int, float) and token.kind == "-":
-            value = operand.value  # of which one has no positive twin in 32 bits
+            value = operand.value  # of which one has no positive counterpart in 32 bits
             return Constant(token.line, token.column, value if value.__class__ is int and value == -(2**31) else -value)
         return Unary(token.line, token.column, token.kind, operand)
 

@@ -177,7 +177,7 @@ class OwnFile(Generic[_T]):
         except OSError as error:
             raise FileError(path, error.strerror or str(error)) from error
         except (ValueError, AttributeError, ArithmeticError, RecursionError) as error:  # huge numbers, deep nesting
-            raise FileError(path, f"these are no {self._what}: {error}; move the file away") from error
+            raise FileError(path, f"these are not {self._what}: {error}; move the file away") from error
 
 
 def checked_name(name: str, of: str) -> str:

@@ -177,7 +177,7 @@ def test_forward_commands_are_checked_and_end_with_the_activity():
     assert bench.q == pytest.approx((0.1, -0.1), abs=0.01)
     with pytest.raises(ControllerError, match="3 commands came for 2 joints"):
         speeds.command([0, 0, 0])
-    with pytest.raises(ControllerError, match="no numbers"):
+    with pytest.raises(ControllerError, match="not numbers"):
         speeds.command([0, float("inf")])
     bench.manager.deactivate("speeds")
     place = bench.q
