@@ -111,7 +111,7 @@ def browser(playwright: Playwright) -> Iterator[Browser]:
     browser.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def the_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
     rig = Rig("ur3", tmp_path_factory.mktemp("programs"))
     yield rig
