@@ -9,6 +9,10 @@ MARKS  ?= not page
 # one more than there are cores: a good part of the tests waits for robots in real time
 JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 1)
 
+# Byte code is kept, even where the surroundings say otherwise, as container images like to: the tests start some hundred
+# processes, and half of the time of each would go into compiling what the one before compiled.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: emulator test pages mutants soak chaos fuzz check wheel-check benchmarks docs constraints clean
 
 emulator: $(VENV)/.base
