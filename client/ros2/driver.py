@@ -66,7 +66,7 @@ class Ros2Driver:
         async with AsyncExitStack() as opening:
             options = self._options
             self.robot = await self._reach(opening)
-            host = opening.enter_context(
+            host = await opening.enter_async_context(
                 NodeHost(domain=options.domain, namespace=options.namespace, ros_arguments=options.ros_arguments)
             )
             await self._open_nodes(opening, host)

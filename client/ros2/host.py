@@ -54,7 +54,7 @@ def interface_if_any(name: str) -> Any:
 
 
 class NodeHost:
-    """Nodes of one ROS context; use it with ``with``, inside a running event loop.
+    """Nodes of one ROS context; use it with ``async with``.
 
     domain: number of the domain, None for ROS_DOMAIN_ID. namespace: of all nodes, without slashes at the ends.
     ros_arguments: as behind ``--ros-args``.
@@ -69,15 +69,15 @@ class NodeHost:
         self._spinning: dict[Node, tuple[SingleThreadedExecutor, threading.Thread]] = {}
         self._tasks: dict[Node, set[concurrent.futures.Future[Any]]] = defaultdict(set)
 
-    def __enter__(self) -> "NodeHost":
+    async def __aenter__(self) -> "NodeHost":
         self._context.init(self._arguments, domain_id=self._domain)
         return self
 
-    def __exit__(
+    async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for node in list(self._spinning):
-            self.close(node)
+            await asyncio.to_thread(self.close, node)  # which may be waiting for the event loop
         self._context.try_shutdown()
 
     def node(self, name: str, overrides: Sequence[Parameter] = (), **options: Any) -> Node:
@@ -105,7 +105,7 @@ class NodeHost:
                 _logger.exception("%s: a callback failed", threading.current_thread().name)
 
     def close(self, node: Node) -> None:
-        """End a node and its thread; not from that thread."""
+        """End a node and its thread; neither from that thread nor in the event loop, for which it may wait."""
         for task in list(self._tasks.pop(node, ())):
             task.cancel()
         executor, thread = self._spinning.pop(node)
