@@ -90,7 +90,12 @@ class Peer:
     def result(self, order):
         _, future, feedback = self.goals[order["result"]]
         answer = self.wait(future)
-        return {"status": answer.status, "result": plain(answer.result), "feedback": feedback[-1:], "told": len(feedback)}
+        return {
+            "status": answer.status,
+            "result": plain(answer.result),
+            "feedback": feedback[-1:],
+            "told": len(feedback),
+        }
 
     def cancel(self, order):
         handle, _, _ = self.goals[order["cancel"]]

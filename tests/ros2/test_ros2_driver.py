@@ -130,9 +130,7 @@ async def test_states_of_the_arm_are_published(lab: Lab) -> None:
     assert {"elbow_joint", "gpio", "tcp_pose"} <= set(everything["joint_names"])
     scaling = await lab.peer.echo("/speed_scaling_state_broadcaster/speed_scaling", "std_msgs/msg/Float64")
     assert scaling["data"] == pytest.approx(100.0)
-    running = await lab.peer.echo(
-        "/io_and_status_controller/robot_program_running", "std_msgs/msg/Bool", latched=True
-    )
+    running = await lab.peer.echo("/io_and_status_controller/robot_program_running", "std_msgs/msg/Bool", latched=True)
     assert running["data"] is True
     description = await lab.peer.echo("/robot_description", "std_msgs/msg/String", latched=True)
     assert "shoulder_pan_joint" in description["data"]
