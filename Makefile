@@ -9,6 +9,10 @@ MARKS  ?= not page
 # one more than there are cores: a good part of the tests waits for robots in real time
 JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 1)
 
+# Byte code is kept, even where the surroundings say otherwise, as container images like to: the tests start some hundred
+# processes, and half of the time of each would go into compiling what the one before compiled.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: emulator test pages mutants soak chaos fuzz check wheel-check benchmarks docs constraints clean
 
 emulator: $(VENV)/.base
@@ -23,7 +27,7 @@ pages: $(VENV)/.dev
 	tests/system_packages.sh
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m page $(ARGS)
 
-# Bugs planted one at a time, and whether the tests of their subject find them: half an hour. ARGS="rtde motion" for those
+# Bugs planted one at a time, and whether the tests of their subject find them: an hour. ARGS="rtde motion" for those
 # of some subjects only.
 mutants: $(VENV)/.dev
 	$(BIN)/python tests/mutants/mutants.py $(ARGS)
@@ -79,6 +83,7 @@ $(VENV)/.base: pyproject.toml | $(VENV)/bin/python
 # CI takes what constraints.txt names, each file by its hash; elsewhere the newest packages are tried.
 $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(if $(CI),tests/install_locked.sh $(BIN)/python,$(BIN)/python -m pip install --quiet --editable '.[test,check]')
+	$(BIN)/ur-client ros2 --setup || echo "Tests of the ROS 2 driver need the message packages: they will fail." >&2
 	touch $@ $(VENV)/.base
 
 $(VENV)/.fuzz: $(VENV)/.dev

@@ -39,6 +39,7 @@ from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.recipes import Recipe
 from urproto.testing.process import EmulatorProcess
 
+ROOT = Path(__file__).resolve().parents[1]
 STOPPED_WITHIN_S = 1.2  # of robot time
 STANDS_RAD_S = 1e-3
 FLAT_MIB = 8.0
@@ -552,7 +553,7 @@ def full_disk() -> Result:
                     text=True,
                     timeout=60,
                     preexec_fn=_no_longer_than(most),
-                    cwd=Path(__file__).resolve().parents[1],
+                    cwd=ROOT,
                 )
                 texts.append(done.stdout + done.stderr)
                 told = [line for line in done.stderr.splitlines() if line.strip()]
@@ -612,7 +613,7 @@ def clock_jumps(seconds: float) -> Result:
         client = Witness(robot)
         path = Path(folder, "run.csv")
         command = [sys.executable, "-m", "client", "record", str(path), "--robot-ip", robot.host]
-        root = Path(__file__).resolve().parents[1]
+        root = ROOT
         done = subprocess.run(
             [*command, "--duration", str(seconds)], capture_output=True, text=True, timeout=120, cwd=root
         )
@@ -694,7 +695,7 @@ def soak(robot_s: float) -> Result:
 
 
 def hostile_robots(count: int) -> Result:
-    """Robots that answer a client with garbage, half messages, silence or a closed door."""
+    """Robots whose every port is spoilt on its way to the client: garbage, half messages, absurd numbers, silence."""
     result = Result("hostile robots")
     command = [sys.executable, __file__, "--work", "victims", str(count)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60 + 10 * count)
@@ -711,80 +712,35 @@ def meet_robots(count: int) -> None:
     import client
     from client.dashboard import ROBOT_MODE
 
+    sys.path.insert(0, str(ROOT))
+    from tests.hostile import KINDS, HostileRobot
+
     kinds = [
-        lambda host, port: client.BlockingDashboardClient(host, port, timeout_s=0.5),
-        lambda host, port: client.BlockingRTDEClient(host, ["timestamp"], port=port, timeout_s=0.5),
-        lambda host, port: client.BlockingPrimaryClient(host, port, timeout_s=0.5),
-        lambda host, port: client.BlockingRealtimeClient(host, port, timeout_s=0.5),
+        lambda host: client.BlockingDashboardClient(host, timeout_s=0.5),
+        lambda host: client.BlockingRTDEClient(host, ["timestamp"], timeout_s=0.5),
+        lambda host: client.BlockingPrimaryClient(host, timeout_s=0.5),
+        lambda host: client.BlockingRealtimeClient(host, timeout_s=0.5),
     ]
     generator = random.Random(0)
     met, seen, strange = 0, {}, []
-    for number in range(count):
-        with _Hostile(generator) as (host, port):
+    with HostileRobot() as robot:
+        for number in range(count):
+            robot.begin((generator.choice(KINDS),), number)
             try:
-                victim = kinds[number % len(kinds)](host, port)
-                with victim:
+                with kinds[number % len(kinds)](robot.host) as victim:
                     if isinstance(victim, client.BlockingDashboardClient):
                         victim.ask(ROBOT_MODE)
                     elif isinstance(victim, client.BlockingPrimaryClient):
                         victim.run(victim.core.robot_state())
                     else:
-                        victim.receive()
+                        for _ in range(20):
+                            victim.receive()
             except URError as error:
                 seen[type(error).__name__] = seen.get(type(error).__name__, 0) + 1
             except Exception as error:
                 strange.append(f"{type(error).__name__}: {error}")
-        met += 1
+            met += 1
     print(json.dumps({"met": met, "errors": seen, "strange": strange}))
-
-
-class _Hostile:
-    """A server for one client, whose bytes are anything."""
-
-    def __init__(self, generator: random.Random) -> None:
-        self._generator = generator
-        self._listening = socket.create_server(("127.0.0.1", 0))
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-
-    def __enter__(self) -> tuple[str, int]:
-        self._thread.start()
-        host, port = self._listening.getsockname()
-        return host, port
-
-    def __exit__(self, *_: object) -> None:
-        self._listening.close()
-        self._thread.join(2.0)
-
-    def _serve(self) -> None:
-        with suppress(OSError):
-            connection, _ = self._listening.accept()
-            with connection:
-                connection.settimeout(0.3)
-                for _ in range(20):
-                    with suppress(TimeoutError):
-                        connection.recv(4096)
-                    connection.sendall(self._bytes())
-                    if self._generator.random() < 0.1:
-                        return
-
-    def _bytes(self) -> bytes:
-        kind = self._generator.random()
-        if kind < 0.3:
-            return self._generator.randbytes(self._generator.randint(1, 300))
-        messages = (
-            b"Connected: Universal Robots Dashboard Server\n",
-            b"Robotmode: \xff\n",
-            codec.ProtocolReply(True).encode(2),
-            codec.SetupOutputsReply(("DOUBLE", "NO_SUCH"), 1).encode(2),
-            codec.StartReply(True).encode(2),
-            b"\0\x0bU\1" + b"\x7f\xf8" + bytes(6),
-            struct.pack(">IB", 40, 16) + bytes(35),
-            struct.pack(">I", 1116) + b"\x7f" * 1112,
-        )
-        message = bytearray(self._generator.choice(messages))
-        if kind < 0.7:
-            message[self._generator.randrange(len(message))] = self._generator.randrange(256)
-        return bytes(message) * self._generator.randint(1, 3)
 
 
 # all of them

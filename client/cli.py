@@ -14,21 +14,21 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     "send": ("robot:send_command", "Send a script and wait until it runs."),
     "decode": (
         "traffic:decode_command",
-        "Print a captured stream of any controller port, one line a message.",
+        "Print captured traffic of any controller port, one line per message.",
     ),
     "watch": ("robot:watch_command", "Show values of a robot as they change, until Ctrl-C."),
     "goal": (
         "controllers:goal_command",
-        "Move the arm to joint angles, smoothly and at rest there; Ctrl-C stops it softly.",
+        "Move the arm to joint angles and stop there; Ctrl-C brings it to rest.",
     ),
     "publish-goals": (
         "controllers:publish_goals_command",
-        "Send the goals of a file one after the other, each when the one before is reached; Ctrl-C stops softly.",
+        "Send the goals of a file, each once the previous one is reached; Ctrl-C brings the arm to rest.",
     ),
     "record": ("record:record_command", "Record what a robot does, until Ctrl-C."),
     "stream": (
         "record:stream_command",
-        "Show what a robot does in PlotJuggler or Foxglove while it does it, until Ctrl-C.",
+        "Stream a robot's live data to PlotJuggler or Foxglove, until Ctrl-C.",
     ),
     "convert": ("record:convert_command", "Write a recording in another format."),
     "plot": (
@@ -37,7 +37,7 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     ),
     "replay": (
         "record:replay_command",
-        "Move the arm along the recorded path: slowly to its start, then as recorded; Ctrl-C stops it softly.",
+        "Move the arm along the recorded path: slowly to its start, then as recorded; Ctrl-C brings it to rest.",
     ),
     "calibration": (
         "robot:calibration_command",
@@ -49,16 +49,16 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     ),
     "doctor": (
         "doctor:doctor_command",
-        "Examine this machine, the network and the robot; takes some seconds. Exit status 1 if something cannot work.",
+        "Examine this machine, the network and the robot, in some seconds. Exit status 1 if something cannot work.",
     ),
     "pendant": ("pendant:pendant_command", "Serve a teach pendant for a robot or an emulator, until Ctrl-C."),
     "tool-comm": (
         "robot:tool_comm_command",
-        "Offer the serial line at the robot's tool (e-Series) as a device of this machine, until Ctrl-C.",
+        "Make the serial line at the robot's tool (e-Series) a device of this machine, until Ctrl-C.",
     ),
     "proxy": (
         "traffic:proxy_command",
-        "Carry every connection to a robot unchanged, and record it, until Ctrl-C.",
+        "Relay every connection to a robot unchanged and record it, until Ctrl-C.",
     ),
     "ros2": (
         "ros2:ros2_command",
@@ -66,13 +66,13 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     ),
     "replay-traffic": (
         "traffic:replay_traffic_command",
-        "Be the robot of a recording, until Ctrl-C: states by their times, answers by their requests.",
+        "Stand in for the robot of a recording, until Ctrl-C: states at their times, answers to their requests.",
     ),
     "compare": (
         "traffic:compare_command",
-        "Tell whether two recordings show the same, and where they part; exit status 1 when they differ.",
+        "Show whether two recordings agree, and where they diverge; exit status 1 when they differ.",
     ),
-    "controllers": ("controllers:controllers_app", "Controllers as of ros2_control."),
+    "controllers": ("controllers:controllers_app", "ros2_control's controllers."),
 }  # name: where it is below client.commands, and the beginning of its own help: listing it does not load it
 
 app = application(__doc__, no_args_is_help=True)

@@ -89,7 +89,7 @@ def _confirmed(words: str, advice: str = "", argument: str = "") -> Operation[No
     return Operation(f"{words}{argument}", _says(*row.confirmations), row.available, advice)
 
 
-def _asked(
+def _query(
     words: str, read: Callable[[str], Answer], advice: str = "", argument: str = "", timeout_s: float | None = None
 ) -> Operation[Answer]:
     """A command whose answer has a value."""
@@ -115,39 +115,39 @@ POWER_OFF = _confirmed("power off", _POWER)
 BRAKE_RELEASE = _confirmed("brake release", _POWER)
 UNLOCK_PROTECTIVE_STOP = _confirmed("unlock protective stop", _UNLOCK)
 RESTART_SAFETY = _confirmed("restart safety", "look at the safety mode")
-ROBOT_MODE: Operation[RobotMode] = _asked("robotmode", wire.parse_robot_mode)
-SAFETY_MODE: Operation[SafetyMode] = _asked("safetymode", wire.parse_safety_mode)
-SAFETY_STATUS: Operation[SafetyStatus] = _asked("safetystatus", wire.parse_safety_status)
+ROBOT_MODE: Operation[RobotMode] = _query("robotmode", wire.parse_robot_mode)
+SAFETY_MODE: Operation[SafetyMode] = _query("safetymode", wire.parse_safety_mode)
+SAFETY_STATUS: Operation[SafetyStatus] = _query("safetystatus", wire.parse_safety_status)
 
 # Programs and installations
 
 PLAY = _confirmed("play", _PROGRAM)
 PAUSE = _confirmed("pause", _NO_PROGRAM)
 STOP = _confirmed("stop")
-IS_RUNNING: Operation[bool] = _asked("running", wire.parse_boolean)
-PROGRAM_STATE: Operation[tuple[ProgramState, str | None]] = _asked("programState", wire.parse_program_state)
-LOADED_PROGRAM: Operation[str | None] = _asked("get loaded program", wire.parse_loaded_program)
-IS_PROGRAM_SAVED: Operation[tuple[bool, str | None]] = _asked("isProgramSaved", wire.parse_program_saved)
+IS_RUNNING: Operation[bool] = _query("running", wire.parse_boolean)
+PROGRAM_STATE: Operation[tuple[ProgramState, str | None]] = _query("programState", wire.parse_program_state)
+LOADED_PROGRAM: Operation[str | None] = _query("get loaded program", wire.parse_loaded_program)
+IS_PROGRAM_SAVED: Operation[tuple[bool, str | None]] = _query("isProgramSaved", wire.parse_program_saved)
 
 
 def load(program: str) -> Operation[str]:
     """Load a program by its name below the controller's program folder; answers with its path there."""
-    return _asked("load", wire.parse_loading, _PATH, f" {program}")
+    return _query("load", wire.parse_loading, _PATH, f" {program}")
 
 
 def load_installation(installation: str) -> Operation[str]:
     """Load an installation file; answers with its path on the controller."""
-    return _asked("load installation", wire.parse_loading, _PATH, f" {installation}")
+    return _query("load installation", wire.parse_loading, _PATH, f" {installation}")
 
 
 # Pendant
 
 CLOSE_POPUP = _confirmed("close popup")
 CLOSE_SAFETY_POPUP = _confirmed("close safety popup")
-USER_ROLE: Operation[UserRole] = _asked("getUserRole", wire.parse_user_role)
-OPERATIONAL_MODE: Operation[OperationalMode] = _asked("get operational mode", wire.parse_operational_mode)
+USER_ROLE: Operation[UserRole] = _query("getUserRole", wire.parse_user_role)
+OPERATIONAL_MODE: Operation[OperationalMode] = _query("get operational mode", wire.parse_operational_mode)
 CLEAR_OPERATIONAL_MODE = _confirmed("clear operational mode")
-IS_IN_REMOTE_CONTROL: Operation[bool] = _asked("is in remote control", wire.parse_boolean)
+IS_IN_REMOTE_CONTROL: Operation[bool] = _query("is in remote control", wire.parse_boolean)
 
 
 def popup(text: str) -> Operation[None]:
@@ -168,16 +168,16 @@ def set_user_role(role: UserRole | str) -> Operation[None]:
 def set_operational_mode(mode: OperationalMode | str) -> Operation[None]:
     """Take control of the operational mode (e-Series): MANUAL or AUTOMATIC. A text is sent as it is."""
     if mode is OperationalMode.NONE:
-        raise LocalProtocolError("nobody can set the operational mode NONE: ask CLEAR_OPERATIONAL_MODE")
+        raise LocalProtocolError("the operational mode NONE cannot be set: use CLEAR_OPERATIONAL_MODE")
     return _confirmed("set operational mode", argument=f" {mode if isinstance(mode, str) else mode.value}")
 
 
 # About the controller
 
-POLYSCOPE_VERSION: Operation[PolyscopeVersion] = _asked("PolyscopeVersion", wire.parse_polyscope_version)
-VERSION: Operation[PolyscopeVersion] = _asked("version", wire.parse_polyscope_version)
-SERIAL_NUMBER: Operation[str] = _asked("get serial number", _number)
-ROBOT_MODEL: Operation[str] = _asked("get robot model", _model)
+POLYSCOPE_VERSION: Operation[PolyscopeVersion] = _query("PolyscopeVersion", wire.parse_polyscope_version)
+VERSION: Operation[PolyscopeVersion] = _query("version", wire.parse_polyscope_version)
+SERIAL_NUMBER: Operation[str] = _query("get serial number", _number)
+ROBOT_MODEL: Operation[str] = _query("get robot model", _model)
 SAVE_LOG = _confirmed("saveLog", "look at the space on the controller's disk")
 SHUTDOWN = _confirmed("shutdown")
 QUIT = _confirmed("quit")
@@ -186,13 +186,13 @@ QUIT = _confirmed("quit")
 def generate_flight_report(kind: str = "system") -> Operation[str]:
     """Write a report: controller, software or system. Answers with its id; takes minutes."""
     advice = "ask for controller, software or system, and at most once in 30 s"
-    return _asked("generate flight report", wire.parse_flight_report, advice, f" {kind}", _REPORT_TIMEOUT_S)
+    return _query("generate flight report", wire.parse_flight_report, advice, f" {kind}", _REPORT_TIMEOUT_S)
 
 
 def generate_support_file(directory: str) -> Operation[str]:
     """Write a zip file into a directory below the programs folder. Answers with its name; takes minutes."""
     advice = "give a directory that exists below the programs folder, and see that its disk has space"
-    return _asked("generate support file", wire.parse_support_file, advice, f" {directory}", _REPORT_TIMEOUT_S)
+    return _query("generate support file", wire.parse_support_file, advice, f" {directory}", _REPORT_TIMEOUT_S)
 
 
 # Any line

@@ -27,6 +27,7 @@ from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
 from client.errors import FileError
 from urproto.errors import URError
 from urproto.robots import Calibration, CalibrationError
+from urproto.rtde.fields import LONGEST_S
 
 
 class Grade(StrEnum):
@@ -166,7 +167,6 @@ _CONNECT_S: Final = 2.0
 _REPLIES: Final = 20
 _STREAM_S: Final = 2.0
 _SLOW_CONNECT_S: Final = 0.005  # guess: a cable through a switch takes less than 1 ms
-_LONGEST_S: Final = 1e9  # guess: no robot has been on for 30 years
 _LATE: Final = 1.0  # periods; a servo setpoint for this state comes one period late
 _WIFI: Final = "use a cable, without other traffic on it, to this machine's own network card"
 
@@ -242,7 +242,7 @@ def examine_stream(host: str, port_offset: int = 0, seconds: float = _STREAM_S) 
 
 def judge_stream(arrivals: Sequence[float], stamps: Sequence[float]) -> Iterator[Finding]:
     """Of states by when they came here and when the robot made them [s], each on its own clock."""
-    if timeless := sum(not (math.isfinite(stamp) and abs(stamp) < _LONGEST_S) for stamp in stamps):
+    if timeless := sum(not (math.isfinite(stamp) and abs(stamp) < LONGEST_S) for stamp in stamps):
         text = f"{timeless} of {len(stamps)} states have no time (timestamp)"
         yield Finding(Grade.BROKEN, "RTDE stream", text, "restart the controller")
         return

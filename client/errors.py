@@ -17,6 +17,7 @@ ClientError
 ├── ProgramNotRunningError   the robot's control program is not connected to the driver
 ├── ProgramEndedError        it ended while something was under way
 ├── ProgramStaysError        it was told to end, and does not
+├── StateError               a state of the robot holds numbers that no arm has
 ├── ControllerError          a controller, or a change of controllers, that cannot be had
 │   └── GoalRejectedError    a controller does not take a goal
 └── MotionError              the arm did not do what it was asked to
@@ -178,6 +179,15 @@ class ProgramStaysError(ClientError):
         )
         self.port = port
         self.waited_s = waited_s
+
+
+class StateError(ClientError):
+    """The RTDE variable ``field`` of a state cannot be used: ``why``."""
+
+    def __init__(self, field: str, why: str) -> None:
+        super().__init__(f"a state of the robot cannot be used: {field} {why}")
+        self.field = field
+        self.why = why
 
 
 class ControllerError(ClientError):

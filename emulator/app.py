@@ -69,7 +69,7 @@ class Emulator:
         self._control_turns = Turns(self.controller.period_s)  # of RTDE: control loops do not wait for who only watches
         self._renew_servers()
         real = self.clock if isinstance(self.clock, RealClock) else None
-        self._scripts = ScriptPort()
+        self._scripts = ScriptPort(lambda: self.controller.snapshot.timestamp)
         self._scripts.intake = self._intake
         places = ChainMap[str, PortServer]({self._scripts.name: self._scripts}, self.servers)
         self.faults = FaultInjector(self.controller, places, real, self)

@@ -76,24 +76,25 @@ def main() -> None:
 @app.command()
 def _check(
     host: Annotated[str, typer.Argument(help="Address of the robot.")] = "127.0.0.1",
-    wait: Annotated[float, typer.Option(help="Try again for so many seconds until all is well.")] = 0.0,
-    timeout: Annotated[float, typer.Option(help="Seconds that one port may take to answer.")] = 5.0,
+    wait: Annotated[float, typer.Option(help="Keep trying for up to this many seconds.")] = 0.0,
+    timeout: Annotated[float, typer.Option(help="Time limit for each port's answer, in seconds.")] = 5.0,
     port_offset: Annotated[int, typer.Option(help="Added to each port, as given to the emulator.")] = 0,
-    ports_file: Annotated[Path | None, typer.Option(help="The file the emulator wrote its ports to.")] = None,
+    ports_file: Annotated[Path | None, typer.Option(help="File to which the emulator wrote its ports.")] = None,
     require: Annotated[
-        list[str] | None, typer.Option(help="A server that has to be there, for example modbus. Repeatable.")
+        list[str] | None, typer.Option(help="A server that must answer, for example modbus. Repeatable.")
     ] = None,
     script: Annotated[
-        bool, typer.Option("--run-script", help="Also let the robot run a script that only writes to its log.")
+        bool, typer.Option("--run-script", help="Also run a script on the robot that only writes to its log.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print what is wrong only.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print only what is wrong.")] = False,
     as_json: AsJson = False,
     install: Annotated[
-        bool, typer.Option("--install", help="Look at this installation instead: who else has our packages' names.")
+        bool,
+        typer.Option("--install", help="Check this installation instead: which other packages have the same names."),
     ] = False,
     version: Annotated[bool, version_of("ur-emulator-check")] = False,
 ) -> None:
-    """Do what clients do on every port of a robot, emulated or real, and say which part does not answer."""
+    """Connect to every port of a robot, emulated or real, as clients do, and report what does not answer."""
     if install:
         _show_installation()
         return
@@ -128,7 +129,7 @@ class _Plan:
 
 
 def _plan(host: str, offset: int, ports_file: Path | None, require: Sequence[str]) -> _Plan:
-    known = _read_ports(ports_file) if ports_file is not None else _told_ports(host, PORTS["control"] + offset)
+    known = _read_ports(ports_file) if ports_file is not None else _reported_ports(host, PORTS["control"] + offset)
     named = [*require, *(known or _ALWAYS)]
     looked_for = [] if known is not None else _LOOKED_FOR
     names = dict.fromkeys((*_ALWAYS, *named, *looked_for))
@@ -144,7 +145,7 @@ def _read_ports(path: Path) -> dict[str, int]:
     return ports
 
 
-def _told_ports(host: str, port: int) -> dict[str, int] | None:
+def _reported_ports(host: str, port: int) -> dict[str, int] | None:
     """What an emulator says itself; None from a real robot, or an emulator that wants a token."""
     client = ControlClient(host, port, timeout_s=_ASK_S)
     try:

@@ -10,8 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import wraps
-from inspect import Parameter, Signature, signature
+from inspect import Parameter, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn
 
@@ -21,7 +20,7 @@ from emulator.logs import LogLevel, log_to_stderr
 from emulator.realtime import RealTime
 from emulator.robot.kinds import ArmKind
 from emulator.services.sockets import ScriptNetwork
-from urproto.commandline import Deferred, application, completing, load_from, version_of
+from urproto.commandline import Deferred, application, completing, load_from, version_of, with_options_of
 from urproto.ports import PENDANT_PORT
 
 if TYPE_CHECKING:
@@ -58,9 +57,9 @@ def configure(
         str, typer.Option(envvar="UR_EMULATOR_HOST", help="Address to listen on; 0.0.0.0 lets other machines in.")
     ] = "127.0.0.1",
     port_offset: Annotated[int, typer.Option(help="Added to each of the usual ports.")] = 0,
-    ephemeral_ports: Annotated[bool, typer.Option("--ephemeral-ports", help="Take free ports instead.")] = False,
+    ephemeral_ports: Annotated[bool, typer.Option("--ephemeral-ports", help="Use free ports instead.")] = False,
     programs: Annotated[
-        Path | None, typer.Option(help="Folder for load; the default.installation in it is loaded at boot.")
+        Path | None, typer.Option(help="Programs folder of the robot; default.installation in it is loaded at boot.")
     ] = None,
     initial_positions: Annotated[
         Path | None, typer.Option(help="YAML file: joint names to radians (default: URSim's).")
@@ -73,65 +72,72 @@ def configure(
         bool, typer.Option("--remote-control", help="Answer true to 'is in remote control' (e-Series).")
     ] = False,
     enforce_remote_control: Annotated[
-        bool, typer.Option("--enforce-remote-control", help="Refuse orders unless in remote control (e-Series).")
+        bool, typer.Option("--enforce-remote-control", help="Refuse commands unless in remote control (e-Series).")
     ] = False,
     script_network: Annotated[
         ScriptNetwork,
         typer.Option(
-            help="Addresses that sockets and XML-RPC of scripts may connect to; any: but no emulator's control API."
+            help="Addresses that sockets and XML-RPC of scripts may connect to; any excludes control APIs of emulators."
         ),
     ] = ScriptNetwork.ANY,
     external_control: Annotated[
         str | None,
-        typer.Option(metavar="HOST:PORT", help="Where External Control nodes get their program."),
+        typer.Option(metavar="HOST:PORT", help="Where External Control nodes get their program from."),
     ] = None,
-    modbus_unit_port: Annotated[
-        int, typer.Option(help="Where the Modbus units listen that programs add signals of.")
-    ] = 502,
+    modbus_unit_port: Annotated[int, typer.Option(help="Port of the Modbus units whose signals programs add.")] = 502,
     arm: Annotated[
-        ArmKind, typer.Option(help="ideal: exactly where its targets are; dynamic: moved by torques, with friction.")
+        ArmKind, typer.Option(help="ideal: follows its targets exactly; dynamic: moved by torques, with friction.")
     ] = ArmKind.IDEAL,
-    seed: Annotated[int, typer.Option(help="Of a dynamic arm's measurement noise.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed seed of a dynamic arm's measurement noise.")] = 0,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
     realtime: Annotated[
         RealTime,
         typer.Option(
-            help="Priority over other processes and locked memory (Linux): as granted; demanded; or not asked for."
+            help="Real-time priority and locked memory (Linux): auto, if the system grants them; on, or exit; off."
         ),
     ] = RealTime.AUTO,
-    encoder0_speed: Annotated[float, typer.Option(help="Ticks per second of a conveyor at encoder 0.")] = 0.0,
-    encoder1_speed: Annotated[float, typer.Option(help="Ticks per second of a conveyor at encoder 1.")] = 0.0,
+    encoder0_speed: Annotated[
+        float, typer.Option(help="Speed of the conveyor at encoder 0, in ticks per second.")
+    ] = 0.0,
+    encoder1_speed: Annotated[
+        float, typer.Option(help="Speed of the conveyor at encoder 1, in ticks per second.")
+    ] = 0.0,
     tool_device: Annotated[
-        str | None, typer.Option(help="On the tool's serial line (e-Series): echo, pty, or a serial port's path.")
+        str | None,
+        typer.Option(help="Device on the tool's serial line (e-Series): echo, pty, or the path of a serial port."),
     ] = None,
-    gripper: Annotated[str | None, typer.Option(help="Mounted on the arm: robotiq-2f-85 or robotiq-2f-140.")] = None,
-    gripper_object: Annotated[float | None, typer.Option(help="Width of what the gripper meets, in mm.")] = None,
+    gripper: Annotated[
+        str | None, typer.Option(help="Gripper mounted on the arm: robotiq-2f-85 or robotiq-2f-140.")
+    ] = None,
+    gripper_object: Annotated[
+        float | None, typer.Option(help="Width of the object between the gripper's fingers, in mm.")
+    ] = None,
     safety: Annotated[
         Path | None,
         typer.Option(
             metavar="factory|FILE",
-            help="Safety limits: as delivered, or in a YAML file or PolyScope's .installation; else the joints' only.",
+            help="Safety limits: factory, or a YAML file or PolyScope .installation; joint limits only if not given.",
         ),
     ] = None,
     self_collision: Annotated[
         bool, typer.Option("--self-collision", help="Stop when links of the arm touch each other.")
     ] = False,
     control_host: Annotated[
-        str, typer.Option(help="Where the control API listens, if not on this machine only; wants a token.")
+        str, typer.Option(help="Address the control API listens on; other than loopback requires --control-token.")
     ] = "",
     control_token: Annotated[
-        str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="What clients of the control API have to present.")
+        str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="Token that clients of the control API must present.")
     ] = "",
     fault: Annotated[
         list[str] | None,
-        typer.Option(metavar="KIND,NAME=VALUE,...", help="What goes wrong (docs/faults.md); may be repeated."),
+        typer.Option(metavar="KIND,NAME=VALUE,...", help="Fault to inject (docs/faults.md). Repeatable."),
     ] = None,
-    most_clients: Annotated[int, typer.Option(help="Clients that each port has at a time.")] = 256,
+    most_clients: Annotated[int, typer.Option(help="Most clients a port accepts at a time.")] = 256,
     most_clients_per_address: Annotated[
-        int | None, typer.Option(help="Of them, those from one address (default: half).")
+        int | None, typer.Option(help="Most clients from one address (default: half of --most-clients).")
     ] = None,
-    no_control: Annotated[bool, typer.Option("--no-control", help="Serve no control API.")] = False,
-    world: Annotated[Path | None, typer.Option(help="YAML file: what stands around the arm and pushes back.")] = None,
+    no_control: Annotated[bool, typer.Option("--no-control", help="Do not serve the control API.")] = False,
+    world: Annotated[Path | None, typer.Option(help="YAML file of objects around the arm that push back.")] = None,
 ) -> "EmulatorConfig":
     """A robot as the options of the command line say. Raises ConfigError."""
     from emulator import config as checked  # the whole emulator, which a look at the options does not wait for
@@ -180,19 +186,7 @@ ROBOT_OPTIONS: Final[Mapping[str, Parameter]] = signature(configure).parameters
 
 def with_robot_options(*, without: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Let a command have the options of ``configure`` before its own; it gets them as a mapping, first of all."""
-    options = {name: option for name, option in ROBOT_OPTIONS.items() if name not in without}
-
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        _, *own = signature(command).parameters.values()
-
-        @wraps(command)
-        def run(**given: Any) -> None:
-            command({name: given.pop(name) for name in options}, **given)
-
-        run.__signature__ = Signature([*options.values(), *own])  # type: ignore[attr-defined]
-        return run
-
-    return decorate
+    return with_options_of(configure, without=without)
 
 
 @app.callback(invoke_without_command=True, subcommand_metavar="[COMMAND [ARGS]...]")
@@ -204,13 +198,11 @@ def _run(
     ports_file: Annotated[Path | None, typer.Option(help="Write the ports here as JSON once ready.")] = None,
     log_level: Annotated[
         LogLevel,
-        typer.Option(
-            help="How much to log; debug tells why: each transition, stop, refusal and fault, with robot time."
-        ),
+        typer.Option(help="How much to log; debug explains each transition, stop, refusal and fault, with robot time."),
     ] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
-    no_pendant: Annotated[bool, typer.Option("--no-pendant", help="Start no teach pendant.")] = False,
-    pendant_port: Annotated[int, typer.Option(help="Where browsers find the teach pendant.")] = PENDANT_PORT,
+    no_pendant: Annotated[bool, typer.Option("--no-pendant", help="Do not start the teach pendant.")] = False,
+    pendant_port: Annotated[int, typer.Option(help="Port of the teach pendant, for browsers.")] = PENDANT_PORT,
     version: Annotated[bool, version_of("ur-emulator")] = False,
 ) -> None:
     """Stand in for a Universal Robots controller on this machine. Not for validating safety."""
@@ -232,7 +224,7 @@ def _refuse_options_before(context: typer.Context) -> None:
         source = context.get_parameter_source(name)
         if source is not None and source.name == "COMMANDLINE":
             option = f"--{name.replace('_', '-')}"
-            raise typer.BadParameter(f"{option} belongs behind {context.invoked_subcommand}, or is not an option of it")
+            raise typer.BadParameter(f"{option} goes after {context.invoked_subcommand}, or is not an option of it")
 
 
 def _fleet() -> Any:

@@ -313,7 +313,7 @@ def check_encoder_speeds(*ticks_per_s: float) -> tuple[float, float]:
 def check_client_limits(port: int, address: int | None) -> ClientLimits:
     """Clients of one port, in all and from one address: half of all unless given. Raises ConfigError."""
     if port < 1:
-        raise ConfigError(f"a port needs room for 1 client or more, not {port}")
+        raise ConfigError(f"a port must accept at least 1 client, not {port}")
     if address is None:
         return ClientLimits(port, max(1, port // 2))
     if not 1 <= address <= port:

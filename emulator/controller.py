@@ -19,8 +19,7 @@ from emulator.devices.robotiq import Gripper
 from emulator.devices.tool_line import ToolLine
 from emulator.guard import MOVING, PUBLISHING, Guard
 from emulator.io.encoders import Encoders
-from emulator.io.port_memory import PortMemory
-from emulator.io.signals import BaseLight, ForceInput, Registers, Signals
+from emulator.io.signals import BaseLight, ForceInput, ModbusRegisters, Registers, Signals
 from emulator.lifecycle.power import Power, PowerEvent, PowerState
 from emulator.lifecycle.runstate import Speed, StopCause
 from emulator.lifecycle.safety import Safety, SafetyEvent
@@ -76,7 +75,7 @@ class Controller(Machine):
         self.messages = MessageLog(self._time_us)
         self.popups = Popups(self.messages, lambda: self.time_s, config.popup_auto_close_s)
         self.registers = Registers()
-        self.port_memory: PortMemory = PortMemory()
+        self.modbus_registers: ModbusRegisters = ModbusRegisters()
         early = not config.dynamic and not _LATE_SIMULATOR.covers(self.version)
         self.signals = Signals(early_simulator=early)
         self.encoders = Encoders(self.period_s, config.encoder_speeds)
@@ -105,7 +104,7 @@ class Controller(Machine):
         self.programs = Programs(self)
         # for faults: called at the beginning of each period, and with each snapshot before it is published
         self.on_tick: list[Callable[[], None]] = []
-        self.falsifiers: list[Callable[[Snapshot], None]] = []
+        self.snapshot_hooks: list[Callable[[Snapshot], None]] = []
 
         self.guard = Guard(self, self.programs, self.safety_board)
         self.safety_board.on_restart = self.guard.restarted
@@ -116,7 +115,7 @@ class Controller(Machine):
         self._own_sensor = self.model.series is Series.E
         self._power_seen = PowerState.OFF
         self._arm_changed = False
-        self._falsified = False
+        self._hooks_ran = False
         self._fault: MotionFault | None = None
         self._stages: tuple[tuple[str, Callable[[], None]], ...] = (
             ("letting faults act", self._call_hooks),
@@ -151,7 +150,7 @@ class Controller(Machine):
     def _time_us(self) -> int:
         return self.step_count * 1_000_000 // self._frequency_hz
 
-    # doors for the servers
+    # what servers call
 
     def post(self, command: Command, reply: Reply | None = None) -> None:
         """Queue a command for the next tick. ``reply`` is called with its answer, once."""
@@ -182,7 +181,7 @@ class Controller(Machine):
                 self.guard.listener_failed(callback, error)
         return self.snapshot
 
-    # doors for programs, commands and faults
+    # what programs, commands and faults call
 
     @property
     def standing(self) -> bool:
@@ -364,7 +363,7 @@ class Controller(Machine):
     def _publish(self) -> None:
         snapshot = self.snapshot.successor()
         snapshot.step, snapshot.timestamp = self.step_count, self.time_s
-        if self._arm_changed or self._falsified or self.falsifiers:
+        if self._arm_changed or self._hooks_ran or self.snapshot_hooks:
             self.arm.publish(snapshot)
         powered = self.power.report.powered
         self.electrics.publish(snapshot, powered=powered)
@@ -384,8 +383,8 @@ class Controller(Machine):
         status = int(RobotStatusBits.POWER_ON) if powered else 0
         status |= RobotStatusBits.PROGRAM_RUNNING if snapshot.program_running else 0
         snapshot.robot_status_bits = status | self.safety_board.robot_status_bits()
-        self._falsified = bool(self.falsifiers)
-        for falsify in self.falsifiers:
-            falsify(snapshot)
+        self._hooks_ran = bool(self.snapshot_hooks)
+        for hook in self.snapshot_hooks:
+            hook(snapshot)
         snapshot.messages = self.messages.take()
         self.snapshot = snapshot

@@ -16,6 +16,7 @@ from emulator.control.remote import ControlClient
 from emulator.control.verbs import BadArguments, NotPossible
 from urproto.commandline import application, console
 from urproto.ports import CONTROL_API_PORT
+from urproto.text import json_document
 
 _FAILED: Final = 1
 _USAGE_ERROR: Final = 2
@@ -33,9 +34,7 @@ def _ctl(
     host: Annotated[str, typer.Option(help="Address of the control API.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Its port.")] = CONTROL_API_PORT,
     token: Annotated[str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="Its token.")] = "",
-    file: Annotated[
-        Path | None, typer.Option("--file", "-f", help="Of save: where to write. Of restore: what to read.")
-    ] = None,
+    file: Annotated[Path | None, typer.Option("--file", "-f", help="File that save writes or restore reads.")] = None,
 ) -> None:
     """Use the control API of a running emulator: inputs, buttons, faults, time. Results are JSON."""
     client = ControlClient(host, port, token, timeout_s=None)
@@ -93,14 +92,14 @@ def _value(word: str, kind: str) -> Any:
     if kind == "str":
         return word
     try:
-        return json.loads(word)
+        return json_document(word)
     except ValueError:
         return {"on": True, "off": False}.get(word, word)
 
 
 def _read(file: Path) -> Any:
     try:
-        return json.loads(file.read_text())
+        return json_document(file.read_text())
     except ValueError as error:
         raise BadArguments(f"{file} is not JSON: {error}") from error
 

@@ -118,14 +118,14 @@ class Novelty:
     """Which failures were told already."""
 
     def __init__(self) -> None:
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
 
     def of(self, error: BaseException, who: object = "") -> bool:
         """True the first time that this kind of error comes from this place."""
         key = f"{who} {type(error).__name__} {place_of(error)}"
-        if key in self._told or len(self._told) >= _MOST_REMEMBERED:
+        if key in self._reported or len(self._reported) >= _MOST_REMEMBERED:
             return False
-        self._told.add(key)
+        self._reported.add(key)
         return True
 
 

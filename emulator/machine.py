@@ -12,8 +12,7 @@ from typing import Any, Final, Protocol
 from emulator.devices.robotiq import GripperModel
 from emulator.devices.tool_line import ToolLine
 from emulator.io.encoders import Encoders
-from emulator.io.port_memory import PortMemory
-from emulator.io.signals import BaseLight, ForceInput, Registers, Signals
+from emulator.io.signals import BaseLight, ForceInput, ModbusRegisters, Registers, Signals
 from emulator.lifecycle.power import Power, PowerEvent, PowerTimings
 from emulator.lifecycle.runstate import Speed, StopCause
 from emulator.lifecycle.safety import Safety, SafetyEvent
@@ -130,7 +129,7 @@ class Machine(ABC):
 
     signals: Signals
     registers: Registers
-    port_memory: PortMemory
+    modbus_registers: ModbusRegisters
     encoders: Encoders
     base_light: BaseLight
     ft_input: ForceInput

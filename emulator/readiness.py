@@ -154,7 +154,7 @@ async def _rtde(stream: _Stream) -> str:
         raise NotReady(f"protocol {_PROTOCOL} is refused")
     version = await talk.ask(GetVersion())
     if not isinstance(version, VersionReply):
-        raise NotReady("the version is not told")
+        raise NotReady("the version was not reported")
     recipe = await talk.ask(SetupOutputs((_RTDE_VARIABLE,), _RTDE_RATE_HZ))
     if not isinstance(recipe, SetupOutputsReply) or not recipe.recipe_id:
         raise NotReady(f"a recipe of {_RTDE_VARIABLE} is refused: {recipe}")

@@ -16,24 +16,24 @@ def _arguments(parser: ArgumentParser) -> None:
         "--speed",
         type=_speed,
         metavar="max|N",
-        help="N times real time; max (the default) is as fast as it goes, but real time while a script socket is open",
+        help="N times real time; max (the default) is as fast as possible, but real time while a script socket is open",
     )
     parser.add_argument("--timeout", type=_positive, metavar="SECONDS", help="stop after this much robot time")
     parser.add_argument(
         "--script-network",
         choices=list(ScriptNetwork),
         default=ScriptNetwork.ANY,
-        help="addresses that sockets and XML-RPC of the script may connect to (default any, but no emulator's control "
-        "API)",
+        help="addresses that sockets and XML-RPC of the script may connect to (default any, which excludes control "
+        "APIs of emulators)",
     )
-    parser.add_argument("--world", type=Path, metavar="WORLD", help="YAML file: what stands around the arm")
+    parser.add_argument("--world", type=Path, metavar="WORLD", help="YAML file of objects around the arm")
     parser.add_argument(
         "--arm",
         choices=list(ArmKind),
         default=ArmKind.IDEAL,
-        help="ideal (the default): exactly where its targets are; dynamic: moved by torques, with friction",
+        help="ideal (the default): follows its targets exactly; dynamic: moved by torques, with friction",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of a dynamic arm's measurement noise")
+    parser.add_argument("--seed", type=int, default=0, help="seed of a dynamic arm's measurement noise")
     parser.add_argument("--joints", nargs=6, metavar="Q", help="six joint angles to start from [rad]")
     parser.add_argument(
         "--input",
@@ -55,7 +55,7 @@ def _arguments(parser: ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="TEXT",
-        help="answer to a question of the program, as an operator types it; repeatable, in their order",
+        help="answer to a question of the program, as an operator types it; repeatable, in order",
     )
     parser.add_argument(
         "--peers",

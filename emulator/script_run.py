@@ -14,7 +14,7 @@ from emulator.config import controller_config
 from emulator.controller import Controller
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.script_peers import Peers, StubPeers, read_peers
-from emulator.servers.script_sockets import NetworkSockets
+from emulator.servers.script_sockets import NetworkSockets, ScriptPort
 from emulator.services.sockets import ScriptNetwork
 from urproto.robots import RobotModel
 from urproto.robots.model import Joints
@@ -129,7 +129,7 @@ async def _drive(
     batch: Batch, controller: Controller, speed: float | None, network: ScriptNetwork, peers: Peers
 ) -> None:
     """Tick until the run is over. Raises what a tick raises."""
-    sockets = NetworkSockets(network, controller.messages.note)
+    sockets = NetworkSockets(network, controller.messages.note, port=ScriptPort(lambda: controller.snapshot.timestamp))
     controller.programs.socket_backend = StubPeers(peers, sockets)
     period_s = controller.period_s
     clock: Clock = RealClock(period_s, speed) if speed else FastClock(period_s, lambda: len(sockets) > 0)

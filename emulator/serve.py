@@ -136,7 +136,7 @@ class Pendant:
         self._keeping: asyncio.Task[None] | None = None
         self._state = "starting"
         self._starts = 0
-        self._trouble = ""
+        self._problem = ""
 
     async def __aenter__(self) -> Self:
         self._emulator.control.pendant_report = self.report
@@ -169,7 +169,7 @@ class Pendant:
             "port": self._port,
             "pid": process.pid if process is not None and process.returncode is None else None,
             "starts": self._starts,
-            "trouble": self._trouble,
+            "problem": self._problem,
         }
 
     async def _keep(self) -> None:
@@ -197,7 +197,7 @@ class Pendant:
                 self._give_up(f"The teach pendant {how}, as {failures - 1} times before: it is given up. {by_hand}")
                 return
             wait_s = _WAITS_S[failures - 1]
-            self._state, self._trouble = "waiting", f"it {how}"
+            self._state, self._problem = "waiting", f"it {how}"
             self._tell(f"The teach pendant {how}: it is started anew in {wait_s:g} s.")
             await asyncio.sleep(wait_s)
 
@@ -214,7 +214,7 @@ class Pendant:
         return line, await process.wait()
 
     def _give_up(self, why: str) -> None:
-        self._state, self._trouble = "given up", why
+        self._state, self._problem = "given up", why
         self._tell(why)
 
     def _command(self) -> list[str]:

@@ -1,6 +1,7 @@
 """The shape of the code: who imports whom, no cycles, where time and sockets may appear."""
 
 import ast
+import re
 import runpy
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -145,9 +146,9 @@ def within(name: str, parts: tuple[str, ...]) -> bool:
     return any(name == part or name.startswith(f"{part}.") for part in parts)
 
 
-def none(troubles: Iterable[str]) -> None:
+def none(problems: Iterable[str]) -> None:
     """Fail with all that was found at once: one rule is one test, however many modules there are."""
-    found = sorted(troubles)
+    found = sorted(problems)
     assert not found, "\n".join(found)
 
 
@@ -248,6 +249,23 @@ def test_one_module_says_how_foreign_text_is_held() -> None:
 def test_exactly_four_packages() -> None:
     found = {path.parent.name for path in ROOT.glob("*/__init__.py")}
     assert found == set(PACKAGES)
+
+
+def test_no_module_is_left_alone() -> None:
+    """A controller type, a fault, a node or a screen in a module that nobody imports would not exist, unnoticed."""
+    used = {imported for name in modules() for imported in imports(name) if imported != name}
+    texts = [(ROOT / "pyproject.toml").read_text(), *(module_path(name).read_text() for name in modules())]
+    named = {match for text in texts for match in re.findall(r'"([a-z_.0-9]+)(?::\w+)?"', text)}  # imported when needed
+    named |= {f"client.commands.{place}" for place in re.findall(r'"(\w+):\w+"', module_path("client.cli").read_text())}
+    none(
+        f"nothing imports {name}: add it to the registry of its package, or delete it"
+        for name in modules()
+        if name not in used | named and not name.endswith("__main__") and not _is_package_of(name, used | named)
+    )
+
+
+def _is_package_of(name: str, used: set[str]) -> bool:
+    return any(within(other, (name,)) for other in used)
 
 
 # the inside of a package

@@ -2,10 +2,12 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import Enum
+from functools import wraps
 from importlib import import_module
 from importlib.metadata import version as distribution_version
+from inspect import Signature, signature
 from math import isfinite
 from typing import TYPE_CHECKING, Annotated, Any, Final, TextIO, TypeAlias
 
@@ -40,6 +42,29 @@ def version_of(program: str) -> Any:
             raise typer.Exit
 
     return typer.Option("--version", callback=show, is_eager=True, help="Show the version and exit.")
+
+
+def with_options_of(
+    function: Callable[..., Any], *, without: Sequence[str] = (), last: bool = False
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Let a command have a function's parameters as options, before its own or as the last ones.
+
+    The command gets them as a mapping, its first argument, to call the function with.
+    """
+    shared = {name: option for name, option in signature(function).parameters.items() if name not in without}
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        _, *own = signature(command).parameters.values()
+
+        @wraps(command)
+        def run(**given: Any) -> None:
+            command({name: given.pop(name) for name in shared}, **given)
+
+        order = [*own, *shared.values()] if last else [*shared.values(), *own]
+        run.__signature__ = Signature(order)  # type: ignore[attr-defined]
+        return run
+
+    return decorate
 
 
 def completing(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:

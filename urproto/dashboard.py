@@ -214,7 +214,7 @@ def _member(members: type[_Member], name: str) -> _Member:
     try:
         return members[name]
     except KeyError:
-        raise RemoteProtocolError(f"{name!r} is no {members.__name__}") from None
+        raise RemoteProtocolError(f"{name!r} is not a {members.__name__}") from None
 
 
 def parse_robot_mode(reply: str) -> RobotMode:

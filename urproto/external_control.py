@@ -570,7 +570,7 @@ def _member(kind: type[EnumT], value: int) -> EnumT:
     try:
         return kind(value)
     except ValueError:
-        raise RemoteProtocolError(f"{value} is no {kind.__name__}") from None
+        raise RemoteProtocolError(f"{value} is not a {kind.__name__}") from None
 
 
 def split_greeting(data: bytes) -> tuple[str | None, bytes] | None:

@@ -128,6 +128,16 @@ def words(text: str) -> list[str]:
     return _WORD.findall(text)
 
 
+def json_document(text: str | bytes) -> Any:
+    """The value of a JSON document. Raises ValueError, also where brackets are nested too deeply to be read."""
+    import json
+
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
 def whole_number(text: str) -> int:
     """A decimal number without fraction, blanks around it allowed. Raises ValueError."""
     if not _WHOLE.fullmatch(strip(text)):

@@ -155,12 +155,12 @@ In a piece they are ``return (value,)``, ``return True`` and ``return False``; w
 
 @dataclass(slots=True)
 class _Part:
-    """Code that may become a piece."""
+    """Code that may become a piece. ways: out of it, in their order."""
 
-    first_way: int  # of the ways out that are in it
     code: list[ast.stmt] = field(default_factory=list)
     size: int = 0
     stored_globals: set[str] = field(default_factory=set)
+    ways: list[_Way] = field(default_factory=list)
     place: Place | None = None
 
 
@@ -186,7 +186,7 @@ class _BodyCompiler(ExpressionCompiler):
             *([] if lasting else ["_pieces"]),
             *(["_depth"] if recursive else []),
         ]
-        self._ways: list[_Way] = []  # out of what is being compiled, in their order
+        self._ways: list[_Way] = []  # out of what is being compiled, as `stored_globals` are of it
         self._elsewhere = 0  # how much of the size is in pieces
         self._counted = 0  # of the size, whose work was yielded
         self._charged = charged  # a generator, so that it can park
@@ -256,29 +256,27 @@ class _BodyCompiler(ExpressionCompiler):
         When the body is divided, statements are moved into a piece as soon as there are enough for one, and so
         are the calls of pieces.
         """
-        outer = self.stored_globals
-        levels = [self._part()]  # statements, calls of pieces, calls of pieces of such, ...
+        outer, outer_ways = self.stored_globals, self._ways
+        levels = [_Part()]  # statements, calls of pieces, calls of pieces of such, ...
         for run, work in _runs(statements, extra):
             levels[0].code += charge(work, place_of(run[0]), park=True)
             for statement in run:
                 part, before = levels[0], self.inline
                 part.place = part.place or place_of(statement)
-                self.stored_globals = part.stored_globals
+                self.stored_globals, self._ways = part.stored_globals, part.ways
                 part.code += yield from self._plain([statement])
                 part.size += self.inline - before
                 if self._divided:
                     self._move(levels, _PIECE)
-        self.stored_globals = outer
         if self._divided:
             self._move(levels, _REST)
+        self.stored_globals, self._ways = outer, outer_ways
         code: list[ast.stmt] = []
         for part in reversed(levels):
             code += part.code
             outer |= part.stored_globals
+            outer_ways += part.ways
         return code
-
-    def _part(self) -> _Part:
-        return _Part(len(self._ways))
 
     def _move(self, levels: list[_Part], enough: int) -> None:
         """Make pieces of what is large enough, from the statements upwards."""
@@ -287,19 +285,19 @@ class _BodyCompiler(ExpressionCompiler):
                 continue
             if level + 1 == len(levels):
                 if enough == _REST:
-                    part.code = self._piece(part, part.place)
+                    levels[level] = self._called(part, part.place)
                     return
-                levels.append(_Part(part.first_way))
-            above, before = levels[level + 1], self.inline - part.size
+                levels.append(_Part())
+            above, run = levels[level + 1], self._called(part, part.place)
             above.place = above.place or part.place
-            above.code += self._piece(part, part.place)
-            above.size += self.inline - before
-            levels[level] = self._part()
+            above.code += run.code
+            above.ways += run.ways
+            above.size += run.size
+            levels[level] = _Part()
 
-    def _piece(self, part: _Part, place: Place) -> list[ast.stmt]:
-        """Move code into a function; what runs it instead, with the ways out of it."""
-        ways = self._ways[part.first_way :]
-        del self._ways[part.first_way :]
+    def _called(self, part: _Part, place: Place) -> _Part:
+        """Move code into a function; what runs it instead, with the ways out of it, and stores no globals itself."""
+        ways, before = part.ways, self.inline - part.size
         words = {way.body[0].__class__ for way in ways if isinstance(way, ast.If)}
         for way in ways:
             if isinstance(way, ast.If):
@@ -308,19 +306,20 @@ class _BodyCompiler(ExpressionCompiler):
                 way.value = ast.Tuple([way.value or constant(None, place)], LOAD, **place)
         run = self._run_piece(part.code, part.size, part.stored_globals, place)
         if not ways:
-            return [ast.Expr(value=run, **place)]
+            return _Part([ast.Expr(value=run, **place)], self.inline - before, place=place)
         code: list[ast.stmt] = [assign("_way", run, place)]
+        left: list[_Way] = []
         for word, value in ((ast.Break, True), (ast.Continue, False)):
             if word in words:
                 way_on = self._way_if(ast.Is(), value, word(**place), place)
                 code.append(way_on)
-                self._ways.append(way_on)
+                left.append(way_on)
         if any(isinstance(way, ast.Return) for way in ways):
             back = ast.Return(subscript(load("_way", place), 0, place), **place)
             code.append(self._way_if(ast.IsNot(), None, back, place))
-            self._ways.append(back)
+            left.append(back)
         self.size += len(code)
-        return code
+        return _Part(code, self.inline - before, ways=left, place=place)
 
     def _way_if(self, test: ast.cmpop, value: bool | None, then: ast.stmt, place: Place) -> ast.If:
         """``if _way is value: then``"""
@@ -451,11 +450,11 @@ class _BodyCompiler(ExpressionCompiler):
     def _if(self, node: If, place: Place) -> Steps[list[ast.stmt]]:
         """In a long row of branches, the last ones become a piece, then those before them, and so on."""
         heavy = _is_heavy(node)
-        outer = self.stored_globals
+        outer, outer_ways = self.stored_globals, self._ways
         branches: list[tuple[ast.expr, _Part]] = []
         for condition, statements in [*node.branches, (None, node.otherwise)]:
-            part, before = self._part(), self.inline
-            self.stored_globals = part.stored_globals
+            part, before = _Part(), self.inline
+            self.stored_globals, self._ways = part.stored_globals, part.ways
             if condition is not None:
                 if self._divided and node.cost > _PIECE:
                     yield from self._divide(condition)
@@ -463,18 +462,17 @@ class _BodyCompiler(ExpressionCompiler):
                 part.place = place_of(condition)
             part.code = yield from self._inner(statements, heavy)
             part.size = self.inline - before
-        self.stored_globals = outer
+        self.stored_globals, self._ways = outer, outer_ways
         rest = part  # of the else
         for (test, part), (source, _) in zip(reversed(branches), reversed(node.branches), strict=True):
             at = place_of(source)
             if self._divided and rest.size >= _PIECE and rest.place is not None:
-                before = self.inline - rest.size
-                rest.code, rest.stored_globals = self._piece(rest, rest.place), set()
-                rest.size = self.inline - before
+                rest = self._called(rest, rest.place)
             branch = ast.If(test=test, body=part.code or [ast.Pass(**at)], orelse=rest.code, **at)
             stored = part.stored_globals | rest.stored_globals
-            rest = _Part(part.first_way, [branch], part.size + rest.size, stored, at)
+            rest = _Part([branch], part.size + rest.size, stored, part.ways + rest.ways, at)
         self.stored_globals |= rest.stored_globals
+        self._ways += rest.ways
         return rest.code
 
     def _while(self, node: While, place: Place) -> Steps[list[ast.stmt]]:
@@ -484,9 +482,10 @@ class _BodyCompiler(ExpressionCompiler):
         if self.unit.stepped:  # before each pass; _step returns None
             passed = ast.UnaryOp(op=ast.Not(), operand=self._step(place), **place)
             test = ast.BoolOp(op=ast.And(), values=[passed, test], **place)
-        first_way = len(self._ways)
+        outer, self._ways = self._ways, []
         body = (yield from self._metered(node.body, _LOOP_COST)) or charge(_LOOP_COST, place, park=True)
-        self._ways[first_way:] = [way for way in self._ways[first_way:] if isinstance(way, ast.Return)]
+        outer += [way for way in self._ways if isinstance(way, ast.Return)]
+        self._ways = outer
         return [ast.While(test=test, body=body, orelse=[], **place)]
 
     def _return(self, node: Return, place: Place) -> list[ast.stmt]:

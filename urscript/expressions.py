@@ -121,7 +121,7 @@ class ExpressionParser:
         if string is not None:
             problem += f"; the string that starts in line {string.line} is closed only here"
         else:
-            at = self.tokens.index(token, min(self.started, self.at))
+            at = bisect_left(self.tokens, (token.line, token.column), key=attrgetter("line", "column"))
             odd = self.odd_end is not None and self.odd_end < at - 1
             cause = end_with_word(self.tokens, self.odd_end or 0) if odd else blamed
             hint = cause.text if cause else syntax_hint(self.tokens, at, self.started)
@@ -210,10 +210,12 @@ class ExpressionParser:
 
     def _unary(self, token: Token) -> Expression:
         if token.kind == "-" and self.token.text == "2147483648":
-            return Constant(token.line, token.column, -int(self.take().text))  # the one int without a positive twin
+            return Constant(
+                token.line, token.column, -int(self.take().text)
+            )  # the one int without a positive counterpart
         operand = self.expression(_UNARY_POWER)
         if isinstance(operand, Constant) and operand.value.__class__ in (int, float) and token.kind == "-":
-            value = operand.value  # of which one has no positive twin in 32 bits
+            value = operand.value  # of which one has no positive counterpart in 32 bits
             return Constant(token.line, token.column, value if value.__class__ is int and value == -(2**31) else -value)
         return Unary(token.line, token.column, token.kind, operand)
 

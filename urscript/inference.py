@@ -268,7 +268,10 @@ def _assignment(program: Program, scope: Scope, statement: Assign) -> _Store:
 
 
 def _work(statement: Assign | Return) -> int:
-    """Of looking at what a statement assigns or returns: half a unit a token."""
+    """Of looking at what a statement assigns or returns: half a unit a token, but for what is not looked at."""
+    value = statement.value
+    if isinstance(value, NumberList) or (isinstance(value, ListLiteral) and len(value.items) > _LONG_LIST):
+        return 1
     return 1 + statement.cost // 2
 
 

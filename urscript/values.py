@@ -211,10 +211,10 @@ def to_text(value: Value, *, message: bool = False, limit: int = MAX_STRING) -> 
     digits and no blanks (``p[0.605825,-0.720087,...]``, seen on a real log). Struct and nested
     string forms are guesses.
 
-    Raises RuntimeFault when the text is longer than `limit` characters.
+    Raises RuntimeFault when the text is longer than `limit` bytes.
     """
     text = _text(value, message, limit)
-    if len(text) > limit:
+    if (len(text) if text.isascii() else len(to_bytes(text))) > limit:
         raise RuntimeFault(f"String exceeds maximum length ({limit} Bytes).")
     return text
 

@@ -36,10 +36,10 @@ _ELSEWHERE: Final = "It is released on the pendant."
 
 ControllersOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option("--controllers", help="A controllers file as of ros2_control; the usual controllers without it."),
+    typer.Option("--controllers", help="A ros2_control controllers file (default: the usual controllers)."),
 ]
 MakeReady: TypeAlias = Annotated[
-    bool, typer.Option("--make-ready", help="Power the arm on and release its brakes first, if need be.")
+    bool, typer.Option("--make-ready", help="Power the arm on and release its brakes first, if necessary.")
 ]
 
 
@@ -51,7 +51,7 @@ RecordOption: TypeAlias = Annotated[
 ]
 SpeedSlider: TypeAlias = Annotated[
     float | None,
-    typer.Option("--speed-slider", min=0.01, max=1.0, help="Move the robot's speed slider first; it stays there."),
+    typer.Option("--speed-slider", min=0.01, max=1.0, help="Set the robot's speed slider first; it stays set."),
 ]
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import radians
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -35,16 +35,12 @@ from client.controllers.controller import CONTROLLER_TYPES
 from client.controllers.goal_files import GOAL_TIME_S, GoalFile, NamedGoal, read_goals
 from client.controllers.parameters import Reading, read_parameters
 from client.errors import ControllerError
-from urproto.commandline import AsJson, application, console, print_json
+from urproto.commandline import AsJson, application, console, print_json, with_options_of
 
 _CONTROLLER = "scaled_joint_trajectory_controller"
 
 
-def goal_command(
-    positions: Annotated[str, typer.Option(help='Joint angles, base to wrist 3: "0,-1.57,0,-1.57,0,0" [rad].')],
-    time: Annotated[float, typer.Option(help="How long the motion takes at full speed [s].")] = 6.0,
-    degrees: Annotated[bool, typer.Option("--degrees", help="The angles are in degrees.")] = False,
-    controller: Annotated[str, typer.Option(help="Which trajectory controller.")] = _CONTROLLER,
+def _target(
     controllers: ControllersOption = None,
     make_ready: MakeReady = False,
     record: RecordOption = None,
@@ -52,30 +48,38 @@ def goal_command(
     speed_slider: SpeedSlider = None,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
+) -> Target:
+    if record is not None:
+        check_free(record, overwrite)
+    return Target(robot_ip, port_offset, controllers, make_ready, record, speed_slider)
+
+
+@with_options_of(_target, last=True)
+def goal_command(
+    robot: Mapping[str, Any],
+    positions: Annotated[str, typer.Option(help='Joint angles, base to wrist 3: "0,-1.57,0,-1.57,0,0" [rad].')],
+    time: Annotated[float, typer.Option(help="How long the motion takes at full speed [s].")] = 6.0,
+    degrees: Annotated[bool, typer.Option("--degrees", help="The angles are in degrees.")] = False,
+    controller: Annotated[str, typer.Option(help="Trajectory controller to use.")] = _CONTROLLER,
 ) -> None:
-    """Move the arm to joint angles, smoothly and at rest there; Ctrl-C stops it softly."""
+    """Move the arm to joint angles and stop there; Ctrl-C brings it to rest."""
     q = tuple(radians(angle) for angle in _angles(positions)) if degrees else _angles(positions)
     _check_time(time)
-    target = _target(robot_ip, port_offset, controllers, make_ready, record, overwrite, speed_slider)
+    target = _target(**robot)
     point = JointTrajectoryPoint(q, (0.0,) * len(q), time_from_start_s=time)
     run(go(target, controller, JointTrajectory(JOINT_NAMES, (point,))))
 
 
+@with_options_of(_target, last=True)
 def publish_goals_command(
+    robot: Mapping[str, Any],
     file: Annotated[Path, typer.Argument(help="Goals as publisher_joint_trajectory_controller reads them.")],
-    node: Annotated[str | None, typer.Option(help="Which of the file's sections, when it has several.")] = None,
+    node: Annotated[str | None, typer.Option(help="Section of the file, if it has several.")] = None,
     time: Annotated[float, typer.Option(help="How long each motion takes at full speed [s].")] = GOAL_TIME_S,
-    rounds: Annotated[int, typer.Option(min=0, help="How often all goals; 0 goes on until Ctrl-C.")] = 1,
-    controller: Annotated[str | None, typer.Option(help="Another controller than the file says.")] = None,
-    controllers: ControllersOption = None,
-    make_ready: MakeReady = False,
-    record: RecordOption = None,
-    overwrite: Overwrite = False,
-    speed_slider: SpeedSlider = None,
-    robot_ip: RobotIP = "127.0.0.1",
-    port_offset: PortOffset = 0,
+    rounds: Annotated[int, typer.Option(min=0, help="How many times to send all goals; 0 repeats until Ctrl-C.")] = 1,
+    controller: Annotated[str | None, typer.Option(help="Controller to use instead of the file's.")] = None,
 ) -> None:
-    """Send the goals of a file one after the other, each when the one before is reached; Ctrl-C stops softly."""
+    """Send the goals of a file, each once the previous one is reached; Ctrl-C brings the arm to rest."""
     _check_time(time)
     try:
         goals = read_goals(file, node)
@@ -85,27 +89,13 @@ def publish_goals_command(
         typer.echo(f"note: {note}", err=True)
     if controller is not None:
         goals = replace(goals, controller=controller)
-    target = _target(robot_ip, port_offset, controllers, make_ready, record, overwrite, speed_slider)
+    target = _target(**robot)
     run(publish(target, goals, time, rounds))
 
 
 def _check_time(time_s: float) -> None:
     if not time_s > 0.0:
         raise typer.BadParameter(f"--time has to be above 0 s, not {time_s}")
-
-
-def _target(
-    robot_ip: str,
-    port_offset: int,
-    controllers: Path | None,
-    make_ready: bool,
-    record: Path | None,
-    overwrite: bool,
-    speed_slider: float | None,
-) -> Target:
-    if record is not None:
-        check_free(record, overwrite)
-    return Target(robot_ip, port_offset, controllers, make_ready, record, speed_slider)
 
 
 def _angles(text: str) -> tuple[float, ...]:
@@ -162,12 +152,12 @@ def _listed(values: Sequence[float]) -> str:
     return ", ".join(f"{value:g}" for value in values)
 
 
-controllers_app = application("Controllers as of ros2_control.", completion=False, no_args_is_help=True)
+controllers_app = application("ros2_control's controllers.", completion=False, no_args_is_help=True)
 
 
 @controllers_app.command("types")
 def types_command(as_json: AsJson = False) -> None:
-    """List the types of controllers there are."""
+    """List the available controller types."""
     if as_json:
         known = {name: configuration.help_of(kind) for name, kind in sorted(CONTROLLER_TYPES.items())}
         print_json({"types": known, "refused": configuration.REFUSED})
@@ -182,7 +172,7 @@ def types_command(as_json: AsJson = False) -> None:
 
 @controllers_app.command("list")
 def list_command(controllers: ControllersOption = None, as_json: AsJson = False) -> None:
-    """List the controllers of a file, and say what in it is not understood: status 1 if any cannot be loaded."""
+    """List the controllers of a file and what in it is not understood; exit status 1 if any cannot be loaded."""
     file = controllers_file(controllers)
     table = Table("controller", "type", "notes", title=file.name)
     rows = [(name, kind, *_notes(name, kind, file.parameters_of(name))) for name, kind in file.types.items()]
@@ -224,7 +214,7 @@ def interfaces_command(
 
 @controllers_app.command("load")
 def load_command(
-    names: Annotated[list[str], typer.Argument(help="Controllers of the file, to be activated together.")],
+    names: Annotated[list[str], typer.Argument(help="Controllers of the file to activate together.")],
     controllers: ControllersOption = None,
     make_ready: MakeReady = False,
     robot_ip: RobotIP = "127.0.0.1",

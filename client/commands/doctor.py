@@ -27,15 +27,17 @@ _STYLES = {Grade.GOOD: "green", Grade.UNKNOWN: "dim", Grade.WEAK: "yellow", Grad
 
 
 def doctor_command(
-    robot: Annotated[str | None, typer.Argument(metavar="ROBOT_IP", help="The robot, if any.")] = None,
+    robot: Annotated[
+        str | None, typer.Argument(metavar="ROBOT_IP", help="Address of the robot, if there is one.")
+    ] = None,
     robot_ip: Annotated[
-        str | None, typer.Option("--robot-ip", envvar=ROBOT_IP_VARIABLE, help="The same, as for other commands.")
+        str | None, typer.Option("--robot-ip", envvar=ROBOT_IP_VARIABLE, help="The same, as in other commands.")
     ] = None,
     port_offset: PortOffset = 0,
     calibration: Annotated[Path | None, typer.Option(help="Calibration file that should be this robot's.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Examine this machine, the network and the robot; takes some seconds. Exit status 1 if something cannot work."""
+    """Examine this machine, the network and the robot, in some seconds. Exit status 1 if something cannot work."""
     screen = console()
     findings = []
     for finding in _examine(robot or robot_ip, port_offset, calibration):

@@ -19,14 +19,14 @@ def pendant_command(
     host: Annotated[
         str, typer.Option(help="Address to serve on; 0.0.0.0 lets other machines move the robot.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Where browsers find it.")] = PENDANT_PORT,
+    port: Annotated[int, typer.Option(help="Port to serve on, for browsers.")] = PENDANT_PORT,
     control_port: Annotated[
-        int | None, typer.Option(help="Of an emulator's control API, if it is not the usual one.")
+        int | None, typer.Option(help="Port of an emulator's control API, if not the usual one.")
     ] = None,
-    modbus_port: Annotated[int | None, typer.Option(help="Of the robot, if it is not the usual one.")] = None,
+    modbus_port: Annotated[int | None, typer.Option(help="Modbus port of the robot, if not the usual one.")] = None,
     meshes: Annotated[
         Path | None,
-        typer.Option(help="Folder of the arm's meshes (STL, GLB), laid out as for describe; without, it is drawn."),
+        typer.Option(help="Folder of the arm's meshes (STL, GLB), laid out as for describe (default: simple shapes)."),
     ] = None,
     poses: Annotated[
         Path | None, typer.Option(help="File of the saved poses, if it is not poses.json in your configuration folder.")
@@ -34,9 +34,11 @@ def pendant_command(
     tools: Annotated[
         Path | None, typer.Option(help="File of the saved TCPs, if it is not tools.json in your configuration folder.")
     ] = None,
-    with_parent: Annotated[bool, typer.Option("--with-parent", hidden=True, help="End with standard input.")] = False,
+    with_parent: Annotated[
+        bool, typer.Option("--with-parent", hidden=True, help="Exit when standard input closes.")
+    ] = False,
     control_token: Annotated[
-        str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="What an emulator's control API asks for.")
+        str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="Token of an emulator's control API.")
     ] = "",
 ) -> None:
     """Serve a teach pendant for a robot or an emulator, until Ctrl-C."""

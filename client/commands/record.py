@@ -17,7 +17,7 @@ from client.connection import DEFAULT_TIMEOUT_S
 from client.driver.config import ROBOT_PORTS
 from client.errors import ClientError, FileError, RecordingError
 from client.recording import live
-from client.recording.files import Recorder, Writer, convert, field_names, read, told
+from client.recording.files import Recorder, Writer, convert, field_names, read, remarks
 from client.recording.live import (
     FOXGLOVE_PORT,
     PLOTJUGGLER_PORT,
@@ -46,9 +46,10 @@ def describe_command(
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.")] = Path("robot.urdf"),
     calibration: Annotated[Path | None, typer.Option(help="Calibration file of the arm.")] = None,
     meshes: Annotated[
-        Path | None, typer.Option(help="Folder of meshes, as ur_description's meshes/ur5e; without, simple shapes.")
+        Path | None,
+        typer.Option(help="Folder of meshes, such as ur_description's meshes/ur5e (default: simple shapes)."),
     ] = None,
-    prefix: Annotated[str, typer.Option(help="Put before the name of every link and joint.")] = "",
+    prefix: Annotated[str, typer.Option(help="Prefix for the name of every link and joint.")] = "",
 ) -> None:
     """Write the URDF of an arm: joints, limits, inertias, geometry and, if there is one, calibration."""
     if (model is None) == (robot_ip is None):
@@ -87,12 +88,15 @@ def plot_command(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Picture to write: .png, .svg, .pdf or .html.")
     ] = None,
-    title: Annotated[str | None, typer.Option("--title", help="Above the picture; the file's name without it.")] = None,
+    title: Annotated[
+        str | None, typer.Option("--title", help="Title of the picture (default: the file's name).")
+    ] = None,
     controller: Annotated[
-        str | None, typer.Option("--controller", help='Whose desired motion; "robot" is the robot\'s own controller.')
+        str | None,
+        typer.Option("--controller", help='Controller whose desired motion to draw; "robot" is the robot\'s own.'),
     ] = None,
     limit: Annotated[
-        float | None, typer.Option("--limit", min=0.0, help="Draw a line here, for the deviation from the path [rad].")
+        float | None, typer.Option("--limit", min=0.0, help="Draw a line at this deviation from the path [rad].")
     ] = None,
     overwrite: "Overwrite" = False,
 ) -> None:
@@ -118,15 +122,15 @@ _INTERRUPTED: Final = 130  # exit status of a program that Ctrl-C ended
 
 def replay_command(
     file: Annotated[Path, typer.Argument(help="A recording: .mcap, .csv or .npz.", exists=True, dir_okay=False)],
-    speed: Annotated[float, typer.Option("--speed", help="Times the recorded speed.")] = 1.0,
+    speed: Annotated[float, typer.Option("--speed", help="Multiple of the recorded speed.")] = 1.0,
     yes: Annotated[bool, typer.Option("--yes", help="Move a real arm without asking.")] = False,
     make_ready: Annotated[
-        bool, typer.Option("--make-ready", help="Power the arm on and release its brakes first, if need be.")
+        bool, typer.Option("--make-ready", help="Power the arm on and release its brakes first, if necessary.")
     ] = False,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
-    """Move the arm along the recorded path: slowly to its start, then as recorded; Ctrl-C stops it softly."""
+    """Move the arm along the recorded path: slowly to its start, then as recorded; Ctrl-C brings it to rest."""
     if not 0.0 < speed <= 10.0:
         raise typer.BadParameter(f"--speed is above 0 and at most 10, not {speed:g}")
     path = joint_path(read_telling(file), speed)
@@ -193,19 +197,19 @@ _STREAM_HZ: Final = 50.0  # more than a screen shows
 
 Fields: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option("--fields", help="RTDE outputs, with commas or repeated; default stands for the usual ones."),
+    typer.Option("--fields", help="RTDE outputs, comma-separated or repeated; default stands for the usual ones."),
 ]
 Duration: TypeAlias = Annotated[
-    float | None, typer.Option("--duration", min=0.0, help="How long, by the robot's clock [s]; else until Ctrl-C.")
+    float | None, typer.Option("--duration", min=0.0, help="Duration by the robot's clock [s] (default: until Ctrl-C).")
 ]
-Overwrite: TypeAlias = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it is there.")]
+Overwrite: TypeAlias = Annotated[bool, typer.Option("--overwrite", help="Overwrite the file if it exists.")]
 
 
 def record_command(
-    file: Annotated[Path, typer.Argument(help="Where to: .mcap (ROS 2, PlotJuggler, Foxglove), .csv or .npz.")],
+    file: Annotated[Path, typer.Argument(help="File to write: .mcap (ROS 2, PlotJuggler, Foxglove), .csv or .npz.")],
     fields: Fields = None,
     frequency: Annotated[
-        float | None, typer.Option("--frequency", help="How often a second; the robot's full rate without it.")
+        float | None, typer.Option("--frequency", help="States per second (default: the robot's full rate).")
     ] = None,
     duration: Duration = None,
     overwrite: Overwrite = False,
@@ -238,21 +242,24 @@ def stream_command(
     ] = None,
     foxglove: Annotated[bool, typer.Option("--foxglove", help="Let Foxglove connect (see --listen).")] = False,
     listen: Annotated[
-        str, typer.Option("--listen", help="Where Foxglove connects to.")
+        str, typer.Option("--listen", help="Address that Foxglove connects to.")
     ] = f"ws://127.0.0.1:{FOXGLOVE_PORT}",
     urdf: Annotated[
         Path | None,
         typer.Option(
-            "--urdf", help="For Foxglove's 3D panel; without it the robot is asked.", exists=True, dir_okay=False
+            "--urdf",
+            help="URDF for Foxglove's 3D panel (default: made for the robot's model).",
+            exists=True,
+            dir_okay=False,
         ),
     ] = None,
     fields: Fields = None,
-    frequency: Annotated[float, typer.Option("--frequency", help="How often a second.")] = _STREAM_HZ,
+    frequency: Annotated[float, typer.Option("--frequency", help="States per second.")] = _STREAM_HZ,
     duration: Duration = None,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
-    """Show what a robot does in PlotJuggler or Foxglove while it does it, until Ctrl-C."""
+    """Stream a robot's live data to PlotJuggler or Foxglove, until Ctrl-C."""
     if not plotjuggler and not foxglove:
         raise typer.BadParameter("say where to: --plotjuggler udp://127.0.0.1:9870, --foxglove, or both")
     names = _chosen(fields)
@@ -275,7 +282,7 @@ def stream_command(
 
 def convert_command(
     file: Annotated[Path, typer.Argument(help="A recording: .mcap, .csv or .npz.", exists=True, dir_okay=False)],
-    target: Annotated[Path, typer.Argument(help="Where to, in the format of its suffix.")],
+    target: Annotated[Path, typer.Argument(help="File to write; its suffix chooses the format.")],
     overwrite: Overwrite = False,
 ) -> None:
     """Write a recording in another format."""
@@ -284,7 +291,9 @@ def convert_command(
     _tell(file, recording)
     typer.echo(f"{target}: {len(recording)} states of {len(recording.values)} variables")
     if recording.controllers:
-        typer.echo(f"without what controllers told ({', '.join(recording.controllers)}): it stays in {file}", err=True)
+        typer.echo(
+            f"without what controllers reported ({', '.join(recording.controllers)}): it stays in {file}", err=True
+        )
 
 
 def read_telling(path: Path) -> Recording:
@@ -295,7 +304,7 @@ def read_telling(path: Path) -> Recording:
 
 
 def _tell(path: Path, recording: Recording) -> None:
-    if what := told(recording.info):
+    if what := remarks(recording.info):
         typer.echo(f"note: {path}: {'; '.join(what)}; the {len(recording)} states that are left count", err=True)
 
 

@@ -35,7 +35,7 @@ def tool_comm_command(
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
-    """Offer the serial line at the robot's tool (e-Series) as a device of this machine, until Ctrl-C."""
+    """Make the serial line at the robot's tool (e-Series) a device of this machine, until Ctrl-C."""
     asyncio.run(_offer(ToolCommunication(robot_ip, PORT + port_offset, device, typer.echo)))
 
 
@@ -134,8 +134,8 @@ def watch_command(
     ],
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
-    rate: Annotated[float, typer.Option("--rate", help="How often a second the robot sends them.")] = 10.0,
-    plain: Annotated[bool, typer.Option("--plain", help="Print lines, as without a terminal.")] = False,
+    rate: Annotated[float, typer.Option("--rate", help="States per second that the robot sends.")] = 10.0,
+    plain: Annotated[bool, typer.Option("--plain", help="Print lines even to a terminal.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print a line of JSON for every state.")] = False,
     csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every state to this file too.")] = None,
 ) -> None:

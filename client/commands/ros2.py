@@ -41,6 +41,9 @@ def ros2_command(
             help="Send the control program to the robot, or wait until its External Control program is played.",
         ),
     ] = True,
+    setup: Annotated[
+        bool, typer.Option("--setup", help="Make the message packages that ROS 2 lacks here, and leave.")
+    ] = False,
     controllers: ControllersOption = None,
     make_ready: MakeReady = False,
     robot_ip: RobotIP = "127.0.0.1",
@@ -48,6 +51,8 @@ def ros2_command(
 ) -> None:
     """Run the ROS 2 driver: nodes, topics, services and actions as of ur_robot_driver. See docs/ros2.md."""
     prepare()
+    if setup:
+        return
     from client.ros2.driver import DriverOptions
 
     options = DriverOptions(

@@ -31,22 +31,24 @@ CodecName = Enum("CodecName", {name: name for name in CODECS}, type=str)  # type
 
 
 def decode_command(
-    file: Annotated[str, typer.Argument(help="Captured bytes, the same as hexadecimal text, or a pcap; - is stdin.")],
+    file: Annotated[str, typer.Argument(help="Captured bytes, hexadecimal text, or a pcap file; - is stdin.")],
     codec: Annotated[
-        CodecName | None, typer.Option("--as", help="What the bytes are; else port or look decide.")
+        CodecName | None,
+        typer.Option("--as", help="Protocol of the bytes; guessed from port and content if not given."),
     ] = None,
     side: Annotated[
-        Side | None, typer.Option("--from", help="Who sent bytes of one direction (the driver is a client).")
+        Side | None,
+        typer.Option("--from", help="Sender of the bytes, when they are of one direction (a driver is a client)."),
     ] = None,
     port: Annotated[
         list[int] | None,
-        typer.Option("--port", help="The port the bytes are of; in a pcap, show this one. Repeatable."),
+        typer.Option("--port", help="Port of the bytes; in a pcap file, the port to show. Repeatable."),
     ] = None,
-    port_offset: Annotated[int, typer.Option("--port-offset", help="What the emulator added to each port.")] = 0,
-    form: Annotated[InputForm, typer.Option("--input", help="What the file is.")] = InputForm.AUTO,
+    port_offset: Annotated[int, typer.Option("--port-offset", help="Port offset of the emulator.")] = 0,
+    form: Annotated[InputForm, typer.Option("--input", help="Format of the file.")] = InputForm.AUTO,
     as_json: Annotated[bool, typer.Option("--json", help="Print a line of JSON for every message.")] = False,
 ) -> None:
-    """Print a captured stream of any controller port, one line a message. A line with ! could not be read: status 1."""
+    """Print captured traffic of any controller port, one line per message. ! marks what could not be read: status 1."""
     chosen = CODECS[codec.value] if codec else None
     session = Session(Choice(chosen, side, tuple(port or ()), port_offset, form), _as_json if as_json else None)
     with ExitStack() as opened:
@@ -55,7 +57,7 @@ def decode_command(
             _pump(source, session)
         except KeyboardInterrupt:  # the usual end of an endless stream
             _show(session.end())
-    if session.troubles:
+    if session.problems:
         raise typer.Exit(_UNREADABLE)
 
 
@@ -95,15 +97,18 @@ def compare_command(
     second: Annotated[Path, typer.Argument(help="The one to compare it with.")],
     tolerance: Annotated[
         list[str] | None,
-        typer.Option("--tolerance", help="For a unit or a field, as rad=0.01 or actual_q=0.01. Repeatable."),
+        typer.Option(
+            "--tolerance", help="Tolerance of a unit or field, such as rad=0.01 or actual_q=0.01. Repeatable."
+        ),
     ] = None,
     offset: Annotated[
-        float | None, typer.Option("--offset", help="What to add to the first one's robot time [s]; else found.")
+        float | None,
+        typer.Option("--offset", help="Added to the robot time of the first recording [s] (default: determined)."),
     ] = None,
     port_offset: PortOffset = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Tell whether two recordings show the same, and where they part; exit status 1 when they differ."""
+    """Show whether two recordings agree, and where they diverge; exit status 1 when they differ."""
     from client.traffic.compare import compare_sources, read_source  # numpy: the other commands start without it
     from client.traffic.report import as_object, report
 
@@ -120,18 +125,18 @@ def compare_command(
 
 def replay_traffic_command(
     file: Annotated[Path, typer.Argument(help="A recording: pcapng of `ur-client proxy`, or any pcap.")],
-    listen: Annotated[str, typer.Option("--listen", help="Address of this machine for the clients.")] = "127.0.0.1",
-    speed: Annotated[float, typer.Option("--speed", help="Recorded seconds a second.")] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Begin states again at their end; else close.")] = False,
+    listen: Annotated[str, typer.Option("--listen", help="Address to listen on for clients.")] = "127.0.0.1",
+    speed: Annotated[float, typer.Option("--speed", help="Recorded seconds per second.")] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Start over when the states end, instead of closing.")] = False,
     recorded_offset: Annotated[
-        int, typer.Option("--recorded-offset", help="What the robot had added to each port when it was recorded.")
+        int, typer.Option("--recorded-offset", help="Port offset of the robot when it was recorded.")
     ] = 0,
     port_offset: PortOffset = 0,
 ) -> None:
-    """Be the robot of a recording, until Ctrl-C: states by their times, answers by their requests."""
+    """Stand in for the robot of a recording, until Ctrl-C: states at their times, answers to their requests."""
     recording = Recording.read(file, recorded_offset)
-    for trouble in recording.troubles:
-        typer.echo(f"! {trouble}", err=True)
+    for problem in recording.problems:
+        typer.echo(f"! {problem}", err=True)
     try:
         asyncio.run(_play(recording, listen, speed, loop, port_offset))
     except OSError as error:
@@ -152,12 +157,13 @@ _UNRECORDED = 1  # exit status when the recording ended before the proxy
 
 def proxy_command(
     robot_ip: RobotIP = "127.0.0.1",
-    listen: Annotated[str, typer.Option("--listen", help="Address of this machine for the clients.")] = "127.0.0.1",
+    listen: Annotated[str, typer.Option("--listen", help="Address to listen on for clients.")] = "127.0.0.1",
     file: Annotated[
-        Path | None, typer.Option("--record", help="Write everything to this pcapng file; Wireshark opens it.")
+        Path | None, typer.Option("--record", help="pcapng file to write everything to; Wireshark opens it.")
     ] = None,
     ports: Annotated[
-        list[str] | None, typer.Option("--ports", help="Names or numbers, all of a robot's by default. Repeatable.")
+        list[str] | None,
+        typer.Option("--ports", help="Names or numbers of ports (default: all of a robot's). Repeatable."),
     ] = None,
     driver: Annotated[
         str | None,
@@ -165,10 +171,10 @@ def proxy_command(
     ] = None,
     port_offset: PortOffset = 0,
     listen_offset: Annotated[
-        int, typer.Option("--listen-offset", help="Added to each port of this machine, as of an emulator.")
+        int, typer.Option("--listen-offset", help="Added to each port this machine listens on, as for an emulator.")
     ] = 0,
 ) -> None:
-    """Carry every connection to a robot unchanged, and record it, until Ctrl-C."""
+    """Relay every connection to a robot unchanged and record it, until Ctrl-C."""
     chosen = choose_ports(ports or ()).items()
     routes = robot_routes(robot_ip, listen, chosen, port_offset=port_offset, listen_offset=listen_offset)
     if driver is not None:
@@ -197,7 +203,7 @@ def _refuse_loop(routes: list[Route]) -> None:
 
 def _recorder(file: Path, robot_ip: str, port_offset: int) -> Recorder:
     comments = asyncio.run(ask_identity(robot_ip, port_offset))
-    return Recorder(file, comments, trouble=_warn)
+    return Recorder(file, comments, problem=_warn)
 
 
 async def _carry(routes: list[Route], recorder: Recorder | None) -> None:

@@ -120,12 +120,21 @@ class Axes:
 
 
 @dataclass(frozen=True, slots=True)
-class AxisNumbers:
-    """A number for each axis."""
+class AxisOffsets:
+    """Added to what is measured along or about each axis [N or Nm]."""
 
     x: float = 0.0
     y: float = 0.0
     z: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class AxisFactors:
+    """What is measured along or about each axis is multiplied with them."""
+
+    x: float = 1.0
+    y: float = 1.0
+    z: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,14 +146,19 @@ class WrenchNames:
 
 
 @dataclass(frozen=True, slots=True)
-class WrenchNumbers:
-    """Added to or multiplied with what is measured."""
+class WrenchOffsets:
+    """Axes that are not named have none."""
 
-    force: AxisNumbers = field(default_factory=AxisNumbers)
-    torque: AxisNumbers = field(default_factory=AxisNumbers)
+    force: AxisOffsets = field(default_factory=AxisOffsets)
+    torque: AxisOffsets = field(default_factory=AxisOffsets)
 
 
-_ONES: Final = WrenchNumbers(AxisNumbers(1.0, 1.0, 1.0), AxisNumbers(1.0, 1.0, 1.0))
+@dataclass(frozen=True, slots=True)
+class WrenchFactors:
+    """Axes that are not named are told as they are measured."""
+
+    force: AxisFactors = field(default_factory=AxisFactors)
+    torque: AxisFactors = field(default_factory=AxisFactors)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,8 +168,8 @@ class ForceTorqueParameters:
     sensor_name: str = ""
     frame_id: str = ""
     interface_names: WrenchNames = field(default_factory=WrenchNames)
-    offset: WrenchNumbers = field(default_factory=WrenchNumbers)
-    multiplier: WrenchNumbers = field(default_factory=lambda: _ONES)
+    offset: WrenchOffsets = field(default_factory=WrenchOffsets)
+    multiplier: WrenchFactors = field(default_factory=WrenchFactors)
     state_interface_names: tuple[str, ...] = without_effect((), "the six are known by the sensor's name")
     topic_name: str = without_effect("", _NO_ROS)
 
@@ -191,7 +205,7 @@ class ForceTorqueSensorBroadcaster(Controller[ForceTorqueParameters]):
         self.topic.publish(WrenchStamped(time_s, self.parameters.frame_id, tuple(values[:3]), tuple(values[3:])))
 
 
-def _six(numbers: WrenchNumbers) -> tuple[float, ...]:
+def _six(numbers: WrenchOffsets | WrenchFactors) -> tuple[float, ...]:
     force, torque = numbers.force, numbers.torque
     return (force.x, force.y, force.z, torque.x, torque.y, torque.z)
 

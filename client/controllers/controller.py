@@ -25,7 +25,7 @@ class Hardware(Protocol):
     failure: str | None
 
     def read(self, state: Mapping[str, Any], period_s: float) -> None:
-        """Set the states from what the robot reported."""
+        """Set the states from what the robot reported. Raises StateError, and sets nothing, when that cannot be."""
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Whether these command interfaces can be begun and ended together; raises ControllerError if not."""

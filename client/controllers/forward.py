@@ -66,7 +66,7 @@ class ForwardCommandController(Controller[Any]):
         if len(values) != len(self.parameters.joints):
             raise self.error(f"{len(values)} commands came for {len(self.parameters.joints)} joints")
         if not all(map(math.isfinite, values)):
-            raise self.error(f"these commands are no numbers: {list(values)}")
+            raise self.error(f"these commands are not numbers: {list(values)}")
 
     def update(self, time_s: float, period_s: float) -> None:
         if self._values is not None:

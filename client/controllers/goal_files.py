@@ -21,6 +21,7 @@ from typing import Any, Final
 from client.controllers.configuration import sections, text_of
 from client.controllers.goals import JointTrajectoryPoint
 from client.errors import ControllerError
+from urproto.text import quoted
 
 GOAL_TIME_S: Final = 4.0
 """How long the publishers of ROS give each goal."""
@@ -145,25 +146,27 @@ class _Section:
         for joint, pair in given.items():
             numbers = self._numbers(f"starting_point_limits.{joint}", pair)
             if len(numbers) != 2 or numbers[0] > numbers[1]:
-                raise self._error(f"starting_point_limits.{joint} is the lowest and the highest angle, not {pair}")
+                raise self._error(
+                    f"starting_point_limits.{joint} is the lowest and the highest angle, not {quoted(pair)}"
+                )
             limits[joint] = (numbers[0], numbers[1])
         return limits
 
     def _texts(self, key: str) -> list[str]:
         value = self._given.get(key)
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-            raise self._error(f"{key} is a list of names, not {value!r}")
+            raise self._error(f"{key} is a list of names, not {quoted(value)}")
         return value
 
     def _numbers(self, key: str, value: Any) -> tuple[float, ...]:
         if not isinstance(value, list | tuple) or not all(_is_number(item) for item in value):
-            raise self._error(f"{key} is a list of numbers, not {value!r}")
+            raise self._error(f"{key} is a list of numbers, not {quoted(value)}")
         return tuple(float(item) for item in value)
 
     def _number(self, key: str, default: float) -> float:
         value = self._given.get(key, default)
         if not _is_number(value) or value < 0:
-            raise self._error(f"{key} is a number of seconds, not {value!r}")
+            raise self._error(f"{key} is a number of seconds, not {quoted(value)}")
         return float(value)
 
     def _error(self, reason: str) -> ControllerError:

@@ -19,6 +19,7 @@ from client.controllers.parameters import BY_NAME, without_effect
 from client.controllers.trajectory import Path, Sample, blended, filled
 from client.controllers.validation import ToleranceError, Tolerances, TrajectoryRules, violation, with_goal
 from client.errors import GoalRejectedError
+from urproto.text import quoted
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,13 +236,15 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         if given.command_joints not in ((), self.joints):
             raise self.error("command_joints that differ from joints are not supported: leave them out")
         if len(given.command_interfaces) != 1 or self._command not in _COMMANDS:
-            raise self.error(f"command_interfaces is one of {', '.join(_COMMANDS)}, not {given.command_interfaces}")
+            raise self.error(
+                f"command_interfaces is one of {', '.join(_COMMANDS)}, not {quoted(given.command_interfaces)}"
+            )
         if "position" not in given.state_interfaces or not set(given.state_interfaces) <= set(_STATES):
             raise self.error(f"state_interfaces are position and any other of {', '.join(_STATES)}")
         if self._command != "position" and "velocity" not in given.state_interfaces:
             raise self.error(f"a controller that commands {self._command} needs the state interface velocity")
         if given.interpolation_method not in ("splines", "none"):
-            raise self.error(f"interpolation_method is splines or none, not {given.interpolation_method!r}")
+            raise self.error(f"interpolation_method is splines or none, not {quoted(given.interpolation_method)}")
         named = {*given.constraints.joints, *given.gains.joints}
         if strange := sorted(named - set(self.joints)):
             raise self.error(f"constraints or gains are given for {strange[0]}, which is none of its joints")

@@ -168,8 +168,8 @@ class ControlLoop:
             return
         time_s = state["timestamp"]
         period_s = 0.0 if self._last_s is None else max(time_s - self._last_s, 0.0)  # a robot may start again
-        self._last_s = time_s
         if not self._manager.cycle(state, time_s, period_s):
             return
+        self._last_s = time_s
         cycled, self._cycled = self._cycled, asyncio.Event()
         cycled.set()

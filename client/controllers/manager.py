@@ -12,7 +12,7 @@ from client.controllers.controller import LIFE_CYCLE, Controller, Hardware, Inte
 from client.controllers.modes import MOTION, mode_of
 from client.controllers.parameters import Reading, read_parameters
 from client.driver.endpoint import tell
-from client.errors import ControllerError
+from client.errors import ControllerError, StateError
 
 _logger = logging.getLogger(__name__)
 
@@ -58,7 +58,7 @@ class ControllerManager:
         self.on_stop: list[Callable[[list[str]], object]] = []
         self.on_cycle: list[Callable[[], object]] = []
         self.time_s = 0.0
-        self._absurd = False  # the state before this one held numbers that no arm has
+        self._unusable = False  # the state before this one
         self._prefix = prefix
         self._controllers: dict[str, Controller[Any]] = {}
 
@@ -121,6 +121,7 @@ class ControllerManager:
     ) -> None:
         """End some controllers and begin others, in one cycle: all of it, or, with an error, nothing.
 
+        Only a controller that fails as it begins is noticed too late for those that were to end; none begins then.
         best_effort: leave out those that are not in a state for it, instead. Raises
         ControllerError, naming the interface that two controllers would have at once.
         """
@@ -236,19 +237,19 @@ class ControllerManager:
     def cycle(self, state: Mapping[str, Any], time_s: float, period_s: float) -> bool:
         """Read a state of the robot, update the active controllers, write what they command.
 
-        time_s: the robot's time. period_s: since the cycle before. False for a state with numbers no arm has, which
-        ends what moves the arm and nothing else.
+        time_s: the robot's time. period_s: since the cycle before. False for a state that cannot be used, which ends
+        what moves the arm and nothing else.
         """
-        self.time_s = time_s
         try:
             self.hardware.read(state, period_s)
-        except (ArithmeticError, ValueError) as error:
-            if not self._absurd:
-                _logger.warning("states of the robot hold numbers that no arm has: %s", error)
-            self._absurd = True
-            self.stop_motion("the robot's state holds numbers that no arm has")
+        except StateError as error:
+            if not self._unusable:
+                _logger.warning("%s", error)
+            self._unusable = True
+            self.stop_motion(str(error))
             return False
-        self._absurd = False
+        self._unusable = False
+        self.time_s = time_s
         if self.hardware.failure is not None:
             self.stop_motion(self.hardware.failure)
         if (halt := self.hardware.take_halt()) is not None:

@@ -7,10 +7,12 @@ as `constraints` takes one mapping a joint. What else a file says is reported as
 
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
+from math import isfinite, isinf
 from types import GenericAlias
 from typing import Any, Final, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from client.errors import ControllerError
+from urproto.text import quoted
 
 BY_NAME: Final[Mapping[str, Any]] = {"by name": True}
 """Metadata of a dictionary of all the mappings that no other field takes."""
@@ -38,7 +40,8 @@ def read_parameters(kind: type[Parameters], given: Mapping[str, Any], owner: str
     """The dataclass ``kind`` with what is given; ``reading`` gets what is left over.
 
     Keys may be written with dots ("constraints.goal_time"). Raises ControllerError, named after
-    ``owner``, for a value of the wrong type.
+    ``owner``, for a value of the wrong type, and for a number that is none: infinite ones are taken where they are the
+    default, as of limits.
     """
     try:
         return cast(Parameters, _build(kind, _nested(given, owner), owner, "", reading))
@@ -74,7 +77,9 @@ def _build(kind: type[Any], given: Mapping[str, Any], owner: str, path: str, rea
         if key in known and key != rest:
             if why := known[key].metadata.get(_WHY):
                 reading.without_effect.append(f"{place} ({why})")
-            values[key] = _value(hints[key], value, owner, place, reading)
+            values[key] = found = _value(hints[key], value, owner, place, reading)
+            if isinstance(found, float) and not isfinite(found) and not (isinf(found) and _is_limit(known[key])):
+                raise ControllerError(owner, f"{place} is a finite number, not {quoted(value)}")
         elif rest and isinstance(value, Mapping):
             values[rest][key] = _build(get_args(hints[rest])[1], value, owner, f"{place}.", reading)
         else:
@@ -88,21 +93,30 @@ def _is_required(entry: Any) -> bool:
     return entry.default is MISSING and entry.default_factory is MISSING
 
 
+def _is_limit(entry: Any) -> bool:
+    """There need not be one: it is infinite until it is set."""
+    return isinstance(entry.default, float) and isinf(entry.default)
+
+
 def _value(hint: Any, value: Any, owner: str, place: str, reading: Reading) -> Any:
     if isinstance(hint, GenericAlias) and get_origin(hint) is tuple:
         if not isinstance(value, list | tuple):
-            raise ControllerError(owner, f"{place} is a list, not {value!r}")
-        return tuple(_value(get_args(hint)[0], item, owner, place, reading) for item in value)
+            raise ControllerError(owner, f"{place} is a list, not {quoted(value)}")
+        kind = get_args(hint)[0]
+        return tuple(_value(kind, item, owner, f"{place}[{n}]", reading) for n, item in enumerate(value))
     if hint in _WORDS:
         return _scalar(hint, value, owner, place)
     if not isinstance(value, Mapping):
-        raise ControllerError(owner, f"{place} is a group of parameters, not {value!r}")
+        raise ControllerError(owner, f"{place} is a group of parameters, not {quoted(value)}")
     return _build(hint, value, owner, f"{place}.", reading)
 
 
 def _scalar(hint: Any, value: Any, owner: str, place: str) -> Any:
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError:
+            raise ControllerError(owner, f"{place} is a finite number, not {quoted(value)}") from None
     if isinstance(value, hint) and (hint is bool or not isinstance(value, bool)):
         return value
-    raise ControllerError(owner, f"{place} is {_WORDS[hint]}, not {value!r}")
+    raise ControllerError(owner, f"{place} is {_WORDS[hint]}, not {quoted(value)}")

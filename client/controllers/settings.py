@@ -58,7 +58,7 @@ class FrictionModelController(_SettingController):
     def set_friction_model_parameters(self, viscous: Sequence[float], coulomb: Sequence[float]) -> Call:
         """Shares of each joint's friction (6,), 0 to 1. Raises ControllerError."""
         if not all(0.0 <= share <= 1.0 for share in (*viscous, *coulomb)):
-            raise self.error("friction is made up for by shares from 0 to 1")
+            raise self.error("friction compensation takes shares from 0 to 1")
         return self._set("friction", (*viscous, *coulomb))
 
 

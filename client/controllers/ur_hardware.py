@@ -21,7 +21,7 @@ from client.driver.availability import GATES
 from client.driver.endpoint import LONGEST_REAL_TIME_S
 from client.driver.robot import MOVABLE
 from client.errors import ControllerError, LateSetpointError
-from urproto.errors import URError
+from urproto.errors import LocalProtocolError, URError
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
 from urproto.joints import JOINT_NAMES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
@@ -74,6 +74,7 @@ class URHardware:
         self._scaling = 1.0
         self._waits = False
         self._held_up = False  # setpoints were late
+        self._unsendable = ""  # why what was commanded cannot be sent
         self._stands = False  # and the program knows where
         self._forgiven_s = 0.0  # until when the program may be missing
         self._offset = [0.0] * len(JOINT_NAMES)
@@ -99,7 +100,9 @@ class URHardware:
         self._scale(state, period_s)
         if self._ready and not was_ready:
             self._come_back()
-        self.failure = self.withheld or self._judge(state["timestamp"], mode, state["robot_mode"], running)
+        unsendable, self._unsendable = self._unsendable, ""
+        trouble = self._judge(state["timestamp"], mode, state["robot_mode"], running)
+        self.failure = self.withheld or trouble or unsendable or None
 
     def _scale(self, state: Mapping[str, Any], period_s: float) -> None:
         full = state["speed_scaling"] * state["target_speed_fraction"]
@@ -225,6 +228,8 @@ class URHardware:
             do()
         except LateSetpointError:  # logged where it was noticed
             self._held_up = True
+        except LocalProtocolError as error:  # a number that no message carries, and the next one will be like it
+            self._unsendable = f"what is commanded cannot be sent: {error}"
         except URError as error:  # the program has just left: read() will know
             _logger.warning("%s", error)
 

@@ -121,7 +121,7 @@ class TrajectoryRules:
             if values and len(values) != count:
                 raise self._invalid(f"point {number} has {len(values)} {name} for {count} joints")
             if not all(map(math.isfinite, values)):
-                raise self._invalid(f"point {number} has {name} that are no numbers: {list(values)}")
+                raise self._invalid(f"point {number} has {name} that are not numbers: {list(values)}")
         if not point.positions and not (self.integration and (point.velocities or point.accelerations)):
             raise self._invalid(f"point {number} has no positions (see allow_integration_in_goal_trajectories)")
         if point.effort and not self.effort:

@@ -8,13 +8,13 @@ from ipaddress import IPv4Address, IPv6Address, ip_address
 
 from client.decoding import external, formatting, modbus, rtde, states
 from client.decoding.packets import Endpoint
-from client.decoding.streams import Framing, Line, LineStream, Stream, trouble
+from client.decoding.streams import Framing, Line, LineStream, Stream, problem
 from urproto import dashboard, interpreter
 from urproto.errors import RemoteProtocolError
 from urproto.external_control import REQUEST_PROGRAM
 from urproto.interpreter import InterpreterCommand
 
-_LONGEST_LINE = 8192  # bytes; what is longer is told in pieces
+_LONGEST_LINE = 8192  # bytes; what is longer is shown in pieces
 
 
 def line_stream() -> LineStream:
@@ -23,7 +23,7 @@ def line_stream() -> LineStream:
 
 
 def unended_stream() -> LineStream:
-    """Text whose lines may lack their end, as a gripper's ``ack``: what comes together is told together."""
+    """Text whose lines may lack their end, as a gripper's ``ack``: what comes together is shown together."""
     return LineStream(_read, _LONGEST_LINE, unfinished=True)
 
 
@@ -50,7 +50,7 @@ def _read_answer(text: str) -> Iterator[Line]:
     try:
         answer = interpreter.parse_answer(text)
     except RemoteProtocolError:
-        yield trouble(f"no answer of interpreter mode: {formatting.quoted(text)}")
+        yield problem(f"not an answer of interpreter mode: {formatting.quoted(text)}")
         return
     if answer.number is None:
         yield Line(f"discarded, {formatting.escaped(answer.reason)}: {formatting.escaped(answer.line)}")
@@ -66,7 +66,7 @@ class BytesStream:
 
     def feed(self, data: bytes) -> Iterator[Line]:
         """Tell how many, and the first."""
-        yield trouble(f"offset {self._offset}: {len(data)} bytes of no known protocol: {formatting.value(data)}")
+        yield problem(f"offset {self._offset}: {len(data)} bytes of no known protocol: {formatting.value(data)}")
         self._offset += len(data)
 
     def lost(self, size: int) -> None:

@@ -82,22 +82,22 @@ RESULTS = Framing("result", 4, ReplyDecoder.size, _is_result)
 
 def reverse_stream() -> FramedStream:
     """What the driver sends on the reverse interface."""
-    return FramedStream(REVERSE, _told(ReverseMessage.decode, _reverse))
+    return FramedStream(REVERSE, _lines_of(ReverseMessage.decode, _reverse))
 
 
 def trajectory_stream() -> FramedStream:
     """What the driver sends on the trajectory interface."""
-    return FramedStream(TRAJECTORY, _told(TrajectoryPoint.decode, _point))
+    return FramedStream(TRAJECTORY, _lines_of(TrajectoryPoint.decode, _point))
 
 
 def command_stream() -> FramedStream:
     """What the driver sends on the script command interface."""
-    return FramedStream(COMMANDS, _told(ScriptCommand.decode, _command))
+    return FramedStream(COMMANDS, _lines_of(ScriptCommand.decode, _command))
 
 
 def result_stream() -> Stream:
     """What the robot sends on the trajectory and script command interfaces."""
-    return _Greeted(FramedStream(RESULTS, _told(ReplyDecoder.decode, _reply)))
+    return _Greeted(FramedStream(RESULTS, _lines_of(ReplyDecoder.decode, _reply)))
 
 
 class _Greeted:
@@ -105,7 +105,7 @@ class _Greeted:
 
     def __init__(self, rest: Stream) -> None:
         self._rest = rest
-        self._unread: bytes | None = b""  # None once it has been told, or does not come
+        self._unread: bytes | None = b""  # None once it has been shown, or does not come
 
     def feed(self, data: bytes) -> Iterator[Line]:
         """Take bytes, tell what they complete."""
@@ -134,7 +134,7 @@ class _Greeted:
         yield from self._rest.end()
 
 
-def _told(decode: Callable[[bytes], Any], tell: Callable[[Any], str]) -> Callable[[bytes], Iterator[Line]]:
+def _lines_of(decode: Callable[[bytes], Any], tell: Callable[[Any], str]) -> Callable[[bytes], Iterator[Line]]:
     def read(data: bytes) -> Iterator[Line]:
         yield Line(tell(decode(data)))
 

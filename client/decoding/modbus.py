@@ -5,7 +5,7 @@ from collections import OrderedDict
 from collections.abc import Iterator
 
 from client.decoding import formatting
-from client.decoding.streams import FramedStream, Framing, Line, trouble
+from client.decoding.streams import FramedStream, Framing, Line, problem
 from urproto import modbus
 from urproto.errors import RemoteProtocolError
 from urproto.modbus import ExceptionCode, Frame, Function, ModbusException, ModbusRequest
@@ -22,7 +22,7 @@ _BITS = _READS[:2]
 def _size(header: bytes) -> int:
     _, protocol, size, _ = _HEADER.unpack_from(header)
     if protocol or not 2 <= size <= 254:
-        raise RemoteProtocolError(f"protocol {protocol} and {size} bytes are no header")
+        raise RemoteProtocolError(f"protocol {protocol} and {size} bytes are not a header")
     return int(size) + _HEADER.size - 1
 
 
@@ -33,7 +33,7 @@ class Conversation:
     """Both directions of one connection."""
 
     def __init__(self) -> None:
-        self._asked: OrderedDict[tuple[int, int], ModbusRequest] = OrderedDict()
+        self._requests: OrderedDict[tuple[int, int], ModbusRequest] = OrderedDict()
         self.robot = FramedStream(FRAMING, self._from_robot)
         self.client = FramedStream(FRAMING, self._from_client)
         self.unknown = FramedStream(FRAMING, self._from_somebody)
@@ -46,19 +46,19 @@ class Conversation:
         try:
             request = modbus.decode_request(frame.pdu)
         except ModbusException as error:
-            yield trouble(f"{_head('request', frame)}: {_exception(error.code)} {formatting.value(frame.pdu)}")
+            yield problem(f"{_head('request', frame)}: {_exception(error.code)} {formatting.value(frame.pdu)}")
             return
-        self._asked[frame.transaction, frame.unit] = request
-        if len(self._asked) > _MAX_UNANSWERED:
-            self._asked.popitem(last=False)
-        yield Line(f"{_head('request', frame)}: {_asked(request)}")
+        self._requests[frame.transaction, frame.unit] = request
+        if len(self._requests) > _MAX_UNANSWERED:
+            self._requests.popitem(last=False)
+        yield Line(f"{_head('request', frame)}: {_request(request)}")
 
     def _from_robot(self, data: bytes) -> Iterator[Line]:
         frame = _frame(data)
-        request = self._asked.pop((frame.transaction, frame.unit), None)
+        request = self._requests.pop((frame.transaction, frame.unit), None)
         head = _head("answer", frame)
         if frame.pdu[0] & _ERROR_BIT and len(frame.pdu) == 2:
-            yield Line(f"{head}: refused, {_exception(frame.pdu[1])}" + (f" ({_asked(request)})" if request else ""))
+            yield Line(f"{head}: refused, {_exception(frame.pdu[1])}" + (f" ({_request(request)})" if request else ""))
         elif request is None:
             yield Line(f"{head}: {_alone(frame.pdu)}")
         else:
@@ -90,7 +90,7 @@ def _exception(code: int) -> str:
     return f"exception {mode_name(ExceptionCode, code)}"
 
 
-def _asked(request: ModbusRequest) -> str:
+def _request(request: ModbusRequest) -> str:
     values = formatting.value(request.values)
     if request.function == Function.READ_WRITE_REGISTERS:
         return f"{_span(request)}, {request.write_address} := {values}"
@@ -98,7 +98,7 @@ def _asked(request: ModbusRequest) -> str:
 
 
 def _answered(request: ModbusRequest, values: tuple[int, ...]) -> str:
-    return f"{_span(request)} = {formatting.value(values)}" if values else f"{_asked(request)} done"
+    return f"{_span(request)} = {formatting.value(values)}" if values else f"{_request(request)} done"
 
 
 def _span(request: ModbusRequest) -> str:

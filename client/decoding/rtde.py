@@ -1,7 +1,7 @@
 """RTDE shown to people. What a data package holds is known from the set-up before it.
 
 The two directions of a connection complete each other: a request names the variables, the
-reply has their types and the recipe's number. With one direction only, values are told
+reply has their types and the recipe's number. With one direction only, values are shown
 without names (replies alone), or under the names of the n-th request for recipe n
 (requests alone); without either, as they came.
 """
@@ -86,25 +86,25 @@ class _Recipe:
         """The values; None when these bytes are not of this recipe."""
         if self._struct is None or len(data) != self._struct.size:
             return None
-        values, offset, told = self._struct.unpack(data), 0, []
+        values, offset, pairs = self._struct.unpack(data), 0, []
         for name, kind in zip(self._names, self._types, strict=True):
             value = values[offset] if kind.count == 1 else values[offset : offset + kind.count]
-            told.append((name, value))
+            pairs.append((name, value))
             offset += kind.count
-        return formatting.pairs(told) + self._note
+        return formatting.pairs(pairs) + self._note
 
 
 class _Setups:
     """The recipes of one kind: requests without an answer, and what is known by number."""
 
     def __init__(self) -> None:
-        self._asked: deque[tuple[str, ...]] = deque(maxlen=_MAX_UNANSWERED)
+        self._requests: deque[tuple[str, ...]] = deque(maxlen=_MAX_UNANSWERED)
         self._count = 0
         self._recipes: dict[int, _Recipe] = {}
 
     def ask(self, names: tuple[str, ...]) -> None:
         """A request; its recipe is assumed to get the next number until a reply tells."""
-        self._asked.append(names)
+        self._requests.append(names)
         self._count += 1
         types = type_names(names, INPUT_FIELDS)
         if self._count < _MAX_RECIPES:
@@ -112,15 +112,15 @@ class _Setups:
 
     def answer(self, number: int, types: tuple[str, ...]) -> None:
         """A reply to the oldest request without one."""
-        names = self._asked.popleft() if self._asked else ()
+        names = self._requests.popleft() if self._requests else ()
         self._recipes[number] = _Recipe(names, types)
 
     def tell(self, number: int, data: bytes) -> str:
         """A data package, as far as its recipe is known."""
         known = self._recipes.get(number)
-        told = known.tell(data) if known else None
-        if told is not None:
-            return told
+        text = known.tell(data) if known else None
+        if text is not None:
+            return text
         why = "it does not fit the recipe" if known else "the recipe's set-up was not seen"
         return f"{_raw(data)} ({why})"
 
@@ -131,7 +131,7 @@ class Conversation:
     def __init__(self) -> None:
         self._protocol = 1
         self._agreed = False  # whether anything told the protocol
-        self._asked_protocol = codec.KNOWN_PROTOCOLS[-1]  # when only replies are there
+        self._requested_protocol = codec.KNOWN_PROTOCOLS[-1]  # when only replies are there
         self._outputs = _Setups()
         self._inputs = _Setups()
         self._unknown = Sender.ROBOT
@@ -150,7 +150,7 @@ class Conversation:
         reply = codec.decode_reply(package, self._protocol)
         match reply:
             case codec.ProtocolReply():
-                self._protocol, self._agreed = (self._asked_protocol if reply.accepted else 1), True
+                self._protocol, self._agreed = (self._requested_protocol if reply.accepted else 1), True
             case codec.SetupOutputsReply():
                 self._agreed = True
                 self._outputs.answer(reply.recipe_id, reply.types)
@@ -162,7 +162,7 @@ class Conversation:
             case codec.OutputData():
                 yield Line(f"data {reply.recipe_id}: {self._outputs.tell(reply.recipe_id, reply.data)}")
                 return
-        yield _told("reply", package.type, reply)
+        yield _described("reply", package.type, reply)
 
     def _from_client(self, data: bytes) -> Iterator[Line]:
         package = _package(data)
@@ -174,7 +174,7 @@ class Conversation:
         request = codec.decode_request(package, self._protocol)
         match request:
             case codec.RequestProtocol():
-                self._asked_protocol = request.version
+                self._requested_protocol = request.version
             case codec.SetupOutputs():
                 self._outputs.ask(request.names)
             case codec.SetupInputs():
@@ -182,7 +182,7 @@ class Conversation:
             case codec.InputData():
                 yield Line(f"input {request.recipe_id}: {self._inputs.tell(request.recipe_id, request.data)}")
                 return
-        yield _told("request", package.type, request)
+        yield _described("request", package.type, request)
 
 
 def _raw(data: bytes) -> str:
@@ -194,7 +194,7 @@ def _package(data: bytes) -> codec.Package:
     return codec.Package(kind, data[_HEADER.size : size])
 
 
-def _told(what: str, kind: int, item: object) -> Line:
+def _described(what: str, kind: int, item: object) -> Line:
     name = PackageType(kind).name.lower()
     if isinstance(item, codec.TextMessage | codec.ClientMessage):
         level = mode_name(codec.MessageLevel, item.level)

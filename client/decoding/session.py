@@ -21,7 +21,7 @@ from client.decoding.connections import (
     possible_servers,
 )
 from client.decoding.packets import Endpoint, Segment, UnreadablePacketError, tcp_segment
-from client.decoding.streams import Line, Stream, trouble
+from client.decoding.streams import Line, Stream, problem
 from urproto.errors import RemoteProtocolError
 
 _HEX_TEXT = re.compile(rb"(?:#[^\n]*(?:\n|$)|0[xX]|[0-9a-fA-F]|[\s,:;])*")
@@ -64,18 +64,18 @@ class Choice:
         return self.codec or codec_of_port(port - self.port_offset)
 
     def wants(self, port: int) -> bool:
-        """Whether a capture's connections to this port are to be told."""
+        """Whether a capture's connections to this port are to be shown."""
         return port in self.ports if self.ports else codec_of_port(port - self.port_offset) is not None
 
 
 class Session:
-    """One input from its first byte to its last. ``troubles`` counts what could not be read.
+    """One input from its first byte to its last. ``problems`` counts what could not be read.
 
     form: how a line is given.
     """
 
     def __init__(self, choice: Choice, form: Callable[[Line], str] | None = None) -> None:
-        self.troubles = 0
+        self.problems = 0
         self._form = form or as_text
         self._choice = choice
         self._input: _Raw | _Hex | _Capture | None = None
@@ -112,7 +112,7 @@ class Session:
 
     def _counted(self, lines: Iterator[Line]) -> Iterator[str]:
         for line in lines:
-            self.troubles += line.trouble
+            self.problems += line.problem
             yield self._form(line)
 
 
@@ -122,7 +122,7 @@ def as_text(line: Line) -> str:
     if line.source:
         time = f"{_time(line.time_ns, '%H:%M:%S.%f')} " if line.time_ns is not None else ""
         head = f"{time}{line.source} > {line.destination}{f' {line.protocol}' if line.protocol else ''}: "
-    return f"{'! ' if line.trouble else ''}{head}{line.text}"
+    return f"{'! ' if line.problem else ''}{head}{line.text}"
 
 
 def _is_hex(head: bytes) -> bool:
@@ -176,7 +176,7 @@ class _Hex:
         except ValueError:
             self._broken = True
             self._text.clear()
-            yield trouble(f"line {self._line} is not hexadecimal text: the rest is left out")
+            yield problem(f"line {self._line} is not hexadecimal text: the rest is left out")
             return
         self._line += 1
         yield from self._raw.feed(data)
@@ -233,8 +233,8 @@ class _Guessed:
 
 
 @dataclass(slots=True)
-class _Told:
-    """A connection that is told: its server, and what each end's bytes go through."""
+class _Followed:
+    """A connection that is followed: its server, and what each end's bytes go through."""
 
     server: Endpoint
     codec: Codec | None
@@ -266,7 +266,7 @@ class _Capture:
         self._choice = choice
         self._reader = reader
         self._connections = Connections()
-        self._told: OrderedDict[Ends, _Told] = OrderedDict()
+        self._followed: OrderedDict[Ends, _Followed] = OrderedDict()
         self._left_out: Counter[int] = Counter()
         self._unreadable: Counter[str] = Counter()
         self._begun = False
@@ -278,23 +278,23 @@ class _Capture:
             return
         if self._reader is None:
             self._broken = True
-            yield trouble("this is not a pcap or pcapng file")
+            yield problem("this is not a pcap or pcapng file")
             return
         try:
             for packet in self._reader.feed(data):
                 yield from self._take(packet)
         except RemoteProtocolError as error:
             self._broken = True
-            yield trouble(str(error))
+            yield problem(str(error))
 
     def end(self) -> Iterator[Line]:
         """Tell what is left, and what was left out."""
         for ends, event in self._connections.finish():
             yield from self._tell(ends, event)
         if self._reader is not None and self._reader.rest and not self._broken:
-            yield trouble(f"the capture file ends {self._reader.rest} bytes into a packet")
+            yield problem(f"the capture file ends {self._reader.rest} bytes into a packet")
         for why, count in self._unreadable.items():
-            yield trouble(f"{count} packets were left out: {why}")
+            yield problem(f"{count} packets were left out: {why}")
         if self._left_out:
             ports = ", ".join(str(port) for port, _ in self._left_out.most_common(_LISTED))
             yield Line(f"# {self._left_out.total()} TCP packets of other ports were left out ({ports}); see --port")
@@ -310,25 +310,25 @@ class _Capture:
         except UnreadablePacketError as error:
             self._unreadable[str(error)] += 1
             return
-        if segment is not None and self._is_told(segment):
+        if segment is not None and self._is_followed(segment):
             for ends, event in self._connections.add(segment):
                 yield from self._tell(ends, event)
 
-    def _is_told(self, segment: Segment) -> bool:
+    def _is_followed(self, segment: Segment) -> bool:
         """Whether a segment's connection is one to tell; finds out who its server is."""
         ends = frozenset((segment.source, segment.destination))
-        if ends in self._told and not opens(segment):
-            self._told.move_to_end(ends)
+        if ends in self._followed and not opens(segment):
+            self._followed.move_to_end(ends)
             return True
         candidates = possible_servers(segment)
         server = next((end for end in candidates if self._choice.wants(end.port)), None)
         if server is None:
             self._leave_out(candidates[0].port)
             return False
-        if ends not in self._told or self._told[ends].server != server:
-            self._told[ends] = _Told(server, self._choice.codec_of(server.port))
-        if len(self._told) > 2 * MAX_CONNECTIONS:  # more than are followed: the oldest has ended
-            self._told.popitem(last=False)
+        if ends not in self._followed or self._followed[ends].server != server:
+            self._followed[ends] = _Followed(server, self._choice.codec_of(server.port))
+        if len(self._followed) > 2 * MAX_CONNECTIONS:  # more than are followed: the oldest has ended
+            self._followed.popitem(last=False)
         return True
 
     def _leave_out(self, port: int) -> None:
@@ -337,20 +337,20 @@ class _Capture:
             self._left_out = Counter(dict(self._left_out.most_common(_LISTED)))
 
     def _tell(self, ends: Ends, event: Event) -> Iterator[Line]:
-        told = self._told[ends]
+        followed = self._followed[ends]
         match event:
             case Data():
-                lines = told.stream(event.source).feed(event.data)
+                lines = followed.stream(event.source).feed(event.data)
             case Lost():
-                told.stream(event.source).lost(event.size)
-                lines = iter([trouble(f"{event.size} bytes are not in the capture")])
+                followed.stream(event.source).lost(event.size)
+                lines = iter([problem(f"{event.size} bytes are not in the capture")])
             case Closed():
-                told.stream(event.source)
-                lines = told.close(event.source).end()
+                followed.stream(event.source)
+                lines = followed.close(event.source).end()
         destination = next((end for end in ends if end != event.source), event.source)
-        protocol = told.codec.name if told.codec else ""
+        protocol = followed.codec.name if followed.codec else ""
         for line in lines:
-            yield Line(line.text, line.trouble, event.time_ns, str(event.source), str(destination), protocol)
+            yield Line(line.text, line.problem, event.time_ns, str(event.source), str(destination), protocol)
 
 
 def _time(time_ns: int, form: str) -> str:

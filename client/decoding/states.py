@@ -46,12 +46,12 @@ def primary_stream() -> FramedStream:
         for message in decoder.feed(data):
             if isinstance(message, OtherMessage) and message.error:
                 raise RemoteProtocolError(f"type {message.type}: {message.error}")
-            yield Line(_told(message))
+            yield Line(_described(message))
 
     return FramedStream(PRIMARY, read)
 
 
-def _told(message: object) -> str:
+def _described(message: object) -> str:
     if isinstance(message, OtherMessage):
         name = _OTHER_TYPES.get(message.type, "message")
         return f"{name} (type {message.type}): {formatting.value(message.payload)}"

@@ -1,4 +1,4 @@
-"""Messages out of one direction's bytes. Garbage is told once, with its place, and skipped.
+"""Messages out of one direction's bytes. Garbage is reported once, with its place, and skipped.
 
 In step, the next message begins where the last one ended. Out of step, after garbage or
 lost bytes, the stream goes on at the first place that looks like a message and is followed
@@ -13,25 +13,25 @@ from client.decoding import formatting
 from urproto.errors import ProtocolError, RemoteProtocolError
 from urproto.text import from_bytes
 
-_TOLD_AT_ONCE = 1 << 20  # bytes of garbage that are told as one stretch
+_LONGEST_STRETCH = 1 << 20  # bytes of garbage that are reported as one stretch
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """What is told about a message; ``trouble`` when it is about bytes that could not be read.
+    """What is shown of a message; ``problem`` when it is about bytes that could not be read.
 
     The rest is known in captures: when it was sent (nanoseconds since 1970), its ends, and the protocol.
     """
 
     text: str
-    trouble: bool = False
+    problem: bool = False
     time_ns: int | None = None
     source: str = ""
     destination: str = ""
     protocol: str = ""
 
 
-def trouble(text: str) -> Line:
+def problem(text: str) -> Line:
     """A line about bytes that could not be read."""
     return Line(text, True)
 
@@ -99,7 +99,7 @@ class FramedStream:
     def end(self) -> Iterator[Line]:
         """Tell what is unfinished, and look for messages in it."""
         yield from self._go_on(final=True)
-        yield from self._told_garbage(self._offset)
+        yield from self._garbage_until(self._offset)
 
     def _go_on(self, final: bool) -> Iterator[Line]:
         while self._buffer:
@@ -136,7 +136,7 @@ class FramedStream:
         try:
             yield from self._read(data)
         except ProtocolError as error:
-            yield trouble(
+            yield problem(
                 f"offset {offset}: {self._framing.name} message of {size} bytes: {error}: {formatting.value(data)}"
             )
 
@@ -150,10 +150,10 @@ class FramedStream:
         if self._garbage is None:
             self._garbage = self._offset, reason
 
-    def _told_garbage(self, until: int) -> Iterator[Line]:
+    def _garbage_until(self, until: int) -> Iterator[Line]:
         if self._garbage is not None and until > self._garbage[0]:
             start, reason = self._garbage
-            yield trouble(f"offset {start}: {until - start} bytes are no {self._framing.name} message: {reason}")
+            yield problem(f"offset {start}: {until - start} bytes are not a {self._framing.name} message: {reason}")
         self._garbage = None
 
     def _leave_step(self) -> None:
@@ -167,12 +167,12 @@ class FramedStream:
             if begins or (begins is None and not final):
                 self._drop(start)
                 if begins:
-                    yield from self._told_garbage(self._offset)
+                    yield from self._garbage_until(self._offset)
                     self._in_step = True
                 return bool(begins)
         self._drop(len(self._buffer))
-        if self._garbage is not None and self._offset - self._garbage[0] > _TOLD_AT_ONCE:
-            yield from self._told_garbage(self._offset)
+        if self._garbage is not None and self._offset - self._garbage[0] > _LONGEST_STRETCH:
+            yield from self._garbage_until(self._offset)
             self._begin_garbage("as before")
         return False
 
@@ -194,10 +194,10 @@ def _of(size: int) -> str:
 
 
 class LineStream:
-    """Text, told line by line; a line that grows too long is told in pieces.
+    """Text, shown line by line; a line that grows too long is shown in pieces.
 
     unfinished: the protocol does not end every text with a line feed, so what is left when
-    bytes stop coming for now is told too.
+    bytes stop coming for now is shown too.
     """
 
     def __init__(self, read: Callable[[str], Iterable[Line]], longest: int, *, unfinished: bool = False) -> None:

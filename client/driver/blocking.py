@@ -24,6 +24,7 @@ Owner = TypeVar("Owner")
 Params = ParamSpec("Params")
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
+Form = TypeVar("Form", bound=Callable[..., Any])
 
 
 class Blocking(Generic[Inner]):
@@ -137,12 +138,17 @@ def blocking(method: Callable[..., Any]) -> Callable[..., Any]:
         result = method(inner, *args, **kwargs)
         return await result if inspect.isawaitable(result) else result
 
-    @functools.wraps(method)
     def call(self: Blocking[Any], *args: Any, **kwargs: Any) -> Any:
         return self.call(do(self.inner, args, kwargs))
 
-    call.__dict__.pop("__wrapped__", None)  # it is not a coroutine function
-    return cast(Callable[..., Any], call)
+    return named_after(method, call)
+
+
+def named_after(method: Callable[..., Any], form: Form) -> Form:
+    """The blocking form of a method with its name and docstring."""
+    functools.update_wrapper(form, method)
+    form.__dict__.pop("__wrapped__")  # it says to `inspect` that the form is a coroutine function too
+    return form
 
 
 def straight(
@@ -175,9 +181,7 @@ def blocking_context(method: Callable[..., Any]) -> Callable[..., Any]:
         with carried(self, method(self.inner, *args, **kwargs)) as do:
             yield None if do is None else lambda *given, **named: self.call(do(*given, **named))
 
-    functools.update_wrapper(enter, method)
-    enter.__dict__.pop("__wrapped__", None)  # it is not a coroutine function
-    return enter
+    return named_after(method, enter)
 
 
 @contextmanager

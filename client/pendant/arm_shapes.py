@@ -9,9 +9,7 @@ from dataclasses import dataclass
 from math import cos, pi, sin
 from typing import Final
 
-from urproto.robots.meshes import tube_offsets
 from urproto.robots.model import RobotModel
-from urproto.robots.shapes import housing_radii
 from urproto.vectors import ZERO3, Vector3
 
 LINK_NAMES: Final = ("base", "shoulder", "upper arm", "forearm", "wrist 1", "wrist 2", "wrist 3")
@@ -59,10 +57,10 @@ class _Arm:
     def __init__(self, model: RobotModel) -> None:
         self.d1, _, _, self.d4, self.d5, self.d6 = model.dh.d
         self.a2, self.a3 = model.dh.a[1:3]
-        self.upper, self.fore = tube_offsets(model)
+        self.upper, self.fore = model.tube_offsets
         self.half = (self.upper - self.fore) / 2
         self.wrist_1 = (self.d4 - self.fore) / 2  # half of the way from forearm to wrist 1
-        self.shoulder, self.elbow, self.wrist, self.foot = housing_radii(model)
+        self.shoulder, self.elbow, self.wrist, self.foot = model.housing_radii
         self.plate = min(max(self.d6 - self.wrist, 0.3 * self.wrist), 1.2 * self.wrist)  # thickness of wrist 3
 
     def links(self) -> tuple[tuple[Part, ...], ...]:

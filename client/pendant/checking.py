@@ -40,19 +40,19 @@ async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]
         if hasattr(os, "setpriority"):
             os.setpriority(os.PRIO_PROCESS, process.pid, _NICE)
         async with asyncio.timeout(_LONGEST_S):
-            told, complaint = await process.communicate(to_bytes(text))
+            output, complaint = await process.communicate(to_bytes(text))
     finally:
         if process.returncode is None:
             process.kill()
             await process.wait()
     if process.returncode not in _STATUSES:
         raise CheckerError(f"urscript check: {readable(from_bytes(complaint)).strip() or process.returncode}")
-    return parsed(readable(from_bytes(told)))
+    return parsed(readable(from_bytes(output)))
 
 
-def parsed(told: str) -> tuple[ScriptError, ...]:
+def parsed(output: str) -> tuple[ScriptError, ...]:
     """The problems among the lines that the checker writes, in the order of the script."""
-    found = (_LINE.fullmatch(line) for line in lines(told))
+    found = (_LINE.fullmatch(line) for line in lines(output))
     problems = (
         ScriptError(int(match[1]), int(match[2]), match[4], "check", "warning" if match[3] else "error")
         for match in found
@@ -62,9 +62,9 @@ def parsed(told: str) -> tuple[ScriptError, ...]:
 
 
 async def keep_checking(
-    draft: Draft, version: Callable[[], PolyscopeVersion | None], trouble: Callable[[str], object]
+    draft: Draft, version: Callable[[], PolyscopeVersion | None], problem: Callable[[str], object]
 ) -> None:
-    """Check the draft whenever it is another, for ever. trouble: told why that cannot be done."""
+    """Check the draft whenever it is another, for ever. problem: called with why that cannot be done."""
     done: object = None
     while True:
         await asyncio.sleep(_LOOK_AGAIN_S)
@@ -78,4 +78,4 @@ async def keep_checking(
         try:
             draft.checked(now, await check(draft.text, known))
         except (CheckerError, TimeoutError, OSError) as error:
-            trouble(str(error) or "urscript check takes too long")
+            problem(str(error) or "urscript check takes too long")

@@ -23,13 +23,13 @@ Phase = Literal["", "sent", "running", "ended", "failed", "silent"]
 class ScriptError:
     """What is wrong with a script, and where in the text as it was written; line and column from 1.
 
-    told: by the checker; by the robot, which did not start it, or while it ran.
+    found_by: the checker, or the robot, which did not start it, or while it ran.
     """
 
     line: int
     column: int
     text: str
-    told: Literal["check", "start", "run"] = "check"
+    found_by: Literal["check", "start", "run"] = "check"
     severity: Literal["error", "warning"] = "error"
 
 
@@ -82,14 +82,14 @@ class Draft:
         if revision != self.revision:
             return
         self.diagnoses = diagnoses
-        if self.error is not None and self.error.told == "start" and revision != self._sent_revision:
+        if self.error is not None and self.error.found_by == "start" and revision != self._sent_revision:
             self.error = None  # it was about another text, and the checker knows about this one
 
     @property
     def problems(self) -> tuple[ScriptError, ...]:
         """All that is known to be wrong. The checker says better than the robot why a script does not start."""
         error = self.error
-        if error is None or (error.told == "start" and any(one.severity == "error" for one in self.diagnoses)):
+        if error is None or (error.found_by == "start" and any(one.severity == "error" for one in self.diagnoses)):
             return self.diagnoses
         return (error, *(one for one in self.diagnoses if one.line != error.line))
 
@@ -115,8 +115,8 @@ class Draft:
     def _fail(self, message: RuntimeExceptionMessage) -> None:
         assert self.script is not None
         line = min(self.script.line(message.line), self.text.count("\n") + 1)
-        told: Literal["start", "run"] = "start" if self.phase == "sent" else "run"
-        self.error = ScriptError(line, message.column, _readable(self.script.message(message.text)), told)
+        found_by: Literal["start", "run"] = "start" if self.phase == "sent" else "run"
+        self.error = ScriptError(line, message.column, _readable(self.script.message(message.text)), found_by)
         self.phase = "failed"
 
 

@@ -19,11 +19,11 @@ _OK: Final = 200
 _UNAUTHORIZED: Final = 401
 
 
-class BehindError(ClientError):
+class EmulatorControlError(ClientError):
     """An emulator's control API refused a verb, or is not there."""
 
 
-class Behind:
+class EmulatorControl:
     """Verbs of an emulator's control API (docs/control_verbs.md). available: there is one; so this is not a robot.
 
     port: 0 for none. token: what the emulator was told to ask for. locked: it asks for another one. time: what the
@@ -76,7 +76,7 @@ class Behind:
         return "" if speed == 1.0 else f"time {speed:g}×" if speed else "time at its fastest"
 
     async def look_at_the_time(self) -> None:
-        """Ask for ``time``. Raises BehindError."""
+        """Ask for ``time``. Raises EmulatorControlError."""
         before, self.time = self.time, await self.call("time")
         names = ("paused", "speed", "time_s") if self.time["paused"] else ("paused", "speed")
         if any(before.get(name) != self.time[name] for name in names):
@@ -86,21 +86,21 @@ class Behind:
         """Time is paused: no wonder that nothing comes."""
         try:
             await self.look_at_the_time()
-        except BehindError:
+        except EmulatorControlError:
             return False
         return bool(self.time["paused"])
 
     async def call(self, verb: str, **arguments: Any) -> Any:
-        """The result of a verb. Raises BehindError with the emulator's reason."""
+        """The result of a verb. Raises EmulatorControlError with the emulator's reason."""
         try:
             response = await self._http.post(f"/verbs/{verb}", json=arguments)
             content: Mapping[str, Any] = response.json()
         except (httpx.HTTPError, ValueError) as error:
-            raise BehindError(
+            raise EmulatorControlError(
                 f"{verb}: no control API at {self._http.base_url}: {error or type(error).__name__}"
             ) from error
         if response.status_code != _OK:
-            raise BehindError(f"{verb}: {content.get('error', response.status_code)}")
+            raise EmulatorControlError(f"{verb}: {content.get('error', response.status_code)}")
         return content["result"]
 
     async def follow(self, dialogues: Dialogues) -> None:
@@ -113,7 +113,7 @@ class Behind:
                 dialogues.are(await self.call("popups"))
                 await self.look_at_the_time()
                 missed = 0
-            except BehindError:
+            except EmulatorControlError:
                 missed += 1
                 if missed >= _MISSES and self.available:
                     self.available, self.time = False, {}
@@ -127,6 +127,6 @@ class Behind:
             self.locked = response.status_code == _UNAUTHORIZED
             self.verbs = frozenset(entry["name"] for entry in response.json())
         except (httpx.HTTPError, ValueError, TypeError, KeyError) as error:
-            raise BehindError(f"no control API at {self._http.base_url}") from error
+            raise EmulatorControlError(f"no control API at {self._http.base_url}") from error
         self.catalogue = {verb: await self.call(verb) for verb in _CATALOGUE if verb in self.verbs}
         self.available = response.status_code == _OK

@@ -167,56 +167,58 @@ class EventLog:
         """Something the pendant itself has to say; what it said last is not repeated."""
         last = self.events[-1] if self.events else None
         if last is None or (last.source, last.text) != ("pendant", text):
-            self._add(_Told("pendant", severity, text), None)
+            self._add(_Entry("pendant", severity, text), None)
 
     def hear(self, message: object) -> None:
         """Keep what a person wants to read."""
         if not isinstance(message, RobotMessage):
             return
-        told = _told(message)
-        if told is not None:
-            self._add(told, None if message.timestamp_us == NO_TIMESTAMP_US else message.timestamp_us / 1e6)
+        entry = _entry(message)
+        if entry is not None:
+            self._add(entry, None if message.timestamp_us == NO_TIMESTAMP_US else message.timestamp_us / 1e6)
 
-    def _add(self, told: "_Told", uptime_s: float | None) -> None:
+    def _add(self, entry: "_Entry", uptime_s: float | None) -> None:
         self.count += 1
-        self.events.append(Event(self.count, time.time(), uptime_s, told.severity, told.source, told.code, told.text))
+        self.events.append(
+            Event(self.count, time.time(), uptime_s, entry.severity, entry.source, entry.code, entry.text)
+        )
 
 
-class _Told(NamedTuple):
+class _Entry(NamedTuple):
     source: str
     severity: Severity
     text: str
     code: str = ""
 
 
-def _told(message: RobotMessage) -> _Told | None:
+def _entry(message: RobotMessage) -> _Entry | None:
     match message:
         case ErrorCodeMessage():
             severity = _LEVELS.get(message.level % _DEVELOPER, "info")
             text = message.text.strip() or error_text(message.code, message.argument)
-            return _Told("controller", severity, text, message.label)
+            return _Entry("controller", severity, text, message.label)
         case RuntimeExceptionMessage():
-            return _Told("program", "error", f"line {message.line}, column {message.column}: {message.text}")
+            return _Entry("program", "error", f"line {message.line}, column {message.column}: {message.text}")
         case SafetyModeMessage():
             return _of_safety(message.safety_mode)
         case TextMessage():
-            return _Told("program", "info", message.text)
+            return _Entry("program", "info", message.text)
         case KeyMessage():
             return _of_key(message)
         case PopupMessage():
             severity = "error" if message.error else "warning" if message.warning else "info"
-            return _Told("dialogue", severity, f"{message.title}: {message.text}")
+            return _Entry("dialogue", severity, f"{message.title}: {message.text}")
         case RequestValueMessage():
-            return _Told("dialogue", "info", f"Question: {message.text}")
+            return _Entry("dialogue", "info", f"Question: {message.text}")
         case VersionMessage():
-            return _Told("controller", "info", f"Connected to {message.project} {message.version}")
+            return _Entry("controller", "info", f"Connected to {message.project} {message.version}")
         case _:
             return None
 
 
-def _of_safety(mode: int) -> _Told:
+def _of_safety(mode: int) -> _Entry:
     name = mode_name(SafetyMode, mode).replace("_", " ").lower()
-    return _Told("safety", _SAFETY_SEVERITY.get(mode, "warning"), f"Safety mode changed to {name}")
+    return _Entry("safety", _SAFETY_SEVERITY.get(mode, "warning"), f"Safety mode changed to {name}")
 
 
 _SAFETY_SEVERITY: Final[dict[int, Severity]] = {
@@ -227,9 +229,9 @@ _SAFETY_SEVERITY: Final[dict[int, Severity]] = {
 }
 
 
-def _of_key(message: KeyMessage) -> _Told:
+def _of_key(message: KeyMessage) -> _Entry:
     happened = _OF_PROGRAMS.get(message.title)
     if happened is not None:
-        return _Told("program", "info", f"Program {message.text or 'without a name'} {happened}")
+        return _Entry("program", "info", f"Program {message.text or 'without a name'} {happened}")
     severity: Severity = "error" if "EXCEPTION" in message.title else "info"
-    return _Told("program", severity, f"{message.title} {message.text}".rstrip())
+    return _Entry("program", severity, f"{message.title} {message.text}".rstrip())

@@ -69,7 +69,7 @@ class FaultKind:
         return self.name.replace("_", " ").capitalize().replace("rtde", "RTDE")
 
 
-def fault_kinds(told: Sequence[Mapping[str, Any]], ports: Sequence[str]) -> dict[str, FaultKind]:
+def fault_kinds(listed: Sequence[Mapping[str, Any]], ports: Sequence[str]) -> dict[str, FaultKind]:
     """By name, from the results of the verbs ``fault_kinds`` and ``ports``."""
     return {
         kind["kind"]: FaultKind(
@@ -79,7 +79,7 @@ def fault_kinds(told: Sequence[Mapping[str, Any]], ports: Sequence[str]) -> dict
             kind["occasion"],
             tuple(_field(argument, ports) for argument in kind["arguments"]),
         )
-        for kind in told
+        for kind in listed
     }
 
 

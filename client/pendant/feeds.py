@@ -22,14 +22,14 @@ class Feed:
     """States of one recipe, collected one row of numbers each; texts and gaps are NaN.
 
     names: the RTDE outputs. values: the newest state, empty before the first and after a loss. rate_hz: at which they
-    come. trouble: why they do not. end: rows that ever came; those before ``begin`` were dropped, oldest first.
+    come. problem: why they do not. end: rows that ever came; those before ``begin`` were dropped, oldest first.
     """
 
     def __init__(self, names: Sequence[str], keeps: bool) -> None:
         self.names = tuple(names)
         self.values: Mapping[str, Any] = {}
         self.rate_hz = 0.0
-        self.trouble = "connecting"
+        self.problem = "connecting"
         self.unavailable: frozenset[str] = frozenset()
         self.begin = 0
         self.width = sum(OUTPUT_FIELDS[name].type.count for name in names)
@@ -80,7 +80,7 @@ class Feed:
     def take(self, values: Mapping[str, Any]) -> None:
         """A new state."""
         self.values = values
-        self.trouble = ""
+        self.problem = ""
         if not self._keeps:
             return
         for name in self.names:
@@ -106,10 +106,10 @@ class Feed:
         if len(self._rows) > _MOST_NUMBERS:
             self._drop((len(self._rows) - _MOST_NUMBERS) // self.width + 1)
 
-    def lose(self, trouble: str) -> None:
+    def lose(self, problem: str) -> None:
         """The robot is gone."""
         self.values = {}
-        self.trouble = trouble
+        self.problem = problem
 
     def _drop(self, count: int) -> None:
         del self._rows[: count * self.width]

@@ -30,7 +30,7 @@ def _header(page: Page, first: str) -> ui.tabs:
             for screen in SCREENS:
                 tab = ui.tab(screen.name, screen.title, screen.icon).props(f"data-testid=tab-{screen.name}")
                 if screen.only_emulated:
-                    page.show_if(tab, lambda station: station.behind.available or station.behind.locked)
+                    page.show_if(tab, lambda station: station.emulator.available or station.emulator.locked)
         tabs.set_value(first)
         ui.space()
         page.live.text(_robot, "robot-name")
@@ -65,7 +65,7 @@ def _robot(station: Station) -> str:
 def _lost(page: Page) -> None:
     with ui.element("div").classes("lost") as banner:
         ui.icon("link_off")
-        page.live.text(lambda station: f"The robot at {station.robot_ip} does not answer: {station.trouble}")
+        page.live.text(lambda station: f"The robot at {station.robot_ip} does not answer: {station.problem}")
     page.live.bind(banner, "state", lambda station: "ok" if station.connected else "lost")
 
 
@@ -77,7 +77,7 @@ def _footer(page: Page, tabs: ui.tabs) -> None:
             live.text(lambda s: s.situation.title)
         status.props('data-testid=status aria-label="State of the arm: see Initialize"')
         live.bind(lamp, "state", lambda s: s.situation.tone)
-        live.text(lambda s: s.behind.pace, "chip pace").props("data-testid=pace")
+        live.text(lambda s: s.emulator.pace, "chip pace").props("data-testid=pace")
         ui.space()
         live.text(lambda s: s.situation.program, "program-state").props("data-testid=program-state")
         page.program_buttons("dense color=primary", "")

@@ -206,7 +206,7 @@ class Page:
     @property
     def agreed(self) -> bool:
         """The arm may be moved from here without asking."""
-        return self.station.behind.available or self.confirmed
+        return self.station.emulator.available or self.confirmed
 
     async def may_move(self) -> bool:
         """Whether the arm may be moved from here: on a robot a person has to agree, once a page."""

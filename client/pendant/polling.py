@@ -31,7 +31,7 @@ class Poller(Generic[Answer]):
     """The newest answer to a question. Looking at ``value`` is what keeps it new.
 
     tell: called when an answer is another one. rest: called when nobody looks any more, to end what asking needs.
-    trouble: why there is no answer, "" when there is one.
+    problem: why there is no answer, "" when there is one.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Poller(Generic[Answer]):
         self._asking: asyncio.Task[None] | None = None
         self._again = asyncio.Event()
         self._looked = False
-        self.trouble = ""
+        self.problem = ""
 
     @property
     def value(self) -> Answer | None:
@@ -106,14 +106,14 @@ class Poller(Generic[Answer]):
     async def _ask_once(self) -> bool:
         """True when the answer is another one; else it stays the same object, which is quick to compare."""
         answer: Answer | None = None
-        trouble = ""
+        problem = ""
         try:
             answer = await self._ask()
         except _LOST as error:
-            trouble = str(error)
-        if (answer, trouble) == (self._answer, self.trouble):
+            problem = str(error)
+        if (answer, problem) == (self._answer, self.problem):
             return False
-        self._answer, self.trouble = answer, trouble
+        self._answer, self.problem = answer, problem
         return True
 
 
@@ -137,9 +137,9 @@ class PortRegisters:
         return self._poller.value or ()
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """Why they are not known."""
-        return self._poller.trouble
+        return self._poller.problem
 
     async def write(self, address: int, word: int) -> None:
         """Set a register. Raises RobotRefused, ClientError."""

@@ -32,7 +32,7 @@ def show_dialogues(page: Page) -> None:
             _build(page, dialogue, answerable)
         dialog.open()
 
-    page.live.effect(lambda station: (station.dialogues.oldest, station.behind.available), show)
+    page.live.effect(lambda station: (station.dialogues.oldest, station.emulator.available), show)
     _protective_stop(page)
 
 
@@ -96,8 +96,8 @@ def _answer_button(page: Page, dialogue: Dialogue, text: str, value: bool | None
 
 
 async def _close(station: Station, dialogue: Dialogue) -> None:
-    if station.behind.available:
-        await station.behind.call("answer_popup", popup_id=dialogue.number)
+    if station.emulator.available:
+        await station.emulator.call("answer_popup", popup_id=dialogue.number)
         station.dialogues.close(dialogue.number)
     else:
         await station.ask(dashboard.CLOSE_POPUP)
@@ -105,7 +105,7 @@ async def _close(station: Station, dialogue: Dialogue) -> None:
 
 
 async def _answer(station: Station, dialogue: Dialogue, value: Any) -> None:
-    await station.behind.call("answer_popup", popup_id=dialogue.number, value=value)
+    await station.emulator.call("answer_popup", popup_id=dialogue.number, value=value)
     station.dialogues.close(dialogue.number)
 
 

@@ -8,7 +8,7 @@ from typing import Any, Final, Protocol, TypeVar
 
 from client import dashboard
 from client.pendant.draft import Draft
-from client.pendant.emulator_control import Behind, BehindError
+from client.pendant.emulator_control import EmulatorControl, EmulatorControlError
 from urproto.errors import URError
 from urproto.modes import RuntimeState
 from urproto.primary.messages import (
@@ -54,7 +54,7 @@ class Robot(Protocol):
     values: Mapping[str, Any]
     unavailable: frozenset[str]
     connected: bool
-    behind: Behind
+    emulator: EmulatorControl
 
     @property
     def runtime_state(self) -> RuntimeState:
@@ -127,9 +127,9 @@ class Programs:
                 asked_s = clock()
                 with suppress(URError, OSError):
                     await self._ask_loaded(station)
-            if self._changed.is_set() or station.behind.available != emulated:
+            if self._changed.is_set() or station.emulator.available != emulated:
                 self._changed.clear()
-                available = station.behind.available
+                available = station.emulator.available
                 emulated = available if await self._see(station) else None  # then once more
             self.draft.look(clock())
             with suppress(TimeoutError):
@@ -144,14 +144,14 @@ class Programs:
     async def _see(self, station: Robot) -> bool:
         try:
             self.shown = await self._look_at(station)
-        except (BehindError, KeyError, TypeError):  # gone, or an emulator of another version
+        except (EmulatorControlError, KeyError, TypeError):  # gone, or an emulator of another version
             self.shown = NOTHING_SHOWN
             return False
         return True
 
     async def _look_at(self, station: Robot) -> ShownProgram:
-        if "program" in station.behind.verbs and station.behind.available:
-            return _shown(await station.behind.call("program"))
+        if "program" in station.emulator.verbs and station.emulator.available:
+            return _shown(await station.emulator.call("program"))
         script = self.draft.script
         if script is not None and script.name == self.running and self.draft.phase in ("running", "ended", "failed"):
             return ShownProgram(script.text, running=self.draft.phase == "running")
@@ -159,8 +159,8 @@ class Programs:
 
     async def files(self, station: Robot) -> list[str]:
         """Programs that can be loaded. Raises ClientError: robots do not tell."""
-        return list(await station.behind.call("programs"))
+        return list(await station.emulator.call("programs"))
 
 
-def _shown(told: dict[str, Any]) -> ShownProgram:
-    return ShownProgram(told["text"], tuple(Node(**node) for node in told["tree"]), told["running"])
+def _shown(answer: dict[str, Any]) -> ShownProgram:
+    return ShownProgram(answer["text"], tuple(Node(**node) for node in answer["tree"]), answer["running"])

@@ -10,6 +10,7 @@ from typing import Any, Final, Generic, TypeVar
 from client.errors import FileError
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
+from urproto.text import json_document
 
 
 class Tools:
@@ -170,13 +171,13 @@ class OwnFile(Generic[_T]):
 
     def _load(self, path: Path) -> dict[str, _T]:
         try:
-            return self._parse(json.loads(path.read_text("utf-8")))
+            return self._parse(json_document(path.read_text("utf-8")))
         except FileNotFoundError:
             return {}
         except OSError as error:
             raise FileError(path, error.strerror or str(error)) from error
-        except (ValueError, AttributeError) as error:  # UnicodeError and JSONDecodeError are ValueErrors
-            raise FileError(path, f"these are no {self._what}: {error}; move the file away") from error
+        except (ValueError, AttributeError, ArithmeticError, RecursionError) as error:  # huge numbers, deep nesting
+            raise FileError(path, f"these are not {self._what}: {error}; move the file away") from error
 
 
 def checked_name(name: str, of: str) -> str:

@@ -16,7 +16,7 @@ from client.dashboard_commands import Operation
 from client.errors import NoAnswerError, RobotUnreachableError
 from client.pendant.checking import keep_checking
 from client.pendant.dialogues import Dialogues, Stops
-from client.pendant.emulator_control import Behind
+from client.pendant.emulator_control import EmulatorControl
 from client.pendant.events import EventLog
 from client.pendant.feeds import Feeds
 from client.pendant.mover import Mover
@@ -71,7 +71,7 @@ class Station:
 
     values: the newest RTDE state, by variable name; empty before the first and while the robot is lost. core: what the
     primary interface said. log, variables, dialogues, stops, programs: collected from its messages and states.
-    connected: the state comes. trouble: why it does not. behind: an emulator's control API, which a robot has not.
+    connected: the state comes. problem: why it does not. emulator: its control API, which an arm does not have.
     remote_control: e-Series from 5.6. frame: how many states came. feeds: states of other recipes. port_registers: what
     its Modbus server keeps for anybody. meshes: folder of the user's. poses, tools: poses and TCPs that somebody saved.
     """
@@ -100,7 +100,7 @@ class Station:
         self.version: PolyscopeVersion | None = None
         self.unavailable: frozenset[str] = frozenset()
         self.connected = False
-        self.trouble = "connecting"
+        self.problem = "connecting"
         self.frame = 0
         self.log = EventLog()
         self.variables = Variables()
@@ -108,7 +108,7 @@ class Station:
         self.stops = Stops()
         self.programs = Programs()
         self._news = asyncio.Event()
-        self.behind = Behind(
+        self.emulator = EmulatorControl(
             robot_ip, CONTROL_API_PORT + port_offset if control_port is None else control_port, token, self.wake
         )
         self.remote_control = Poller(self._ask_remote_control, _REMOTE_EVERY_S, self.wake)
@@ -126,7 +126,7 @@ class Station:
 
     async def __aenter__(self) -> Self:
         async with AsyncExitStack() as opening:
-            opening.push_async_callback(self.behind.close)
+            opening.push_async_callback(self.emulator.close)
             opening.push_async_callback(self.remote_control.close)
             opening.push_async_callback(self.mover.close)
             opening.push_async_callback(self.feeds.close)
@@ -134,7 +134,7 @@ class Station:
             for work in (
                 keep_following(self._follow_states, self._lose_states),
                 keep_following(self._follow_messages, lambda why: self.log.note(f"no messages: {why}")),
-                self.behind.follow(self.dialogues),
+                self.emulator.follow(self.dialogues),
                 self.programs.follow(self),
                 keep_checking(self.programs.draft, lambda: self.version, self.log.note),
             ):
@@ -213,9 +213,9 @@ class Station:
         return self._is_active("safeguard")
 
     def _is_active(self, device: str) -> bool | None:
-        if not self.behind.available:
+        if not self.emulator.available:
             return None
-        devices: Mapping[str, bool] = self.behind.watch("safety_devices").value or {}
+        devices: Mapping[str, bool] = self.emulator.watch("safety_devices").value or {}
         return devices.get(device)
 
     @property
@@ -243,9 +243,9 @@ class Station:
             async with DashboardClient(self.robot_ip, self.ports["dashboard"]) as board:
                 return readable_in(await board.ask(operation))
         except RobotRefused as refused:
-            if refused.answer != NOT_IN_REMOTE_CONTROL or not self.behind.available:
+            if refused.answer != NOT_IN_REMOTE_CONTROL or not self.emulator.available:
                 raise
-        return operation.answer(await self.behind.call("dashboard", line=operation.line))
+        return operation.answer(await self.emulator.call("dashboard", line=operation.line))
 
     async def _ask_remote_control(self) -> bool | None:
         """None for a robot that knows no such thing. One that changes takes scripts of new connections only."""
@@ -296,7 +296,7 @@ class Station:
     # the connections
 
     def _lose_states(self, why: str) -> None:
-        self.connected, self.trouble = False, why
+        self.connected, self.problem = False, why
         self._take({})
 
     async def _follow_states(self) -> None:
@@ -304,13 +304,13 @@ class Station:
             self.version, self.unavailable = client.core.version, client.core.unavailable
             while True:
                 values = await self._patiently(client.latest)
-                self.connected, self.trouble = True, ""
+                self.connected, self.problem = True, ""
                 self._take(values)
 
     def _take(self, values: Mapping[str, Any]) -> None:
         """A new state, or none any more."""
         if values.get("safety_mode") != self.values.get("safety_mode"):
-            self.behind.watch("safety_devices").renew()  # what was told before explains nothing
+            self.emulator.watch("safety_devices").renew()  # what was told before explains nothing
         self.values = values
         self.stops.see(values)
         self._tell()
@@ -343,7 +343,7 @@ class Station:
             try:
                 return await wait()
             except NoAnswerError:
-                if not await self.behind.stands_still():
+                if not await self.emulator.stands_still():
                     raise
 
     def _tell(self) -> None:

@@ -14,8 +14,9 @@ from client.errors import RecordingError
 from client.recording.mcapfile import McapWriter, read_mcap
 from client.recording.recording import DEFAULT_FIELDS, Info, Recording
 from client.recording.tables import CsvWriter, NpzWriter, read_csv, read_npz
-from client.recording.timestamps import LONGEST_S, Stamps
+from client.recording.timestamps import Stamps
 from client.rtde import unknown_fields
+from urproto.rtde.fields import LONGEST_S
 
 FORMATS: Final = (".mcap", ".csv", ".npz")
 _DEFAULT: Final = "default"
@@ -115,7 +116,7 @@ class Recorder:
             self._writer.close()
 
         if self._failure:
-            raise self._told_failure()
+            raise self._failure_reported()
 
     @contextmanager
     def _telling(self) -> Iterator[None]:
@@ -123,9 +124,9 @@ class Recorder:
             yield
         except RecordingError as error:
             self._failure = str(error)
-            raise self._told_failure() from error
+            raise self._failure_reported() from error
 
-    def _told_failure(self) -> RecordingError:
+    def _failure_reported(self) -> RecordingError:
         lost = self.count - self._writer.saved
         saved = f"{self._writer.saved} states are in the file for sure"
         return RecordingError(
@@ -152,12 +153,12 @@ def read(path: Path | str) -> Recording:
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
     if not len(recording):
-        why = "; ".join(told(recording.info))
+        why = "; ".join(remarks(recording.info))
         raise RecordingError(f"{path} is a recording without a single state" + (f": {why}" if why else ""))
     return _with_times(path, recording)
 
 
-def told(info: Info) -> list[str]:
+def remarks(info: Info) -> list[str]:
     """What there is to say about a recording that is not as it was made."""
     return [info[key] for key in ("cut_off", "left_out") if key in info]
 

@@ -112,7 +112,7 @@ def read_mcap(path: Path) -> Recording:
             file.seek(0)
             channels, content, damage = content.channels, _Content(), _Damage()
             content.take([*channels, *_records(file, damage)])
-    content.info |= damage.told(content.unreadable)
+    content.info |= damage.remarks(content.unreadable)
     return content.recording(path)
 
 
@@ -124,7 +124,7 @@ class _Damage:
         self.why = ""  # of the first chunk
         self.cut_off = ""
 
-    def told(self, messages: int) -> dict[str, str]:
+    def remarks(self, messages: int) -> dict[str, str]:
         """As `Recording.info` has it; messages: that could not be read either."""
         parts = [f"{self.chunks} damaged parts of the file ({self.why})"] if self.chunks else []
         parts += [f"{messages} damaged messages"] if messages else []
@@ -216,9 +216,10 @@ class _Content:
         kind = self._types[channel.id] = MessageType(schema.name, schema.data.decode("utf-8", "replace"))
         if controller:
             self._controllers[channel.id] = TrackingBuilder(controller)
-        if channel.topic == RTDE_TOPIC:
+        names = tuple(name for lower, name in _RTDE_NAMES.items() if lower in kind.names)
+        if channel.topic == RTDE_TOPIC and names:
             self._rtde_channel = channel.id
-            self._rtde = Columns(tuple(name for lower, name in _RTDE_NAMES.items() if lower in kind.names))
+            self._rtde = Columns(names)
 
     def _take_message(self, channel: int, time_ns: int, data: bytes) -> None:
         if channel not in self._types:
@@ -268,8 +269,8 @@ class _Content:
 
     def _trackings(self, topic: str) -> dict[str, Tracking]:
         began_s = self._joints_began_s if topic == _JOINT_STATES else self._began_ns.get(topic, 0) * 1e-9
-        told = (controller for controller in self._controllers.values() if controller.joints)
-        return {controller.source: controller.built(began_s) for controller in told}
+        found = (controller for controller in self._controllers.values() if controller.joints)
+        return {controller.source: controller.built(began_s) for controller in found}
 
 
 def _joint_values(message: Mapping[str, Any], time_ns: int) -> dict[str, Any]:

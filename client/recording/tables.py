@@ -14,6 +14,7 @@ from client.recording.output import OutputFile
 from client.recording.recording import Columns, Info, Recording
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.types import FieldType
+from urproto.text import json_document
 
 _UNFINISHED: Final = b"ur-client recording, not finished\n"  # how a file begins while an NpzWriter is open
 _INFO: Final = "info"  # beside the variables of an npz; no RTDE variable is called so
@@ -151,10 +152,12 @@ def _journal(file: BinaryIO, columns: Columns | None = None) -> Recording:
     """What an `NpzWriter` has written before it was closed. Raises RecordingError."""
     try:
         file.seek(len(_UNFINISHED))
-        head = json.loads(file.readline())
+        head = json_document(file.readline())
         names = tuple(name for name in head["names"] if name in OUTPUT_FIELDS)
         if len(names) != len(head["names"]):
             raise ValueError("a variable of another version")
+        if not names or len(set(names)) != len(names):
+            raise ValueError("it names no variable, or one twice")
         info = {str(name): str(text) for name, text in head["info"].items()}
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise RecordingError(f"{file.name} is a recording whose beginning is damaged: {error}") from error
@@ -177,7 +180,7 @@ def read_npz(path: Path) -> Recording:
                 for name in file.files:
                     if name in OUTPUT_FIELDS:
                         try:
-                            values[name] = file[name]
+                            values[name] = np.asarray(file[name])  # bytes, when it does not begin as an array
                         except Exception as error:  # as below
                             broken.append(f"{name} is damaged and left out: {error}")
                 info = _info(file[_INFO]) if _INFO in file.files else {}
@@ -197,7 +200,7 @@ def read_npz(path: Path) -> Recording:
 
 
 def _info(array: Any) -> dict[str, str]:
-    return {str(name): str(text) for name, text in json.loads(str(array)).items()}
+    return {str(name): str(text) for name, text in json_document(str(array)).items()}
 
 
 def _columns(name: str) -> list[str]:

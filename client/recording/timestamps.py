@@ -5,12 +5,12 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
+from urproto.rtde.fields import LONGEST_S
+
 _NS = 1_000_000_000
 _BOOT_S = 1.0  # the clock of a robot that has booted is farther back; guess
 JUMP_S: Final = 1e6
 """A clock that goes on by more between two states has been set; guess: nobody waits for a robot for 11 days."""
-LONGEST_S: Final = 1e9
-"""No robot has been on for so long: what is beyond is no time; guess."""
 
 
 class Stamps:

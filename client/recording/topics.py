@@ -61,7 +61,7 @@ class Topics:
     def __init__(self, names: Collection[str]) -> None:
         everything = Topic(RTDE_TOPIC, rtde_type(names), frozenset(names), _same)
         self.topics = (everything, *(topic for topic in _USUAL if topic.needs <= set(names)))
-        self._told: dict[str, tuple[int, Values]] = {}
+        self._published: dict[str, tuple[int, Values]] = {}
 
     def encoded(self, values: Values, time_ns: int) -> Iterable[tuple[Topic, bytes]]:
         """The messages of one state. A topic whose message has no place for it, as for a mode of 1000, is left out."""
@@ -81,10 +81,10 @@ class Topics:
         yield topic, topic.type.encode(message)
 
     def _news(self, name: str, message: Values, time_ns: int) -> bool:
-        told_ns, told = self._told.get(name, (0, {}))
-        if told == message and 0 <= time_ns - told_ns < _AGAIN_NS:
+        published_ns, published = self._published.get(name, (0, {}))
+        if published == message and 0 <= time_ns - published_ns < _AGAIN_NS:
             return False
-        self._told[name] = (time_ns, message)
+        self._published[name] = (time_ns, message)
         return True
 
 

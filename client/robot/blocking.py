@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, contextmanager
-from functools import partial, update_wrapper
+from functools import partial
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from client.dashboard_commands import Operation
-from client.driver.blocking import Blocking, Part, blocking, blocking_context, carried, straight
+from client.driver.blocking import Blocking, Part, blocking, blocking_context, carried, named_after, straight
 from client.driver.endpoint import StreamStatistics
 from client.driver.scheduling import real_time
 from client.robot.contact import Contact, Force
@@ -136,9 +136,7 @@ def _streaming(
         with carried(self, method(self.inner, *args, **kwargs)) as follow, real_time(realtime):
             yield partial(follow.from_thread, self.call)
 
-    update_wrapper(enter, method)
-    enter.__dict__.pop("__wrapped__", None)  # it is not a coroutine function
-    return enter
+    return named_after(method, enter)
 
 
 class Robot(Blocking[AsyncRobot]):
@@ -222,7 +220,7 @@ class Robot(Blocking[AsyncRobot]):
     def tcp_pose_at(self, q_rad: Sequence[float]) -> Pose:
         """Where the TCP would be (6,) with these joint angles (6,), by the geometry that this very arm reports.
 
-        Raises RobotRefused while the robot has not told its geometry, or for one that is not known here.
+        Raises RobotRefused while the robot has not reported its geometry, or for one that is not known here.
         """
         return self.inner.tcp_pose_at(q_rad)
 

@@ -38,12 +38,12 @@ _ADVICE: Final = {
 class Diagnosis:
     """The reasons that a driver does not see: which stop it was, who ended the program, whether the robot is there."""
 
-    trouble: asyncio.Event
+    alarm: asyncio.Event
     """Set when the robot stops for safety or falls silent; who begins a motion clears it."""
 
     def __init__(self, driver: URDriver) -> None:
         self.driver = driver
-        self.trouble = asyncio.Event()
+        self.alarm = asyncio.Event()
         self._last_words: object = None  # the state after which the robot fell silent
 
     def watch(self) -> None:
@@ -156,11 +156,11 @@ class Diagnosis:
         if mode in MOVABLE:
             self.driver.robot.reports.clear()  # of a stop that is over
         else:
-            self.trouble.set()
+            self.alarm.set()
 
     def _fell_silent(self) -> None:
         self._last_words = self.driver.state
-        self.trouble.set()
+        self.alarm.set()
 
 
 def _described(report: ErrorCodeMessage) -> str:

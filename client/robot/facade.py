@@ -139,13 +139,15 @@ class AsyncRobot:
     def tcp_pose_at(self, q_rad: Sequence[float]) -> Pose:
         """Where the TCP would be (6,) with these joint angles (6,), by the geometry that this very arm reports.
 
-        Raises RobotRefused while the robot has not told its geometry, or for one that is not known here.
+        Raises RobotRefused while the robot has not reported its geometry, or for one that is not known here.
         """
         link = self.driver.robot
         arm, state = link.configuration, link.primary_state
         geometry = None if arm is None else geometry_of(arm, link.calibration)
         if geometry is None or state is None or state.cartesian is None:
-            raise RobotRefused("its geometry", "it has not told one that is known here", "ask it: get_forward_kin()")
+            raise RobotRefused(
+                "its geometry", "it has not reported one that is known here", "ask it: get_forward_kin()"
+            )
         return geometry.forward(q_rad, state.cartesian.tcp_offset)
 
     # readiness

@@ -78,7 +78,7 @@ class MotionRunner:
         if not self._has_context:
             await self._replace(doing, rolling=rolling)
         await self.check_free(doing)
-        self.diagnosis.trouble.clear()
+        self.diagnosis.alarm.clear()
         await self.readiness.need_program(doing)
         if self.stops != stops:  # by another task, as what follows
             raise MotionStoppedError(doing, "stop() was called")
@@ -121,7 +121,7 @@ class MotionRunner:
             raise
         finally:
             self._has_context = False
-        if not self.driver.program_running or self.diagnosis.trouble.is_set():
+        if not self.driver.program_running or self.diagnosis.alarm.is_set():
             raise await self.readiness.explanation(doing)
         await self.come_to_rest()
 
@@ -228,14 +228,14 @@ class MotionRunner:
         """Do it, and raise why it failed: also when the robot stops and the program waits for somebody."""
         doing = self.doing
         task = asyncio.create_task(work())
-        trouble = asyncio.create_task(self.diagnosis.trouble.wait())
+        alarm = asyncio.create_task(self.diagnosis.alarm.wait())
         try:
-            await asyncio.wait((task, trouble), return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait((task, alarm), return_when=asyncio.FIRST_COMPLETED)
             if task.done() and not isinstance(task.exception(), PROGRAM_GONE):
                 return task.result()
         finally:
             await _cancelled(task)
-            await _cancelled(trouble)
+            await _cancelled(alarm)
         raise await self.readiness.explanation(doing)
 
     def _program_changed(self, connected: bool) -> None:

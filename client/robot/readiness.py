@@ -26,7 +26,7 @@ class Readiness:
     def __init__(self, driver: URDriver, diagnosis: Diagnosis) -> None:
         self.driver = driver
         self.diagnosis = diagnosis
-        self._told_running = False  # the program runs as far as the caller was told: its end is explained first
+        self._reported_running = False  # the program runs as far as the caller was told: its end is explained first
 
     async def make_ready(self) -> None:
         """Power the arm on, release the brakes and start the control program, whatever of it is still to be done.
@@ -39,7 +39,7 @@ class Readiness:
             await self._release_brakes()
         if not self.driver.program_running or self.diagnosis.paused:
             await self.start("make_ready")
-        self._told_running = True
+        self._reported_running = True
 
     async def recover(self) -> None:
         """Unlock a protective stop, 5 s after it occurred, and start the control program again.
@@ -50,7 +50,7 @@ class Readiness:
         if not self.driver.protective_stopped:
             await self.diagnosis.refuse_in_stop("recover")
         await self._reporting("recover", self.driver.recover())
-        self._told_running = True
+        self._reported_running = True
 
     async def need_program(self, doing: str) -> None:
         """See that the control program runs and obeys, or raise the error that says why it does not.
@@ -63,12 +63,12 @@ class Readiness:
         if self.driver.program_running and self.diagnosis.paused:
             raise RobotRefused(doing, "its program is paused", "resume it on the robot, or make_ready() starts it anew")
         if self.driver.program_running:
-            self._told_running = True
+            self._reported_running = True
             return
         if self.driver.robot.robot_mode is not RobotMode.RUNNING:
             mode = self.driver.robot.robot_mode.name
             raise RobotRefused(doing, f"its mode is {mode}", "make_ready() powers it on and releases the brakes")
-        if self._told_running and (not self.driver.lost_why or self.driver.pulse.bitten):
+        if self._reported_running and (not self.driver.lost_why or self.driver.pulse.bitten):
             raise await self.explanation(doing)
         await self.start(doing)
 
@@ -78,7 +78,7 @@ class Readiness:
         link.reports.clear()
         link.popups.clear()
         await self._reporting(doing, self.driver.start_program())
-        self._told_running = True
+        self._reported_running = True
 
     async def ask(
         self,
@@ -102,7 +102,7 @@ class Readiness:
         """Why this has ended, as far as the robot says so."""
         error = await self.diagnosis.explanation(doing)
         if isinstance(error, OutOfReachError):  # the caller's target, and nobody's wish to end the program
-            self._told_running = False  # so it may start by itself
+            self._reported_running = False  # so it may start by itself
         return error
 
     async def _release_brakes(self) -> None:

@@ -54,7 +54,7 @@ class Follow:
         return RobotState.of(self._feed.state)
 
     def _put(self, setpoint: Sequence[float]) -> bool:
-        """Send it; False when there is a trouble to be explained."""
+        """Send it; False when something has to be explained first."""
         if self._motion.stops != self._stops:
             raise MotionStoppedError(self._doing, "stop() was called")
         if popups := self._link.popups:

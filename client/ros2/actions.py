@@ -18,8 +18,8 @@ from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.passthrough import PassthroughTrajectoryController
 from client.controllers.robot import ControlledRobot
 from client.errors import ClientError
-from client.ros2.host import NodeHost
-from client.ros2.topics import Moment, interface, seconds, set_point, trajectory
+from client.ros2.host import NodeHost, interface
+from client.ros2.topics import Moment, seconds, set_point, trajectory
 
 _FEEDBACK_S: Final = 0.05  # action_monitor_rate is 20 Hz
 

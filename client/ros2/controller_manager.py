@@ -18,8 +18,7 @@ from client.controllers.robot import ControlledRobot
 from client.errors import ClientError, ControllerError
 from client.ros2.controller_nodes import ControllerNodes
 from client.ros2.hardware import HardwareComponent
-from client.ros2.host import LATCHED, NodeHost
-from client.ros2.topics import interface
+from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
 from urproto.errors import URError
 
 _STATES: Final = {
@@ -63,20 +62,14 @@ class ControllerManagerNode:
         )
         self._declare()
         for name, type_name in _TYPES:
-            try:
-                kind = interface(f"controller_manager_msgs/srv/{type_name}")
-            except (ImportError, AttributeError):  # not in this distribution
-                continue
-            self.node.create_service(kind, f"~/{name}", getattr(self, name))
+            if (kind := interface_if_any(f"controller_manager_msgs/srv/{type_name}")) is not None:
+                self.node.create_service(kind, f"~/{name}", getattr(self, name))
         self._diagnostics = self.node.create_publisher(DiagnosticArray, "/diagnostics", 1)
         self.node.create_timer(_DIAGNOSTICS_S, self._diagnose)
         self._activity: Any = None
         self._last_activity: Any = None
-        try:
-            self._activity_type = interface("controller_manager_msgs/msg/ControllerManagerActivity")
-        except (ImportError, AttributeError):
-            pass
-        else:
+        self._activity_type = interface_if_any("controller_manager_msgs/msg/ControllerManagerActivity")
+        if self._activity_type is not None:
             self._activity = self.node.create_publisher(self._activity_type, "~/activity", LATCHED)
             self.node.create_timer(_ACTIVITY_S, self._tell_activity)
         host.spin(self.node)

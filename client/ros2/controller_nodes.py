@@ -11,9 +11,9 @@ from client.controllers.robot import ControlledRobot
 from client.errors import ClientError
 from client.ros2 import parameters, services
 from client.ros2.actions import serve_actions
-from client.ros2.host import SYSTEM_DEFAULT, NodeHost
+from client.ros2.host import SYSTEM_DEFAULT, NodeHost, interface
 from client.ros2.publishing import Outbox, publisher
-from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, Moment, Subscription, interface
+from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, Moment, Subscription
 
 _QUIET_S: Final = 1.0  # the same complaint again only after this; guess
 

@@ -15,7 +15,6 @@ from pathlib import PurePosixPath
 from types import MappingProxyType
 from typing import Any, Final
 
-import ur_dashboard_msgs.srv
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from std_srvs.srv import Trigger
 
@@ -23,7 +22,7 @@ from client import dashboard
 from client.dashboard import BlockingDashboardClient, Operation
 from client.errors import ClientError, ConnectionLostError
 from client.robot import AsyncRobot
-from client.ros2.host import NodeHost
+from client.ros2.host import NodeHost, interface_if_any
 from urproto.dashboard import ProgramState
 from urproto.errors import RemoteProtocolError, RobotRefused, URError
 from urproto.modes import RobotMode
@@ -220,7 +219,7 @@ class DashboardNode:
         self._ended = threading.Event()
         self.node.create_service(Trigger, "~/connect", self._connect)
         for service in SERVICES:
-            kind = Trigger if service.type == "Trigger" else getattr(ur_dashboard_msgs.srv, service.type, None)
+            kind = Trigger if service.type == "Trigger" else interface_if_any(f"ur_dashboard_msgs/srv/{service.type}")
             if kind is not None:  # else this distribution of ROS does not have it
                 self.node.create_service(kind, f"~/{service.name}", partial(self._serve, service))
         host.spin(self.node)

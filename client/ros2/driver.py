@@ -18,11 +18,14 @@ from client.controllers.robot import ControlledRobot
 from client.errors import ClientError, ControllerError, RobotUnreachableError
 from client.ros2.controller_manager import ControllerManagerNode
 from client.ros2.controller_nodes import ControllerNodes
+from client.ros2.dashboard import DashboardNode
 from client.ros2.hardware import ControllerStopper, HardwareComponent, ProgramKeeper, start_if_ready
 from client.ros2.host import NodeHost
 from client.ros2.publishing import Outbox
+from client.ros2.state_helper import StateHelperNode
 from client.ros2.state_publisher import RobotStatePublisher
 from client.ros2.topics import Scene
+from client.ros2.urscript_interface import URScriptNode
 
 _AGAIN_S: Final = 1.0  # between tries to reach the robot; guess
 _SAID_S: Final = 10.0  # how often it is said that it is still out of reach; guess
@@ -127,6 +130,10 @@ class Ros2Driver:
             states = await asyncio.to_thread(RobotStatePublisher, host, outbox, model, broadcasters[0], prefix)
             opening.push_async_callback(asyncio.to_thread, states.close)
         await asyncio.to_thread(ControllerManagerNode, host, robot, controllers, hardware)
+        beside: tuple[Any, ...] = (DashboardNode, StateHelperNode, URScriptNode)
+        for kind in beside:
+            node = await asyncio.to_thread(kind, host, robot.robot)
+            opening.push_async_callback(asyncio.to_thread, node.close)
         stopper = ControllerStopper(robot)
         opening.callback(stopper.close)
         self._activate(loaded, stopper)

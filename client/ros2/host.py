@@ -14,6 +14,7 @@ import logging
 import threading
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from importlib import import_module
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -36,6 +37,20 @@ LATCHED = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """Who subscribes late gets the last message."""
+
+
+def interface(name: str) -> Any:
+    """The class of an interface, such as ``sensor_msgs/msg/JointState``. Raises ImportError, AttributeError."""
+    package, kind, type_name = name.split("/")
+    return getattr(import_module(f"{package}.{kind}"), type_name)
+
+
+def interface_if_any(name: str) -> Any:
+    """The same; None where the distribution does not have it."""
+    try:
+        return interface(name)
+    except (ImportError, AttributeError):
+        return None
 
 
 class NodeHost:

@@ -160,8 +160,8 @@ def find_installation() -> Ros2Installation:
         installation = Ros2Installation(next(names, ""), (*sourced, rclpy.parents[4]), sourced=False)
     if installation.distribution not in DISTRIBUTIONS:
         raise Ros2Error(
-            f"the message packages {', '.join(missing())} are not installed, and can be made for {_either(DISTRIBUTIONS)} "
-            f"only, not for {installation.distribution or 'an unknown distribution'}: install them in the workspace"
+            f"{', '.join(missing())} are missing. They can be made for {_either(DISTRIBUTIONS)}, not for "
+            f"{installation.distribution or 'an unknown distribution'}: install them in the workspace"
         )
     return installation
 
@@ -249,6 +249,7 @@ def _run_builder(plan: Plan, log: Path, progress: Progress | None) -> None:
             stdout=subprocess.PIPE,
             stderr=stderr,
             text=True,
+            env={**os.environ, "PYTHONHASHSEED": "0"},  # the order in generated code: the same source each time
             start_new_session=True,  # so that its compilers can be ended with it
         )
         assert builder.stdin is not None

@@ -10,8 +10,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from client.controllers.controller import Topic
-from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost
-from client.ros2.topics import Publication, Scene, interface
+from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, interface
+from client.ros2.topics import Publication, Scene
 
 _LOOK_S: Final = 0.05  # how often it is looked whether somebody listens: the question costs 2 us a topic
 

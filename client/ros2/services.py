@@ -19,8 +19,8 @@ from client.controllers.loop import ControlLoop
 from client.controllers.settings import FrictionModelController, GravityUpdateController, URConfigurationController
 from client.driver.availability import GATES
 from client.errors import ClientError, ControllerError
-from client.ros2.host import NodeHost
-from client.ros2.topics import Scene, interface, seconds
+from client.ros2.host import NodeHost, interface
+from client.ros2.topics import Scene, seconds
 from urproto.errors import URError
 from urproto.robots.pose import pose_trans
 

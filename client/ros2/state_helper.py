@@ -6,7 +6,6 @@ from typing import Any, Final
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from ur_dashboard_msgs.action import SetMode
 
 from client import dashboard
 from client.dashboard import DashboardClient
@@ -14,7 +13,7 @@ from client.driver.robot import MOVABLE
 from client.errors import ClientError
 from client.primary import BRAKE_RELEASE, POWER_OFF, POWER_ON, STOP_PROGRAM, PrimaryClient, TextCommand
 from client.robot import AsyncRobot
-from client.ros2.host import NodeHost
+from client.ros2.host import NodeHost, interface
 from urproto.errors import RobotRefused, URError
 from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_of
 
@@ -52,13 +51,14 @@ class StateHelperNode:
         fixed = ParameterDescriptor(read_only=True)
         self._headless = self.node.declare_parameter("headless_mode", config.headless, fixed).value
         self._address = self.node.declare_parameter("robot_ip", config.robot, fixed).value
+        self._type = interface("ur_dashboard_msgs/action/SetMode")
         self._host = host
         self._driver = robot.driver
         self._link = robot.driver.robot
         self._one_at_a_time = asyncio.Lock()
         self._server = ActionServer(
             self.node,
-            SetMode,
+            self._type,
             "~/set_mode",
             self._execute,
             goal_callback=self._judge,
@@ -85,7 +85,7 @@ class StateHelperNode:
             handle.abort()
         else:
             handle.succeed()
-        return SetMode.Result(success=not why, message=why or "the robot is in the mode that was asked for")
+        return self._type.Result(success=not why, message=why or "the robot is in the mode that was asked for")
 
     # in the event loop
 
@@ -111,7 +111,7 @@ class StateHelperNode:
                 last[0] = self._modes
                 robot_mode, safety_mode = self._modes
                 handle.publish_feedback(
-                    SetMode.Feedback(current_robot_mode=int(robot_mode), current_safety_mode=int(safety_mode))
+                    self._type.Feedback(current_robot_mode=int(robot_mode), current_safety_mode=int(safety_mode))
                 )
 
         return tell

@@ -7,9 +7,9 @@ from std_msgs.msg import String
 
 from client.controllers.broadcasters import JointStateBroadcaster
 from client.ros2.frames import Frames
-from client.ros2.host import LATCHED, NodeHost
+from client.ros2.host import LATCHED, NodeHost, interface
 from client.ros2.publishing import Outbox, publisher
-from client.ros2.topics import MOVING_FRAMES, interface
+from client.ros2.topics import MOVING_FRAMES
 from urproto.robots import RobotModel
 from urproto.robots.description import urdf
 

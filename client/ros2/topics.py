@@ -9,7 +9,6 @@ from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib import import_module
 from typing import Any, Final
 
 from client.controllers.broadcasters import (
@@ -28,6 +27,7 @@ from client.controllers.goals import JointTrajectory, JointTrajectoryPoint
 from client.controllers.io_and_status import GPIOController, IOStates, ToolData
 from client.controllers.joint_trajectory import ControllerState, JointTrajectoryController
 from client.ros2.frames import Frames, set_transform
+from client.ros2.host import interface
 from urproto.joints import JOINT_NAMES
 from urproto.robots.pose import Pose, pose_trans, quaternion_to_rotvec
 from urproto.vectors import ZERO6
@@ -39,12 +39,6 @@ TF_DEPTH: Final = 100  # tf2_ros
 _TCP_FRAME: Final = "tool0_controller"
 _POSE: Final = (*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw"))
 _SMALL: Final = 1e-6  # as the ROS 2 driver's force mode controller has it
-
-
-def interface(name: str) -> Any:
-    """The class of an interface, such as ``sensor_msgs/msg/JointState``. Raises ImportError."""
-    package, kind, type_name = name.split("/")
-    return getattr(import_module(f"{package}.{kind}"), type_name)
 
 
 @dataclass

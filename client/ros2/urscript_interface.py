@@ -13,15 +13,10 @@ from std_msgs.msg import String
 from client.errors import ScriptFailedError
 from client.primary import STOP_PROGRAM, PrimaryClient
 from client.robot import AsyncRobot
-from client.ros2.host import NodeHost
+from client.ros2.host import NodeHost, interface_if_any
 from client.scripts import GRAVE, is_secondary
 from urproto.errors import LocalProtocolError, URError
 from urproto.modes import ReportLevel
-
-try:
-    from ur_msgs.action import SendScript
-except ImportError:  # Humble's ur_msgs has no actions
-    SendScript = None
 
 NAME: Final = "urscript_interface"
 _WITH_WARNINGS: Final = (ReportLevel.WARNING, *GRAVE)
@@ -46,10 +41,11 @@ class URScriptNode:
         self._cancelled = False
         self._primary: PrimaryClient | None = None  # with which a goal is carried out
         self.node.create_subscription(String, "~/script_command", self._send, 1)
-        if SendScript is not None:
+        self._type = interface_if_any("ur_msgs/action/SendScript")
+        if self._type is not None:
             self._server = ActionServer(
                 self.node,
-                SendScript,
+                self._type,
                 "~/execute_script",
                 self._execute,
                 goal_callback=self._judge,
@@ -100,12 +96,12 @@ class URScriptNode:
             self._busy = False
         if handle.is_cancel_requested:
             handle.canceled()
-            return SendScript.Result(success=False, message=why or "the script was stopped, as asked")
+            return self._type.Result(success=False, message=why or "the script was stopped, as asked")
         if why:
             handle.abort()
         else:
             handle.succeed()
-        return SendScript.Result(success=not why, message=why or "the script has come to its end")
+        return self._type.Result(success=not why, message=why or "the script has come to its end")
 
     # in the event loop
 

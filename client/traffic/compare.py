@@ -26,9 +26,9 @@ class Source:
         return self.recording.comments if self.recording else []
 
     @property
-    def troubles(self) -> list[str]:
+    def problems(self) -> list[str]:
         """What could not be read."""
-        return self.recording.troubles if self.recording else []
+        return self.recording.problems if self.recording else []
 
 
 @dataclass(frozen=True, slots=True)

@@ -153,15 +153,15 @@ def modbus_requests(conversations: Iterable[Conversation], loop: bool) -> Reques
     """What was asked, without its number, and the answer."""
     requests = Requests(loop)
     for one in conversations:
-        asked: dict[bytes, bytes] = {}
+        unanswered: dict[bytes, bytes] = {}
         buffers = {True: bytearray(), False: bytearray()}
         for piece in one.pieces:
             buffers[piece.from_server] += piece.data
             for frame in cut_frames(buffers[piece.from_server]):
                 if not piece.from_server:
-                    asked[frame[:_NUMBER]] = frame
-                elif frame[:_NUMBER] in asked:
-                    requests.add(asked.pop(frame[:_NUMBER])[_NUMBER:], frame[_NUMBER:])
+                    unanswered[frame[:_NUMBER]] = frame
+                elif frame[:_NUMBER] in unanswered:
+                    requests.add(unanswered.pop(frame[:_NUMBER])[_NUMBER:], frame[_NUMBER:])
     return requests
 
 

@@ -90,7 +90,7 @@ class Proxy:
         self._say = say
         self._servers: dict[str, asyncio.Server] = {}
         self._ports: dict[str, int] = {}
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._relays: set[Relay] = set()
         self._tasks: list[asyncio.Task[None]] = []
 
@@ -158,8 +158,8 @@ class Proxy:
             self._tell_refused(route, refusal)
 
     def _tell_refused(self, route: Route, reason: str) -> None:
-        if route.name not in self._told:
-            self._told.add(route.name)
+        if route.name not in self._reported:
+            self._reported.add(route.name)
             self._say(f"{route.name}: {route.host}:{route.target} is not there ({reason}); closed here as well")
 
     async def _open(self, route: Route) -> None:
@@ -173,8 +173,8 @@ class Proxy:
             return
         self._servers[route.name] = server
         self._ports[route.name] = server.sockets[0].getsockname()[1]
-        if route.name in self._told:
-            self._told.discard(route.name)
+        if route.name in self._reported:
+            self._reported.discard(route.name)
             self._say(f"{route.name}: {route.host}:{route.target} is there now")
 
     def _shut(self, name: str) -> None:
@@ -224,7 +224,7 @@ async def record(
 ) -> AsyncIterator[Proxy]:
     """A proxy of all ports of a robot that records to ``path``. Raises FileError, RobotUnreachableError."""
     comments = await ask_identity(robot, port_offset)
-    recorder = Recorder(path, comments, trouble=say)
+    recorder = Recorder(path, comments, problem=say)
     try:
         async with Proxy(robot_routes(robot, listen, port_offset=port_offset), recorder, say) as proxy:
             yield proxy

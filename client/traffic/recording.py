@@ -30,7 +30,7 @@ def wall_clock() -> Callable[[], int]:
 class Recorder:
     """A file of recorded connections. Raises FileError when it cannot be made.
 
-    comments: remarks that the file begins with. now_ns: the time of each packet. trouble: called once, with the
+    comments: remarks that the file begins with. now_ns: the time of each packet. problem: called once, with the
     reason, when the file cannot be written any more. failed: that reason, None while all is well.
     """
 
@@ -40,11 +40,11 @@ class Recorder:
         comments: Iterable[str] = (),
         *,
         now_ns: Callable[[], int] | None = None,
-        trouble: Callable[[str], None] = lambda text: None,
+        problem: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.path = path
         self.failed: str | None = None
-        self._trouble = trouble
+        self._problem = problem
         self._now_ns = now_ns or wall_clock()
         self._kept = bytearray()
         self._written = 0  # bytes, up to the end of a packet
@@ -92,7 +92,7 @@ class Recorder:
         self.failed = f"{self.path} is not written any more, after {self._written} bytes: {error.strerror}"
         with suppress(OSError):  # a pipe cannot be cut
             os.ftruncate(self._file, self._written)
-        self._trouble(self.failed)
+        self._problem(self.failed)
 
 
 class Recorded:
@@ -148,13 +148,13 @@ class Conversation:
 class Recording:
     """All connections to the ports of a robot or its driver, as they began.
 
-    comments: what the file says about itself. troubles: what could not be read, in words.
+    comments: what the file says about itself. problems: what could not be read, in words.
     """
 
     path: Path
     conversations: list[Conversation] = field(default_factory=list)
     comments: list[str] = field(default_factory=list)
-    troubles: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
 
     @classmethod
     def read(cls, path: Path, port_offset: int = 0) -> Self:
@@ -176,9 +176,9 @@ class Recording:
             raise FileError(path, f"cannot be read: {error.strerror}") from error
         reader.end(packets)
         if not reader.conversations:
-            why = "; ".join(reader.troubles) or "check the port offset, and that the clients went through the proxy"
+            why = "; ".join(reader.problems) or "check the port offset, and that the clients went through the proxy"
             raise FileError(path, f"holds no connection to a port of a robot: {why}")
-        return cls(path, reader.conversations, packets.comments, reader.troubles)
+        return cls(path, reader.conversations, packets.comments, reader.problems)
 
     def on_port(self, *ports: int) -> list[Conversation]:
         """The connections to these ports, in their order."""
@@ -195,7 +195,7 @@ class _Reader:
 
     def __init__(self, port_offset: int) -> None:
         self.conversations: list[Conversation] = []
-        self.troubles: list[str] = []
+        self.problems: list[str] = []
         self._port_offset = port_offset
         self._connections = Connections()
         self._open: dict[Ends, _Open] = {}
@@ -213,27 +213,27 @@ class _Reader:
                 self._guarded(lambda: self._segment(tcp_segment(packet)))  # noqa: B023 - called at once
         except RemoteProtocolError as error:
             self._broken = True
-            self._trouble(str(error))
+            self._problem(str(error))
 
     def end(self, packets: PacketReader) -> None:
         """The file has ended."""
         for ends, event in self._connections.finish():
             self._event(ends, event)
         if packets.rest and not self._broken:
-            self._trouble(f"the file ends {packets.rest} bytes into a packet")
+            self._problem(f"the file ends {packets.rest} bytes into a packet")
         for one in self.conversations:
             if one.lost:
-                self._trouble(f"{one.lost} bytes of {one.client} > {one.server} are not in the file")
+                self._problem(f"{one.lost} bytes of {one.client} > {one.server} are not in the file")
 
     def _guarded(self, work: Callable[[], None]) -> None:
         try:
             work()
         except UnreadablePacketError as error:
-            self._trouble(str(error))
+            self._problem(str(error))
 
-    def _trouble(self, text: str) -> None:
-        if text not in self.troubles:
-            self.troubles.append(text)
+    def _problem(self, text: str) -> None:
+        if text not in self.problems:
+            self.problems.append(text)
 
     def _segment(self, segment: Segment | None) -> None:
         if segment is None:

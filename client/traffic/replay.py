@@ -76,7 +76,7 @@ class ReplayRobot:
         self._port_offset = port_offset
         self._free_ports = free_ports
         self._say = say
-        self._told: Counter[str] = Counter()
+        self._reported: Counter[str] = Counter()
         self._makers = _makers(recording, Timing(speed, loop), say)
         self._servers: list[asyncio.Server] = []
         self._connections: set[_Connection] = set()
@@ -128,17 +128,17 @@ class ReplayRobot:
         self._connections.discard(connection)
         if connection.played:
             self.played.set()
-        if connection.trouble and not self._told[connection.trouble]:
-            self._told[connection.trouble] += 1
-            self._say(f"{connection.name}: {connection.trouble}; the connection was closed")
+        if connection.problem and not self._reported[connection.problem]:
+            self._reported[connection.problem] += 1
+            self._say(f"{connection.name}: {connection.problem}; the connection was closed")
 
 
 class _Connection(asyncio.Protocol):
-    """A client's. trouble: why it was closed; played: all was sent; lost: set at the end."""
+    """A client's. problem: why it was closed; played: all was sent; lost: set at the end."""
 
     def __init__(self, name: str, player: Player, ended: Callable[["_Connection"], None]) -> None:
         self.name = name
-        self.trouble = ""
+        self.problem = ""
         self.played = False
         self.lost = asyncio.Event()
         self._player = player
@@ -183,8 +183,8 @@ class _Connection(asyncio.Protocol):
         self.lost.set()
         self._ended(self)
 
-    def _give_up(self, trouble: str) -> None:
-        self.trouble = trouble
+    def _give_up(self, problem: str) -> None:
+        self.problem = problem
         if self._transport is not None:
             self._transport.close()
 

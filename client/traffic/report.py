@@ -27,7 +27,7 @@ def as_object(comparison: Comparison) -> dict[str, Any]:
     return {
         "same": comparison.same,
         "sources": [
-            {"path": str(source.path), "remarks": list(source.remarks), "troubles": list(source.troubles)}
+            {"path": str(source.path), "remarks": list(source.remarks), "problems": list(source.problems)}
             for source in (comparison.first, comparison.second)
         ],
         "states": [
@@ -60,8 +60,8 @@ def _report(comparison: Comparison) -> Iterator[str]:
 def _source(name: str, source: Source) -> Iterator[str]:
     remarks = f" ({formatting.escaped('; '.join(source.remarks))})" if source.remarks else ""
     yield f"- {name}: {formatting.escaped(source.path.name)}{remarks}"
-    for trouble in source.troubles:
-        yield f"  - ! {formatting.escaped(trouble)}"
+    for problem in source.problems:
+        yield f"  - ! {formatting.escaped(problem)}"
 
 
 def _first_parting(comparison: Comparison) -> Iterator[str]:
@@ -169,8 +169,8 @@ def _verdict(talk: Talk) -> str:
 def _parting(parting: Parting) -> Iterator[str]:
     yield f"  - after {_code(parting.after)}" if parting.after else "  - at the beginning"
     for which, texts in (("A", parting.first), ("B", parting.second)):
-        told = "; ".join(_code(text) for text in texts[:_MESSAGES]) or "nothing"
-        yield f"    - {which}: {told}{_more(len(texts) - _MESSAGES)}"
+        quoted = "; ".join(_code(text) for text in texts[:_MESSAGES]) or "nothing"
+        yield f"    - {which}: {quoted}{_more(len(texts) - _MESSAGES)}"
 
 
 def _code(text: str) -> str:

@@ -66,15 +66,15 @@ class Exchange:
 
 
 class RTDELog:
-    """One connection, read. trouble: why it was read only up to some place, None otherwise."""
+    """One connection, read. problem: why it was read only up to some place, None otherwise."""
 
     def __init__(self, conversation: Conversation) -> None:
         self.exchanges: list[Exchange] = []
         self.outputs: list[Outputs] = []
         self.version: PolyscopeVersion | None = None
-        self.trouble: str | None = None
+        self.problem: str | None = None
         self._recipes: dict[int, Outputs] = {}
-        self._asked: deque[tuple[codec.Request, int]] = deque()
+        self._requests: deque[tuple[codec.Request, int]] = deque()
         self._protocol = 1
         self._inputs = 0
         self._unnamed = 0
@@ -90,9 +90,9 @@ class RTDELog:
                 else:
                     self._from_client(packages)
         except RemoteProtocolError as error:
-            self.trouble = str(error)
-        if self._unnamed and self.trouble is None:
-            self.trouble = f"{self._unnamed} states have no names: their set-up is not in the recording"
+            self.problem = str(error)
+        if self._unnamed and self.problem is None:
+            self.problem = f"{self._unnamed} states have no names: their set-up is not in the recording"
 
     def _from_client(self, packages: Iterable[codec.Package]) -> None:
         for package in packages:
@@ -100,7 +100,7 @@ class RTDELog:
             if isinstance(request, codec.InputData):
                 self._inputs += 1
             elif not isinstance(request, codec.ClientMessage):
-                self._asked.append((request, package.type))
+                self._requests.append((request, package.type))
 
     def _from_robot(self, packages: Iterable[codec.Package], time_ns: int) -> None:
         for package in packages:
@@ -120,9 +120,9 @@ class RTDELog:
             recipe.rows.append(Row(time_ns, state.data, self._inputs))
 
     def _answer(self, reply: codec.Reply, kind: int) -> None:
-        while self._asked:
-            request, asked_kind = self._asked.popleft()
-            if asked_kind == kind:
+        while self._requests:
+            request, request_kind = self._requests.popleft()
+            if request_kind == kind:
                 self.exchanges.append(Exchange(request, reply, self._protocol))
                 self._learn(request, reply)
                 return

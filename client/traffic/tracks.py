@@ -57,31 +57,31 @@ def base_name(column: str) -> str:
 
 
 def tracks_of(recording: Recording) -> list[Track]:
-    """All states of a recording, in the order of its connections. Adds to its ``troubles`` what cannot be read."""
+    """All states of a recording, in the order of its connections. Adds to its ``problems`` what cannot be read."""
     tracks: list[Track] = []
     for number, one in enumerate(recording.conversations, 1):
-        for track in _tracks(one, f"connection {number}", recording.troubles):
+        for track in _tracks(one, f"connection {number}", recording.problems):
             if len(track.times_s) > 1:
                 tracks.append(track)
     return tracks
 
 
-def _tracks(one: Conversation, name: str, troubles: list[str]) -> Iterator[Track]:
+def _tracks(one: Conversation, name: str, problems: list[str]) -> Iterator[Track]:
     if one.port in _RTDE_PORTS:
-        yield from _rtde(one, name, troubles)
+        yield from _rtde(one, name, problems)
     elif one.port in _REALTIME_PORTS:
-        yield _decoded(one, "realtime", name, troubles, RealtimeDecoder().feed, _realtime_state)
+        yield _decoded(one, "realtime", name, problems, RealtimeDecoder().feed, _realtime_state)
     elif one.port in _PRIMARY_PORTS:
-        yield _decoded(one, "primary", name, troubles, PrimaryDecoder().feed, _primary_state)
+        yield _decoded(one, "primary", name, problems, PrimaryDecoder().feed, _primary_state)
 
 
 # RTDE
 
 
-def _rtde(one: Conversation, name: str, troubles: list[str]) -> Iterator[Track]:
+def _rtde(one: Conversation, name: str, problems: list[str]) -> Iterator[Track]:
     log = RTDELog(one)
-    if log.trouble:
-        troubles.append(f"{name} (RTDE): {log.trouble}")
+    if log.problem:
+        problems.append(f"{name} (RTDE): {log.problem}")
     for outputs in log.outputs:
         track = Track("rtde", f"RTDE, {name}", "timestamp" in outputs.names)
         for row in outputs.rows:
@@ -100,7 +100,7 @@ def _decoded(
     one: Conversation,
     source: str,
     name: str,
-    troubles: list[str],
+    problems: list[str],
     feed: Callable[[bytes], Iterable[Any]],
     state_of: Callable[[Any], State | None],
 ) -> Track:
@@ -112,7 +112,7 @@ def _decoded(
         try:
             states = [state for message in feed(piece.data) if (state := state_of(message)) is not None]
         except RemoteProtocolError as error:
-            troubles.append(f"{track.label}: {error}")
+            problems.append(f"{track.label}: {error}")
             break
         for time_s, values in states:
             track.robot_time &= time_s is not None

@@ -1,7 +1,7 @@
 """The light ring in the base."""
 
 from emulator.builtins.host import ProgramHost
-from emulator.io.signals import ARMS_WITH_BASE_LIGHT, BaseLight
+from emulator.io.signals import BaseLight
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Int
@@ -33,7 +33,7 @@ def set_baselight_solid(host: ProgramHost, r: Int, g: Int, b: Int) -> None:
 
 def _light(host: ProgramHost, light: BaseLight) -> None:
     model = host.machine.model
-    if model.name in ARMS_WITH_BASE_LIGHT:
+    if model.base_light:
         host.machine.base_light = light
     else:
         host.machine.messages.note(f"{model.title} has no base light: nothing to set")

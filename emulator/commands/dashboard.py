@@ -368,29 +368,30 @@ def get_robot_model(controller: Controller) -> str:
 @command("generate flight report")
 def generate_flight_report(controller: Controller, kind: str) -> str:
     """Write a report (controller, software or system; system when not given) to the programs directory."""
-    try:
-        return f"Flight Report generated with id: {reports.write_flight_report(controller, kind or 'system')}"
-    except (OSError, ValueError) as error:
-        return f"Failed to generate flight report: {error}"
+    return _written(
+        "generate flight report",
+        lambda: f"Flight Report generated with id: {reports.write_flight_report(controller, kind or 'system')}",
+    )
 
 
 @command("generate support file")
 def generate_support_file(controller: Controller, directory: str) -> str:
     """Write log, state and all flight reports, a new one among them, as a zip file below the programs directory."""
-    try:
-        return f"Completed successfully: {reports.write_support_file(controller, directory).name}"
-    except (OSError, ValueError) as error:
-        return f"Failed to generate support file: {error}"
+    return _written(
+        "generate support file",
+        lambda: f"Completed successfully: {reports.write_support_file(controller, directory).name}",
+    )
 
 
 @command("saveLog")
 def save_log(controller: Controller) -> str:
     """Write the log to the programs directory."""
-    try:
+
+    def save() -> str:
         reports.write_log(controller)
-    except (OSError, ValueError) as error:
-        return f"Failed to save log: {error}"
-    return replies.LOG_SAVED
+        return replies.LOG_SAVED
+
+    return _written("save log", save)
 
 
 @command("shutdown")
@@ -408,6 +409,14 @@ def disconnect(controller: Controller) -> str:
 
 
 # Helpers
+
+
+def _written(doing: str, write: Callable[[], str]) -> str:
+    """The answer of what writes a file, or that it failed and why."""
+    try:
+        return write()
+    except (OSError, ValueError) as error:
+        return f"Failed to {doing}: {error}"
 
 
 def _until(controller: Controller, state: RuntimeState) -> Generator[None, None, None]:

@@ -81,7 +81,7 @@ class MoveObject(WorldCommand):
 
 @dataclass(frozen=True, slots=True)
 class RemoveObject(WorldCommand):
-    """Take a thing away."""
+    """Remove an object."""
 
     name: str
 

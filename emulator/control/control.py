@@ -32,7 +32,7 @@ class FaultVerbs(Verbs):
 
     @verb
     def inject_fault(self, kind: str, **arguments: Any) -> int:
-        """Let a fault happen; its id. ``fault_kinds`` tells the kinds and their arguments.
+        """Inject a fault; returns its id. ``fault_kinds`` lists the kinds and their arguments.
 
         For example ``drop_connection port=rtde after=5``, ``delay port=rtde delay_s=0.05 lasting=10``.
         """
@@ -45,7 +45,7 @@ class FaultVerbs(Verbs):
 
     @verb
     def clear_fault(self, fault_id: int) -> None:
-        """End a fault, or take back one that waits."""
+        """End a fault, or cancel one that waits."""
         if not self._faults.clear(fault_id):
             raise NotPossible(f"there is no fault {fault_id} that waits or is in force")
 
@@ -109,11 +109,12 @@ class PortVerbs(Verbs):
 
     @verb
     def pendant(self) -> dict[str, Any]:
-        """The teach pendant's process: state (none, starting, running, waiting, given up), port, pid, starts, trouble.
+        """The teach pendant's process: state (none, starting, running, waiting, given up), port, pid, starts, problem.
 
-        One that was killed or has crashed is started anew, later each time; ``trouble`` tells why the last one ended.
+        One that was killed or has crashed is restarted, after a longer wait each time;
+        ``problem`` says why the last one ended.
         """
-        return {"state": "none", "port": None, "pid": None, "starts": 0, "trouble": ""} | self._pendant_report()
+        return {"state": "none", "port": None, "pid": None, "starts": 0, "problem": ""} | self._pendant_report()
 
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from emulator.control.control import LiveControl, is_waiting
 from emulator.control.openapi import listing, openapi
 from emulator.control.verbs import BadArguments, NotPossible, Verb, verbs_of
 from emulator.servers.connection import Connection
-from emulator.servers.port import ControllerDoor, PortServer
+from emulator.servers.port import PortServer, ServedController
 from emulator.snapshot import Snapshot
 from urproto.backdoors import BackdoorMark
 from urproto.text import from_bytes, readable_in, to_bytes
@@ -40,7 +40,7 @@ class _Refused(Exception):  # noqa: N818 - an answer
 class ControlServer(PortServer):
     """Calls the verbs of ``control``. ``token``: what a client has to present, "" for nothing."""
 
-    def __init__(self, controller: ControllerDoor, control: LiveControl, token: str = "") -> None:
+    def __init__(self, controller: ServedController, control: LiveControl, token: str = "") -> None:
         super().__init__("control", controller)
         self.control = control
         self.token = token
@@ -147,7 +147,7 @@ class _HttpConnection(Connection):
         if not path.startswith("/verbs/"):
             raise _Refused(_NOT_FOUND, f"there is nothing at {path}: see /openapi.json")
         if method != "POST":
-            raise _Refused(_NOT_ALLOWED, f"a verb wants POST, not {method}")
+            raise _Refused(_NOT_ALLOWED, f"a verb takes a POST request, not {method}")
         return self._call(path.removeprefix("/verbs/"), headers.get("content-type", ""))
 
     def _call(self, name: str, content_type: str) -> Any:
@@ -175,7 +175,7 @@ class _HttpConnection(Connection):
         try:
             return msgspec.json.decode(bytes(self._body) or b"{}", type=dict[str, Any])
         except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-            raise BadArguments(f"the arguments are no JSON object: {error}") from error
+            raise BadArguments(f"the arguments are not a JSON object: {error}") from error
 
     def _check_host(self, host: str) -> None:
         """A page whose name was made to point here must not get in."""

@@ -123,7 +123,7 @@ class ModeVerbs(Verbs):
     def protective_stop(self, code: int = SCRIPT_PROTECTIVE_STOP.code, argument: int = 0) -> None:
         """Stop the arm protectively, with this error code in the log."""
         if not (0 <= code <= INT_MAX and INT_MIN <= argument <= INT_MAX):
-            raise BadArguments(f"C{code}A{argument} is no error code: both numbers have 32 bits")
+            raise BadArguments(f"C{code}A{argument} is not an error code: both numbers have 32 bits")
         self.controller.protective_stop(StopCause(code, argument))
 
     @verb
@@ -165,12 +165,15 @@ class ModeVerbs(Verbs):
 
     @verb
     def set_safety_device(self, device: Device, active: bool) -> None:
-        """Let a device ask for its stop or mode, or no more. The enabling device asks while it is not held halfway."""
+        """Let a device request its stop or mode, or stop requesting it.
+
+        The enabling device requests its stop while it is not held halfway.
+        """
         self._set(SafetyDevice[device.upper()], active)
 
     @verb
     def safety_devices(self) -> dict[str, bool]:
-        """Whether each emergency stop button and safety device asks for its stop or mode now."""
+        """Whether each emergency stop button and safety device now requests its stop or mode."""
         inputs = self.controller.safety_board.inputs
         return {device.name.lower(): inputs.active(device) for device in SafetyDevice}
 
@@ -186,7 +189,7 @@ class ModeVerbs(Verbs):
 
     @verb
     def trip_safety(self, cause: str, joint: int | None = None) -> None:
-        """Let a protective stop, a violation or a fault happen; ``safety_causes`` lists them."""
+        """Trigger a protective stop, a violation or a fault; ``safety_causes`` lists them."""
         if joint is not None and not 0 <= joint <= 5:
             raise BadArguments(f"there is no joint {joint}: they are 0 (base) to 5")
         if cause not in self.safety_causes():
@@ -215,7 +218,7 @@ class ModeVerbs(Verbs):
 
     @verb
     def set_arm_supply(self, present: bool) -> None:
-        """Take the arm's 48 V away, or give them back; then ``restart_safety``."""
+        """Cut the arm's 48 V supply, or restore it; then ``restart_safety``."""
         self.controller.safety_board.set_supply(present)
 
     @verb

@@ -22,12 +22,12 @@ class ProgramVerbs(Verbs):
 
     @verb
     def dashboard(self, line: str) -> str:
-        """Carry out a line of the dashboard server; its answer."""
+        """Carry out a line of the dashboard server; returns its answer."""
         return self._wait(_answered(dashboard.execute(self.controller, line)))
 
     @verb
     def send_script(self, text: str) -> bool:
-        """Run a script as if it came on a script port; whether it starts, which the log explains."""
+        """Run a script as if it came on a script port; returns whether it starts, which the log explains."""
         return self._wait(_decided(self.controller.programs.submit(text)))
 
     @verb

@@ -129,7 +129,7 @@ def _like(present: Any, value: Any) -> Any:
         return type(present)(_like(own, new) for own, new in zip(present, value, strict=True))
     kind = type(present)
     if isinstance(present, bool) is not isinstance(value, bool):
-        raise TypeError(f"{value!r} is no {kind.__name__}")
+        raise TypeError(f"{value!r} is not a {kind.__name__}")
     return kind(from_readable(value) if isinstance(value, str) else value)
 
 

@@ -43,7 +43,7 @@ class StateVerbs(Verbs):
 
     @verb
     def set_joints(self, q_rad: Vector6) -> None:
-        """Put the arm elsewhere at once, base to wrist 3 [rad]. It must stand still."""
+        """Place the arm at these joint angles at once, base to wrist 3 [rad]. It must stand still."""
         try:
             self.controller.motion.set_position(q_rad)
         except ValueError as error:
@@ -59,7 +59,7 @@ class StateVerbs(Verbs):
 
     @verb
     def set_payload(self, mass_kg: float, cog_m: Vector3 = ZERO3) -> None:
-        """Tell the controller another payload: mass and centre of gravity in the flange frame."""
+        """Set another payload: mass and centre of gravity in the flange frame."""
         if mass_kg < 0.0:
             raise BadArguments(f"a payload of {mass_kg} kg: a mass cannot be negative")
         try:
@@ -69,9 +69,9 @@ class StateVerbs(Verbs):
 
     @verb
     def set_gravity(self, acceleration_m_s2: Vector3) -> None:
-        """Mount the robot another way: what its base feels, (0, 0, 9.82) when it stands upright."""
+        """Mount the robot another way: the acceleration its base senses, (0, 0, 9.82) when it stands upright."""
         if not plausible(*acceleration_m_s2):
-            raise BadArguments(f"no base feels {list(acceleration_m_s2)} m/s2")
+            raise BadArguments(f"no base senses {list(acceleration_m_s2)} m/s2")
         self.controller.installation.gravity = acceleration_m_s2
 
     @verb

@@ -38,7 +38,7 @@ def parse_condition(text: str) -> Condition:
 def _term(text: str) -> Condition:
     match = _TERM.fullmatch(text)
     if match is None:
-        raise ValueError(f"{text!r} is no condition: write a field, ==, !=, <, <=, > or >=, and a value")
+        raise ValueError(f"{text!r} is not a condition: write a field, ==, !=, <, <=, > or >=, and a value")
     name, index, sign, value = match.groups()
     example = _value_of(_FIELDS, name, index)
     compare, wanted = _COMPARISONS[sign], _constant(value.strip(), example)
@@ -110,7 +110,7 @@ class TimeVerbs(Verbs):
 
     @verb
     def time(self) -> dict[str, float | bool]:
-        """Uptime [s], control period [s], speed (simulated seconds per second, 0 for as fast as it goes), paused."""
+        """Uptime [s], control period [s], speed (simulated seconds per second, 0 for as fast as possible), paused."""
         speed = self._pace.speed
         return {
             "time_s": self.controller.time_s,
@@ -121,7 +121,7 @@ class TimeVerbs(Verbs):
 
     @verb
     def set_speed(self, speed: float) -> None:
-        """Let time go faster or slower: simulated seconds per second; 0 is as fast as it goes."""
+        """Make time run faster or slower: simulated seconds per second; 0 is as fast as possible."""
         if speed < 0.0:
             raise BadArguments(f"time cannot run at {speed} seconds per second")
         self._pace.set_speed(speed or math.inf)
@@ -133,12 +133,12 @@ class TimeVerbs(Verbs):
 
     @verb
     def resume_time(self) -> None:
-        """Let time go on."""
+        """Let time run on."""
         self._pace.resume()
 
     @verb
     def step(self, periods: int = 1) -> float:
-        """Let that many control periods go by, after ``pause_time``; the uptime [s] then."""
+        """Advance that many control periods, after ``pause_time``; returns the uptime [s]."""
         if periods < 1:
             raise BadArguments(f"{periods} periods: give 1 or more")
         if not self._pace.paused:

@@ -38,7 +38,7 @@ class WorldVerbs(Verbs):
 
     @verb
     def release_tool(self) -> None:
-        """Push the tool no more."""
+        """Stop pushing the tool."""
         self._change(ReleaseTool())
 
     @verb
@@ -55,13 +55,13 @@ class WorldVerbs(Verbs):
 
     @verb
     def objects(self) -> list[str]:
-        """Names of the things around the arm."""
+        """Names of the objects around the arm."""
         world = self.controller.world
         return list(world.things) if world is not None else []
 
     @verb
     def add_object(self, name: str, description: Mapping[str, Any]) -> None:
-        """Put a thing there, described as in a world file.
+        """Add an object, described as in a world file.
 
         For example {"box": [0.1, 0.1, 0.1], "pose": [0.3, 0, 0], "stiffness": 1e4}.
         """
@@ -73,12 +73,12 @@ class WorldVerbs(Verbs):
 
     @verb
     def move_object(self, name: str, pose: Vector6) -> None:
-        """Put a thing elsewhere: its pose in the base frame, x, y, z [m], rx, ry, rz [rad]."""
+        """Move an object: its pose in the base frame, x, y, z [m], rx, ry, rz [rad]."""
         self._change(MoveObject(name, pose))
 
     @verb
     def remove_object(self, name: str) -> None:
-        """Take a thing away."""
+        """Remove an object."""
         self._change(RemoveObject(name))
 
     @verb

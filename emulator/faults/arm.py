@@ -1,4 +1,4 @@
-"""Faults of the arm. Those of feedback falsify what ports show; programs still know the truth (docs/faults.md)."""
+"""Faults of the arm. Those of feedback change what ports show; programs still know the truth (docs/faults.md)."""
 
 from abc import abstractmethod
 from collections import deque
@@ -48,14 +48,14 @@ class FeedbackFault(Fault):
     def act(self, site: Site, strikes: Strikes) -> Act:
         measure, joint, controller = self.sensor(site), self.joint, site.controller
 
-        def falsify(snapshot: Snapshot) -> None:
+        def distort(snapshot: Snapshot) -> None:
             q, qd = measure(snapshot.actual_q[joint], snapshot.actual_qd[joint])
             snapshot.actual_q = _with(snapshot.actual_q, joint, q)
             snapshot.actual_qd = _with(snapshot.actual_qd, joint, qd)
             flange = controller.arm.kinematics.forward(snapshot.actual_q)
             snapshot.actual_TCP_pose = pose_trans(flange, snapshot.tcp_offset)
 
-        with added(controller.falsifiers, falsify):
+        with added(controller.snapshot_hooks, distort):
             while True:
                 yield
                 shown = controller.snapshot
@@ -128,7 +128,7 @@ class JointFault(Fault):
             modes = enumerate(snapshot.joint_mode)
             snapshot.joint_mode = tuple(broken if index == self.joint else mode for index, mode in modes)
 
-        with added(controller.falsifiers, show):
+        with added(controller.snapshot_hooks, show):
             while True:
                 if controller.power.report.powered and controller.safety.power_allowed:
                     controller.safety_board.trip(cause, self.joint)

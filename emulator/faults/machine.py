@@ -21,7 +21,7 @@ def _rate(site: Site) -> Rate:
 @register
 @dataclass(frozen=True, kw_only=True)
 class LateTicks(Fault):
-    """Control periods begin ``by_s`` late, of 1000 one unless told otherwise.
+    """Control periods begin ``by_s`` late, one in 1000 by default.
 
     The ones after it catch up (made_up), or that much time is lost for good. Real time only.
     """
@@ -95,7 +95,7 @@ class Outage(Fault):
 
     def _machine(self, site: Site) -> Machine:
         if site.machine is None:
-            raise FaultImpossible("nobody is here who could start the controller again")
+            raise FaultImpossible("nothing here could start the controller again")
         return site.machine
 
     @contextmanager

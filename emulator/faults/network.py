@@ -44,7 +44,7 @@ class ListenerFault(PortFault):
         """Those that listen."""
         found = [server for server in super().servers(site) if server.port]
         if not found:
-            raise FaultImpossible(f"{self.port} are connections that the robot opens: nobody listens")
+            raise FaultImpossible(f"{self.port} are connections that the robot opens: there is no listener")
         return found
 
     def claims(self, site: Site) -> set[str]:
@@ -70,7 +70,7 @@ class ClientFault(PortFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class DropConnection(ClientFault):
-    """End the connections: at once with a reset (RST), or in order with an end (FIN); once unless told otherwise."""
+    """End the connections: at once with a reset (RST), or in order with an end (FIN); once by default."""
 
     occasion: ClassVar[str] = "each period in which somebody is connected"
     how: Literal["reset", "end"] = "reset"

@@ -52,7 +52,7 @@ class ProgramStuck(Fault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class RuntimeException(Fault):
-    """The program ends with a runtime exception where it is about to execute ``line``, once unless told otherwise.
+    """The program ends with a runtime exception where it is about to execute ``line``, once by default.
 
     Only programs that come while the fault is in force: others do not ask before each line. Lines count from 1.
     """

@@ -22,7 +22,7 @@ from emulator.fieldbus.modbus_io import (
     digital_coils,
     digital_registers,
 )
-from emulator.io.port_memory import GENERAL_PURPOSE
+from emulator.io.signals import MODBUS_GENERAL_PURPOSE
 from emulator.machine import Machine
 from urproto.modbus import (
     ExceptionCode,
@@ -198,13 +198,13 @@ def _state_registers() -> dict[int, Cell]:
 
 def _general(index: int) -> Cell:
     def write(machine: Machine, word: int) -> None:
-        machine.port_memory.general[index] = word
+        machine.modbus_registers.general[index] = word
 
-    return Cell(lambda machine: machine.port_memory.general[index], write)
+    return Cell(lambda machine: machine.modbus_registers.general[index], write)
 
 
 def _uptime(index: int) -> Cell:
-    return Cell(lambda machine: machine.port_memory.uptime[index])
+    return Cell(lambda machine: machine.modbus_registers.uptime[index])
 
 
 def _input_bit(index: int) -> Cell:
@@ -221,9 +221,9 @@ def _output_bit(index: int) -> Cell:
 REGISTERS: Final[dict[int, Cell]] = {
     **digital_registers(),
     **analog_registers(),
-    **{address: _general(at) for at, address in enumerate(GENERAL_PURPOSE)},
+    **{address: _general(at) for at, address in enumerate(MODBUS_GENERAL_PURPOSE)},
     **_state_registers(),
-    2048: Cell(write=lambda machine, _: machine.port_memory.latch_uptime(machine.time_s)),
+    2048: Cell(write=lambda machine, _: machine.modbus_registers.latch_uptime(machine.time_s)),
     **{2049 + at: _uptime(at) for at in range(5)},
 }
 

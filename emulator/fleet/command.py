@@ -36,23 +36,22 @@ def _fleet(
     *,
     count: Annotated[int | None, typer.Option(min=1, max=MOST_ROBOTS, help="How many robots.")] = None,
     fleet: Annotated[
-        Path | None, typer.Option(help="YAML file of different robots; the other options hold where it is silent.")
+        Path | None,
+        typer.Option(help="YAML file of different robots; the other options are the defaults of what it leaves out."),
     ] = None,
     first_host: Annotated[
-        str, typer.Option(help="Address of the first robot; the others get those that follow.")
+        str, typer.Option(help="Address of the first robot; the others get the following ones.")
     ] = FIRST_HOST,
     processes: Annotated[
-        int | None, typer.Option(min=1, help="How many processes share the robots; one a core unless given.")
+        int | None, typer.Option(min=1, help="Number of processes that share the robots (default: one per core).")
     ] = None,
-    restart: Annotated[bool, typer.Option("--restart", help="Start robots anew whose process died.")] = False,
+    restart: Annotated[bool, typer.Option("--restart", help="Restart robots whose process died.")] = False,
     ports_file: Annotated[
         Path | None, typer.Option(help="Write hosts and ports here as JSON once all are ready.")
     ] = None,
     log_level: Annotated[
         LogLevel,
-        typer.Option(
-            help="How much to log; debug tells why: each transition, stop, refusal and fault, with robot time."
-        ),
+        typer.Option(help="How much to log; debug explains each transition, stop, refusal and fault, with robot time."),
     ] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
 ) -> None:

@@ -1,4 +1,4 @@
-"""Digital and analog inputs and outputs of the control box and the tool flange.
+"""Digital and analog inputs and outputs of the control box and the tool flange; registers; the base light.
 
 Digital signals share one word each way: bits 0-7 standard, 8-15 configurable, 16-17
 tool (RTDE and primary interface agree on this). Analog values are kept in amperes and
@@ -88,13 +88,28 @@ class Registers:
         snapshot.output_int_registers, snapshot.output_double_registers = made.ints, made.doubles
 
 
+MODBUS_GENERAL_PURPOSE: Final = range(128, 256)
+"""Registers of the Modbus server that mean what programs and clients agree on."""
+
+
+class ModbusRegisters:
+    """Those of the Modbus server that show nothing else: the general purpose ones, and the uptime latched last."""
+
+    def __init__(self) -> None:
+        self.general = [0] * len(MODBUS_GENERAL_PURPOSE)
+        self.uptime = [0] * 5  # ms, s, min, h, days
+
+    def latch_uptime(self, seconds: float) -> None:
+        """Keep the time since the controller started until the next call."""
+        milliseconds = round(seconds * 1000.0)
+        whole = milliseconds // 1000
+        self.uptime = [milliseconds % 1000, whole % 60, whole // 60 % 60, whole // 3600 % 24, whole // 86400]
+
+
 def _checked(index: int, count: int) -> int:
     if not 0 <= index < count:
         raise IndexError(f"there is no register {index}: they are numbered 0 to {count - 1}")
     return index
-
-
-ARMS_WITH_BASE_LIGHT: Final = ("ur20", "ur30")  # Script Manual, set_baselight_solid
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ _PIECE_WORK: Final = 100  # guess [units of `urscript.work`]
 
 
 @dataclass(slots=True)
-class TwinBlock:
+class SavedBlock:
     """Code of one node. source: URCap's name, version and developer; type: name of the node type.
     ``number``: its line in the program tree; 0 for an installation node, and for text that only looks like a block."""
 
@@ -40,10 +40,10 @@ class TwinBlock:
 
 
 @dataclass(slots=True)
-class TwinScript:
+class SavedScript:
     """What the script says of the program tree. ``labels``: what the nodes are called, by their line."""
 
-    blocks: list[TwinBlock]
+    blocks: list[SavedBlock]
     labels: dict[int, str]
 
     def code(self, number: int, urcap: str, node_type: str) -> list[str] | None:
@@ -66,13 +66,13 @@ class TwinScript:
         return lines if names & set(_WORD.findall(program)) else []
 
 
-NO_TWIN: Final = TwinScript([], {})
+NO_SAVED_SCRIPT: Final = SavedScript([], {})
 
 
-def read_twin(script: str) -> Steps[TwinScript]:
+def read_saved_script(script: str) -> Steps[SavedScript]:
     """Blocks and labels of a script, in pieces for a control loop."""
-    twin = TwinScript([], {})
-    open_blocks: list[TwinBlock] = []
+    saved = SavedScript([], {})
+    open_blocks: list[SavedBlock] = []
     for index, line in enumerate(lines(script)):
         if index % _LINES_AT_ONCE == 0:
             yield _PIECE_WORK
@@ -80,10 +80,10 @@ def read_twin(script: str) -> Steps[TwinScript]:
         if marked and (begin := _BEGIN.match(line)):
             for outer in open_blocks:
                 outer.nests = True
-            open_blocks.append(TwinBlock(begin[1]))
-            twin.blocks.append(open_blocks[-1])
+            open_blocks.append(SavedBlock(begin[1]))
+            saved.blocks.append(open_blocks[-1])
         elif "$" in line and (label := _LABEL.match(line)):
-            twin.labels.setdefault(int(label[1]), label[2])
+            saved.labels.setdefault(int(label[1]), label[2])
             if open_blocks and not open_blocks[-1].nests and open_blocks[-1].kind == "Program":
                 open_blocks[-1].number = open_blocks[-1].number or int(label[1])
         elif open_blocks:
@@ -92,10 +92,10 @@ def read_twin(script: str) -> Steps[TwinScript]:
             block.lines.append(line)
         if open_blocks and marked and _END.match(line):
             open_blocks.pop()
-    return twin
+    return saved
 
 
-def _describe(block: TwinBlock, line: str) -> None:
+def _describe(block: SavedBlock, line: str) -> None:
     if len(block.lines) > _HEAD:
         return
     if not block.source and (source := _SOURCE.match(line)):

@@ -8,7 +8,7 @@ from typing import Final
 from emulator.polyscope.document import Element, read_steps
 from emulator.polyscope.folder import ProgramsFolder
 from emulator.polyscope.naming import quoted
-from emulator.polyscope.saved_script import NO_TWIN, TwinScript, read_twin
+from emulator.polyscope.saved_script import NO_SAVED_SCRIPT, SavedScript, read_saved_script
 from urproto.text import from_bytes
 from urscript.work import Steps
 
@@ -37,11 +37,15 @@ class TreeLine:
 
 
 class ProgramTree:
-    """A PolyScope program. ``name``: as PolyScope shows it, without ``.urp``. ``twin``: the ``.script``
+    """A PolyScope program. ``name``: as PolyScope shows it, without ``.urp``. ``saved_script``: the ``.script``
     saved beside it, which holds the code of URCap nodes. ``folder``: where the files it names are looked for."""
 
     def __init__(
-        self, root: Element, name: str, twin: TwinScript = NO_TWIN, folder: ProgramsFolder | None = None
+        self,
+        root: Element,
+        name: str,
+        saved_script: SavedScript = NO_SAVED_SCRIPT,
+        folder: ProgramsFolder | None = None,
     ) -> None:
         if root.tag == _OLD_ROOT:
             raise TreeError(
@@ -52,7 +56,7 @@ class ProgramTree:
             raise TreeError(f"<{root.tag}> is not a PolyScope program")
         self.root = root
         self.name = name
-        self.twin = twin
+        self.saved_script = saved_script
         self.folder = folder or ProgramsFolder(None)
 
     @property
@@ -62,19 +66,19 @@ class ProgramTree:
         return (relative or alone, alone)
 
     @cached_property
-    def changed_since_twin(self) -> str:
+    def changed_since_saved(self) -> str:
         """Where the program is another than when the script beside it was saved, in words; empty when it is the same.
 
         What people have named shows it: other labels depend on the language of the pendant.
         """
         for line in self.lines:
-            label = self.twin.labels.get(line.number)
+            label = self.saved_script.labels.get(line.number)
             name = quoted(_given_name(line.element))[1:-1]
             if label is not None and line.suppressed:
                 return f"line {line.number} is suppressed in the program and {label!r} in the script"
             if label is not None and name and label != name:
                 return f"line {line.number} is {name!r} in the program and {label!r} in the script"
-        last = max(self.twin.labels, default=0)
+        last = max(self.saved_script.labels, default=0)
         if last > len(self.lines):
             return f"the program has {len(self.lines)} lines and the script {last}"
         return ""
@@ -134,6 +138,6 @@ def read_tree_steps(path: Path, folder: ProgramsFolder | None = None) -> Steps[P
     """A ``.urp`` file, read in pieces for a control loop. Raises OSError, DocumentError or TreeError."""
     beside = path.with_suffix(".script")
     text = from_bytes(beside.read_bytes()).removeprefix("\ufeff") if beside.is_file() else ""
-    twin = yield from read_twin(text)
+    saved_script = yield from read_saved_script(text)
     root = yield from read_steps(path.read_bytes())
-    return ProgramTree(root, path.stem, twin, folder)
+    return ProgramTree(root, path.stem, saved_script, folder)

@@ -337,5 +337,5 @@ class Writer:
         """The whole program."""
         program = [line for name in SECTIONS[1:] for line in self._sections[name]]
         lines = [f"def {identifier(self.tree.name)}():", *self._sections[SECTIONS[0]]]
-        lines += self.tree.twin.used_by("\n".join(program))
+        lines += self.tree.saved_script.used_by("\n".join(program))
         return "\n".join([*lines, *program, "end", ""])

@@ -60,7 +60,7 @@ def _entries(folder: Path) -> list[Path]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Asked:
+class _PendingPlay:
     """A program that waits for what a driver sends."""
 
     submission: Submission
@@ -75,12 +75,12 @@ class Player:
         self.loaded: LoadedProgram | None = None
         self._played: Submission | None = None
         self._machine, self._services = machine, services
-        self._asked: _Asked | None = None
+        self._pending: _PendingPlay | None = None
 
     @property
     def waiting(self) -> Submission | None:
         """The submission that waits for its driver."""
-        return None if self._asked is None else self._asked.submission
+        return None if self._pending is None else self._pending.submission
 
     def load_steps(self, path: Path, *, by_default: bool = False) -> Steps[None]:
         """Choose a program, in pieces for a control loop. by_default: unless another one is chosen by then.
@@ -119,22 +119,22 @@ class Player:
 
     def step(self) -> Submission | None:
         """Once a control period: the submission whose driver has answered by now."""
-        asked = self._asked
-        code = None if asked is None else asked.request.step()
-        if asked is None or code is None:
+        pending = self._pending
+        code = None if pending is None else pending.request.step()
+        if pending is None or code is None:
             return None
-        self._asked = None
+        self._pending = None
         file, version = self._machine.installation.file, self._machine.version
-        asked.submission.translation = script_steps(asked.tree, file, version=version, external_control=code)
-        return asked.submission
+        pending.submission.translation = script_steps(pending.tree, file, version=version, external_control=code)
+        return pending.submission
 
     def drop(self) -> bool:
         """Wait for no driver any more; False when none was asked."""
-        asked, self._asked = self._asked, None
-        if asked is None:
+        pending, self._pending = self._pending, None
+        if pending is None:
             return False
-        asked.request.close()
-        asked.submission.accepted = False
+        pending.request.close()
+        pending.submission.accepted = False
         return True
 
     def _ask(self, tree: ProgramTree, submission: Submission) -> None:
@@ -142,7 +142,7 @@ class Player:
         address = machine.external_control.complete
         machine.messages.note(f"External Control asks {address[0]}:{address[1]} for its program")
         request = ProgramRequest(self._services.socket_backend, address, machine.period_s)
-        self._asked = _Asked(submission, tree, request)
+        self._pending = _PendingPlay(submission, tree, request)
 
 
 class ProgramLoadError(ValueError):
@@ -197,23 +197,23 @@ def load_steps(
 
 def _twin(path: Path, tree: ProgramTree | None, error: Exception, version: PolyscopeVersion) -> Steps[LoadedProgram]:
     """The script beside a program tree, which cannot be run for a reason."""
-    twin = path.with_suffix(".script")
+    saved = path.with_suffix(".script")
     reason = f"{path.name} cannot be run: {error}"
-    if not twin.is_file():
+    if not saved.is_file():
         raise ProgramLoadError(reason) from error
     if tree is not None and tree.needs_external_control:  # a saved script has the code of an earlier driver
         raise ProgramLoadError(reason) from error
-    if tree is not None and tree.changed_since_twin:
+    if tree is not None and tree.changed_since_saved:
         raise ProgramLoadError(
-            f"{reason}. {twin.name} is not played instead, since it was not saved with the program as it is now: "
-            f"{tree.changed_since_twin}"
+            f"{reason}. {saved.name} is not played instead, since it was not saved with the program as it is now: "
+            f"{tree.changed_since_saved}"
         ) from error
-    script = _read(twin)
+    script = _read(saved)
     try:
         yield from compile_steps(script, LIBRARY_SET, version)
-    except CompileError as twins:
-        raise ProgramLoadError(f"{reason}. {twin.name} cannot be played instead: {twins}") from error
-    return LoadedProgram(path, script, notes=[f"{twin.name} is played instead of {path.name}: {error}"])
+    except CompileError as complaint:
+        raise ProgramLoadError(f"{reason}. {saved.name} cannot be played instead: {complaint}") from error
+    return LoadedProgram(path, script, notes=[f"{saved.name} is played instead of {path.name}: {error}"])
 
 
 def _tree(path: Path, tree: ProgramTree, present: InstallationFile, version: PolyscopeVersion) -> Steps[LoadedProgram]:

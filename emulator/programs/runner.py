@@ -291,9 +291,9 @@ class Programs:
 
     def stop(self, reason: str = "") -> bool:
         """End the main program, paused or not, and those about to start; False when there is none."""
-        asked = self._player.drop()
+        withdrawn = self._player.drop()
         dropped = self._compiling.drop_main()
-        return self._stop_main(reason) or dropped or asked
+        return self._stop_main(reason) or dropped or withdrawn
 
     def _stop_main(self, reason: str) -> bool:
         waiting, self._next = self._next, None
@@ -452,8 +452,8 @@ class Programs:
             self._say(submission.refusal)
         if program is None:
             return None
-        told, rest = program.warnings[:_MOST_WARNINGS], len(program.warnings) - _MOST_WARNINGS
-        for warning in told:
+        shown, rest = program.warnings[:_MOST_WARNINGS], len(program.warnings) - _MOST_WARNINGS
+        for warning in shown:
             self._note(f"{program.name}:{warning.line}:{warning.column}: {warning.message}")
         if rest > 0:
             self._note(f"{program.name}: {rest} more calls will fail when they are executed")

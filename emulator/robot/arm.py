@@ -437,10 +437,10 @@ class Arm:
 
     def _beyond(self, axes: tuple[float, ...], mounted: Payload, known: Payload) -> Vector6:
         """The weight that one payload has more than another, as a wrench at the TCP in base axes."""
-        true, told = _weight(axes, mounted, self._felt), _weight(axes, known, self._felt)
+        true, assumed = _weight(axes, mounted, self._felt), _weight(axes, known, self._felt)
         lever = rotate_back(axes, sub3(self.flange_pose, self.tcp_pose))
-        force = sub3(true, told)
-        torque = sub3(cross(add3(lever, mounted.cog), true), cross(add3(lever, known.cog), told))
+        force = sub3(true, assumed)
+        torque = sub3(cross(add3(lever, mounted.cog), true), cross(add3(lever, known.cog), assumed))
         return (*rotate(axes, force), *rotate(axes, torque))
 
     def _at_flange(self, wrench: Vector6) -> Vector6:

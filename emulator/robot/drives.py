@@ -69,7 +69,7 @@ class Drives:
         self._placed_rad_s = _PLACED * max(model.qd_max)
         self._target: Vector6 = ZERO6
         self._speed: Vector6 = ZERO6  # of the target
-        self._asked: tuple[object, ...] = ()
+        self._last_inputs: tuple[object, ...] = ()
 
     def place(self, q: Vector6) -> None:
         """The arm stands at q, and so does its target."""
@@ -86,7 +86,7 @@ class Drives:
 
     def wake(self) -> None:
         """Something about the body changed: look whether it still stands in balance."""
-        self._asked = ()
+        self._last_inputs = ()
 
     def follow(self, target: Vector6, known_torque: Vector6, external: Vector6, period_s: float) -> None:
         """One control period towards ``target``. ``known_torque``: rigid-body torques of the target motion.
@@ -112,13 +112,13 @@ class Drives:
         self._retarget(target, period_s)
         body, torques = self.body, []
         self.asleep = False
-        self.feedforward = asked = add(command.torque, gravity)
+        self.feedforward = wanted = add(command.torque, gravity)
         for _ in range(_steps(period_s)):
             viscous, coulomb = body.friction_parts(body.qd)
             torque = [
                 max(-limit, min(limit, base + share * v + part * c))
                 for base, share, v, part, c, limit in zip(
-                    asked, command.viscous_scale, viscous, command.coulomb_scale, coulomb, self._limits, strict=True
+                    wanted, command.viscous_scale, viscous, command.coulomb_scale, coulomb, self._limits, strict=True
                 )
             ]
             body.step(torque, external, STEP_S)
@@ -155,9 +155,9 @@ class Drives:
         )
         return (a, b, c, d, e, f)
 
-    def _unchanged(self, *asked: object) -> bool:
-        before, self._asked = self._asked, asked
-        return asked == before
+    def _unchanged(self, *inputs: object) -> bool:
+        before, self._last_inputs = self._last_inputs, inputs
+        return inputs == before
 
     def _servo(
         self, start: Vector6, before: Vector6, change: Vector6, expected: Vector6, external: Vector6, period_s: float
@@ -175,7 +175,7 @@ class Drives:
                 )
             ]
             torque = [
-                limit if (asked := known + gain * (speed - qd)) > limit else max(-limit, asked)
+                limit if (torque := known + gain * (speed - qd)) > limit else max(-limit, torque)
                 for known, gain, limit, speed, qd in zip(
                     expected, self._gains, self._limits, wanted, body.qd, strict=True
                 )

@@ -245,9 +245,9 @@ class SafetyBoard:
         """
         row = cause.value
         if row.code is None:
-            raise ValueError(f"{cause.name} lasts as long as something holds it up: use a safety device")
+            raise ValueError(f"{cause.name} lasts as long as its cause: use a safety device")
         if row.only not in (None, self._machine.model.series):
-            raise ValueError(f"{self._machine.model.title} knows no {cause.name}: it is of the {row.only} series")
+            raise ValueError(f"{self._machine.model.title} has no {cause.name}: it is of the {row.only} series")
         blamed = (joint or 0) if row.per_joint else joint
         argument = row.argument + (joint or 0 if row.per_joint else 0)
         before = self._machine.safety.mode

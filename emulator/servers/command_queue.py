@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any, Final
 
 from emulator.mailbox import Command
-from emulator.servers.port import ControllerDoor, Reply
+from emulator.servers.port import Reply, ServedController
 
 _MOST_WAITING: Final = 64  # requests of one connection before it is not read further (guess)
 
@@ -18,7 +18,7 @@ class CommandQueue:
     The queue outlives its connection: a script sent just before closing still runs.
     """
 
-    def __init__(self, controller: ControllerDoor, read_on: Callable[[bool], None], at_once: int = 1) -> None:
+    def __init__(self, controller: ServedController, read_on: Callable[[bool], None], at_once: int = 1) -> None:
         self._controller = controller
         self._read_on = read_on
         self._at_once = at_once

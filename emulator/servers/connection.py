@@ -52,6 +52,9 @@ class Port(Protocol):
     intake: Intake
     connections: "list[Connection]"
 
+    @property
+    def robot_time_s(self) -> float: ...
+
     def gone(self, connection: "Connection") -> None: ...
 
 
@@ -73,6 +76,7 @@ class Connection(asyncio.BufferedProtocol):
         self.peer = "?"
         self._kept = {Direction.SENT: 0, Direction.RECEIVED: 0}  # bytes that hooks keep back
         self._late = 0  # of them, those that wait for the client
+        self._skipped = 0  # states, since the client last read what it was sent
         self._wants_reading = True
         self._stalls: set[object] = set()  # who keeps it from being read
         self._closing = self._ended = False  # once what is kept back has passed
@@ -106,8 +110,19 @@ class Connection(asyncio.BufferedProtocol):
 
     def send_state(self, data: bytes) -> None:
         """Send bytes that the next ones supersede: skipped when earlier ones still wait."""
-        if self.takes_state:
-            self.send(data)
+        if not self.takes_state:
+            self.skip_state()
+            return
+        if self._skipped:
+            self._trace("has caught up: %d states were skipped", self._skipped)
+            self._skipped = 0
+        self.send(data)
+
+    def skip_state(self) -> None:
+        """Leave a state out, because the client has not read what was sent before."""
+        if not self._skipped and self.is_open:
+            self._trace("lags: states are skipped until it reads the %d bytes that wait for it", self.undelivered)
+        self._skipped += 1
 
     @property
     def takes_state(self) -> bool:
@@ -214,6 +229,12 @@ class Connection(asyncio.BufferedProtocol):
 
     # both sides
 
+    def _trace(self, text: str, *values: object) -> None:
+        """A line that ``--log-level debug`` shows: what becomes of a client, with robot time."""
+        if _logger.isEnabledFor(logging.DEBUG):
+            server = self.server
+            _logger.debug("%.3f s: %s: %s " + text, server.robot_time_s, server.name, self.peer, *values)
+
     def _write(self, transport: asyncio.Transport, data: bytes) -> None:
         if transport.get_write_buffer_size() + self._late + len(data) > self.most_undelivered:
             _logger.warning("%s: %s does not read what it is sent and is disconnected", self.server.name, self.peer)
@@ -281,7 +302,7 @@ class Connection(asyncio.BufferedProtocol):
             transport.abort()
             return
         self.server.connections.append(self)
-        _logger.info("%s: %s connected", self.server.name, self.peer)
+        self._trace("connected")
         self.opened()
 
     def get_buffer(self, sizehint: int) -> bytearray:
@@ -322,7 +343,7 @@ class Connection(asyncio.BufferedProtocol):
         self.server.gone(self)
         if self in self.server.connections:
             self.server.connections.remove(self)
-            _logger.info("%s: %s disconnected%s", self.server.name, self.peer, f" ({exc})" if exc else "")
+            self._trace("disconnected%s", f": {exc}" if exc else "")
             self.lost()
 
 

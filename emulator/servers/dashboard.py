@@ -4,14 +4,14 @@ from emulator.commands.requests import DashboardLine
 from emulator.servers.command_queue import CommandQueue
 from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
-from emulator.servers.port import ControllerDoor, PortServer
+from emulator.servers.port import PortServer, ServedController
 from urproto.dashboard import DISCONNECTED, GREETING, LineDecoder, encode_line
 
 
 class DashboardServer(PortServer):
     """Lines in, one answer a line out; each client's lines wait for the answers before them."""
 
-    def __init__(self, controller: ControllerDoor) -> None:
+    def __init__(self, controller: ServedController) -> None:
         super().__init__("dashboard", controller)
 
     def connect(self) -> Connection:

@@ -5,7 +5,7 @@ from emulator.devices.gripper_requests import GripperSession
 from emulator.servers.command_queue import CommandQueue
 from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
-from emulator.servers.port import ControllerDoor, PortServer
+from emulator.servers.port import PortServer, ServedController
 from emulator.snapshot import Snapshot
 from urproto.robotiq import Request, RequestDecoder
 
@@ -13,7 +13,7 @@ from urproto.robotiq import Request, RequestDecoder
 class GripperServer(PortServer):
     """Requests in, values and acknowledgements out."""
 
-    def __init__(self, controller: ControllerDoor) -> None:
+    def __init__(self, controller: ServedController) -> None:
         super().__init__("gripper", controller)
 
     def connect(self) -> Connection:

@@ -11,7 +11,7 @@ from emulator.commands.requests import InterpreterLine
 from emulator.servers.command_queue import CommandQueue
 from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
-from emulator.servers.port import ControllerDoor, PortServer
+from emulator.servers.port import PortServer, ServedController
 from urproto.interpreter import Reason, StatementDecoder, TooLong, discard, encode_answer
 
 _AT_ONCE = 64  # lines of one connection in a control period (guess)
@@ -22,7 +22,7 @@ _logger = logging.getLogger(__name__)
 class InterpreterServer(PortServer):
     """What any client sends goes into one queue; the answers go to who sent it."""
 
-    def __init__(self, controller: ControllerDoor) -> None:
+    def __init__(self, controller: ServedController) -> None:
         super().__init__("interpreter", controller)
 
     def connect(self) -> Connection:

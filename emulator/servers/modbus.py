@@ -6,7 +6,7 @@ from emulator.commands.requests import ModbusCall
 from emulator.servers.command_queue import CommandQueue
 from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
-from emulator.servers.port import ControllerDoor, PortServer
+from emulator.servers.port import PortServer, ServedController
 from urproto.modbus import Frame, FrameDecoder, encode_frame
 
 _AT_ONCE = 16  # requests of one connection in a control period (guess): clients may send several without waiting
@@ -15,7 +15,7 @@ _AT_ONCE = 16  # requests of one connection in a control period (guess): clients
 class ModbusServer(PortServer):
     """Requests in, one answer each, in the next control period. Any unit number is the robot."""
 
-    def __init__(self, controller: ControllerDoor) -> None:
+    def __init__(self, controller: ServedController) -> None:
         super().__init__("modbus", controller)
 
     def connect(self) -> Connection:
@@ -41,8 +41,8 @@ class _ModbusConnection(Connection):
         self._ended = True
         return not self._queue.idle
 
-    def _answer(self, asked: Frame, pdu: bytes) -> None:
-        answer = Frame(asked.transaction, asked.unit, pdu)
+    def _answer(self, request: Frame, pdu: bytes) -> None:
+        answer = Frame(request.transaction, request.unit, pdu)
         passed = self.server.hooks.message(self, Direction.SENT, answer)
         if passed is not None:
             self.send(encode_frame(passed))

@@ -262,7 +262,7 @@ class _Link(asyncio.Protocol):
             if self._decoder.error is not None:
                 raise self._decoder.error
         except RemoteProtocolError as error:
-            _logger.info("Modbus unit %d at %s sends rubbish: %s", self._unit.slave, self._unit.address, error)
+            _logger.info("Modbus unit %d at %s sends invalid data: %s", self._unit.slave, self._unit.address, error)
             assert self._transport is not None
             self._transport.abort()
         else:

@@ -29,7 +29,7 @@ _logger = logging.getLogger(__name__)
 Reply = Callable[[Any], None]
 
 
-class ControllerDoor(Protocol):
+class ServedController(Protocol):
     """All that a server sees of the controller."""
 
     @property
@@ -50,7 +50,7 @@ class PortServer:
     state to them may.
     """
 
-    def __init__(self, name: str, controller: ControllerDoor) -> None:
+    def __init__(self, name: str, controller: ServedController) -> None:
         self.name = name
         self.controller = controller
         self.hooks = Hooks[Connection]()
@@ -81,6 +81,11 @@ class PortServer:
             self.controller.post(ServingFailed(self.name, error))
 
     @property
+    def robot_time_s(self) -> float:
+        """Uptime of the controller at the end of its last control period [s]."""
+        return self.controller.snapshot.timestamp
+
+    @property
     def port(self) -> int:
         """The port it listens on, or did last."""
         return self._address[1]
@@ -100,7 +105,7 @@ class PortServer:
         await self._listen(host, port)
         self._unsubscribe = self.controller.subscribe(self._tell)
 
-    def follow(self, controller: ControllerDoor) -> None:
+    def follow(self, controller: ServedController) -> None:
         """Serve another controller from now on."""
         self.controller = controller
         if self._unsubscribe is not None:
@@ -167,10 +172,10 @@ class PortServer:
         if reason is None:
             return None
         if reason is Reason.PORT_FULL:
-            told = f"{clients} clients are connected to this port, as many as --most-clients allows"
+            why = f"{clients} clients are connected to this port, as many as --most-clients allows"
         else:
-            told = f"its address has {limits.address} clients here, as many as --most-clients-per-address allows"
-        return reason, f"was turned away: {told}. Close those that are not needed"
+            why = f"its address has {limits.address} clients here, as many as --most-clients-per-address allows"
+        return reason, f"was turned away: {why}. Close those that are not needed"
 
     def _welcome(self, client: socket.socket, address: str) -> None:
         connection = self.connect()

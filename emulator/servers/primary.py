@@ -18,7 +18,7 @@ from emulator.commands.requests import RefusedScript, ScriptUnit
 from emulator.servers.command_queue import CommandQueue
 from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
-from emulator.servers.port import ControllerDoor, PortServer
+from emulator.servers.port import PortServer, ServedController
 from emulator.servers.program_state import ProgramReporter
 from emulator.snapshot import Snapshot
 from urproto.primary.messages import NO_TIMESTAMP_US, SafetyModeMessage, UnknownMessage, VersionMessage
@@ -85,7 +85,7 @@ class ScriptConnection(Connection):
 class RealtimeServer(PortServer):
     """One packet every control period. Takes scripts unless it is read-only."""
 
-    def __init__(self, name: str, controller: ControllerDoor, *, read_only: bool) -> None:
+    def __init__(self, name: str, controller: ServedController, *, read_only: bool) -> None:
         super().__init__(name, controller)
         self._read_only = read_only
         self._encode = realtime_packer(controller.version)
@@ -123,7 +123,7 @@ class PrimaryServer(PortServer):
     def __init__(
         self,
         name: str,
-        controller: ControllerDoor,
+        controller: ServedController,
         encode_state: EncodeState,
         *,
         messages: bool,

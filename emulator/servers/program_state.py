@@ -48,7 +48,7 @@ class ProgramReporter:
         self._programs = programs
         self._version = version
         self._fitter = _Fitter(has_matrices(version))
-        self._told = 0  # number of the program whose names were sent
+        self._announced = 0  # number of the program whose names were sent
         self._over = 0  # number of the last program whose end was told
         self._names = b""
         self._cursor = 0  # variable the next cycle begins with
@@ -64,9 +64,9 @@ class ProgramReporter:
         view = self._programs.view
         if view is None or view.number == self._over:
             return None
-        new = view.number != self._told
+        new = view.number != self._announced
         if new:
-            self._told, self._cursor = view.number, 0
+            self._announced, self._cursor = view.number, 0
             self._names = self._encode_names(view.names)
         if not view.running:
             self._over, self._cursor = view.number, 0

@@ -8,7 +8,7 @@ from emulator.mailbox import Command
 from emulator.servers.command_queue import CommandQueue
 from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
-from emulator.servers.port import ControllerDoor, PortServer
+from emulator.servers.port import PortServer, ServedController
 from emulator.servers.rtde_session import Packer, RTDEHost, RTDESession
 from emulator.snapshot import Snapshot
 from urproto.rtde.codec import Package, Reply, RTDEDecoder, TextMessage
@@ -23,7 +23,7 @@ _INPUTS_AT_ONCE: Final = 16  # packages of one client in a control period (guess
 class RTDEServer(PortServer):
     """Input packages are applied in the next control period; each distinct output recipe is encoded once."""
 
-    def __init__(self, controller: ControllerDoor) -> None:
+    def __init__(self, controller: ServedController) -> None:
         super().__init__("rtde", controller)
         self.host = RTDEHost(controller.version)
 

@@ -16,7 +16,7 @@ from ipaddress import IPv6Address, ip_address
 from typing import Final, cast
 
 from emulator.servers.connection import Connection
-from emulator.servers.port import ControllerDoor, PortServer
+from emulator.servers.port import PortServer, ServedController
 from emulator.services.sockets import ScriptNetwork, SocketState
 from urproto.backdoors import LOOPBACK_OF, leads_behind_a_robot
 
@@ -46,10 +46,15 @@ _logger = logging.getLogger(__name__)
 
 
 class ScriptPort(PortServer):
-    """Keeps the connections of scripts, and their hooks."""
+    """Keeps the connections of scripts, and their hooks. robot_time: tells the controller's uptime [s], for the log."""
 
-    def __init__(self) -> None:
-        super().__init__("scripts", cast(ControllerDoor, None))  # it publishes nothing and commands nobody
+    def __init__(self, robot_time: Callable[[], float] = lambda: 0.0) -> None:
+        super().__init__("scripts", cast(ServedController, None))  # it publishes nothing and commands nobody
+        self._robot_time = robot_time
+
+    @property
+    def robot_time_s(self) -> float:
+        return self._robot_time()
 
 
 class NetworkSockets:
@@ -133,7 +138,7 @@ def _reason(error: Exception) -> str:
     return str(getattr(error, "strerror", None) or error)
 
 
-class _Wire(Connection):
+class _ScriptConnection(Connection):
     """The connection itself. ``opened``, ``received`` and ``lost`` of its owner are called."""
 
     most_undelivered = 2 * _MOST_UNSENT  # the script is told before, and waits
@@ -165,7 +170,7 @@ class _NetworkSocket:
         self.failure = ""
         self._permitted = permitted
         self._gone = gone
-        self._wire = _Wire(port, self)
+        self._connection = _ScriptConnection(port, self)
         self._connected_once = False
         self._ahead = False  # the peer, of the script
         self._connecting: asyncio.Task[None] | None = None
@@ -175,7 +180,7 @@ class _NetworkSocket:
     def state(self) -> SocketState:
         if self._ahead and len(self.inbox) < _MOST_UNREAD:  # the script, which looks here every period, has caught up
             self._ahead = False
-            self._wire.read_on(True)
+            self._connection.read_on(True)
         return self._state
 
     def connect(self, address: str, port: int) -> None:
@@ -183,15 +188,15 @@ class _NetworkSocket:
         self._connecting.add_done_callback(self._connected)
 
     def send(self, data: bytes) -> bool:
-        if self._state != "open" or self._wire.undelivered > _MOST_UNSENT:
+        if self._state != "open" or self._connection.undelivered > _MOST_UNSENT:
             return False
-        self._wire.send(data)
+        self._connection.send(data)
         return True
 
     def close(self) -> None:
         self._state = "closed"
         if self._connected_once:
-            self._wire.close()
+            self._connection.close()
         elif self._connecting is not None:
             self._connecting.cancel()
 
@@ -206,7 +211,7 @@ class _NetworkSocket:
 
     async def _reach(self, numeric: str, port: int) -> bool:
         try:
-            await asyncio.get_running_loop().create_connection(lambda: self._wire, numeric, port)
+            await asyncio.get_running_loop().create_connection(lambda: self._connection, numeric, port)
         except OSError as error:
             self.failure = _reason(error)
             _logger.info("a script cannot connect to %s:%d: %s", numeric, port, error)
@@ -218,12 +223,12 @@ class _NetworkSocket:
             self._state = "closed"
             self._gone(self)
 
-    # of the wire
+    # of the connection
 
     def opened(self) -> None:
         self._connected_once = True
         if self._state == "closed":  # by the script, while it was connecting
-            self._wire.close()
+            self._connection.close()
         else:
             self._state, self.failure = "open", ""
 
@@ -231,7 +236,7 @@ class _NetworkSocket:
         self.inbox += data
         if len(self.inbox) >= _MOST_UNREAD:
             self._ahead = True
-            self._wire.read_on(False)
+            self._connection.read_on(False)
 
     def lost(self, exc: Exception | None) -> None:
         self.failure = _reason(exc) if exc is not None else ""

@@ -18,14 +18,14 @@ from emulator.devices.tool_line import EchoDevice, SerialDevice, SerialSettings
 from emulator.servers.command_queue import CommandQueue
 from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
-from emulator.servers.port import ControllerDoor, PortServer
+from emulator.servers.port import PortServer, ServedController
 from emulator.snapshot import Snapshot
 
 
 class ToolCommunicationServer(PortServer):
     """Bytes both ways, whatever they mean."""
 
-    def __init__(self, controller: ControllerDoor) -> None:
+    def __init__(self, controller: ServedController) -> None:
         super().__init__("tool line", controller)
 
     def connect(self) -> Connection:

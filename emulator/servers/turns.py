@@ -19,6 +19,8 @@ class _Listener(Protocol):
 
     def send_state(self, data: bytes) -> None: ...
 
+    def skip_state(self) -> None: ...
+
 
 class Turns:
     """Sends state to clients in turns.
@@ -39,7 +41,8 @@ class Turns:
             return
         self.next_period(step)
         if not listener.takes_state:
-            self._waiting.pop(listener, None)  # it has not read what came before
+            self._waiting.pop(listener, None)
+            listener.skip_state()
         elif listener in self._waiting or self._left <= 0:
             self._waiting[listener] = packages
         else:

@@ -91,7 +91,7 @@ class ProgramRequest:
         self._period_s = period_s
         self._where = f"{address[0]}:{address[1]}"
         self._socket: ScriptSocket = backend.open(*address)
-        self._asked = False
+        self._requested = False
         self._time_s = 0.0  # since connecting began, or since the request was sent
         self._quiet_s = 0.0  # since something arrived
         self._size = 0
@@ -99,7 +99,7 @@ class ProgramRequest:
     def step(self) -> ExternalControlCode | None:
         """What to put in the place of the nodes, a popup when the driver did not answer; None until that is known."""
         self._time_s += self._period_s
-        code = self._receive() if self._asked else self._connect()
+        code = self._receive() if self._requested else self._connect()
         if code is not None:
             self.close()
         return code
@@ -112,7 +112,7 @@ class ProgramRequest:
         socket = self._socket
         if socket.state == "open":
             socket.send(_REQUEST)
-            self._asked, self._time_s = True, 0.0
+            self._requested, self._time_s = True, 0.0
             return None
         if socket.state == "closed":
             return self._closed()

@@ -72,7 +72,7 @@ class World:
         self._changed()
 
     def remove(self, name: str) -> None:
-        """Take a thing away. Raises WorldError for an unknown name."""
+        """Remove an object. Raises WorldError for an unknown name."""
         self._known(name)
         del self._things[name]
         self._changed()

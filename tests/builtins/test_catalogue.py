@@ -192,6 +192,17 @@ def test_every_partial_built_in_says_what_is_missing():
     assert [b.name for b in SET.builtins.values() if b.status != "supported" and not b.note] == []
 
 
+def test_every_built_in_that_is_not_refused_is_called_by_a_test():
+    """Scripts of tests are text: a name in it, or one that a test puts together (`get_{group}_digital_out`)."""
+    files = (path for path in Path(__file__).parents[1].rglob("*.py") if path != Path(__file__))
+    tokens = {token for path in files for token in re.findall(r"[\w{}]+", path.read_text())}
+    templates = [
+        re.compile(re.sub(r"{\w+}", r"[a-z]+", token)) for token in tokens if re.fullmatch(r"\w+_{\w+}_\w+", token)
+    ]
+    called = {name for name in SET.builtins if name in tokens or any(form.fullmatch(name) for form in templates)}
+    assert {b.name for b in SET.builtins.values() if b.status != "refused"} - called == set()
+
+
 def test_every_built_in_that_is_not_refused_is_documented():
     assert [b.name for b in SET.builtins.values() if b.status != "refused" and not b.doc] == []
 

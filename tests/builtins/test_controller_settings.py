@@ -1,5 +1,7 @@
 """Clock, base light, analog ranges and shutdown."""
 
+import math
+
 import pytest
 
 from emulator.controller import Controller
@@ -30,6 +32,30 @@ def test_the_wall_clock_starts_where_the_configuration_says():
 
 def test_the_reserved_clock_is_refused(rig):
     assert "mode must be 0" in rig.fault("time(1)")
+
+
+@pytest.mark.parametrize(
+    ("setter", "getter", "first", "then"),
+    [
+        ("force_mode_set_damping", "force_mode_get_damping", 0.005, 0.5),
+        ("force_mode_set_gain_scaling", "force_mode_get_gain_scaling", 1.0, 1.5),
+        ("motion_version_set", "motion_version_get", None, 2),
+    ],
+)
+def test_a_setting_is_given_back(rig, setter, getter, first, then):
+    assert first is None or rig.value(f"{getter}()") == first
+    rig.run(f"{setter}({then})\ntextmsg({getter}() == {then})")
+    assert rig.texts == ["True"]
+
+
+@pytest.mark.parametrize(("model", "after"), [("ur3", 6.0 - 2 * math.pi), ("ur5e", 6.0)])
+def test_the_turns_of_a_wrist_without_end_are_counted_anew(make_rig, model, after):
+    rig = make_rig(model, None)
+    rig.run("movej([0, -1.5, 1.5, -1.6, -1.57, 6], a=10, v=3)\nsleep(0.1)")
+    rig.run("reset_revolution_counter()")
+    assert rig.value("get_actual_joint_positions()")[5] == pytest.approx(after)
+    rig.run("reset_revolution_counter([0, 0, 0, 0, 0, 6])")
+    assert rig.value("get_actual_joint_positions()")[5] == pytest.approx(6.0)
 
 
 def test_the_base_light_of_a_large_arm(make_rig):

@@ -97,6 +97,17 @@ def test_constrained_freedrive_in_a_frame(rig, feature, along):
     assert np.abs(speed[3:]).max() < 1e-4
 
 
+@pytest.mark.parametrize("call", ["freedrive_mode()", "freedrive_mode_no_incorrect_payload_check()"])
+def test_freedrive_of_a_program_follows_the_hand_until_it_ends(rig, call):
+    rig.start(f"{call}\nsleep(1)\nend_freedrive_mode()\nsleep(1)")
+    rig.controller.external_wrench = PUSH
+    rig.seconds(0.8)
+    assert free(rig)
+    assert rig.controller.snapshot.actual_TCP_speed[1] > 0.05
+    rig.seconds(1.0)
+    assert not free(rig)
+
+
 def test_an_unknown_feature_is_refused(rig):
     assert "feature" in rig.fault('freedrive_mode([1,1,1,1,1,1], "table")')
 

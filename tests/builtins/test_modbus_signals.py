@@ -105,6 +105,14 @@ def test_signal_without_frequency_asks_when_a_program_wants_it(rig, modbus):
     assert rig.texts == ["40000"]
 
 
+def test_an_update_that_is_requested_does_not_wait_for_the_frequency(rig, modbus):
+    rig.run(add(2) + 'modbus_set_signal_update_frequency("s", -1)\nsleep(0.5)')
+    before = len(modbus.units[UNIT].requests)
+    rig.run('modbus_request_update_signal_value("s")\nsleep(0.5)')
+    assert len(modbus.units[UNIT].requests) == before + 1
+    assert "no Modbus signal" in rig.fault('modbus_request_update_signal_value("t")')
+
+
 def test_a_program_waits_for_the_answer_it_demanded(rig, modbus):
     modbus.silent.add(UNIT)
     rig.start(add(2) + 'modbus_set_signal_update_frequency("s", -1)\ntextmsg(modbus_get_signal_status("s"))')
@@ -155,6 +163,15 @@ def test_value_of_a_silent_device_is_tolerated_as_long_as_the_watchdog(rig, modb
     assert text == (
         'Modbus signal "s" has been invalid for more than 2 s (connection error -1, device error 0):'
         " check unit 255 at 10.0.0.5"
+    )
+
+
+def test_without_a_watchdog_time_a_valid_signal_can_be_read_and_no_other(rig, modbus):
+    rig.run(add(2) + 'modbus_set_signal_watchdog("s", 0)\nsleep(0.2)\ntextmsg(modbus_get_signal_status("s"))')
+    assert rig.texts == ["40000"]
+    del modbus.units[UNIT]
+    assert "invalid for more than 0 s" in rig.fault(
+        add(2) + 'modbus_set_signal_watchdog("s", 0)\nsleep(0.2)\nx = modbus_get_signal_status("s")'
     )
 
 

@@ -147,6 +147,24 @@ def test_optimovej_arrives(rig):
     assert rig.q[0] == pytest.approx(0.5, abs=1e-9)
 
 
+def test_the_shares_of_optimovej_are_of_what_the_slowest_joint_can_do(make_rig):
+    """A UR10e's base turns more slowly than its wrists."""
+    rig = make_rig("ur10e", None)
+    model = rig.controller.model
+    assert min(model.qd_max) < max(model.qd_max)
+    rig.start("optimovej([2.5, -1.5, 1.5, -1.6, -1.57, 0], a=0.5, v=0.5)")
+    speeds = []
+    rig.until(lambda: speeds.append(max(map(abs, rig.controller.snapshot.actual_qd))) or rig.q[0] > 2.0, 10.0)
+    assert max(speeds) == pytest.approx(0.5 * min(model.qd_max), rel=1e-3)
+
+
+@pytest.mark.parametrize(("given", "turning"), [("", 0.5), (", aRot=2.0", 2.0)])
+def test_speedl_turns_as_quickly_as_it_speeds_up_unless_told_otherwise(rig, given, turning):
+    rig.start(f"speedl([0, 0, 0, 0, 0, 0.5], a=0.5, t=3{given})")
+    rig.until(lambda: rig.controller.snapshot.actual_TCP_speed[5] > 0.05, 1.0)
+    assert rig.controller.snapshot.actual_TCP_acceleration[5] == pytest.approx(turning, rel=0.05)
+
+
 WORLD = """add_frame("table", p[0.4, -0.2, 0.3, 0.1, 3, 0.2])
 add_frame("part", p[0.05, 0, 0.02, 0, 0, 0.3], "table")
 attach_frame("part", "table")

@@ -32,6 +32,22 @@ def test_old_names_reach_the_tool_behind_the_standard_signals(rig, n, bit):
     assert rig.controller.signals.digital_outputs == 1 << bit
 
 
+@pytest.mark.parametrize(
+    ("call", "bits"),
+    [
+        ("set_runstate_outputs([1])", 1 << 1),
+        ("set_runstate_standard_digital_outputs([0, 3])", 1 << 0 | 1 << 3),
+        ("set_runstate_configurable_digital_outputs([2])", 1 << 10),
+    ],
+)
+def test_outputs_in_a_list_are_high_while_a_program_runs(rig, call, bits):
+    rig.start(f"{call}\nsleep(0.5)")
+    rig.seconds(0.2)
+    assert rig.controller.snapshot.actual_digital_output_bits == bits
+    rig.seconds(0.6)
+    assert rig.controller.snapshot.actual_digital_output_bits == 0
+
+
 def test_an_element_of_digital_out_is_an_output(rig):
     # python-urx sends this old form as a line of its own
     rig.run("digital_out[2]=True\ntextmsg(get_digital_out(2))\ndigital_out[2] = False\ntextmsg(get_digital_out(2))")

@@ -52,6 +52,23 @@ def test_speeds_are_read_during_a_move(rig):
     assert rig.value("is_steady()") is True
 
 
+def test_accelerations_are_read_during_a_move(rig):
+    rig.run(
+        """
+        thread look():
+          sleep(0.1)
+          global target = get_target_joint_accelerations()
+          global actual = get_actual_joint_accelerations()
+        end
+        run look()
+        movej([0.5, -1.5, 1.5, -1.6, -1.57, 0], a=0.8, v=1)
+        textmsg(target == actual)
+        textmsg(floor(target[0] * 1000 + 0.5))
+        """
+    )
+    assert rig.texts == ["True", "800"]
+
+
 def test_target_waypoint_is_where_the_move_goes(rig):
     rig.run(
         """

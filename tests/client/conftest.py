@@ -1,14 +1,10 @@
 """A robot's port that does as the test says."""
 
 import socket
-import sys
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))  # hostile; importlib mode does not add the folders
 
 Handler = Callable[[socket.socket], None]
 PATIENCE_S = 10.0

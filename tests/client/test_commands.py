@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -171,12 +172,21 @@ def test_completion(shell: str) -> None:
         assert expected in completed(shell, words), words
 
 
+@cache
+def completion_source(shell: str, program: str) -> str:
+    """As --show-completion prints it in that shell."""
+    asked = os.environ | {completion_variable(program): f"source_{shell}"}
+    return subprocess.run([SCRIPTS / program], env=asked, capture_output=True, text=True, check=True).stdout
+
+
+def completion_variable(program: str) -> str:
+    return f"_{program.replace('-', '_').upper()}_COMPLETE"
+
+
 def completed(shell: str, words: list[str]) -> str:
-    program, variable = words[0], f"_{words[0].replace('-', '_').upper()}_COMPLETE"
+    program = words[0]
+    variable, source = completion_variable(program), completion_source(shell, program)
     environment = os.environ | {"PATH": f"{SCRIPTS}:{os.environ['PATH']}"}
-    source = subprocess.run(  # as --show-completion prints it in that shell
-        [program], env=environment | {variable: f"source_{shell}"}, capture_output=True, text=True, check=True
-    ).stdout
     function = f"_{program.replace('-', '_')}_completion"
     if shell == "bash":
         listed = " ".join(words)

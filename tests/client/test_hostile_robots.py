@@ -15,7 +15,6 @@ from random import Random
 from typing import Any, Final
 
 import pytest
-from hostile import KINDS, HostileRobot
 from typer.testing import CliRunner
 
 from client import AsyncRobot, Robot, dashboard
@@ -36,6 +35,7 @@ from client.traffic.proxy import Proxy, Route
 from client.traffic.recording import Recorder as TrafficRecorder
 from client.traffic.recording import Recording
 from client.traffic.replay import ReplayRobot
+from tests.hostile import KINDS, HostileRobot
 from urproto.errors import RobotRefused, URError
 from urproto.ports import CONTROLLER_PORTS
 

@@ -57,7 +57,7 @@ async def test_a_robots_registers() -> None:
         port = emulator.ports["modbus"]
         async with ModbusClient(HOST, port) as client:
             await client.write_register(130, 77)
-            assert emulator.controller.port_memory.general[2] == 77
+            assert emulator.controller.modbus_registers.general[2] == 77
             with pytest.raises(RobotRefused, match="WRITE_REGISTER at 99': exception ILLEGAL_DATA_ADDRESS"):
                 await client.write_register(99, 1)
         assert await asyncio.to_thread(_blocking, port) == ((77,), (1,))

@@ -141,6 +141,13 @@ def test_answers(message, words):
     assert told.values == pytest.approx(message.values, abs=1e-15)
 
 
+def test_an_answer_is_a_6_by_6_matrix_at_most():
+    largest = Answer(tuple(float(number) for number in range(36))).encode()
+    assert ReplyDecoder().feed(largest) == [Answer(tuple(float(number) for number in range(36)))]
+    with pytest.raises(RemoteProtocolError, match="an answer of 37 values is too long"):
+        ReplyDecoder().feed(struct.pack(">i", -1 - 37))
+
+
 def test_the_payload_of_a_keep_alive_may_be_anything():
     data = struct.pack(">8i", 20, *[-1234567] * 6, 0)
     assert ReverseMessage.decode(data).mode is ControlMode.IDLE

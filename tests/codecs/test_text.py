@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from urproto.text import (
     from_bytes,
     from_readable,
+    json_document,
     lines,
     lower,
     number,
@@ -83,3 +84,10 @@ def test_numbers() -> None:
         number("1e309")
     with pytest.raises(ValueError, match="not a whole number"):
         whole_number("9" * 5000)
+
+
+def test_a_document_of_brackets_is_an_error_as_any_other() -> None:
+    assert json_document(b'{"a": [1, null]}') == {"a": [1, None]}
+    for nonsense in ("[" * 5000, b"[" * 100_000, b"\xff", "{"):
+        with pytest.raises(ValueError, match=r"."):
+            json_document(nonsense)

@@ -70,7 +70,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "robot" in metafunc.fixturenames:
         names = [metafunc.config.getoption("--robot-ip") or list(EMULATED)]
         names = names[0] if isinstance(names[0], list) else names
-        metafunc.parametrize("robot", names, indirect=True, scope="session")
+        metafunc.parametrize("robot", names, indirect=True, scope="package")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -82,7 +82,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(skip)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
     """The robot under test; an emulator lives as long as its tests."""
     with ExitStack() as ending:

@@ -1,11 +1,14 @@
 """The verbs on a robot in virtual time."""
 
+import ast
+import inspect
 import json
 import math
 
 import msgspec
 import pytest
 
+from emulator.control import control
 from emulator.control.control import Control, LiveControl, VirtualRobot
 from emulator.control.verbs import BadArguments, NotPossible, verbs_of
 from emulator.machine import ControllerConfig
@@ -226,6 +229,18 @@ def test_every_verb_is_a_method_of_the_robot_and_no_two_subjects_share_a_name(ro
             assert [other for other in LiveControl.SUBJECTS if hasattr(other, name)] == [subject], name
     assert {name for name in VERBS if callable(getattr(robot, name))} == set(VERBS)
     assert set(verbs_of(LiveControl.SUBJECTS)) - set(VERBS) == {"ports", "connections", "turned_away", "pendant"}
+
+
+def test_type_checkers_see_the_subjects_that_there_are() -> None:
+    """The classes that stand for the verbs exist for type checkers only: no call would notice a missing one."""
+    seen = {
+        node.name: {base.id for base in node.bases if isinstance(base, ast.Name)}
+        for node in ast.walk(ast.parse(inspect.getsource(control)))
+        if isinstance(node, ast.ClassDef)
+    }
+    assert seen["_Methods"] == {subject.__name__ for subject in Control.SUBJECTS}
+    with_ports = set(LiveControl.SUBJECTS) - set(Control.SUBJECTS)
+    assert seen["_MethodsOfPorts"] == {subject.__name__ for subject in with_ports}
 
 
 def test_results_are_plain(robot: VirtualRobot) -> None:

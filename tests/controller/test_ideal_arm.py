@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from emulator.lifecycle.power import PowerState
 from emulator.robot.installation import Payload
 from urproto.robots.pose import pose_trans, rotvec_to_matrix
 
@@ -132,3 +133,34 @@ def test_no_current_flows_while_the_brakes_hold(rig):
     assert rig.tick().actual_current == ZERO6
     assert rig.now.target_moment == ZERO6
     assert rig.now.actual_robot_current == 0.0
+
+
+def test_an_arm_at_rest_is_not_computed_anew_until_something_changes(bent):
+    bent.tick(3)
+    controller, arm = bent.controller, bent.controller.arm
+
+    def changed(qd=ZERO6):
+        return arm.update((BENT, qd, ZERO6), controller.installation, ZERO6, controller.period_s, driven=True)
+
+    assert not changed()
+    controller.installation.set_payload(Payload(2.0))
+    assert [changed(), changed()] == [True, False]
+    controller.installation.gravity = (0.0, 0.0, -9.82)
+    assert [changed(), changed()] == [True, False]
+    turning = (0.1, *ZERO6[1:])
+    assert changed(turning)
+    assert math.hypot(*arm.tcp_acceleration[:3]) > 1.0
+    assert changed(turning), "the speed stays, so the acceleration ends"
+    assert arm.tcp_acceleration == ZERO6
+    assert not changed(turning)
+
+
+def test_without_power_the_arm_does_not_go_on_with_a_soft_stop(bent):
+    bent.script("def go():\n  speedj([0.5, 0, 0, 0, 0, 0], 5.0, 0.3)\n  stopj(0.5)\nend\n")
+    bent.seconds(0.6)
+    assert bent.now.actual_qd[0] > 0.1, "it is braking softly"
+    bent.controller.power.put(PowerState.OFF)
+    here = bent.now.actual_q
+    assert bent.tick(2).actual_q == pytest.approx(here, abs=0.5 * bent.controller.period_s)
+    assert bent.now.actual_qd == ZERO6
+    assert bent.controller.motion.idle

@@ -76,6 +76,9 @@ def test_registers_are_read_back_in_the_same_period(rig):
     assert rig.now.input_bit_registers == 1 << 64 | 1 << 63 | 1 << 32
     rig.rtde(input_bit_register_64=False)
     assert rig.now.input_bit_registers == 1 << 63 | 1 << 32
+    rig.rtde(input_bit_registers32_to_63=0b0110)
+    rig.tick()
+    assert rig.now.input_bit_registers == 0b0110 << 32, "what is 0 now is cleared"
 
 
 def test_inputs_tell_when_they_were_refreshed(rig):

@@ -2,10 +2,13 @@
 
 import gzip
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from emulator.config import ConfigError, read_safety
+from emulator.polyscope.installation_file import InstallationFile
 from emulator.polyscope.safety_configuration import (
     BoundaryMode,
     Plane,
@@ -235,3 +238,21 @@ def test_files_that_are_none(tmp_path):
     path.write_text("<Installation></Installation>")
     with pytest.raises(ConfigError, match="no safety settings"):
         read_safety(path, load_model("ur5"))
+
+
+def test_an_installation_with_another_safety_configuration_is_noted(make):
+    own = factory_configuration(load_model("ur5e"))
+    other = replace(own, normal=replace(own.normal, force=own.normal.force + 1.0), crc=None)
+    rig = make("ur5e", running=True, safety=own)
+
+    def noted(safety):
+        before = len(rig.controller.messages.history)
+        rig.controller.apply_installation(Path("cell.installation"), InstallationFile(safety=safety))
+        return [line for line in list(rig.controller.messages.history)[before:] if "not the one in force" in line]
+
+    assert noted(None) == []
+    assert noted(own) == []
+    (line,) = noted(other)
+    assert f"of cell.installation (checksum {other.checksum})" in line
+    assert f"({own.checksum})" in line
+    assert rig.controller.safety_board.configuration is own

@@ -8,13 +8,16 @@ import pytest
 from emulator.lifecycle.safety import SafetyEvent, StopCategory
 from emulator.polyscope.safety_configuration import (
     BoundaryMode,
+    LimitSet,
     Plane,
     ToolOrientation,
     ToolSphere,
     factory_configuration,
 )
 from emulator.robot.arm import Arm
-from emulator.safety.geometry import CLAMPING_M, clamping_distance
+from emulator.safety.conditions import SafetyDevice
+from emulator.safety.geometry import CLAMPING_M, Boundaries, clamping_distance
+from emulator.safety.governor import TRANSITION_S, Governor, operational
 from emulator.world.links import Links
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
@@ -361,6 +364,76 @@ def test_the_arm_against_itself_is_a_collision_where_asked_for(make, asked, expe
     to_the_end(rig)
     assert bool(codes(rig)) is expected
     assert {code for code, _ in codes(rig)} <= {157}
+
+
+def test_every_restricted_place_moves_as_fast_as_it_says():
+    """Tool centre, elbow and tool spheres against where they are a moment later, all joints turning."""
+    model, dt = load_model("ur5e"), 1e-6
+    arm, qd = Arm(model), (0.4, -0.3, 0.5, 0.7, -0.6, 0.9)
+    spheres = (ToolSphere((0.1, -0.05, 0.2), 0.05), ToolSphere((-0.1, 0.0, 0.0), 0.02))
+    boundaries = Boundaries(safe("ur5e", tool_spheres=spheres), 0.1)
+    tcp = (0.02, 0.03, 0.15, 0.1, 0.2, 0.3)
+    seen = []
+    for moment in range(3):
+        q = tuple(angle + moment * dt * speed for angle, speed in zip(BENT, qd, strict=True))
+        arm._tool.update(q, qd, tcp, dt, started=not moment)
+        seen.append(boundaries.points(arm))
+    assert len(seen[0]) == 4
+    for before, now, after in zip(*seen, strict=True):
+        moved = [(b - a) / (2.0 * dt) for a, b in zip(before.at, after.at, strict=True)]
+        assert now.speed == pytest.approx(moved, abs=1e-4)
+        assert math.hypot(*now.speed) > 0.05
+
+
+def test_for_half_a_second_after_a_change_of_modes_both_sets_of_limits_count(make):
+    """Hardware manuals. A stream is not slowed down by the controller, so it is a violation once the time is over."""
+    stream = (
+        "def stream():\n  x = 0\n  while True:\n    servoj([x, -0.3, 0.2, 0, 0, 0])\n    x = x + 0.0026\n  end\nend\n"
+    )
+    rig = started(make, "ur5e", stream, STRETCHED, safety=safe("ur5e"))
+    rig.seconds(0.5)
+    assert safe("ur5e").reduced.tcp_speed + 0.1 < tool_speed(rig.now) < safe("ur5e").normal.tcp_speed
+    rig.controller.safety_board.set_device(SafetyDevice.REDUCED_MODE, True)
+    assert rig.tick().safety_mode is SafetyMode.REDUCED
+    begin = rig.now.timestamp
+    rig.until(lambda s: s.safety_mode is SafetyMode.VIOLATION, 2.0)
+    assert rig.now.timestamp - begin == pytest.approx(TRANSITION_S + 0.25, abs=0.02)
+
+
+# the governor
+
+
+WIDE = LimitSet(tcp_speed=99.0, force=99.0, power=99.0, momentum=999.0, elbow_speed=99.0)
+
+
+@pytest.mark.parametrize(
+    "limit",
+    [
+        {"tcp_speed": 0.5},
+        {"elbow_speed": 0.3},
+        {"momentum": 5.0},
+        {"stopping_time": 0.02},
+        {"stopping_distance": 0.01},
+        {"joint_speed": (1.0,) * 6},
+    ],
+    ids=lambda limit: next(iter(limit)),
+)
+def test_twice_as_fast_takes_twice_the_share_of_a_limit(limit):
+    """So that the pacer knows at once by how much to slow down."""
+    model = load_model("ur5e")
+    arm = Arm(model)
+    arm._tool.update(STRETCHED, ZERO6, ZERO6, model.series.period_s, started=True)
+    governor = Governor(model, arm, 0.002, replace(WIDE, **limit))
+    steps = [(speed * 0.002, *ZERO6[1:]) for speed in (1.0, 2.0, 3.0)]
+    shares = [governor.excess(STRETCHED, step) for step in steps]
+    assert shares[0] > 1.0
+    assert shares == pytest.approx([shares[0], 2.0 * shares[0], 3.0 * shares[0]], rel=0.01)
+
+
+def test_a_limit_smaller_than_the_margin_to_it_leaves_a_little():
+    found = operational(replace(WIDE, tcp_speed=0.1, elbow_speed=1.0, momentum=2.0, joint_speed=(0.2,) * 6))
+    assert (found.tcp_speed, found.elbow_speed, found.momentum) == pytest.approx((0.02, 0.85, 0.4))
+    assert found.joint_speed == pytest.approx((0.04,) * 6)
 
 
 # stops

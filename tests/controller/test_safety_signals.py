@@ -183,6 +183,16 @@ def test_outputs_follow_the_state(make):
     assert high() == {"ROBOT_MOVING", "ROBOT_NOT_STOPPING", "REDUCED_MODE"}
 
 
+@pytest.mark.parametrize("speed", [0.3, -0.3])
+@pytest.mark.parametrize("joint", [0, 5])
+def test_the_output_robot_moving_falls_whichever_way_a_joint_turns(make, joint, speed):
+    rig = wired(make, outputs=OUTPUTS)
+    speeds = [speed if index == joint else 0.0 for index in range(6)]
+    rig.script(f"def turn():\n  speedj({speeds}, a=2, t=1)\nend\n")
+    rig.seconds(0.5)
+    assert not rig.now.actual_configurable_digital_output_bits >> OUTPUTS[SafetyOutput.ROBOT_MOVING][0] & 1
+
+
 def test_programs_cannot_change_safety_outputs(make):
     rig = wired(make, outputs={SafetyOutput.ROBOT_MOVING: (1, 2)})
     rig.script("sec out():\n  set_configurable_digital_out(1, False)\n  set_configurable_digital_out(6, True)\nend\n")

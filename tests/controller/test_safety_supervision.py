@@ -95,6 +95,39 @@ def test_the_elbow_has_a_limit_on_e_series(model, expected):
     assert (found and found[1].cause) is expected
 
 
+@pytest.mark.parametrize(
+    ("force", "speed", "watts"),
+    [
+        ((100.0, 0.0, 0.0), (1.0, 0.0, 0.0), 100.0),
+        ((0.0, 100.0, 0.0), (0.0, -1.0, 0.0), 100.0),
+        ((0.0, 0.0, 100.0), (0.0, 0.0, 1.0), 100.0),
+        ((80.0, 0.0, -80.0), (0.8, 0.0, -0.8), 128.0),
+        ((0.0, 80.0, 80.0), (0.0, 0.8, 0.8), 128.0),
+        ((80.0, 0.0, 80.0), (0.8, 0.0, -0.8), 0.0),
+        ((80.0, -80.0, 0.0), (0.8, 0.8, 0.0), 0.0),
+    ],
+)
+def test_only_force_along_the_way_is_power(force, speed, watts):
+    configuration = factory_configuration(load_model("ur5e"))
+    weaker = replace(configuration, normal=replace(configuration.normal, power=80.0))
+    arm = placed("ur5e", wrench=(*force, 0.0, 0.0, 0.0), tcp_speed=(*speed, 0.0, 0.0, 0.0))
+    found = periods_to_violation("ur5e", arm, weaker)
+    assert (found and found[1].cause) is (Cause.POWER_VIOLATION if watts else None)
+
+
+@pytest.mark.parametrize("what", ["tcp_speed", "elbow_speed"])
+@pytest.mark.parametrize("limit", [0.25, 3.0])
+def test_the_quick_look_of_each_period_knows_slow_and_fast_limits(what, limit):
+    configuration = factory_configuration(load_model("ur5e"))
+    limits = replace(configuration.normal, tcp_speed=9.0, elbow_speed=9.0)
+    configured = replace(configuration, normal=replace(limits, **{what: limit}))
+    attribute, length = ("tcp_speed", 6) if what == "tcp_speed" else ("elbow_velocity", 3)
+    inside = placed("ur5e", **{attribute: vector(-(limit + 0.04), length)})
+    beyond = placed("ur5e", **{attribute: vector(-(limit + 0.06), length)})
+    assert periods_to_violation("ur5e", inside, configured) is None
+    assert periods_to_violation("ur5e", beyond, configured)
+
+
 @pytest.mark.parametrize(("depth", "expected"), [(-0.039, None), (-0.041, Cause.TCP_POSITION_VIOLATION)])
 def test_beyond_a_plane(depth, expected):
     configuration = factory_configuration(load_model("ur5e"))

@@ -1,5 +1,6 @@
 """Controllers files and goal files: what they say, and what is told about the rest."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from client.cli import app
 from client.controllers import configuration
 from client.controllers.configuration import read_controllers, usual_controllers
 from client.controllers.goal_files import read_goals
+from client.controllers.joint_trajectory import Gains
 from client.controllers.parameters import Reading, read_parameters
 from client.errors import ControllerError
 from urproto.joints import JOINT_NAMES
@@ -109,6 +111,19 @@ def test_parameters_that_contain_themselves():
     kind = configuration.find("x", "forward_command_controller/ForwardCommandController")
     with pytest.raises(ControllerError, match="contain themselves"):
         read_parameters(kind.parameters_type, endless, "x", Reading())
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, 10**400, "1", True, None])
+def test_a_parameter_that_is_no_number_is_refused_by_name(number):
+    with pytest.raises(ControllerError, match=r"x: p is a (finite )?number, not"):
+        read_parameters(Gains, {"p": number}, "x", Reading())
+
+
+def test_only_limits_may_be_infinite():
+    gains = read_parameters(Gains, {"u_clamp_max": math.inf, "i_clamp_min": -math.inf}, "x", Reading())
+    assert gains == Gains()
+    with pytest.raises(ControllerError, match="u_clamp_max is a finite number, not nan"):
+        read_parameters(Gains, {"u_clamp_max": math.nan}, "x", Reading())
 
 
 @pytest.mark.parametrize("prefix", ["", "left_"])

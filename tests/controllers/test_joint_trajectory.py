@@ -6,6 +6,7 @@ import pytest
 from controllers_rig import JOINTS, RATE_HZ, SCALING, Bench, point, started, trajectory
 
 from client.controllers.goals import ErrorCode, FollowJointTrajectory, GoalStatus, Tolerance
+from client.controllers.joint_trajectory import Gains, Pid
 from client.errors import ControllerError, GoalRejectedError
 
 TOLERANCES = {
@@ -153,6 +154,40 @@ def test_speed_commands_follow_by_the_pid_law():
     bench.until(jtc.send_goal(trajectory(point(2.0, 1.0, -1.0, v=REST))))
     bench.run(1.0)
     assert bench.q == pytest.approx((1.0, -1.0), abs=0.01)
+
+
+def test_the_integral_is_clamped_so_that_it_turns_round_at_once():
+    pid = Pid(Gains(i=1.0, i_clamp_max=0.5, i_clamp_min=-0.2))
+    assert [pid.command(1.0, 0.0, 0.2) for _ in range(4)] == pytest.approx([0.2, 0.4, 0.5, 0.5])
+    assert [pid.command(-1.0, 0.0, 0.2) for _ in range(5)] == pytest.approx([0.3, 0.1, -0.1, -0.2, -0.2])
+
+
+def test_an_activation_begins_with_speeds_of_zero_and_an_end_leaves_none():
+    gains = {joint: {"i": 1.0} for joint in JOINTS}
+    bench, jtc = started(command_interfaces=["velocity"], gains=gains)
+    names = [f"{joint}/velocity" for joint in JOINTS]
+    left = []
+    bench.joints.perform_command_mode_switch = lambda start, stop: left.append(bench.joints.commands.lend(stop).get())
+    bench.joints.stuck.update(JOINTS)
+    jtc.send_goal(trajectory(point(1.0, 1.0, 1.0)))
+    bench.run(1.0)
+    assert min(bench.joints.commands.lend(names).get()) > 0.3, "the integral of what is missing"
+    bench.manager.deactivate("jtc")
+    assert left[-1] == [0.0, 0.0], "whatever the hardware makes of the end"
+    bench.manager.activate("jtc")
+    bench.cycle()
+    assert bench.joints.commands.lend(names).get() == [0.0, 0.0]
+
+
+def test_a_scaling_that_is_not_known_stays_what_it_was():
+    bench, scaled = started("scaled")
+    bench.joints.states[SCALING] = 0.5
+    scaled.send_goal(trajectory(point(2.0, 1.0, 0.0)))
+    bench.run(1.0)
+    bench.joints.states[SCALING] = float("nan")
+    bench.run(1.0)
+    assert scaled.scaling == 0.5
+    assert bench.q[0] == pytest.approx(0.5, abs=0.02)
 
 
 def test_cancel_holds_at_once_or_brakes():

@@ -6,9 +6,11 @@ from types import SimpleNamespace
 import pytest
 from controllers_rig import JOINTS, Bench, point, started, trajectory
 
-from client.controllers.controller import LIFE_CYCLE, LifecycleState
+from client.controllers.broadcasters import ForceTorqueParameters, ForceTorqueSensorBroadcaster
+from client.controllers.controller import LIFE_CYCLE, Interfaces, LifecycleState
 from client.controllers.goals import ErrorCode
 from client.controllers.loop import ControlLoop
+from client.controllers.parameters import Reading, read_parameters
 from client.errors import ControllerError
 
 TRANSITIONS = sorted({transition for _, transition in LIFE_CYCLE})
@@ -175,7 +177,7 @@ def test_forward_commands_are_checked_and_end_with_the_activity():
     assert bench.q == pytest.approx((0.1, -0.1), abs=0.01)
     with pytest.raises(ControllerError, match="3 commands came for 2 joints"):
         speeds.command([0, 0, 0])
-    with pytest.raises(ControllerError, match="no numbers"):
+    with pytest.raises(ControllerError, match="not numbers"):
         speeds.command([0, float("inf")])
     bench.manager.deactivate("speeds")
     place = bench.q
@@ -187,9 +189,57 @@ async def test_two_states_that_come_together_are_one_cycle_with_the_later_one():
     """As after a hold-up of this machine: a cycle for each would command the arm twice within a period."""
     cycles = []
     loop = ControlLoop(SimpleNamespace())  # type: ignore[arg-type]
-    loop._manager = SimpleNamespace(cycle=lambda state, time_s, period_s: cycles.append((time_s, period_s)))
+    loop._manager = SimpleNamespace(cycle=lambda state, time_s, period_s: cycles.append((time_s, period_s)) or True)
     for timestamps in ((1.0,), (1.002, 1.004), (1.006,)):
         for timestamp in timestamps:
             loop._take({"timestamp": timestamp})
         await asyncio.sleep(0)
     assert cycles == [(1.0, 0.0), (1.004, pytest.approx(0.004)), (1.006, pytest.approx(0.002))]
+
+
+async def test_after_a_state_without_a_time_the_period_is_counted_from_the_last_that_had_one():
+    cycles = []
+
+    def cycle(state, time_s, period_s):
+        cycles.append((time_s, period_s))
+        return time_s == time_s
+
+    loop = ControlLoop(SimpleNamespace())  # type: ignore[arg-type]
+    loop._manager = SimpleNamespace(cycle=cycle)
+    for timestamp in (1.0, float("nan"), 1.004):
+        loop._take({"timestamp": timestamp})
+        await asyncio.sleep(0)
+    assert cycles[-1] == (1.004, pytest.approx(0.004))
+
+
+def test_when_one_does_not_begin_none_of_those_with_it_does(monkeypatch):
+    bench, _ = started("states")
+    manager = bench.manager
+    manager.load("jtc")
+    manager.configure("jtc")
+    manager.load("speeds")
+    manager.configure("speeds")
+    second = manager.controller("speeds")
+
+    def fail(time_s):
+        raise second.error("not today")
+
+    monkeypatch.setattr(second, "on_activate", fail)
+    with pytest.raises(ControllerError, match="speeds: not today"):
+        manager.switch(activate=["jtc", "speeds"], deactivate=["states"])
+    assert {state_of(bench, name) for name in ("jtc", "speeds", "states")} == {LifecycleState.INACTIVE}
+    assert bench.joints.switches[-1][1] == (*manager.controller("jtc").command_interfaces, *second.command_interfaces)
+    bench.cycle()
+    manager.activate("jtc", "states")
+
+
+def test_a_wrench_has_its_offset_added_and_is_multiplied_then():
+    numbers = {"force": {"x": 2.0, "z": -1.0}, "torque": {"y": 0.5}}
+    parameters = {"sensor_name": "fts", "offset": numbers, "multiplier": numbers}
+    sensor = ForceTorqueSensorBroadcaster(
+        "sensor", read_parameters(ForceTorqueParameters, parameters, "", Reading()), 500
+    )
+    sensor.states = Interfaces(sensor.state_interfaces)
+    sensor.states.put([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    sensor.update(0.0, 0.002)
+    assert (sensor.topic.latest.force, sensor.topic.latest.torque) == ((6.0, 2.0, -2.0), (4.0, 2.75, 6.0))

@@ -2,7 +2,9 @@
 
 import asyncio
 import math
+import re
 from itertools import pairwise
+from math import inf, nan
 
 import pytest
 
@@ -11,7 +13,7 @@ from client.controllers.goals import ErrorCode, GoalStatus, JointTrajectory, Joi
 from client.controllers.manager import ControllerManager
 from client.controllers.ur_hardware import URHardware
 from client.errors import ControllerError, LateSetpointError, ProgramEndedError
-from urproto.external_control import SplineType, TrajectoryResult
+from urproto.external_control import SplineType, TrajectoryResult, to_words
 from urproto.joints import JOINT_NAMES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.robots.pose import wrench_trans
@@ -432,3 +434,64 @@ async def test_force_mode_parameters():
     for wrong in ({"type": 4}, {"damping_factor": 1.5}, {"speed_limits": (-1,) * 6}, {"speed_limits": (1,)}):
         with pytest.raises(ControllerError):
             controller.start_force_mode(REST, (1,) * 6, REST, **wrong)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"actual_q": (nan, *REST[1:])}, r"actual_q is \(nan, 0\.0.*, which no arm has"),
+        ({"actual_qd": (*REST[1:], -inf)}, r"actual_qd is "),
+        ({"actual_qd": REST[1:]}, r"actual_qd has 5 numbers instead of 6"),
+        ({"actual_TCP_pose": (0.0, 0.0, 0.0, 1e200, 1e200, 0.0)}, r"actual_TCP_pose is "),
+        ({"actual_TCP_force": REST, "target_TCP_pose": (0.0, nan, 0.0, 0.0, 0.0, 0.0)}, r"target_TCP_pose is "),
+        ({"actual_TCP_force": (1e308,) * 6, "target_TCP_pose": REST}, r"actual_TCP_force is "),
+        ({"tcp_offset": (*REST[1:], inf)}, r"tcp_offset is "),
+        ({"payload_cog": (0.0, nan, 0.0)}, r"payload_cog is "),
+        ({"speed_scaling": nan}, r"speed_scaling is nan, which no arm has"),
+        ({"target_speed_fraction": -1e18}, r"target_speed_fraction is -1e\+18"),
+        ({"tool_temperature": inf}, r"tool_temperature is inf"),
+        ({"timestamp": nan}, r"timestamp is nan, which is no time"),
+        ({"timestamp": 1e300}, r"timestamp is 1e\+300"),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)
+def test_a_state_that_no_arm_is_in_ends_motion_names_the_field_and_is_not_read(caplog, change, why):
+    arm = Arm()
+    arm.manager.activate(SCALED, "io_and_status_controller")
+    arm.cycle(2)
+    before, time_s = arm.hardware.states.get(), arm.manager.time_s
+    good = dict(arm.state)
+    for _ in range(3):
+        stamp = change.get("timestamp", 60.0)
+        assert not arm.manager.cycle(arm.state | {"timestamp": stamp} | change, stamp, PERIOD_S)
+    warned = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert len(warned) == 1
+    assert re.match(f"a state of the robot cannot be used: {why}", warned[0]), warned
+    assert [one.name for one in arm.manager.active()] == ["io_and_status_controller"]
+    assert [*map(repr, arm.hardware.states.get())] == [*map(repr, before)]
+    assert arm.manager.time_s == time_s
+    arm.state = good
+    arm.cycle()
+    arm.manager.activate(SCALED)
+
+
+def test_what_a_controller_of_ours_does_wrong_is_not_taken_for_a_state_that_is():
+    arm = Arm()
+    arm.hardware._scale = lambda state, period_s: 1 / 0
+    with pytest.raises(ZeroDivisionError):
+        arm.cycle()
+
+
+def test_a_controller_whose_commands_cannot_be_sent_is_ended_by_name(caplog):
+    arm = Arm()
+    arm.manager.activate("forward_velocity_controller")
+    arm.driver.speedj = lambda speeds, _: to_words(speeds)
+    arm.manager.controller("forward_velocity_controller").command([9e9, *REST[1:]])
+    arm.cycle(2)
+    assert not arm.manager.active()
+    assert arm.driver.calls[-1] == ("idle",)
+    assert "what is commanded cannot be sent: 9000000000.0 cannot be sent" in caplog.text
+    arm.cycle()
+    arm.manager.activate("forward_velocity_controller")
+    arm.cycle(10)
+    assert arm.manager.active(), "it is as before"

@@ -25,12 +25,12 @@ def told(data: bytes, chunk: int = 0, **choice) -> list[str]:
 
 
 def session(data: bytes, chunk: int = 0, **choice) -> tuple[list[str], int]:
-    """The lines about any input, and the number of troubles."""
+    """The lines about any input, and the number of problems."""
     one = Session(Choice(**choice))
     lines = []
     for start in range(0, len(data), chunk or max(1, len(data))):
         lines += one.feed(data[start : start + (chunk or len(data))])
-    return [*lines, *one.end()], one.troubles
+    return [*lines, *one.end()], one.problems
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ def messages(lines: list[str]) -> list[str]:
 @pytest.mark.parametrize("chunk", [0, 1, 100])
 def test_a_conversation(write, order, chunk):
     packets = [ethernet(ip_packet(sent, 30004)) for sent in rtde_conversation().segments]
-    lines, troubles = session(write(packets, order=order), chunk)
+    lines, problems = session(write(packets, order=order), chunk)
     assert lines[:2] == [
         BEGINS, "22:13:20.002000 10.0.0.2:45678 > 10.0.0.1:30004 rtde: request request_protocol_version: version=2",
     ]  # fmt: skip
@@ -66,7 +66,7 @@ def test_a_conversation(write, order, chunk):
         "22:13:20.003000 10.0.0.1:30004 > 10.0.0.2:45678 rtde: reply request_protocol_version: accepted=true"
     )
     assert messages(lines) == RTDE_TOLD
-    assert troubles == 0
+    assert problems == 0
 
 
 LINKS = {
@@ -100,24 +100,24 @@ def test_ipv6():
 def test_segments_in_any_order_and_repeated(shuffler: random.Random, repeated: bool):
     segments = rtde_conversation().segments * (2 if repeated else 1)
     shuffler.shuffle(segments)
-    lines, troubles = session(pcap([ip_packet(sent, 30004) for sent in segments], 101))
+    lines, problems = session(pcap([ip_packet(sent, 30004) for sent in segments], 101))
     told = messages(lines)
     assert sorted(told) == sorted(RTDE_TOLD)
     assert [line for line in told if "request" in line] == [line for line in RTDE_TOLD if "request" in line]
     assert [line for line in told if "reply" in line] == [line for line in RTDE_TOLD if "reply" in line]
     assert told[-3:] == RTDE_TOLD[-3:]
-    assert troubles == 0
+    assert problems == 0
 
 
 def test_what_is_missing_is_told_and_the_stream_goes_on():
     segments = rtde_conversation().segments
     gone = next(index for index, sent in enumerate(segments) if sent.data[2:3] == b"U")
     lost = segments.pop(gone)
-    lines, troubles = session(pcap([ip_packet(sent, 30004) for sent in segments], 101))
+    lines, problems = session(pcap([ip_packet(sent, 30004) for sent in segments], 101))
     told = messages(lines)
     assert f"{len(lost.data)} bytes are not in the capture" in told
     assert told[-2:] == RTDE_TOLD[-2:]
-    assert sum(line.startswith("! ") for line in lines) == troubles > 0
+    assert sum(line.startswith("! ") for line in lines) == problems > 0
 
 
 def test_a_capture_that_begins_within_a_connection():
@@ -129,9 +129,9 @@ def test_a_capture_that_begins_within_a_connection():
 def test_the_same_ports_again():
     first = Conversation().open().say(False, b"power on\n").close().segments
     second = Conversation(500, 90000).open().say(False, b"power off\n").close().segments
-    lines, troubles = session(pcap([ip_packet(sent, 29999) for sent in first + second], 101))
+    lines, problems = session(pcap([ip_packet(sent, 29999) for sent in first + second], 101))
     assert messages(lines) == ["power on", "power off"]
-    assert troubles == 0
+    assert problems == 0
 
 
 def test_several_connections_each_with_its_protocol():
@@ -151,7 +151,7 @@ def test_several_connections_each_with_its_protocol():
     }  # fmt: skip
     for number, (port, talk) in enumerate(talks.items()):
         packets += [ip_packet(sent, port, 40000 + number) for sent in talk.segments]
-    lines, troubles = session(pcap(packets, 101))
+    lines, problems = session(pcap(packets, 101))
     assert messages(lines) == [
         "SafetyMode: timestamp_us=0 source=RT_MACHINE code=0 argument=0 safety_mode=PROTECTIVE_STOP "
         "data_type=NONE data=1",
@@ -166,7 +166,7 @@ def test_several_connections_each_with_its_protocol():
         "ack",
     ]
     assert lines[-1] == "# 3 TCP packets of other ports were left out (443); see --port"
-    assert troubles == 0
+    assert problems == 0
 
 
 def test_other_ports_by_number_offset_and_look():
@@ -181,10 +181,10 @@ def test_files_that_end_or_break():
     whole = pcap([ip_packet(sent, 29999) for sent in Conversation().open().say(True, b"a\n").segments], 101)
     assert session(whole[:-3])[0][-1] == "! the capture file ends 55 bytes into a packet"
     broken = whole + struct.pack("<IIII", BEGIN_S, 0, 1 << 30, 1 << 30) + bytes(100)
-    lines, troubles = session(broken)
+    lines, problems = session(broken)
     assert lines[-1] == (f"! the capture file cannot be read on at offset {len(whole)}: a packet of 1073741824 bytes")
     assert messages(lines)[0] == "a"
-    assert troubles == 1
+    assert problems == 1
     assert session(b"no capture", form=InputForm.PCAP) == (["! this is not a pcap or pcapng file"], 1)
     assert session(pcap([b"x"], 105))[0][-1] == ("! 1 packets were left out: packets of link type 105 cannot be read")
 

@@ -60,13 +60,13 @@ def receive(connection: socket.socket, size: int) -> bytes:
 def test_what_the_robot_broadcasts(emulator, port, name, size, line):
     with connected(emulator, port) as robot:
         data = receive(robot, size)
-    lines, troubles = session(data, 1000, form=InputForm.RAW)
+    lines, problems = session(data, 1000, form=InputForm.RAW)
     assert lines[0] == f"# taken for {name} (sender: robot?) by the look of it; --as and --from tell better"
     assert lines[1].startswith(line)
     assert sum(text.startswith("state") for text in lines) > 1
     assert all("robot_mode=RUNNING" in text for text in lines if text.startswith("state"))
     assert [text for text in lines if text.startswith("!")][1:] == []  # the recording may end within a message
-    assert troubles <= 1
+    assert problems <= 1
     ports = (port,)
     assert session(data, form=InputForm.RAW, ports=ports)[0] == lines[1:]
     assert session(data[100:], form=InputForm.RAW, ports=ports)[0][-3:] == lines[-3:]  # found its step again
@@ -78,11 +78,11 @@ def test_a_dashboard_conversation(emulator):
         talk.say(True, robot.recv(1000)).say(False, b"robotmode\n")
         robot.sendall(b"robotmode\n")
         talk.say(True, robot.recv(1000))
-    lines, troubles = session(pcap([ethernet(ip_packet(sent, 29999)) for sent in talk.segments]))
+    lines, problems = session(pcap([ethernet(ip_packet(sent, 29999)) for sent in talk.segments]))
     assert [line.partition(" dashboard: ")[2] for line in lines[1:]] == [
         "Connected: Universal Robots Dashboard Server", "robotmode", "Robotmode: RUNNING",
     ]  # fmt: skip
-    assert troubles == 0
+    assert problems == 0
 
 
 def test_an_rtde_conversation(emulator):
@@ -101,13 +101,13 @@ def test_an_rtde_conversation(emulator):
         write = codec.InputData(1, b"\0\0\0\x2a").encode(2)
         robot.sendall(write)
         talk.say(False, write).say(True, receive(robot, 1000)[: 64 * 10])
-    lines, troubles = session(pcap([ethernet(ip_packet(sent, 30004)) for sent in talk.segments]))
+    lines, problems = session(pcap([ethernet(ip_packet(sent, 30004)) for sent in talk.segments]))
     texts = [line.partition(" rtde: ")[2] for line in lines[1:]]
     assert "input 1: input_int_register_24=42" in texts
     states = [text for text in texts if text.startswith("data 1: timestamp=")]
     assert len(states) >= 10
     assert all(" safety_mode=NORMAL actual_q=[" in text for text in states)
-    assert troubles == 0
+    assert problems == 0
 
 
 # the commands

@@ -87,9 +87,9 @@ def test_the_form_is_found_out():
 
 
 def test_broken_hexadecimal_text_is_told_with_its_line():
-    lines, troubles = session(b"00 01\nnothing\n", form=InputForm.HEX, codec=CODECS["modbus"])
+    lines, problems = session(b"00 01\nnothing\n", form=InputForm.HEX, codec=CODECS["modbus"])
     assert lines[0] == "! line 2 is not hexadecimal text: the rest is left out"
-    assert troubles == 2  # the two bytes before are no whole message
+    assert problems == 2  # the two bytes before are no whole message
 
 
 def test_rtde_values_have_the_names_of_the_request_only_if_it_was_seen():
@@ -117,14 +117,14 @@ def test_rtde_data_without_a_setup_stays_raw():
 
 @pytest.mark.parametrize("chunk", [0, 1, 5])
 def test_garbage_is_told_with_its_place_and_skipped(chunk):
-    lines, troubles = session(
+    lines, problems = session(
         RTDE_REPLIES + b"\xff\xee\xdd\xcc" + RTDE_DATA + RTDE_DATA, chunk, codec=CODECS["rtde"], form=InputForm.RAW
     )
     assert lines[4:] == [
         f"! offset {len(RTDE_REPLIES)}: 4 bytes are no RTDE message: no package has type 221",
         *["data 3: DOUBLE=41.5 INT32=7"] * 2,
     ]
-    assert troubles == 1
+    assert problems == 1
 
 
 def test_a_stream_that_begins_within_a_message():
@@ -142,10 +142,10 @@ def test_a_stream_that_ends_within_a_message():
 
 
 def test_bytes_of_no_protocol():
-    lines, troubles = session(b"\xff" * 64)
+    lines, problems = session(b"\xff" * 64)
     assert lines[0].startswith("# taken for bytes ")
     assert lines[1] == f"! offset 0: 64 bytes of no known protocol: {'ff' * 64}"
-    assert troubles == 1
+    assert problems == 1
 
 
 @pytest.mark.parametrize(
@@ -169,7 +169,7 @@ def test_what_a_terminal_would_obey_is_escaped():
 def test_interpreter_mode():
     answers = b"ack: 1: stopj(2)\ndiscard: Syntax error: stopj(\nwhat\n"
     assert told(answers, codec=CODECS["interpreter"]) == [
-        "ack: 1: stopj(2)", "discarded, Syntax error: stopj(", '! no answer of interpreter mode: "what"',
+        "ack: 1: stopj(2)", "discarded, Syntax error: stopj(", '! not an answer of interpreter mode: "what"',
     ]  # fmt: skip
     assert told(b"stopj(2)\nabort\n", codec=CODECS["interpreter"], side=Side.CLIENT) == [
         "statements: stopj(2)", "command abort",

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from client.controllers.configuration import CONTROLLER_TYPES
+from client.pendant.screens import SCREENS
 from urproto.robots import MODELS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -19,6 +21,12 @@ def test_generated_pages_match_the_code(page) -> None:
 def test_readme_names_every_arm() -> None:
     readme = (ROOT / "README.md").read_text()
     assert all(name in readme for name in MODELS)
+
+
+def test_pages_name_every_type_of_controller_and_every_screen() -> None:
+    controllers, pendant = ((ROOT / "docs" / page).read_text() for page in ("controllers.md", "pendant.md"))
+    assert [name for name in CONTROLLER_TYPES if f"`{name}`" not in controllers] == []
+    assert [screen.title for screen in SCREENS if screen.title not in pendant] == []
 
 
 def test_links_between_pages_lead_somewhere() -> None:

@@ -3,10 +3,10 @@
 import pytest
 from driver_rig import CALM_S, HOME, PATIENCE_S
 
-from client.driver import points
+from client.driver import URDriver, points
 from client.errors import ProgramEndedError, ProgramNotRunningError
 from urproto.errors import LocalProtocolError, RobotRefused
-from urproto.external_control import TrajectoryResult
+from urproto.external_control import TrajectoryResult, from_words
 
 SUCCESS, CANCELED, FAILURE = TrajectoryResult
 E_SERIES = pytest.mark.parametrize("robot", ["ur5e", "ur5e 5.9.4"], indirect=True)
@@ -169,3 +169,42 @@ async def test_other_commands_need_the_program(connect):
     async with connect(start=False) as pair:
         with pytest.raises(ProgramNotRunningError):
             pair.driver.set_tcp(HOME)
+
+
+class Sent:
+    """A driver that is not connected, and the commands that it would send."""
+
+    def __init__(self, monkeypatch):
+        self.driver = URDriver("127.0.0.1")
+        self.commands, self.asked = [], []
+        monkeypatch.setattr(self.driver.commands, "send", self.commands.append)
+        monkeypatch.setattr(self.driver.robot, "require", self.asked.append)
+
+
+@pytest.fixture
+def sent(monkeypatch):
+    return Sent(monkeypatch)
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.009, 1.001, -1.0, float("nan")])
+async def test_the_speed_slider_has_two_ends(sent, fraction):
+    with pytest.raises(LocalProtocolError, match=r"from 0\.01 to 1"):
+        await sent.driver.set_speed_slider(fraction)
+
+
+@pytest.mark.parametrize("mass", [-0.001, float("nan")])
+async def test_a_mass_that_is_none_is_refused_also_where_a_script_would_carry_it(sent, mass):
+    for command in (sent.driver.set_payload, sent.driver.set_target_payload):
+        with pytest.raises(LocalProtocolError, match="a mass is"):
+            await command(mass, (0.0, 0.0, 0.0))
+
+
+def test_numbers_of_commands_go_where_they_belong(sent):
+    viscous, coulomb = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6), (0.7, 0.8, 0.9, 1.0, 0.0, 0.05)
+    sent.driver.set_friction_scales(viscous, coulomb)
+    assert from_words(sent.commands[-1].words) == (*viscous, *coulomb)
+    assert sent.asked == ["set_friction_scales"]
+    sent.driver.set_stream_parameters(lookahead_s=0.05, gain=500.0, acceleration=7.0, deceleration_rad_s2=3.0)
+    assert from_words(sent.commands[-1].words) == (0.05, 500.0, 7.0, 3.0)
+    sent.driver.set_force_mode_parameters(0.3, 1.5)
+    assert from_words(sent.commands[-1].words) == (0.3, 1.5)

@@ -228,7 +228,7 @@ class Soak:
             "hooks": [repr(vars(server.hooks)) for server in servers.values()],
             "subscribers": len(controller._subscribers),
             "on_tick": len(controller.on_tick),
-            "falsifiers": len(controller.falsifiers),
+            "snapshot_hooks": len(controller.snapshot_hooks),
             "reservations": dict(rtde.host.reservations._owners),
             "fields": (len(rtde.host.outputs), len(rtde.host.inputs), rtde.host.protocols),
             "script hooks": (

@@ -143,7 +143,7 @@ async def test_there_is_room_for_a_hundred(ur3: Robot) -> None:
 
 def robots_hooks(robot: Robot) -> Iterator[object]:
     controller = robot.emulator.controller
-    yield from (controller.on_tick, controller.falsifiers, controller.programs.step_hook)
+    yield from (controller.on_tick, controller.snapshot_hooks, controller.programs.step_hook)
     yield from (controller.programs.start_held, controller.programs.frames_held)
     for server in (*robot.emulator.servers.values(), robot.emulator._scripts):
         yield from (vars(server.hooks), server.listening)

@@ -138,3 +138,11 @@ def test_health_is_asked_in_the_same_way_everywhere() -> None:
     probes = [CONTAINER[name]["exec"]["command"] for name in ("startupProbe", "readinessProbe")]
     assert probes[0] == probes[1]
     assert [word.strip("[],") for word in health[health.index("CMD") + 1 :]] == probes[0]
+
+
+def test_the_base_image_is_pinned_where_dependabot_finds_it() -> None:
+    """It renews images that a FROM names; what an ARG says it passes over."""
+    stages = {words[2] for words in said("FROM") if "AS" in words}
+    bases = [words[0] for words in said("FROM") if words[0] not in stages]
+    assert len(bases) == 1
+    assert re.fullmatch(r"[a-z]+:\d+\.\d+\.\d+-[a-z-]+@sha256:[0-9a-f]{64}", bases[0]), bases

@@ -1,5 +1,5 @@
 import sys
 from pathlib import Path
 
-# fuzz_targets, server_rig, tree_rig; importlib mode does not add the folders
+# fuzz, targets, server_rig, tree_rig; importlib mode does not add the folders
 sys.path[:0] = [str(Path(__file__).parents[1] / folder) for folder in ("fuzzing", "servers", "programs")]

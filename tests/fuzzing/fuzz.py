@@ -1,4 +1,4 @@
-"""Looks for inputs that `fuzz_targets` fail on, guided by coverage (Atheris): ``make fuzz TIME=600``.
+"""Looks for inputs that `targets` fail on, guided by coverage (Atheris): ``make fuzz TIME=600``.
 
 ``fuzz.py [--time SECONDS] [--keep] [TARGET ...]``: each target for that long, one after the other, at the lowest
 priority. A failure is told once for each place in the code, and its input is written to ``--findings``. ``--keep`` adds
@@ -80,7 +80,7 @@ def _place(error: BaseException) -> object:
 
 def _targets() -> dict[str, object]:
     sys.path[:0] = [str(HERE.parent / folder) for folder in ("fuzzing", "servers", "programs")]
-    from fuzz_targets import TARGETS
+    from targets import TARGETS
 
     return TARGETS  # type: ignore[return-value]
 

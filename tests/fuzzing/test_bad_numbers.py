@@ -1,25 +1,34 @@
 """No file brings a number along that nobody can compute with: it is refused by name, or what it makes is finite."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import pytest
 import yaml
 
 from client.calibration import read_calibration as read_calibration_of_client
+from client.controllers.broadcasters import ForceTorqueSensorBroadcaster
+from client.controllers.configuration import read_controllers
+from client.controllers.controller import LifecycleState
+from client.controllers.goals import JointTrajectory, JointTrajectoryPoint
+from client.controllers.manager import ControllerManager
+from client.controllers.ur_hardware import URHardware
 from client.errors import ClientError
 from emulator.config import ConfigError, read_calibration, read_initial_positions, read_safety, read_surroundings
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from emulator.polyscope.document import DocumentError
 from emulator.polyscope.installation_file import read_installation
+from urproto.external_control import from_words, to_words
 from urproto.joints import JOINT_NAMES
+from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.robots import load_model
+from urproto.versions import PolyscopeVersion
 
 GOLDEN: Final = Path(__file__).parents[1] / "golden"
 BAD: Final[tuple[Any, ...]] = (
@@ -59,6 +68,26 @@ LISTS: Final = {
     "dh_a": [0.0, -0.425, -0.3922, 0.0, 0.0, 0.0],
     "dh_d": [0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996],
     "dh_alpha": [1.570796327, 0.0, 0.0, 1.570796327, -1.570796327, 0.0],
+}
+CONTROLLERS: Final = {
+    "controller_manager": {
+        "ros__parameters": {
+            "arm": {"type": "ur_controllers/ScaledJointTrajectoryController"},
+            "sensor": {"type": "force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster"},
+        }
+    },
+    "arm": {
+        "ros__parameters": {
+            "joints": list(JOINT_NAMES),
+            "command_interfaces": ["velocity"],
+            "state_interfaces": ["position", "velocity"],
+            "cmd_timeout": 0.1,
+            "constraints": {"goal_time": 0.5, "elbow_joint": {"goal": 0.1, "max_deceleration_on_cancel": 4.0}},
+            "gains": {"elbow_joint": {"p": 2.0, "i": 0.1, "d": 0.1, "ff_velocity_scale": 1.0, "u_clamp_min": -1.0}},
+            "speed_scaling": {"initial_scaling_factor": 0.5},
+        }
+    },
+    "sensor": {"ros__parameters": {"sensor_name": "tcp_fts_sensor", "offset": {"force": {"x": 0.5}}}},
 }
 
 
@@ -128,6 +157,60 @@ def _calibration(path: Path) -> list[str]:
     return published(model=read_calibration(path, load_model("ur5e")))
 
 
+class _Driver:
+    """Stands for URDriver: what it sends passes as setpoints do."""
+
+    program_running = True
+    lost_why = ""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[float, ...]] = []
+
+    def speedj(self, qd_rad_s: Sequence[float], timeout_s: float) -> None:
+        self.sent.append(from_words(to_words(qd_rad_s)))
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        return lambda *_: None
+
+
+ROBOT: Final = {
+    "actual_q": (0.5,) * 6,
+    "actual_qd": (0.01,) * 6,
+    "actual_TCP_pose": (0.5, 0.0, 0.5, 0.0, 0.0, 0.0),
+    "target_TCP_pose": (0.5, 0.0, 0.5, 0.0, 0.0, 0.0),
+    "tcp_offset": (0.0,) * 6,
+    "actual_TCP_force": (1.0,) * 6,
+    "speed_scaling": 0.5,
+    "target_speed_fraction": 1.0,
+    "safety_mode": SafetyMode.NORMAL,
+    "robot_mode": RobotMode.RUNNING,
+    "runtime_state": RuntimeState.PLAYING,
+}
+
+
+def _controllers(path: Path) -> list[str]:
+    """What controllers with these parameters tell on the way to a goal; none fails, but one may be stopped by name."""
+    driver = _Driver()
+    hardware = URHardware(cast(Any, driver), PolyscopeVersion(5, 12), cast(Any, None))
+    manager = ControllerManager(hardware, read_controllers(path), 500.0)
+    told: list[Any] = []
+    for cycle in range(8):
+        time_s = 10.0 + 0.002 * cycle
+        manager.cycle(ROBOT | {"timestamp": time_s}, time_s, 0.002)
+        told += [one.topic.latest for one in manager.active() if isinstance(one, ForceTorqueSensorBroadcaster)]
+        if cycle == 2:
+            manager.activate(*manager.file.types)
+        if cycle == 3 and "arm" in manager.file.types:
+            point = JointTrajectoryPoint((0.6,) * 6, (0.0,) * 6, time_from_start_s=0.004)
+            manager.controller("arm").send_goal(JointTrajectory(JOINT_NAMES, (point,)))
+        if hardware.failure is not None:
+            assert "cannot be sent" in hardware.failure
+            return []
+    inactive = [one.name for one in manager.list_controllers() if one.state is not LifecycleState.ACTIVE]
+    assert not inactive, "it failed"
+    return not_finite([told, driver.sent], "told")
+
+
 def outcome(use: Callable[[Path], list[str]], path: Path) -> tuple[list[str], str]:
     """What is not finite; why the file is refused, if it is."""
     try:
@@ -142,6 +225,7 @@ READERS: Final[dict[str, tuple[Any, Callable[[Path], list[str]]]]] = {
     "safety": (SAFETY, _safety),
     "calibration, frames": (CALIBRATION, _calibration),
     "calibration, lists": (LISTS, _calibration),
+    "controllers": (CONTROLLERS, _controllers),
 }
 
 
@@ -161,7 +245,8 @@ def test_a_bad_number_is_refused_by_name_or_does_no_harm(name: str, tmp_path: Pa
             assert found == [], (place, str(value)[:40])
             if problem:
                 refused += 1
-                assert str(path) in problem, (place, str(value)[:40])
+                by_name = str(path) in problem or problem.startswith(("arm: ", "sensor: ", "hardware: "))
+                assert by_name, (place, str(value)[:40], problem)
                 assert len(problem) < 500, (place, str(value)[:40])
     assert refused > 40
 

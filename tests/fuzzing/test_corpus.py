@@ -2,7 +2,7 @@
 
 import pytest
 from fuzz import kept
-from fuzz_targets import TARGETS
+from targets import TARGETS
 
 
 @pytest.mark.parametrize("name", TARGETS)

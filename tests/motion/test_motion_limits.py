@@ -6,7 +6,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from emulator.motion import MotionFault
+from emulator.motion.position_limits import PositionLimits
 from tests.budget import examples
+from urproto.robots import load_model
 
 ZERO = (0.0,) * 6
 START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # where the rig stands
@@ -120,3 +123,19 @@ def test_servo_to_the_very_limit(rig):
     rig.rest()
     assert rig.fault is None
     assert rig.motion.q[5] == limit
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_joint_has_to_be_able_to_stop_before_either_of_its_limits(way):
+    model, period_s, speed = load_model("ur5e"), 0.002, 2.0
+    limits = PositionLimits(model, period_s)
+    needed = speed * speed / (2.0 * model.qdd_max[0])
+    edge = limits.high[0] if way > 0.0 else limits.low[0]
+
+    def look(room):
+        at = edge - way * room
+        limits.check((at, *START[1:]), (at - way * speed * period_s, *START[1:]))
+
+    look(needed + 0.001)
+    with pytest.raises(MotionFault):
+        look(needed - 0.01)

@@ -3,15 +3,17 @@
     python tests/mutants/mutants.py                 all of mutants.toml
     python tests/mutants/mutants.py urscript motion those whose package or tests have one of the words in them
 
-Each is planted in a copy of the repository, never in the repository. It ends with status 1 when a bug that is to be
-found is not, when the place of one is gone (mend its `before`), or when tests fail without any bug.
+Each is planted in a copy of the repository, never in the repository. Before that each file of tests runs once without
+a bug: a test that fails anyway finds nothing. It ends with status 1 when tests fail without a bug, when the place of a
+mutant is gone (mend its `before`; an ordinary test says so, too), when one is found or missed other than listed, or
+when too few of all of them are found.
 
 A mutant in mutants.toml:
 
-    package   the folder that `before` is looked for in; it stands there once
+    package   the folder, or file, that `before` is looked for in; it stands there once
     before    a piece of code, whatever its line breaks and indentation
     after     what stands there instead
-    tests     what should find it
+    tests     the files of tests, or single ones as pytest names them, that should find it
     missed    only of one that nothing finds: why that may be so
 """
 
@@ -23,15 +25,24 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+from collections.abc import Callable, Iterable
+from compileall import compile_dir
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from py_compile import PycInvalidationMode
 from queue import SimpleQueue
+from typing import TypeVar
 
 ROOT = Path(__file__).resolve().parents[2]
 LIST = Path(__file__).with_name("mutants.toml")
+LEAST = 100
+"""How many bugs are to be planted."""
 WANTED = 0.9
+"""The share of them that is to be found."""
 PATIENCE_S = 300.0
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -47,25 +58,29 @@ class Mutant:
 
 
 class GoneError(Exception):
-    """The place of a mutant is not there, or not unique."""
+    """The place of a mutant, or its tests, are not there, or not unique."""
 
 
-def plant(mutant: Mutant, tree: Path) -> tuple[Path, str]:
-    """Change the copy; the file that was changed, and what it was."""
-    pattern = re.compile(r"\s+".join(map(re.escape, mutant.before.split())))
+def read_list(path: Path) -> list[Mutant]:
+    rows = tomllib.loads(path.read_text())["mutant"]
+    return [Mutant(**{**row, "tests": tuple(row["tests"])}) for row in rows]
+
+
+def changed(mutant: Mutant, tree: Path) -> tuple[Path, str]:
+    """The file that a mutant changes, and its text with the bug. Raises GoneError."""
+    words = mutant.before.split()
+    pattern = re.compile(r"\s+".join(map(re.escape, words)))
     folder = tree / mutant.package
     files = [folder] if folder.is_file() else sorted(folder.rglob("*.py"))
-    found = [(file, len(pattern.findall(file.read_text()))) for file in files]
-    places = [(file, count) for file, count in found if count]
-    if sum(count for _, count in places) != 1:
-        raise GoneError(f"stands {sum(count for _, count in places)} times in {mutant.package}")
-    file, _ = places[0]
-    text = file.read_text()
-    file.write_text(pattern.sub(lambda _: mutant.after, text))
-    return file, text
+    likely = [(file, text) for file in files if all(word in (text := file.read_text()) for word in words)]
+    places = [(file, text) for file, text in likely for _ in pattern.finditer(text)]
+    if len(places) != 1:
+        raise GoneError(f"{' '.join(mutant.before.split())!r} stands {len(places)} times in {mutant.package}")
+    ((file, text),) = places
+    return file, pattern.sub(lambda _: mutant.after, text)
 
 
-def passes(tree: Path, tests: tuple[str, ...]) -> bool:
+def passes(tree: Path, tests: Iterable[str]) -> bool:
     """Whether these tests of a copy pass. A hang is a failure."""
     options = ("-x", "-q", "-p", "no:cacheprovider", "-p", "no:randomly", "--timeout", "60")
     try:
@@ -90,6 +105,7 @@ def _environment() -> dict[str, str]:
 
 
 def copy_to(tree: Path) -> Path:
+    """The repository as it is, and compiled: with hashes, since a bug is planted and gone within a second."""
     names = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
         cwd=ROOT,
@@ -101,7 +117,53 @@ def copy_to(tree: Path) -> Path:
         if (ROOT / name).is_file():
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, tree / name)
+    compile_dir(tree, quiet=1, invalidation_mode=PycInvalidationMode.CHECKED_HASH)
     return tree
+
+
+class Bench:
+    """Copies of the repository, each used by one job at a time."""
+
+    def __init__(self, folder: Path, jobs: int) -> None:
+        self._trees: SimpleQueue[Path] = SimpleQueue()
+        first = copy_to(folder / "0")
+        self._trees.put(first)
+        for number in range(1, jobs):
+            self._trees.put(shutil.copytree(first, folder / str(number)))
+
+    def in_a_tree(self, work: Callable[[Path], _T]) -> _T:
+        tree = self._trees.get()
+        try:
+            return work(tree)
+        finally:
+            self._trees.put(tree)
+
+    def trouble(self, test: str) -> str:
+        """What is wrong with a file of tests without any bug; empty when it passes."""
+        try:
+            passed = self.in_a_tree(lambda tree: passes(tree, [test]))
+        except GoneError as error:
+            return str(error)
+        return "" if passed else f"{test} fails without a bug, so that it finds none: mend it first"
+
+    def verdict(self, mutant: Mutant) -> str:
+        """found, MISSED or GONE."""
+
+        def judge(tree: Path) -> str:
+            file, text = changed(mutant, tree)
+            original = file.read_text()
+            file.write_text(text)
+            try:
+                return "MISSED" if passes(tree, mutant.tests) else "found"
+            finally:
+                file.write_text(original)
+
+        try:
+            said = self.in_a_tree(judge)
+        except GoneError as error:
+            said = f"GONE ({error})"
+        print(f"{said:7}{mutant}", flush=True)
+        return said
 
 
 def main() -> int:
@@ -111,51 +173,35 @@ def main() -> int:
     parser.add_argument("--list", type=Path, default=LIST, help="another list of mutants")
     parser.add_argument("--trust", action="store_true", help="do not run the tests without a bug first")
     given = parser.parse_args()
-    mutants = [
-        Mutant(**{**row, "tests": tuple(row["tests"])}) for row in tomllib.loads(given.list.read_text())["mutant"]
-    ]
+    mutants = read_list(given.list)
     if given.words:
         mutants = [m for m in mutants if any(word in " ".join((m.package, *m.tests)) for word in given.words)]
+    subjects = [] if given.trust else sorted({test for mutant in mutants for test in mutant.tests})
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder, ThreadPoolExecutor(given.jobs) as pool:
-        trees: SimpleQueue[Path] = SimpleQueue()
-        for number in range(given.jobs):
-            trees.put(copy_to(Path(folder) / str(number)))
+        bench = Bench(Path(folder), given.jobs)
+        troubles = {test: said for test, said in zip(subjects, pool.map(bench.trouble, subjects), strict=True) if said}
+        print(*troubles.values(), sep="\n", end="\n" if troubles else "")
+        if subjects:
+            print(f"{len(subjects) - len(troubles)} of {len(subjects)} files of tests pass without a bug", flush=True)
+        provable = [mutant for mutant in mutants if not set(mutant.tests) & set(troubles)]
+        verdicts = dict(zip(provable, pool.map(bench.verdict, provable), strict=True))
+    return _report(mutants, verdicts, whole=not given.words)
 
-        def sound(tests: tuple[str, ...]) -> str:
-            tree = trees.get()
-            try:
-                return "" if passes(tree, tests) else f"fails without a bug: {' '.join(tests)}"
-            except GoneError as error:
-                return str(error)
-            finally:
-                trees.put(tree)
 
-        def judge(mutant: Mutant) -> str:
-            tree = trees.get()
-            try:
-                file, text = plant(mutant, tree)
-                try:
-                    verdict = "MISSED" if passes(tree, mutant.tests) else "found"
-                finally:
-                    file.write_text(text)
-            except GoneError as error:
-                verdict = f"GONE ({error})"
-            finally:
-                trees.put(tree)
-            print(f"{verdict:7}{mutant}", flush=True)
-            return verdict
-
-        broken = [said for said in pool.map(sound, () if given.trust else sorted({m.tests for m in mutants})) if said]
-        print(*broken, sep="\n", end="\n" if broken else "", flush=True)
-        verdicts = list(pool.map(judge, mutants))
-    found = verdicts.count("found")
-    surprises = [
-        mutant
-        for mutant, verdict in zip(mutants, verdicts, strict=True)
-        if verdict != ("MISSED" if mutant.missed else "found")
-    ]
-    print(f"{found} of {len(mutants)} found", *(f"not as listed: {mutant}" for mutant in surprises), sep="\n")
-    return bool(broken or surprises or (not given.words and found < WANTED * len(mutants)))
+def _report(mutants: list[Mutant], verdicts: dict[Mutant, str], *, whole: bool) -> int:
+    """Tell how it went, against the bars; the exit status."""
+    found = sum(verdict == "found" for verdict in verdicts.values())
+    print(f"{found} of {len(mutants)} bugs are found, {found / max(len(mutants), 1):.0%}")
+    surprises = [m for m, verdict in verdicts.items() if verdict != ("MISSED" if m.missed else "found")]
+    problems = [f"not as listed: {mutant}" for mutant in surprises]
+    if len(verdicts) < len(mutants):
+        problems.append(f"{len(mutants) - len(verdicts)} were not planted, since their tests fail without them")
+    if whole and len(mutants) < LEAST:
+        problems.append(f"{len(mutants)} are too few: plant {LEAST}")
+    if whole and found < WANTED * len(mutants):
+        problems.append(f"too few are found: {WANTED:.0%} are wanted")
+    print(*(problems or ["all as listed"]), sep="\n")
+    return bool(problems)
 
 
 if __name__ == "__main__":

@@ -33,8 +33,8 @@ def test_errors_and_warnings_are_told_apart_and_drawings_are_left_out() -> None:
 
 
 async def test_the_draft_is_checked_whenever_it_is_another(monkeypatch: pytest.MonkeyPatch) -> None:
-    draft, troubles = Draft(), list[str]()
-    checking = asyncio.create_task(keep_checking(draft, lambda: VERSION, troubles.append))
+    draft, problems = Draft(), list[str]()
+    checking = asyncio.create_task(keep_checking(draft, lambda: VERSION, problems.append))
     try:
         draft.write("def go():\n  nowhere()\nend\n")
         async with asyncio.timeout(20):
@@ -46,4 +46,4 @@ async def test_the_draft_is_checked_whenever_it_is_another(monkeypatch: pytest.M
                 await asyncio.sleep(0.05)
     finally:
         checking.cancel()
-    assert not troubles
+    assert not problems

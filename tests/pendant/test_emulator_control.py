@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from client.pendant.dialogues import Dialogues
-from client.pendant.emulator_control import Behind
+from client.pendant.emulator_control import EmulatorControl
 
 
 @asynccontextmanager
@@ -31,36 +31,36 @@ async def server(status: int, answers: dict[str, object]) -> AsyncIterator[int]:
         yield listening.sockets[0].getsockname()[1]
 
 
-async def found(status: int, answers: dict[str, object], **also: object) -> Behind:
+async def found(status: int, answers: dict[str, object], **also: object) -> EmulatorControl:
     """After it has looked."""
     news = asyncio.Event()
     async with server(status, answers) as port, asyncio.timeout(20.0):
-        behind = Behind("127.0.0.1", port, "", news.set)
-        following = asyncio.create_task(behind.follow(Dialogues()))
-        while not (behind.locked or behind.time):
+        emulator = EmulatorControl("127.0.0.1", port, "", news.set)
+        following = asyncio.create_task(emulator.follow(Dialogues()))
+        while not (emulator.locked or emulator.time):
             await asyncio.sleep(0)
         following.cancel()
         await asyncio.gather(following, return_exceptions=True)
-        behind.still = await behind.stands_still()  # type: ignore[attr-defined]
-        await behind.close()
-    return behind
+        emulator.still = await emulator.stands_still()  # type: ignore[attr-defined]
+        await emulator.close()
+    return emulator
 
 
 TIME = {"time_s": 1.0, "period_s": 0.008, "speed": 1.0, "paused": False}
 
 
 async def test_one_that_wants_a_token_is_told_from_none() -> None:
-    behind = await found(401, {})
-    assert (behind.available, behind.locked) == (False, True)
+    emulator = await found(401, {})
+    assert (emulator.available, emulator.locked) == (False, True)
 
 
 async def test_what_stays_the_same_is_asked_for_once() -> None:
-    behind = await found(200, {"popups": [], "time": TIME, "ports": {"rtde": 30004}, "fault_kinds": []})
-    assert (behind.available, behind.locked) == (True, False)
-    assert behind.catalogue == {"ports": {"rtde": 30004}, "fault_kinds": []}
-    assert (behind.pace, behind.still) == ("", False)
+    emulator = await found(200, {"popups": [], "time": TIME, "ports": {"rtde": 30004}, "fault_kinds": []})
+    assert (emulator.available, emulator.locked) == (True, False)
+    assert emulator.catalogue == {"ports": {"rtde": 30004}, "fault_kinds": []}
+    assert (emulator.pace, emulator.still) == ("", False)
 
 
 async def test_paused_time_is_known() -> None:
-    behind = await found(200, {"popups": [], "time": {**TIME, "paused": True}})
-    assert (behind.pace, behind.still) == ("time paused", True)
+    emulator = await found(200, {"popups": [], "time": {**TIME, "paused": True}})
+    assert (emulator.pace, emulator.still) == ("time paused", True)

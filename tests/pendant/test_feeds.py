@@ -122,13 +122,13 @@ async def test_a_lost_robot_is_told_and_tried_again(monkeypatch) -> None:
     await until(lambda: opened)
     opened[0].said.put_nowait(state(1.0))
     await until(lambda: feed.values)
-    assert not feed.trouble
+    assert not feed.problem
     opened[0].said.put_nowait(ConnectionLostError("robot", 30004))
     await until(lambda: len(opened) == 2)
-    assert "30004" in feed.trouble
+    assert "30004" in feed.problem
     assert not feed.values
     opened[1].said.put_nowait(state(2.0))
     await until(lambda: feed.end == 2)
-    assert not feed.trouble
+    assert not feed.problem
     await feeds.close()
     assert not opened[1].open

@@ -1,12 +1,17 @@
 """Jogging: ramps, joint limits and singularities, on an arm that does what it was told a little later."""
 
+import asyncio
 import math
 from collections import deque
 from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from client.pendant.jogging import Bounds, Ramp
+from client.pendant.mover import STALE_S
+from client.pendant.screens.move_jog import JogPanels
 from urproto.robots import MODELS, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import pose_add, rotvec_to_matrix
 
@@ -153,3 +158,48 @@ def test_an_arm_of_unknown_geometry_can_be_jogged_all_the_same() -> None:
     for _ in range(50):
         speeds = ramp.next(only(0, 0.1), BENT, (0.0,) * 6, PERIOD_S)
     assert speeds == only(0, 0.1)
+
+
+class Hand:
+    """A mover of which freedrive is wanted."""
+
+    def __init__(self) -> None:
+        self.freedrive = False
+        self.changed = asyncio.Event()
+
+    async def start_freedrive(self) -> None:
+        self.freedrive = True
+        self.changed.clear()
+        await self.changed.wait()
+
+    def end_freedrive(self) -> None:
+        self.freedrive = False
+        self.changed.set()
+
+
+async def test_freedrive_ends_when_its_button_is_silent_and_begins_again_when_it_is_heard_of() -> None:
+    hand, complaints = Hand(), list[str]()
+
+    async def attempt(action: Any) -> None:
+        await action()
+
+    station = SimpleNamespace(mover=hand, situation=SimpleNamespace(require=lambda action: None))
+    live = SimpleNamespace(on_held=[], screen="move")
+    page: Any = SimpleNamespace(station=station, live=live, agreed=True, attempt=attempt, complain=complaints.append)
+    JogPanels(page, SimpleNamespace())  # type: ignore[arg-type]
+    (say,) = live.on_held
+
+    async def until(free: bool, *, said: bool) -> None:
+        async with asyncio.timeout(20.0):
+            while hand.freedrive != free:
+                if said:
+                    say({"freedrive": True})
+                await asyncio.sleep(STALE_S / 20)
+
+    await until(True, said=True)
+    await until(False, said=False)
+    await until(True, said=True)
+    say(None)
+    assert not hand.freedrive
+    await asyncio.sleep(0)
+    assert not complaints

@@ -57,8 +57,8 @@ async def test_says_why_there_is_no_answer() -> None:
         raise ClientError("nobody there")
 
     asked = Poller(answer, 0.0, lambda: None)
-    await until(lambda: asked.value is None and asked.trouble)
-    assert asked.trouble == "nobody there"
+    await until(lambda: asked.value is None and asked.problem)
+    assert asked.problem == "nobody there"
     await asked.close()
 
 
@@ -118,7 +118,7 @@ async def test_registers_are_read_over_one_connection_while_they_are_looked_at()
     assert connections == [1]
     await until(lambda: sum(connections) == 0)  # nobody looks any more
     server.close()
-    await until(lambda: registers.words == () and registers.trouble)
+    await until(lambda: registers.words == () and registers.problem)
     await registers.close()
 
 

@@ -62,13 +62,24 @@ def test_without_a_file_they_last_as_long_as_the_pendant() -> None:
 
 
 @pytest.mark.parametrize(
-    "content", [b"\xff", b"{", b"[]", b'{"ur5e": 1}', b'{"ur5e": {"box": [1, 2]}}', b'{"ur5e": {"a": [0,0,0,0,0,NaN]}}']
+    "content",
+    [
+        b"\xff",
+        b"{",
+        b"[]",
+        b'{"ur5e": 1}',
+        b'{"ur5e": {"box": [1, 2]}}',
+        b'{"ur5e": {"a": [0,0,0,0,0,NaN]}}',
+        b'{"ur5e": {"a": [0,0,0,0,0,1' + 400 * b"0" + b"]}}",
+        100_000 * b"[",
+    ],
+    ids=lambda content: content[:35].decode("latin-1"),
 )
 def test_a_file_that_has_no_poses_is_told_and_not_overwritten(path: Path, content: bytes) -> None:
     path.parent.mkdir()
     path.write_bytes(content)
     poses = Poses(path)
-    with pytest.raises(FileError, match="no poses"):
+    with pytest.raises(FileError, match="not poses"):
         poses.of("ur5e")
     with pytest.raises(FileError):
         poses.save("ur5e", "box", BOX)

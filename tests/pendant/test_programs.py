@@ -124,7 +124,7 @@ def told(variables: Variables, *values: Value, start: int = 0) -> None:
         diagnosis = ScriptError(2, 3, "function 'sinc' is not known; did you mean 'sync'?")
         draft.sending(draft.prepared(), 0.0)
         draft.hear(compile_error(2, "compile_error_name_not_found:sinc:"))
-        assert [problem.told for problem in draft.problems] == ["start"]
+        assert [problem.found_by for problem in draft.problems] == ["start"]
         draft.checked(draft.revision, (diagnosis,))
         assert draft.problems == (diagnosis,)
         draft.write("def go():\n  sync()\n  a = [1][2]\nend\n")
@@ -139,7 +139,7 @@ def told(variables: Variables, *values: Value, start: int = 0) -> None:
         draft.sending(draft.prepared(), 0.0)
         draft.hear(happened(PROGRAM_STARTED, "go"))
         draft.hear(runtime_error(2))
-        assert [(problem.line, problem.told) for problem in draft.problems] == [(2, "run"), (1, "check")]
+        assert [(problem.line, problem.found_by) for problem in draft.problems] == [(2, "run"), (1, "check")]
 
 
 class TestVariables:

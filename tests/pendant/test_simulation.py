@@ -14,8 +14,8 @@ from emulator.world.file import read_thing
 
 def station(push=None, objects=None, pose=(0.1, 0.2, 0.3, 0.0, 0.0, pi / 2)):
     world = SimpleNamespace(value={"push": push, "objects": objects or {}})
-    behind = SimpleNamespace(available=True, watch=lambda verb: world)
-    return SimpleNamespace(values={"actual_TCP_pose": pose}, behind=behind)
+    emulator = SimpleNamespace(available=True, watch=lambda verb: world)
+    return SimpleNamespace(values={"actual_TCP_pose": pose}, emulator=emulator)
 
 
 @pytest.mark.parametrize(("frame", "force"), [("base", [10.0, 0.0, 0.0]), ("tool", [0.0, 10.0, 0.0])])
@@ -50,6 +50,6 @@ def test_a_plane_has_no_size() -> None:
 
 def test_a_saved_state_is_read_and_nonsense_refused() -> None:
     assert read_document(json.dumps({"format": 1}).encode()) == {"format": 1}
-    for nonsense in (b"\xff\xfe", b"[1]", b"{"):
+    for nonsense in (b"\xff\xfe", b"[1]", b"{", b"[" * 5000):
         with pytest.raises(ValueError, match="not a saved state"):
             read_document(nonsense)

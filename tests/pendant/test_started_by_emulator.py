@@ -80,7 +80,7 @@ def test_a_pendant_that_was_killed_is_started_anew_and_said_so() -> None:
         read_until(process, "Teach pendant of")
         with closing(RemoteControl(host, CONTROL_API_PORT)) as control:
             first = control.pendant()
-            assert (first["state"], first["starts"], first["port"], first["trouble"]) == ("running", 1, 6080, "")
+            assert (first["state"], first["starts"], first["port"], first["problem"]) == ("running", 1, 6080, "")
             with BlockingRTDEClient(host, ("timestamp",)) as robot:
                 os.kill(first["pid"], signal.SIGKILL)
                 said = read_until(process, "(started anew: start 2)")
@@ -90,7 +90,7 @@ def test_a_pendant_that_was_killed_is_started_anew_and_said_so() -> None:
         assert answers(f"http://{host}:6080")
         assert (again["state"], again["starts"]) == ("running", 2)
         assert again["pid"] != first["pid"]
-        assert again["trouble"].startswith("it was killed (SIGKILL)")
+        assert again["problem"].startswith("it was killed (SIGKILL)")
 
 
 async def test_a_pendant_that_dies_at_each_start_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -353,3 +353,11 @@ def test_a_long_program_is_loaded_over_many_periods(arm):
     assert arm.controller.step_count - before > 50
     assert arm.ask("play") == "Starting program"
     arm.until(lambda: len(arm.texts) == 2000)
+
+
+@pytest.mark.parametrize(("name", "parity"), [("NONE", 0), ("ODD", 1), ("EVEN", 2)])
+def test_the_tools_serial_line_is_as_for_set_tool_communication(name, parity):
+    settings = {"enabled": "true", "baudRate": "BAUD_9600", "parity": name, "stopBits": "TWO"}
+    line_settings = tag("ToolCommSettings", **settings, rxIdleChars="2.0", txIdleChars="4.0")
+    file = read_installation(installation(line_settings).encode(), "tool")
+    assert file.tool_serial == (True, 9600, parity, 2, 2.0, 4.0)

@@ -39,7 +39,7 @@ def model_of(item: pytest.Item) -> str:
     return str(callspec.params.get("rig", DEFAULT_MODEL)) if callspec else DEFAULT_MODEL
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def emulators(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulators]:
     positions = tmp_path_factory.mktemp("positions") / "start.yaml"
     positions.write_text("".join(f"{name}: {q}\n" for name, q in zip(JOINTS, START_Q, strict=True)))

@@ -2,6 +2,7 @@
 
 import csv
 import sys
+import zipfile
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,6 +19,7 @@ from rosbags.highlevel import AnyReader
 from client.errors import MissingExtraError, RecordingError
 from client.recording import DEFAULT_FIELDS, Recorder, convert, read
 from client.recording.definitions import message_type
+from client.recording.topics import Topics
 from tests.budget import examples
 from urproto.joints import JOINT_NAMES
 from urproto.robots.pose import rotvec_to_matrix
@@ -110,6 +112,30 @@ def test_inputs_and_outputs_are_told_when_they_change(states, tmp_path: Path) ->
         state["actual_digital_output_bits"] = 0b100
     io = decoded(record(tmp_path / "run.mcap", changes))["/io_and_status_controller/io_states"]
     assert [[signal.pin for signal in message.digital_out_states if signal.state] for message in io] == [[], [2]]
+
+
+def test_analog_signals_are_told_with_the_domain_of_each() -> None:
+    values = {
+        "timestamp": 1.0,
+        "actual_digital_input_bits": 0,
+        "actual_digital_output_bits": 0,
+        "analog_io_types": 0b0110,  # AI0, AI1, AO0, AO1; 1 is voltage
+        "standard_analog_input0": 0.004,
+        "standard_analog_input1": 5.0,
+        "standard_analog_output0": 7.5,
+        "standard_analog_output1": 0.02,
+        "tool_analog_input_types": 0b01,
+        "tool_analog_input0": 2.5,
+        "tool_analog_input1": 0.01,
+    }
+    told = {topic.name: topic.type.decode(data) for topic, data in Topics(values).encoded(values, 0)}
+    message = told["/io_and_status_controller/io_states"]
+    found = {
+        kind: [(one["pin"], one["domain"], pytest.approx(one["state"])) for one in message[f"analog_{kind}_states"]]
+        for kind in ("in", "out")
+    }
+    assert found["in"] == [(0, 0, 0.004), (1, 1, 5.0), (2, 1, 2.5), (3, 0, 0.01)]
+    assert found["out"] == [(0, 1, 7.5), (1, 0, 0.02)]
 
 
 def test_rosbags_opens_it_as_a_bag(states, tmp_path: Path) -> None:
@@ -232,6 +258,43 @@ def test_what_cannot_be_written_or_read_is_told(states, tmp_path: Path) -> None:
         convert(tmp_path / "one.csv", tmp_path / "one.csv")
     with pytest.raises(RecordingError, match=r"payload was not recorded.*--fields default,payload"):
         read(tmp_path / "one.csv")["payload"]
+
+
+@pytest.mark.parametrize(
+    ("head", "why"),
+    [
+        (b'{"names": [], "info": {}}', "names no variable"),
+        (b'{"names": ["actual_q", "actual_q"], "info": {}}', "one twice"),
+        (b"[" * 5000, "nested too deeply"),
+        (b"[]", "damaged"),
+    ],
+    ids=["none", "twice", "brackets", "list"],
+)
+def test_an_unfinished_recording_whose_beginning_is_damaged(tmp_path: Path, head: bytes, why: str) -> None:
+    path = tmp_path / "run.npz"
+    path.write_bytes(b"ur-client recording, not finished\n" + head + b"\n" + bytes(96))
+    with pytest.raises(RecordingError, match=f"beginning is damaged: .*{why}" if why != "damaged" else why):
+        read(path)
+
+
+def test_an_array_that_does_not_begin_as_one(tmp_path: Path) -> None:
+    """numpy gives its bytes then, and says nothing."""
+    path = tmp_path / "run.npz"
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("actual_q.npy", b"not an array")
+    with pytest.raises(RecordingError, match=r"actual_q of .* has the shape"):
+        read(path)
+
+
+def test_a_bag_whose_rtde_has_no_variable_of_rtde(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = RosWriter(file)
+        schema = writer.register_msgdef("other/msg/State", "float64 voltage\n")
+        writer.write_message("/rtde", schema, {"voltage": 1.0}, log_time=1, publish_time=1)
+        writer.finish()
+    with pytest.raises(RecordingError, match="has no messages on /rtde"):
+        read(path)
 
 
 @pytest.mark.parametrize("suffix", FORMATS)

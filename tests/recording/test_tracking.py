@@ -14,6 +14,7 @@ from rosbags.highlevel import AnyReader
 from client.errors import RecordingError
 from client.recording import Recorder, Tracking, deviations, read
 from client.recording.definitions import message_type
+from client.recording.tracking import TrackingBuilder
 from urproto.joints import JOINT_NAMES
 
 NAME = "scaled_joint_trajectory_controller"
@@ -64,6 +65,19 @@ def test_where_nothing_is_known_there_is_no_path() -> None:
 def test_short_ones_have_a_path_too(count: int) -> None:
     few = tracking(circle(TIME_S[:count]), circle(TIME_S[:count]) + 0.1, TIME_S[:count])
     assert few.path_deviation() == pytest.approx([0.1 * math.sqrt(6.0)] * count, rel=0.05)
+
+
+def test_joints_are_told_apart_by_name_in_every_message() -> None:
+    builder = TrackingBuilder("controller")
+    for time_s, order in enumerate(([0, 1, 2, 3, 4, 5], [5, 0, 4, 1, 3, 2])):
+        numbers = [float(joint) for joint in order]
+        point = {"positions": numbers, "velocities": numbers}
+        names = [JOINT_NAMES[joint] for joint in order]
+        builder.add(float(time_s), {"joint_names": names, "reference": point, "feedback": point})
+    found = builder.built(0.0)
+    assert found.joints == JOINT_NAMES
+    for columns in (found.desired_q, found.actual_q, found.actual_qd):
+        assert columns.tolist() == [[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]] * 2
 
 
 @pytest.fixture

@@ -124,6 +124,8 @@ def test_models_are_shared_and_never_change() -> None:
         ("wrist3_unlimited = true", "wrist3_unlimited = 1", r"\[limits\]: wrist3_unlimited must be true or false"),
         ("a_m = [0.0, ", "a_m = [", r"ur3.toml \[dh\]: a_m must be 6 numbers"),
         ("com_m = [0.13, ", 'com_m = ["?", ', r"\[\[links\]\] no. 2: com_m must be 3 numbers"),
+        ("[shape]", "[form]", r"ur3.toml: shape must be a table"),
+        ("base_light = false", "", r"\[shape\]: base_light must be true or false"),
         ("[electrics]", "[electric]", r"ur3.toml: electrics must be a table"),
         ("[[links]]  # wrist_3", "[[toes]]", r"ur3.toml: 5 \[\[links\]\], an arm has six"),
     ],

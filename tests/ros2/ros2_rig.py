@@ -99,12 +99,14 @@ class Lab:
 
 
 @asynccontextmanager
-async def laboratory(robot: Emulator, options: dict[str, Any], **of_driver: Any) -> AsyncIterator[Lab]:
+async def laboratory(
+    robot: Emulator, options: dict[str, Any], host: str = HOST, **of_driver: Any
+) -> AsyncIterator[Lab]:
     """A driver for a robot that has been entered, and a peer in its domain. options: of the robot's driver."""
     with free_domain() as domain:
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         async with (
             peer(domain) as other,
-            Ros2Driver(DriverOptions(HOST, options, domain=domain, **of_driver)) as driver,
+            Ros2Driver(DriverOptions(host, options, domain=domain, **of_driver)) as driver,
         ):
             yield Lab(robot, driver, other)

@@ -1,9 +1,12 @@
 """The ROS 2 driver before a plain rclpy program in another process: one robot for all of them, at its usual speed."""
 
+import asyncio
 import json
 import math
+import os
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +15,11 @@ import pytest_asyncio
 from driver_rig import HOME, driver_options, emulator
 from ros2_rig import SCALED, Lab, laboratory
 
+from emulator.app import Emulator
+from emulator.config import EmulatorConfig
+from emulator.machine import ControllerConfig
 from urproto.joints import JOINT_NAMES
+from urproto.robots import load_model
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("ros2")]
 
@@ -376,3 +383,25 @@ async def test_the_hardware_component(lab: Lab) -> None:
     assert not any(one["is_available"] for one in component["state_interfaces"])
     assert not (await go_to(77))["ok"]
     assert (await go_to(3))["ok"]
+
+
+async def test_a_robot_that_goes_and_comes_back_finds_the_driver_where_it_was() -> None:
+    controller = ControllerConfig(model=load_model("ur3"), initial_q=HOME, running=True)
+    address = f"127.17.{os.getpid() % 250 + 1}.{os.getpid() // 250 % 250 + 1}"  # its usual ports, but not everybody's
+    config = EmulatorConfig(controller=controller, host=address)
+    free = dict.fromkeys(("reverse_port", "sender_port", "trajectory_port", "command_port"), 0)
+    async with AsyncExitStack() as first:
+        robot = await first.enter_async_context(Emulator(config))
+        async with laboratory(robot, {**free, "silence_s": 1.0}, host=address) as lab:
+            await until(lab, lambda now: now[SCALED] == "active")
+            await first.aclose()
+            await until(lab, lambda now: now[SCALED] == "inactive")
+            async with Emulator(config):
+                await until(lab, lambda now: now[SCALED] == "active")
+                assert (await follow(lab, SCALED, shifted(0.1), 1.0))["status"] == SUCCEEDED
+
+
+async def until(lab: Lab, met: Callable[[dict[str, str]], bool]) -> None:
+    async with asyncio.timeout(60.0):
+        while not met(await states(lab)):
+            pass

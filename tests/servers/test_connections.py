@@ -1,6 +1,7 @@
 """What all ports share: slow readers, queues of requests, hooks."""
 
 import asyncio
+import logging
 import socket
 import struct
 from typing import Any
@@ -40,6 +41,24 @@ def test_state_is_skipped_for_a_client_that_does_not_read(server: PortServer) ->
     slow.connection.send_state(b"newest")
     assert slow.take() == b"must arrive too newest"
     assert quick.take() == b"state0 state1 state2 "
+
+
+def test_debug_lines_tell_who_came_lagged_and_left(server: PortServer, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.DEBUG, logger="emulator")
+    slow = MemoryClient(server)
+    slow.transport.stalled = True
+    for number in range(3):
+        slow.connection.send_state(b"state%d" % number)
+    slow.transport.unstall()
+    for _ in range(2):
+        slow.connection.send_state(b"newest")
+    slow.transport.close()
+    assert [record.getMessage() for record in caplog.records] == [
+        "41.000 s: test: memory:0 connected",
+        "41.000 s: test: memory:0 lags: states are skipped until it reads the 6 bytes that wait for it",
+        "41.000 s: test: memory:0 has caught up: 2 states were skipped",
+        "41.000 s: test: memory:0 disconnected",
+    ]
 
 
 def test_a_client_is_dropped_when_what_must_be_delivered_piles_up(

@@ -195,7 +195,7 @@ def test_own_ports() -> None:
 async def test_signals_of_a_program_reach_its_own_modbus_server() -> None:
     async with Emulator(config(host="127.94.63.37"), StepClock()) as emulator:
         controller = emulator.controller
-        controller.port_memory.general[2] = 4711
+        controller.modbus_registers.general[2] = 4711
         controller.programs.submit(
             'def ask():\n  modbus_add_signal("127.0.0.1", 255, 130, 2, "own")\n'
             '  while modbus_get_signal_status("own") != 4711:\n    sync()\n  end\nend\n'

@@ -136,5 +136,5 @@ def test_requests_are_carried_out_in_the_tick() -> None:
     assert answers == []
     controller.tick()
     assert answers == [bytes.fromhex("06 0080 0007")]
-    assert controller.port_memory.general[0] == 7
+    assert controller.modbus_registers.general[0] == 7
     assert ModbusCall(b"\3").failure == b"\x83\4"

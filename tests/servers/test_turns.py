@@ -14,9 +14,13 @@ MOST = round(PACKAGES_PER_SECOND * PERIOD_S)
 class Listener:
     seen: list[bytes] = field(default_factory=list)
     takes_state: bool = True
+    skipped: int = 0
 
     def send_state(self, data: bytes) -> None:
         self.seen.append(data)
+
+    def skip_state(self) -> None:
+        self.skipped += 1
 
 
 def publish(turns: Turns, listeners: list[Listener], step: int) -> int:

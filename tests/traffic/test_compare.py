@@ -9,10 +9,11 @@ from typer.testing import CliRunner
 
 from client.cli import app
 from client.errors import FileError
+from client.traffic.alignment import Offset, find_offset
 from client.traffic.compare import compare, compare_sources, read_source
 from client.traffic.recording import Recording
 from client.traffic.report import report
-from client.traffic.tracks import tracks_of
+from client.traffic.tracks import Track, tracks_of
 from urproto.errors import LocalProtocolError
 
 
@@ -97,3 +98,14 @@ def test_the_command_tells_by_its_status(folder, usual):
     assert (same.exit_code, same.stdout.splitlines()[0]) == (0, "## No differences")
     different = CliRunner().invoke(app, ["compare", str(usual.path), str(other.path)])
     assert (different.exit_code, different.stdout.splitlines()[0]) == (1, "## The recordings differ")
+
+
+def test_where_nothing_moves_the_first_states_are_of_one_moment():
+    tracks = []
+    for began_s in (3.0, 10.0):
+        track = Track("rtde", "rtde")
+        for step in range(50):
+            track.add(began_s + 0.008 * step, {"target_q[0]": 0.5})
+        tracks.append(track)
+    assert find_offset(*tracks) == Offset(7.0, ())
+    assert find_offset(*reversed(tracks)) == Offset(-7.0, ())

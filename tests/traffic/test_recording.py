@@ -45,7 +45,7 @@ def test_every_byte_comes_back_in_its_order_and_time(pieces, end):
         write(Path(folder, "file"), pieces, end=end)
         recording = Recording.read(Path(folder, "file"))
     assert recording.comments == ["robot: UR3"]
-    assert recording.troubles == []
+    assert recording.problems == []
     for number, port in enumerate(PORTS):
         expected = [
             (BEGIN_NS + (index + 1) * 1_000_000, not from_client, data)
@@ -119,13 +119,13 @@ def test_what_was_flushed_survives_without_a_close(tmp_path):
     recorder.flush()
     recording = Recording.read(tmp_path / "file")
     assert recording.conversations[0].sent(from_server=False) == b"power on\n"
-    assert recording.troubles == []
+    assert recording.problems == []
     recorder.close()
 
 
 def test_a_full_disk_is_told_once_and_leaves_whole_packets(tmp_path, monkeypatch):
     told: list[str] = []
-    recorder = Recorder(tmp_path / "file", trouble=told.append)
+    recorder = Recorder(tmp_path / "file", problem=told.append)
     one = recorder.connection(*ends(29999))
     one.data(True, b"power on\n")
     recorder.flush()
@@ -138,7 +138,7 @@ def test_a_full_disk_is_told_once_and_leaves_whole_packets(tmp_path, monkeypatch
     assert told[0].endswith("No space left on device")
     recording = Recording.read(tmp_path / "file")
     assert recording.conversations[0].sent(from_server=False) == b"power on\n"
-    assert recording.troubles == []
+    assert recording.problems == []
 
 
 def half_then_full(write):

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -19,6 +20,8 @@ from client.traffic.dialogues import Requests, answer_modbus
 from client.traffic.players import Broadcast, InOrder, Script, Timing
 from client.traffic.recording import Conversation, Piece, Recorder, Recording
 from client.traffic.replay import ReplayRobot
+from client.traffic.rtde_log import Outputs
+from client.traffic.rtde_player import RTDELibrary
 from client.traffic.tracks import tracks_of
 from urproto.errors import LocalProtocolError, RobotRefused
 
@@ -221,3 +224,10 @@ async def test_ur_rtde_sees_what_was_recorded(tmp_path: Path):
     for time_s, q in seen:
         index = track.times_s.index(time_s)
         assert q == [track.columns[f"actual_q[{joint}]"][index] for joint in range(6)]
+
+
+def test_recipes_are_played_in_turns_and_then_from_the_first_again():
+    both = [Outputs(("timestamp",), ("DOUBLE",), None, ["a row"]) for _ in range(2)]
+    library = RTDELibrary([SimpleNamespace(version=None, exchanges=[], outputs=both)])
+    played = [library.outputs(("timestamp",)) for _ in range(5)]
+    assert [one is both[1] for one in played] == [False, True, False, True, False]

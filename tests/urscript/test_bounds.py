@@ -95,11 +95,12 @@ def test_names_of_the_interpreter_are_not_names_of_the_script(expression: str) -
     assert error_of(f"{expression}()\n").wire == f"compile_error_name_not_found:{expression}:"
 
 
-def test_a_program_has_a_largest_number_of_defs() -> None:
-    defs = "".join(f"def f{n}():\nend\n" for n in range(5001))
+@pytest.mark.parametrize("body", ["", "return 1\n"], ids=["empty", "not empty"])
+def test_a_program_has_a_largest_number_of_defs(body: str) -> None:
+    defs = "".join(f"def f{n}():\n{body}end\n" for n in range(5001))
     error = error_of(f"def program():\n{defs}end\n")
     assert "more than 5000 defs" in error.message
-    assert error.line == 2 + 2 * 5000
+    assert error.line == 2 + (3 if body else 2) * 5000
 
 
 @pytest.mark.parametrize("sign", ["+", "*", " and "])

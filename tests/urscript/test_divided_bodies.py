@@ -1,5 +1,7 @@
 """A long body is compiled in pieces; it does what it would do in one."""
 
+from random import Random
+
 import pytest
 
 from urscript import analysis, compile_statements
@@ -135,3 +137,32 @@ def test_an_error_is_at_the_same_place(run, monkeypatch, text, line):
     _, pieces = outcome(run, text + "# another text\n")
     assert pieces == whole
     assert pieces[0] == line
+
+
+def ways_out(chance: Random, count: int) -> str:
+    """A loop with so many ways out of a pass, of the loop and of the function, one taken after the other."""
+    ways = "".join(
+        f"      x = x + {chance.randint(1, 3)}\n"
+        + (f"      if x == {chance.randint(1, 9 * count)}:\n        {chance.choice(ENDINGS)}\n      end\n")
+        for _ in range(count)
+    )
+    return (
+        "def program():\n  def f(x):\n    passes = 0\n    while passes < 5:\n      passes = passes + 1\n"
+        f"{ways}    end\n    return [x, passes, 0]\n  end\n  result = []\n"
+        + "".join(f"  a{begin} = f({begin})\n" for begin in range(12))
+        + "end\n"
+    )
+
+
+ENDINGS = ("break", "continue", "return [x, passes, 1]")
+
+
+@pytest.mark.parametrize("size", [12, 30])
+@pytest.mark.parametrize("seed", range(6))
+def test_the_ways_out_of_a_long_loop_are_the_same(run, monkeypatch, seed, size):
+    """So long that calls of pieces are pieces of their own, and calls of these."""
+    text = ways_out(Random(seed), 150)
+    values, error = outcome(run, text)
+    assert error is None
+    divide(monkeypatch, size)
+    assert outcome(run, text + f"# {size}\n") == (values, None)

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from urproto.text import from_bytes, to_bytes
+from urscript.errors import RuntimeFault
 from urscript.values import Matrix, Pose, to_text
 
 CALLS = [
@@ -166,3 +167,12 @@ def test_halves_of_a_character_become_one(result):
     assert result('"\udcc3" + "\udca9" == "é"') is True
     assert result('str_cat("\udcc3", "\udca9") == "é"') is True
     assert result('str_len("é" + "\udce9")') == 3
+
+
+@pytest.mark.parametrize(("letter", "size"), [("x", 1), ("\u00fc", 2), ("\udcfc", 1)])
+def test_a_text_has_up_to_1023_bytes_of_whatever_letters(letter, size):
+    count, rest = divmod(1023 - len('[""]'), size)
+    longest = letter * count + "x" * rest
+    assert len(to_bytes(to_text([longest]))) == 1023
+    with pytest.raises(RuntimeFault, match="maximum length"):
+        to_text([longest + "x"])

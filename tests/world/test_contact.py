@@ -6,8 +6,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from emulator.world.shapes import Box, Plane, Sphere, WorldObject, force_of
+from emulator.world.shapes import Box, Plane, Sphere, WorldObject, contacts, force_of
 from tests.budget import examples
+from urproto.vectors import ZERO6
 
 MASS_KG = 20.0  # of the compliant tool
 
@@ -101,6 +102,29 @@ def test_a_contact_never_pulls_and_friction_stays_in_its_cone(depth, stiffness, 
     assert grip >= 0.0
     if depth <= 0.0:
         assert (x, y, z) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("speed", "push"), [(-0.1, 40.0), (0.0, 20.0), (0.05, 10.0), (0.1, 0.0), (0.2, 0.0)])
+def test_a_damper_resists_what_comes_in_and_lets_go_of_what_leaves(speed, push):
+    """20 N of the spring; the damper's 200 N s/m add to them on the way in, and never pull on the way out."""
+    force, _ = force_of(0.002, (0.0, 0.0, 1.0), (1e4, 200.0, 0.0), (0.0, 0.0, speed))
+    assert force == pytest.approx((0.0, 0.0, push))
+
+
+@pytest.mark.parametrize("ball_is_the_tool", [True, False])
+def test_the_force_acts_where_the_ball_is_deepest(ball_is_the_tool):
+    """So friction turns a ball that slides: its lever is the radius, towards the plane or the box."""
+    ball = WorldObject(Sphere(0.05), (0.0, 0.0, 0.549, 0.0, 0.0, 0.0))
+    block = WorldObject(Box((0.4, 0.4, 1.0)))
+    if ball_is_the_tool:
+        tcp, tool, thing = ball.pose, ball.at(ZERO6), block
+    else:
+        tcp, tool, thing = block.pose, block, ball
+    touching = [one for one in contacts(tool, [thing], tcp, ZERO6) if one.depth > 0.0]
+    assert [one.depth for one in touching] == pytest.approx([0.001])
+    where = [t + lever for t, lever in zip(tcp, touching[0].lever, strict=False)]
+    assert where == pytest.approx([0.0, 0.0, 0.499])
+    assert touching[0].normal == pytest.approx((0.0, 0.0, 1.0 if ball_is_the_tool else -1.0))
 
 
 def test_sliding_is_held_back_by_coulomb_friction(rig):

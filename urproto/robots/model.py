@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from math import inf
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Final, NamedTuple, Self
 
 from urproto.vectors import Vector3, Vector6
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -57,6 +57,15 @@ class Link:
     """Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass."""
 
 
+class HousingRadii(NamedTuple):
+    """Of the joints' housings, and of the foot that the arm stands on [m]."""
+
+    shoulder: float
+    elbow: float
+    wrist: float
+    foot: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotModel:
     """What tells one arm from another. Joint vectors hold six numbers, base to wrist 3."""
@@ -83,6 +92,10 @@ class RobotModel:
     eq_radius: float  # m, weighs tool rotation against translation
     torque_constants: Joints  # Nm/A
     links: tuple[Link, ...]  # shoulder, upper arm, forearm, wrist 1, wrist 2, wrist 3
+    tube_offsets: tuple[float, float]  # m, of upper arm and forearm: out along their joints' axes
+    wrist_mesh_offsets: Vector3 | None  # m, along the z axes of their links; None: not published
+    housing_radii: HousingRadii
+    base_light: bool  # a light ring in the base
     calibration: DH | None = None  # what was measured of one arm; None for a nominal one
 
     @property
@@ -97,6 +110,7 @@ class RobotModel:
         """Build from a data file's text. Raises ValueError naming the entry that is missing or wrong."""
         table = _Table(tomllib.loads(text), f"{name}.toml")
         limits, motion, links = table.sub("limits"), table.sub("motion"), table.tables("links")
+        shape = table.sub("shape")
         if len(links) != 6:
             raise ValueError(f"{name}.toml: {len(links)} [[links]], an arm has six")
         return cls(
@@ -122,6 +136,10 @@ class RobotModel:
             eq_radius=motion.number("eq_radius_m"),
             torque_constants=table.sub("electrics").joints("torque_constants_Nm_A"),
             links=tuple(_link(link) for link in links),
+            tube_offsets=shape.pair("tube_offsets_m"),
+            wrist_mesh_offsets=shape.vector("wrist_mesh_offsets_m") if "wrist_mesh_offsets_m" in shape else None,
+            housing_radii=HousingRadii(*shape.numbers("housing_radii_m", 4)),
+            base_light=shape.flag("base_light"),
         )
 
 
@@ -157,18 +175,25 @@ class _Table:
     def number(self, key: str) -> float:
         return float(self._get(key, (int, float), "a number"))
 
-    def _numbers(self, key: str, count: int) -> list[float]:
+    def __contains__(self, key: str) -> bool:
+        return key in self._values
+
+    def numbers(self, key: str, count: int) -> list[float]:
         values = self._get(key, list, f"{count} numbers")
         if len(values) != count or not all(type(value) in (int, float) for value in values):
             raise ValueError(f"{self._where}: {key} must be {count} numbers, it is {values!r}")
         return [float(value) for value in values]
 
     def joints(self, key: str) -> Joints:
-        a, b, c, d, e, f = self._numbers(key, 6)
+        a, b, c, d, e, f = self.numbers(key, 6)
         return (a, b, c, d, e, f)
 
+    def pair(self, key: str) -> tuple[float, float]:
+        first, second = self.numbers(key, 2)
+        return (first, second)
+
     def vector(self, key: str) -> Vector3:
-        x, y, z = self._numbers(key, 3)
+        x, y, z = self.numbers(key, 3)
         return (x, y, z)
 
 

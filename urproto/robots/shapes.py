@@ -7,52 +7,14 @@ tube between its joints is a fifth thinner.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, sin
-from typing import Final, NamedTuple
+from typing import Final
 
-from urproto.robots.meshes import tube_offsets
 from urproto.robots.model import RobotModel
 from urproto.vectors import ZERO3, Vector3, add3
-
-# Radii [m] of the housings of shoulder, elbow and wrists, and of the foot: measured on ur_description's collision
-# meshes (2.4.5)
-_UR5E: Final = (0.060, 0.058, 0.0395, 0.0755)
-_UR10E: Final = (0.0765, 0.058, 0.047, 0.095)
-_UR20: Final = (0.090, 0.0755, 0.0503, 0.1225)
-_RADII: Final = {
-    "ur3": (0.0455, 0.0375, 0.032, 0.064),
-    "ur3e": (0.047, 0.0375, 0.032, 0.064),
-    "ur5": (0.0595, 0.058, 0.0385, 0.0735),
-    "ur5e": _UR5E,
-    "ur7e": _UR5E,
-    "ur10": (0.0755, 0.060, 0.0455, 0.075),
-    "ur10e": _UR10E,
-    "ur12e": _UR10E,
-    "ur16e": _UR10E,
-    "ur20": _UR20,
-    "ur30": _UR20,
-}
 
 _SHORTEST_M: Final = 0.01
 
 Segment = tuple[Vector3, Vector3]
-
-
-class HousingRadii(NamedTuple):
-    """Of the joints' housings, and of the foot that the arm stands on [m]."""
-
-    shoulder: float
-    elbow: float
-    wrist: float
-    foot: float
-
-
-def housing_radii(model: RobotModel) -> HousingRadii:
-    """Measured; a guess for models whose meshes nobody has published."""
-    if model.name in _RADII:
-        return HousingRadii(*_RADII[model.name])
-    upper, fore = tube_offsets(model)
-    half = (upper - fore) / 2  # of the way from the upper arm's plane to the forearm's
-    return HousingRadii(0.9 * half, 0.76 * half, 0.56 * half, 1.18 * half)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +28,9 @@ class Capsule:
 
 def capsules(model: RobotModel) -> tuple[Capsule, ...]:
     """Of base, shoulder, upper arm, forearm, wrist 1, 2 and 3, in the frames of ur_description's links."""
-    shoulder, elbow, wrist, _ = housing_radii(model)
+    shoulder, elbow, wrist, _ = model.housing_radii
     d1, _, _, d4, d5, d6 = model.dh.d
-    upper, fore = tube_offsets(model)
+    upper, fore = model.tube_offsets
     return (
         Capsule(ZERO3, (0.0, 0.0, d1 / 2), shoulder),
         Capsule((0.0, 0.0, -d1 / 2), ZERO3, shoulder),
@@ -89,8 +51,8 @@ class ArmCapsules:
     def __init__(self, model: RobotModel) -> None:
         self._d1, _, _, self._d4, self._d5, self._d6 = model.dh.d
         _, self._a2, self._a3, _, _, _ = model.dh.a
-        self._upper, self._fore = tube_offsets(model)
-        shoulder, elbow, wrist, _ = housing_radii(model)
+        self._upper, self._fore = model.tube_offsets
+        shoulder, elbow, wrist, _ = model.housing_radii
         self.radii = (shoulder, shoulder, elbow, wrist, wrist, wrist)
 
     def axes(self, q_rad: Sequence[float]) -> tuple[Segment, Segment, Segment, Segment, Segment, Segment]:

@@ -174,7 +174,7 @@ class SetupOutputs:
         if protocol == 1:
             return _wire(PackageType.SETUP_OUTPUTS, names)
         if self.frequency_hz is None:
-            raise LocalProtocolError("protocol 2 wants a frequency in an output recipe")
+            raise LocalProtocolError("protocol 2 requires a frequency in an output recipe")
         return _wire(PackageType.SETUP_OUTPUTS, pack("d", self.frequency_hz) + names)
 
     @classmethod

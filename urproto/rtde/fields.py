@@ -14,10 +14,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
 from urproto.rtde.types import FieldType
 from urproto.versions import Availability, PolyscopeVersion
+
+LONGEST_S: Final = 1e9
+"""No robot has been on for so long: a ``timestamp`` beyond is no time; guess."""
 
 _WORD = 0xFFFFFFFF
 _FAMILY = re.compile(r"(?P<stem>\w+)_\{(?P<first>\d+)\.\.(?P<last>\d+)\}")

@@ -143,7 +143,7 @@ class _Graph:
         feed = self.plots.feed
         if feed is None:
             return ""
-        return feed.trouble or f"{self.plots.count} states at {feed.rate_hz:g} Hz"
+        return feed.problem or f"{self.plots.count} states at {feed.rate_hz:g} Hz"
 
     async def _save_csv(self) -> None:
         async def save() -> None:

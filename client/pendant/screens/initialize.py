@@ -100,7 +100,7 @@ async def _lead_out(station: Station) -> None:
         case Action.RESTART_SAFETY:
             await station.ask(dashboard.RESTART_SAFETY)
         case Action.RESET_SAFEGUARD:
-            await station.behind.change("reset_safeguard")
+            await station.emulator.change("reset_safeguard")
 
 
 # buttons and gates
@@ -113,7 +113,7 @@ def _emergency_button(page: Page) -> None:
         ui.label("stop").classes("estop-text")
     button.on("click", page.doing(lambda: _press(page.station)))
     page.live.bind(button, "state", lambda station: "pressed" if _pressed(station) else "released")
-    page.show_if(button, lambda station: station.behind.available)
+    page.show_if(button, lambda station: station.emulator.available)
 
 
 def _pressed(station: Station) -> bool:
@@ -122,7 +122,7 @@ def _pressed(station: Station) -> bool:
 
 async def _press(station: Station) -> None:
     verb = "release_emergency_stop" if _pressed(station) else "press_emergency_stop"
-    await station.behind.change(verb, button="robot")
+    await station.emulator.change(verb, button="robot")
 
 
 def _safety_fact(page: Page, name: str, read: Callable[[Station], str], mark: str) -> None:
@@ -176,7 +176,7 @@ def _control(page: Page) -> None:
         button.props(
             "flat round dense size=sm data-testid=remote-control aria-label='Remote or local control'"
         ).tooltip("Remote or local control")
-    page.show_if(button, lambda s: s.behind.available)
+    page.show_if(button, lambda s: s.emulator.available)
 
 
 def _controlled(station: Station) -> str:
@@ -185,7 +185,7 @@ def _controlled(station: Station) -> str:
 
 
 async def _swap(station: Station) -> None:
-    await station.behind.change("set_remote_control", on=not station.remote_control.value)
+    await station.emulator.change("set_remote_control", on=not station.remote_control.value)
     station.remote_control.refresh()
 
 
@@ -242,8 +242,8 @@ async def set_payload(station: Station, mass_kg: float, cog_m: list[float]) -> N
     """Beside whatever program runs; an emulator in local control has a verb for it. Raises ValueError, ClientError."""
     if mass_kg < 0.0:
         raise ValueError(f"The payload cannot be {mass_kg:g} kg: a mass is 0 or more.")
-    if station.behind.available and station.remote_control.value is False:
-        await station.behind.change("set_payload", mass_kg=mass_kg, cog_m=cog_m)
+    if station.emulator.available and station.remote_control.value is False:
+        await station.emulator.change("set_payload", mass_kg=mass_kg, cog_m=cog_m)
     else:
         await station.say(f"set_payload({mass_kg!r}, {cog_m!r})")
 

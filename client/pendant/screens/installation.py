@@ -134,24 +134,24 @@ def build_driver(page: Page, views: Views) -> None:
 
 
 def _can_be_set(station: Station) -> bool:
-    return station.behind.available and "set_external_control" in station.behind.verbs
+    return station.emulator.available and "set_external_control" in station.emulator.verbs
 
 
 def _form(page: Page, views: Views) -> None:
-    behind = page.station.behind
+    emulator = page.station.emulator
     with ui.row().classes("items-center no-wrap"):
         host = ui.input("Host IP").props("dense outlined data-testid=driver-host")
         port = ui.number("Custom port", precision=0).props("dense outlined data-testid=driver-port")
 
     async def read() -> None:
-        found: dict[str, Any] = await behind.call("external_control")
+        found: dict[str, Any] = await emulator.call("external_control")
         host.set_value(found["host"])
         port.set_value(found["port"])
 
     async def save() -> None:
         if not host.value or port.value is None:
             raise ValueError("the address of a driver is a host and a port: fill in both")
-        await behind.call("set_external_control", host=host.value, port=int(port.value))
+        await emulator.call("set_external_control", host=host.value, port=int(port.value))
         await read()
 
     with ui.row().classes("items-center"):

@@ -27,7 +27,7 @@ def build(page: Page, views: Views) -> None:
     """Put it on the page."""
     with page.panel("Robot", "installation-panel"), ui.element("div").classes("facts"):
         _fact(page, "Model", lambda s: s.model.title if s.model else "-")
-        _fact(page, "Serial number", _asked(page, views, dashboard.SERIAL_NUMBER, str)).props("data-testid=serial")
+        _fact(page, "Serial number", _query(page, views, dashboard.SERIAL_NUMBER, str)).props("data-testid=serial")
         _fact(page, "PolyScope", lambda s: str(s.version or "-"))
         _fact(page, "Series", lambda s: s.version.series.value if s.version else "-")
         _fact(page, "Controller box", lambda s: _arm(s, lambda arm: mode_name(ControllerBox, arm.controller_box)))
@@ -48,9 +48,9 @@ def build(page: Page, views: Views) -> None:
                 "data-testid=checksum"
             )
             _fact(page, "Reduced mode", lambda s: _board(s, lambda board: "yes" if board.reduced_mode else "no"))
-            mode = _asked(page, views, dashboard.OPERATIONAL_MODE, lambda mode: mode.value.lower())
+            mode = _query(page, views, dashboard.OPERATIONAL_MODE, lambda mode: mode.value.lower())
             _fact(page, "Operational mode", mode)
-            remote = _asked(page, views, dashboard.IS_IN_REMOTE_CONTROL, lambda on: "remote" if on else "local")
+            remote = _query(page, views, dashboard.IS_IN_REMOTE_CONTROL, lambda on: "remote" if on else "local")
             _fact(page, "Control", remote)
         ui.label(
             "Safety limits, planes and safety I/O are not published by a robot: they are on its own teach pendant, "
@@ -73,7 +73,7 @@ def _board(station: Station, read: Callable[[Any], str]) -> str:
     return "-" if state is None or state.masterboard is None else read(state.masterboard)
 
 
-def _asked(page: Page, views: Views, operation: Operation[Any], text: Callable[[Any], str]) -> Callable[[Station], str]:
+def _query(page: Page, views: Views, operation: Operation[Any], text: Callable[[Any], str]) -> Callable[[Station], str]:
     """What the dashboard answers, asked for whenever somebody begins to look."""
     known = ["-"]
 
@@ -121,7 +121,7 @@ def _calibration(page: Page) -> None:
         async def save() -> None:
             kinematics = page.station.core.kinematics
             if kinematics is None:
-                raise ValueError("this robot has not told its calibration")
+                raise ValueError("this robot has not reported its calibration")
             content = await asyncio.to_thread(_file, calibration_of(kinematics))
             ui.download.content(content, "my_robot_calibration.yaml")
 
@@ -143,13 +143,13 @@ def _remembered(read: Callable[[Calibration, ConfigurationData], str]) -> Callab
         said = (station.core.kinematics, station.core.configuration)
         if not last or last[0][0] is not said[0] or last[0][1] is not said[1]:
             last[:] = [said]
-            text[0] = _told(*said, read)
+            text[0] = _answer_text(*said, read)
         return text[0]
 
     return see
 
 
-def _told(
+def _answer_text(
     kinematics: KinematicsInfo | None,
     arm: ConfigurationData | None,
     read: Callable[[Calibration, ConfigurationData], str],

@@ -160,7 +160,7 @@ def build_digital(page: Page) -> None:
 def simulated(page: Page, panel: ui.element) -> None:
     """Say on an emulator that these can be changed, which on a robot they cannot."""
     ui.label(SIMULATED).classes("simulated-mark")
-    page.live.bind(panel, "state", lambda station: "simulated" if station.behind.available else "real")
+    page.live.bind(panel, "state", lambda station: "simulated" if station.emulator.available else "real")
 
 
 def inputs(page: Page, group: DigitalGroup) -> None:
@@ -168,10 +168,10 @@ def inputs(page: Page, group: DigitalGroup) -> None:
     station = page.station
 
     async def switch(index: int) -> None:
-        if station.behind.available:
+        if station.emulator.available:
             level = not _level(station, "actual_digital_input_bits", group, index)
             await page.attempt(
-                lambda: station.behind.call("set_digital_input", index=index, level=level, group=group.name)
+                lambda: station.emulator.call("set_digital_input", index=index, level=level, group=group.name)
             )
 
     _lamps(page, group, "I", "actual_digital_input_bits", switch)
@@ -294,7 +294,7 @@ def simulated_input(
 
     async def put(shown: float) -> None:
         amount = shown / analog_range(domain(station)).factor
-        await page.attempt(lambda: station.behind.call("set_analog_input", index=index, value=amount, tool=tool))
+        await page.attempt(lambda: station.emulator.call("set_analog_input", index=index, value=amount, tool=tool))
 
     slider = _setter(page, put, value, domain).classes("simulated-only")
     slider.props(f"data-testid=AI{index + 2 * tool}-slider")

@@ -39,7 +39,7 @@ def build_modbus(page: Page, views: Views) -> None:
             value=form[0],
             on_change=lambda change: form.__setitem__(0, change.value),
         ).props("no-caps unelevated data-testid=modbus-form")
-        page.live.text(lambda station: station.port_registers.trouble or _where(station), "soft")
+        page.live.text(lambda station: station.port_registers.problem or _where(station), "soft")
     title = "General purpose registers: touch one to write it"
     with page.panel(title, "register-panel"), ui.element("div").classes("cells modbus-cells") as grid:
         for index, address in enumerate(GENERAL_REGISTERS):
@@ -186,7 +186,7 @@ def build(page: Page, views: Views) -> None:
         ui.toggle(halves, value=_HIGH, on_change=lambda change: registers.choose(half=change.value)).props(
             "no-caps unelevated data-testid=register-half"
         )
-        page.live.text(lambda station: _trouble(registers), "soft")
+        page.live.text(lambda station: _problem(registers), "soft")
     with ui.row().classes("register-banks"):
         for way, title in (("input", "Input registers: touch one to write it"), ("output", "Output registers")):
             with page.panel(title, "register-panel"):
@@ -194,12 +194,12 @@ def build(page: Page, views: Views) -> None:
                 _booleans(registers, way)
 
 
-def _trouble(registers: _Registers) -> str:
+def _problem(registers: _Registers) -> str:
     feed = registers.feed
-    if feed is None or not feed.trouble:
+    if feed is None or not feed.problem:
         missing = feed is not None and feed.unavailable
         return "this version does not have all of these" if missing else ""
-    return feed.trouble
+    return feed.problem
 
 
 def _numbers(registers: _Registers, way: str) -> None:

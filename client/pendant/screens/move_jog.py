@@ -108,6 +108,7 @@ class JogPanels:
         self._settings = settings
         self._down = False  # a button is, and what it was pressed for has begun
         self._dead = False  # it is, but this press has failed
+        self._silent = False  # freedrive has ended because nothing was heard of its button
         self._asking: asyncio.Task[Any] | None = None
         self._freeing: asyncio.Task[Any] | None = None
         self._heard_at = 0.0
@@ -201,7 +202,7 @@ class JogPanels:
         if held is None:
             if self._freeing is not None:
                 mover.end_freedrive()
-            self._down = self._dead = False
+            self._down = self._dead = self._silent = False
         elif not self._dead and self._page.live.screen == "move":
             try:
                 self._press(held)
@@ -216,7 +217,9 @@ class JogPanels:
             self._dead = True
             self._asking = asyncio.create_task(self._page.may_move())
         elif held.get("freedrive") is True:
-            if not self._down:
+            # a button that was silent for a moment only is still held: as with a jog, its motion begins again
+            if not self._down or (self._silent and self._freeing is None):
+                self._silent = False
                 self._freeing = asyncio.create_task(self._free())
         else:
             self._page.station.mover.hold(self._velocity(held), self._page)
@@ -249,6 +252,7 @@ class JogPanels:
         now = asyncio.get_running_loop().time
         while now() - self._heard_at < STALE_S:
             await asyncio.sleep(STALE_S / 8)
+        self._silent = True
         self._page.station.mover.end_freedrive()
 
     async def _toggle_freedrive(self) -> None:

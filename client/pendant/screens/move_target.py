@@ -43,7 +43,9 @@ def saved_poses(page: Page, settings: MoveSettings) -> None:
             station = page.station
             q = station.values.get("actual_q")
             if q is None:
-                raise RobotRefused("saving a pose", "the robot has not told where it is", "wait until it is connected")
+                raise RobotRefused(
+                    "saving a pose", "the robot has not reported where it is", "wait until it is connected"
+                )
             station.poses.save(_model(station), box.value or "", q)
             box.set_value("")
 
@@ -58,7 +60,7 @@ def _known(station: Station) -> tuple[str, int] | None:
 
 def _model(station: Station) -> str:
     if station.model is None:
-        raise RobotRefused("saved poses", "it has not said which arm it is", "wait until it is connected")
+        raise RobotRefused("saved poses", "it has not reported which arm it is", "wait until it is connected")
     return station.model.name
 
 
@@ -97,7 +99,7 @@ def _menu(page: Page, name: str) -> None:
 
 async def _rename(page: Page, name: str) -> None:
     station = page.station
-    new = await _asked("Rename pose", name)
+    new = await _ask("Rename pose", name)
     if new is not None:
 
         async def rename() -> None:
@@ -106,7 +108,7 @@ async def _rename(page: Page, name: str) -> None:
         await page.attempt(rename)
 
 
-async def _asked(title: str, text: str) -> str | None:
+async def _ask(title: str, text: str) -> str | None:
     """What somebody types instead of a text; None if nothing."""
     with ui.dialog() as dialog, ui.card():
         ui.label(title).classes("text-h6")
@@ -227,7 +229,7 @@ def _turn(settings: MoveSettings, axis: int, _: Station) -> str:
 def _present(page: Page, name: str) -> Joints:
     values: Joints | None = page.station.values.get(name)
     if values is None:
-        raise RobotRefused(name, "the robot has not told it yet", "wait until it is connected")
+        raise RobotRefused(name, "the robot has not reported it yet", "wait until it is connected")
     return values
 
 

@@ -85,7 +85,7 @@ def _note(station: Station, tree: bool) -> str:
     if not shown.text and not tree:
         if shown.tree:
             return _NOT_PLAYED
-        return _NOTHING if station.behind.available else _UNTOLD
+        return _NOTHING if station.emulator.available else _UNTOLD
     if shown.running and not tree and not station.programs.tells_line(station):
         return f"PolyScope {station.version} does not tell which line is carried out; 3.14, 5.9 and later do."
     return ""
@@ -128,7 +128,7 @@ def _control(page: Page) -> None:
             choose = ui.button(icon="folder_open", on_click=lambda: _choose(page, load)).props("flat")
             with choose.props('data-testid=run-choose aria-label="Programs of the emulator"'):
                 ui.tooltip("Programs of the emulator")
-            page.live.effect(lambda s: "programs" in s.behind.verbs and s.behind.available, choose.set_visibility)
+            page.live.effect(lambda s: "programs" in s.emulator.verbs and s.emulator.available, choose.set_visibility)
             ui.button("Load", on_click=lambda: load(box.value or "")).props("data-testid=run-load unelevated")
         with ui.row().classes("run-state"):
             state = page.live.text(lambda s: s.situation.program, "chip run-chip")

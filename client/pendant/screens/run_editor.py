@@ -125,10 +125,10 @@ def _mark(editor: ui.codemirror, problems: Sequence[ScriptError]) -> None:
     marks = list[dict[str, Any]]()
     where = sorted((min(problem.line, max(1, len(lines))), problem.severity, problem.text) for problem in problems)
     for line, found in groupby(where, lambda entry: entry[0]):
-        _, severity, told = next(found)  # an error, if there is one: it sorts first
+        _, severity, text = next(found)  # an error, if there is one: it sorts first
         before = lines[:line]
         end = sum(map(len, before)) - (len(before[-1]) - len(before[-1].rstrip("\r\n")) if before else 0)
-        text = f"  {' '.join(told.split())}"
+        text = f"  {' '.join(text.split())}"
         marks.append({"kind": "line", "line": line, "class": f"script-bad-line {severity}"})
         marks.append({"kind": "widget", "position": end, "text": text, "class": f"script-bad-text {severity}"})
     editor.decorations = marks

@@ -50,19 +50,19 @@ def safety_tab(page: Page) -> None:
 
 def _device(page: Page, name: str) -> None:
     title, active_text = _DEVICES[name]
-    behind = page.station.behind
+    emulator = page.station.emulator
 
     def active(station: Station) -> bool:
-        devices = station.behind.watch("safety_devices").value if station.behind.available else None
+        devices = station.emulator.watch("safety_devices").value if station.emulator.available else None
         return bool((devices or {}).get(name, False))
 
     async def toggle() -> None:
         wanted = not active(page.station)
         if name in _BUTTONS:
             verb = "press_emergency_stop" if wanted else "release_emergency_stop"
-            await behind.change(verb, button=_BUTTONS[name])
+            await emulator.change(verb, button=_BUTTONS[name])
         else:
-            await behind.change("set_safety_device", device=name, active=wanted)
+            await emulator.change("set_safety_device", device=name, active=wanted)
 
     with ui.element("button").classes("sim-device").props(f"type=button data-testid=device-{name}") as button:
         ui.element("span").classes("sim-bit-lamp")
@@ -74,7 +74,7 @@ def _device(page: Page, name: str) -> None:
 
 
 def _action(page: Page, text: str, verb: str, **arguments: Any) -> None:
-    click = page.doing(partial(page.station.behind.change, verb, **arguments))
+    click = page.doing(partial(page.station.emulator.change, verb, **arguments))
     ui.button(text, on_click=click).props(f"outline no-caps data-testid={verb}").classes("sim-button")
 
 
@@ -89,7 +89,7 @@ def _causes(page: Page) -> None:
             if not choice.value:
                 raise ValueError("Choose a cause first.")
             arguments = {} if joint.value is None else {"joint": joint.value}
-            await page.station.behind.change("trip_safety", cause=choice.value, **arguments)
+            await page.station.emulator.change("trip_safety", cause=choice.value, **arguments)
 
         button = ui.button("Trip", icon="report", on_click=page.doing(trip))
         button.props("unelevated color=negative data-testid=trip").classes("sim-button")
@@ -99,11 +99,11 @@ def _causes(page: Page) -> None:
         options = {name: f"{name.replace('_', ' ')} – {text}" for name, text in causes.items()}
         choice.set_options(options, value=next(iter(options), None))
 
-    page.live.effect(lambda station: station.behind.catalogue, know)
+    page.live.effect(lambda station: station.emulator.catalogue, know)
 
 
 def _last_stop(station: Station) -> str:
-    stop = station.behind.watch("last_stop").value if station.behind.available else None
+    stop = station.emulator.watch("last_stop").value if station.emulator.available else None
     if stop is None:
         return "None since the emulator began."
     how = "took" if stop["over"] else "has taken"
@@ -133,19 +133,19 @@ def connections_tab(page: Page) -> None:
 
 
 def _connections(station: Station) -> Any:
-    return station.behind.watch("connections").value if station.behind.available else None
+    return station.emulator.watch("connections").value if station.emulator.available else None
 
 
 def _row(page: Page, name: str, peers: Sequence[str]) -> None:
-    behind = page.station.behind
+    emulator = page.station.emulator
     ui.label(name).classes("sim-port")
-    ui.label(str(behind.catalogue.get("ports", {}).get(name, ""))).classes("sim-port-number")
+    ui.label(str(emulator.catalogue.get("ports", {}).get(name, ""))).classes("sim-port-number")
     with ui.element("div").classes("sim-peers"):
         for peer in peers:
             with ui.element("span").classes("sim-peer"):
                 ui.label(peer)
                 if name != "control":
-                    drop = partial(behind.change, "inject_fault", kind="drop_connection", port=name, peer=peer)
+                    drop = partial(emulator.change, "inject_fault", kind="drop_connection", port=name, peer=peer)
                     ui.button(icon="link_off", on_click=page.doing(drop)).props(
                         f'flat round dense size=sm aria-label="Drop {peer}" title="End this connection"'
                     )
@@ -159,14 +159,14 @@ _STEPS: Final = (1, 10, 125)
 
 def time_panel(page: Page) -> None:
     """One line: the clock, pause or resume, steps, and a slider of speeds."""
-    live, behind = page.live, page.station.behind
+    live, emulator = page.live, page.station.emulator
     with ui.card().classes("panel sim-time"):
         ui.icon("schedule").classes("sim-time-icon")
         live.text(_clock, "sim-clock").props("data-testid=sim-clock")
         live.bind(live.text(_pace, "sim-pace").props("data-testid=sim-pace"), "state", _pace_state)
-        pause = ui.button("Pause", icon="pause", on_click=page.doing(lambda: behind.change("pause_time")))
+        pause = ui.button("Pause", icon="pause", on_click=page.doing(lambda: emulator.change("pause_time")))
         pause.props("unelevated dense data-testid=time-pause").classes("sim-button")
-        resume = ui.button("Resume", icon="play_arrow", on_click=page.doing(lambda: behind.change("resume_time")))
+        resume = ui.button("Resume", icon="play_arrow", on_click=page.doing(lambda: emulator.change("resume_time")))
         resume.props("unelevated dense color=positive data-testid=time-resume").classes("sim-button")
         page.show_if(pause, lambda station: not _paused(station))
         page.show_if(resume, _paused)
@@ -178,19 +178,19 @@ def time_panel(page: Page) -> None:
 
 
 def _step_button(page: Page, count: int) -> None:
-    button = ui.button(f"+{count}", on_click=page.doing(lambda: page.station.behind.change("step", periods=count)))
+    button = ui.button(f"+{count}", on_click=page.doing(lambda: page.station.emulator.change("step", periods=count)))
     button.props(f"outline dense data-testid=time-step-{count}").classes("sim-button")
     button.tooltip(f"{count} control period{'s' if count > 1 else ''}")
     page.live.effect(_paused, button.set_enabled)
 
 
 def _speed(page: Page) -> None:
-    behind = page.station.behind
+    emulator = page.station.emulator
     slider = ui.slider(min=log10(_SLOWEST), max=log10(_FASTEST), step=0.01).props("dense data-testid=time-speed")
     slider.classes("sim-speed").props('markers=1 aria-label="Speed of time"')
 
     async def set_speed() -> None:
-        await page.attempt(lambda: behind.change("set_speed", speed=round(10.0**slider.value, 2)))
+        await page.attempt(lambda: emulator.change("set_speed", speed=round(10.0**slider.value, 2)))
 
     slider.on("change", set_speed)
     live = page.live
@@ -203,19 +203,19 @@ def _speed(page: Page) -> None:
 
 
 def _setter(page: Page, speed: float) -> Callable[[], Awaitable[None]]:
-    return page.doing(lambda: page.station.behind.change("set_speed", speed=speed))
+    return page.doing(lambda: page.station.emulator.change("set_speed", speed=speed))
 
 
 def _paused(station: Station) -> bool:
-    return bool(station.behind.time.get("paused", False))
+    return bool(station.emulator.time.get("paused", False))
 
 
 def _speed_of(station: Station) -> float:
-    return float(station.behind.time.get("speed", 1.0))
+    return float(station.emulator.time.get("speed", 1.0))
 
 
 def _pace(station: Station) -> str:
-    return station.behind.pace or "real time"
+    return station.emulator.pace or "real time"
 
 
 def _pace_state(station: Station) -> str:
@@ -223,7 +223,7 @@ def _pace_state(station: Station) -> str:
 
 
 def _clock(station: Station) -> str:
-    time = station.behind.time
+    time = station.emulator.time
     paused = _paused(station) or not station.connected
     seconds = float(time.get("time_s", 0.0) if paused else station.values.get("timestamp", 0.0))
     return f"{seconds:.3f} s" if paused else f"{seconds:.1f} s"
@@ -248,8 +248,8 @@ def build(page: Page) -> None:
         scene_panel(page)
         with ui.card().classes("panel sim-tools"):
             _tools(page)
-    page.show_if(present, lambda station: station.behind.available)
-    page.show_if(absent, lambda station: not station.behind.available)
+    page.show_if(present, lambda station: station.emulator.available)
+    page.show_if(absent, lambda station: not station.emulator.available)
 
 
 def _tools(page: Page) -> None:
@@ -275,11 +275,11 @@ def _tools(page: Page) -> None:
 
 
 def _why_absent(station: Station) -> str:
-    if station.behind.available:
+    if station.emulator.available:
         return ""
     if not station.connected:
         return f"{station.situation.title}. {station.situation.hint}"
-    if station.behind.locked:
+    if station.emulator.locked:
         return (
             "There is an emulator, and its control API asks for a token. Start the pendant with --control-token, or "
             "with UR_EMULATOR_TOKEN in its environment."

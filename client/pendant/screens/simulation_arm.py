@@ -11,6 +11,7 @@ from client.pendant.page import Page
 from client.pendant.station import Station
 from urproto.joints import JOINT_TITLES
 from urproto.robots import START_Q
+from urproto.text import json_document
 
 _MM: Final = 1e3
 _MOST_BYTES: Final = 4_000_000  # what the control API takes
@@ -49,7 +50,7 @@ def _pose(page: Page) -> None:
 
     async def put() -> None:
         q = [radians(value) for value in numbers(fields, "The pose")]
-        await station.behind.change("set_joints", q_rad=q)
+        await station.emulator.change("set_joints", q_rad=q)
 
     with ui.element("div").classes("sim-row"):
         ui.button("Put the arm there", on_click=page.doing(put)).props("unelevated no-caps data-testid=put-arm")
@@ -69,17 +70,17 @@ def _payload(page: Page) -> None:
 
     async def mount() -> None:
         mass_kg, *place = numbers([mass, *cog], "The payload")
-        await station.behind.change("mount_payload", mass_kg=mass_kg, cog_m=[value / _MM for value in place])
+        await station.emulator.change("mount_payload", mass_kg=mass_kg, cog_m=[value / _MM for value in place])
 
     with ui.element("div").classes("sim-row"):
         ui.button("Mount", on_click=page.doing(mount)).props("unelevated no-caps data-testid=mount")
-        ui.button("As programs say", on_click=page.doing(lambda: station.behind.change("mount_payload"))).props(
+        ui.button("As programs say", on_click=page.doing(lambda: station.emulator.change("mount_payload"))).props(
             "outline no-caps data-testid=unmount"
         )
 
 
 def _mounted(station: Station) -> str:
-    world = station.behind.watch("world").value if station.behind.available else None
+    world = station.emulator.watch("world").value if station.emulator.available else None
     payload = None if world is None else world["payload"]
     if payload is None:
         return "What programs say hangs there, hangs there."
@@ -93,13 +94,13 @@ def _state(page: Page) -> None:
     ui.label("Everything that outlives a program, of an arm at rest, as a JSON file.").classes("init-hint")
 
     async def save() -> None:
-        document = await station.behind.call("save")
+        document = await station.emulator.call("save")
         name = f"{document['model']}-state.json"
         ui.download.content(json.dumps(document, indent=1), name, "application/json")
 
     async def restore(event: events.UploadEventArguments) -> None:
         async def take() -> None:
-            await station.behind.change("restore", document=read_document(await event.file.read()))
+            await station.emulator.change("restore", document=read_document(await event.file.read()))
 
         await page.attempt(take, "The state is restored")
         upload.reset()
@@ -116,7 +117,7 @@ def _state(page: Page) -> None:
 def read_document(content: bytes) -> dict[str, Any]:
     """A state that was saved. Raises ValueError."""
     try:
-        document = json.loads(content)
+        document = json_document(content)
     except (ValueError, UnicodeDecodeError) as error:
         raise ValueError(f"This file is not a saved state: {error}.") from error
     if not isinstance(document, dict):

@@ -26,7 +26,7 @@ def faults_tab(page: Page) -> None:
     with ui.element("div").classes("sim-faults"):
         form = _Form(page)
         _list(page)
-    page.live.effect(lambda station: station.behind.catalogue, form.know)
+    page.live.effect(lambda station: station.emulator.catalogue, form.know)
 
 
 class _Form:
@@ -81,7 +81,7 @@ class _Form:
         if kind is None:
             raise ValueError("Choose a kind of fault first.")
         arguments = arguments_of(kind, {name: shown.value for name, shown in self._inputs.items()})
-        await self._page.station.behind.change("inject_fault", kind=kind.name, **arguments)
+        await self._page.station.emulator.change("inject_fault", kind=kind.name, **arguments)
 
 
 def _input(field: FaultField) -> Any:
@@ -97,12 +97,12 @@ def _input(field: FaultField) -> Any:
 
 
 def _list(page: Page) -> None:
-    behind = page.station.behind
+    emulator = page.station.emulator
     with ui.element("div").classes("sim-fault-list"):
         with ui.element("div").classes("sim-row sim-list-head"):
             ui.label("Faults").classes("panel-title")
             ui.space()
-            clear = ui.button("Clear all", on_click=page.doing(lambda: behind.change("clear_faults")))
+            clear = ui.button("Clear all", on_click=page.doing(lambda: emulator.change("clear_faults")))
             clear.props("flat dense no-caps icon=delete_sweep data-testid=faults-clear").classes("sim-button")
         rows = ui.element("div").classes("sim-rows").props("data-testid=faults")
 
@@ -117,7 +117,7 @@ def _list(page: Page) -> None:
             if not faults:
                 ui.label("Nothing has gone wrong on purpose yet.").classes("init-hint")
 
-    page.live.effect(lambda station: behind.watch("faults").value if behind.available else None, show)
+    page.live.effect(lambda station: emulator.watch("faults").value if emulator.available else None, show)
 
 
 def _row(page: Page, fault: Mapping[str, Any]) -> None:
@@ -136,7 +136,7 @@ def _row(page: Page, fault: Mapping[str, Any]) -> None:
         if over:
             ui.element("span").classes("sim-no-button")
         else:
-            clear = partial(page.station.behind.change, "clear_fault", fault_id=fault["id"])
+            clear = partial(page.station.emulator.change, "clear_fault", fault_id=fault["id"])
             ui.button(icon="close", on_click=page.doing(clear)).props(
                 f'flat round dense aria-label="Clear fault {fault["id"]}" data-testid=fault-clear-{fault["id"]}'
             )

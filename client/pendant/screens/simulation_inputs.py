@@ -62,7 +62,7 @@ def _bit(page: Page, group: _Group, index: int) -> None:
 
     async def toggle() -> None:
         wanted = not level(page.station)
-        await page.station.behind.change("set_digital_input", index=index, level=wanted, group=group.name)
+        await page.station.emulator.change("set_digital_input", index=index, level=wanted, group=group.name)
 
     with (
         ui.element("button").classes("sim-bit").props(f"type=button data-testid={group.short.lower()}{index}") as button
@@ -74,12 +74,12 @@ def _bit(page: Page, group: _Group, index: int) -> None:
 
 
 def _analog(page: Page, analog: _Analog) -> None:
-    behind = page.station.behind
+    emulator = page.station.emulator
 
     async def set_(value: float, domain: AnalogDomain, *, also_domain: bool = False) -> None:
         arguments: dict[str, Any] = {"domain": domain.name.lower()} if also_domain else {}
         si = value / _MA if domain is AnalogDomain.CURRENT else value
-        await behind.change("set_analog_input", index=analog.at, value=si, tool=analog.tool, **arguments)
+        await emulator.change("set_analog_input", index=analog.at, value=si, tool=analog.tool, **arguments)
 
     with ui.element("div").classes("sim-analog"):
         ui.label(analog.title).classes("sim-analog-name")

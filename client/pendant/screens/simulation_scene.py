@@ -33,7 +33,7 @@ def scene_panel(page: Page) -> None:
     page.live.bind(holder, "value", _Surroundings().read)
     ui.run_javascript(f"pendant.surroundings({holder.id}, {scene.id})")
     pushing = Newest[Sequence[float] | None](lambda force: _push_or_release(page.station, force), page.complain)
-    moving = Newest[dict[str, Any]](lambda moved: page.station.behind.change("move_object", **moved), page.complain)
+    moving = Newest[dict[str, Any]](lambda moved: page.station.emulator.change("move_object", **moved), page.complain)
     dragging = [False]
 
     def push(force: Any) -> None:
@@ -59,7 +59,7 @@ def _is_vector(said: Any) -> bool:
 
 def _wrench(page: Page) -> ui.checkbox:
     """Numbers for those who want to push exactly so."""
-    behind = page.station.behind
+    emulator = page.station.emulator
     with ui.element("div").classes("sim-six"):
         fields = [number(name, unit, f"wrench-{name.lower()}") for name, unit in zip(_NAMES, _UNITS, strict=True)]
     with ui.element("div").classes("sim-row"):
@@ -67,12 +67,12 @@ def _wrench(page: Page) -> ui.checkbox:
         frame.props("data-testid=wrench-frame").tooltip("In whose axes the numbers are")
 
         async def push() -> None:
-            await behind.change("push_tool", wrench=numbers(fields, "The wrench"), frame=frame.value)
+            await emulator.change("push_tool", wrench=numbers(fields, "The wrench"), frame=frame.value)
 
         ui.button("Push", icon="front_hand", on_click=page.doing(push)).props(
             "unelevated no-caps data-testid=wrench-push"
         ).classes("sim-button")
-        release = ui.button("Release", on_click=page.doing(lambda: behind.change("release_tool")))
+        release = ui.button("Release", on_click=page.doing(lambda: emulator.change("release_tool")))
         release.props("outline no-caps data-testid=wrench-release").classes("sim-button")
         keep = ui.checkbox("Keep pushing").props("dense data-testid=wrench-keep")
         keep.tooltip("When the ball is let go, go on pushing until Release")
@@ -90,22 +90,22 @@ def _wrench(page: Page) -> ui.checkbox:
 
 async def _push_or_release(station: Station, force: Sequence[float] | None) -> None:
     if force is not None:
-        await station.behind.change("push_tool", wrench=[*force, *ZERO3], frame="base")
-    elif (await station.behind.call("world"))["push"] is not None:
-        await station.behind.change("release_tool")
+        await station.emulator.change("push_tool", wrench=[*force, *ZERO3], frame="base")
+    elif (await station.emulator.call("world"))["push"] is not None:
+        await station.emulator.change("release_tool")
 
 
-def _told(station: Station) -> Any:
-    return station.behind.watch("world").value if station.behind.available else None
+def _world(station: Station) -> Any:
+    return station.emulator.watch("world").value if station.emulator.available else None
 
 
 def _pushed(station: Station) -> Any:
-    world = _told(station)
+    world = _world(station)
     return None if world is None else world["push"]
 
 
 def _things(station: Station) -> Any:
-    world = _told(station)
+    world = _world(station)
     return None if world is None else world["objects"]
 
 

@@ -50,7 +50,7 @@ def world_tab(page: Page) -> None:
 
 
 def _objects(station: Station) -> Any:
-    world = station.behind.watch("world").value if station.behind.available else None
+    world = station.emulator.watch("world").value if station.emulator.available else None
     return None if world is None else world["objects"]
 
 
@@ -106,7 +106,7 @@ def _add_form(page: Page) -> None:
         material = {"stiffness": _MM * k, "damping": _MM * d, "friction": mu}
         thing = described(shape.value, numbers(sizes, "The size"), numbers(pose, "The pose"), material)
         called = (name.value or "").strip() or _free_name(shape.value, _objects(page.station) or {})
-        await page.station.behind.change("add_object", name=called, description=thing)
+        await page.station.emulator.change("add_object", name=called, description=thing)
         name.set_value("")
 
     add.on_click(page.doing(put))
@@ -118,20 +118,20 @@ def _free_name(shape: str, taken: Mapping[str, Any]) -> str:
 
 
 def _row(page: Page, name: str, thing: Mapping[str, Any]) -> list[ui.number]:
-    behind = page.station.behind
+    emulator = page.station.emulator
     with ui.element("div").classes("sim-object").props("data-testid=object"):
         with ui.element("div").classes("sim-row"):
             ui.icon({"box": "check_box_outline_blank", "sphere": "circle"}.get(_shape(thing), "layers"))
             ui.label(name).classes("sim-fault-kind")
             ui.label(_size(thing)).classes("init-hint")
             ui.space()
-            remove = page.doing(partial(behind.change, "remove_object", name=name))
+            remove = page.doing(partial(emulator.change, "remove_object", name=name))
             ui.button(icon="delete", on_click=remove).props(f'flat round dense aria-label="Remove {name}"')
         with ui.element("div").classes("sim-six"):
             fields = _pose_fields(_shown(thing["pose"]), f"move-{name}")
 
         async def move() -> None:
-            await behind.change("move_object", name=name, pose=_si(numbers(fields, "The pose")))
+            await emulator.change("move_object", name=name, pose=_si(numbers(fields, "The pose")))
 
         for field in fields:
             field.on("change", page.doing(move))

@@ -181,7 +181,7 @@ def timer(writer: Writer, element: Element) -> None:
     elif action == "Reset":
         writer.line(f"{name} = 0")
     else:
-        raise DocumentError(f"a Timer cannot be told to {action!r}")
+        raise DocumentError(f"a Timer has no action {action!r}")
 
 
 def count_time(writer: Writer, element: Element) -> str:

@@ -59,7 +59,7 @@ def _pulse(writer: Writer, element: Element) -> None:
     pulse = element.child(_PULSE)
     seconds = pulse.get("hiPulseInSeconds") if pulse else ""
     if pulse is None or not seconds:
-        raise DocumentError("a Set with a single pulse that is none from low to high")
+        raise DocumentError("a Set with a single pulse that does not go from low to high")
     pin = pulse.child("pin")
     writer.label(element, f"Set {pin_name(pin)}=HI:Pulse {seconds}")
     name = writer.number(element)

@@ -26,16 +26,16 @@ def contributed(writer: Writer, element: Element) -> None:
         return
     urcap, kind = element.get("strategyURCapName"), element.get("strategyProgramNodeType")
     tree = writer.home(element)
-    lines = tree.twin.code(writer.line_in(tree, element), urcap, kind)
+    lines = tree.saved_script.code(writer.line_in(tree, element), urcap, kind)
     if lines is None:
         raise TreeError(
             f"the node {kind!r} is one of the URCap {urcap!r}, which is not installed here; "
             f"save the program with PolyScope and put {tree.name}.script, which holds its code, beside it"
         )
-    if tree.changed_since_twin:
+    if tree.changed_since_saved:
         raise TreeError(
             f"the node {kind!r} is one of the URCap {urcap!r}, whose code would come from {tree.name}.script; that was "
-            f"not saved with the program as it is now: {tree.changed_since_twin}. Save the program with PolyScope again"
+            f"not saved with the program as it is now: {tree.changed_since_saved}. Save it with PolyScope again"
         )
     writer.raw(lines)
     _prepare(writer, element)

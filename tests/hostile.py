@@ -1,4 +1,4 @@
-"""A robot that does harm: a real stream of every port, spoilt on its way to the client."""
+"""A robot that does harm: a real stream of every port, spoilt on its way to the client. For tests and `make chaos`."""
 
 import asyncio
 import socket

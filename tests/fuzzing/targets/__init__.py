@@ -1,0 +1,9 @@
+"""Everything here that reads bytes which somebody else wrote, as functions of those bytes, by the subject of the bytes.
+
+`TARGETS` has all of them by name. `fuzz.py` searches for inputs, `test_corpus.py` replays those that are kept.
+"""
+
+from targets import control_api, programs, recordings, settings, wire  # each registers its own
+from targets.registry import TARGETS
+
+__all__ = ["TARGETS", "control_api", "programs", "recordings", "settings", "wire"]
