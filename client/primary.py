@@ -176,13 +176,7 @@ class PrimaryCore:
         return (yield from self._key_message(PROGRAM_STOPPED))
 
     def execute(
-        self,
-        text: str,
-        name: str | None = None,
-        *,
-        start_timeout_s: float = _START_S,
-        timeout_s: float = float("inf"),
-        failing: Collection[ReportLevel] = GRAVE,
+        self, text: str, name: str | None = None, *, start_timeout_s: float = _START_S, timeout_s: float = float("inf")
     ) -> Flow[ScriptResult]:
         """Run a ``def`` program, or bare statements as one of this name, and wait for its end.
 
@@ -191,7 +185,7 @@ class PrimaryCore:
         not start within ``start_timeout_s`` or has not ended after ``timeout_s``. After the
         last two, and a protective stop, the program may still be there: see STOP_PROGRAM.
         """
-        run = yield from self.start(text, name, timeout_s=start_timeout_s, failing=failing)
+        run = yield from self.start(text, name, timeout_s=start_timeout_s)
         return (yield from self.finish(run, timeout_s=timeout_s))
 
     def start(

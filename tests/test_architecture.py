@@ -29,6 +29,7 @@ THIRD_PARTY = {
     "rcl_interfaces": ("client.ros2",),
     "geometry_msgs": ("client.ros2",),
     "std_msgs": ("client.ros2",),
+    "std_srvs": ("client.ros2",),
     "lifecycle_msgs": ("client.ros2",),
     "diagnostic_msgs": ("client.ros2",),
     "coal": ("emulator.world.links",),

@@ -120,9 +120,12 @@ class URScriptNode:
                 if is_secondary(goal.program):
                     await primary.run(core.send_secondary(goal.program))
                     return
-                name = goal.script_name or None
-                work = core.execute(goal.program, name, start_timeout_s=start_s, failing=failing)
-                await primary.run(work, math.inf)
+                started = await primary.run(
+                    core.start(goal.program, goal.script_name or None, timeout_s=start_s, failing=failing), math.inf
+                )
+                if self._cancelled:  # it may have been too early to stop it
+                    await self._stop()
+                await primary.run(core.finish(started), math.inf)
             except ScriptFailedError as error:
                 if error.errors:  # as the official client: a program with an error goes no further
                     await self._stop()

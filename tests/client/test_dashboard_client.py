@@ -219,6 +219,22 @@ def test_silence_and_hanging_up(serve):
             robot.ask(dashboard.command("hang up"))
 
 
+def test_a_connection_that_was_ended_shows_without_asking(serve):
+    with BlockingDashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
+        robot.check()
+        with pytest.raises(NoAnswerError):
+            robot.ask(dashboard.command("be silent"), timeout_s=0.01)
+        robot.check()
+        robot.shut_down()
+        with pytest.raises(ConnectionLostError):
+            robot.check()
+
+
+def test_a_role_or_mode_in_words_is_sent_as_it_is():
+    assert dashboard.set_user_role("KING").line == "setUserRole KING"
+    assert dashboard.set_operational_mode("AUTOMATIC").line == "set operational mode AUTOMATIC"
+
+
 async def test_async_silence_and_hanging_up(serve):
     async with DashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
         with pytest.raises(NoAnswerError):

@@ -249,6 +249,14 @@ def test_a_safety_stop_fails_the_program(heard, text):
     assert (failed.value.text, failed.value.line, failed.value.name) == (text, 0, "hello")
 
 
+def test_a_warning_fails_the_program_where_it_is_asked_to():
+    robot = Robot(says(key(PROGRAM_STARTED, "hello")), says(CODE))
+    core = PrimaryCore()
+    run = robot.run(core.start(PROGRAM, failing=(ReportLevel.WARNING,)))
+    with pytest.raises(ScriptFailedError, match="C153A2 deviates"):
+        robot.run(core.finish(run))
+
+
 def test_programs_that_do_not_start_or_end_in_time():
     with pytest.raises(ScriptFailedError, match=r"not started after 5 s; the robot mode is RUNNING, the safety"):
         Robot(state()).run(PrimaryCore().execute(PROGRAM))

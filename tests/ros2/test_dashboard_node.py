@@ -23,7 +23,10 @@ from urproto.modes import RobotMode, SafetyMode, SafetyStatus
 SPEED = 10.0  # nobody here is a second late
 PROGRAM = "while True:\n  sync()\nend\n"
 TYPES = {row.name: row.type for row in SERVICES} | {"connect": "Trigger"}
-INSTALLATION = b"<Installation><TCPSettings activePose='TCP' toolPayload='0.5'/></Installation>"
+INSTALLATION = (
+    b'<Installation><TCPSettings activePose="TCP" toolPayload="0.5"><availablePoses>'
+    b'<tcp name="TCP" offset="0, 0, 0.2, 0, 0, 0"/></availablePoses></TCPSettings></Installation>'
+)
 BOTH = pytest.mark.parametrize("model", ["ur3", "ur5e"])
 
 
@@ -141,7 +144,9 @@ async def test_every_service(model: str, tmp_path: Path) -> None:
                 assert "e-Series since" in await ask.refusal(name)
             assert "e-Series" in await ask.refusal("set_operational_mode", operational_mode={"mode": "MANUAL"})
         else:
-            assert (await ask.well("is_in_remote_control"))["remote_control"]
+            for remote in (False, True):
+                robot.controller.remote_control = remote
+                assert (await ask.well("is_in_remote_control"))["remote_control"] == remote
             for mode in ("MANUAL", "AUTOMATIC"):
                 await ask.well("set_operational_mode", operational_mode={"mode": mode})
                 assert (await ask.well("get_operational_mode"))["operational_mode"]["mode"] == mode
@@ -187,7 +192,7 @@ async def test_parameters() -> None:
     """Only the patience can be changed; without autoconnect a connection is asked for."""
     with socket.create_server((HOST, 0)) as silent:
         port = silent.getsockname()[1]
-        async with dashboard_of({"dashboard": port}, "-p", "autoconnect:=false") as ask:
+        async with dashboard_of({"primary": port, "rtde": port, "dashboard": port}, "-p", "autoconnect:=false") as ask:
             assert "~/connect" in await ask.refusal("play")
             assert not await ask.parameter("robot_ip", 4, string_value="10.0.0.1")
             assert not await ask.parameter("receive_timeout", 3, double_value=-1.0)

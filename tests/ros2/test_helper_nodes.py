@@ -179,8 +179,11 @@ async def test_scripts() -> None:
 
         assert await bench.begin_script(ENDLESS)
         assert not await bench.begin_script("sync()")  # one at a time
-        await bench.peer.call(f"{SCRIPT}/_action/cancel_goal", "action_msgs/srv/CancelGoal")
-        await bench.until(lambda: robot.controller.programs.state is RuntimeState.STOPPED)
+        await bench.peer.call(f"{SCRIPT}/_action/cancel_goal", "action_msgs/srv/CancelGoal")  # all of them, at once
+        async with asyncio.timeout(60.0):
+            while not await bench.begin_script("sync()"):
+                await asyncio.sleep(0.05)
+        assert (await bench.peer.ask(result=SCRIPT))["status"] == SUCCEEDED
 
         robot.controller.power_event(PowerEvent.POWER_OFF)
         answer = await bench.script("sync()")
