@@ -341,8 +341,8 @@ class RobotLink:
         news.set()
 
     async def _watch_messages(self) -> None:
-        primary = self._primary
         while True:
+            primary = self._primary  # another one after each reconnection
             try:
                 self._judge(await primary.run(primary.core.next_message(), float("inf")))
             except (ClientError, RemoteProtocolError) as error:

@@ -18,6 +18,8 @@ _LABELS: Final = {
     State.PRIMARY_STATE_INACTIVE: LifecycleState.INACTIVE,
     State.PRIMARY_STATE_ACTIVE: LifecycleState.ACTIVE,
 }
+_TRIES: Final = 10
+_AGAIN_S: Final = 1.0  # between them; guess
 _IDS: Final = {state: number for number, state in _LABELS.items()}
 
 _logger = logging.getLogger(__name__)
@@ -72,14 +74,16 @@ class HardwareComponent:
             await start_if_ready(self._robot)
 
 
-async def start_if_ready(robot: ControlledRobot) -> None:
-    """Start the control program on a robot that can run it; why it did not start is logged."""
+async def start_if_ready(robot: ControlledRobot) -> bool:
+    """Start the control program on a robot that can run it; false, and the reason in the log, when it did not start."""
     if robot.driver.program_running or robot.driver.robot.robot_mode is not RobotMode.RUNNING:
-        return
+        return True
     try:
         await robot.driver.start_program()
     except URError as error:
         _logger.error("%s", error)
+        return False
+    return True
 
 
 class ControllerStopper:
@@ -153,4 +157,10 @@ class ProgramKeeper:
         link = self._robot.driver.robot
         if self._was_silent and link.robot_mode is RobotMode.RUNNING and link.safety_mode in MOVABLE:
             self._was_silent = False
-            self._starting = asyncio.get_running_loop().create_task(start_if_ready(self._robot))
+            self._starting = asyncio.get_running_loop().create_task(self._start())
+
+    async def _start(self) -> None:
+        for _ in range(_TRIES):  # not all of a robot's connections are back at the same time
+            if await start_if_ready(self._robot):
+                return
+            await asyncio.sleep(_AGAIN_S)

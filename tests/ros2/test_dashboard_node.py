@@ -67,13 +67,13 @@ class Dashboard:
 @asynccontextmanager
 async def dashboard_of(ports: dict[str, int], *ros_arguments: str) -> AsyncIterator[Dashboard]:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    with free_domain() as domain, NodeHost(domain=domain, ros_arguments=ros_arguments) as host:
-        node = DashboardNode(host, AsyncRobot(HOST, robot_ports=ports))
-        try:
-            async with peer(domain) as other:
+    with free_domain() as domain:
+        async with NodeHost(domain=domain, ros_arguments=ros_arguments) as host, peer(domain) as other:
+            node = await asyncio.to_thread(DashboardNode, host, AsyncRobot(HOST, robot_ports=ports))
+            try:
                 yield Dashboard(other)
-        finally:
-            node.close()
+            finally:
+                await asyncio.to_thread(node.close)
 
 
 @BOTH

@@ -66,13 +66,13 @@ class Bench:
 async def bench_of(robot: Emulator, node_type: Any, *ros_arguments: str, **options: Any) -> AsyncIterator[Bench]:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     async with AsyncRobot(HOST, **driver_options(robot, **options)) as arm:
-        with free_domain() as domain, NodeHost(domain=domain, ros_arguments=ros_arguments) as host:
-            node = await asyncio.to_thread(node_type, host, arm)
-            try:
-                async with peer(domain) as other:
+        with free_domain() as domain:
+            async with NodeHost(domain=domain, ros_arguments=ros_arguments) as host, peer(domain) as other:
+                node = await asyncio.to_thread(node_type, host, arm)
+                try:
                     yield Bench(robot, arm, other)
-            finally:
-                await asyncio.to_thread(node.close)
+                finally:
+                    await asyncio.to_thread(node.close)
 
 
 @pytest.mark.parametrize("model", ["ur3", "ur5e"])

@@ -385,6 +385,7 @@ async def test_the_hardware_component(lab: Lab) -> None:
     assert (await go_to(3))["ok"]
 
 
+@pytest.mark.asyncio(loop_scope="function")
 async def test_a_robot_that_goes_and_comes_back_finds_the_driver_where_it_was() -> None:
     controller = ControllerConfig(model=load_model("ur3"), initial_q=HOME, running=True)
     address = f"127.17.{os.getpid() % 250 + 1}.{os.getpid() // 250 % 250 + 1}"  # its usual ports, but not everybody's
