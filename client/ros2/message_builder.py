@@ -347,7 +347,9 @@ class Compiler:
         target = source.with_suffix(".o")
         own = [self._cpp, "-std=c++17"] if source.suffix == ".cpp" else [self._c, "-std=gnu11"]
         folders = [f"-I{folder}" for folder in [*include, *self._include]]
-        options = ["-O1", "-fPIC", "-w", "-DNDEBUG", f'-DROS_PACKAGE_NAME="{package}"']
+        tables = source.stem.endswith("__description") or ".ep." in source.name  # nothing that has to be fast
+        speed = "-O0" if tables else "-O1"
+        options = [speed, "-fPIC", "-w", "-DNDEBUG", f'-DROS_PACKAGE_NAME="{package}"']
         _run([*own, *options, *folders, "-c", str(source), "-o", str(target)])
         return target
 
