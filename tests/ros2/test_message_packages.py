@@ -283,6 +283,12 @@ try:
     from control_msgs.action import FollowJointTrajectory
     from controller_manager_msgs.srv import SwitchController
     from trajectory_msgs.msg import JointTrajectory
+    from ur_msgs.action import SendScript
+    from ur_msgs.srv import SetForceMode
+
+    force = SetForceMode.Request()  # what no type hash tells: constants, and values of what is not given
+    print(force.type == force.NO_TRANSFORM, force.damping_factor, force.gain_scaling, force.deviation_limits.tolist()[5])
+    print(SendScript.Goal().fail_on_warnings)
 
     rclpy.init()
     node = rclpy.create_node("client")
@@ -309,7 +315,10 @@ finally:
 def test_two_nodes_talk_in_types_that_were_made_here():
     done = in_ros(CLIENT, SERVER=SERVER)
     assert done.returncode == 0, done.stderr
-    prefix, switched, followed = done.stdout.splitlines()
+    prefix, force, warnings, switched, followed = done.stdout.splitlines()
+    kind, *numbers = force.split()
+    assert (kind, warnings) == ("True", "True")
+    assert [float(number) for number in numbers] == pytest.approx([0.025, 0.5, 0.01])
     assert switched == "controller_manager_msgs.srv.SwitchController_Response(ok=True, message='a, b')"
     assert followed == "-5 ['elbow_joint']"
     if prefix != "None":
