@@ -287,7 +287,7 @@ try:
     from ur_msgs.srv import SetForceMode
 
     force = SetForceMode.Request()  # what no type hash tells: constants, and values of what is not given
-    print(force.type == force.NO_TRANSFORM, force.damping_factor, force.gain_scaling, force.deviation_limits.tolist()[5])
+    print(force.type == force.NO_TRANSFORM, force.damping_factor, force.gain_scaling, force.deviation_limits[5])
     print(SendScript.Goal().fail_on_warnings)
 
     rclpy.init()
