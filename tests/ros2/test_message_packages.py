@@ -219,7 +219,7 @@ def in_ros(script: str, **environment: str) -> subprocess.CompletedProcess[str]:
         [sys.executable, "-c", textwrap.dedent(script)],
         capture_output=True,
         text=True,
-        timeout=600,
+        timeout=900,
         env={**os.environ, **settings, **environment},
     )
 
@@ -311,7 +311,7 @@ finally:
 
 
 @needs_ros
-@pytest.mark.timeout(600)  # the first time on a machine it compiles for a minute, longer if others do too
+@pytest.mark.timeout(900)  # the first time on a machine it compiles for a minute, longer if others do too
 def test_two_nodes_talk_in_types_that_were_made_here():
     done = in_ros(CLIENT, SERVER=SERVER)
     assert done.returncode == 0, done.stderr
