@@ -1,0 +1,333 @@
+"""Message packages that a machine lacks: the definitions, what `ensure` does, and what it says when it cannot."""
+
+import json
+import os
+import subprocess
+import sys
+import textwrap
+import threading
+from pathlib import Path
+
+import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from client.errors import Ros2Error
+from client.ros2 import message_packages
+from client.ros2.message_builder import python_folder
+from client.ros2.message_packages import DISTRIBUTIONS, PACKAGES, Ros2Installation, definitions, ensure
+
+HERE = Path(__file__).parent
+
+
+def published() -> dict[str, dict[str, str]]:
+    """Type hashes by distribution and type."""
+    hashes: dict[str, dict[str, str]] = {name: {} for name in DISTRIBUTIONS}
+    for line in (HERE / "type_hashes.txt").read_text().splitlines():
+        if line and not line.startswith("#"):
+            names, kind, digest = line.split()
+            for name in names.split("+"):
+                hashes[name][kind] = f"RIHS01_{digest}"
+    return hashes
+
+
+@pytest.mark.parametrize("distribution", DISTRIBUTIONS)
+def test_messages_have_the_published_type_hashes(distribution):
+    """As rosbags computes them, which shares nothing with rosidl."""
+    store = get_typestore(Stores.ROS2_HUMBLE if distribution == "humble" else Stores.ROS2_JAZZY)
+    ours = {}
+    for package in PACKAGES:
+        for file, text in definitions(package, distribution).items():
+            if file.startswith("msg/"):
+                ours |= get_types_from_msg(text, f"{package}/{file.removesuffix('.msg')}")
+    store.register({name: kind for name, kind in ours.items() if name not in store.types})
+    assert {name: store.hash_rihs01(name) for name in ours} == {
+        name: digest for name, digest in published()[distribution].items() if "/msg/" in name
+    }
+
+
+@pytest.mark.parametrize("distribution", DISTRIBUTIONS)
+def test_there_is_a_definition_of_every_published_type(distribution):
+    ours = {
+        f"{package}/{file.rsplit('.', 1)[0]}" for package in PACKAGES for file in definitions(package, distribution)
+    }
+    assert ours == set(published()[distribution])
+
+
+# Stands in for the builder: writes what it is told, and waits as long as it is told.
+FAKE = """
+import json, os, sys, time
+from pathlib import Path
+plan = json.load(sys.stdin)
+with open(os.environ["CALLS"], "a") as calls:
+    calls.write("built\\n")
+while os.path.exists(os.environ["CALLS"] + ".wait"):
+    time.sleep(0.01)
+modules = "lib/python{}.{}/site-packages".format(*sys.version_info)
+for name, version, files in plan["packages"]:
+    folder = Path(plan["prefix"]) / modules / name
+    folder.mkdir(parents=True)
+    (folder / "__init__.py").write_text(f"VERSION = {version!r}")
+    print("0.5 making", name, flush=True)
+    if os.environ.get("FAIL"):
+        print("error no compiler for", name)
+        sys.exit(1)
+"""
+
+
+@pytest.fixture
+def builder(tmp_path, monkeypatch):
+    """A builder that takes no time, and a file with a line for each of its runs."""
+    fake = tmp_path / "fake.py"
+    fake.write_text(FAKE)
+    calls = tmp_path / "calls"
+    calls.touch()
+    installation = Ros2Installation("jazzy", (tmp_path,), sourced=False)
+    monkeypatch.setattr(message_packages, "_BUILDER", fake)
+    monkeypatch.setattr(message_packages, "missing", lambda: ("ur_msgs",))
+    monkeypatch.setattr(message_packages, "find_installation", lambda: installation)
+    monkeypatch.setenv("CALLS", str(calls))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", "")
+    monkeypatch.setenv("PYTHONPATH", "")
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    return calls
+
+
+def runs(calls: Path) -> int:
+    return len(calls.read_text().splitlines())
+
+
+def test_nothing_is_made_where_nothing_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setattr(message_packages, "missing", tuple)
+    before = list(sys.path)
+    packages = ensure(cache=tmp_path)
+    assert (packages.prefix, packages.setup_file, packages.environment()) == (None, None, {})
+    assert sys.path == before
+    assert not list(tmp_path.iterdir())
+
+
+def test_packages_are_made_once_and_found_by_this_process_and_its_children(tmp_path, builder):
+    told = []
+    packages = ensure(lambda part, what: told.append((part, what)), tmp_path / "cache")
+    assert told == [(0.5, "making ur_msgs")]
+    assert str(python_folder(packages.prefix)) in sys.path
+    child = subprocess.run(
+        [sys.executable, "-c", "import ur_msgs; print(ur_msgs.VERSION)"], capture_output=True, text=True
+    )
+    assert child.stdout == "2.5.0\n", child.stderr
+    assert os.environ["AMENT_PREFIX_PATH"] == f"{packages.prefix}:{tmp_path}"
+
+    again = ensure(cache=tmp_path / "cache")
+    assert again.prefix == packages.prefix
+    assert runs(builder) == 1
+    assert [path.name for path in packages.prefix.parent.iterdir() if path.is_dir()] == [packages.prefix.name]
+
+
+def test_a_shell_finds_them_by_the_setup_file(tmp_path, builder):
+    packages = ensure(cache=tmp_path / "cache")
+    script = f'. {packages.setup_file}; {sys.executable} -c "import ur_msgs"; echo $? $AMENT_PREFIX_PATH'
+    shell = subprocess.run(["sh", "-c", script], capture_output=True, text=True, env={"PATH": os.environ["PATH"]})
+    assert shell.stdout == f"0 {packages.prefix}:{tmp_path}\n", shell.stderr
+
+
+@pytest.mark.parametrize(
+    "damage", ["a file is gone", "a file is cut", "the manifest is gone", "the manifest is not one"]
+)
+def test_a_broken_cache_is_made_anew(tmp_path, builder, damage):
+    prefix = ensure(cache=tmp_path / "cache").prefix
+    module = python_folder(prefix) / "ur_msgs/__init__.py"
+    manifest = prefix / "manifest.json"
+    if damage == "a file is gone":
+        module.unlink()
+    elif damage == "a file is cut":
+        module.write_text("")
+    elif damage == "the manifest is gone":
+        manifest.unlink()
+    else:
+        manifest.write_text("[]")
+    ensure(cache=tmp_path / "cache")
+    assert module.read_text() == "VERSION = '2.5.0'"
+    assert runs(builder) == 2
+
+
+def test_two_at_once_make_them_once(tmp_path, builder):
+    wait = Path(f"{builder}.wait")
+    wait.touch()
+    waited = threading.Event()
+    first = threading.Thread(target=ensure, kwargs={"cache": tmp_path / "cache"})
+    first.start()
+    try:
+        while not runs(builder):
+            waited.wait(0.01)
+        second = threading.Thread(target=ensure, args=(lambda part, what: waited.set(), tmp_path / "cache"))
+        second.start()
+        assert waited.wait(20)  # told that somebody else is at it
+    finally:
+        wait.unlink()
+    first.join(20)
+    second.join(20)
+    assert runs(builder) == 1
+
+
+def test_what_was_interrupted_is_gone_and_does_not_hinder(tmp_path, builder):
+    def interrupt(part, what):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ensure(interrupt, tmp_path / "cache")
+    assert not [path for path in (tmp_path / "cache").iterdir() if path.is_dir()]
+    assert ensure(cache=tmp_path / "cache").prefix.is_dir()
+
+
+def test_a_failure_is_told_with_its_cause_and_leaves_nothing_half(tmp_path, builder, monkeypatch):
+    monkeypatch.setenv("FAIL", "1")
+    with pytest.raises(Ros2Error, match=r"ur_msgs cannot be made: no compiler for ur_msgs\. Details: .*\.log"):
+        ensure(cache=tmp_path / "cache")
+    assert not [path for path in (tmp_path / "cache").iterdir() if path.is_dir()]
+
+
+def test_a_cache_that_cannot_be_written_is_named(tmp_path, builder):
+    (tmp_path / "file").touch()
+    with pytest.raises(Ros2Error, match=r"in .*file/cache \(Not a directory\).* UR_CLIENT_ROS2_CACHE"):
+        ensure(cache=tmp_path / "file/cache")
+
+
+def test_the_cache_is_where_the_environment_says(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("UR_CLIENT_ROS2_CACHE", raising=False)
+    assert message_packages.default_cache() == tmp_path / "ur-client/ros2"
+    monkeypatch.setenv("UR_CLIENT_ROS2_CACHE", str(tmp_path / "own"))
+    assert message_packages.default_cache() == tmp_path / "own"
+
+
+def test_a_distribution_without_definitions_is_refused(tmp_path, monkeypatch):
+    folder = tmp_path / "lib/python3/site-packages/rclpy"
+    folder.mkdir(parents=True)
+    (folder / "__init__.py").touch()
+    monkeypatch.setattr(sys, "path", [str(folder.parent), *sys.path])
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    monkeypatch.setenv("ROS_DISTRO", "galactic")
+    with pytest.raises(Ros2Error, match="humble, jazzy and kilted, not for galactic"):
+        message_packages.find_installation()
+    monkeypatch.setenv("ROS_DISTRO", "humble")
+    assert message_packages.find_installation() == Ros2Installation("humble", (tmp_path,), sourced=True)
+
+
+def in_ros(script: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A process of its own, since what is imported stays imported."""
+    settings = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
+    return subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)],
+        capture_output=True,
+        text=True,
+        timeout=900,
+        env={**os.environ, **settings, **environment},
+    )
+
+
+needs_ros = pytest.mark.skipif(
+    not message_packages._importable("rclpy"), reason="ROS 2 is not installed: pip install 'ur-emulator[ros2]'"
+)
+
+ENSURE = "from client.ros2.message_packages import ensure; print(ensure().prefix)\n"
+
+
+@needs_ros
+def test_without_a_compiler_it_says_what_to_install(tmp_path):
+    done = in_ros(ENSURE, UR_CLIENT_ROS2_CACHE=str(tmp_path), PATH=str(tmp_path))
+    assert "cannot be made: no compiler: none of cc, gcc, clang is there" in done.stderr
+    assert "build-essential" in done.stderr
+
+
+@needs_ros
+def test_without_rosidl_it_says_what_to_install(tmp_path):
+    (tmp_path / "rosidl_parser.py").write_text("raise ImportError('no rosidl')")
+    done = in_ros(ENSURE, UR_CLIENT_ROS2_CACHE=str(tmp_path / "cache"), PYTHONPATH=str(tmp_path))
+    assert "cannot be made: rosidl's generators are not installed" in done.stderr
+
+
+SERVER = """
+import rclpy
+from rclpy.action import ActionServer
+from control_msgs.action import FollowJointTrajectory
+from controller_manager_msgs.srv import SwitchController
+from tf2_msgs.msg import TFMessage
+
+rclpy.init()
+node = rclpy.create_node("server")
+frames = node.create_publisher(TFMessage, "frames", 1)
+
+def execute(goal):
+    goal.publish_feedback(FollowJointTrajectory.Feedback(joint_names=goal.request.trajectory.joint_names))
+    goal.succeed()
+    return FollowJointTrajectory.Result(error_code=FollowJointTrajectory.Result.GOAL_TOLERANCE_VIOLATED)
+
+def switch(request, response):
+    response.ok, response.message = request.strictness == request.STRICT, ", ".join(request.activate_controllers)
+    return response
+
+action = ActionServer(node, FollowJointTrajectory, "follow", execute)
+service = node.create_service(SwitchController, "switch", switch)
+print("ready", flush=True)
+rclpy.spin(node)
+"""
+
+CLIENT = """
+import os, signal, subprocess, sys
+from client.ros2.message_packages import ensure
+print(ensure().prefix, flush=True)
+server = subprocess.Popen([sys.executable, "-c", os.environ["SERVER"]], stdout=subprocess.PIPE)
+try:
+    assert server.stdout.readline() == b"ready\\n"
+    import rclpy
+    from rclpy.action import ActionClient
+    from control_msgs.action import FollowJointTrajectory
+    from controller_manager_msgs.srv import SwitchController
+    from trajectory_msgs.msg import JointTrajectory
+    from ur_msgs.action import SendScript
+    from ur_msgs.srv import SetForceMode
+
+    force = SetForceMode.Request()  # what no type hash tells: constants, and values of what is not given
+    print(force.type == force.NO_TRANSFORM, force.damping_factor, force.gain_scaling, force.deviation_limits[5])
+    print(SendScript.Goal().fail_on_warnings)
+
+    rclpy.init()
+    node = rclpy.create_node("client")
+    def done(future):
+        rclpy.spin_until_future_complete(node, future, timeout_sec=30)
+        return future.result()
+    service = node.create_client(SwitchController, "switch")
+    assert service.wait_for_service(30)
+    print(done(service.call_async(SwitchController.Request(activate_controllers=["a", "b"], strictness=2))))
+    action = ActionClient(node, FollowJointTrajectory, "follow")
+    assert action.wait_for_server(30)
+    heard = []
+    goal = FollowJointTrajectory.Goal(trajectory=JointTrajectory(joint_names=["elbow_joint"]))
+    accepted = done(action.send_goal_async(goal, feedback_callback=heard.append))
+    print(done(accepted.get_result_async()).result.error_code, heard[0].feedback.joint_names)
+finally:
+    server.kill()
+    server.wait()
+"""
+
+
+@needs_ros
+@pytest.mark.timeout(900)  # the first time on a machine it compiles for a minute, longer if others do too
+def test_two_nodes_talk_in_types_that_were_made_here():
+    done = in_ros(CLIENT, SERVER=SERVER)
+    assert done.returncode == 0, done.stderr
+    prefix, force, warnings, switched, followed = done.stdout.splitlines()
+    kind, *numbers = force.split()
+    assert (kind, warnings) == ("True", "True")
+    assert [float(number) for number in numbers] == pytest.approx([0.025, 0.5, 0.01])
+    assert switched == "controller_manager_msgs.srv.SwitchController_Response(ok=True, message='a, b')"
+    assert followed == "-5 ['elbow_joint']"
+    if prefix != "None":
+        check_hashes(Path(prefix))
+
+
+def check_hashes(prefix: Path) -> None:
+    """What rosidl compiled in, and so what the nodes tell others."""
+    for name, digest in published()[message_packages.find_installation().distribution].items():
+        package, kind, interface = name.split("/")
+        told = json.loads((prefix / "share" / package / kind / f"{interface}.json").read_text())
+        assert {"type_name": name, "hash_string": digest} in told["type_hashes"]
