@@ -303,8 +303,14 @@ class PowerSwitch:
 def make_servers(controller: Controller, *, tool_line: bool = False) -> tuple[PortServer, ...]:
     """One server for each port of a controller, not listening yet. tool_line: also of its tool's serial line."""
 
+    newest: dict[bool, tuple[Snapshot, bytes]] = {}  # four ports send the same, in the same control period
+
     def state(snapshot: Snapshot, full: bool) -> bytes:
-        return encode_robot_state(robot_state(snapshot, controller.model), controller.version, full=full)
+        known = newest.get(full)
+        if known is None or known[0] is not snapshot:
+            encoded = encode_robot_state(robot_state(snapshot, controller.model), controller.version, full=full)
+            newest[full] = known = snapshot, encoded
+        return known[1]
 
     def primary(name: str, read_only: bool) -> PrimaryServer:
         reporter = ProgramReporter(controller.programs, controller.version)

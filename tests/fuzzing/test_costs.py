@@ -101,6 +101,8 @@ def test_no_step_of_compiling_a_long_text_is_long(name: str) -> None:
 @pytest.mark.parametrize("name", SOURCES)
 def test_compiling_a_long_text_leaves_half_the_period(name: str) -> None:
     bound_s = CROWDED * HALF_S["ur3"] * slowness()
+    if WANTED and name == "threads":
+        bound_s *= 5  # Python gets to know 5,000 of them in one step, when the program starts: see MOST_TO_START
     longest, period = longest_tick(source(name, SIZE), 300, "ur3", bound_s)
     assert longest <= bound_s, f"period {period}: {longest * 1e3:.2f} ms"
 

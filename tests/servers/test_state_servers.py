@@ -7,7 +7,10 @@ from typing import Any
 import pytest
 from server_rig import CB3, E_SERIES, FakeController, MemoryClient
 
+from emulator import app
 from emulator.commands.requests import RefusedScript, RTDEInputs, ScriptUnit
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
 from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
 from emulator.servers.port import PortServer
@@ -335,3 +338,29 @@ def test_connections_opened_in_local_control_stay_read_only(controller: FakeCont
     late.feed(b"stop program\n")
     controller.tick(2)
     assert controller.commands == [RefusedScript("stop program"), ScriptUnit("stop program", "line")]
+
+
+def test_a_state_is_encoded_once_for_the_four_ports_that_send_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They send it in the same control period, and encoding takes a twentieth of an e-Series arm's."""
+    encoded = []
+
+    def encode(state: RobotStateData, version: PolyscopeVersion, *, full: bool) -> bytes:
+        encoded.append(full)
+        return encode_robot_state(state, version, full=full)
+
+    monkeypatch.setattr(app, "encode_robot_state", encode)
+    controller = Controller(ControllerConfig(model=load_model("ur5e")))
+    ports = [port for port in app.make_servers(controller) if isinstance(port, PrimaryServer)]
+    clients = [MemoryClient(port) for port in ports]
+    first, second = [[] for _ in ports], [[] for _ in ports]
+    for states in (first, second):
+        encoded.clear()
+        for _ in range(50):
+            controller.tick()
+        for client, state in zip(clients, states, strict=True):
+            state += PrimaryDecoder(controller.version).feed(client.take())
+    assert encoded == [False]
+    assert len(ports) == 4
+    assert len({repr([m for m in state if isinstance(m, RobotStateData)]) for state in second}) == 1
+    assert all(isinstance(state[-1], RobotStateData) for state in (*first, *second))
+    assert second[0][-1] != first[0][-1]
