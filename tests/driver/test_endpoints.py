@@ -15,6 +15,7 @@ from urproto.errors import LocalProtocolError
 from urproto.external_control import (
     ControlMode,
     FreedriveAction,
+    Question,
     ReverseMessage,
     ScriptCommand,
     ScriptCommandKind,
@@ -334,6 +335,24 @@ async def test_commands_and_contact():
         robot.answer(0)
         assert await commands.result(5) is TrajectoryResult.SUCCESS
         robot.close()
+
+
+async def test_what_was_left_of_an_earlier_question_answers_no_later_one():
+    """The end of a program, or an answer that nobody waited for any more."""
+    async with ScriptCommandEndpoint(0, HOST) as commands:
+        first = await Robot.at(commands)
+        await commands.wait_connected()
+        peer = commands.peer
+        first.answer(-2, 1_000_000, 0)
+        first.close()
+        await peer.gone
+        second = await Robot.at(commands)
+        await commands.wait_connected()
+        asking = asyncio.create_task(commands.ask(Question.INVERSE_KIN, (Q,)))
+        await second.words(2 * 28)  # the argument, and the question
+        second.answer(-2, 2_000_000, 0)
+        assert await asking == (2.0,)
+        second.close()
 
 
 async def test_the_program_is_given_to_whoever_asks_and_the_connection_stays():
