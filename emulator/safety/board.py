@@ -85,7 +85,8 @@ class StopMonitor:
     def _too_slow(self, stop: StopRecord) -> bool:
         """Asked when a stop should be over: the arm still moves, and neither its brakes nor a soft stop are at work."""
         machine = self._machine
-        monitored = stop.category is not StopCategory.POWER_REMOVED and machine.motion.hard_transitions
+        soft = stop.mode is SafetyMode.SAFEGUARD_STOP and not machine.motion.hard_transitions
+        monitored = stop.category is not StopCategory.POWER_REMOVED and not soft
         return monitored and max(map(abs, machine.arm.qd)) > _REST_RAD_S
 
 

@@ -4,14 +4,16 @@ import ast
 import inspect
 import json
 import math
+from types import SimpleNamespace
 
 import msgspec
 import pytest
 
 from emulator.control import control
-from emulator.control.control import Control, LiveControl, VirtualRobot
+from emulator.control.control import Control, LiveControl, PortVerbs, VirtualRobot
 from emulator.control.verbs import BadArguments, NotPossible, verbs_of
 from emulator.machine import ControllerConfig
+from emulator.servers.admission import Reason, TurnedAway
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
 
@@ -241,6 +243,14 @@ def test_type_checkers_see_the_subjects_that_there_are() -> None:
     assert seen["_Methods"] == {subject.__name__ for subject in Control.SUBJECTS}
     with_ports = set(LiveControl.SUBJECTS) - set(Control.SUBJECTS)
     assert seen["_MethodsOfPorts"] == {subject.__name__ for subject in with_ports}
+
+
+def test_only_ports_that_turned_somebody_away_are_told(robot: VirtualRobot) -> None:
+    ports = {name: SimpleNamespace(port=1, peers=[], turned_away=TurnedAway(name)) for name in ("rtde", "dashboard")}
+    ports["dashboard"].turned_away.count(Reason.PORT_FULL, "127.0.0.1:5", "is turned away")
+    verbs = PortVerbs(robot._robot, ports, dict)
+    assert verbs.turned_away() == {"dashboard": {"port full": 1}}
+    assert verbs.ports() == {"rtde": 1, "dashboard": 1}
 
 
 def test_results_are_plain(robot: VirtualRobot) -> None:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -15,6 +16,7 @@ from emulator.polyscope.safety_configuration import (
     factory_configuration,
 )
 from emulator.robot.arm import Arm
+from emulator.safety.board import StopMonitor
 from emulator.safety.conditions import SafetyDevice
 from emulator.safety.geometry import CLAMPING_M, Boundaries, clamping_distance
 from emulator.safety.governor import TRANSITION_S, Governor, operational
@@ -472,6 +474,27 @@ def test_how_far_and_how_hard_a_stop_is(make, model, event, category):
     assert stop.duration_s == pytest.approx(speed / most, abs=3.0 * period)
     assert stop.distance_m == pytest.approx(moved * 0.95, rel=0.4)
     assert rig.now.robot_mode is (RobotMode.RUNNING if category is StopCategory.CONTROLLED else RobotMode.POWER_OFF)
+
+
+@pytest.mark.parametrize(
+    ("category", "mode", "hard", "too_slow"),
+    [
+        (StopCategory.CONTROLLED, SafetyMode.SAFEGUARD_STOP, True, True),
+        (StopCategory.CONTROLLED, SafetyMode.SAFEGUARD_STOP, False, False),  # slows down as for a pause
+        (StopCategory.CONTROLLED, SafetyMode.PROTECTIVE_STOP, False, True),  # is never soft
+        (StopCategory.CONTROLLED_THEN_OFF, SafetyMode.ROBOT_EMERGENCY_STOP, False, True),
+        (StopCategory.POWER_REMOVED, SafetyMode.FAULT, True, False),  # the brakes do what they can
+    ],
+)
+def test_which_stops_have_to_be_over_in_time(category, mode, hard, too_slow):
+    arm = SimpleNamespace(tcp_speed=ZERO6, qd=(0.0, -0.3, 0.0, 0.0, 0.0, 0.0))
+    motion = SimpleNamespace(hard_transitions=hard)
+    machine = SimpleNamespace(time_s=5.0, period_s=0.008, standing=False, arm=arm, motion=motion)
+    monitor = StopMonitor(machine)
+    monitor.begin(category, mode)
+    for elapsed_s, expected in ((0.52, False), (0.53, too_slow)):
+        machine.time_s = 5.0 + elapsed_s
+        assert monitor.follow() is expected
 
 
 def test_a_stop_that_takes_too_long_is_a_violation(make):

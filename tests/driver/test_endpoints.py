@@ -15,6 +15,7 @@ from urproto.errors import LocalProtocolError
 from urproto.external_control import (
     ControlMode,
     FreedriveAction,
+    Question,
     ReverseMessage,
     ScriptCommand,
     ScriptCommandKind,
@@ -186,6 +187,22 @@ async def test_without_a_token_the_next_one_waits_until_the_robot_has_left():
         second.close()
 
 
+async def test_with_a_token_nobody_who_waits_takes_the_place_of_a_robot_that_has_left():
+    async with ReverseEndpoint(0, HOST) as reverse:
+        reverse.token = TOKEN
+        robot = await Robot.at(reverse)
+        robot.greet()
+        await reverse.wait_connected()
+        stranger = await Robot.at(reverse)
+        await asyncio.sleep(0.01)
+        peer = reverse.peer
+        robot.close()
+        await peer.gone
+        assert len(reverse.waiting) == 1
+        assert not reverse.connected
+        stranger.close()
+
+
 async def test_a_greeting_is_no_result():
     async with TrajectoryEndpoint(0, HOST) as trajectory:
         trajectory.token = TOKEN
@@ -196,12 +213,14 @@ async def test_a_greeting_is_no_result():
         robot.close()
 
 
-async def test_another_robot_is_sent_away():
+async def test_another_robot_is_sent_away(caplog):
     async with ReverseEndpoint(0, HOST) as reverse:
         first = await Robot.at(reverse)
         await reverse.wait_connected()
         second = await Robot.at(reverse, "127.0.0.2")
         await second.gone()
+        assert "127.0.0.2 is sent away" in caplog.text
+        assert f"this port serves {HOST}" in caplog.text, "at once, and not for want of patience"
         reverse.keep_alive()
         assert (await first.words(8))[7] == 0
         first.close()
@@ -316,6 +335,24 @@ async def test_commands_and_contact():
         robot.answer(0)
         assert await commands.result(5) is TrajectoryResult.SUCCESS
         robot.close()
+
+
+async def test_what_was_left_of_an_earlier_question_answers_no_later_one():
+    """The end of a program, or an answer that nobody waited for any more."""
+    async with ScriptCommandEndpoint(0, HOST) as commands:
+        first = await Robot.at(commands)
+        await commands.wait_connected()
+        peer = commands.peer
+        first.answer(-2, 1_000_000, 0)
+        first.close()
+        await peer.gone
+        second = await Robot.at(commands)
+        await commands.wait_connected()
+        asking = asyncio.create_task(commands.ask(Question.INVERSE_KIN, (Q,)))
+        await second.words(2 * 28)  # the argument, and the question
+        second.answer(-2, 2_000_000, 0)
+        assert await asking == (2.0,)
+        second.close()
 
 
 async def test_the_program_is_given_to_whoever_asks_and_the_connection_stays():

@@ -116,6 +116,8 @@ def test_protocol_1_has_neither_frequency_nor_recipe_id(host: RTDEHost) -> None:
         (E_SERIES, 500.0, 1),
         (E_SERIES, 125.0, 4),
         (E_SERIES, 25.0, 20),
+        (CB3, 41.6666666667, 3),  # what is meant by it, written down
+        (E_SERIES, 166.6666666667, 3),
         (E_SERIES, 1e-300, 2**31),
     ],
 )
