@@ -1,7 +1,7 @@
 """The only module that reads the time.
 
 A clock calls the tick once per control period. ``RealClock`` does so in real time, or in
-real time times a speed; ``StepClock`` only when told to; ``FastClock`` as fast as it goes.
+real time times a speed; ``StepClock`` only when told to; ``FastClock`` as fast as possible.
 
 Deadlines are absolute, so lateness never adds up. A tick that comes late is followed by
 the next ones a little faster than the period, never in a burst: clients that expect a
@@ -92,7 +92,7 @@ def _percentile(bins: Sequence[int], share: float) -> int:
 
 
 class StepClock:
-    """Time goes by only in ``step``: for tests, and for running as fast as it goes."""
+    """Time goes by only in ``step``: for tests, and for running as fast as possible."""
 
     last_tick_s = 0.0
 

@@ -363,6 +363,7 @@ class Controller(Machine):
     def _publish(self) -> None:
         snapshot = self.snapshot.successor()
         snapshot.step, snapshot.timestamp = self.step_count, self.time_s
+        # An arm at rest is in the copy already, unless a hook changed what the copy says of it.
         if self._arm_changed or self._hooks_ran or self.snapshot_hooks:
             self.arm.publish(snapshot)
         powered = self.power.report.powered

@@ -40,7 +40,7 @@ class FreedriveModeController(Controller[FreedriveParameters]):
     def __init__(self, name: str, parameters: FreedriveParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
         self.enabled = False
-        self._asked_s: float | None = None
+        self._requested_s: float | None = None
         self._wanted: bool | None = None
 
     @property
@@ -52,7 +52,7 @@ class FreedriveModeController(Controller[FreedriveParameters]):
         return f"{self.parameters.tf_prefix}freedrive_mode"
 
     def on_activate(self, time_s: float) -> None:
-        self.enabled, self._asked_s, self._wanted = False, None, None
+        self.enabled, self._requested_s, self._wanted = False, None, None
 
     def on_halt(self, reason: str) -> None:
         self.enabled, self._wanted = False, None
@@ -64,10 +64,10 @@ class FreedriveModeController(Controller[FreedriveParameters]):
 
     def update(self, time_s: float, period_s: float) -> None:
         if self._wanted is not None:
-            wanted, self._wanted, self._asked_s = self._wanted, None, time_s
+            wanted, self._wanted, self._requested_s = self._wanted, None, time_s
             self._change(wanted)
-        elif self.enabled and self._asked_s is not None:
-            self._change(time_s - self._asked_s <= self.parameters.inactive_timeout)
+        elif self.enabled and self._requested_s is not None:
+            self._change(time_s - self._requested_s <= self.parameters.inactive_timeout)
 
     def _change(self, wanted: bool) -> None:
         if wanted != self.enabled:

@@ -153,7 +153,7 @@ class FramedStream:
     def _garbage_until(self, until: int) -> Iterator[Line]:
         if self._garbage is not None and until > self._garbage[0]:
             start, reason = self._garbage
-            yield problem(f"offset {start}: {until - start} bytes are not a {self._framing.name} message: {reason}")
+            yield problem(f"offset {start}: {until - start} bytes are no {self._framing.name} message: {reason}")
         self._garbage = None
 
     def _leave_step(self) -> None:

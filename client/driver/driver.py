@@ -54,10 +54,20 @@ class URDriver:
 
     All others raise ProgramNotRunningError without the control program. Any raises LocalProtocolError for values that
     make no sense and RobotRefused for what this version does not have.
+
+    In the order of this file:
+
+    - state: `version`, `state`, `next_state`
+    - control program: `start_program`, `stop_program`, `wait_for_program`, `program_running`, `lost_why`
+    - safety and speed: `protective_stopped`, `on_safety_mode`, `recover`, `set_speed_slider`
+    - setpoints: `servoj`, `servo_pose`, `speedj`, `speedl`, `torque`, `idle`; `start_freedrive` to `stop_freedrive`
+    - trajectories: `execute`; `start_trajectory`, `trajectory_result`, `cancel_trajectory`; `start_stream`, `stream`,
+      `end_stream`
+    - commands beside the motion: payload, gravity, TCP, force mode, tool contact, friction; `ask`
     """
 
     config: DriverConfig
-    """What the driver was told."""
+    """Addresses, ports, rates and timeouts, as given."""
     robot: RobotLink
     """What the robot says about itself."""
     program: ProgramSupervisor

@@ -82,7 +82,7 @@ class RobotLink:
         self._connections = AsyncExitStack()
         self._loop: asyncio.AbstractEventLoop
         self._untold: deque[Mapping[str, Any]] = deque()  # states the loop has to hear of
-        self._told_modes: tuple[int, ...] = ()  # as the thread knows it, and
+        self._reported_modes: tuple[int, ...] = ()  # as the thread knows it, and
         self._last_modes: tuple[int, ...] = ()  # as the loop does
         self._telling = False  # the loop is going to
         self._awaited = False  # somebody waits for the next state
@@ -297,9 +297,9 @@ class RobotLink:
 
     def _arrived(self, state: Mapping[str, Any]) -> None:
         modes = (state["robot_mode"], state["safety_mode"], state["runtime_state"])
-        if not (self.on_state or self._awaited or modes != self._told_modes):
+        if not (self.on_state or self._awaited or modes != self._reported_modes):
             return
-        self._told_modes = modes
+        self._reported_modes = modes
         self._untold.append(state)
         if not self._telling:
             self._telling = True

@@ -46,8 +46,8 @@ class EmulatorControl:
 
     async def close(self) -> None:
         """End the connection."""
-        for asked in self._watched.values():
-            await asked.close()
+        for watched in self._watched.values():
+            await watched.close()
         await self._http.aclose()
 
     def watch(self, verb: str) -> Poller[Any]:
@@ -64,8 +64,8 @@ class EmulatorControl:
                 await self.look_at_the_time()
             return result
         finally:
-            for asked in self._watched.values():
-                asked.refresh()
+            for watched in self._watched.values():
+                watched.refresh()
 
     @property
     def pace(self) -> str:

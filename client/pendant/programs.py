@@ -120,11 +120,11 @@ class Programs:
 
     async def follow(self, station: Robot) -> None:
         """Ask again when something happened, and now and then which program is loaded, for ever."""
-        asked_s, emulated = -_LOADED_AGAIN_S, None
+        queried_s, emulated = -_LOADED_AGAIN_S, None
         clock = asyncio.get_running_loop().time
         while True:
-            if station.connected and (self._changed.is_set() or clock() - asked_s >= _LOADED_AGAIN_S):
-                asked_s = clock()
+            if station.connected and (self._changed.is_set() or clock() - queried_s >= _LOADED_AGAIN_S):
+                queried_s = clock()
                 with suppress(URError, OSError):
                     await self._ask_loaded(station)
             if self._changed.is_set() or station.emulator.available != emulated:

@@ -42,7 +42,7 @@ Answer = TypeVar("Answer")
 Mode = TypeVar("Mode", RobotMode, SafetyMode, RuntimeState)
 
 FRAME_HZ: Final = 30.0
-"""How often a second the robot is asked for its state, and a browser is told."""
+"""States per second that the robot is asked for, and a browser gets."""
 
 OUTPUTS: Final = (
     "timestamp", "robot_mode", "joint_mode", "safety_mode", "safety_status", "safety_status_bits", "runtime_state",

@@ -55,6 +55,20 @@ class AsyncRobot:
 
     Settings work with and without the control program, and beside a motion. They raise LocalProtocolError for values
     that make no sense, RobotRefused when no effect is seen.
+
+    In the order of this file:
+
+    - state: `state`, `q`, `tcp_pose`, `digital_in`, `digital_out`, `tcp_pose_at`
+    - readiness: `make_ready`, `recover`
+    - motions: `move_j`, `move_l`, `move_p`, `move_c`, `sequence`, `speed_j`, `speed_l`, `jog`, `move_until_contact`
+    - the motion under way: `progress`, `moving`, `wait_done`, `wait_for`, `stop`
+    - contexts: `servo_j`, `servo_pose`, `velocity_j`, `velocity_l`, `direct_torque`, `freedrive`, `force_mode`;
+      `stream`
+    - settings: `set_digital_out`, `set_payload`, `set_tcp`, `set_speed_slider`, `set_watchdog` and others
+    - questions: `tcp_offset`, `history`, `is_steady`, `step_time`, `target_waypoint`
+    - for programs of the caller's own: `need_program`, `ask`, `free`, `start_again`
+
+    Kinematics, dynamics, contact, force, I/O, other programs and the dashboard are parts of their own, below.
     """
 
     driver: URDriver
@@ -111,7 +125,7 @@ class AsyncRobot:
         if failure is not None and error is None:
             raise failure
 
-    # what there is to see
+    # state
 
     @property
     def state(self) -> RobotState:
@@ -520,7 +534,7 @@ class AsyncRobot:
         """Stop the arm as the robot would after a collision, from any motion. See `recover`."""
         await self._settings.trigger_protective_stop()
 
-    # asked for, beside any motion
+    # questions, beside any motion
 
     async def tcp_offset(self) -> Pose:
         """Flange to TCP (6,) [m, rotation vector], as it is in effect. From 3.6 on."""

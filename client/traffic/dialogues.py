@@ -34,7 +34,7 @@ class Requests:
 
     def answer(self, request: bytes) -> bytes | None:
         """None when this was never asked."""
-        places = [place for place, (asked, _) in enumerate(self._pairs) if asked == request]
+        places = [place for place, (known, _) in enumerate(self._pairs) if known == request]
         if not places:
             return None
         later = next((place for place in places if place >= self._position), None)

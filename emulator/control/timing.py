@@ -70,7 +70,7 @@ def _constant(text: str, example: Any) -> Any:
 
 
 class Pace(Protocol):
-    """How a robot's time goes by. ``speed``: simulated seconds per second, inf for as fast as it goes."""
+    """How a robot's time goes by. ``speed``: simulated seconds per second, inf for as fast as possible."""
 
     @property
     def speed(self) -> float: ...
@@ -92,7 +92,7 @@ class OwnPace:
     paused = True
 
     def set_speed(self, speed: float) -> None:
-        raise NotPossible("the time of this robot is driven step by step, as fast as it goes")
+        raise NotPossible("the time of this robot is driven step by step, as fast as possible")
 
     def pause(self) -> None:
         """It is paused already."""

@@ -67,12 +67,12 @@ class RuntimeException(Fault):
 
     def act(self, site: Site, strikes: Strikes) -> Act:
         programs = site.controller.programs
-        asked_before = programs.step_hook
+        hook_before = programs.step_hook
 
         def ask(host: "ProgramHost", line: int, column: int, thread: "ScriptThread") -> bool:
             if line == self.line and not host.secondary and strikes():
                 raise RuntimeFault(self.message)
-            return asked_before is not None and asked_before(host, line, column, thread)
+            return hook_before is not None and hook_before(host, line, column, thread)
 
         programs.step_hook = ask
         try:
@@ -80,4 +80,4 @@ class RuntimeException(Fault):
                 yield
         finally:
             if programs.step_hook is ask:
-                programs.step_hook = asked_before
+                programs.step_hook = hook_before

@@ -188,14 +188,16 @@ def load_steps(
     try:
         tree = yield from read_tree_steps(path, folder)
     except (DocumentError, TreeError) as error:
-        return (yield from _twin(path, None, error, version))
+        return (yield from _saved_script(path, None, error, version))
     try:
         return (yield from _tree(path, tree, present, version))
     except (DocumentError, TreeError, CompileError) as error:
-        return (yield from _twin(path, tree, error, version))
+        return (yield from _saved_script(path, tree, error, version))
 
 
-def _twin(path: Path, tree: ProgramTree | None, error: Exception, version: PolyscopeVersion) -> Steps[LoadedProgram]:
+def _saved_script(
+    path: Path, tree: ProgramTree | None, error: Exception, version: PolyscopeVersion
+) -> Steps[LoadedProgram]:
     """The script beside a program tree, which cannot be run for a reason."""
     saved = path.with_suffix(".script")
     reason = f"{path.name} cannot be run: {error}"

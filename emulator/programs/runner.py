@@ -326,16 +326,22 @@ class Programs:
     def step(self) -> None:
         """Run every program for one control period."""
         machine = self._machine
+        # What programs ask about comes first: the state that the last period ended with, and answers of Modbus units.
         self.history.record(machine.arm.q, machine.arm.tcp_force)
         self.modbus.step(machine.step_count)
+        # A watchdog stops the old program, never one that starts in this period.
         self._feed_watchdogs()
+        # Ends before beginnings: what is accepted ends the running program, which has settled when the arm rests, and
+        # only then may the next one start. So a program that replaces another at rest starts in the very period.
         if (answered := self._player.step()) is not None:
             self._compiling.add(answered)
         self._decide()
+        # Interpreted lines get what is left of the share; the next one is for the texts that come before the next step.
         self.interpreter.step()
         self._share.new_period()
         self._settle()
         self._start_next()
+        # Secondary programs before the main one, which finds in the same period what they have set.
         self._secondary.run(self._host)
         if self.state is RuntimeState.PLAYING:
             self._run_main()

@@ -11,7 +11,7 @@ millisecond; in between control periods the target goes on an even acceleration.
 Far from its target, a joint wants no more speed than it can lose on the way: an overload ends without swinging.
 
 Gains are guesses: 40 rad/s and critical damping for each joint with its largest inertia. So is what the controller
-knows of friction: the shares by which direct torque control makes up for it unless told otherwise.
+knows of friction: the shares by which direct torque control makes up for it by default.
 """
 
 from dataclasses import dataclass

@@ -153,6 +153,7 @@ class PrimaryServer(PortServer):
     def publish(self, snapshot: Snapshot) -> None:
         if not self.connections:
             return
+        # First those whose turn did not come last time: they have waited longest.
         self.turns.next_period(snapshot.step)
         if self.hooks.on_state:
             snapshot = self.hooks.state(snapshot)
@@ -160,6 +161,8 @@ class PrimaryServer(PortServer):
         if self._messages:
             for message in snapshot.messages:
                 self._broadcast(message.encode(self.controller.version))
+                # A state goes with each change of the safety mode, due or not: the official client's tests look at the
+                # robot mode data as soon as they hear of the change. One that is due too is not sent twice.
                 if isinstance(message, SafetyModeMessage):
                     self._broadcast_state(snapshot)
                     shown = True

@@ -142,8 +142,8 @@ class MemoryModbus:
     def speak(self, unit: ModbusUnit) -> None:
         """Answer what a silent unit was asked, and everything from now on."""
         self.silent.discard(unit)
-        for asked, request, exchange in self._waiting:
-            if asked == unit:
+        for addressed, request, exchange in self._waiting:
+            if addressed == unit:
                 self.units[unit].answer(request, exchange)
 
     def send(self, unit: ModbusUnit, pdu: bytes) -> None:

@@ -50,7 +50,7 @@ def test_steps_are_control_periods(robot: VirtualRobot) -> None:
 @pytest.mark.parametrize(
     ("condition", "complaint"),
     [
-        ("robot_mode", "is no condition"),
+        ("robot_mode", "is not a condition"),
         ("robotmode == RUNNING", "no field robotmode"),
         ("actual_q[6] > 0", r"no field actual_q\[6\]"),
         ("timestamp[0] > 0", r"no field timestamp\[0\]"),

@@ -1,4 +1,4 @@
-"""Phrases that docs/writing.md asks not to use are in no text that people see."""
+"""Phrases that docs/writing.md asks not to use are in no text that people see, its words in no name."""
 
 import ast
 import re
@@ -13,6 +13,33 @@ def phrases() -> list[str]:
     page = (ROOT / "docs" / "writing.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (.+?) \| .+? \|$", page.split("## Phrases")[1], re.MULTILINE)
     return [row for row in rows if row not in ("not", "---")]
+
+
+def words() -> list[str]:
+    page = (ROOT / "docs" / "writing.md").read_text(encoding="utf-8")
+    table = page.split("| not, in a name | but |")[1].split("\n\n")[0]
+    return re.findall(r"^\| (\w+) \|", table, re.MULTILINE)[:4]
+
+
+def test_no_name_is_a_word_of_the_list() -> None:
+    """Names of classes, functions, parameters, variables and attributes, whole or between underscores."""
+    avoided = set(words())
+    assert avoided == {"twin", "falsifier", "door", "trouble"}
+    found = [f"{where}: {name}: see docs/writing.md" for where, name in names() if avoided & _parts(name)]
+    assert not found, "\n".join(found)
+
+
+def names() -> Iterator[tuple[str, str]]:
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                for field in ("name", "arg", "id", "attr"):
+                    if isinstance(name := getattr(node, field, None), str):
+                        yield f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}", name
+
+
+def _parts(name: str) -> set[str]:
+    return {part.lower().removesuffix("s") for part in re.findall(r"[A-Z]?[a-z]+", name)}
 
 
 def texts() -> Iterator[tuple[str, str]]:

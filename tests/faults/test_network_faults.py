@@ -384,5 +384,5 @@ async def test_connections_that_programs_open_are_turned_away(ur3: Robot) -> Non
 
 
 async def test_nobody_listens_for_programs(ur3: Robot) -> None:
-    with pytest.raises(NotPossible, match="nobody listens"):
+    with pytest.raises(NotPossible, match="there is no listener"):
         ur3.control.inject_fault("refuse_connections", port="scripts")

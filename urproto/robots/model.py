@@ -70,33 +70,54 @@ class HousingRadii(NamedTuple):
 class RobotModel:
     """What tells one arm from another. Joint vectors hold six numbers, base to wrist 3."""
 
-    name: str  # "ur3"
-    title: str  # "UR3"
+    name: str
+    """As in ``--model``: "ur3"."""
+    title: str
+    """As PolyScope writes it: "UR3"."""
     series: Series
-    robot_type: int  # of the configuration data, as are the next two
+    robot_type: int
+    """Of the configuration data, as are the next two."""
     sub_type: int
     controller_box: int
     payload_max_kg: float
     reach_m: float
-    dh: DH  # nominal
-    q_min: Joints  # rad
-    q_max: Joints  # rad
-    qd_max: Joints  # rad/s
-    qdd_max: Joints  # rad/s2
-    torque_max: Joints  # Nm
+    dh: DH
+    """Nominal."""
+    q_min: Joints
+    """rad"""
+    q_max: Joints
+    """rad"""
+    qd_max: Joints
+    """rad/s"""
+    qdd_max: Joints
+    """rad/s2"""
+    torque_max: Joints
+    """Nm"""
     wrist3_unlimited: bool
-    v_joint_default: float  # rad/s, of movej
-    a_joint_default: float  # rad/s2
-    v_tool_default: float  # m/s, of movel
-    a_tool_default: float  # m/s2
-    eq_radius: float  # m, weighs tool rotation against translation
-    torque_constants: Joints  # Nm/A
-    links: tuple[Link, ...]  # shoulder, upper arm, forearm, wrist 1, wrist 2, wrist 3
-    tube_offsets: tuple[float, float]  # m, of upper arm and forearm: out along their joints' axes
-    wrist_mesh_offsets: Vector3 | None  # m, along the z axes of their links; None: not published
+    """It has no end stop."""
+    v_joint_default: float
+    """rad/s, of movej; as the next three, what a movement uses when the program does not say."""
+    a_joint_default: float
+    """rad/s2"""
+    v_tool_default: float
+    """m/s, of movel"""
+    a_tool_default: float
+    """m/s2"""
+    eq_radius: float
+    """m; weighs rotation of the tool against its translation."""
+    torque_constants: Joints
+    """Nm/A"""
+    links: tuple[Link, ...]
+    """Shoulder, upper arm, forearm, wrist 1, wrist 2, wrist 3."""
+    tube_offsets: tuple[float, float]
+    """m; how far the middles of upper arm and forearm are out along their joints' axes."""
+    wrist_mesh_offsets: Vector3 | None
+    """m; of ur_description's meshes of the wrists, along the z axes of their links. None: not published."""
     housing_radii: HousingRadii
-    base_light: bool  # a light ring in the base
-    calibration: DH | None = None  # what was measured of one arm; None for a nominal one
+    base_light: bool
+    """It has a light ring in its base."""
+    calibration: DH | None = None
+    """What was measured of one arm; None for a nominal one."""
 
     @property
     def position_limits(self) -> tuple[Joints, Joints]:

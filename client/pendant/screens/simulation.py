@@ -199,7 +199,7 @@ def _speed(page: Page) -> None:
         button = ui.button(text, on_click=_setter(page, speed)).props(f"flat dense no-caps data-testid=time-{mark}")
         button.classes("sim-button")
         if not speed:
-            button.tooltip("As fast as it goes")
+            button.tooltip("As fast as possible")
 
 
 def _setter(page: Page, speed: float) -> Callable[[], Awaitable[None]]:
