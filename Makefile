@@ -4,8 +4,8 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 MODEL  ?= ur3
 ARGS   ?=
-# which tests `make test` runs; MARKS= for all of them, with those of `make pages`
-MARKS  ?= not page
+# which tests `make test` runs; MARKS= for all of them, with those of `make long` and `make pages`
+MARKS  ?= not page and not long
 # one more than there are cores: a good part of the tests waits for robots in real time
 JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 1)
 
@@ -13,7 +13,7 @@ JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 1)
 # processes, and half of the time of each would go into compiling what the one before compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: emulator test pages mutants soak chaos fuzz check wheel-check benchmarks docs constraints clean
+.PHONY: emulator test long pages mutants soak chaos fuzz check wheel-check benchmarks docs constraints clean
 
 emulator: $(VENV)/.base
 	$(BIN)/ur-emulator --model $(MODEL) $(ARGS)
@@ -21,6 +21,11 @@ emulator: $(VENV)/.base
 test: $(VENV)/.dev
 	tests/system_packages.sh
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m "$(MARKS)" $(ARGS)
+
+# Further models, keys and ways to be lost of tests that try some, and what takes long by its nature; CI runs them too.
+long: $(VENV)/.dev
+	tests/system_packages.sh
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m long $(ARGS)
 
 # What README, docs and examples/ci tell a reader to type is typed, against robots in real time: some minutes.
 pages: $(VENV)/.dev

@@ -121,6 +121,7 @@ def test_what_is_asked_for_is_recorded(emulator, tmp_path: Path) -> None:
 # Records at the robot's rate in real time: a recorder that a busy machine holds up misses states, and a path with holes
 # is refused for the accelerations that they would take.
 @pytest.mark.flaky(reruns=2)
+@pytest.mark.long
 def test_the_arm_goes_along_a_recorded_path(emulator, tmp_path: Path) -> None:
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
     for file, what in ((first, lambda: move(emulator)), (second, lambda: _replayed(emulator, first))):

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
+import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from client.pendant.screens import SCREENS
@@ -44,6 +45,7 @@ def site(text: str) -> Iterator[str]:
         server.server_close()
 
 
+@pytest.mark.long  # every test that opens a screen fails when that breaks the policy
 def test_every_screen_keeps_to_the_policy(open_page: Open) -> None:
     page = open_page("initialize")  # which fails at what the policy forbids
     refused = page.evaluate_handle(REFUSED)

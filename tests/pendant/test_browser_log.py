@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 from playwright.sync_api import expect
 
 FLOOD = 'def flood():\n  i = 0\n  while i < 5000:\n    i = i + 1\n    textmsg("message ", i)\n  end\nend\n'
@@ -25,6 +26,7 @@ def test_a_stop_is_there_with_code_and_text_and_texts_are_no_markup(rig, open_pa
     assert "C153A2,The position deviates" in Path(download.value.path()).read_text()
 
 
+@pytest.mark.long
 def test_five_thousand_messages_leave_the_page_alive(rig, open_page):
     page = open_page("log")
     rig.control.send_script(FLOOD)

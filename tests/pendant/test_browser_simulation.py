@@ -77,11 +77,23 @@ def test_a_fault_is_refused_with_its_reason_and_one_that_lasts_is_cleared(rig, a
     choose(page, "fault-kind", "Bytes on their way: Stall")
     choose(page, "fault-port", "secondary")
     page.get_by_test_id("fault-inject").click()
-    eventually(lambda: rig.control.faults()[-1]["state"] == "in force")
-    assert rig.control.faults()[-1]["arguments"] == {"port": "secondary"}
+    eventually(lambda: newest_fault(rig) == ("stall", {"port": "secondary"}, "in force"))
     page.locator("[data-testid^=fault-clear-]").click()
-    eventually(lambda: rig.control.faults()[-1]["state"] == "over")
+    eventually(lambda: newest_fault(rig) == ("stall", {"port": "secondary"}, "over"))
     expect(page.locator("[data-testid^=fault-clear-]")).to_have_count(0)
+    rig.control.inject_fault("delay", port="rtde", delay_s=0.01)  # it strikes again and again
+    button = page.locator("[data-testid^=fault-clear-]")
+    button.evaluate("it => { it.same = true }")
+    struck = page.locator(".sim-fault[data-state=on] .sim-strikes")
+    expect(struck).not_to_have_text(struck.inner_text())
+    assert button.evaluate("it => it.same"), "its row was made anew"
+    button.click()
+    eventually(lambda: newest_fault(rig) == ("delay", {"port": "rtde", "delay_s": 0.01}, "over"))
+
+
+def newest_fault(rig) -> tuple[str, dict[str, object], str] | None:
+    faults = rig.control.faults()
+    return (faults[-1]["kind"], faults[-1]["arguments"], faults[-1]["state"]) if faults else None
 
 
 def test_dragging_the_ball_pushes_the_tool_while_it_is_held_and_numbers_until_release(rig, at):

@@ -19,6 +19,7 @@ pytestmark = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scenario", HERE)
 def test_chaos(scenario: str) -> None:
     done = subprocess.run([sys.executable, str(CHAOS), "--quick", scenario], capture_output=True, text=True)

@@ -59,6 +59,7 @@ def test_a_misspelt_name_among_very_many_gets_no_suggestion() -> None:
     assert "did you mean 'value_7'" in error_of("value_7 = 0\nb = valu_7\n").message
 
 
+@pytest.mark.long
 def test_a_body_has_no_longest_length() -> None:
     statements = "    a = 1\n" * 26_000
     assert compile_text(f"def program():\n  def f():\n{statements}  end\n  f()\nend\n").global_names == ()

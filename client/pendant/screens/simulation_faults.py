@@ -104,42 +104,67 @@ def _list(page: Page) -> None:
             ui.space()
             clear = ui.button("Clear all", on_click=page.doing(lambda: emulator.change("clear_faults")))
             clear.props("flat dense no-caps icon=delete_sweep data-testid=faults-clear").classes("sim-button")
-        rows = ui.element("div").classes("sim-rows").props("data-testid=faults")
+        listed = ui.element("div").classes("sim-rows").props("data-testid=faults")
+        with listed:
+            nothing = ui.label("Nothing has gone wrong on purpose yet.").classes("init-hint")
+    rows = dict[tuple[object, ...], _Row]()
 
     def show(faults: Sequence[Mapping[str, Any]] | None) -> None:
-        rows.clear()
         present = [fault for fault in faults or () if fault["state"] != "over"]
         over = [fault for fault in faults or () if fault["state"] == "over"][: -_SHOWN_OVER - 1 : -1]
+        wanted = {_Row.key(fault): fault for fault in (*present, *over)}
         clear.set_enabled(bool(present))
-        with rows:
-            for fault in (*present, *over):
-                _row(page, fault)
-            if not faults:
-                ui.label("Nothing has gone wrong on purpose yet.").classes("init-hint")
+        nothing.set_visibility(not wanted)
+        for key in rows.keys() - wanted.keys():
+            rows.pop(key).element.delete()
+        for place, (key, fault) in enumerate(wanted.items(), start=1):
+            if key not in rows:
+                with listed:
+                    rows[key] = _Row(page, fault)
+            row = rows[key]
+            row.show(fault)
+            if listed.default_slot.children.index(row.element) != place:
+                row.element.move(target_index=place)
 
     page.live.effect(lambda station: emulator.watch("faults").value if emulator.available else None, show)
 
 
-def _row(page: Page, fault: Mapping[str, Any]) -> None:
-    over = fault["state"] == "over"
-    with ui.element("div").classes("sim-fault").props(f"data-state={'over' if over else 'on'}"):
-        ui.label(str(fault["id"])).classes("sim-fault-id")
-        with ui.element("div").classes("sim-fault-what"):
-            ui.label(fault["kind"].replace("_", " ")).classes("sim-fault-kind")
-            ui.label(_details(fault)).classes("init-hint")
-            if fault["problem"]:
-                ui.label(fault["problem"]).classes("sim-problem")
-        ui.label(fault["state"]).classes("sim-chip")
+class _Row:
+    """A fault in the list. It stays as long as the fault does, since a click on what is being replaced is lost."""
+
+    def __init__(self, page: Page, fault: Mapping[str, Any]) -> None:
+        over = fault["state"] == "over"
+        self.element = ui.element("div").classes("sim-fault").props(f"data-state={'over' if over else 'on'}")
+        with self.element:
+            ui.label(str(fault["id"])).classes("sim-fault-id")
+            with ui.element("div").classes("sim-fault-what"):
+                ui.label(fault["kind"].replace("_", " ")).classes("sim-fault-kind")
+                ui.label(_details(fault)).classes("init-hint")
+                self._problem = ui.label().classes("sim-problem")
+            self._state = ui.label().classes("sim-chip")
+            self._strikes = ui.label().classes("sim-strikes")
+            if over:
+                ui.element("span").classes("sim-no-button")
+            else:
+                clear = partial(page.station.emulator.change, "clear_fault", fault_id=fault["id"])
+                ui.button(icon="close", on_click=page.doing(clear)).props(
+                    f'flat round dense aria-label="Clear fault {fault["id"]}" data-testid=fault-clear-{fault["id"]}'
+                )
+
+    @staticmethod
+    def key(fault: Mapping[str, Any]) -> tuple[object, ...]:
+        """What stays the same in a row. An emulator that was started anew counts from one again."""
+        return fault["id"], fault["kind"], _details(fault), fault["state"] == "over"
+
+    def show(self, fault: Mapping[str, Any]) -> None:
+        """What may change."""
         strikes = fault["strikes"]
         times = f"struck {strikes} time{'' if strikes == 1 else 's'}"
-        ui.label(f"{strikes}×").classes("sim-strikes").props(f'title="{times}"')
-        if over:
-            ui.element("span").classes("sim-no-button")
-        else:
-            clear = partial(page.station.emulator.change, "clear_fault", fault_id=fault["id"])
-            ui.button(icon="close", on_click=page.doing(clear)).props(
-                f'flat round dense aria-label="Clear fault {fault["id"]}" data-testid=fault-clear-{fault["id"]}'
-            )
+        self._problem.set_text(fault["problem"] or "")
+        self._problem.set_visibility(bool(fault["problem"]))
+        self._state.set_text(fault["state"])
+        self._strikes.set_text(f"{strikes}×")
+        self._strikes.props(f'title="{times}"')
 
 
 def _details(fault: Mapping[str, Any]) -> str:
