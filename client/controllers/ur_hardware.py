@@ -101,8 +101,8 @@ class URHardware:
         if self._ready and not was_ready:
             self._come_back()
         unsendable, self._unsendable = self._unsendable, ""
-        trouble = self._judge(state["timestamp"], mode, state["robot_mode"], running)
-        self.failure = self.withheld or trouble or unsendable or None
+        problem = self._judge(state["timestamp"], mode, state["robot_mode"], running)
+        self.failure = self.withheld or problem or unsendable or None
 
     def _scale(self, state: Mapping[str, Any], period_s: float) -> None:
         full = state["speed_scaling"] * state["target_speed_fraction"]

@@ -278,23 +278,23 @@ class ControllerManagerNode:
         message = DiagnosticArray()
         message.header.stamp = self.node.get_clock().now().to_msg()
         message.status = [
-            self._status("Controllers Activity", self._trouble(states), states),
+            self._status("Controllers Activity", self._problem(states), states),
             self._status(
                 "Hardware Components Activity",
-                self._hardware.trouble,
+                self._hardware.problem,
                 [(self._hardware.name, str(self._hardware.state))],
             ),
         ]
         self._diagnostics.publish(message)
 
-    def _trouble(self, states: Sequence[tuple[str, str]]) -> str:
+    def _problem(self, states: Sequence[tuple[str, str]]) -> str:
         return "" if any(state == "active" for _, state in states) else "No controllers are active"
 
-    def _status(self, name: str, trouble: str, values: Sequence[tuple[str, str]]) -> DiagnosticStatus:
+    def _status(self, name: str, problem: str, values: Sequence[tuple[str, str]]) -> DiagnosticStatus:
         return DiagnosticStatus(
-            level=DiagnosticStatus.WARN if trouble else DiagnosticStatus.OK,
+            level=DiagnosticStatus.WARN if problem else DiagnosticStatus.OK,
             name=f"controller_manager: {name}",
-            message=trouble or "All is well",
+            message=problem or "All is well",
             hardware_id=self._hardware.name,
             values=[KeyValue(key=key, value=value) for key, value in values],
         )

@@ -43,7 +43,7 @@ class HardwareComponent:
         return self.state is not LifecycleState.UNCONFIGURED
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """Why it is not active; empty while it is."""
         return "" if self.state is LifecycleState.ACTIVE else f"{self.name} is {self.state}"
 

@@ -340,7 +340,7 @@ def test_feedback_says_how_it_goes():
         (trajectory(point(1.0, 1, 1), names=JOINTS[:1] * 2), ErrorCode.INVALID_JOINTS, "each joint once"),
         (trajectory(point(1.0, 1, 1), point(1.0, 2, 2)), ErrorCode.INVALID_GOAL, "times have to rise"),
         (trajectory(point(-1.0, 1, 1)), ErrorCode.INVALID_GOAL, "times have to rise"),
-        (trajectory(point(1.0, 1, float("nan"))), ErrorCode.INVALID_GOAL, "no numbers"),
+        (trajectory(point(1.0, 1, float("nan"))), ErrorCode.INVALID_GOAL, "not numbers"),
         (trajectory(point(1.0, 1, 1, v=(0.1, 0))), ErrorCode.INVALID_GOAL, "ends with shoulder_joint at 0.1"),
         (trajectory(point(1.0, v=(0.0, 0.0))), ErrorCode.INVALID_GOAL, "no positions"),
         (trajectory(point(1.0, 1, 1), stamp_s=2.0), ErrorCode.OLD_HEADER_TIMESTAMP, "ends at 3.000 s"),
