@@ -11,7 +11,7 @@ ClientError
 ├── DeviceError              a device of this machine cannot be made
 ├── RecordingError           a file of a recording cannot be read, written, or used for this
 │   └── MissingExtraError    a package it needs is not installed
-├── Ros2Error                the ROS 2 side of a bridge cannot be had
+├── Ros2Error                ROS 2, or a package of it that is needed, is not there
 ├── FileError                a file of this machine cannot be used
 ├── ScriptFailedError        a script did not compile or failed while running
 ├── ProgramNotRunningError   the robot's control program is not connected to the driver
@@ -113,7 +113,7 @@ class PortTakenError(ClientError):
 
 
 class Ros2Error(ClientError):
-    """The ROS 2 side of a bridge cannot be had, or not as it is asked for."""
+    """ROS 2, or a package of it, is not there, or does not accept what it was given."""
 
 
 class FileError(ClientError):

@@ -432,8 +432,10 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         missed = violation(error, limits.goal, self.joints) if at_end else None
         since_s = ahead.since_s - 1.0 / self.update_rate_hz
         timeout_s = self.parameters.cmd_timeout
-        if at_end and timeout_s > limits.goal_time_s and since_s > timeout_s and self.goal is None:
-            self._stop()
+        if at_end and timeout_s > limits.goal_time_s and since_s > timeout_s:
+            if self.goal is None:
+                self._stop()
+            missed = None  # from now on the arm holds, and a goal under way has been reached: as of ros2_controllers
         return broken, missed, bool(missed) and 0.0 < limits.goal_time_s < since_s
 
     def _set(self, point: JointTrajectoryPoint, error: JointTrajectoryPoint, period_s: float) -> None:
@@ -453,11 +455,18 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
 
     def _tell(self, time_s: float, desired: Sample, error: JointTrajectoryPoint) -> None:
         self.state_topic.publish(
-            ControllerState(time_s, self.joints, desired.point, self._actual, error, self._commanded, self.scaling)
+            ControllerState(time_s, self.joints, desired.point, self._actual, error, self._output(), self.scaling)
         )
         if self.goal is not None:
             index = max(0, desired.index - self._old_points)
             self.goal.tell(Feedback(time_s, desired.point, self._actual, error, index))
+
+    def _output(self) -> JointTrajectoryPoint:
+        """What is on the command interfaces, which are of one kind; the rest is empty, as of ros2_controllers."""
+        values = tuple(self.commands.get())
+        if self._command == "position":
+            return JointTrajectoryPoint(values)
+        return JointTrajectoryPoint((), values) if self._command == "velocity" else JointTrajectoryPoint(effort=values)
 
     def _conclude(self, broken: str | None, missed: str | None, late: bool, ahead: Sample) -> None:
         if self._holding:

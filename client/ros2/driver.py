@@ -5,6 +5,7 @@ Controllers run in the event loop with each state of the robot; nodes have threa
 
 import asyncio
 import logging
+import re
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from types import TracebackType
@@ -15,7 +16,14 @@ from client.controllers.broadcasters import JointStateBroadcaster
 from client.controllers.configuration import ControllersFile
 from client.controllers.modes import mode_of
 from client.controllers.robot import ControlledRobot
-from client.errors import ClientError, ControllerError, RobotUnreachableError
+from client.errors import (
+    ClientError,
+    ConnectionLostError,
+    ControllerError,
+    NoAnswerError,
+    RobotUnreachableError,
+    Ros2Error,
+)
 from client.ros2.controller_manager import ControllerManagerNode
 from client.ros2.controller_nodes import ControllerNodes
 from client.ros2.dashboard import DashboardNode
@@ -29,6 +37,7 @@ from client.ros2.urscript_interface import URScriptNode
 
 _AGAIN_S: Final = 1.0  # between tries to reach the robot; guess
 _SAID_S: Final = 10.0  # how often it is said that it is still out of reach; guess
+_PREFIX: Final = re.compile(r"|[A-Za-z_][A-Za-z0-9_]*")
 _OUTPUTS: Final = ("payload", "payload_cog", "payload_inertia", "tcp_offset")
 
 _logger = logging.getLogger(__name__)
@@ -52,6 +61,11 @@ class DriverOptions:
     headless: bool = True
     make_ready: bool = False
     ros_arguments: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raises Ros2Error."""
+        if not _PREFIX.fullmatch(self.tf_prefix):
+            raise Ros2Error(f"{self.tf_prefix!r} is not a prefix of names: use letters, digits and _, as in left_")
 
 
 class Ros2Driver:
@@ -101,7 +115,7 @@ class Ros2Driver:
             )
             try:
                 return await opening.enter_async_context(robot)
-            except RobotUnreachableError as error:
+            except (RobotUnreachableError, ConnectionLostError, NoAnswerError) as error:
                 now_s = asyncio.get_running_loop().time()
                 if now_s - said_s >= _SAID_S:
                     said_s = now_s

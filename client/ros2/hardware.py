@@ -87,10 +87,7 @@ async def start_if_ready(robot: ControlledRobot) -> bool:
 
 
 class ControllerStopper:
-    """Activates again what had to end because the arm could not be moved, once it can: the official driver's node.
-
-    What the user activates or deactivates meanwhile stays so.
-    """
+    """Activates again what had to end because the arm could not be moved, once it can be: the official one's part."""
 
     def __init__(self, robot: ControlledRobot) -> None:
         self._manager = robot.manager

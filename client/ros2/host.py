@@ -19,11 +19,15 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 from rclpy.context import Context
+from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy, qos_profile_system_default
 from rclpy.task import Future
+from rclpy.validate_namespace import validate_namespace
+
+from client.errors import Ros2Error
 
 Result = TypeVar("Result")
 
@@ -70,7 +74,12 @@ class NodeHost:
         self._tasks: dict[Node, set[concurrent.futures.Future[Any]]] = defaultdict(set)
 
     async def __aenter__(self) -> "NodeHost":
-        self._context.init(self._arguments, domain_id=self._domain)
+        """Raises Ros2Error for a namespace or arguments that ROS does not accept."""
+        try:
+            validate_namespace(f"/{self.namespace}")
+            self._context.init(self._arguments, domain_id=self._domain)
+        except (InvalidNamespaceException, ValueError, RuntimeError) as error:
+            raise Ros2Error(f"ROS 2 does not accept this: {' '.join(str(error).split())}") from None
         return self
 
     async def __aexit__(

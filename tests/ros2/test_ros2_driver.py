@@ -15,6 +15,7 @@ import pytest_asyncio
 from driver_rig import HOME, driver_options, emulator
 from ros2_rig import SCALED, Lab, laboratory
 
+from client.errors import ClientError
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
@@ -400,6 +401,24 @@ async def test_a_robot_that_goes_and_comes_back_finds_the_driver_where_it_was() 
             async with Emulator(config):
                 await until(lab, lambda now: now[SCALED] == "active")
                 assert (await follow(lab, SCALED, shifted(0.1), 1.0))["status"] == SUCCEEDED
+
+
+@pytest.mark.asyncio(loop_scope="function")
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"tf_prefix": "left-"}, "is not a prefix of names"),
+        ({"namespace": "1left"}, "does not accept this: Invalid namespace"),
+        ({"ros_arguments": ("-p", "nonsense")}, "does not accept this: "),
+        ({"controller": "knee_controller"}, "the controllers here are .*scaled_joint_trajectory_controller"),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)
+async def test_options_that_make_no_sense_are_refused_in_words(options: dict[str, Any], words: str) -> None:
+    async with emulator("ur3") as robot:
+        with pytest.raises(ClientError, match=words):
+            async with laboratory(robot, driver_options(robot), **options):
+                pass
 
 
 async def until(lab: Lab, met: Callable[[dict[str, str]], bool]) -> None:
