@@ -61,14 +61,15 @@ def _cost(pid: int, seconds: float) -> list[str]:
     if not pid:
         time.sleep(seconds)
         return ["", ""]
-    before = _cpu_s(pid)
+    before = cpu_s(pid)
     time.sleep(seconds)
     status = Path(f"/proc/{pid}/status").read_text()
     (resident,) = (line.split()[1] for line in status.splitlines() if line.startswith("VmRSS:"))
-    return [f"{100 * (_cpu_s(pid) - before) / seconds:.1f} %", f"{int(resident) / 1024:.0f} MiB"]
+    return [f"{100 * (cpu_s(pid) - before) / seconds:.1f} %", f"{int(resident) / 1024:.0f} MiB"]
 
 
-def _cpu_s(pid: int) -> float:
+def cpu_s(pid: int) -> float:
+    """Processor time of a process so far."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
 

@@ -13,6 +13,7 @@ import fleet
 import jitter
 import latency
 import pendant
+import ros2_driver
 import rtde_codec
 import startup
 import streaming
@@ -40,6 +41,7 @@ def main() -> None:
         latency.measure(),
         streaming.measure(),
         pendant.measure(),
+        ros2_driver.measure(),
         tick_rate.measure(),
         tick_rate.measure_dynamics(),
         rtde_codec.measure(),

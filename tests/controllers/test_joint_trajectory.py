@@ -309,6 +309,27 @@ def test_a_trajectory_that_nobody_renews_is_given_up_after_its_timeout():
     assert bench.joints.commands["elbow_joint/position"] == 0.0  # where it is
 
 
+def test_a_goal_counts_as_reached_after_the_timeout():
+    """As ros2_controllers has it: from then on the arm holds, and a holding arm violates no tolerance."""
+    bench, jtc = started(cmd_timeout=0.5, constraints={"elbow_joint": {"goal": 0.01}})
+    bench.joints.stuck.add("elbow_joint")
+    handle = jtc.send_goal(trajectory(point(1.0, 1.0, 1.0)))
+    bench.run(1.4)
+    assert not handle.done
+    bench.run(0.2)
+    assert handle.result.error_code is ErrorCode.SUCCESSFUL
+    assert bench.joints.commands["elbow_joint/position"] == 1.0
+
+
+def test_the_output_is_what_is_on_the_interfaces():
+    bench, jtc = started()
+    jtc.command(trajectory(point(1.0, 1.0, 1.0)))
+    bench.run(0.5)
+    output = jtc.state_topic.latest.output
+    assert output.positions == tuple(bench.joints.commands[f"{joint}/position"] for joint in jtc.joints)
+    assert (output.velocities, output.accelerations, output.effort) == ((), (), ())
+
+
 def test_from_the_desired_state_on_request():
     for wanted, there in ((False, 0.5), (True, 1.0)):
         bench, jtc = started(interpolate_from_desired_state=wanted)
