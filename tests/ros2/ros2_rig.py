@@ -11,6 +11,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+from client.ros2 import message_packages
 from client.ros2.driver import DriverOptions, Ros2Driver
 from emulator.app import Emulator
 
@@ -68,6 +69,7 @@ class Peer:
 
 @asynccontextmanager
 async def peer(domain: int) -> AsyncIterator[Peer]:
+    message_packages.ensure()  # `make test` has made them
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     process = await asyncio.create_subprocess_exec(
         sys.executable,

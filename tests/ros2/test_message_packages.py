@@ -19,6 +19,17 @@ from client.ros2.message_packages import DISTRIBUTIONS, PACKAGES, Ros2Installati
 HERE = Path(__file__).parent
 
 
+@pytest.fixture(autouse=True)
+def as_if_none_were_made(monkeypatch):
+    """Other tests of this process may have put those of the cache into its paths."""
+    for name in ("AMENT_PREFIX_PATH", "PYTHONPATH"):
+        monkeypatch.delenv(name, raising=False)
+    made = str(message_packages.default_cache())
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if not path.startswith(made)])
+    for name in PACKAGES:
+        monkeypatch.delitem(sys.modules, name, raising=False)
+
+
 def published() -> dict[str, dict[str, str]]:
     """Type hashes by distribution and type."""
     hashes: dict[str, dict[str, str]] = {name: {} for name in DISTRIBUTIONS}
@@ -203,6 +214,7 @@ def test_a_distribution_without_definitions_is_refused(tmp_path, monkeypatch):
     folder = tmp_path / "lib/python3/site-packages/rclpy"
     folder.mkdir(parents=True)
     (folder / "__init__.py").touch()
+    monkeypatch.delitem(sys.modules, "rclpy", raising=False)
     monkeypatch.setattr(sys, "path", [str(folder.parent), *sys.path])
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     monkeypatch.setenv("ROS_DISTRO", "galactic")
