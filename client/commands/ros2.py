@@ -92,7 +92,7 @@ async def serve(options: "DriverOptions") -> None:
     """Until it is cancelled."""
     from client.ros2.driver import Ros2Driver
 
-    with real_time("auto"):
-        async with Ros2Driver(options) as driver:
+    async with Ros2Driver(options) as driver:
+        with real_time("auto"):  # of the event loop alone: the threads of nodes are there already
             typer.echo(f"ready: {options.robot_ip}, {driver.summary()}. Ctrl-C ends it.", err=True)
             await asyncio.Event().wait()

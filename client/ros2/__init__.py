@@ -1,1 +1,1 @@
-"""ROS 2 without ROS: topics of a controlled robot on a DDS domain. `bridge` has the idea, `dds` the wire."""
+"""The ROS 2 driver: a robot with its controllers as nodes on rclpy. `driver` puts it together, `host` runs nodes."""

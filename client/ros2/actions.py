@@ -41,7 +41,7 @@ class FollowTrajectoryAction:
         self._controller = controller
         self._robot = robot
         self._type = interface("control_msgs/action/FollowJointTrajectory")
-        self._begun: list[_Begun] = []  # accepted, and not executed yet: one at most, callbacks come in turn
+        self._accepted: _Begun | None = None  # and not executed yet: callbacks come in turn
         self._goals: dict[bytes, _Begun] = {}
         self._server = ActionServer(
             node,
@@ -54,7 +54,7 @@ class FollowTrajectoryAction:
 
     def _accept(self, request: Any) -> GoalResponse:
         try:
-            self._begun.append(self._host.do(lambda: self._begin(request)))
+            self._accepted = self._host.do(lambda: self._begin(request))
         except ClientError as error:
             self._node.get_logger().error(f"a goal is refused: {error}")
             return GoalResponse.REJECT
@@ -72,8 +72,9 @@ class FollowTrajectoryAction:
         return begun
 
     async def _execute(self, goal: Any) -> Any:
-        begun = self._goals[bytes(goal.goal_id.uuid)] = self._begun.pop()
-        begun.goal = goal
+        begun, self._accepted = self._accepted, None
+        assert begun is not None
+        begun.goal, self._goals[bytes(goal.goal_id.uuid)] = goal, begun
         result = await begun.ended
         del self._goals[bytes(goal.goal_id.uuid)]
         if begun.handle.status is GoalStatus.SUCCEEDED:
@@ -154,7 +155,7 @@ class ToolContactAction:
         self._node = node
         self._controller = controller
         self._type = interface("ur_msgs/action/ToolContact")
-        self._begun: list[tuple[Call, Any]] = []
+        self._accepted: tuple[Call, Any] | None = None  # and not executed yet
         self._server = ActionServer(
             node,
             self._type,
@@ -166,7 +167,7 @@ class ToolContactAction:
 
     def _accept(self, request: Any) -> GoalResponse:
         try:
-            self._begun.append(self._host.do(self._begin))
+            self._accepted = self._host.do(self._begin)
         except ClientError as error:
             self._node.get_logger().error(f"a goal is refused: {error}")
             return GoalResponse.REJECT
@@ -178,7 +179,9 @@ class ToolContactAction:
         return call, ended
 
     async def _execute(self, goal: Any) -> Any:
-        call, ended = self._begun.pop()
+        accepted, self._accepted = self._accepted, None
+        assert accepted is not None
+        call, ended = accepted
         success = await ended
         if success:
             goal.succeed()

@@ -92,7 +92,7 @@ class ControllerManagerNode:
     # controllers
 
     def list_controllers(self, request: Any, response: Any) -> Any:
-        """All that are loaded, the newest first as ros2_control has them."""
+        """All that are loaded, in this order."""
         response.controller = self._host.do(lambda: [self._described(one) for one in self._loaded()])
         return response
 
