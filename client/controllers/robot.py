@@ -131,8 +131,11 @@ class ControlledRobot(ControlLoop):
         self.check_reach(goal.trajectory if isinstance(goal, FollowJointTrajectory) else goal)
         return await super().follow(name, goal)
 
-    def check_reach(self, trajectory: JointTrajectory) -> None:
-        """Raise OutOfReachError or MotionError for the first point beyond the limits that the robot reports."""
+    def check_reach(self, trajectory: JointTrajectory, *, speeds: bool = True) -> None:
+        """Raise OutOfReachError or MotionError for the first point beyond the limits that the robot reports.
+
+        speeds: whether the way from point to point must not take more than a joint's highest speed.
+        """
         link = self.driver.robot
         if link.configuration is None:
             return
@@ -141,6 +144,8 @@ class ControlledRobot(ControlLoop):
         targets = [stands | dict(zip(names, point.positions, strict=False)) for point in trajectory.points]
         moves = [points.movej([target[joint] for joint in stands]) for target in targets]
         Reach(link.configuration, (0.0,) * 6, tuple(stands.values())).check("the trajectory", moves)
+        if not speeds:
+            return
         start = JointTrajectoryPoint((), (0.0,) * len(names))
         check_speeds([stands, *targets], [start, *trajectory.points], link.configuration.qd_max)
 

@@ -103,7 +103,7 @@ class _Listener:
         if isinstance(self._controller, JointTrajectoryController):
             self._controller.check_active()
             self._controller.check(order)
-            self._robot.check_reach(order)
+            self._robot.check_reach(order, speeds=False)
         self._row.give(self._controller, order)
 
     def _complain(self, text: str) -> None:
