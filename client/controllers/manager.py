@@ -165,12 +165,16 @@ class ControllerManager:
     def _claims(self, names: Iterable[str]) -> list[str]:
         return [interface for name in names for interface in self.controller(name).command_interfaces]
 
-    def _states_of(self, controller: Controller[Any]) -> Interfaces:
+    def state_interfaces_of(self, controller: Controller[Any]) -> list[str]:
+        """The names of what a controller reads, those that stand for several replaced by what the hardware has."""
         known = self.hardware.states.names
         names: list[str] = []
         for wanted in controller.state_interfaces:
-            found = [name for name in known if fnmatchcase(name, wanted)] if "*" in wanted else [wanted]
-            names += found
+            names += [name for name in known if fnmatchcase(name, wanted)] if "*" in wanted else [wanted]
+        return names
+
+    def _states_of(self, controller: Controller[Any]) -> Interfaces:
+        names = self.state_interfaces_of(controller)
         if missing := [name for name in names if name not in self.hardware.states]:
             raise ControllerError(controller.name, f"the hardware has no state interface {missing[0]}")
         return self.hardware.states.lend(names)

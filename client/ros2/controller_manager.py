@@ -100,7 +100,6 @@ class ControllerManagerNode:
         return [self._manager.controller(info.name) for info in self._manager.list_controllers()]
 
     def _described(self, controller: Controller[Any]) -> Any:
-        known = self._manager.hardware.states.names
         message = interface("controller_manager_msgs/msg/ControllerState")()
         message.name = controller.name
         message.type = controller.type_name
@@ -109,9 +108,7 @@ class ControllerManagerNode:
             message.claimed_interfaces = list(controller.command_interfaces)
         if controller.state is not LifecycleState.UNCONFIGURED:
             message.required_command_interfaces = list(controller.command_interfaces)
-            message.required_state_interfaces = [
-                name for wanted in controller.state_interfaces for name in _matching(known, wanted)
-            ]
+            message.required_state_interfaces = self._manager.state_interfaces_of(controller)
         if hasattr(message, "update_rate"):
             message.update_rate = int(controller.update_rate_hz)
         return message
@@ -298,10 +295,3 @@ class ControllerManagerNode:
             hardware_id=self._hardware.name,
             values=[KeyValue(key=key, value=value) for key, value in values],
         )
-
-
-def _matching(names: Sequence[str], wanted: str) -> list[str]:
-    if "*" not in wanted:
-        return [wanted]
-    beginning, _, ending = wanted.partition("*")
-    return [name for name in names if name.startswith(beginning) and name.endswith(ending)]
