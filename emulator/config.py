@@ -12,8 +12,6 @@ from emulator.devices.robotiq import MODELS, GripperModel
 from emulator.faults.catalogue import parse_fault
 from emulator.faults.fault import Fault, FaultError
 from emulator.machine import ControllerConfig
-from emulator.polyscope.safety_configuration import SafetyConfiguration, factory_configuration
-from emulator.polyscope.safety_section import SafetySettingsError
 from emulator.ports import PORTS
 from emulator.realtime import RealTime
 from emulator.robot.kinds import ArmKind
@@ -31,6 +29,8 @@ from urproto.text import quoted
 from urproto.vectors import as_six
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urproto.yamltext import NotYaml, load_yaml
+from urscript.polyscope.safety_configuration import SafetyConfiguration, factory_configuration
+from urscript.polyscope.safety_section import SafetySettingsError
 
 
 @dataclass(frozen=True, slots=True)

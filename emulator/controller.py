@@ -26,7 +26,6 @@ from emulator.lifecycle.safety import Safety, SafetyEvent
 from emulator.machine import ControllerConfig, Machine
 from emulator.mailbox import Command, Mailbox, Reply
 from emulator.motion import Motion, MotionFault
-from emulator.polyscope.installation_file import InstallationFile
 from emulator.programs.runner import Programs
 from emulator.reporting.messages import MessageLog
 from emulator.reporting.popups import Popups
@@ -46,6 +45,7 @@ from urproto.robots.pose import Pose
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.vectors import ZERO6, Vector6
 from urproto.versions import DEFAULT_VERSION, Availability, Series
+from urscript.polyscope.installation_file import InstallationFile
 
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
 # an ideal arm is a simulator's; earlier ones report other currents and temperatures (the versions: guess)

@@ -17,8 +17,6 @@ from emulator.lifecycle.power import Power, PowerEvent, PowerTimings
 from emulator.lifecycle.runstate import Speed, StopCause
 from emulator.lifecycle.safety import Safety, SafetyEvent
 from emulator.motion import Motion
-from emulator.polyscope.installation_file import InstallationFile
-from emulator.polyscope.safety_configuration import SafetyConfiguration
 from emulator.reporting.messages import MessageLog
 from emulator.reporting.popups import Popups
 from emulator.robot.arm import Arm
@@ -34,6 +32,8 @@ from urproto.robots import START_Q, RobotModel
 from urproto.robots.pose import Pose
 from urproto.vectors import Vector6
 from urproto.versions import PolyscopeVersion
+from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.safety_configuration import SafetyConfiguration
 
 # As found in program files of the vendor's simulators; clients want digits only, starting with 20.
 _NEW_YEAR_2024_S: Final = 1_704_067_200.0

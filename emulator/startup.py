@@ -13,13 +13,13 @@ from typing import Final
 from emulator.io.signals import BIT_COUNT
 from emulator.lifecycle.power import PowerEvent, PowerState
 from emulator.machine import Machine
-from emulator.polyscope.folder import ProgramsFolder
-from emulator.polyscope.installation_file import DefaultProgram, InputTrigger, read_installation_steps
-from emulator.polyscope.writer import find_pin
 from emulator.programs.compiling import in_periods
 from emulator.programs.runner import Programs
 from urproto.modes import RuntimeState
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL
+from urscript.polyscope.folder import ProgramsFolder
+from urscript.polyscope.installation_file import DefaultProgram, InputTrigger, read_installation_steps
+from urscript.polyscope.writer import find_pin
 from urscript.work import Steps, run_to_end
 
 _INSTALLATION: Final = "default"

@@ -7,7 +7,7 @@ from typing import NamedTuple
 EMULATOR_FLOORS = (
     ("ports", "devices", "logs", "clock", "realtime"),
     ("snapshot",),
-    ("lifecycle", "polyscope", "reporting"),
+    ("lifecycle", "reporting"),
     ("robot",),
     ("io", "motion"),
     ("world", "services"),

@@ -23,7 +23,7 @@ MAY_IMPORT = {
     "urproto": {"urproto"},
     "urscript": {"urscript", "urproto"},
     "emulator": {"emulator", "urproto", "urscript"},
-    "client": {"client", "urproto"},
+    "client": {"client", "urproto", "urscript"},
 }
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
@@ -62,6 +62,9 @@ THIRD_PARTY = {
 }
 URSCRIPT_SEES = ("urproto.robots.pose", "urproto.text", "urproto.versions")
 URSCRIPT_COMMANDS_SEE = (*URSCRIPT_SEES, "urproto.robots")  # which arm means which version
+POLYSCOPE_SEES = (*URSCRIPT_COMMANDS_SEE, "urproto.vectors")  # the files of PolyScope hold poses and joints of an arm
+# what of `urscript` the client may import: programs are made on the client's side too
+CLIENT_SEES_OF_URSCRIPT = ("urscript.polyscope", "urscript.work")
 # what runs whole emulators for tests may name the emulator, for type checkers
 FOR_TESTS = ("urproto.pytest_plugin", "urproto.testing")
 # the world outside the tick: only these parts of the emulator and of the client may touch it
@@ -174,9 +177,14 @@ def _not_allowed(name: str, imported: str) -> str | None:
         return None
     if top not in MAY_IMPORT[package]:
         return "see MAY_IMPORT"
+    if package == "client" and top == "urscript" and not within(imported, CLIENT_SEES_OF_URSCRIPT):
+        return "see CLIENT_SEES_OF_URSCRIPT"
     if package == "urscript" and top == "urproto":
+        within_polyscope = within(name, ("urscript.polyscope",))
         seen = URSCRIPT_COMMANDS_SEE if name == "urscript.commands" else URSCRIPT_SEES
-        return None if within(imported, seen) else "the language knows no robot"
+        return None if within(imported, POLYSCOPE_SEES if within_polyscope else seen) else "the language knows no robot"
+    if package == "urscript" and within(imported, ("urscript.polyscope",)) != within(name, ("urscript.polyscope",)):
+        return None if within(imported, ("urscript.work",)) else "the language knows no PolyScope"
     return None
 
 

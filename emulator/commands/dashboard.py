@@ -22,13 +22,13 @@ from emulator.controller import Controller
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import is_running
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.polyscope.folder import ProgramsFolder
 from emulator.programs.compiling import in_periods
 from emulator.robot.installation import InstallationError
 from urproto import dashboard as replies
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.text import lower, strip
 from urproto.versions import PolyscopeVersion, Series
+from urscript.polyscope.folder import ProgramsFolder
 
 _Waiting = Generator[None, None, str]
 _Answer = str | _Waiting

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 from emulator.controller import Controller
 from emulator.mailbox import Command
-from emulator.polyscope.safety_configuration import SafetyInput
 from emulator.safety.causes import Cause
 from emulator.safety.conditions import SafetyDevice
 from emulator.snapshot import plausible
 from urproto.modes import RuntimeState
 from urproto.robots.model import Joints
+from urscript.polyscope.safety_configuration import SafetyInput
 
 _JOG_RAD_S2 = 1.4
 

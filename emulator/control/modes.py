@@ -10,13 +10,13 @@ from emulator.control.verbs import BadArguments, NotPossible, Verbs, Waiting, ve
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP, StopCause
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.polyscope.safety_configuration import SafetyInput
 from emulator.safety.causes import CAUSES, Cause
 from emulator.safety.conditions import SafetyDevice
 from emulator.snapshot import plausible
 from urproto.modes import AnalogDomain
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.vectors import Vector6
+from urscript.polyscope.safety_configuration import SafetyInput
 from urscript.values import INT_MAX, INT_MIN
 
 Group = Literal["standard", "configurable", "tool"]

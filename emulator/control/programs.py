@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 from emulator.commands import dashboard
 from emulator.control.verbs import BadArguments, Verbs, Waiting, verb
-from emulator.polyscope.outline import OutlineNode, outline_steps
-from emulator.polyscope.tree import TreeError
 from emulator.programs.compiling import Submission, in_periods
 from emulator.programs.loading import program_files
 from emulator.services.urcap import DriverAddress
+from urscript.polyscope.outline import OutlineNode, outline_steps
+from urscript.polyscope.tree import TreeError
 from urscript.work import Steps
 
 if TYPE_CHECKING:

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
 
 from emulator.builtins import LIBRARIES
-from emulator.polyscope.tree import TreeError
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
 from urscript.compiler import CompiledProgram, compile_steps
 from urscript.errors import CompileError
 from urscript.parser import is_secondary
+from urscript.polyscope.tree import TreeError
 from urscript.work import Steps
 
 LIBRARY_SET: Final = LibrarySet(LIBRARIES)

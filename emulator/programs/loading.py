@@ -7,12 +7,6 @@ from typing import Final
 
 from emulator.builtins.host import ProgramServices
 from emulator.machine import Machine
-from emulator.polyscope.document import DocumentError
-from emulator.polyscope.folder import ProgramsFolder
-from emulator.polyscope.installation_file import InstallationFile, read_installation_steps
-from emulator.polyscope.program import script_steps
-from emulator.polyscope.tree import ProgramTree, TreeError, read_tree_steps
-from emulator.polyscope.writer import ExternalControlCode
 from emulator.programs.compiling import LIBRARY_SET, Submission
 from emulator.services.urcap import ProgramRequest
 from urproto.text import from_bytes
@@ -21,6 +15,12 @@ from urscript.compiler import CompiledProgram, compile_steps
 from urscript.errors import CompileError
 from urscript.files import inlined, is_inlined, split_steps
 from urscript.parser import is_secondary
+from urscript.polyscope.document import DocumentError
+from urscript.polyscope.folder import ProgramsFolder
+from urscript.polyscope.installation_file import InstallationFile, read_installation_steps
+from urscript.polyscope.program import script_steps
+from urscript.polyscope.tree import ProgramTree, TreeError, read_tree_steps
+from urscript.polyscope.writer import ExternalControlCode
 from urscript.work import Steps
 
 MOST_PROGRAMS: Final = 2000  # guess: more are of no use to anybody who chooses one

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from emulator.polyscope.document import DocumentError
-from emulator.polyscope.installation_file import InstallationFile, load_installation_file
 from emulator.snapshot import Snapshot, plausible
 from urproto.robots.pose import Pose
 from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
+from urscript.polyscope.document import DocumentError
+from urscript.polyscope.installation_file import InstallationFile, load_installation_file
 
 _UPRIGHT_GRAVITY: Final[Vector3] = (0.0, 0.0, 9.82)  # m/s2; the value of the Script Manual's set_gravity example
 _STANDING: Final = ZERO3

@@ -14,15 +14,6 @@ from emulator.lifecycle.power import PowerEvent, PowerState
 from emulator.lifecycle.runstate import StopCause
 from emulator.lifecycle.safety import STOP_CATEGORY, SafetyEvent, StopCategory
 from emulator.machine import Machine
-from emulator.polyscope.safety_configuration import (
-    RECOVERY_LIMITS,
-    LimitSet,
-    SafetyConfiguration,
-    SafetyInput,
-    SafetyOutput,
-    elbow_radius,
-    simulator_configuration,
-)
 from emulator.safety.causes import Cause
 from emulator.safety.conditions import Conditions, SafetyDevice, SafetyInputs, drive_outputs
 from emulator.safety.geometry import Boundaries
@@ -32,6 +23,15 @@ from emulator.snapshot import Snapshot
 from urproto.modes import ControlMode, JointMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatusBits
 from urproto.vectors import Vector6
 from urproto.versions import Availability
+from urscript.polyscope.safety_configuration import (
+    RECOVERY_LIMITS,
+    LimitSet,
+    SafetyConfiguration,
+    SafetyInput,
+    SafetyOutput,
+    elbow_radius,
+    simulator_configuration,
+)
 
 _STOP_WITHIN_S: Final = 0.524  # CB3 manual: braking begins within 24 ms and takes 500 ms at most
 _REST_RAD_S: Final = 0.2  # CB3 manual: slower than this a joint counts as standing

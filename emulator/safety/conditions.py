@@ -7,12 +7,12 @@ from typing import Final
 from emulator.io.signals import Signals
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.machine import Machine
-from emulator.polyscope.safety_configuration import Pins, SafetyConfiguration, SafetyInput, SafetyOutput
 from emulator.safety.geometry import Boundaries
 from emulator.safety.supervision import Supervision
 from urproto.modes import SafetyMode
 from urproto.signals import CONFIGURABLE
 from urproto.versions import Series
+from urscript.polyscope.safety_configuration import Pins, SafetyConfiguration, SafetyInput, SafetyOutput
 
 
 class SafetyDevice(Enum):

@@ -23,8 +23,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, TypeVar
 
-from emulator.polyscope.document import DocumentError, read_document
-from emulator.polyscope.safety_configuration import (
+from urproto.robots.model import RobotModel
+from urproto.versions import Series
+from urproto.yamltext import NotYaml, load_yaml
+from urscript.polyscope.document import DocumentError, read_document
+from urscript.polyscope.safety_configuration import (
     CHANNELS,
     PRESETS,
     BoundaryMode,
@@ -38,10 +41,7 @@ from emulator.polyscope.safety_configuration import (
     factory_configuration,
     preset_of,
 )
-from emulator.polyscope.safety_section import SafetySettingsError, read_safety_settings
-from urproto.robots.model import RobotModel
-from urproto.versions import Series
-from urproto.yamltext import NotYaml, load_yaml
+from urscript.polyscope.safety_section import SafetySettingsError, read_safety_settings
 
 _Function = TypeVar("_Function", SafetyInput, SafetyOutput)
 

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from math import acos, dist
 from typing import Final
 
-from emulator.polyscope.safety_configuration import BoundaryMode, Plane, SafetyConfiguration, ToolOrientation
 from emulator.robot.arm import Arm
 from urproto.modes import SafetyMode
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import rotvec_to_matrix
 from urproto.vectors import Vector3, rotate
+from urscript.polyscope.safety_configuration import BoundaryMode, Plane, SafetyConfiguration, ToolOrientation
 
 # Between the flange's centre and the lower arm's axis, UR5e with 5.8 (vendor's answer in its forum): a cylinder and a
 # sphere of 37.5 mm each, 28 mm apart. 7 mm more, since the housing is that far beside the axis of our geometry; a

@@ -9,10 +9,10 @@ from dataclasses import replace
 from math import dist, hypot, radians, sqrt
 from typing import Final
 
-from emulator.polyscope.safety_configuration import LimitSet
 from emulator.robot.arm import Arm
 from urproto.robots.model import Joints, RobotModel
 from urproto.vectors import as_six
+from urscript.polyscope.safety_configuration import LimitSet
 
 TRANSITION_S: Final = 0.5  # hardware manuals: for so long both sets of limits are accepted
 MANUAL_SPEED_M_S: Final = 0.25  # user manual: manual mode, unless high speed is allowed

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from math import hypot, radians
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from emulator.polyscope.safety_configuration import LimitSet
 from emulator.robot.arm import CURRENT_WINDOW_A, Arm
 from emulator.safety.causes import Cause
 from emulator.safety.geometry import CLAMPING_M, Boundaries, clamping_distance, tool_deviation
 from urproto.modes import SafetyMode
 from urproto.robots.model import RobotModel
 from urproto.versions import Series
+from urscript.polyscope.safety_configuration import LimitSet
 
 if TYPE_CHECKING:
     from emulator.world.links import Links

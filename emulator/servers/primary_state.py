@@ -5,7 +5,6 @@ from dataclasses import replace
 from zlib import crc32
 
 from emulator.motion.reach import dexterity
-from emulator.polyscope.safety_configuration import elbow_radius
 from emulator.robot.electrics import ROOM_C
 from emulator.snapshot import Snapshot
 from urproto.modes import AnalogDomain, RobotMode, SafetyMode, SafetyStatusBits
@@ -29,6 +28,7 @@ from urproto.primary.state import (
 from urproto.robots import DH, RobotModel
 from urproto.robots.model import Joints
 from urproto.versions import Series
+from urscript.polyscope.safety_configuration import elbow_radius
 
 _MASTERBOARD_VERSION = 6  # as a UR5e simulator of 5.24 sends it; that all send the same is a guess
 # added to each joint's highest speed: a UR5e simulator of 5.24 sends pi + 0.2; that all do so is a guess

@@ -12,11 +12,11 @@ import re
 from dataclasses import dataclass
 from typing import Final, Self
 
-from emulator.polyscope.installation_file import InstallationFile
-from emulator.polyscope.naming import quoted
-from emulator.polyscope.writer import ExternalControlCode
 from emulator.services.sockets import ScriptSocket, ScriptSocketBackend
 from urproto.text import from_bytes
+from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.naming import quoted
+from urscript.polyscope.writer import ExternalControlCode
 
 _HOST: Final = "192.168.56.1"
 _PORT: Final = 50002

@@ -7,7 +7,6 @@ import pytest
 
 from emulator.commands.safety import ArmSupply, Jog, SetSafetyDevice, SetSafetyInput, TripSafety
 from emulator.lifecycle.safety import StopCategory
-from emulator.polyscope.safety_configuration import SafetyInput, factory_configuration
 from emulator.safety.causes import Cause, Recovery
 from emulator.safety.conditions import SafetyDevice
 from emulator.servers.primary_state import robot_state
@@ -19,6 +18,7 @@ from urproto.robots import load_model
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.recipes import Recipe
 from urproto.versions import Series
+from urscript.polyscope.safety_configuration import SafetyInput, factory_configuration
 
 PROGRAM = "def far():\n  movej([1.0, -1.0, 0.5, -1.0, 0.3, 0.2], a=1.0, v=0.5)\nend\n"
 START = (0.0, -1.57, 0.0, -1.57, 0.0, 0.0)

@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from emulator.config import ConfigError, read_safety
-from emulator.polyscope.installation_file import InstallationFile
-from emulator.polyscope.safety_configuration import (
+from urproto.robots import MODELS, load_model
+from urproto.versions import Series
+from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.safety_configuration import (
     BoundaryMode,
     Plane,
     SafetyInput,
@@ -17,8 +19,6 @@ from emulator.polyscope.safety_configuration import (
     ToolSphere,
     factory_configuration,
 )
-from urproto.robots import MODELS, load_model
-from urproto.versions import Series
 
 # in the form of PolyScope 5.8, shortened to one plane
 SETTINGS = """

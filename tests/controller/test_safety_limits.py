@@ -7,14 +7,6 @@ from types import SimpleNamespace
 import pytest
 
 from emulator.lifecycle.safety import SafetyEvent, StopCategory
-from emulator.polyscope.safety_configuration import (
-    BoundaryMode,
-    LimitSet,
-    Plane,
-    ToolOrientation,
-    ToolSphere,
-    factory_configuration,
-)
 from emulator.robot.arm import Arm
 from emulator.safety.board import StopMonitor
 from emulator.safety.conditions import SafetyDevice
@@ -26,6 +18,14 @@ from urproto.primary.messages import ErrorCodeMessage
 from urproto.robots import START_Q, load_model
 from urproto.robots.pose import rotvec_to_matrix
 from urproto.vectors import ZERO6
+from urscript.polyscope.safety_configuration import (
+    BoundaryMode,
+    LimitSet,
+    Plane,
+    ToolOrientation,
+    ToolSphere,
+    factory_configuration,
+)
 
 STRETCHED = (0.0, -0.3, 0.2, 0.0, 0.0, 0.0)
 BENT = (0.0, -1.5, 1.5, -1.6, -1.57, 0.0)

@@ -7,12 +7,12 @@ import pytest
 
 from emulator.commands.safety import FreedriveButton, Jog, SetSafetyDevice, SetSafetyInput
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.polyscope.safety_configuration import SafetyInput, SafetyOutput, factory_configuration
 from emulator.safety.conditions import SafetyDevice
 from emulator.servers.primary_state import robot_state
 from urproto.modes import ControlMode, RobotMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatus
 from urproto.robots import load_model
 from urproto.signals import CONFIGURABLE
+from urscript.polyscope.safety_configuration import SafetyInput, SafetyOutput, factory_configuration
 
 LONG = "def far():\n  movej([1.0, -1.0, 0.5, -1.0, 0.3, 0.2], a=1.0, v=0.5)\nend\n"
 WAIT = "def wait():\n  sleep(100)\nend\n"

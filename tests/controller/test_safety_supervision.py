@@ -8,7 +8,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from emulator.commands.safety import ArmSupply, FreedriveButton, SetSafetyDevice, TripSafety
-from emulator.polyscope.safety_configuration import BoundaryMode, Plane, ToolOrientation, factory_configuration
 from emulator.robot.arm import Arm
 from emulator.safety.causes import Cause
 from emulator.safety.conditions import SafetyDevice
@@ -17,6 +16,7 @@ from emulator.safety.supervision import Supervision
 from tests.budget import examples
 from urproto.modes import RobotMode, SafetyMode
 from urproto.robots import load_model
+from urscript.polyscope.safety_configuration import BoundaryMode, Plane, ToolOrientation, factory_configuration
 
 PERIOD_S = {"ur5": 0.008, "ur5e": 0.002}
 ZERO = (0.0,) * 6

@@ -22,13 +22,13 @@ from client.errors import ClientError
 from emulator.config import ConfigError, read_calibration, read_initial_positions, read_safety, read_surroundings
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
-from emulator.polyscope.document import DocumentError
-from emulator.polyscope.installation_file import read_installation
 from urproto.external_control import from_words, to_words
 from urproto.joints import JOINT_NAMES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
+from urscript.polyscope.document import DocumentError
+from urscript.polyscope.installation_file import read_installation
 
 GOLDEN: Final = Path(__file__).parents[1] / "golden"
 BAD: Final[tuple[Any, ...]] = (

@@ -13,12 +13,12 @@ from tree_rig import Arm
 from emulator.commands.requests import DashboardLine, ScriptUnit
 from emulator.control.programs import ProgramVerbs
 from emulator.control.verbs import ControlledRobot
-from emulator.polyscope.installation_file import read_installation
 from emulator.services.sockets import MemorySocket, MemorySockets
 from emulator.services.urcap import DriverAddress, ProgramRequest, split_program
 from tests.budget import examples
 from urproto.modes import RuntimeState
 from urproto.primary.messages import KeyMessage, RuntimeExceptionMessage
+from urscript.polyscope.installation_file import read_installation
 
 URCAP_DEFAULT = ("192.168.56.1", 50002)
 ASKED = b"request_program\n"

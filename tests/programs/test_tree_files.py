@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tree_rig import Arm, children, installation, line, main, move, say, sleep, tag, urp, waypoint
 
-from emulator.polyscope.document import DocumentError, read_document
-from emulator.polyscope.installation_file import read_installation, read_variables
-from emulator.polyscope.naming import identifier
 from tests.budget import examples
 from urproto.modes import RuntimeState
 from urproto.primary.messages import RuntimeExceptionMessage
+from urscript.polyscope.document import DocumentError, read_document
+from urscript.polyscope.installation_file import read_installation, read_variables
+from urscript.polyscope.naming import identifier
 
 GRIPPER = tag(
     "Contributed", tag("dataModel"), strategyProgramNodeType="Grip", strategyURCapName="Hand", strategyClass="org.hand"

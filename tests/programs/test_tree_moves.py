@@ -22,15 +22,15 @@ from tree_rig import (
     waypoint,
 )
 
-from emulator.polyscope.document import read_document
-from emulator.polyscope.installation_file import InstallationFile
-from emulator.polyscope.program import script_of
-from emulator.polyscope.tree import ProgramTree
 from urproto.modes import SafetyMode
 from urproto.robots import load_model
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.pose import pose_dist, pose_trans
 from urproto.signals import STANDARD
+from urscript.polyscope.document import read_document
+from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.program import script_of
+from urscript.polyscope.tree import ProgramTree
 
 ASIDE = (0.3, -1.4, 1.4, -1.5, -1.5, 0.2)
 BACK = (0.0, -1.6, 1.6, -1.6, -1.57, 0.0)

@@ -8,8 +8,6 @@ from typing import Final
 from tree_rig import assign, expression, line, main, sleep, tag
 
 from emulator.config import ConfigError, read_safety
-from emulator.polyscope.document import DocumentError
-from emulator.polyscope.installation_file import InstallationFile, read_installation, read_variables
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.programs.loading import ProgramLoadError, load_steps
 from targets.registry import VERSIONS, Finding, file, folder, target
@@ -17,6 +15,8 @@ from urproto.robots import load_model
 from urscript.compiler import compile_script, find_problems
 from urscript.errors import CompileError
 from urscript.files import ScriptFile
+from urscript.polyscope.document import DocumentError
+from urscript.polyscope.installation_file import InstallationFile, read_installation, read_variables
 from urscript.splitter import ScriptSplitter
 from urscript.work import run_to_end
 

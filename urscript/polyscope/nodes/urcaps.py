@@ -2,14 +2,14 @@
 
 from typing import Final
 
-from emulator.polyscope.document import Element
-from emulator.polyscope.nodes.direction import write_direction_function
-from emulator.polyscope.nodes.flow import count_time
-from emulator.polyscope.nodes.moves import DIRECTION
-from emulator.polyscope.registry import node
-from emulator.polyscope.tree import EXTERNAL_CONTROL, TreeError, is_external_control
-from emulator.polyscope.writer import Writer
 from urproto.text import lines
+from urscript.polyscope.document import Element
+from urscript.polyscope.nodes.direction import write_direction_function
+from urscript.polyscope.nodes.flow import count_time
+from urscript.polyscope.nodes.moves import DIRECTION
+from urscript.polyscope.registry import node
+from urscript.polyscope.tree import EXTERNAL_CONTROL, TreeError, is_external_control
+from urscript.polyscope.writer import Writer
 
 _UNNAMED: Final = "192.168.56.1"  # what the URCap calls a driver without a name
 

@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 
-from emulator.polyscope.document import DocumentError, Element
 from urproto.robots.pose import Pose, matrix_to_rotvec, pose_inv, pose_trans
 from urproto.text import number as text_number
 from urproto.vectors import ZERO6
+from urscript.polyscope.document import DocumentError, Element
 
 _DIGITS = 12  # behind the point, as PolyScope writes poses
 

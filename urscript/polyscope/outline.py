@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from typing import Final
 
-from emulator.polyscope.document import Element
-from emulator.polyscope.installation_file import InstallationFile
-from emulator.polyscope.program import write_steps
-from emulator.polyscope.tree import ProgramTree
-from emulator.polyscope.writer import ExternalControlCode
 from urproto.versions import PolyscopeVersion
+from urscript.polyscope.document import Element
+from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.program import write_steps
+from urscript.polyscope.tree import ProgramTree
+from urscript.polyscope.writer import ExternalControlCode
 from urscript.work import Steps
 
 _NODE_WORK: Final = 20  # guess [units of `urscript.work`]

@@ -1,10 +1,10 @@
 """The program itself and what only orders it."""
 
-from emulator.polyscope.document import DocumentError, Element
-from emulator.polyscope.naming import identifier
-from emulator.polyscope.nodes.moves import circle_move
-from emulator.polyscope.registry import node, translate_children
-from emulator.polyscope.writer import Writer, expression_text, variable_name
+from urscript.polyscope.document import DocumentError, Element
+from urscript.polyscope.naming import identifier
+from urscript.polyscope.nodes.moves import circle_move
+from urscript.polyscope.registry import node, translate_children
+from urscript.polyscope.writer import Writer, expression_text, variable_name
 from urscript.work import Steps
 
 

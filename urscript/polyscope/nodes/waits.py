@@ -2,10 +2,10 @@
 
 from typing import Final
 
-from emulator.polyscope.document import DocumentError, Element
-from emulator.polyscope.naming import truth
-from emulator.polyscope.registry import node
-from emulator.polyscope.writer import Writer, expression_label, expression_text, pin_name, pin_reading
+from urscript.polyscope.document import DocumentError, Element
+from urscript.polyscope.naming import truth
+from urscript.polyscope.registry import node
+from urscript.polyscope.writer import Writer, expression_label, expression_text, pin_name, pin_reading
 
 _COMPARISONS: Final = {"0": "<", "1": ">"}  # guess: which is which
 

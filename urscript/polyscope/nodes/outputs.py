@@ -2,12 +2,12 @@
 
 from typing import Final
 
-from emulator.polyscope.document import DocumentError, Element
-from emulator.polyscope.naming import truth
-from emulator.polyscope.nodes.waits import child_text
-from emulator.polyscope.numbers import list_text, number, number_text
-from emulator.polyscope.registry import node
-from emulator.polyscope.writer import Writer, expression_text, pin_name, pin_writing, resolve_pin
+from urscript.polyscope.document import DocumentError, Element
+from urscript.polyscope.naming import truth
+from urscript.polyscope.nodes.waits import child_text
+from urscript.polyscope.numbers import list_text, number, number_text
+from urscript.polyscope.registry import node
+from urscript.polyscope.writer import Writer, expression_text, pin_name, pin_writing, resolve_pin
 
 _PULSE: Final = "SingleDigitalPulseActionState"
 _VOLTS: Final = 10.0  # what an analogue output gives at most

@@ -2,12 +2,12 @@
 
 from typing import Final
 
-from emulator.polyscope.document import DocumentError, Element
-from emulator.polyscope.naming import truth
-from emulator.polyscope.nodes.moves import DIRECTION, move_of
-from emulator.polyscope.nodes.waits import analog_condition, child_text
-from emulator.polyscope.registry import node, translate_children
-from emulator.polyscope.writer import Writer, expression_label, expression_text, pin_reading
+from urscript.polyscope.document import DocumentError, Element
+from urscript.polyscope.naming import truth
+from urscript.polyscope.nodes.moves import DIRECTION, move_of
+from urscript.polyscope.nodes.waits import analog_condition, child_text
+from urscript.polyscope.registry import node, translate_children
+from urscript.polyscope.writer import Writer, expression_label, expression_text, pin_reading
 from urscript.work import Steps
 
 _AXES: Final = {

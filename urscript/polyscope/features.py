@@ -3,10 +3,10 @@
 import math
 from typing import Final
 
-from emulator.polyscope.document import DocumentError, Element
-from emulator.polyscope.numbers import numbers
 from urproto.robots.pose import Pose, matrix_to_rotvec, rotvec_to_matrix
 from urproto.vectors import ZERO6, Vector3, cross, sub3
+from urscript.polyscope.document import DocumentError, Element
+from urscript.polyscope.numbers import numbers
 
 BASE_VARIABLE: Final = "Base"  # the base as a feature that programs use as a variable
 

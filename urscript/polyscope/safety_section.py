@@ -9,7 +9,10 @@ from math import cos, inf, isfinite, sin, tau
 from types import MappingProxyType
 from typing import Final, TypeVar
 
-from emulator.polyscope.safety_configuration import (
+from urproto.robots.model import Joints
+from urproto.text import lines
+from urproto.vectors import as_six
+from urscript.polyscope.safety_configuration import (
     CHANNELS,
     BoundaryMode,
     LimitSet,
@@ -20,9 +23,6 @@ from emulator.polyscope.safety_configuration import (
     ToolOrientation,
     ToolSphere,
 )
-from urproto.robots.model import Joints
-from urproto.text import lines
-from urproto.vectors import as_six
 
 Sections = Mapping[str, Mapping[str, str]]
 _Function = TypeVar("_Function", SafetyInput, SafetyOutput)

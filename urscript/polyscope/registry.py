@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-from emulator.polyscope.document import Element
-from emulator.polyscope.tree import TreeError
-from emulator.polyscope.writer import Writer
+from urscript.polyscope.document import Element
+from urscript.polyscope.tree import TreeError
+from urscript.polyscope.writer import Writer
 from urscript.work import Steps
 
 Status = Literal["supported", "partial"]

@@ -1,14 +1,14 @@
 """The URScript that a program tree is run as."""
 
-from emulator.polyscope.document import DocumentError
-from emulator.polyscope.installation_file import InstallationFile
-from emulator.polyscope.naming import identifier, quoted
-from emulator.polyscope.nodes import NODE_MODULES
-from emulator.polyscope.numbers import list_text, pose_text
-from emulator.polyscope.registry import NODES, translate
-from emulator.polyscope.tree import ProgramTree, TreeError
-from emulator.polyscope.writer import ExternalControlCode, Writer
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+from urscript.polyscope.document import DocumentError
+from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.naming import identifier, quoted
+from urscript.polyscope.nodes import NODE_MODULES
+from urscript.polyscope.numbers import list_text, pose_text
+from urscript.polyscope.registry import NODES, translate
+from urscript.polyscope.tree import ProgramTree, TreeError
+from urscript.polyscope.writer import ExternalControlCode, Writer
 from urscript.work import Steps, run_to_end
 
 

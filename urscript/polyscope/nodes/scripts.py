@@ -1,11 +1,11 @@
 """URScript written by the user, and subprograms."""
 
-from emulator.polyscope.document import DocumentError, Element
-from emulator.polyscope.naming import identifier
-from emulator.polyscope.nodes.waits import child_text
-from emulator.polyscope.registry import node, translate_children
-from emulator.polyscope.writer import Writer, expression_label, expression_text
 from urproto.text import lines
+from urscript.polyscope.document import DocumentError, Element
+from urscript.polyscope.naming import identifier
+from urscript.polyscope.nodes.waits import child_text
+from urscript.polyscope.registry import node, translate_children
+from urscript.polyscope.writer import Writer, expression_label, expression_text
 from urscript.work import Steps
 
 

@@ -2,10 +2,10 @@
 
 from typing import Final
 
-from emulator.polyscope.document import DocumentError, Element
-from emulator.polyscope.naming import quoted
-from emulator.polyscope.registry import node
-from emulator.polyscope.writer import Writer, expression_label, expression_text, variable_name
+from urscript.polyscope.document import DocumentError, Element
+from urscript.polyscope.naming import quoted
+from urscript.polyscope.registry import node
+from urscript.polyscope.writer import Writer, expression_label, expression_text, variable_name
 
 _FLAGS: Final = {"Message": "False, False", "Warning": "True, False", "Error": "False, True"}  # warning, error
 

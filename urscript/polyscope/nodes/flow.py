@@ -2,9 +2,9 @@
 
 from typing import Final
 
-from emulator.polyscope.document import DocumentError, Element
-from emulator.polyscope.registry import node, translate_children
-from emulator.polyscope.writer import Writer, expression_label, expression_text, variable_name
+from urscript.polyscope.document import DocumentError, Element
+from urscript.polyscope.registry import node, translate_children
+from urscript.polyscope.writer import Writer, expression_label, expression_text, variable_name
 from urscript.work import Steps
 
 _DEFAULT_CASE: Final = "2147483647"

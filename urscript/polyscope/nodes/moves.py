@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from typing import Final
 
-from emulator.polyscope.document import DocumentError, Element
-from emulator.polyscope.naming import identifier
-from emulator.polyscope.numbers import inverse_text, list_text, pose_text, six, taught_pose
-from emulator.polyscope.registry import node, translate_children
-from emulator.polyscope.writer import BASE, NO_POSE, TOOL, Writer, variable_name
 from urproto.vectors import ZERO6
+from urscript.polyscope.document import DocumentError, Element
+from urscript.polyscope.naming import identifier
+from urscript.polyscope.numbers import inverse_text, list_text, pose_text, six, taught_pose
+from urscript.polyscope.registry import node, translate_children
+from urscript.polyscope.writer import BASE, NO_POSE, TOOL, Writer, variable_name
 from urscript.work import Steps
 
 DIRECTION: Final = "gui.program.direction.MoveDirectionNode"

@@ -6,13 +6,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
 
-from emulator.polyscope.document import DocumentError, Element
-from emulator.polyscope.features import BASE_VARIABLE
-from emulator.polyscope.installation_file import InstallationFile, PayloadSetting
-from emulator.polyscope.naming import identifier, quoted
-from emulator.polyscope.numbers import list_text, pose_text, taught_pose
-from emulator.polyscope.tree import ProgramTree, TreeError
 from urproto.versions import PolyscopeVersion, Series
+from urscript.polyscope.document import DocumentError, Element
+from urscript.polyscope.features import BASE_VARIABLE
+from urscript.polyscope.installation_file import InstallationFile, PayloadSetting
+from urscript.polyscope.naming import identifier, quoted
+from urscript.polyscope.numbers import list_text, pose_text, taught_pose
+from urscript.polyscope.tree import ProgramTree, TreeError
 
 _NUMBERED: Final = re.compile(r"(\w+)\[([0-9]{1,9})\]")
 

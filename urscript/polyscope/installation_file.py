@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from emulator.polyscope.document import DocumentError, Element, read_document, read_steps, unpacked
-from emulator.polyscope.features import read_features
-from emulator.polyscope.numbers import number, numbers, six
-from emulator.polyscope.safety_configuration import SafetyConfiguration
-from emulator.polyscope.safety_section import SafetySettingsError, read_safety_settings
 from urproto.robots.pose import Pose
 from urproto.text import from_bytes, lines, strip
 from urproto.vectors import ZERO3, Vector3
+from urscript.polyscope.document import DocumentError, Element, read_document, read_steps, unpacked
+from urscript.polyscope.features import read_features
+from urscript.polyscope.numbers import number, numbers, six
+from urscript.polyscope.safety_configuration import SafetyConfiguration
+from urscript.polyscope.safety_section import SafetySettingsError, read_safety_settings
 from urscript.work import Steps, run_to_end
 
 _TYPES: Final = {"DIGITAL_INPUT": 0, "DIGITAL_OUTPUT": 1, "REGISTER_INPUT": 2, "REGISTER_OUTPUT": 3}  # as for scripts
@@ -130,7 +130,7 @@ class InstallationFile:
 
     tcps, payloads, features: by name; ``tcp`` and ``payload`` are those in use at the start.
     feature_variables: features that programs may use as variables. pins: what a name stands for,
-    as a kind of `emulator.polyscope.writer` and a number. variables: name and URScript value.
+    as a kind of `urscript.polyscope.writer` and a number. variables: name and URScript value.
     tool_*: as for set_tool_voltage, set_tool_communication, set_tool_output_mode, set_tool_digital_output_mode.
     gravity: as for set_gravity [m/s2]. home: joints [rad]. contributions: data of URCaps by URCap name.
     safety: what it would have confirmed; None without a readable one. default_program: what happens by itself.

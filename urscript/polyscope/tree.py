@@ -5,11 +5,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final
 
-from emulator.polyscope.document import Element, read_steps
-from emulator.polyscope.folder import ProgramsFolder
-from emulator.polyscope.naming import quoted
-from emulator.polyscope.saved_script import NO_SAVED_SCRIPT, SavedScript, read_saved_script
 from urproto.text import from_bytes
+from urscript.polyscope.document import Element, read_steps
+from urscript.polyscope.folder import ProgramsFolder
+from urscript.polyscope.naming import quoted
+from urscript.polyscope.saved_script import NO_SAVED_SCRIPT, SavedScript, read_saved_script
 from urscript.work import Steps
 
 EXTERNAL_CONTROL: Final = "External Control"  # the name of the URCap
