@@ -7,12 +7,12 @@ arm's motion nor the pages a moment.
 import asyncio
 import os
 import re
-import sys
 from collections.abc import Callable
 from typing import Final
 
 from client.errors import ClientError
 from client.pendant.draft import Draft, ScriptError
+from urproto.compat import module_command
 from urproto.compat_asyncio import timeout
 from urproto.text import from_bytes, lines, readable, to_bytes
 from urproto.versions import PolyscopeVersion
@@ -32,7 +32,7 @@ class CheckerError(ClientError):
 async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]:
     """Everything that is wrong with a script for a controller of this version. Raises CheckerError, TimeoutError."""
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-P", "-m", "urscript", "check", "--polyscope", str(version), "-"),
+        *(*module_command("urscript"), "check", "--polyscope", str(version), "-"),
         stdin=asyncio.subprocess.PIPE,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
