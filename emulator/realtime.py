@@ -12,8 +12,9 @@ import os
 import sys
 import time
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Final
+
+from urproto.compat import StrEnum
 
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4  # MCL_ flags of mlockall(2)
 _PRIORITY: Final = 1  # the lowest above all that has none
