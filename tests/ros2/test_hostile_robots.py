@@ -15,6 +15,7 @@ from ros2_rig import free_domain
 from client.ros2 import message_packages
 from client.ros2.driver import DriverOptions, Ros2Driver
 from tests.hostile import KINDS, HostileRobot
+from urproto.compat_asyncio import timeout
 from urproto.errors import URError
 
 pytestmark = pytest.mark.xdist_group("ros2")
@@ -30,7 +31,7 @@ async def _live(host: str, domain: int) -> str:
     options = DriverOptions(host, {"silence_s": 0.4, "start_timeout_s": 1.0, **_PORTS}, domain=domain)
     try:
         with suppress(TimeoutError):
-            async with asyncio.timeout(LIVED_S), Ros2Driver(options):
+            async with timeout(LIVED_S), Ros2Driver(options):
                 await asyncio.sleep(LIVED_S)
     except URError as error:
         return str(error)
@@ -46,7 +47,7 @@ async def test_a_robot_that_does_harm_is_an_error_at_most(caplog: Any, monkeypat
             kinds = (random.choice(KINDS), "honest", "honest", random.choice(KINDS))
             robot.begin(kinds if random.random() < 0.5 else kinds[::-1], seed)
             caplog.clear()
-            async with asyncio.timeout(ENDED_S):
+            async with timeout(ENDED_S):
                 said = await _live(robot.host, domain)
             assert not said or (len(said) >= 20 and "\n" not in said), f"seed {seed}, {kinds}: explains nothing: {said}"
             traces = [
