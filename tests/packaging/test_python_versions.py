@@ -39,7 +39,7 @@ NEWER = {
     "typing.override": "nothing",
 }
 SUSPECT = re.compile(rf"except\*|to_bytes|wait_for|\bre\.|\b(?:{'|'.join(name.split('.')[-1] for name in NEWER)})\b")
-POSSESSIVE = re.compile(r"(?<!\\)(?:[*+?]|\{[0-9,]+\})\+|\(\?>")
+POSSESSIVE = re.compile(r"(?<!\\)(?:[+*?]|\{[0-9,]+\})\+|\(\?>")
 
 
 def complaints(source: str, *, packaged: bool) -> Iterator[str]:
