@@ -142,7 +142,8 @@ async def _messages(client) -> dict[int, bytes]:
     found = {}
     try:
         while True:
-            message = await asyncio.wait_for(client.recv(), 0.1)
+            async with timeout(0.1):
+                message = await client.recv()
             if isinstance(message, bytes):
                 kind, subscription, _ = struct.unpack_from("<BIQ", message)
                 assert kind == 1
