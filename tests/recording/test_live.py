@@ -1,6 +1,5 @@
 """Streams: JSON as PlotJuggler takes it, and a server that a websocket client asks as Foxglove does."""
 
-import asyncio
 import json
 import math
 import queue
