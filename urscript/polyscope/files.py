@@ -15,8 +15,8 @@ from urproto.text import to_bytes
 from urproto.versions import PolyscopeVersion, Series
 from urscript.polyscope.document import Element, make, packed
 from urscript.polyscope.editing import ProgramEditor
-from urscript.polyscope.nodes.moves import kinematics_element
 from urscript.polyscope.nodes.urcaps import new_external_control
+from urscript.polyscope.nodes.waypoints import kinematics_element
 from urscript.polyscope.registry import empty_children
 from urscript.polyscope.tree import TreeError
 

@@ -14,7 +14,7 @@ from urscript.polyscope.forms import (
     node_name,
 )
 from urscript.polyscope.naming import identifier
-from urscript.polyscope.nodes.moves import circle_move
+from urscript.polyscope.nodes.waypoints import circle_move
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
 from urscript.polyscope.writer import Writer, expression_text, variable_name
 from urscript.work import Steps

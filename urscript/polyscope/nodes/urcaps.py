@@ -6,7 +6,7 @@ from urproto.text import lines
 from urscript.polyscope.document import Element, make
 from urscript.polyscope.nodes.direction import write_direction_function
 from urscript.polyscope.nodes.flow import count_time
-from urscript.polyscope.nodes.moves import DIRECTION
+from urscript.polyscope.nodes.motion import DIRECTION
 from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.tree import EXTERNAL_CONTROL, TreeError, is_external_control
 from urscript.polyscope.writer import Writer
