@@ -134,7 +134,7 @@ class ProgramEditor:
                 id=spot.id,
                 number=number,
                 depth=spot.depth,
-                title=spot.title,
+                title=self._title(spot),
                 kind=spot.kind.key if spot.kind else "",
                 parent=spot.parent.id if spot.parent else ROOT,
                 suppressed=spot.suppressed,
@@ -145,6 +145,10 @@ class ProgramEditor:
             )
             for number, spot in enumerate(spots, 1)
         ]
+
+    def _title(self, spot: Spot) -> str:
+        by_installation = spot.kind.shown_by if spot.kind else None
+        return by_installation(self.installation) if by_installation else spot.title
 
     def problems(self) -> list[Problem]:
         """What keeps the program from being run: what nodes lack, and what cannot be translated, at its node."""
@@ -199,7 +203,7 @@ class ProgramEditor:
             "id": node,
             "kind": spot.kind.key if spot.kind else "",
             "title": spot.kind.title if spot.kind else tag_of(spot.written),
-            "shown": spot.title,
+            "shown": self._title(spot),
             "suppressed": spot.place is not spot.written,
             "revision": self.revision,
             "fields": fields,

@@ -72,9 +72,20 @@ class Saved:
 
 
 def outline_text(editor: ProgramEditor) -> str:
-    """The tree as PolyScope writes it into the ``.txt``: a line a node, and how deep it lies."""
-    rows = ((row.depth, row.title) for row in editor.rows())
-    return "".join(f" {_INDENT * depth}{title}\n" for depth, title in [(0, "Program"), *((d + 1, t) for d, t in rows)])
+    """The tree as PolyScope writes it into the ``.txt``: a line a node, and how deep it lies.
+
+    A suppressed node stands between apostrophes, without what lies in it.
+    """
+    lines = [" Program"]
+    hidden = set[str]()
+    for row in editor.rows():
+        if row.suppressed:
+            hidden.add(row.id)
+        if row.parent in hidden:
+            continue
+        title = f"'{row.title}'" if row.suppressed_itself else row.title
+        lines.append(f" {_INDENT * (row.depth + 1)}{title}")
+    return "".join(f"{line}\n" for line in lines)
 
 
 def save_program(editor: ProgramEditor, path: Path) -> Saved:

@@ -12,6 +12,7 @@ from urscript.polyscope.forms import (
     expression_shown,
     lacks_expression,
     node_name,
+    titled,
 )
 from urscript.polyscope.naming import identifier
 from urscript.polyscope.nodes.waypoints import circle_move
@@ -130,7 +131,7 @@ EVENT: Final = Kind(
     "event",
     "Event",
     "Advanced",
-    lambda element: f"Event {expression_shown(element.child('expression'))}".rstrip(),
+    lambda element: titled("Event", expression_shown(element.child("expression"))),
     new=lambda _: make("Event", make("expression"), empty_children()),
     stands="program",
     contains="nodes",
