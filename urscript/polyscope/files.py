@@ -97,12 +97,15 @@ def save_program(editor: ProgramEditor, path: Path) -> str:
     """Write ``.urp``, ``.script`` and ``.txt``, each whole or not at all. Raises OSError or DocumentError.
 
     The program is saved also when it cannot be run yet. Then there is no ``.script``, and an older one goes, since it
-    would be that of another program; why, in words, is returned. A program with nodes of other URCaps keeps its old
-    one, which holds the only copy of their code.
+    would be that of another program; why, in words, is returned. So it is with External Control nodes, whose code the
+    driver gives when the program is played. A program with nodes of other URCaps keeps its old one, which holds the
+    only copy of their code.
     """
     write_file(path, packed(editor.document()))
     script, problem = path.with_suffix(SCRIPT_SUFFIX), ""
     try:
+        if editor.tree.needs_external_control:
+            raise TreeError("the code of its External Control nodes is the driver's, who is asked at every play")
         export(editor, script)
     except TreeError as error:
         problem = str(error)
