@@ -23,6 +23,7 @@ from urscript.polyscope.tree import TreeError
 from urscript.work import run_to_end
 
 CHECKER_LINE: Final = re.compile(r"<stdin>:(\d+):(\d+): (warning: )?(.*)")
+_SYNTAX_ERROR: Final = "syntax error"
 _CHECKED: Final = (0, 1)  # exit statuses of a script without and with errors
 _CHECK_S: Final = 60.0  # guess: a second is usual
 
@@ -107,15 +108,18 @@ def all_problems(editor: ProgramEditor) -> list[Problem]:
     authors: list[Element | None] = []
     for line, author in written.lines():
         authors += [author] * (line.count("\n") + 1)
-    text = written.text()
+    errors = _script_errors(written.text(), editor.version)
     return [
         Problem(editor.node_of(author) if (author := authors[min(line, len(authors)) - 1]) else "", message)
-        for line, message in _script_errors(text, editor.version)
+        for line, message in errors
     ]
 
 
 def _script_errors(text: str, version: PolyscopeVersion) -> list[tuple[int, str]]:
-    """Line and message of each error; warnings keep nothing from running."""
+    """Line and message of each error; warnings keep nothing from running.
+
+    Statements end where nothing can follow, so what the first word of a line may not follow is in the line before.
+    """
     try:
         ran = subprocess.run(checker_command(version), input=to_bytes(text), capture_output=True, timeout=_CHECK_S)
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -123,7 +127,13 @@ def _script_errors(text: str, version: PolyscopeVersion) -> list[tuple[int, str]
     if ran.returncode not in _CHECKED:
         raise CheckerError(f"urscript check: {readable(from_bytes(ran.stderr)).strip() or ran.returncode}")
     found = (CHECKER_LINE.fullmatch(line) for line in lines(readable(from_bytes(ran.stdout))))
-    return [(int(match[1]), match[4]) for match in found if match is not None and not match[3]]
+    written, errors = text.split("\n"), []
+    for match in found:
+        if match is not None and not match[3]:
+            line, column = int(match[1]), int(match[2])
+            begins = not written[line - 1][: column - 1].strip()
+            errors.append((line - (begins and match[4].startswith(_SYNTAX_ERROR)), match[4]))
+    return errors
 
 
 def _reason(error: Exception) -> str:

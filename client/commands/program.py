@@ -7,12 +7,12 @@ from typing import Annotated, Any
 import typer
 
 from client.errors import ClientError, FileError
-from client.programs import all_problems, controller, open_program, set_driver
+from client.programs import all_problems, controller, find_installation, open_program, set_driver
 from urproto.commandline import AsJson, application, print_json
 from urscript.polyscope.document import DocumentError
 from urscript.polyscope.editing import ProgramEditor, Row
 from urscript.polyscope.files import PROGRAM_SUFFIX, export, new_program, save_program
-from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.tree import TreeError
 
 _DRIVER_PORT = 50002  # what the URCap asks without being told
@@ -51,12 +51,12 @@ def new_command(
         raise ClientError("--host is of an External Control node, which --empty leaves out")
     arm, version = controller(model, polyscope)
     root = new_program(path.stem, version, arm, installation=installation, external_control=not empty)
-    notes = []
+    folder, notes = ProgramsFolder(path.absolute().parent), []
     if host is not None:
         settings = path.parent / f"{installation}.installation"
         made = set_driver(settings, host, port, version)
         notes.append(f"{settings}: {'made; ' if made else ''}the driver is at {host}:{port}")
-    _save(ProgramEditor(root, path.stem, InstallationFile(installation), version, arm), path)
+    _save(ProgramEditor(root, path.stem, find_installation(root, folder), version, arm, folder=folder), path)
     typer.echo(f"{path}: for {arm.title}, PolyScope {version}")
     for note in notes:
         typer.echo(note)

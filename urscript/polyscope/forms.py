@@ -179,7 +179,8 @@ def _always(_: Element) -> bool:
 class Field:
     """Something that can be set at a node.
 
-    kind: number, integer, text, choice, boolean, variable, expression, pin, position, tcp, payload, feature, subprogram or file.
+    kind: number, integer, text, choice, boolean, variable, expression, pin, position, tcp, payload, feature, subprogram
+    or file.
     unit, low, high: of numbers. choices: what can be chosen, value and title; None when it depends on the program.
     shown: whether it has a meaning as the node is now. optional: it may be empty (None).
     """
