@@ -6,10 +6,11 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.driver.endpoint import SENDER_PORT
-from client.pendant.mounting import apply_gravity, apply_payload, gravity_of, tilt_of
+from client.pendant.mounting import apply_gravity, apply_payload, tilt_of
 from client.pendant.page import Page, Views
 from client.pendant.screens import installation_arm, installation_tcp
 from client.pendant.station import Station
+from urscript.polyscope.installation_file import gravity_of
 
 _MM: Final = 1000.0
 _PLACES: Final = {"Floor": (0, 0), "Wall": (90, 0), "Ceiling": (180, 0)}  # degrees
