@@ -51,17 +51,17 @@ class InstallationVerbs(Verbs):
         ``name``: the row's, where the section is a list. What is not changed stays in the file byte for byte. For
         example {"host": "192.168.56.1"} of external_control.
         """
-        self._wait(self._saved(section, lambda root: change_setting(root, section, name, values), values))
+        return self._wait(self._saved(section, lambda root: change_setting(root, section, name, values), values))
 
     @verb
     def add_to_installation(self, section: str, values: Mapping[str, Any]) -> None:
         """Add a row to a list of the installation file: tcps, payloads, features, modbus."""
-        self._wait(self._saved(section, lambda root: add_setting(root, section, values)))
+        return self._wait(self._saved(section, lambda root: add_setting(root, section, values)))
 
     @verb
     def remove_from_installation(self, section: str, name: str) -> None:
         """Take a row out of a list of the installation file."""
-        self._wait(self._saved(section, lambda root: remove_setting(root, section, name)))
+        return self._wait(self._saved(section, lambda root: remove_setting(root, section, name)))
 
     def _shown(self, section: str) -> Waiting[dict[str, Any]]:
         root = yield from self._document(_place(self.controller))
