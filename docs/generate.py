@@ -40,6 +40,8 @@ from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field
 from urproto.versions import Availability
 from urscript import cli as urscript_cli
 from urscript.builtins import LibrarySet
+from urscript.polyscope.installation_sections import Field as Setting
+from urscript.polyscope.installation_settings import SECTIONS
 from urscript.polyscope.registry import NODES
 
 DOCS = Path(__file__).parent
@@ -121,6 +123,8 @@ def supported() -> str:
         _builtins(),
         "## Nodes of program trees (.urp)",
         _nodes(),
+        "## Settings of an installation",
+        _settings(),
         "## RTDE outputs",
         _fields(OUTPUT_FIELDS),
         "## RTDE inputs",
@@ -297,6 +301,24 @@ def _nodes() -> str:
     rows = ((f"`{kind.tag}`", kind.status, kind.note or _first_line(kind.doc)) for _, kind in sorted(NODES.items()))
     head = "A program with a node that is not listed is not loaded, unless PolyScope's script lies beside it."
     return f"{head}\n\n" + _table(("node", "status", "note"), rows)
+
+
+def _settings() -> str:
+    head = (
+        "What of an `.installation` file can be changed, on the pendant's Installation screen and by the control API's "
+        "`change_installation`. What is not changed stays byte for byte."
+    )
+    rows = (
+        (section.title, ", ".join(_setting(field) for field in section.fields), section.applied, section.places)
+        for section in SECTIONS.values()
+    )
+    return f"{head}\n\n" + _table(("setting", "values", "has effect", "in the file"), rows)
+
+
+def _setting(field: Setting) -> str:
+    limits = f" {field.low:g} to {field.high:g}" if field.kind in ("number", "whole", "vector", "pose") else ""
+    unit = f" {field.unit}" if field.unit else ""
+    return f"{field.title.lower()}{'' if field.fixed else limits + unit}"
 
 
 def _fields(fields: Mapping[str, Field]) -> str:
