@@ -19,7 +19,7 @@ from urscript.polyscope.installation_settings import (
     add_setting,
     change_setting,
     new_installation,
-    read_settings,
+    read_section,
     remove_setting,
 )
 
@@ -64,10 +64,12 @@ class InstallationVerbs(Verbs):
         return self._wait(self._saved(section, lambda root: remove_setting(root, section, name)))
 
     def _shown(self, section: str) -> Waiting[dict[str, Any]]:
-        root = yield from self._document(_place(self.controller))
-        rows = read_settings(root)
-        shown: dict[str, list[Row]] = {section: rows[section]} if section else rows
         path = _place(self.controller)
+        root = yield from self._document(path)
+        shown = dict[str, list[Row]]()
+        for name in [section] if section else SECTIONS:
+            yield  # a control period for each: an installation may have hundreds of features
+            shown[name] = read_section(root, name)
         return {"file": _DEFAULT if path is None else path.name, "refusal": _refusal(path), "sections": shown}
 
     def _saved(
@@ -86,11 +88,15 @@ class InstallationVerbs(Verbs):
             try:
                 change(root)
                 _check_program(controller, section, root)
+                yield  # a control period for each of these: big files take milliseconds
                 beside = path.with_suffix(".variables")
                 file = read_installation_document(root, path.stem, beside.read_bytes() if beside.is_file() else b"")
             except (SettingError, DocumentError) as error:
                 raise BadArguments(f"{path.name}: {error}") from error
-            _write(path, root)
+            yield
+            content = write_document(root)
+            yield
+            _write(path, packed(content))
             controller.use_installation(path, file, section)
             if section == "external_control":  # the newest word counts, until the emulator is started again
                 given = controller.config.external_control
@@ -136,11 +142,11 @@ def _check_program(controller: Controller, section: str, root: Element) -> None:
         raise SettingError(f"there is no program {row['file']} in the programs folder")
 
 
-def _write(path: Path, root: Element) -> None:
+def _write(path: Path, content: bytes) -> None:
     """A new file takes the place of the old one, whole or not at all."""
     new = path.with_name(f".{path.name}.new")
     try:
-        new.write_bytes(packed(write_document(root)))
+        new.write_bytes(content)
         os.replace(new, path)
     except OSError as error:
         raise NotPossible(f"{path.name} cannot be saved: {error.strerror or error}") from error

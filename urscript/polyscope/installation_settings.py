@@ -8,7 +8,7 @@ in place, so that all else stays as PolyScope saved it. Names and places in the 
 
 import re
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from math import isfinite
 from typing import Any, Final
 
@@ -368,8 +368,16 @@ SECTIONS: Final[Mapping[str, Section]] = {
 
 
 def read_settings(root: Element) -> dict[str, list[Row]]:
-    """The rows of all sections; of one that this file has in a form that is not known, none."""
-    return {name: _readable(section.rows, root) for name, section in SECTIONS.items()}
+    """The rows of all sections."""
+    return {name: read_section(root, name) for name in SECTIONS}
+
+
+def read_section(root: Element, name: str) -> list[Row]:
+    """The rows of a section; none where this file has them in a form that is not known."""
+    try:
+        return SECTIONS[name].rows(root)
+    except (DocumentError, SettingError):
+        return []
 
 
 def change_setting(root: Element, section: str, name: str, values: Mapping[str, Any]) -> None:
@@ -420,13 +428,6 @@ def _check_new_name(page: Section, root: Element, name: str) -> None:
         raise SettingError(f"{page.title}: a name is missing")
     if page.grows and any(row[page.key] == name for row in page.rows(root)):
         raise SettingError(f"{page.title}: there is a {name!r} already")
-
-
-def _readable(rows: Callable[[Element], list[Row]], root: Element) -> list[Row]:
-    try:
-        return rows(root)
-    except (DocumentError, SettingError):
-        return []
 
 
 # a file where there was none
