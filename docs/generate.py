@@ -41,6 +41,8 @@ from urproto.versions import Availability
 from urscript import cli as urscript_cli
 from urscript.builtins import LibrarySet
 from urscript.polyscope.forms import Field as NodeField
+from urscript.polyscope.installation_sections import Field as Setting
+from urscript.polyscope.installation_settings import SECTIONS
 from urscript.polyscope.registry import NODES, Kind
 from urscript.polyscope.registry import kinds as node_kinds
 
@@ -124,6 +126,8 @@ def supported() -> str:
         _builtins(),
         "## Nodes of program trees (.urp)",
         _nodes(),
+        "## Settings of an installation",
+        _settings(),
         "## RTDE outputs",
         _fields(OUTPUT_FIELDS),
         "## RTDE inputs",
@@ -343,6 +347,24 @@ def _nodes() -> str:
     rows = ((f"`{kind.tag}`", kind.status, kind.note or _first_line(kind.doc)) for _, kind in sorted(NODES.items()))
     head = "A program with a node that is not listed is not loaded, unless PolyScope's script lies beside it."
     return f"{head}\n\n" + _table(("node", "status", "note"), rows)
+
+
+def _settings() -> str:
+    head = (
+        "What of an `.installation` file can be changed, on the pendant's Installation screen and by the control API's "
+        "`change_installation`. What is not changed stays byte for byte."
+    )
+    rows = (
+        (section.title, ", ".join(_setting(field) for field in section.fields), section.applied, section.places)
+        for section in SECTIONS.values()
+    )
+    return f"{head}\n\n" + _table(("setting", "values", "has effect", "in the file"), rows)
+
+
+def _setting(field: Setting) -> str:
+    limits = f" {field.low:g} to {field.high:g}" if field.kind in ("number", "whole", "vector", "pose") else ""
+    unit = f" {field.unit}" if field.unit else ""
+    return f"{field.title.lower()}{'' if field.fixed else limits + unit}"
 
 
 def _fields(fields: Mapping[str, Field]) -> str:

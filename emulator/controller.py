@@ -248,8 +248,20 @@ class Controller(Machine):
         self._installed()
 
     def apply_installation(self, path: Path, file: InstallationFile) -> None:
-        self.installation.apply(path.name, file)
+        self.installation.apply(path, file)
         self._installed()
+
+    def use_installation(self, path: Path, file: InstallationFile, section: str) -> None:
+        """Use a file of which one section has changed; of tool and mounting, the rest stays as programs set it."""
+        before = self.installation.file
+        self.installation.name, self.installation.path, self.installation.file = path.name, path, file
+        if section == "tcps" and file.tcp != before.tcp:
+            self.installation.use_tcp()
+            self.set_tcp(self.installation.tcp)
+        elif section == "payloads" and file.payload != before.payload:
+            self.installation.use_payload()
+        elif section == "mounting":
+            self.installation.use_mounting()
 
     def _installed(self) -> None:
         self.set_tcp(self.installation.tcp)

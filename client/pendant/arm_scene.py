@@ -4,11 +4,14 @@ The scene's axes are those of the robot's base. Joints are groups that turn abou
 its arm's calibration gives it; the browser turns them (static/screen_arm.js), so nothing else is sent when the arm
 moves. They are found by their names, "joint 0" to "joint 5", as is "tcp". What others add to the scene stays when the
 arm changes.
+
+Beside the arm: the frames of its links under the names that the ROS driver's URDF has, the way of the TCP, and where
+the arm is to be, as a ghost.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from math import hypot
 from pathlib import Path
@@ -24,10 +27,11 @@ from client.pendant.station import Station
 from urproto.primary.state import KinematicsInfo
 from urproto.robots import CalibrationError
 from urproto.robots.calibration import Chain, chain_of
+from urproto.robots.description import joint_frames
 from urproto.robots.meshes import MeshesMissing, PlacedMesh, mesh_file, placed_meshes
 from urproto.robots.model import RobotModel
-from urproto.robots.pose import rotvec_to_matrix
-from urproto.vectors import Matrix3, Vector3
+from urproto.robots.pose import Pose, pose_inv, pose_trans, rotvec_to_matrix
+from urproto.vectors import ZERO6, Matrix3, Vector3
 
 _VISUAL: Final = (".glb", ".gltf", ".stl")  # what browsers read; ur_description's .dae is not among it
 _COLLISION: Final = (".stl",)
@@ -73,6 +77,13 @@ class Lathe(Object3D, component=Path(__file__).with_name("static") / "lathe.js")
         super().__init__([list(point) for point in profile], _SEGMENTS)
 
 
+class TcpTrace(Object3D, component=Path(__file__).with_name("static") / "tcp_trace.js"):
+    """The way of the TCP: static/screen_arm.js adds a point whenever the arm has moved by a millimetre."""
+
+    def __init__(self) -> None:
+        super().__init__(_TRACE_POINTS)
+
+
 _BACKGROUND: Final = "#e9edf1"
 _MESH_COLOR: Final = "#d9dde1"
 _ROD_COLOR: Final = "#8a949d"
@@ -89,23 +100,79 @@ _FOV_DEG: Final = 38.0
 _DISTANCE: Final = 3.3  # of the camera, in reaches
 _LOOK_AT: Final = 0.5  # height, in reaches
 _TCP_SAME_M: Final = 1e-5
+_TRACE_POINTS: Final = 3000  # of the TCP's way, a millimetre apart at least: 3 m and more
+_TRACE_COLOR: Final = "#d81b8c"
+_TREE_COLOR: Final = "#b8860b"
+_GHOST_COLOR: Final = "#e07b00"
+_GHOST_OPACITY: Final = 0.35
+_GHOST_FROM_RAD: Final = 0.02  # guess: a ghost that is nearer than a degree is not seen beside the arm
+_LABEL: Final = "color:#1d2730;background:#ffffffd0;border-radius:3px;padding:0 3px;font-size:11px;white-space:nowrap"
+_BASE, _INERTIA, _TCP = "base", "base_link_inertia", "tcp"  # frames
+_TURN_DIGITS: Final = 6
 
 
-def arm_scene(page: Page) -> ui.scene:
+def link_frames(model: RobotModel) -> list[dict[str, Pose]]:
+    """At the base, and at each link that a joint turns: the frames of the URDF there, in that of the link."""
+    joints = joint_frames(model)
+    moving = [joint.child for joint in joints if joint.moves]
+    fixed = {joint.child: joint for joint in joints if not joint.moves}
+    from_base = pose_inv(fixed[_BASE].pose)
+    inertia = pose_trans(from_base, fixed[_INERTIA].pose)
+    at_the_tool: dict[str, Pose] = {moving[-1]: ZERO6}
+    for name, joint in fixed.items():
+        if joint.parent in at_the_tool:
+            at_the_tool[name] = pose_trans(at_the_tool[joint.parent], joint.pose)
+    base: dict[str, Pose] = {fixed[_BASE].parent: from_base, _BASE: ZERO6, _INERTIA: inertia}
+    return [base, *({name: ZERO6} for name in moving[:-1]), at_the_tool]
+
+
+class ArmScene(ui.scene):
+    """A scene with the arm. arm: what is drawn. preview: where a person wants the arm to be, joints [rad], or None."""
+
+    arm: "DrawnArm"
+    trace: Object3D
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.preview: Callable[[], Sequence[float] | None] = lambda: None
+        self.ghost_shown = True
+
+    def ghost(self, station: Station) -> list[float] | None:
+        """Joints [rad] that the arm is to have, where they are others than it has."""
+        actual = station.values.get("actual_q")
+        target = self.preview() or station.values.get("target_q")
+        if actual is None or target is None or not self.ghost_shown:
+            return None
+        far = any(abs(a - b) > _GHOST_FROM_RAD for a, b in zip(actual, target, strict=True))
+        return [round(angle, 4) for angle in target] if far else None
+
+
+def arm_scene(page: Page) -> ArmScene:
     """A scene with the arm, which appears once its model is known."""
     camera = ui.scene.perspective_camera(fov=_FOV_DEG, near=0.02, far=60.0)
-    scene = ui.scene(grid=(4, 40), camera=camera, background_color=_BACKGROUND, fps=30).classes("arm")
+    scene = ArmScene(grid=(4, 40), camera=camera, background_color=_BACKGROUND, fps=30).classes("arm")
     ui.run_javascript(f"pendant.dress({scene.id})")
-    arm = DrawnArm(scene, page.station.meshes, page.complain)
-    page.live.effect(lambda station: (station.model, station.core.kinematics), lambda known: arm.be(*known))
+    arm = scene.arm = DrawnArm(scene, page.station.meshes, page.complain)
+    ghost = DrawnArm(scene, ghost=True)
+    with scene:
+        scene.trace = TcpTrace().with_name("trace").material(_TRACE_COLOR).visible(False)
+
+    def be(known: tuple[RobotModel | None, KinematicsInfo | None]) -> None:
+        arm.be(*known)
+        ghost.be(*known)
+
+    page.live.effect(lambda station: (station.model, station.core.kinematics), be)
     page.live.effect(_tcp_offset, arm.set_tcp)
     page.live.bind(scene, "value", lambda station: station.values.get("actual_q"))
+    page.live.bind(scene, "ghost", scene.ghost)
     return scene
 
 
 def camera_buttons(page: Page, scene: ui.scene) -> None:
-    """Where to look from."""
+    """Where to look from, and what is drawn beside the arm."""
     with ui.row().classes("camera-buttons"):
+        if isinstance(scene, ArmScene):
+            _drawing_buttons(scene)
         for name, (label, hint, direction) in _VIEWS.items():
 
             def look(_: object, direction: Vector3 = direction) -> None:
@@ -120,6 +187,36 @@ def camera_buttons(page: Page, scene: ui.scene) -> None:
             button.tooltip(hint).props(f'aria-label="{hint}"')
 
 
+def _drawing_buttons(scene: ArmScene) -> None:
+    def ghost(shown: bool) -> None:
+        scene.ghost_shown = shown
+
+    def trace(shown: bool) -> None:
+        scene.trace.visible(shown)
+        clear.set_visibility(shown)
+
+    _switch("account_tree", "Frames as in the URDF", "frames", scene.arm.show_frames)
+    _switch("layers", "Where the arm is to be, as a ghost", "ghost", ghost, on=True)
+    _switch("timeline", "Way of the TCP", "trace", trace)
+    clear = ui.button(
+        icon="delete_sweep", color=None, on_click=lambda: ui.run_javascript(f"pendant.clearTrace({scene.id})")
+    )
+    clear.props('flat dense aria-label="Clear the way of the TCP" data-testid=trace-clear').tooltip("Clear the way")
+    clear.set_visibility(False)
+
+
+def _switch(icon: str, name: str, mark: str, turn: Callable[[bool], object], on: bool = False) -> None:
+    pressed = [on]
+
+    def click() -> None:
+        pressed[0] = not pressed[0]
+        button.props(f"aria-pressed={str(pressed[0]).lower()}")
+        turn(pressed[0])
+
+    button = ui.button(icon=icon, color=None, on_click=click).tooltip(name)
+    button.props(f'flat dense aria-label="{name}" aria-pressed={str(on).lower()} data-testid=show-{mark}')
+
+
 def chain(model: RobotModel, kinematics: KinematicsInfo | None) -> Chain:
     """The joints' frames of this very arm, as far as it has told how it is calibrated."""
     if kinematics is not None:
@@ -132,11 +229,18 @@ def chain(model: RobotModel, kinematics: KinematicsInfo | None) -> Chain:
 
 @dataclass(slots=True)
 class DrawnArm:
-    """The arm in a scene. meshes: folder of the user's. complain: told when they cannot be used."""
+    """The arm in a scene. meshes: folder of the user's. complain: told when they cannot be used.
+
+    ghost: seen through, hidden until the browser has angles for it, with joints that are called "ghost joint 0" and so
+    on below "ghost"; no frames, no TCP, no meshes.
+    """
 
     scene: ui.scene
     meshes: Path | None = None
     complain: Callable[[str], None] = print
+    ghost: bool = False
+    _frames: list[Object3D] = field(default_factory=list)
+    _frames_shown: bool = False
     _model: RobotModel | None = None
     _root: Object3D | None = None
     _flange: Object3D | None = None
@@ -149,23 +253,59 @@ class DrawnArm:
         if self._root is not None:
             self._root.delete()
             self._root = self._flange = self._tcp = None
+            self._frames.clear()
         self._model = model
         if model is None:
             return
         links = self._links(model)
         with self.scene, self.scene.group() as self._root, ExitStack() as nested:
             links[0](self.scene)
-            _axes(self.scene, 0.16 * model.reach_m)
+            if self.ghost:
+                self._root.with_name("ghost").visible(False)
+            else:
+                _axes(self.scene, 0.16 * model.reach_m)
+            frames = link_frames(model)
             for i, (position, axes) in enumerate(chain(model, kinematics)):
+                if not self.ghost:
+                    self._draw_frames(frames[i], position)
                 nested.enter_context(self.scene.group().move(*position).rotate_R(_rows(axes)))
-                self._flange = nested.enter_context(self.scene.group().with_name(f"joint {i}"))
+                name = f"ghost joint {i}" if self.ghost else f"joint {i}"
+                self._flange = nested.enter_context(self.scene.group().with_name(name))
                 links[i + 1](self.scene)
+            if not self.ghost:
+                self._draw_frames(frames[-1])
+        if self.ghost:
+            return
         self.set_tcp(self._offset)
         if not self._seen:
             _look_from(self.scene, model, _VIEWS["reset"][2], duration=0.0)
             self._seen = True
 
+    def show_frames(self, shown: bool) -> None:
+        """Those of all links and their names, and the lines between them."""
+        self._frames_shown = shown
+        for frame in self._frames:
+            frame.visible(shown)
+
+    def _draw_frames(self, frames: Mapping[str, Pose], child: Vector3 | None = None) -> None:
+        """Frames at the origin of the group that is open, and a line from there to where the next link begins."""
+        assert self._model is not None
+        length = 0.1 * self._model.reach_m
+        with self.scene.group() as group:
+            turns = (tuple(round(part, _TURN_DIGITS) + 0.0 for part in pose[3:]) for pose in frames.values())
+            for turn in dict.fromkeys(turns):  # those that are turned alike are drawn once
+                with self.scene.group().rotate_R(_rows(rotvec_to_matrix(*turn))):
+                    _axes(self.scene, length)
+            above = 1.2 if _TCP in frames else 0.2  # that of tool0 may be at the same place
+            self.scene.text(", ".join(frames), _LABEL).move(0.0, 0.0, above * length)
+            if child is not None and any(child):
+                self.scene.line([0.0, 0.0, 0.0], list(child)).material(_TREE_COLOR)
+        group.visible(self._frames_shown)
+        self._frames.append(group)
+
     def _links(self, model: RobotModel) -> "list[_Link]":
+        if self.ghost:
+            return [_Link(parts, ghost=True) for parts in link_parts(model)]
         if self.meshes is not None:
             try:
                 return [_Link(mesh=mesh) for mesh in served_meshes(self.meshes, model)]
@@ -190,6 +330,8 @@ class DrawnArm:
             with self.scene.group().move(x, y, z).with_name("tcp") as point:
                 point.rotate_R(_rows(rotvec_to_matrix(*turn)))
                 _axes(self.scene, 0.2 * self._model.reach_m)
+                self._frames = [frame for frame in self._frames if frame.id in self.scene.objects]
+                self._draw_frames({_TCP: ZERO6})
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,10 +340,12 @@ class _Link:
 
     parts: Sequence[Part] = ()
     mesh: ServedMesh | None = None
+    ghost: bool = False
 
     def __call__(self, scene: ui.scene) -> None:
         for part in self.parts:
-            solid = Lathe(part.profile).move(*part.origin).material(part.color)
+            solid = Lathe(part.profile).move(*part.origin)
+            solid.material(*(_GHOST_COLOR, _GHOST_OPACITY) if self.ghost else (part.color,))
             solid.rotate_R(_rows(_along(part.axis)))
         if self.mesh is not None:
             url, placed = self.mesh

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from typing import Final
 
 from client.pendant.draft import Draft, ScriptError
-from urproto.compat_asyncio import timeout
 from client.programs import CHECKED, CHECKER_LINE, CheckerError, checker_command
+from urproto.compat_asyncio import timeout
 from urproto.text import from_bytes, lines, readable, to_bytes
 from urproto.versions import PolyscopeVersion
 

@@ -37,7 +37,7 @@ class EmulatorControl:
         base = f"http://{host}:{port}"
         self._http = httpx.AsyncClient(base_url=base, headers=headers, timeout=5.0, trust_env=False)
         self._tell = tell
-        self._watched: dict[str, Poller[Any]] = {}
+        self._watched: dict[tuple[str, str], Poller[Any]] = {}
         self.available = False
         self.locked = False
         self.verbs: frozenset[str] = frozenset()
@@ -50,11 +50,12 @@ class EmulatorControl:
             await watched.close()
         await self._http.aclose()
 
-    def watch(self, verb: str) -> Poller[Any]:
-        """The result of a verb without arguments, asked for every second while a page shows it."""
-        if verb not in self._watched:
-            self._watched[verb] = Poller(lambda: self.call(verb), _LOOK_EVERY_S, self._tell)
-        return self._watched[verb]
+    def watch(self, verb: str, **arguments: str) -> Poller[Any]:
+        """The result of a verb that changes nothing, asked for every second while a page shows it."""
+        question = (verb, repr(sorted(arguments.items())))
+        if question not in self._watched:
+            self._watched[question] = Poller(lambda: self.call(verb, **arguments), _LOOK_EVERY_S, self._tell)
+        return self._watched[question]
 
     async def change(self, verb: str, **arguments: Any) -> Any:
         """As ``call``, for a verb that changes what is watched: that is asked for at once."""

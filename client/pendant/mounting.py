@@ -7,10 +7,8 @@ from typing import Final
 from client.pendant.page import take
 from client.pendant.station import Station
 from urproto.robots.pose import Pose
-from urproto.vectors import Vector3
 from urproto.versions import Availability
 
-GRAVITY: Final = 9.82  # m/s2, as PolyScope writes it
 _SAME: Final = 1e-6
 _TARGET_PAYLOAD: Final = Availability.since(None, "5.10")
 
@@ -56,17 +54,11 @@ async def apply_payload(station: Station, mass_kg: float, cog_m: Sequence[float]
     return True
 
 
-def gravity_of(tilt_rad: float, turn_rad: float) -> Vector3:
-    """What the base feels [m/s2] of an arm tilted about x, then turned about z, as PolyScope does (signs: guess)."""
-    across, along = GRAVITY * math.sin(tilt_rad), GRAVITY * math.cos(tilt_rad)
-    return (across * math.sin(turn_rad) + 0.0, across * math.cos(turn_rad) + 0.0, along + 0.0)
-
-
 def tilt_of(gravity: Sequence[float]) -> tuple[float, float]:
     """Tilt and turn [rad] of an arm whose base feels that; the turn of one that stands or hangs is 0."""
     x, y, z = gravity
     across = math.hypot(x, y)
-    return math.atan2(across, z), math.atan2(x, y) if across > _SAME else 0.0
+    return math.atan2(across, z), math.atan2(x, -y) if across > _SAME else 0.0
 
 
 async def apply_gravity(station: Station, gravity: Sequence[float]) -> bool:

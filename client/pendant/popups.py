@@ -72,7 +72,7 @@ def _answers(page: Page, dialogue: Dialogue) -> None:
             _answer_button(page, dialogue, "No", False, "answer-no")
             _answer_button(page, dialogue, "Yes", True, "answer-yes")
         return
-    box = ui.input().props("autofocus outlined dense data-testid=answer").classes("w-full")
+    box = ui.input().props("autofocus outlined dense data-testid=answer aria-label=Answer").classes("w-full")
     if dialogue.type is not RequestedType.STRING:
         box.props(f"inputmode={'numeric' if dialogue.type is RequestedType.INTEGER else 'decimal'}")
 

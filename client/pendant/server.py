@@ -48,6 +48,7 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
     app.on_startup(start)
     app.on_shutdown(opened.aclose)
     app.add_static_files("/pendant", _STATIC)
+    app.config.quasar_config["loadingBar"]["skipHijack"] = True  # a bar without a name at each file that is fetched
     nonsense = Nonsense()
     screens = [screen.name for screen in SCREENS]
     app.add_middleware(Gate, screens=screens, full=lambda most: len(Live.pages) >= most, nonsense=nonsense)
@@ -72,6 +73,7 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
         title="Pendant",
         favicon=_STATIC / "favicon.svg",
         dark=None,
+        language="en-US",
         reload=False,
         show=False,
         show_welcome_message=False,
@@ -116,7 +118,7 @@ async def _when_open(host: str, port: int, ready: Callable[[], None]) -> None:
 
 async def _page(station: Station, screen: str) -> None:
     client = ui.context.client
-    ui.colors(primary="#2f7fb8", secondary="#56a0d3", positive="#2e9e5b", negative="#c62828", warning="#e0a100")
+    ui.colors(primary="#27699a", secondary="#56a0d3", positive="#23803f", negative="#c62828", warning="#e0a100")
     for name in _SHEETS:
         ui.add_head_html(f'<link rel="stylesheet" href="/pendant/{name}">')
     for name in _SCRIPTS:

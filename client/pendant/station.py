@@ -48,7 +48,7 @@ FRAME_HZ: Final = 30.0
 OUTPUTS: Final = (
     "timestamp", "robot_mode", "joint_mode", "safety_mode", "safety_status", "safety_status_bits", "runtime_state",
     "robot_status_bits", "speed_scaling", "target_speed_fraction", "script_control_line",
-    "actual_q", "actual_qd", "actual_current", "joint_temperatures", "joint_control_output",
+    "actual_q", "target_q", "actual_qd", "actual_current", "joint_temperatures", "joint_control_output",
     "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force", "tcp_offset", "payload", "payload_cog",
     "actual_digital_input_bits", "actual_digital_output_bits", "analog_io_types",
     "standard_analog_input0", "standard_analog_input1", "standard_analog_output0", "standard_analog_output1",

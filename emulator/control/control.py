@@ -7,6 +7,7 @@ mark a method there; to add a subject, name it in ``SUBJECTS`` and in the class 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, cast
 
+from emulator.control.installation import InstallationVerbs
 from emulator.control.modes import ModeVerbs, SignalVerbs
 from emulator.control.programs import ProgramVerbs
 from emulator.control.state import StateVerbs
@@ -119,7 +120,9 @@ class PortVerbs(Verbs):
 
 if TYPE_CHECKING:
 
-    class _Methods(StateVerbs, SignalVerbs, ModeVerbs, WorldVerbs, ProgramVerbs, TimeVerbs, FaultVerbs):
+    class _Methods(
+        StateVerbs, SignalVerbs, ModeVerbs, WorldVerbs, InstallationVerbs, ProgramVerbs, TimeVerbs, FaultVerbs
+    ):
         """What a type checker sees: each verb as a method."""
 
     class _MethodsOfPorts(PortVerbs):
@@ -136,6 +139,7 @@ class Control(_Methods):
         FaultVerbs,
         TimeVerbs,
         ProgramVerbs,
+        InstallationVerbs,
         WorldVerbs,
         ModeVerbs,
         SignalVerbs,
@@ -147,7 +151,7 @@ class Control(_Methods):
         self.pace = pace
         self._take(FaultVerbs(robot, faults))
         self._take(TimeVerbs(robot, pace))
-        for subject in (ProgramVerbs, WorldVerbs, ModeVerbs, SignalVerbs, StateVerbs):
+        for subject in (ProgramVerbs, InstallationVerbs, WorldVerbs, ModeVerbs, SignalVerbs, StateVerbs):
             self._take(subject(robot))
 
     @property

@@ -59,9 +59,10 @@ class _Transition:
 class Installation:
     """Tool and mounting in use. ``tcp``: flange to TCP pose. ``gravity``: as set_gravity,
     base frame, upright (0, 0, 9.82) [m/s2]. ``base_acceleration``: of a moving base, base frame [m/s2].
-    ``file``: what programs take from the installation file."""
+    ``file``: what programs take from the installation file. ``path``: where it is, None before one was loaded."""
 
     name: str = "default.installation"
+    path: Path | None = None
     tcp: Pose = _NO_TCP
     payload: Payload = field(default_factory=Payload)
     gravity: Vector3 = _UPRIGHT_GRAVITY
@@ -106,19 +107,31 @@ class Installation:
         emulated and stay as they are.
         """
         try:
-            self.apply(path.name, load_installation_file(path))
+            self.apply(path, load_installation_file(path))
         except DocumentError as error:
             raise InstallationError(f"{path.name} is not an installation file: {error}") from error
 
-    def apply(self, name: str, file: InstallationFile) -> None:
-        """Use what an installation file says. ``name``: of the file."""
-        self.name, self.file = name, file
-        if file.tcp is not None:
-            self.tcp = file.tcp
-        if file.gravity is not None:
-            self.gravity = file.gravity
-        if file.payload is not None:
-            payload = file.payload
+    def apply(self, path: Path, file: InstallationFile) -> None:
+        """Use what an installation file says."""
+        self.name, self.path, self.file = path.name, path, file
+        self.use_tcp()
+        self.use_mounting()
+        self.use_payload()
+
+    def use_tcp(self) -> None:
+        """The file's, if it says one."""
+        if self.file.tcp is not None:
+            self.tcp = self.file.tcp
+
+    def use_mounting(self) -> None:
+        """The file's, if it says how the arm stands."""
+        if self.file.gravity is not None:
+            self.gravity = self.file.gravity
+
+    def use_payload(self) -> None:
+        """The file's, if it says one."""
+        if self.file.payload is not None:
+            payload = self.file.payload
             self.set_payload(Payload.of(payload.mass, payload.cog, payload.inertia))
 
     def publish(self, snapshot: Snapshot) -> None:

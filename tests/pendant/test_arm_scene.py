@@ -5,19 +5,22 @@ import random
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pinocchio
 import pytest
 import yaml
 from nicegui import Client, ui
 from nicegui.elements.scene import Object3D
-from nicegui.elements.scene.objects import Gltf, Stl
+from nicegui.elements.scene.objects import Gltf, Stl, Text
 from nicegui.page import page as ui_page
 
 from client.pendant.arm_scene import DrawnArm, Lathe
 from client.pendant.arm_shapes import link_parts
 from urproto.primary.state import KinematicsInfo
 from urproto.robots import DH, MODELS, Calibration, RobotModel, kinematics_of, load_model
+from urproto.robots.description import urdf
 from urproto.robots.pose import rotvec_to_matrix
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
@@ -138,3 +141,44 @@ def test_meshes_are_found_as_for_describe_or_in_a_folder_of_the_models_name(
     assert not complaints
     assert [thing.args[0].rsplit("/", 1)[1].split(".")[0] for thing in meshes][:3] == ["base", "shoulder", "upperarm"]
     assert [thing.z for thing in meshes] == pytest.approx([0, 0, 0.138, 0.007, -0.127, -0.0997, -0.0989])
+
+
+@pytest.mark.parametrize("name", ["ur5", "ur10e"])
+def test_the_frames_are_those_of_the_urdf(scene: ui.scene, name: str) -> None:
+    model = load_model(name)
+    arm = DrawnArm(scene)
+    arm.be(model, None)
+    arm.set_tcp(TCP)
+    arm.show_frames(True)
+    labels = {label.args[0]: label for label in scene.objects.values() if isinstance(label, Text)}
+    robot = pinocchio.buildModelFromXML(urdf(model))
+    links = {frame.name for frame in robot.frames if frame.type == pinocchio.FrameType.BODY}
+    assert {part for label in labels for part in label.split(", ")} == links | {"tcp"}
+    data = robot.createData()
+    q = tuple(random.Random(name).uniform(-3, 3) for _ in range(6))
+    pinocchio.framesForwardKinematics(robot, data, np.array(q))
+    base = data.oMf[robot.getFrameId("base")].inverse()
+    for label, shown in labels.items():
+        frame = "base" if label.startswith("base") else label.split(", ")[0]
+        if frame != "tcp":
+            expected = (base * data.oMf[robot.getFrameId(frame)]).homogeneous
+            np.testing.assert_allclose(pose_of(shown.parent, q), expected, rtol=0, atol=1e-6)
+    flange = np.array((base * data.oMf[robot.getFrameId("flange")]).homogeneous)
+    drawn = [pose_of(group, q) for group in scene.objects.values() if group.parent is labels[_last(labels)].parent]
+    assert any(np.allclose(pose, flange, rtol=0, atol=1e-6) for pose in drawn)
+    assert all(label.parent.visible_ for label in labels.values())
+    arm.show_frames(False)
+    arm.set_tcp((0.0,) * 6)
+    assert not any(label.parent.visible_ for label in scene.objects.values() if isinstance(label, Text))
+
+
+def _last(labels: dict[str, Any]) -> str:
+    return next(label for label in labels if label.startswith("wrist_3_link"))
+
+
+def test_the_ghost_is_hidden_and_apart(scene: ui.scene) -> None:
+    DrawnArm(scene, ghost=True).be(load_model("ur5e"), None)
+    (ghost,) = named(scene, "ghost")
+    assert not ghost.visible_
+    assert [len(named(scene, f"ghost joint {joint}")) for joint in range(6)] == [1] * 6
+    assert not named(scene, "tcp")

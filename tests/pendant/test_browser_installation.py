@@ -37,3 +37,41 @@ def test_payload_external_control_and_what_the_arm_is(rig, open_page):
     expect(page.get_by_test_id("serial")).to_have_text(rig.control.describe()["serial_number"])
     expect(page.get_by_test_id("calibration")).to_have_text("nominal")
     expect(page.get_by_test_id("hash")).to_contain_text("calib_")
+
+
+def test_the_installation_file_is_filled_in_and_has_it_after_a_restart(rig, open_page):
+    page, other = open_page("installation"), open_page("installation")
+    for each in (page, other):
+        each.get_by_test_id("installation-file").click()
+        expect(each.get_by_test_id("setting-name")).to_have_value("TCP")
+    page.get_by_test_id("setting-name").fill("pen")
+    page.get_by_test_id("setting-pose-2").fill("152.5")
+    page.get_by_test_id("setting-add").click()
+    eventually(lambda: [row["name"] for row in _said(rig, "tcps")] == ["TCP", "pen"])
+    page.get_by_test_id("setting-active").click()
+    page.get_by_test_id("setting-save").click()
+    eventually(lambda: rig.state("tcp_offset") == pytest.approx([0, 0, 0.1525, 0, 0, 0]))
+    choose(other, "setting-row", "pen")
+    expect(other.get_by_test_id("setting-pose-2")).to_have_value("152.5")
+    choose(page, "setting", "External Control")
+    page.get_by_test_id("setting-host").fill("10.9.8.7")
+    page.get_by_test_id("setting-save").click()
+    eventually(lambda: rig.control.external_control()["host"] == "10.9.8.7")
+    choose(page, "setting", "Safety")
+    expect(page.get_by_test_id("setting-note")).to_contain_text("a password guards it")
+    expect(page.get_by_test_id("setting-save")).to_be_hidden()
+    choose(page, "setting", "Payload")
+    page.get_by_test_id("setting-mass").fill("-3")
+    page.get_by_test_id("setting-save").click()
+    expect(page.get_by_text("from 0 to 100 kg")).to_be_visible()
+    rig.control.change_installation("tcps", {"active": True}, "TCP")
+    assert (rig.programs / "default.installation").is_file()
+
+
+def choose(page, mark, text):
+    page.get_by_test_id(mark).click()
+    page.get_by_role("option", name=text, exact=True).click()
+
+
+def _said(rig, section):
+    return rig.control.installation(section)["sections"][section]

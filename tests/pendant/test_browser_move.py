@@ -7,7 +7,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from math import degrees, dist
+from math import degrees, dist, radians
 from typing import Any
 
 import pytest
@@ -334,3 +334,34 @@ def test_a_robot_is_moved_after_a_question_and_rests_when_the_pendant_is_killed(
         eventually(lambda: bent.state("runtime_state") == "STOPPED")
         assert bent.state("safety_mode") == "NORMAL"
         context.close()
+
+
+SCENE = """() => {
+  const scene = Object.values(window).find((value) => value?.isScene);
+  const [trace, ghost] = ["trace", "ghost"].map((name) => scene.getObjectByName(name));
+  const labels = [...document.querySelectorAll(".arm div")].filter((label) => label.style.display !== "none");
+  return {
+    points: trace?.visible ? trace.geometry.drawRange.count : -1,
+    ghost: Boolean(ghost?.visible),
+    frames: labels.map((label) => label.textContent),
+  };
+}"""
+
+
+def test_frames_the_way_of_the_tcp_and_a_ghost_of_the_target(bent: Rig, open_page: Open) -> None:
+    page = open_page("move")
+    expect(page.get_by_test_id("joints-move")).to_be_enabled()
+    eventually(lambda: page.evaluate(SCENE)["points"] == -1)
+    page.get_by_test_id("show-frames").click()
+    eventually(lambda: "tcp" in page.evaluate(SCENE)["frames"] and "forearm_link" in page.evaluate(SCENE)["frames"])
+    page.get_by_test_id("show-trace").click()
+    page.get_by_test_id("target-joint-0").fill("40")
+    eventually(lambda: page.evaluate(SCENE)["ghost"])
+    page.get_by_test_id("joints-move").click()
+    eventually(lambda: q(bent)[0] == pytest.approx(radians(40), abs=1e-3))
+    eventually(lambda: not page.evaluate(SCENE)["ghost"])
+    assert page.evaluate(SCENE)["points"] > 5
+    page.get_by_test_id("trace-clear").click()
+    eventually(lambda: page.evaluate(SCENE)["points"] <= 1)
+    page.get_by_test_id("show-frames").click()
+    eventually(lambda: "tcp" not in page.evaluate(SCENE)["frames"])

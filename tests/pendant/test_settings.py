@@ -10,7 +10,7 @@ import pytest
 
 from client.errors import FileError
 from client.pendant.events import EventLog
-from client.pendant.mounting import apply_gravity, apply_payload, apply_tcp, gravity_of, tilt_of
+from client.pendant.mounting import apply_gravity, apply_payload, apply_tcp, tilt_of
 from client.pendant.outputs import analog_range, set_analog, set_digital
 from client.pendant.page import NotTakenError
 from client.pendant.saved import Tools
@@ -20,6 +20,7 @@ from urproto.modes import AnalogDomain
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
 from urproto.signals import CONFIGURABLE, TOOL
 from urproto.versions import PolyscopeVersion
+from urscript.polyscope.installation_file import gravity_of
 
 E_5_26 = PolyscopeVersion(5, 26)
 
@@ -163,7 +164,7 @@ async def test_mounting_is_checked_where_the_version_tells_it() -> None:
 def test_gravity_of_usual_mountings() -> None:
     assert gravity_of(0.0, 0.0) == (0.0, 0.0, 9.82)
     assert gravity_of(math.pi, 0.0) == pytest.approx((0.0, 0.0, -9.82))
-    assert gravity_of(math.pi / 2, 0.0) == pytest.approx((0.0, 9.82, 0.0))
+    assert gravity_of(math.pi / 2, 0.0) == pytest.approx((0.0, -9.82, 0.0))  # as programs of PolyScope have it
     for tilt, turn in ((0.3, -2.0), (3.0, 1.0), (0.0, 0.0), (math.pi / 2, 0.5)):
         assert tilt_of(gravity_of(tilt, turn)) == pytest.approx((tilt, turn))
 

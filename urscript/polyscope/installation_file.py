@@ -70,7 +70,7 @@ def _value(element: Element, *names: str) -> str:
 
 _ROOT: Final = "Installation"
 _GRAVITY: Final = 9.82  # m/s2; in every program PolyScope generates
-_NAMES: Final = {  # element with the names -> kind of pin
+PIN_NAMES: Final = {  # element with the names -> kind of pin
     "DigitalInputNames": "digital_in",
     "DigitalOutputNames": "digital_out",
     "ToolDigitalInputNames": "tool_in",
@@ -130,7 +130,8 @@ class InstallationFile:
 
     tcps, payloads, features: by name; ``tcp`` and ``payload`` are those in use at the start.
     feature_variables: features that programs may use as variables. pins: what a name stands for,
-    as a kind of `urscript.polyscope.writer` and a number. variables: name and URScript value.
+    as a kind of `urscript.polyscope.writer` and a number. actions: what a pin, as digital_in[0], does by itself, in
+    PolyScope's words; those that do nothing are left out. variables: name and URScript value.
     tool_*: as for set_tool_voltage, set_tool_communication, set_tool_output_mode, set_tool_digital_output_mode.
     gravity: as for set_gravity [m/s2]. home: joints [rad]. contributions: data of URCaps by URCap name.
     safety: what it would have confirmed; None without a readable one. default_program: what happens by itself.
@@ -145,6 +146,7 @@ class InstallationFile:
     features: Mapping[str, Pose] = field(default_factory=dict)
     feature_variables: frozenset[str] = frozenset()
     pins: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    actions: Mapping[str, str] = field(default_factory=dict)
     modbus: tuple[ModbusSignal, ...] = ()
     variables: Mapping[str, str] = field(default_factory=dict)
     home: Pose | None = None
@@ -176,6 +178,11 @@ def read_installation(data: bytes, name: str, variables: bytes = b"") -> Install
     return _installation(read_document(data), name, variables)
 
 
+def read_installation_document(root: Element, name: str, variables: bytes = b"") -> InstallationFile:
+    """What the document of an ``.installation`` says, and its ``.variables``. Raises DocumentError."""
+    return _installation(root, name, variables)
+
+
 def load_installation_file(path: Path) -> InstallationFile:
     """`read_installation_steps` at once."""
     return run_to_end(read_installation_steps(path))
@@ -199,6 +206,7 @@ def _installation(root: Element, name: str, variables: bytes) -> InstallationFil
         features=features,
         feature_variables=feature_variables,
         pins={**_pins(root), **{signal.name: ("modbus", signal.name) for signal in modbus}},
+        actions=dict(_actions(root)),
         modbus=modbus,
         variables=read_variables(variables),
         home=_home(root),
@@ -261,10 +269,16 @@ def _unescaped(value: str) -> str:
     return re.sub(r"\\(.)", r"\1", numbers_read)
 
 
-def _tcps(root: Element) -> tuple[dict[str, Pose], Pose]:
+def tcp_settings(root: Element) -> Element:
+    """The element with the TCPs, whose name has changed over time. Raises DocumentError without one."""
     settings = next((element for element in root if "activePose" in element.attributes), None)
     if settings is None:
         raise DocumentError("the installation names no active TCP")
+    return settings
+
+
+def _tcps(root: Element) -> tuple[dict[str, Pose], Pose]:
+    settings = tcp_settings(root)
     tcps = {e.get("name"): six(e.get("offset")) for e in settings.walk() if e.tag == "tcp" and e.get("offset")}
     active = settings.get("activePose")
     if active not in tcps:
@@ -275,7 +289,7 @@ def _tcps(root: Element) -> tuple[dict[str, Pose], Pose]:
 def _payloads(root: Element) -> tuple[dict[str, PayloadSetting], PayloadSetting]:
     settings = root.child("PayloadSettings")
     if settings is None:
-        old = next(element for element in root if "activePose" in element.attributes)
+        old = tcp_settings(root)
         cog = numbers(old.get("centerOfGravity", "0, 0, 0"))
         return {}, PayloadSetting(number(old.get("toolPayload", "0")), _three(cog))
     payloads, default = {}, PayloadSetting()
@@ -296,24 +310,37 @@ def _three(values: list[float]) -> Vector3:
     return (values[0], values[1], values[2])
 
 
+def gravity_of(tilt_rad: float, turn_rad: float) -> Vector3:
+    """What the base feels [m/s2] of an arm that is tilted about x, then turned about z, as PolyScope's mounting page
+    does it; signs as in public scripts."""
+    across, along = _GRAVITY * math.sin(tilt_rad), _GRAVITY * math.cos(tilt_rad)
+    return (across * math.sin(turn_rad) + 0.0, -across * math.cos(turn_rad) + 0.0, along + 0.0)
+
+
 def _gravity(root: Element) -> Vector3:
-    """As PolyScope's mounting page turns the arm: tilted about x, then turned about z (signs as in public scripts)."""
     for element in root.walk():
         if "tiltAngle" in element.attributes:
-            tilt, turn = number(element.get("tiltAngle")), number(element.get("baseAngle", "0"))
-            across, along = _GRAVITY * math.sin(tilt), _GRAVITY * math.cos(tilt)
-            return (across * math.sin(turn) + 0.0, -across * math.cos(turn) + 0.0, along + 0.0)
-    return (0.0, 0.0, _GRAVITY)
+            return gravity_of(number(element.get("tiltAngle")), number(element.get("baseAngle", "0")))
+    return gravity_of(0.0, 0.0)
 
 
 def _pins(root: Element) -> dict[str, tuple[str, str]]:
     pins = {}
     for element in root.child("IOs") or ():
-        kind = _NAMES.get(element.tag)
+        kind = PIN_NAMES.get(element.tag)
         for index, name in enumerate(element.get("value").split(",") if kind else ()):
             if kind and name.strip():
                 pins[name.strip()] = (kind, str(index))
     return pins
+
+
+def _actions(root: Element) -> Iterator[tuple[str, str]]:
+    ios = root.child("IOs")
+    for tag, kind in PIN_NAMES.items():
+        element = ios.child(tag.removesuffix("Names") + "Actions") if ios else None
+        for index, action in enumerate(element.get("value").split(",") if element else ()):
+            if action.strip() not in ("", "NONE"):
+                yield f"{kind}[{index}]", action.strip()
 
 
 def _home(root: Element) -> Pose | None:

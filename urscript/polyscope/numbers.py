@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from decimal import Decimal
 
 from urproto.robots.pose import Pose, matrix_to_rotvec, pose_inv, pose_trans
 from urproto.text import number as text_number
@@ -36,6 +37,17 @@ def six(text: str) -> Pose:
 def number_text(value: float) -> str:
     """A number as a script has it."""
     return repr(round(value, _DIGITS) + 0.0)
+
+
+def double_text(value: float) -> str:
+    """A number as Java writes it, and so PolyScope's files: 0.0, 0.001, 1.4E-4."""
+    value = float(value) + 0.0
+    if value == 0.0 or 1e-3 <= abs(value) < 1e7:
+        text = repr(value)
+        return text if "e" not in text else format(value, "f")
+    digits, _, exponent = format(Decimal(repr(value)), "e").upper().partition("E")
+    whole, _, rest = digits.partition(".")
+    return f"{whole}.{rest.rstrip('0') or '0'}E{int(exponent)}"
 
 
 def list_text(values: Sequence[float]) -> str:

@@ -1,5 +1,7 @@
 """The URScript that a program tree is run as."""
 
+from typing import Final
+
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.polyscope.document import DocumentError, Element
 from urscript.polyscope.installation_file import InstallationFile
@@ -8,8 +10,21 @@ from urscript.polyscope.nodes import NODE_MODULES
 from urscript.polyscope.numbers import list_text, pose_text
 from urscript.polyscope.registry import NODES, translate
 from urscript.polyscope.tree import ProgramTree, TreeError
-from urscript.polyscope.writer import ExternalControlCode, Writer
+from urscript.polyscope.writer import ExternalControlCode, Writer, find_pin
 from urscript.work import Steps, run_to_end
+
+# kind of pin, and what it does by itself in PolyScope's words -> the call for it. START, STOP and PAUSE have none
+_ACTIONS: Final = {
+    ("digital_in", "FREEDRIVE"): 'set_standard_digital_input_action({0}, "freedrive")',
+    ("config_in", "FREEDRIVE"): 'set_configurable_digital_input_action({0}, "freedrive")',
+    ("tool_in", "FREEDRIVE"): 'set_tool_digital_input_action({0}, "freedrive")',
+    ("GP_bool_in", "FREEDRIVE"): 'set_gp_boolean_input_action({0}, "freedrive")',
+    ("digital_out", "LOW_WHEN_PROGRAM_STOPPED"): "set_runstate_standard_digital_output_to_value({0}, 1)",
+    ("config_out", "LOW_WHEN_PROGRAM_STOPPED"): "set_runstate_configurable_digital_output_to_value({0}, 1)",
+    ("tool_out", "LOW_WHEN_PROGRAM_STOPPED"): "set_runstate_tool_digital_output_to_value({0}, 1)",
+    ("GP_bool_out", "LOW_WHEN_PROGRAM_STOPPED"): "set_runstate_gp_boolean_output_to_value({0}, 1)",
+    ("analog_out", "LOW_WHEN_PROGRAM_STOPPED"): "set_runstate_standard_analog_output_to_value({0}, 1)",
+}
 
 
 def write_preamble(writer: Writer) -> None:
@@ -35,6 +50,10 @@ def _inputs_and_outputs(writer: Writer) -> None:
     for port, domain in enumerate(file.analog_outputs):
         writer.line(f"set_analog_outputdomain({port}, {domain})")
     writer.line("set_input_actions_to_default()")
+    for pin, action in file.actions.items():
+        kind, number = find_pin(pin, {}) or ("", "")
+        if (kind, action) in _ACTIONS:
+            writer.line(_ACTIONS[kind, action].format(number))
 
 
 def _tool(writer: Writer) -> None:

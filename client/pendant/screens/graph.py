@@ -17,6 +17,9 @@ _COLUMNS: Final[list[dict[str, Any]]] = [
 ]
 
 
+_CHECKBOX: Final = '<q-checkbox v-model="props.selected" :aria-label="{name}" />'
+
+
 class Picker:
     """A dialog over the page."""
 
@@ -33,13 +36,15 @@ class Picker:
                         "outline no-caps dense"
                     ).props(f'data-testid="preset {name}"')
             search = ui.input(placeholder="Search, for example force, temperature, register_24").props(
-                "dense outlined clearable autofocus data-testid=signal-search"
+                "dense outlined clearable autofocus data-testid=signal-search aria-label=Search"
             )
             search.classes("w-full")
             self._table = ui.table(columns=_COLUMNS, rows=[], row_key="key", selection="multiple", pagination=0).props(
                 "dense flat virtual-scroll hide-bottom"
             )
             self._table.classes("signals")
+            self._table.add_slot("header-selection", _CHECKBOX.format(name="'All signals'"))
+            self._table.add_slot("body-selection", _CHECKBOX.format(name="props.row.label"))
             self._table.bind_filter_from(search, "value", lambda text: text or "")
             with ui.row().classes("w-full items-center"):
                 ui.button("None", on_click=lambda: self._select([])).props("flat no-caps data-testid=signals-none")
@@ -182,12 +187,12 @@ class _Graph:
             with ui.element("div").classes("pane-head"):
                 legend = ui.element("div").classes("legend")
                 ui.button(icon="tune", on_click=lambda: self.picker.open(pane)).props(
-                    f"flat dense round data-testid=choose-{number}"
+                    f'flat dense round data-testid=choose-{number} aria-label="Choose signals of diagram {number + 1}"'
                 ).tooltip("Choose signals")
                 self._lock(pane, number)
                 if len(self.plots.panes) > 1:
                     ui.button(icon="close", on_click=lambda: self._remove(pane)).props(
-                        f"flat dense round data-testid=remove-{number}"
+                        f'flat dense round data-testid=remove-{number} aria-label="Remove diagram {number + 1}"'
                     ).tooltip("Remove this diagram")
             canvas = ui.element("canvas").classes("plot")
         self._elements.append((pane, legend.id, canvas.id))
@@ -199,7 +204,8 @@ class _Graph:
             self.plots.changed()
 
         button = ui.button(icon="height" if pane.auto else "lock", on_click=toggle)
-        button.props(f"flat dense round data-testid=auto-{number}").tooltip("Range: follows the signals, or stays")
+        button.props(f'flat dense round data-testid=auto-{number} aria-label="Range of diagram {number + 1}"')
+        button.tooltip("Range: follows the signals, or stays")
 
     def _configuration(self, station: Station) -> Any:
         plots = self.plots

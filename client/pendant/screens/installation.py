@@ -6,10 +6,11 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.driver.endpoint import SENDER_PORT
-from client.pendant.mounting import apply_gravity, apply_payload, gravity_of, tilt_of
+from client.pendant.mounting import apply_gravity, apply_payload, tilt_of
 from client.pendant.page import Page, Views
-from client.pendant.screens import installation_arm, installation_tcp
+from client.pendant.screens import installation_arm, installation_settings, installation_tcp
 from client.pendant.station import Station
+from urscript.polyscope.installation_file import gravity_of
 
 _MM: Final = 1000.0
 _PLACES: Final = {"Floor": (0, 0), "Wall": (90, 0), "Ceiling": (180, 0)}  # degrees
@@ -151,11 +152,20 @@ def _form(page: Page, views: Views) -> None:
     async def save() -> None:
         if not host.value or port.value is None:
             raise ValueError("the address of a driver is a host and a port: fill in both")
-        await emulator.call("set_external_control", host=host.value, port=int(port.value))
+        address = {"host": host.value, "port": int(port.value)}
+        refusal = "this emulator has no installation files"
+        if installation_settings.can_be_saved(page.station):
+            refusal = (await emulator.call("installation", section="external_control"))["refusal"]
+        if refusal:
+            await emulator.call("set_external_control", **address)
+            page.tell(f"In use until the emulator ends: {refusal}")
+        else:
+            await emulator.call("change_installation", section="external_control", values=address)
+            page.tell("Saved in the installation file")
         await read()
 
     with ui.row().classes("items-center"):
-        ui.button("Save", on_click=page.doing(save, "Saved")).props("no-caps data-testid=driver-save")
+        ui.button("Save", on_click=page.doing(save)).props("no-caps data-testid=driver-save")
         own = ui.button("This machine", on_click=lambda: host.set_value(page.station.own_address))
         own.props("flat no-caps data-testid=driver-here")
     page.live.effect(
@@ -176,7 +186,7 @@ def _explanation(page: Page) -> None:
 
 def build(page: Page) -> None:
     """Put it on the page."""
-    titles = {"settings": "Settings", "arm": "Robot"}
+    titles = {"settings": "Settings", "file": "File", "arm": "Robot"}
     with ui.column().classes("io"), Views(page, "installation", titles) as views:
         with views.view("settings", "installation-tool"):
             installation_tcp.build(page)
@@ -184,5 +194,7 @@ def build(page: Page) -> None:
                 build_payload(page)
                 build_mounting(page)
                 build_driver(page, views)
+        with views.view("file", "installation-file"):
+            installation_settings.build(page, views)
         with views.view("arm", "installation-arm"):
             installation_arm.build(page, views)

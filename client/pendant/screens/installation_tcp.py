@@ -133,7 +133,8 @@ class _Editor:
                 ui.label(", ".join(f"{_MM * value:.1f}" for value in tcp[:3]) + " mm").classes("soft")
             ui.button("Use", on_click=lambda: self._use(lambda: tcp)).props("flat dense no-caps")
             if name != _FLANGE:
-                ui.button(icon="delete", on_click=lambda: self._delete(name)).props("flat dense round")
+                delete = ui.button(icon="delete", on_click=lambda: self._delete(name)).props("flat dense round")
+                delete.props["aria-label"] = f"Delete {name}"
         row.props["data-testid"] = f"tcp {name}"
 
     def _edit(self, name: str, tcp: Sequence[float]) -> None:

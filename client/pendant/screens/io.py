@@ -271,8 +271,8 @@ def _output(page: Page, index: int) -> None:
         ui.label(f"AO{index}").classes("signal-name")
         page.live.text(_shown(value, domain), "reading").props(f"data-testid=AO{index}")
         domain_choice(page, domain, change, f"AO{index}").props(f"data-testid=AO{index}-domain")
-        _setter(page, put, value, domain).props(f"data-testid=AO{index}-slider")
-        _typed(put).props(f"data-testid=AO{index}-value")
+        _setter(page, put, value, domain, f"AO{index}")
+        _typed(put, f"AO{index}").props(f"data-testid=AO{index}-value")
 
 
 def domain_choice(page: Page, read: Callable[[Station], int], choose: Callable[[int], Any], name: str) -> ui.toggle:
@@ -296,8 +296,8 @@ def simulated_input(
         amount = shown / analog_range(domain(station)).factor
         await page.attempt(lambda: station.emulator.call("set_analog_input", index=index, value=amount, tool=tool))
 
-    slider = _setter(page, put, value, domain).classes("simulated-only")
-    slider.props(f"data-testid=AI{index + 2 * tool}-slider")
+    name = f"AI{index + 2 * tool}"
+    _setter(page, put, value, domain, name).classes("simulated-only")
 
 
 def _setter(
@@ -305,9 +305,11 @@ def _setter(
     put: Callable[[float], Any],
     value: Callable[[Station], float | None],
     domain: Callable[[Station], int],
+    name: str,
 ) -> ui.slider:
     """A slider over the signal's range that follows the robot."""
     slider = ui.slider(min=0, max=1000, step=1).props("dense").classes("analog-slider")
+    slider.props(f"aria-label={name} data-testid={name}-slider")
 
     async def move() -> None:
         reach = analog_range(domain(page.station))
@@ -320,9 +322,10 @@ def _setter(
     return slider
 
 
-def _typed(put: Callable[[float], Any]) -> ui.number:
+def _typed(put: Callable[[float], Any], name: str) -> ui.number:
     """Enter sets it."""
     box = ui.number(format="%.3f", placeholder="set").props("dense outlined hide-bottom-space").classes("analog-value")
+    box.props(f"aria-label={name}")
 
     async def enter() -> None:
         if box.value is not None:

@@ -245,7 +245,7 @@ async def ask_number(page: Page, name: str, value: float | None, whole: bool) ->
     with page.content, ui.dialog() as dialog, ui.card():
         ui.label(name).classes("text-subtitle1")
         box = ui.number(value=value, precision=0 if whole else None).props(
-            "autofocus outlined dense data-testid=number"
+            f'autofocus outlined dense data-testid=number aria-label="{name}"'
         )
         box.on("keydown.enter", lambda: dialog.submit(box.value))
         with ui.row().classes("w-full justify-end"):

@@ -50,7 +50,9 @@ def _severity_button(view: LogView, severity: Severity) -> None:
 
 
 def _words(view: LogView) -> None:
-    box = ui.input(placeholder="Filter").props("dense outlined clearable debounce=200 data-testid=log-words")
+    box = ui.input(placeholder="Filter").props(
+        "dense outlined clearable debounce=200 data-testid=log-words aria-label=Filter"
+    )
     box.classes("log-words")
     with box.add_slot("prepend"):
         ui.icon("search")

@@ -20,7 +20,9 @@ def build(page: Page) -> None:
             jog.by_hand()
             _stop(page)
         with ui.element("div").classes("move-view panel"):
-            camera_buttons(page, arm_scene(page))
+            scene = arm_scene(page)
+            scene.preview = lambda: settings.preview
+            camera_buttons(page, scene)
             _status(page)
         with ui.element("div").classes("move-side"):
             jog.joints()

@@ -31,7 +31,8 @@ _IDENTITY: Final[Matrix3] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 class MoveSettings:
     """speed: 0 to 1 of the top speeds. feature: of `FEATURES`. as_rpy: rotations in RPY [deg], not rotation vectors.
 
-    on_rotation: told when as_rpy has changed.
+    on_rotation: told when as_rpy has changed. preview: joints [rad] that somebody has typed as a target, until the arm
+    is moved otherwise or the target is taken back.
     """
 
     def __init__(self, page: Page) -> None:
@@ -39,6 +40,7 @@ class MoveSettings:
         self.speed = 0.5
         self.feature = "base"
         self.as_rpy = False
+        self.preview: tuple[float, ...] | None = None
         self.on_rotation: list[Callable[[bool], None]] = []
         self._mine = False
         page.live.on_lost.append(self._stop_what_i_began)
@@ -151,7 +153,9 @@ class JogPanels:
         with page.panel("Speed and freedrive"):
             with ui.row().classes("move-speed"):
                 ui.icon("speed")
-                slider = ui.slider(min=1, max=100, value=100 * settings.speed).props("dense data-testid=jog-speed")
+                slider = ui.slider(min=1, max=100, value=100 * settings.speed).props(
+                    'dense data-testid=jog-speed aria-label="Speed of motions from here"'
+                )
                 share = ui.label(f"{100 * settings.speed:.0f} %").classes("live")
 
             def set_speed(change: Any) -> None:
@@ -213,6 +217,7 @@ class JogPanels:
     def _press(self, held: Mapping[str, Any]) -> None:
         if not self._down:
             self._page.station.situation.require(Action.MOVE)
+        self._settings.preview = None
         if not self._page.agreed:
             self._dead = True
             self._asking = asyncio.create_task(self._page.may_move())

@@ -36,7 +36,9 @@ def saved_poses(page: Page, settings: MoveSettings) -> None:
 
     page.live.effect(_known, show)
     with ui.row().classes("target-buttons"):
-        box = ui.input(placeholder="Name of the present pose").props("dense outlined data-testid=pose-name")
+        box = ui.input(placeholder="Name of the present pose").props(
+            'dense outlined data-testid=pose-name aria-label="Name of the present pose"'
+        )
         box.classes("pose-name")
 
         async def save() -> None:
@@ -112,7 +114,7 @@ async def _ask(title: str, text: str) -> str | None:
     """What somebody types instead of a text; None if nothing."""
     with ui.dialog() as dialog, ui.card():
         ui.label(title).classes("text-h6")
-        box = ui.input(value=text).props("autofocus outlined dense data-testid=pose-new-name")
+        box = ui.input(value=text).props(f'autofocus outlined dense data-testid=pose-new-name aria-label="{title}"')
         box.on("keydown.enter", lambda: dialog.submit(box.value))
         with ui.row().classes("w-full justify-end"):
             ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat")
@@ -134,15 +136,22 @@ def joint_target(page: Page, settings: MoveSettings) -> None:
         for i, title in enumerate(JOINT_TITLES):
             ui.label(title).classes("jog-name")
             slider = ui.slider(min=-_WIDEST, max=_WIDEST, step=0.1, value=0.0).props("dense")
+            slider.props(f'aria-label="{title}"')
             number = ui.number(value=0.0, format="%.2f", step=1).props(f"dense outlined data-testid=target-joint-{i}")
+            number.props(f'aria-label="{title} [°]"')
             number.bind_value(slider)
             ui.label("°").classes("jog-unit")
             numbers.append(number)
             sliders.append(slider)
 
+    def preview() -> None:
+        if all(number.value is not None for number in numbers):
+            settings.preview = tuple(radians(number.value) for number in numbers)
+
     def take_present() -> None:
         for number, angle in zip(numbers, _present(page, "actual_q"), strict=True):
             number.set_value(round(degrees(angle), 2))
+        settings.preview = None
 
     def fit(model: RobotModel | None) -> None:
         if model is not None:
@@ -153,7 +162,10 @@ def joint_target(page: Page, settings: MoveSettings) -> None:
     async def move() -> None:
         q = _within(page.station.model, [radians(_number(number)) for number in numbers])
         await settings.move(lambda: page.station.mover.move_j(q, "Moving to joint angles", **settings.joint_speed))
+        settings.preview = None
 
+    for number in numbers:
+        number.on_value_change(preview)
     page.live.effect(lambda station: station.model if "actual_q" in station.values else None, fit)
     with ui.row().classes("target-buttons"):
         _button(page, "Present", "my_location", take_present, "joints-present")
@@ -211,6 +223,7 @@ def pose_target(page: Page, settings: MoveSettings) -> None:
 
 
 def _pose_field(page: Page, settings: MoveSettings, i: int) -> ui.number:
+    name = (*_POSITIONS, "RX or roll", "RY or pitch", "RZ or yaw")[i]
     if i < 3:
         ui.label(_POSITIONS[i]).classes(f"jog-name axis-{'xyz'[i]}")
         number = ui.number(value=0.0, format="%.2f", step=1)
@@ -219,7 +232,7 @@ def _pose_field(page: Page, settings: MoveSettings, i: int) -> ui.number:
         page.live.text(partial(_turn, settings, i - 3), f"jog-name axis-{'xyz'[i - 3]}")
         number = ui.number(value=0.0, format="%.4f", step=0.01)
         page.live.text(lambda _: "°" if settings.as_rpy else "rad", "jog-unit")
-    return number.props(f"dense outlined data-testid=target-pose-{i}")
+    return number.props(f'dense outlined data-testid=target-pose-{i} aria-label="{name}"')
 
 
 def _turn(settings: MoveSettings, axis: int, _: Station) -> str:

@@ -124,6 +124,7 @@ def _control(page: Page) -> None:
         page.live.text(_why_not, "soft run-why-not").props("data-testid=run-why-not")
         with ui.row().classes("run-load"):
             box = ui.input(placeholder="Path below the programs folder").props("dense outlined data-testid=run-path")
+            box.props('aria-label="Path of a program below the programs folder"')
             box.classes("run-path")
             choose = ui.button(icon="folder_open", on_click=lambda: _choose(page, load)).props("flat")
             with choose.props('data-testid=run-choose aria-label="Programs of the emulator"'):

@@ -40,6 +40,7 @@ def build_editor(page: Page) -> None:
         phase = page.live.text(lambda _: _PHASES[draft.phase], "chip").props("data-testid=script-phase")
         page.live.bind(phase, "state", lambda _: _COLORS.get(draft.phase, ""))
     editor = ui.codemirror(draft.text, language="Python", theme="githubLight", indent="  ").classes("script-editor")
+    ui.run_javascript(f"pendantRun.name({editor.id}, 'Script')")
     editor.props("data-testid=script-editor")
     editor.on_value_change(lambda change: _write(page, draft, change.value, author))
     page.live.effect(lambda _: (draft.revision, draft.author), lambda _: _show(editor, draft, author))

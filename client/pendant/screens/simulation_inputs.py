@@ -83,7 +83,9 @@ def _analog(page: Page, analog: _Analog) -> None:
 
     with ui.element("div").classes("sim-analog"):
         ui.label(analog.title).classes("sim-analog-name")
-        slider = ui.slider(min=0.0, max=10.0, step=0.01).props(f"data-testid=analog-{_mark(analog)}")
+        slider = ui.slider(min=0.0, max=10.0, step=0.01).props(
+            f'data-testid=analog-{_mark(analog)} aria-label="{analog.title}"'
+        )
         page.live.text(_shown(analog), "sim-analog-value").props(f"data-testid=analog-text-{_mark(analog)}")
         choice = ui.toggle({1: "V", 0: "mA"}, value=1).props("dense unelevated no-caps toggle-color=primary")
     slider.on("change", lambda: page.attempt(lambda: set_(slider.value, _domain(page.station, analog))))

@@ -43,6 +43,7 @@
       object.updateMatrix();
       addMatrix(object);
       if (object.visible) add(1);
+      if (object.name === "trace") add(object.geometry.attributes.position.version);
       if (object.material?.color) add(object.material.color.getHex() + object.material.opacity);
     });
     scene.camera.updateMatrix();
@@ -87,17 +88,52 @@
     render(id, scene);
   }
 
-  // Joints are groups that are called "joint 0" and so on.
+  // Joints are groups that are called "joint 0" and so on, those of the ghost "ghost joint 0".
   function turn(id, scene) {
-    const { angles } = scenes.get(id);
-    if (!angles) return;
+    const { angles, ghost } = scenes.get(id);
     scene.scene.traverse((object) => {
-      if (object.name.startsWith("joint ")) object.rotation.z = angles[object.name.slice(6)];
+      if (angles && object.name.startsWith("joint ")) object.rotation.z = angles[object.name.slice(6)];
+      if (ghost && object.name.startsWith("ghost joint ")) object.rotation.z = ghost[object.name.slice(12)];
+      if (object.name === "ghost") object.visible = Boolean(ghost);
     });
+    if (angles) trace(scene.scene);
   }
 
+  // One more point of the TCP's way, if it is shown and the TCP has moved.
+  function trace(scene) {
+    const line = scene.getObjectByName("trace");
+    const tcp = scene.getObjectByName("tcp");
+    if (!line?.visible || !tcp) return;
+    tcp.updateWorldMatrix(true, false);
+    const [x, y, z] = tcp.matrixWorld.elements.slice(12);
+    const { geometry } = line;
+    const points = geometry.attributes.position;
+    let count = geometry.drawRange.count;
+    const far = (i) => Math.hypot(points.getX(i) - x, points.getY(i) - y, points.getZ(i) - z);
+    if (count && far(count - 1) < 0.001) return;
+    if (count === points.count) {
+      points.array.copyWithin(0, 3);
+      count -= 1;
+    }
+    points.setXYZ(count, x, y, z);
+    points.needsUpdate = true;
+    geometry.setDrawRange(0, count + 1);
+  }
+
+  pendant.clearTrace = (id) => {
+    const line = getElement(id)?.scene?.getObjectByName("trace");
+    line?.geometry.setDrawRange(0, 0);
+    if (line) line.geometry.attributes.position.needsUpdate = true;
+  };
+
+  pendant.receivers.ghost = (angles, id) => {
+    const known = scenes.get(id);
+    if (known) known.ghost = angles;
+    return Boolean(known);
+  };
+
   pendant.dress = (id) => {
-    scenes.set(id, { scene: null, angles: null });
+    scenes.set(id, { scene: null, angles: null, ghost: null });
     pendant.followers.set(id, (angles) => (scenes.get(id).angles = angles));
   };
 

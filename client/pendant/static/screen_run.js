@@ -117,5 +117,12 @@ const pendantRun = (() => {
     }, 200);
   }
 
-  return { variables, program, editor };
+  // What screen readers call an editor, which its element takes no name for.
+  function name(id, text) {
+    const content = document.querySelector(`#c${id} .cm-content`);
+    if (content) content.setAttribute("aria-label", text);
+    else setTimeout(() => name(id, text), 200);
+  }
+
+  return { name, variables, program, editor };
 })();

@@ -1,0 +1,232 @@
+"""The installation file of an emulator: every setting of it, in forms made from the table of settings."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+from nicegui import ui
+
+from client.pendant.page import Page, Views
+from client.pendant.station import Station
+from urscript.polyscope.installation_sections import UNITS, Field, Row, Section
+from urscript.polyscope.installation_settings import SECTIONS, Pins
+
+_AXES: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
+_VIEW: Final = "file"
+
+
+def can_be_saved(station: Station) -> bool:
+    """An emulator that has installation files."""
+    return station.emulator.available and "change_installation" in station.emulator.verbs
+
+
+def build(page: Page, views: Views) -> None:
+    """Put it on the page."""
+    with page.panel("Installation file", "installation-panel") as panel:
+        _Form(page, views)
+    with page.panel("Installation file", "installation-panel") as real:
+        ui.label(
+            "The installation of a robot is saved by its own teach pendant. What it takes over public ports is under "
+            "Settings."
+        )
+    page.show_if(panel, can_be_saved)
+    page.show_if(real, lambda station: not can_be_saved(station))
+
+
+class _Form:
+    """One section at a time, and of a list one row at a time. What is typed stays until it is saved or left."""
+
+    def __init__(self, page: Page, views: Views) -> None:
+        self._page, self._views = page, views
+        self._section: Section = next(iter(SECTIONS.values()))
+        self._rows: list[Row] = []
+        self._row: Row | None = None  # None while a new one is typed
+        self._inputs: dict[str, _Input] = {}
+        self._refusal = ""
+        with ui.element("div").classes("setting-choice"):
+            choice = ui.select({name: section.title for name, section in SECTIONS.items()}, label="Setting")
+            choice.props("outlined dense options-dense data-testid=setting").set_value(self._section.name)
+            choice.on_value_change(lambda change: self._turn(change.value))
+            self._names = ui.select({}, label="Which", with_input=True, on_change=self._chosen)
+            self._names.props("outlined dense options-dense data-testid=setting-row")
+        self._note = ui.label().classes("soft").props("data-testid=setting-note")
+        self._fields = ui.element("div").classes("setting-fields")
+        with ui.row().classes("tcp-buttons"):
+            self._save_button = _button(
+                "Save", page.doing(self._save, "Saved in the installation file"), "setting-save"
+            )
+            self._add_button = _button("Add as new", page.doing(self._add, "Added"), "setting-add", "outline")
+            self._remove_button = _button("Remove", page.doing(self._remove, "Removed"), "setting-remove", "flat")
+        self._file = ui.label().classes("soft").props("data-testid=setting-file")
+        page.live.effect(self._answer, self._take)
+        self._turn(self._section.name)
+
+    # what the emulator says
+
+    def _answer(self, station: Station) -> Mapping[str, Any] | None:
+        if self._views.looked_at != _VIEW or not can_be_saved(station):
+            return None
+        answer: Mapping[str, Any] | None = station.emulator.watch("installation", section=self._section.name).value
+        return answer
+
+    def _take(self, answer: Mapping[str, Any] | None) -> None:
+        section = self._section
+        if answer is None or section.name not in answer["sections"]:
+            return
+        self._rows, self._refusal = answer["sections"][section.name], answer["refusal"]
+        self._file.set_text(f"File: {answer['file']}" if not self._refusal else f"Not saved: {self._refusal}")
+        for button in (self._save_button, self._add_button, self._remove_button):
+            button.set_enabled(not self._refusal)
+        if section.refusal:
+            self._show_table()
+            return
+        if section.listed:
+            names = [row[section.key] for row in self._rows]
+            shown = self._names.value if self._names.value in names else next(iter(names), None)
+            self._names.set_options({row[section.key]: _title(row) for row in self._rows}, value=shown)
+        self._chosen()
+
+    # what somebody chooses
+
+    def _turn(self, name: str) -> None:
+        section = self._section = SECTIONS[name]
+        self._rows, self._row, self._inputs = [], None, {}
+        self._fields.clear()
+        self._names.set_options({}, value=None)
+        self._names.set_visibility(section.listed and not section.refusal)
+        self._save_button.set_visibility(not section.refusal)
+        self._add_button.set_visibility(section.grows)
+        self._remove_button.set_visibility(section.grows)
+        reason = f"Cannot be changed here: {section.refusal}." if section.refusal else f"Has effect {section.applied}."
+        self._note.set_text(reason.replace("`", ""))
+        self._page.station.emulator.watch("installation", section=name).renew()
+
+    def _chosen(self) -> None:
+        section = self._section
+        row = next((row for row in self._rows if not section.listed or row[section.key] == self._names.value), None)
+        same = row is not None and self._row is not None and row[section.key] == self._row[section.key]
+        if same and self._inputs and any(field.changed for field in self._inputs.values()):
+            self._row = row  # somebody is typing; what is saved is only what was typed
+            return
+        if row is None and self._inputs:
+            return
+        self._row = row
+        self._fields.clear()
+        with self._fields:
+            self._inputs = {field.name: _Input(field, row) for field in section.fields if not field.fixed}
+
+    def _show_table(self) -> None:
+        self._fields.clear()
+        with self._fields, ui.element("div").classes("limits setting-table"):
+            for field in self._section.fields:
+                ui.label(field.title).classes("soft")
+            for row in self._rows:
+                for field in self._section.fields:
+                    value = row[field.name]
+                    ui.label(f"{value:g}" if isinstance(value, float) else str(value))
+        if not self._rows:
+            with self._fields:
+                ui.label("This file has none.")
+
+    # what becomes of it
+
+    async def _save(self) -> None:
+        if self._row is None:
+            raise ValueError("there is nothing to change: add it as new")
+        values = {name: field.value() for name, field in self._inputs.items() if field.changed}
+        if not values:
+            raise ValueError("nothing was changed")
+        section, name = self._section, str(self._row[self._section.key]) if self._section.listed else ""
+        await self._change("change_installation", section=section.name, name=name, values=values)
+        if section.listed:
+            self._settle(values.get(section.key, name))
+
+    async def _add(self) -> None:
+        values = {name: field.value() for name, field in self._inputs.items()}
+        await self._change("add_to_installation", section=self._section.name, values=values)
+        self._settle(values[self._section.key])
+
+    async def _remove(self) -> None:
+        if self._row is not None:
+            name = self._row[self._section.key]
+            await self._change("remove_from_installation", section=self._section.name, name=name)
+
+    async def _change(self, verb: str, **arguments: Any) -> None:
+        await self._page.station.emulator.change(verb, **arguments)
+        self._row, self._inputs = None, {}
+
+    def _settle(self, name: str) -> None:
+        """Show the row of this name, once it has come."""
+        self._names.set_options({row[self._section.key]: _title(row) for row in self._rows} | {name: name}, value=name)
+
+
+class _Input:
+    """The fields of one value, in units for people."""
+
+    def __init__(self, field: Field, row: Row | None) -> None:
+        self._field = field
+        value = None if row is None else row[field.name]
+        mark = f"outlined dense hide-bottom-space data-testid=setting-{field.name}"
+        self._boxes: list[Any]
+        if field.kind == "flag":
+            box = ui.checkbox(field.title, value=bool(value)).props(f"dense data-testid=setting-{field.name}")
+            self._boxes = [box]
+        elif field.kind == "choice" or field.name == "action":
+            options = field.choices or (Pins.actions_of(row) if row else ())
+            label = f"{field.title} [{field.unit}]" if field.unit else field.title
+            known = value if value in options else next(iter(options), None)
+            self._boxes = [ui.select(list(options), label=label, value=known).props(mark)]
+        elif field.kind == "text":
+            self._boxes = [ui.input(field.title, value=value or "").props(mark)]
+        else:
+            self._boxes = self._numbers(field, value, mark)
+        self._before = [box.value for box in self._boxes]
+
+    def _numbers(self, field: Field, value: Any, mark: str) -> list[Any]:
+        values: Sequence[Any] = value if isinstance(value, list) else [value]
+        if field.kind in ("vector", "pose") and value is None:
+            values = [0.0] * (3 if field.kind == "vector" else 6)
+        boxes = []
+        with ui.element("div").classes("six" if len(values) > 1 else "setting-one"):
+            for index, number in enumerate(values):
+                unit, factor = _unit(field, index)
+                name = _AXES[index] if len(values) > 1 else field.title
+                box = ui.number(f"{name} [{unit}]" if unit else name)
+                box.set_value(None if number is None else round(number * factor, 9) + 0.0)
+                boxes.append(box.props(mark if len(values) == 1 else f"{mark}-{index}"))
+        self._exact = list(values)
+        return boxes
+
+    @property
+    def changed(self) -> bool:
+        return [box.value for box in self._boxes] != self._before
+
+    def value(self) -> Any:
+        """In SI units; a number that was not touched has all its digits. Raises ValueError."""
+        field = self._field
+        if field.kind in ("flag", "text", "choice"):
+            return self._boxes[0].value
+        numbers = []
+        for index, (box, before) in enumerate(zip(self._boxes, self._before, strict=True)):
+            if box.value is None:
+                raise ValueError(f"{field.title}: a number is missing")
+            factor = _unit(field, index)[1]
+            numbers.append(self._exact[index] if box.value == before else box.value / factor)
+        if field.kind in ("vector", "pose"):
+            return numbers
+        return int(numbers[0]) if field.kind == "whole" and float(numbers[0]).is_integer() else numbers[0]
+
+
+def _unit(field: Field, index: int) -> tuple[str, float]:
+    if field.kind == "pose" and index > 2:
+        return "rad", 1.0
+    return UNITS.get(field.unit, (field.unit, 1.0))
+
+
+def _title(row: Row) -> str:
+    if "pin" not in row:
+        return str(next(iter(row.values())))
+    return f"{row['pin']} {row['name']}".strip()
+
+
+def _button(text: str, act: Callable[[], Any], mark: str, look: str = "") -> ui.button:
+    return ui.button(text, on_click=act).props(f"no-caps {look} data-testid={mark}")

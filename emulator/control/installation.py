@@ -1,0 +1,152 @@
+"""Verbs about the installation file: what the teach pendant's Installation screen shows and saves."""
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+from emulator.control.verbs import BadArguments, ControlledRobot, NotPossible, Verbs, Waiting, verb
+from emulator.controller import Controller
+from emulator.programs.compiling import in_periods
+from emulator.services.urcap import DriverAddress
+from urscript.polyscope.document import DocumentError, Element, packed, read_steps, write_document
+from urscript.polyscope.folder import ProgramsFolder
+from urscript.polyscope.installation_file import read_installation_document
+from urscript.polyscope.installation_sections import Row, SettingError
+from urscript.polyscope.installation_settings import (
+    SECTIONS,
+    add_setting,
+    change_setting,
+    new_installation,
+    read_section,
+    remove_setting,
+)
+
+_DEFAULT: Final = "default.installation"
+
+
+class InstallationVerbs(Verbs):
+    """Verbs about the installation file."""
+
+    def __init__(self, robot: ControlledRobot) -> None:
+        super().__init__(robot)
+        self._saving = False
+
+    @verb
+    def installation(self, section: str = "") -> dict[str, Any]:
+        """What the installation file says, or one of its sections: lists of rows, in SI units.
+
+        ``file``: its name, which a file that is not there yet will get; ``refusal``: why nothing can be saved, "" where
+        it can. Sections: tcps, payloads, mounting, features, io, modbus, external_control, default_program, safety.
+        """
+        if section and section not in SECTIONS:
+            raise BadArguments(f"there is no section {section!r}: there are {', '.join(SECTIONS)}")
+        return self._wait(self._shown(section))
+
+    @verb
+    def change_installation(self, section: str, values: Mapping[str, Any], name: str = "") -> None:
+        """Change values of a row of the installation file, save the file, and use what has changed.
+
+        ``name``: the row's, where the section is a list. What is not changed stays in the file byte for byte. For
+        example {"host": "192.168.56.1"} of external_control.
+        """
+        return self._wait(self._saved(section, lambda root: change_setting(root, section, name, values), values))
+
+    @verb
+    def add_to_installation(self, section: str, values: Mapping[str, Any]) -> None:
+        """Add a row to a list of the installation file: tcps, payloads, features, modbus."""
+        return self._wait(self._saved(section, lambda root: add_setting(root, section, values)))
+
+    @verb
+    def remove_from_installation(self, section: str, name: str) -> None:
+        """Take a row out of a list of the installation file."""
+        return self._wait(self._saved(section, lambda root: remove_setting(root, section, name)))
+
+    def _shown(self, section: str) -> Waiting[dict[str, Any]]:
+        path = _place(self.controller)
+        root = yield from self._document(path)
+        shown = dict[str, list[Row]]()
+        for name in [section] if section else SECTIONS:
+            yield  # a control period for each: an installation may have hundreds of features
+            shown[name] = read_section(root, name)
+        return {"file": _DEFAULT if path is None else path.name, "refusal": _refusal(path), "sections": shown}
+
+    def _saved(
+        self, section: str, change: Callable[[Element], None], values: Mapping[str, Any] | None = None
+    ) -> Waiting[None]:
+        """One change at a time, from reading the file to using it, so that two people lose nothing."""
+        while self._saving:
+            yield
+        self._saving = True
+        try:
+            controller = self.controller
+            path = _place(controller)
+            if path is None:
+                raise NotPossible(_refusal(path))
+            root = yield from self._document(path)
+            try:
+                change(root)
+                _check_program(controller, section, root)
+                yield  # a control period for each of these: big files take milliseconds
+                beside = path.with_suffix(".variables")
+                file = read_installation_document(root, path.stem, beside.read_bytes() if beside.is_file() else b"")
+            except (SettingError, DocumentError) as error:
+                raise BadArguments(f"{path.name}: {error}") from error
+            yield
+            content = write_document(root)
+            yield
+            _write(path, packed(content))
+            controller.use_installation(path, file, section)
+            if section == "external_control":  # the newest word counts, until the emulator is started again
+                given = controller.config.external_control
+                kept = DriverAddress(
+                    None if "host" in (values or ()) else given.host, None if "port" in (values or ()) else given.port
+                )
+                controller.config = replace(controller.config, external_control=kept)
+        finally:
+            self._saving = False
+
+    def _document(self, path: Path | None) -> Waiting[Element]:
+        controller = self.controller
+        if path is None or not path.is_file():
+            return new_installation(controller.version, "default" if path is None else path.stem)
+        try:
+            root = yield from in_periods(read_steps(path.read_bytes()), controller.period_s)
+        except (OSError, DocumentError) as error:
+            raise NotPossible(f"{path.name} cannot be read: {error}") from error
+        assert root is not None
+        return root
+
+
+def _place(controller: Controller) -> Path | None:
+    """The file in use, else the one that is loaded at boot; None without a programs folder."""
+    if controller.installation.path is not None:
+        return controller.installation.path
+    folder = controller.config.programs_dir
+    return None if folder is None else folder.resolve() / _DEFAULT
+
+
+def _refusal(path: Path | None) -> str:
+    if path is None:
+        return "this emulator has no programs folder to save an installation in: start it with --programs FOLDER"
+    return ""
+
+
+def _check_program(controller: Controller, section: str, root: Element) -> None:
+    """What is to be loaded at boot has to be there. Raises SettingError."""
+    if section != "default_program":
+        return
+    row = SECTIONS[section].rows(root)[0]
+    if row["file"] and ProgramsFolder(controller.config.programs_dir).find(row["file"]) is None:
+        raise SettingError(f"there is no program {row['file']} in the programs folder")
+
+
+def _write(path: Path, content: bytes) -> None:
+    """A new file takes the place of the old one, whole or not at all."""
+    new = path.with_name(f".{path.name}.new")
+    try:
+        new.write_bytes(content)
+        os.replace(new, path)
+    except OSError as error:
+        raise NotPossible(f"{path.name} cannot be saved: {error.strerror or error}") from error

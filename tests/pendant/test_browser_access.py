@@ -1,0 +1,141 @@
+"""Who sees little, hears the page or has no mouse can use every screen, and on a tablet or a phone nothing is cut off.
+
+The screens and their views are found on the page: a new one is looked at without a word here.
+"""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import axe_playwright_python
+import pytest
+from playwright.sync_api import Browser, Locator, Page, expect
+
+from client.pendant.screens import SCREENS
+from tests.pendant.conftest import FEW_FRAMES, SIZE, Rig, eventually
+
+AXE = (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text("utf-8")
+RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]
+SIZES = {"landscape tablet": (1024, 768), "portrait tablet": (800, 1280), "phone": (390, 844)}
+VIOLATIONS = """async ([where, rules]) => {
+  const found = await axe.run(where, { runOnly: { type: 'tag', values: rules }, resultTypes: ['violations'] });
+  return found.violations.flatMap(({ id, nodes }) => nodes.map(({ html, any, all, none }) =>
+    `${id}: ${html.slice(0, 160)} ${[...any, ...all, ...none].map(({ message }) => message).join('; ')}`));
+}"""
+# What a person cannot see or reach: to the side of the window, or in a box that is too small for it. Code may be wider.
+CUT_OFF = """() => {
+  const cut = [];
+  const page = document.scrollingElement;
+  if (page.scrollWidth > innerWidth) cut.push(`the page is ${page.scrollWidth} wide`);
+  const parts = 'button, a[href], input, canvas, label, .q-tab, .q-slider, .q-field, .q-card, .live, .chip';
+  for (const part of document.querySelectorAll(parts)) {
+    if (!part.checkVisibility({ visibilityProperty: true, opacityProperty: true })) continue;
+    if (part.closest('.program-text, .script-editor')) continue;
+    const { left, right, top, bottom, width, height } = part.getBoundingClientRect();
+    if (!width || !height) continue;
+    const what = `${part.dataset.testid || part.className.toString().slice(0, 60)} ${part.textContent.slice(0, 30)}`;
+    if (left < -1 || right > innerWidth + 1) cut.push(`${what}: ${Math.round(left)} to ${Math.round(right)}`);
+    if (part.closest('.frame') && (top < -1 || bottom > innerHeight + 1)) cut.push(`${what}: above or below`);
+    const hides = /hidden|clip/.test(getComputedStyle(part).overflowX + getComputedStyle(part).overflowY);
+    const full = part.scrollWidth > part.clientWidth + 1 || part.scrollHeight > part.clientHeight + 1;
+    if (part.textContent.trim() && full && (hides || part.matches('button'))) cut.push(`${what}: does not fit`);
+  }
+  return cut;
+}"""
+OUTLINE = """() => {
+  const { tagName } = document.activeElement;
+  const style = getComputedStyle(document.activeElement);
+  const outlined = style.outlineStyle !== 'none' && parseFloat(style.outlineWidth) >= 2;
+  const shown = outlined || /INPUT|TEXTAREA/.test(tagName); // the frames of fields get thicker
+  return [document.activeElement.closest('[data-testid]')?.dataset.testid || tagName, shown || tagName === 'BODY'];
+}"""
+
+
+@pytest.fixture(scope="module", params=["cb3", pytest.param("e-series", marks=pytest.mark.long)])
+def page(request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: Any) -> Iterator[Page]:
+    """The pendant of one robot, on CB3 in its light look, on e-Series in its dark one."""
+    e_series = request.param == "e-series"
+    rig = Rig("ur5e", tmp_path_factory.mktemp("programs")) if e_series else request.getfixturevalue("the_rig")
+    rig.reset()
+    context = browser.new_context(viewport=SIZE, color_scheme="dark" if e_series else "light")
+    context.add_init_script(FEW_FRAMES)
+    page = context.new_page()
+    page.goto(f"{rig.url}/{SCREENS[0].name}")
+    expect(page.locator(".robot-name")).to_contain_text("PolyScope")
+    yield page
+    context.close()
+    if e_series:
+        rig.close()
+
+
+def views(page: Page) -> Iterator[str]:
+    """Shows every view of every screen in turn; their names. Views within views too."""
+    for screen in SCREENS:
+        click(page.get_by_test_id(f"tab-{screen.name}"))
+        page.wait_for_function(f"() => location.pathname === '/{screen.name}'")  # it is built then
+        tabs = page.locator(".screen:visible .q-tab:visible")
+        if not tabs.count():
+            yield screen.name
+        for index in range(tabs.count()):
+            click(tabs.nth(index))
+            expect(tabs.nth(index)).to_have_attribute("aria-selected", "true")
+            yield f"{screen.name}, {tabs.nth(index).inner_text()}"
+
+
+def click(element: Locator) -> None:
+    """At once: Playwright would wait for several pictures, of which this browser makes few."""
+    element.evaluate("element => element.click()")
+
+
+def open_anew(page: Page, screen: str) -> None:
+    page.goto(f"{page.url.rpartition('/')[0]}/{screen}")
+    page.evaluate(f"() => {{ {AXE} }}")
+
+
+def test_no_rule_is_violated_and_nothing_is_cut_off(page: Page) -> None:
+    open_anew(page, SCREENS[0].name)
+    problems = list[str]()
+    for view in views(page):
+        problems += lasting(f"{view}: ", lambda: page.evaluate(VIOLATIONS, ["html", RULES]))
+        for name, (width, height) in SIZES.items():
+            page.set_viewport_size({"width": width, "height": height})
+            problems += lasting(f"{view} on a {name}: ", lambda: page.evaluate(CUT_OFF))
+        page.set_viewport_size(SIZE)
+    assert not problems, "\n".join(problems)
+
+
+def lasting(where: str, look: Callable[[], list[str]]) -> list[str]:
+    """What is still wrong when a page that was just built or laid out anew has come to rest."""
+    found = list[str]()
+
+    def right() -> bool:
+        found[:] = look()
+        return not found
+
+    try:
+        eventually(right, within_s=2.0)
+    except AssertionError:
+        return [where + problem for problem in found]
+    return []
+
+
+def test_dialogues_violate_no_rule(page: Page) -> None:
+    open_anew(page, "graph")
+    click(page.get_by_test_id("choose-0"))
+    expect(page.get_by_test_id("signal-search")).to_be_visible()
+    assert not lasting("signals: ", lambda: page.evaluate(VIOLATIONS, [".q-dialog", RULES]))
+
+
+def test_the_keyboard_reaches_what_there_is_and_shows_where_it_is(page: Page) -> None:
+    open_anew(page, "move")
+    expect(page.get_by_test_id("joints-move")).to_be_enabled()
+    page.get_by_test_id("tab-move").focus()
+    reached = list[str]()
+    while not reached or reached[-1] != "BODY":
+        page.keyboard.press("Tab")
+        name, shown = page.evaluate(OUTLINE)
+        assert shown, f"nothing shows that {name} has the focus"
+        reached.append(name)
+    wanted = [*(f"axis-{axis}-plus" for axis in ("x", "y", "z", "rx", "ry", "rz")), "jog-speed", "freedrive"]
+    wanted += ["stop-moving", *(f"joint-{joint}-plus" for joint in range(6)), "joints-move"]
+    assert [name for name in reached if name in wanted] == wanted

@@ -1,0 +1,395 @@
+"""Sections of an installation file: what one is, and those about tool, load, mounting and features.
+
+`urscript.polyscope.installation_settings` has the whole table.
+"""
+
+import uuid
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite, pi
+from typing import Any, ClassVar, Final, Literal, TypeAlias
+
+from urproto.vectors import ZERO3
+from urscript.polyscope.document import Element
+from urscript.polyscope.features import read_features
+from urscript.polyscope.installation_file import tcp_settings
+from urscript.polyscope.numbers import double_text, number, numbers, six
+
+Row: TypeAlias = dict[str, Any]
+Kind = Literal["text", "number", "whole", "flag", "choice", "vector", "pose"]
+
+UNITS: Final[Mapping[str, tuple[str, float]]] = {"m": ("mm", 1000.0), "rad": ("°", 180.0 / pi)}
+"""SI unit -> unit on screens, and factor. A rotation vector stays in rad."""
+
+_LONGEST: Final = 60  # letters of a name; guess
+_FARTHEST: Final = 10.0  # m; guess: no tool and no feature is farther away
+_HEAVIEST: Final = 100.0  # kg; guess: more than any arm of the maker carries
+
+
+class SettingError(ValueError):
+    """A setting that cannot be changed so; the text says which, and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One value of a row. low, high: limits, in ``unit``. choices: what a choice is among; "" stands for none.
+
+    fixed: shown, and changed nowhere. A vector has three numbers, a pose six: x, y, z [m], rotation vector [rad].
+    """
+
+    name: str
+    title: str
+    kind: Kind = "text"
+    unit: str = ""
+    low: float = -1e6
+    high: float = 1e6
+    choices: tuple[str, ...] = ()
+    fixed: bool = False
+
+    def checked(self, value: Any) -> Any:
+        """The value as it is stored. Raises SettingError."""
+        if self.kind == "flag":
+            return self._require(isinstance(value, bool), value, "true or false")
+        if self.kind == "choice":
+            return self._require(value in self.choices, value, f"one of {', '.join(self.choices)}")
+        if self.kind == "text":
+            self._require(isinstance(value, str) and len(value) <= _LONGEST, value, f"text of up to {_LONGEST} letters")
+            return self._require(value.isprintable(), value, "text without control characters").strip()
+        if self.kind in ("vector", "pose"):
+            size = 3 if self.kind == "vector" else 6
+            whole = isinstance(value, Sequence) and not isinstance(value, str) and len(value) == size
+            self._require(whole, value, f"{size} numbers")
+            return [self._number(part) for part in value]
+        return self._number(value)
+
+    def _number(self, value: Any) -> float:
+        sound = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+        self._require(sound, value, "a number")
+        if self.kind == "whole":
+            self._require(float(value).is_integer(), value, "a whole number")
+            value = int(value)
+        limits = f"from {self.low:g} to {self.high:g}{' ' * bool(self.unit)}{self.unit}"
+        return self._require(self.low <= value <= self.high, value, limits)  # type: ignore[no-any-return]
+
+    def _require(self, right: bool, value: Any, wanted: str) -> Any:
+        if not right:
+            raise SettingError(f"{self.title} is {wanted}, not {value!r:.60}")
+        return value
+
+
+class Section(ABC):
+    """A page of settings.
+
+    fields: of each row; the first one names it where ``listed``. applied: when it has effect on an emulated robot.
+    places: where in the file. refusal: why nothing of it can be changed, "" where it can.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    fields: ClassVar[tuple[Field, ...]]
+    listed: ClassVar[bool] = False
+    grows: ClassVar[bool] = False  # rows can be added and removed
+    applied: ClassVar[str]
+    places: ClassVar[str]
+    refusal: ClassVar[str] = ""
+
+    @abstractmethod
+    def rows(self, root: Element) -> list[Row]:
+        """What the file says. Raises DocumentError."""
+
+    def write(self, root: Element, row: Row, changes: Row) -> None:
+        """Change some values of a row, which is as `rows` gave it. Raises SettingError."""
+        raise SettingError(f"{self.title} cannot be changed: {self.refusal}")
+
+    def add(self, root: Element, row: Row) -> None:
+        """One more row, with a value for each field. Raises SettingError."""
+        raise SettingError(f"{self.title}: nothing can be added")
+
+    def remove(self, root: Element, row: Row) -> None:
+        """Raises SettingError."""
+        raise SettingError(f"{self.title}: nothing can be removed")
+
+    @property
+    def key(self) -> str:
+        """The field by which a row is found."""
+        return self.fields[0].name
+
+    def row(self, root: Element, name: str) -> Row:
+        """The row of a name; the only one where there is no list. Raises SettingError."""
+        rows = self.rows(root)
+        found = next((row for row in rows if not self.listed or row[self.key] == name), None)
+        if found is None:
+            raise SettingError(
+                f"{self.title}: there is no {name!r}: there are {', '.join(r[self.key] for r in rows[:20])}"
+            )
+        return found
+
+    def checked(self, values: Mapping[str, Any]) -> Row:
+        """Values by the name of their field, as they are stored. Raises SettingError."""
+        fields = {field.name: field for field in self.fields}
+        for name in values:
+            if name not in fields or fields[name].fixed:
+                known = ", ".join(field.name for field in self.fields if not field.fixed)
+                raise SettingError(f"{self.title} has no {name!r} to change: there are {known}")
+        return {name: fields[name].checked(value) for name, value in values.items()}
+
+
+def new_element(parent: Element, tag: str, attributes: dict[str, str]) -> Element:
+    """One more child at the end."""
+    element = Element(tag, attributes, parent)
+    parent.children.append(element)
+    return element
+
+
+def doubles_text(values: Sequence[float]) -> str:
+    """Numbers between commas."""
+    return ", ".join(double_text(value) for value in values)
+
+
+def flag_text(value: bool) -> str:
+    """As the files have it."""
+    return "true" if value else "false"
+
+
+class Tcps(Section):
+    """Tool centre points."""
+
+    name, title = "tcps", "TCP"
+    fields = (
+        Field("name", "Name"),
+        Field("pose", "Position and rotation", "pose", "m", -_FARTHEST, _FARTHEST),
+        Field("active", "Active", "flag"),
+    )
+    listed = grows = True
+    applied = "at once, where it is the active one; the others with the next program"
+    places = "`TCPSettings` (its class's whole name in 3.5 and 5.1): `activePose`, `availablePoses/tcp`"
+
+    def rows(self, root: Element) -> list[Row]:
+        active = tcp_settings(root).get("activePose")
+        return [
+            {"name": tcp.get("name"), "pose": list(six(tcp.get("offset"))), "active": tcp.get("name") == active}
+            for tcp in self._tcps(root)
+        ]
+
+    def write(self, root: Element, row: Row, changes: Row) -> None:
+        tcp = next(tcp for tcp in self._tcps(root) if tcp.get("name") == row["name"])
+        settings = tcp_settings(root).attributes
+        if changes.get("active") is False and row["active"]:
+            raise SettingError(f"TCP {row['name']} is the active one: make another one active instead")
+        if "name" in changes:
+            tcp.attributes["name"] = changes["name"]
+        if "pose" in changes:
+            tcp.attributes["offset"] = doubles_text(changes["pose"])
+        if row["active"] or changes.get("active"):
+            settings["activePose"] = tcp.attributes["name"]
+
+    def add(self, root: Element, row: Row) -> None:
+        poses = tcp_settings(root).child("availablePoses")
+        assert poses is not None
+        offset = doubles_text(row["pose"])
+        new_element(poses, "tcp", {"id": str(uuid.uuid4()), "name": row["name"], "offset": offset})
+        if row.get("active"):
+            tcp_settings(root).attributes["activePose"] = row["name"]
+
+    def remove(self, root: Element, row: Row) -> None:
+        if row["active"]:
+            raise SettingError(f"TCP {row['name']} is the active one: make another one active first")
+        poses = tcp_settings(root).child("availablePoses")
+        assert poses is not None
+        poses.children = [tcp for tcp in poses.children if tcp.get("name") != row["name"]]
+
+    def _tcps(self, root: Element) -> Iterator[Element]:
+        return (tcp.resolved() for tcp in tcp_settings(root).walk() if tcp.tag == "tcp" and tcp.get("offset"))
+
+
+class Payloads(Section):
+    """Masses at the flange."""
+
+    name, title = "payloads", "Payload"
+    fields = (
+        Field("name", "Name"),
+        Field("mass", "Mass", "number", "kg", 0.0, _HEAVIEST),
+        Field("cog", "Centre of gravity", "vector", "m", -_FARTHEST, _FARTHEST),
+        Field("default", "Default", "flag"),
+    )
+    listed = grows = True
+    applied = "at once, where it is the default; the others with the next program"
+    places = (
+        "`PayloadSettings/Payload` since 5.10; before that, and on CB3, one only: `toolPayload` and `centerOfGravity` "
+        "of `TCPSettings`"
+    )
+    _ONE = "Payload"  # name of the only one
+
+    def rows(self, root: Element) -> list[Row]:
+        if (settings := root.child("PayloadSettings")) is not None:
+            return [
+                {
+                    "name": payload.get("name"),
+                    "mass": number(payload.get("mass", "0")),
+                    "cog": numbers(payload.get("centerOfGravity", "0, 0, 0")),
+                    "default": payload.get("defaultPayload") == "true",
+                }
+                for payload in settings
+            ]
+        old = tcp_settings(root)
+        cog = numbers(old.get("centerOfGravity", "0, 0, 0"))
+        return [{"name": self._ONE, "mass": number(old.get("toolPayload", "0")), "cog": cog, "default": True}]
+
+    def write(self, root: Element, row: Row, changes: Row) -> None:
+        settings = root.child("PayloadSettings")
+        if settings is None:
+            self._write_only(tcp_settings(root), row, changes)
+            return
+        payload = next(payload for payload in settings if payload.get("name") == row["name"]).attributes
+        if changes.get("default") is False and row["default"]:
+            raise SettingError(f"Payload {row['name']} is the default: make another one the default instead")
+        if "name" in changes:
+            payload["name"] = changes["name"]
+        if "mass" in changes:
+            payload["mass"] = double_text(changes["mass"])
+        if "cog" in changes:
+            payload["centerOfGravity"] = doubles_text(changes["cog"])
+        if changes.get("default"):
+            self._make_default(settings, payload["name"])
+
+    def add(self, root: Element, row: Row) -> None:
+        settings = root.child("PayloadSettings")
+        if settings is None:
+            raise SettingError("PolyScope keeps one payload in this file (several since 5.10): change that one")
+        attributes = {
+            "name": row["name"],
+            "mass": double_text(row["mass"]),
+            "defaultPayload": "false",
+            "centerOfGravity": doubles_text(row["cog"]),
+            "inertiaParameters": doubles_text((0.0,) * 6),
+            "customInertiaEnabled": "false",
+        }
+        new_element(settings, "Payload", attributes)
+        if row.get("default"):
+            self._make_default(settings, row["name"])
+
+    def remove(self, root: Element, row: Row) -> None:
+        settings = root.child("PayloadSettings")
+        if settings is None or row["default"]:
+            raise SettingError(f"Payload {row['name']} is the default: make another one the default first")
+        settings.children = [payload for payload in settings if payload.get("name") != row["name"]]
+
+    def _write_only(self, old: Element, row: Row, changes: Row) -> None:
+        if changes.get("name", row["name"]) != row["name"] or changes.get("default") is False:
+            raise SettingError("PolyScope keeps one payload in this file (several since 5.10): it has no other name")
+        if "mass" in changes:
+            old.attributes["toolPayload"] = double_text(changes["mass"])
+        if "cog" in changes and (changes["cog"] != list(ZERO3) or "centerOfGravity" in old.attributes):
+            old.attributes["centerOfGravity"] = doubles_text(changes["cog"])
+
+    def _make_default(self, settings: Element, name: str) -> None:
+        for payload in settings:
+            payload.attributes["defaultPayload"] = flag_text(payload.get("name") == name)
+
+
+class Mounting(Section):
+    """How the base stands."""
+
+    name, title = "mounting", "Mounting"
+    fields = (
+        Field("tilt", "Tilt", "number", "rad", -pi, pi),
+        Field("turn", "Rotation of the base", "number", "rad", -2 * pi, 2 * pi),
+    )
+    applied = "at once"
+    places = "`WorldtoMarshal` below `CameraView`: `tiltAngle`, `baseAngle`"
+
+    def rows(self, root: Element) -> list[Row]:
+        place = self._place(root)
+        return [{"tilt": number(place.get("tiltAngle")), "turn": number(place.get("baseAngle", "0"))}]
+
+    def write(self, root: Element, row: Row, changes: Row) -> None:
+        place = self._place(root).attributes
+        if "turn" in changes:
+            place["baseAngle"] = double_text(changes["turn"])
+        if "tilt" in changes:
+            place["tiltAngle"] = double_text(changes["tilt"])
+
+    def _place(self, root: Element) -> Element:
+        place = next((element for element in root.walk() if "tiltAngle" in element.attributes), None)
+        if place is None:
+            raise SettingError("the installation does not say how the arm is mounted")
+        return place
+
+
+class Features(Section):
+    """Points, lines and planes that programs move relative to."""
+
+    name, title = "features", "Feature"
+    fields = (
+        Field("name", "Name"),
+        Field("kind", "Kind", fixed=True),
+        Field("pose", "Pose in the base frame", "pose", "m", -_FARTHEST, _FARTHEST),
+        Field("variable", "Variable", "flag"),
+    )
+    listed = grows = True
+    applied = "with the next program"
+    places = "`Features` (`GeomFeatures` before 3.13 and 5.9): `GeomPoseNode`, `GeomLineNode`, `GeomPlaneNode`"
+    _KINDS: Final = {"GeomPoseNode": "point", "GeomLineNode": "line", "GeomPlaneNode": "plane"}
+
+    def rows(self, root: Element) -> list[Row]:
+        features, variables = read_features(root)
+        kinds = {element.get("name"): self._KINDS[element.tag] for element in self._elements(root)}
+        return [
+            {"name": name, "kind": kinds[name], "pose": list(pose), "variable": name in variables}
+            for name, pose in features.items()
+            if name in kinds
+        ]
+
+    def write(self, root: Element, row: Row, changes: Row) -> None:
+        element = next(found for found in self._elements(root) if found.get("name") == row["name"])
+        if "pose" in changes:
+            if row["kind"] != "point":
+                raise SettingError(f"the {row['kind']} {row['name']} is where its points are: move those")
+            self._move(element, changes["pose"])
+        if "name" in changes:
+            element.attributes["name"] = changes["name"]
+        if "variable" in changes:
+            element.attributes["isVariable"] = flag_text(changes["variable"])
+
+    def add(self, root: Element, row: Row) -> None:
+        tree = root.child("Features", "GeomFeatures")
+        if tree is None:
+            raise SettingError("the installation has no list of features")
+        holder = tree.child("SetupFeatureContainerNode") or tree
+        outer = new_element(holder, "GeomPoseNode", {})
+        attributes = {
+            "showAxes": "true",
+            "joggable": "true",
+            "isVariable": flag_text(bool(row.get("variable", True))),
+            "id": str(uuid.uuid4()),
+            "name": row["name"],
+        }
+        point = new_element(outer, "GeomPoseNode", attributes)
+        new_element(point, "jointPositionVector", {"value": ""})
+        new_element(point, "toolPosition", {"value": ""})
+        new_element(point, "toolAxisAngle", {"value": ""})
+        self._move(point, row["pose"])
+
+    def remove(self, root: Element, row: Row) -> None:
+        element = next(found for found in self._elements(root) if found.get("name") == row["name"])
+        outer = element.parent
+        assert outer is not None
+        if outer.tag != element.tag or outer.parent is None:
+            raise SettingError(f"{row['name']} is a part of <{outer.tag}>: remove that")
+        outer.parent.children.remove(outer)
+
+    def _move(self, point: Element, pose: Sequence[float]) -> None:
+        for tag, values in (("toolPosition", pose[:3]), ("toolAxisAngle", pose[3:])):
+            child = point.child(tag)
+            assert child is not None
+            child.attributes["value"] = doubles_text(values)
+        joints = point.child("jointPositionVector")
+        if joints is not None:  # not taught there: as PolyScope writes a point that was typed
+            joints.attributes["value"] = ", ".join(["NaN"] * 6)
+
+    def _elements(self, root: Element) -> Iterator[Element]:
+        tree = root.child("Features", "GeomFeatures")
+        return (
+            element for element in (tree.walk() if tree else ()) if element.tag in self._KINDS and element.get("name")
+        )

@@ -1,0 +1,480 @@
+"""What of an installation file can be changed: one table, by which it is read, checked, written, shown and documented.
+
+A section is what PolyScope has on one page: a list of rows, each found by its name, or one row alone. Values are as
+URScript has them, in m, rad, kg; ``UNITS`` says how people see them. A change writes the attributes that it is about,
+in place, so that all else stays as PolyScope saved it. Names and places in the file as in public files of PolyScope
+3.5 to 5.24; what these leave open is refused.
+"""
+
+import re
+import uuid
+from collections.abc import Iterator, Mapping
+from math import isfinite
+from typing import Any, Final
+
+from urproto.vectors import ZERO3
+from urproto.versions import Availability, PolyscopeVersion
+from urscript.polyscope.document import DocumentError, Element, link
+from urscript.polyscope.installation_file import PIN_NAMES
+from urscript.polyscope.installation_sections import (
+    Features,
+    Field,
+    Mounting,
+    Payloads,
+    Row,
+    Section,
+    SettingError,
+    Tcps,
+    doubles_text,
+    flag_text,
+    new_element,
+)
+from urscript.polyscope.numbers import number
+from urscript.polyscope.safety_section import SafetySettingsError, read_safety_settings
+from urscript.polyscope.writer import find_pin
+
+_INPUT_ACTIONS: Final = ("NONE", "FREEDRIVE")  # PolyScope has more, which neither can nor need be set here
+_OUTPUT_ACTIONS: Final = ("NONE", "LOW_WHEN_PROGRAM_STOPPED")
+
+
+class Pins(Section):
+    """Inputs and outputs: their names and what they do by themselves."""
+
+    name, title = "io", "I/O"
+    fields = (
+        Field("pin", "Signal", fixed=True),
+        Field("name", "Name"),
+        Field("action", "Action"),
+    )
+    listed = True
+    applied = "with the next program. START, STOP and PAUSE, which PolyScope carries out, are kept, not offered"
+    places = "`IOs`: `DigitalInputNames` and so on, lists between commas, and `DigitalInputActions` and so on"
+
+    def rows(self, root: Element) -> list[Row]:
+        rows = []
+        ios = root.child("IOs")
+        for element in ios or ():
+            kind = PIN_NAMES.get(element.tag)
+            if kind is None:
+                continue
+            actions = self._actions(root, element.tag)
+            for index, name in enumerate(element.get("value").split(",")):
+                action = actions[index].strip() if index < len(actions) else ""
+                rows.append({"pin": f"{kind}[{index}]", "name": name.strip(), "action": action})
+        return rows
+
+    def write(self, root: Element, row: Row, changes: Row) -> None:
+        kind, index = row["pin"][:-1].split("[")
+        tag = next(tag for tag, known in PIN_NAMES.items() if known == kind)
+        if "name" in changes:
+            self._rename(root, tag, int(index), row, changes["name"])
+        if "action" in changes:
+            allowed = self.actions_of(row)
+            if changes["action"] not in allowed:
+                raise SettingError(
+                    f"{row['pin']} cannot have the action {changes['action']!r}: "
+                    + (f"it can have {', '.join(allowed)}" if allowed else "this file has none for it")
+                )
+            self._replace(root, tag.removesuffix("Names") + "Actions", int(index), changes["action"])
+
+    @staticmethod
+    def actions_of(row: Row) -> tuple[str, ...]:
+        """What the pin of a row may do by itself; the action it has is among it."""
+        kind = row["pin"].partition("[")[0]
+        if not row["action"]:
+            return ()
+        if kind in ("digital_in", "config_in", "tool_in", "GP_bool_in"):
+            return tuple(dict.fromkeys((*_INPUT_ACTIONS, row["action"])))
+        if kind in ("digital_out", "config_out", "tool_out", "GP_bool_out", "analog_out"):
+            return tuple(dict.fromkeys((*_OUTPUT_ACTIONS, row["action"])))
+        return (row["action"],)
+
+    def _rename(self, root: Element, tag: str, index: int, row: Row, name: str) -> None:
+        if "," in name:
+            raise SettingError(f"{name!r} is not a name of a signal: commas separate them in the file")
+        same = next((r["pin"] for r in self.rows(root) if name and r["name"] == name and r["pin"] != row["pin"]), None)
+        if same:
+            raise SettingError(f"{same} is called {name!r} already")
+        if re.fullmatch(r"\w+\[\d+\]", name):
+            raise SettingError(f"{name!r} is the name that a signal has without one of its own")
+        self._replace(root, tag, index, name)
+
+    def _actions(self, root: Element, tag: str) -> list[str]:
+        ios = root.child("IOs")
+        actions = ios.child(tag.removesuffix("Names") + "Actions") if ios else None
+        return actions.get("value").split(",") if actions else []
+
+    def _replace(self, root: Element, tag: str, index: int, text: str) -> None:
+        ios = root.child("IOs")
+        element = ios.child(tag) if ios else None
+        assert element is not None
+        parts = element.get("value").split(",")
+        parts[index] = f" {text}" if index else text
+        element.attributes["value"] = ",".join(parts)
+
+
+class Modbus(Section):
+    """Signals of Modbus units that the robot asks."""
+
+    name, title = "modbus", "Modbus signal"
+    fields = (
+        Field("name", "Name"),
+        Field("address", "Address of the unit"),
+        Field(
+            "type", "Type", "choice", choices=("DIGITAL_INPUT", "DIGITAL_OUTPUT", "REGISTER_INPUT", "REGISTER_OUTPUT")
+        ),
+        Field("register", "Register", "whole", "", 0, 65535),
+        Field("slave", "Slave", "whole", "", 0, 255),
+        Field("frequency", "Frequency", "choice", "Hz", choices=("0", "1", "2", "5", "10", "20", "50", "125")),
+    )
+    listed = grows = True
+    applied = "with the next program"
+    places = "`IOs/ModbusUnits/Unit`: `ipAddress`, `ModbusSignal`"
+
+    def rows(self, root: Element) -> list[Row]:
+        return [
+            {
+                "name": signal.get("name"),
+                "address": unit.get("ipAddress"),
+                "type": signal.get("type"),
+                "register": int(number(signal.get("signalAddress", "0"))),
+                "slave": int(number(signal.get("slaveAddress", "255"))),
+                "frequency": signal.get("updateFrequency", "10"),
+            }
+            for unit, signal in self._signals(root)
+        ]
+
+    def write(self, root: Element, row: Row, changes: Row) -> None:
+        unit, signal = next(pair for pair in self._signals(root) if pair[1].get("name") == row["name"])
+        names = {"name": "name", "type": "type", "register": "signalAddress", "slave": "slaveAddress"}
+        for field, attribute in {**names, "frequency": "updateFrequency"}.items():
+            if field in changes:
+                signal.attributes[attribute] = str(changes[field])
+        if "address" in changes and changes["address"] != row["address"]:
+            new = self._unit(root, changes["address"])
+            unit.children.remove(signal)
+            signal.parent = new
+            new.children.append(signal)
+
+    def add(self, root: Element, row: Row) -> None:
+        attributes = {
+            "class": "ModbusSignal",
+            "name": row["name"],
+            "type": row["type"],
+            "slaveAddress": str(row.get("slave", 255)),
+            "updateFrequency": row.get("frequency", "10"),
+            "signalAddress": str(row["register"]),
+            "loadTestString": "Signal created",
+            "modificationChoice": "0",
+            "preserveStateAtProgramStop": "true",
+            "setLowAtProgramStop": "false",
+            "programStateMode": "false",
+            "inputAction": "NONE",
+        }
+        new_element(self._unit(root, row["address"]), "ModbusSignal", attributes)
+
+    def remove(self, root: Element, row: Row) -> None:
+        unit, signal = next(pair for pair in self._signals(root) if pair[1].get("name") == row["name"])
+        unit.children.remove(signal)
+        if not any(child.tag == "ModbusSignal" for child in unit.children) and unit.parent is not None:
+            unit.parent.children.remove(unit)
+
+    def _signals(self, root: Element) -> Iterator[tuple[Element, Element]]:
+        for unit in self._units(root):
+            yield from ((unit, signal) for signal in unit if signal.tag == "ModbusSignal" and signal.get("name"))
+
+    def _units(self, root: Element) -> Element:
+        ios = root.child("IOs")
+        units = ios.child("ModbusUnits") if ios else None
+        if units is None or any(unit.tag != "Unit" for unit in units):
+            raise SettingError(
+                "this file has its Modbus units in the form of an early PolyScope, which is read and not written: save "
+                "it once with a newer one"
+            )
+        return units
+
+    def _unit(self, root: Element, address: str) -> Element:
+        if not re.fullmatch(r"[0-9A-Za-z.:-]+", address):
+            raise SettingError(f"{address!r} is not an address of a Modbus unit")
+        units = self._units(root)
+        found = next((unit for unit in units if unit.get("ipAddress") == address), None)
+        return found or new_element(units, "Unit", {"ipAddress": address, "sequentialMode": "false"})
+
+
+class ExternalControl(Section):
+    """Where External Control nodes ask for their program."""
+
+    name, title = "external_control", "External Control"
+    fields = (Field("host", "Host IP"), Field("port", "Custom port", "whole", "", 1, 65535))
+    applied = "at once: the next play asks there"
+    places = "`Contributions/URCaps/Contributed` of the URCap: `data` with the keys `host_ip` and `port_nr`"
+    _DEFAULTS: Final = {"host_ip": "192.168.56.1", "port_nr": "50002"}
+    _URCAP: Final = {
+        "ownerId": "com.fzi.externalcontrol",
+        "id": "com.fzi.externalcontrol.impl.ExternalControlInstallationNodeService",
+        "installationContributionTitle": "External Control",
+        "vendor": "FZI Research Center for Information Technology",
+        "name": "External Control",
+    }
+
+    def rows(self, root: Element) -> list[Row]:
+        urcap = self._urcap(root)
+        data = {item.get("key"): item.get("value") for item in urcap or ()}
+        known = {**self._DEFAULTS, **{key: value for key, value in data.items() if value}}
+        port = known["port_nr"]
+        return [{"host": known["host_ip"], "port": int(port) if re.fullmatch("[0-9]{1,5}", port) else 50002}]
+
+    def write(self, root: Element, row: Row, changes: Row) -> None:
+        host = changes.get("host", row["host"])
+        if not host or any(letter.isspace() for letter in host):
+            raise SettingError(f"{host!r} is not a host: give an address or a name")
+        urcap = self._urcap(root)
+        if urcap is None:
+            contributions = root.child("Contributions") or new_element(root, "Contributions", {})
+            urcaps = contributions.child("URCaps") or new_element(contributions, "URCaps", {})
+            urcap = new_element(urcaps, "Contributed", dict(self._URCAP))
+        for field, key in (("host", "host_ip"), ("port", "port_nr")):
+            if field in changes:
+                self._set(urcap, key, str(changes[field]))
+
+    def _set(self, urcap: Element, key: str, value: str) -> None:
+        data = next((item for item in urcap if item.get("key") == key), None)
+        if data is None:
+            new_element(urcap, "data", {"key": key, "value": value})
+        else:
+            data.attributes["value"] = value
+
+    def _urcap(self, root: Element) -> Element | None:
+        named = self._URCAP["name"]
+        return next((e for e in root.walk() if e.tag == "Contributed" and e.get("name") == named), None)
+
+
+class DefaultProgram(Section):
+    """What the controller does by itself."""
+
+    name, title = "default_program", "Default program"
+    fields = (
+        Field("file", "Program file"),
+        Field("load", "Load it at boot", "flag"),
+        Field("start_pin", "Start it by"),
+        Field("start_level", "when the input is high", "flag"),
+        Field("release_pin", "Release the brakes by"),
+        Field("release_level", "when the input is high", "flag"),
+    )
+    applied = (
+        "the inputs at once, the program at the next boot. A CB3 obeys the inputs always, an e-Series that enforces "
+        "remote control only in it"
+    )
+    places = (
+        "`DefaultProgramSettings`: `fileName`, `autoLoad`, `nameOfSensorToInitialize`, `triggerValueToInitialize`, "
+        "`nameOfSensorToAutoStartProgram`, `triggerValueToStartProgram`"
+    )
+    _ATTRIBUTES: Final = {
+        "file": "fileName",
+        "load": "autoLoad",
+        "release_pin": "nameOfSensorToInitialize",
+        "release_level": "triggerValueToInitialize",
+        "start_pin": "nameOfSensorToAutoStartProgram",
+        "start_level": "triggerValueToStartProgram",
+    }
+    _INPUTS: Final = ("digital_in", "config_in", "tool_in", "GP_bool_in")
+
+    def rows(self, root: Element) -> list[Row]:
+        settings = root.child("DefaultProgramSettings")
+        flags = {field.name for field in self.fields if field.kind == "flag"}
+        texts = {name: settings.get(key) if settings else "" for name, key in self._ATTRIBUTES.items()}
+        return [
+            {
+                field.name: texts[field.name] == "true" if field.name in flags else texts[field.name]
+                for field in self.fields
+            }
+        ]
+
+    def write(self, root: Element, row: Row, changes: Row) -> None:
+        wanted = {**row, **changes}
+        names = {pin["name"]: pin["pin"] for pin in SECTIONS["io"].rows(root) if pin["name"]}
+        for purpose in ("start", "release"):
+            pin = wanted[f"{purpose}_pin"]
+            found = find_pin(names.get(pin, pin), {}) if pin else None
+            if pin and (found is None or found[0] not in self._INPUTS):
+                raise SettingError(
+                    f"{pin!r} is not a digital input: digital_in[0], config_in[0], tool_in[0], GP_bool_in[0]"
+                )
+        if (wanted["load"] or wanted["start_pin"]) and not wanted["file"]:
+            raise SettingError(
+                "a default program that is loaded or started has a file: give its path in the programs folder"
+            )
+        settings = root.child("DefaultProgramSettings") or new_element(root, "DefaultProgramSettings", {})
+        kept = {key: value for key, value in settings.attributes.items() if key not in self._ATTRIBUTES.values()}
+        written = {}
+        for name, key in self._ATTRIBUTES.items():  # in PolyScope's order, and without what says nothing
+            value = wanted[name]
+            text = flag_text(value) if isinstance(value, bool) else value
+            purpose = name.partition("_")[0]
+            if name == "load" or (text and (name == "file" or wanted[f"{purpose}_pin"])):
+                written[key] = text
+        settings.attributes.clear()
+        settings.attributes.update({**written, **kept})
+
+
+class Safety(Section):
+    """The safety configuration, to look at."""
+
+    name, title = "safety", "Safety"
+    fields = (
+        Field("limit", "Limit", fixed=True),
+        Field("normal", "Normal mode", "number", fixed=True),
+        Field("reduced", "Reduced mode", "number", fixed=True),
+    )
+    listed = True
+    applied = "never: start the emulator with `--safety`"
+    places = "`SafetySettings`: text in sections, with the controller's checksum"
+    refusal = (
+        "a password guards it, and it carries a checksum that only a controller computes, without which a robot "
+        "refuses it. Change it on the robot's own pendant; an emulator takes another one with --safety"
+    )
+    _LIMITS: Final = {
+        "TCP speed [m/s]": "tcp_speed",
+        "Force [N]": "force",
+        "Power [W]": "power",
+        "Momentum [kg m/s]": "momentum",
+        "Elbow speed [m/s]": "elbow_speed",
+        "Elbow force [N]": "elbow_force",
+        "Stopping time [s]": "stopping_time",
+        "Stopping distance [m]": "stopping_distance",
+    }
+
+    def rows(self, root: Element) -> list[Row]:
+        settings = root.child("SafetySettings")
+        try:
+            safety = read_safety_settings(settings.text) if settings else None
+        except SafetySettingsError:
+            safety = None
+        if safety is None:
+            return []
+        pairs = [
+            (title, getattr(safety.normal, name), getattr(safety.reduced, name)) for title, name in self._LIMITS.items()
+        ]
+        return [{"limit": title, "normal": a, "reduced": b} for title, a, b in pairs if isfinite(a) and isfinite(b)]
+
+
+SECTIONS: Final[Mapping[str, Section]] = {
+    section.name: section
+    for section in (
+        Tcps(), Payloads(), Mounting(), Features(), Pins(), Modbus(), ExternalControl(), DefaultProgram(), Safety(),
+    )
+}  # fmt: skip
+"""By name, in the order of the form."""
+
+
+def read_settings(root: Element) -> dict[str, list[Row]]:
+    """The rows of all sections."""
+    return {name: read_section(root, name) for name in SECTIONS}
+
+
+def read_section(root: Element, name: str) -> list[Row]:
+    """The rows of a section; none where this file has them in a form that is not known."""
+    try:
+        return SECTIONS[name].rows(root)
+    except (DocumentError, SettingError):
+        return []
+
+
+def change_setting(root: Element, section: str, name: str, values: Mapping[str, Any]) -> None:
+    """Change some values of a row of the file's document. Raises SettingError; then nothing has changed.
+
+    name: the row's; any, where there is one row only.
+    """
+    page = _section(section)
+    row = page.row(link(root), name)
+    checked = page.checked(values)
+    changes = {key: value for key, value in checked.items() if value != row[key]}
+    if page.grows and page.key in changes:
+        _check_new_name(page, root, changes[page.key])
+    if changes:
+        page.write(root, row, changes)
+
+
+def add_setting(root: Element, section: str, values: Mapping[str, Any]) -> None:
+    """Add a row. Raises SettingError; then nothing has changed."""
+    page = _section(section)
+    link(root)
+    checked = page.checked(values)
+    missing = [
+        field.title for field in page.fields if not (field.fixed or field.kind == "flag" or field.name in checked)
+    ]
+    if page.grows and missing:
+        raise SettingError(f"{page.title}: {', '.join(missing)} is missing")
+    _check_new_name(page, root, checked.get(page.key, ""))
+    page.add(root, checked)
+
+
+def remove_setting(root: Element, section: str, name: str) -> None:
+    """Take a row out. Raises SettingError; then nothing has changed."""
+    page = _section(section)
+    page.remove(root, page.row(link(root), name))
+
+
+def _section(name: str) -> Section:
+    if name not in SECTIONS:
+        raise SettingError(f"an installation has no section {name!r}: there are {', '.join(SECTIONS)}")
+    if SECTIONS[name].refusal:
+        raise SettingError(f"{SECTIONS[name].title} cannot be changed: {SECTIONS[name].refusal}")
+    return SECTIONS[name]
+
+
+def _check_new_name(page: Section, root: Element, name: str) -> None:
+    if page.grows and not name:
+        raise SettingError(f"{page.title}: a name is missing")
+    if page.grows and any(row[page.key] == name for row in page.rows(root)):
+        raise SettingError(f"{page.title}: there is a {name!r} already")
+
+
+# a file where there was none
+
+_PIN_COUNTS: Final = {  # as since PolyScope 3.13 and 5.9
+    "digital_in": 8, "digital_out": 8, "tool_in": 2, "tool_out": 2, "tool_analog_in": 2, "analog_in": 2,
+    "analog_out": 2, "config_in": 8, "config_out": 8, "GP_bool_in": 128, "GP_bool_out": 128, "GP_int_in": 48,
+    "GP_int_out": 48, "GP_float_in": 48, "GP_float_out": 48,
+}  # fmt: skip
+_WITHOUT_ACTIONS: Final = ("tool_analog_in", "analog_in", "GP_int_in", "GP_float_in")
+_SEVERAL_PAYLOADS: Final = Availability.since(None, "5.10")
+
+
+def new_installation(version: PolyscopeVersion, name: str = "default") -> Element:
+    """What a controller of a version has that was never set up: one TCP at the flange, no payload, base on the floor.
+
+    It has no safety settings, which only a controller can write.
+    """
+    root = Element(
+        "Installation", {"directory": "/programs", "fileName": name, "showSpeedSliderOnRunTab": "false"}, None
+    )
+    ios = new_element(root, "IOs", {})
+    for tag, kind in PIN_NAMES.items():
+        new_element(ios, tag, {"value": ", ".join([""] * _PIN_COUNTS[kind])})
+    new_element(ios, "analogInputRange", {"value": "1, 1, 1, 1"})
+    new_element(ios, "analogOutputDomain", {"value": "0, 0"})
+    new_element(ios, "ModbusUnits", {})
+    for tag, kind in PIN_NAMES.items():
+        if kind not in _WITHOUT_ACTIONS:
+            new_element(ios, tag.removesuffix("Names") + "Actions", {"value": ", ".join(["NONE"] * _PIN_COUNTS[kind])})
+    numbers_of = {"major": str(version.major), "minor": str(version.minor), "bugfix": str(version.bugfix)}
+    for tag in ("Version", "LastSavedInVersion"):
+        new_element(root, tag, dict(numbers_of))
+    new_element(root, "DefaultProgramSettings", {"autoLoad": "false"})
+    several = _SEVERAL_PAYLOADS.covers(version)
+    settings = new_element(root, "TCPSettings", {"activePose": "TCP"} | ({} if several else {"toolPayload": "0.0"}))
+    flange = {"id": str(uuid.uuid4()), "name": "TCP", "offset": doubles_text((0.0,) * 6)}
+    new_element(new_element(settings, "availablePoses", {}), "tcp", flange)
+    if several:
+        new_element(root, "PayloadSettings", {})
+        Payloads().add(root, {"name": "Payload", "mass": 0.0, "cog": list(ZERO3), "default": True})
+    features = new_element(root, "Features", {})
+    world = new_element(new_element(features, "CameraView", {}), "worldTransform", {"class": "WorldTransform"})
+    place = {"showAxes": "false", "isVariable": "false", "baseAngle": "0.0", "tiltAngle": "0.0"}
+    new_element(world, "WorldtoMarshal", place)
+    for view in ("BaseView", "ToolView"):
+        shown = {"showAxes": "true", "joggable": "true", "isVariable": "false", "id": str(uuid.uuid4())}
+        new_element(new_element(features, view, {}), view, shown)
+    new_element(new_element(root, "Contributions", {}), "URCaps", {})
+    return root
