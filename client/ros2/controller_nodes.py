@@ -1,13 +1,16 @@
 """A node for each controller that is loaded, with its parameters, topics, services and actions."""
 
 import time
+from collections.abc import Mapping
 from typing import Any, Final
 
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from client.controllers.controller import Controller
 from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.robot import ControlledRobot
+from client.controllers.running import RunningManager
 from client.errors import ClientError
 from client.ros2 import parameters, services
 from client.ros2.actions import serve_actions
@@ -21,9 +24,9 @@ _QUIET_S: Final = 1.0  # the same complaint again only after this; guess
 class ControllerNodes:
     """Opens and closes the nodes of controllers; not from the event loop, which would be held up."""
 
-    def __init__(self, host: NodeHost, robot: ControlledRobot, outbox: Outbox) -> None:
+    def __init__(self, host: NodeHost, running: RunningManager, outbox: Outbox) -> None:
         self._host = host
-        self._robot = robot
+        self._robot = running.robot
         self._outbox = outbox
         self._nodes: dict[str, ControllerNode] = {}
 
@@ -31,14 +34,20 @@ class ControllerNodes:
         """The node of a controller that has been loaded."""
         self._nodes[controller.name] = ControllerNode(self._host, self._robot, self._outbox, controller)
 
-    def close(self, name: str) -> None:
+    def close(self, controller: Controller[Any]) -> None:
         """The node of a controller that has been unloaded."""
-        self._nodes.pop(name).close()
+        self._nodes.pop(controller.name).close()
+
+    def set_parameters(self, controller: Controller[Any], values: Mapping[str, Any]) -> None:
+        """Let a node tell what somebody has set past it."""
+        node = self._nodes[controller.name].node
+        node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
 
     def close_all(self) -> None:
         """All of them."""
-        for name in list(self._nodes):
-            self.close(name)
+        while self._nodes:
+            _, node = self._nodes.popitem()
+            node.close()
 
 
 class ControllerNode:
