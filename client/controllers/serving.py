@@ -15,7 +15,7 @@ from contextlib import AsyncExitStack, contextmanager, suppress
 from math import isfinite
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self, TypeAlias
+from typing import Any, Final, Self, TextIO, TypeAlias
 
 from client.controllers import wire
 from client.controllers.component import PLUGIN
@@ -450,21 +450,39 @@ def _trajectory(request: Request) -> JointTrajectory:
 def claim(robot_ip: str, rtde_port: int) -> Iterator[Path]:
     """Be the only manager of a robot on this machine; where others meet it. Raises ManagerError, FileError."""
     place = wire.meeting_place(robot_ip, rtde_port)
-    with place.with_name(f"{place.name}.lock").open("a+") as lock:
-        if not _locked(lock.fileno()):
-            lock.seek(0)
+    path = place.with_name(f"{place.name}.lock")
+    with _lock(path) as lock:
+        if lock is None:
+            process = path.read_text().strip() or "?"
             raise ManagerError(
-                f"a controller manager for {robot_ip} is running already (process {lock.read().strip() or '?'}): "
-                "use it from other shells by `ur-client controllers`, or end it first"
+                f"a controller manager for {robot_ip} is running already (process {process}): use it from other "
+                "shells by `ur-client controllers`, or end it first"
             )
-        lock.truncate(0)
         lock.write(str(os.getpid()))
         lock.flush()
-        yield place
+        try:
+            yield place
+        finally:
+            path.unlink(missing_ok=True)
+
+
+@contextmanager
+def _lock(path: Path) -> Iterator[TextIO | None]:
+    """A file that nobody else has locked, empty; None where somebody has. The lock ends with the process."""
+    while True:
+        with path.open("a+") as file:
+            if not _locked(file.fileno()):
+                yield None
+                return
+            with suppress(FileNotFoundError):
+                if path.stat().st_ino == os.fstat(file.fileno()).st_ino:  # else it was removed meanwhile
+                    file.truncate(0)
+                    yield file
+                    return
 
 
 def _locked(descriptor: int) -> bool:
-    """Whether it is this process that has the lock, which ends with it; true where there are no such locks."""
+    """Whether it is this process that has the lock; true where there are no such locks."""
     try:
         import fcntl
     except ImportError:  # not on this system
