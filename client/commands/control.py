@@ -22,7 +22,7 @@ from client.controllers import (
 from client.controllers.controller import LifecycleState
 from client.controllers.remote import ANSWER_S, RemoteManager
 from client.controllers.running import RunningManager
-from client.controllers.serving import Session
+from client.controllers.session import Session
 from client.driver.config import ROBOT_PORTS
 from client.driver.scheduling import real_time
 from client.errors import NoManagerError
@@ -78,7 +78,7 @@ class Arm(Protocol):
     alone: bool
 
     async def ask(self, do: str, /, **arguments: Any) -> Any:
-        """See `client.controllers.serving.Session`. Raises URError."""
+        """See `client.controllers.session.Session`. Raises URError."""
 
 
 class _Alone(Session):

@@ -30,10 +30,12 @@ from client.commands.control import (
 from client.commands.following import PortOffset, RobotIP
 from client.commands.record import Overwrite, check_free
 from client.controllers import JOINT_NAMES, JointTrajectory, JointTrajectoryPoint, configuration
+from client.controllers.controller import in_short
 from client.controllers.goal_files import GOAL_TIME_S, GoalFile, NamedGoal, read_goals
 from client.controllers.parameters import Reading, read_parameters
 from client.controllers.running import ManagerOptions, RunningManager, reached
-from client.controllers.serving import BEST_EFFORT, STRICT, ManagerServer, available_types, claim
+from client.controllers.serving import ManagerServer, claim
+from client.controllers.session import BEST_EFFORT, STRICT, available_types
 from client.driver.config import ROBOT_PORTS
 from client.driver.scheduling import real_time
 from client.errors import ControllerError, MotionError, NoManagerError
@@ -340,19 +342,9 @@ def list_command(
     table = Table("controller", "type", "state", "claimed interfaces", *(("needs",) if verbose else ()))
     for one in found:
         needs = (*one["required_command_interfaces"], *one["required_state_interfaces"])
-        row = (one["name"], one["type"], one["state"], _shortened(one["claimed_interfaces"]))
+        row = (one["name"], one["type"], one["state"], in_short(one["claimed_interfaces"]))
         table.add_row(*row, *(("\n".join(needs),) if verbose else ()))
     console().print(table)
-
-
-def _shortened(interfaces: Sequence[str]) -> str:
-    """What a controller claims, in a line: six joints are one kind."""
-    kinds: dict[str, int] = {}
-    for interface in interfaces:
-        component, _, kind = interface.rpartition("/")
-        what = f"*_joint/{kind}" if component.endswith("_joint") else f"{component}/*"
-        kinds[what] = kinds.get(what, 0) + 1
-    return ", ".join(f"{what} ({count})" for what, count in kinds.items())
 
 
 def _list_file(path: Path, as_json: bool) -> None:

@@ -3,7 +3,7 @@
 async with RemoteManager("192.168.1.10") as manager:
     await manager.ask("switch_controller", activate=["forward_velocity_controller"], deactivate=[SCALED])
 
-What can be asked: `client.controllers.serving.Session`.
+What can be asked: `client.controllers.session.Session`.
 """
 
 import asyncio

@@ -41,7 +41,7 @@ class ManagerLink:
         return self._poller.problem
 
     async def ask(self, do: str, /, **arguments: Any) -> Any:
-        """See `client.controllers.serving.Session`. Raises ClientError."""
+        """See `client.controllers.session.Session`. Raises ClientError."""
         async with self._connecting:
             if self._manager is None:
                 self._manager = await RemoteManager(*self._address).__aenter__()

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import itertools
 import json
 import os
 import signal
@@ -15,10 +16,11 @@ from controllers_rig import JOINTS, Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
-from client.controllers import serving, wire
+from client.controllers import serving, session, wire
 from client.controllers.remote import RemoteManager
 from client.controllers.running import RunningManager
-from client.controllers.serving import ManagerServer, Session, claim
+from client.controllers.serving import ManagerServer, claim
+from client.controllers.session import Session
 from client.errors import ControllerError, FileError, GoalRejectedError, ManagerError, NoManagerError
 from urproto.modes import RobotMode, SafetyMode
 
@@ -110,17 +112,17 @@ async def test_controllers_go_through_their_lives(manager):
 
 
 async def test_parameters_are_set_as_a_whole_or_not_at_all(manager):
-    session = Session(manager)
+    shell = Session(manager)
     for do in ("load_controller", "configure_controller"):
-        await session.ask(do, name="jtc")
+        await shell.ask(do, name="jtc")
     told = []
 
     async def tell(controller, values):
         told.append((controller.name, dict(values)))
 
     manager.on_parameters.append(tell)
-    await session.ask("set_parameters", name="jtc", parameters={"constraints.goal_time": 0.5})
-    found = await session.ask("list_parameters", name="jtc")
+    await shell.ask("set_parameters", name="jtc", parameters={"constraints.goal_time": 0.5})
+    found = await shell.ask("list_parameters", name="jtc")
     assert found["constraints.goal_time"] == {"value": 0.5, "read_only": False}
     assert found["joints"] == {"value": list(JOINTS), "read_only": True}
     for values, words in (
@@ -130,7 +132,7 @@ async def test_parameters_are_set_as_a_whole_or_not_at_all(manager):
         ({"constraints.goal_time": 1.0, "interpolation_method": "x"}, "read-only"),
     ):
         with pytest.raises(ControllerError, match=words):
-            await session.ask("set_parameters", name="jtc", parameters=values)
+            await shell.ask("set_parameters", name="jtc", parameters=values)
     assert manager.manager.controller("jtc").parameters.constraints.goal_time == 0.5
     assert told == [("jtc", {"constraints.goal_time": 0.5})]
 
@@ -204,7 +206,7 @@ def test_positions_are_gone_to_gradually_and_wait_when_the_arm_does():
         for _ in range(100):
             bench.cycle()
             places.append(bench.joints.commands["shoulder_joint/position"])
-    steps = [b - a for a, b in zip(places, places[1:], strict=False)]
+    steps = [b - a for a, b in itertools.pairwise(places)]
     assert max(steps) < 1.01 * 1.5 * 1.0 / 2.0 / 100.0  # rad a cycle: the cubic's top speed
     assert places[99] == pytest.approx(places[199])
     assert places[-1] == 1.0
@@ -252,16 +254,14 @@ async def test_who_talks_nonsense_is_told_so_and_sent_away(manager, said, answer
             assert await shell.ask("list_controllers") == []
 
 
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
-    max_leaves=8,
-)
+LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
+LISTS = st.lists(LEAVES, max_size=3)
+JSON = LEAVES | LISTS | st.dictionaries(st.text(max_size=8), LEAVES | LISTS, max_size=3) | st.lists(LISTS, max_size=2)
 NAMES = ("name", "controller", "activate", "deactivate", "values", "trajectory", "parameters", "goal", "type", "state")
 
 
 @given(
-    do=st.sampled_from(sorted(serving._DEEDS)) | st.text(max_size=10),
+    do=st.sampled_from(sorted(session._DEEDS)) | st.text(max_size=10),
     arguments=st.dictionaries(
         st.sampled_from(NAMES) | st.text(max_size=6),
         JSON | st.sampled_from(["jtc", "forward"]) | st.just(["jtc"]) | st.just(point(0.1, 0.1)),
@@ -275,10 +275,10 @@ def test_every_request_has_one_answer_and_the_control_loop_goes_on(do, arguments
     manager.manager.activate("jtc")
 
     async def ask():
-        session = Session(manager)
+        asked = Session(manager)
         line = json.dumps({**json.loads(wire.encoded(arguments)), "id": 7, "do": do}).encode() + b"\n"
-        answer = json.loads(wire.encoded(await serving._answer(session, line)))
-        await session.close()
+        answer = json.loads(wire.encoded(await serving._answer(asked, line)))
+        await asked.close()
         return answer
 
     if do not in ("make_ready", "set_speed_slider", "begin_recording", "set_hardware_component_state"):  # the robot's
@@ -293,10 +293,8 @@ def test_every_request_has_one_answer_and_the_control_loop_goes_on(do, arguments
 
 @given(st.binary(max_size=200))
 def test_bytes_are_a_message_or_a_manager_error(line):
-    try:
+    with contextlib.suppress(ManagerError):
         assert isinstance(wire.decoded(line), dict)
-    except ManagerError:
-        pass
 
 
 async def test_who_never_reads_holds_up_nobody(manager, monkeypatch):

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from nicegui import ui
 
+from client.controllers.controller import in_short
 from client.pendant.manager_link import Controllers, ControlPanel, choices
 from client.pendant.page import Page
 from client.pendant.station import Station
@@ -67,7 +68,7 @@ class _List:
                 ui.label(name)
                 ui.label(one["type"]).classes("controllers-type")
                 if claims := one.get("claimed_interfaces"):
-                    ui.label(f"claims {_shortened(claims)}").classes("controllers-type").tooltip("\n".join(claims))
+                    ui.label(f"claims {in_short(claims)}").classes("controllers-type").tooltip("\n".join(claims))
             ui.label(state).classes("chip").props(f"data-state={'good' if state == 'active' else 'off'}")
             with ui.element("div").classes("controllers-deeds"):
                 for title, icon, request in _DEEDS.get(state, ()):
@@ -95,12 +96,6 @@ class _List:
         self._ticked.clear()
         link = self._page.station.manager
         await link.change("switch_controller", activate=chosen["inactive"], deactivate=chosen["active"])
-
-
-def _shortened(interfaces: list[str]) -> str:
-    """The kinds of them, and of how many joints or signals."""
-    first = interfaces[0]
-    return first if len(interfaces) == 1 else f"{first} and {len(interfaces) - 1} more"
 
 
 class _Sliders:
