@@ -3,12 +3,13 @@
 import asyncio
 import logging
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from client.controllers.controller import LifecycleState
 from client.controllers.robot import ControlledRobot
 from client.driver.robot import MOVABLE
 from client.errors import ControllerError
+from urproto.compat import Self
 from urproto.errors import URError
 from urproto.modes import RobotMode
 

@@ -10,10 +10,12 @@ import asyncio
 import json
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from client.controllers import wire
 from client.errors import ManagerError, NoManagerError
+from urproto.compat import Self
+from urproto.compat_asyncio import timeout
 from urproto.ports import CONTROLLER_PORTS
 
 ANSWER_S: Final = 10.0  # guess: a manager that is at work answers within milliseconds
@@ -62,7 +64,7 @@ class RemoteManager:
         place = wire.meeting_place(self.robot_ip, self._rtde_port)
         limit = wire.LONGEST_ANSWER
         try:
-            async with asyncio.timeout(_CONNECT_S):
+            async with timeout(_CONNECT_S):
                 if wire.HAS_UNIX_SOCKETS:
                     path = place.with_name(f"{place.name}.sock")
                     self._reader, self._writer = await asyncio.open_unix_connection(str(path), limit=limit)
@@ -101,7 +103,7 @@ class RemoteManager:
 
     async def _next(self, timeout_s: float) -> wire.Message:
         try:
-            async with asyncio.timeout(timeout_s):
+            async with timeout(timeout_s):
                 line = await self._reader.readline()
         except TimeoutError:
             raise ManagerError(

@@ -13,13 +13,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import AsyncExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self, TextIO
+from typing import Any, Final, TextIO
 
 from client.controllers import wire
 from client.controllers.running import RunningManager
 from client.controllers.session import Session
 from client.errors import ManagerError
 from urproto.backdoors import BackdoorMark
+from urproto.compat import Self
+from urproto.compat_asyncio import timeout
 from urproto.errors import URError
 from urproto.text import quoted
 
@@ -154,7 +156,7 @@ class ManagerServer:
         """Raises ManagerError for who is none of ours."""
         if len(self._clients) > _MOST_CONNECTIONS:
             raise ManagerError(f"{_MOST_CONNECTIONS} programs talk to this controller manager already: end some")
-        async with asyncio.timeout(_HELLO_S):
+        async with timeout(_HELLO_S):
             hello = wire.decoded(await _line(reader))
         token = hello.get("token")
         if self._token and not (isinstance(token, str) and hmac.compare_digest(token.encode(), self._token.encode())):
@@ -179,7 +181,7 @@ async def _line(reader: asyncio.StreamReader) -> bytes:
 async def _send(writer: asyncio.StreamWriter, message: Mapping[str, Any]) -> None:
     """Raises OSError, and TimeoutError when it is not read."""
     writer.write(wire.encoded(message))
-    async with asyncio.timeout(_UNREAD_S):
+    async with timeout(_UNREAD_S):
         await writer.drain()
 
 

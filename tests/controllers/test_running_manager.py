@@ -22,6 +22,7 @@ from client.controllers.running import RunningManager
 from client.controllers.serving import ManagerServer, claim
 from client.controllers.session import Session
 from client.errors import ControllerError, FileError, GoalRejectedError, ManagerError, NoManagerError
+from urproto.compat_asyncio import timeout
 from urproto.modes import RobotMode, SafetyMode
 
 ROBOT = "127.9.9.9"
@@ -216,7 +217,7 @@ def test_positions_are_gone_to_gradually_and_wait_when_the_arm_does():
 
 
 async def _until(condition):
-    async with asyncio.timeout(20.0):
+    async with timeout(20.0):
         while not condition():
             await asyncio.sleep(0.005)
 
@@ -307,7 +308,7 @@ async def test_who_never_reads_holds_up_nobody(manager, monkeypatch):
         await reader.readline()
         request = b'{"id":1,"do":"list_controllers"}\n'
         deaf.write(request * 2000)
-        async with remote() as shell, asyncio.timeout(20.0):
+        async with remote() as shell, timeout(20.0):
             for _ in range(50):
                 assert len(await shell.ask("list_controllers")) == 40
             deaf.transport.pause_reading()
