@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
-from client.controllers import wire
+from client.controllers import protocol
 from client.errors import ManagerError, NoManagerError
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
@@ -44,10 +44,10 @@ class RemoteManager:
     async def __aenter__(self) -> Self:
         token = await self._open()
         try:
-            self._writer.write(wire.encoded({"protocol": wire.PROTOCOL, "token": token}))
+            self._writer.write(protocol.encoded({"protocol": protocol.VERSION, "token": token}))
             hello = await self._next(_CONNECT_S)
             if "error" in hello:
-                raise wire.error_of(hello["error"])
+                raise protocol.error_of(hello["error"])
             self.pid = hello.get("pid", 0)
         except BaseException:
             self._writer.close()
@@ -61,11 +61,11 @@ class RemoteManager:
 
     async def _open(self) -> str:
         """Connect; the token that is needed."""
-        place = wire.meeting_place(self.robot_ip, self._rtde_port)
-        limit = wire.LONGEST_ANSWER
+        place = protocol.meeting_place(self.robot_ip, self._rtde_port)
+        limit = protocol.LONGEST_ANSWER
         try:
             async with timeout(_CONNECT_S):
-                if wire.HAS_UNIX_SOCKETS:
+                if protocol.HAS_UNIX_SOCKETS:
                     path = place.with_name(f"{place.name}.sock")
                     self._reader, self._writer = await asyncio.open_unix_connection(str(path), limit=limit)
                     return ""
@@ -85,9 +85,9 @@ class RemoteManager:
         """
         async with self._asking:
             self._count += 1
-            line = wire.encoded({"id": self._count, "do": do, **arguments})
-            if len(line) > wire.LONGEST_REQUEST:
-                raise ManagerError(f"{do}: {len(line)} bytes are too many, {wire.LONGEST_REQUEST} can be sent")
+            line = protocol.encoded({"id": self._count, "do": do, **arguments})
+            if len(line) > protocol.LONGEST_REQUEST:
+                raise ManagerError(f"{do}: {len(line)} bytes are too many, {protocol.LONGEST_REQUEST} can be sent")
             try:
                 self._writer.write(line)
                 await self._writer.drain()
@@ -98,10 +98,10 @@ class RemoteManager:
                 if answer.get("id") == self._count or "id" not in answer:
                     break
         if "error" in answer:
-            raise wire.error_of(answer["error"])
+            raise protocol.error_of(answer["error"])
         return answer.get("result")
 
-    async def _next(self, timeout_s: float) -> wire.Message:
+    async def _next(self, timeout_s: float) -> protocol.Message:
         try:
             async with timeout(timeout_s):
                 line = await self._reader.readline()
@@ -113,7 +113,7 @@ class RemoteManager:
             line = b""
         if not line.endswith(b"\n"):
             raise ManagerError(_LOST.format(self.robot_ip))
-        return wire.decoded(line)
+        return protocol.decoded(line)
 
 
 def _read_port(path: Path) -> tuple[int, str]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, TextIO
 
-from client.controllers import wire
+from client.controllers import protocol
 from client.controllers.running import RunningManager
 from client.controllers.session import Session
 from client.errors import ManagerError
@@ -36,7 +36,7 @@ _logger = logging.getLogger(__name__)
 @contextmanager
 def claim(robot_ip: str, rtde_port: int) -> Iterator[Path]:
     """Be the only manager of a robot on this machine; where others meet it. Raises ManagerError, FileError."""
-    place = wire.meeting_place(robot_ip, rtde_port)
+    place = protocol.meeting_place(robot_ip, rtde_port)
     path = place.with_name(f"{place.name}.lock")
     with _lock(path) as lock:
         if lock is None:
@@ -93,7 +93,7 @@ class ManagerServer:
 
     async def __aenter__(self) -> Self:
         async with AsyncExitStack() as opening:
-            server = await (self._on_unix if wire.HAS_UNIX_SOCKETS else self._on_loopback)(opening)
+            server = await (self._on_unix if protocol.HAS_UNIX_SOCKETS else self._on_loopback)(opening)
             opening.push_async_callback(self._close, server)
             self._opened = opening.pop_all()
         return self
@@ -106,13 +106,13 @@ class ManagerServer:
     async def _on_unix(self, opening: AsyncExitStack) -> asyncio.Server:
         path = self._place.with_name(f"{self._place.name}.sock")
         path.unlink(missing_ok=True)  # of one that was killed: its lock would be held otherwise
-        server = await asyncio.start_unix_server(self._come, str(path), limit=wire.LONGEST_REQUEST)
+        server = await asyncio.start_unix_server(self._come, str(path), limit=protocol.LONGEST_REQUEST)
         opening.callback(path.unlink, missing_ok=True)
         path.chmod(0o600)
         return server
 
     async def _on_loopback(self, opening: AsyncExitStack) -> asyncio.Server:
-        server = await asyncio.start_server(self._come, "127.0.0.1", 0, limit=wire.LONGEST_REQUEST)
+        server = await asyncio.start_server(self._come, "127.0.0.1", 0, limit=protocol.LONGEST_REQUEST)
         port = server.sockets[0].getsockname()[1]
         opening.callback(BackdoorMark("127.0.0.1", port).close)
         self._token = secrets.token_hex(16)
@@ -143,7 +143,7 @@ class ManagerServer:
                 await asyncio.sleep(_PAUSE_S)
         except ManagerError as error:
             with suppress(OSError, TimeoutError):
-                await _send(writer, {"error": wire.described_error(error)})
+                await _send(writer, {"error": protocol.described_error(error)})
         except (OSError, TimeoutError):  # it is gone, or does not read
             pass
         except Exception:
@@ -157,17 +157,17 @@ class ManagerServer:
         if len(self._clients) > _MOST_CONNECTIONS:
             raise ManagerError(f"{_MOST_CONNECTIONS} programs talk to this controller manager already: end some")
         async with timeout(_HELLO_S):
-            hello = wire.decoded(await _line(reader))
+            hello = protocol.decoded(await _line(reader))
         token = hello.get("token")
         if self._token and not (isinstance(token, str) and hmac.compare_digest(token.encode(), self._token.encode())):
             raise ManagerError("the token is not that of this controller manager")
-        if hello.get("protocol") != wire.PROTOCOL:
+        if hello.get("protocol") != protocol.VERSION:
             raise ManagerError(
-                f"this controller manager speaks protocol {wire.PROTOCOL}, not {quoted(hello.get('protocol'))}: use "
+                f"this controller manager speaks protocol {protocol.VERSION}, not {quoted(hello.get('protocol'))}: use "
                 "the same version of ur-client on both sides"
             )
         robot = self._running.robot.driver.config.robot
-        await _send(writer, {"protocol": wire.PROTOCOL, "robot": robot, "pid": os.getpid()})
+        await _send(writer, {"protocol": protocol.VERSION, "robot": robot, "pid": os.getpid()})
 
 
 async def _line(reader: asyncio.StreamReader) -> bytes:
@@ -175,26 +175,26 @@ async def _line(reader: asyncio.StreamReader) -> bytes:
     try:
         return await reader.readline()
     except ValueError:
-        raise ManagerError(f"a message is {wire.LONGEST_REQUEST} bytes at most") from None
+        raise ManagerError(f"a message is {protocol.LONGEST_REQUEST} bytes at most") from None
 
 
 async def _send(writer: asyncio.StreamWriter, message: Mapping[str, Any]) -> None:
     """Raises OSError, and TimeoutError when it is not read."""
-    writer.write(wire.encoded(message))
+    writer.write(protocol.encoded(message))
     async with timeout(_UNREAD_S):
         await writer.drain()
 
 
-async def _answer(session: Session, line: bytes) -> wire.Message:
+async def _answer(session: Session, line: bytes) -> protocol.Message:
     """Raises ManagerError for what is no request: nobody knows what else comes from there."""
-    message = wire.decoded(line)
+    message = protocol.decoded(line)
     number, do = message.pop("id", None), message.pop("do", None)
     if isinstance(number, bool) or not isinstance(number, int) or not isinstance(do, str):
         raise ManagerError("a request has an id, which is a whole number, and what to do, which is a text")
     try:
         return {"id": number, "result": await session.ask(do, **message)}
     except URError as error:
-        return {"id": number, "error": wire.described_error(error)}
+        return {"id": number, "error": protocol.described_error(error)}
     except Exception as error:  # a request must not end the control loop, nor the connection
         _logger.exception("the request %s failed", do)
         return {"id": number, "error": {"text": f"{do} failed: {error!r}; the log of the controller manager says more"}}

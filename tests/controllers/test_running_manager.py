@@ -16,7 +16,7 @@ from controllers_rig import JOINTS, Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
-from client.controllers import serving, session, wire
+from client.controllers import protocol, serving, session
 from client.controllers.remote import RemoteManager
 from client.controllers.running import RunningManager
 from client.controllers.serving import ManagerServer, claim
@@ -66,7 +66,7 @@ async def served(manager):
 @pytest.fixture(params=["unix", "loopback"])
 def kind(request, monkeypatch):
     """Systems without Unix sockets have a port and a token instead."""
-    monkeypatch.setattr(wire, "HAS_UNIX_SOCKETS", request.param == "unix")
+    monkeypatch.setattr(protocol, "HAS_UNIX_SOCKETS", request.param == "unix")
 
 
 def remote():
@@ -241,7 +241,7 @@ HELLO = b'{"protocol":1}\n'
         (HELLO + b'{"id":1,"do":"goal","goal":NaN}\n', "not a message of JSON"),
         (HELLO + b'{"id":"1","do":"goal"}\n', "a request has an id"),
         (HELLO + b'{"id":1}\n', "a request has an id"),
-        (HELLO + b"x" * (wire.LONGEST_REQUEST + 10) + b"\n", "bytes at most"),
+        (HELLO + b"x" * (protocol.LONGEST_REQUEST + 10) + b"\n", "bytes at most"),
     ],
 )
 async def test_who_talks_nonsense_is_told_so_and_sent_away(manager, said, answer):
@@ -277,8 +277,8 @@ def test_every_request_has_one_answer_and_the_control_loop_goes_on(do, arguments
 
     async def ask():
         asked = Session(manager)
-        line = json.dumps({**json.loads(wire.encoded(arguments)), "id": 7, "do": do}).encode() + b"\n"
-        answer = json.loads(wire.encoded(await serving._answer(asked, line)))
+        line = json.dumps({**json.loads(protocol.encoded(arguments)), "id": 7, "do": do}).encode() + b"\n"
+        answer = json.loads(protocol.encoded(await serving._answer(asked, line)))
         await asked.close()
         return answer
 
@@ -295,7 +295,7 @@ def test_every_request_has_one_answer_and_the_control_loop_goes_on(do, arguments
 @given(st.binary(max_size=200))
 def test_bytes_are_a_message_or_a_manager_error(line):
     with contextlib.suppress(ManagerError):
-        assert isinstance(wire.decoded(line), dict)
+        assert isinstance(protocol.decoded(line), dict)
 
 
 async def test_who_never_reads_holds_up_nobody(manager, monkeypatch):
@@ -371,7 +371,7 @@ async def test_a_manager_that_was_killed_is_none_and_the_next_one_takes_its_plac
             with pytest.raises(ManagerError, match=r"has not answered for 0\.2 s: is it suspended"):
                 await shell.__aenter__()
         process.kill()
-    place = wire.meeting_place(ROBOT, PORT)
+    place = protocol.meeting_place(ROBOT, PORT)
     assert place.with_name(f"{place.name}.sock").exists()
     with pytest.raises(NoManagerError):
         await shell.__aenter__()
@@ -394,27 +394,27 @@ def test_folders_of_others_are_not_trusted(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     (tmp_path / "ur-client").symlink_to(tmp_path)
     with pytest.raises(FileError, match="not a folder of this user"):
-        wire.meeting_place(ROBOT, PORT)
+        protocol.meeting_place(ROBOT, PORT)
     (tmp_path / "ur-client").unlink()
     (tmp_path / "ur-client").mkdir(mode=0o777)
     (tmp_path / "ur-client").chmod(0o777)
-    wire.meeting_place(ROBOT, PORT)
+    protocol.meeting_place(ROBOT, PORT)
     assert (tmp_path / "ur-client").stat().st_mode & 0o777 == 0o700
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / ("x" * 100)))
     with pytest.raises(FileError, match="too long for a Unix socket"):
-        wire.meeting_place(ROBOT, PORT)
+        protocol.meeting_place(ROBOT, PORT)
 
 
 def test_robots_have_places_of_their_own():
     hosts = ["127.0.0.1", "127.0.0.2", "a/b", "a_b", "x" * 60, "x" * 61, "../../etc"]
-    places = {wire.meeting_place(host, port) for host in hosts for port in (PORT, PORT + 1)}
+    places = {protocol.meeting_place(host, port) for host in hosts for port in (PORT, PORT + 1)}
     assert len(places) == 2 * len(hosts)
     assert {place.parent for place in places} == {Path(os.environ["XDG_RUNTIME_DIR"]) / "ur-client"}
-    assert wire.meeting_place("localhost", PORT) == wire.meeting_place("127.0.0.1", PORT)
+    assert protocol.meeting_place("localhost", PORT) == protocol.meeting_place("127.0.0.1", PORT)
 
 
 async def test_on_the_loopback_interface_the_token_is_needed(manager, monkeypatch):
-    monkeypatch.setattr(wire, "HAS_UNIX_SOCKETS", False)
+    monkeypatch.setattr(protocol, "HAS_UNIX_SOCKETS", False)
     async with served(manager) as place:
         file = place.with_name(f"{place.name}.json")
         assert file.stat().st_mode & 0o777 == 0o600

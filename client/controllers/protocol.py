@@ -25,7 +25,7 @@ from urproto.errors import URError
 from urproto.ports import CONTROLLER_PORTS
 from urproto.text import quoted
 
-PROTOCOL: Final = 1
+VERSION: Final = 1
 LONGEST_REQUEST: Final = 2**18  # bytes: a trajectory of a thousand points; parsed within a few milliseconds
 LONGEST_ANSWER: Final = 2**22
 HAS_UNIX_SOCKETS: Final = hasattr(socket, "AF_UNIX")
