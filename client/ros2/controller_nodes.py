@@ -17,6 +17,7 @@ from client.ros2.actions import serve_actions
 from client.ros2.host import SYSTEM_DEFAULT, NodeHost, interface
 from client.ros2.publishing import Outbox, publisher
 from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, Moment, Subscription
+from urproto.seldom import Seldom
 
 _QUIET_S: Final = 1.0  # the same complaint again only after this; guess
 
@@ -98,7 +99,8 @@ class _Listener:
         self._robot = robot
         self._controller = controller
         self._row = row
-        self._complaint = ("", 0.0)
+        self._reason = ""  # why the last one was refused
+        self._seldom = Seldom(time.monotonic, _QUIET_S)
         node.create_subscription(interface(row.type), row.name, self._arrived, SYSTEM_DEFAULT)
 
     def _arrived(self, message: Any) -> None:
@@ -116,9 +118,7 @@ class _Listener:
         self._row.give(self._controller, order)
 
     def _complain(self, text: str) -> None:
-        """The same reason at most once a second."""
-        now_s = time.monotonic()
-        before, logged_s = self._complaint
-        if text != before or now_s - logged_s >= _QUIET_S:
-            self._complaint = text, now_s
-            self._node.get_logger().error(f"{self._row.name.lstrip('~/')}: a message is refused: {text}")
+        if text != self._reason:
+            self._reason, self._seldom = text, Seldom(time.monotonic, _QUIET_S)
+        if (more := self._seldom.due()) is not None:
+            self._node.get_logger().error(f"{self._row.name.lstrip('~/')}: a message is refused: {text}{more}")
