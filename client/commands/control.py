@@ -1,8 +1,9 @@
 """What the commands around controllers share: the robot, the control loop, the way to a goal."""
 
 import asyncio
+import signal
 from collections.abc import AsyncIterator, Coroutine, Mapping
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Protocol, TypeAlias
@@ -188,12 +189,21 @@ def controllers_file(path: Path | None, prefix: str = "") -> ControllersFile:
 
 
 def run(work: Coroutine[Any, Any, None]) -> None:
-    """Do it; Ctrl-C ends it in order, with the arm at rest."""
+    """Do it; Ctrl-C and SIGTERM end it in order, with the arm at rest."""
     try:
-        asyncio.run(work)
-    except KeyboardInterrupt:
+        asyncio.run(_until_terminated(work))
+    except (KeyboardInterrupt, asyncio.CancelledError):
         typer.echo("stopped", err=True)
         raise typer.Exit(_INTERRUPTED) from None
+
+
+async def _until_terminated(work: Coroutine[Any, Any, None]) -> None:
+    """Work that SIGTERM cancels; Ctrl-C does anyway."""
+    task = asyncio.current_task()
+    assert task is not None
+    with suppress(NotImplementedError, RuntimeError):  # on Windows, and outside the main thread
+        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
+    await work
 
 
 async def follow(arm: Arm, name: str, trajectory: JointTrajectory, title: str) -> Result:

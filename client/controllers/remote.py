@@ -116,6 +116,18 @@ class RemoteManager:
         return protocol.decoded(line)
 
 
+async def check_no_manager(robot_ip: str, rtde_port: int) -> None:
+    """For who drives the arm by a control program of its own. Raises ManagerError while a manager does."""
+    try:
+        async with RemoteManager(robot_ip, rtde_port) as manager:
+            raise ManagerError(
+                f"a controller manager is running for {robot_ip} (process {manager.pid}), and a robot runs one control "
+                "program at a time: end the manager first"
+            )
+    except NoManagerError:
+        return
+
+
 def _read_port(path: Path) -> tuple[int, str]:
     """Raises FileNotFoundError; what is not the file of a manager is taken for none."""
     try:

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from client.controllers import protocol, serving, session
-from client.controllers.remote import RemoteManager
+from client.controllers.remote import RemoteManager, check_no_manager
 from client.controllers.running import RunningManager
 from client.controllers.serving import ManagerServer, claim
 from client.controllers.session import Session
@@ -334,7 +334,10 @@ async def test_without_a_manager_one_is_told_how_to_start_it(manager):
     with pytest.raises(NoManagerError, match=f"ur-client controllers serve --robot-ip {ROBOT}"):
         async with remote():
             pass
+    await check_no_manager(ROBOT, PORT)
     async with served(manager) as place:
+        with pytest.raises(ManagerError, match="one control program at a time: end the manager first"):
+            await check_no_manager(ROBOT, PORT)
         with pytest.raises(ManagerError, match=f"running already \\(process {os.getpid()}\\)"), claim(ROBOT, PORT):
             pass
         with pytest.raises(NoManagerError):  # of another robot at that address
