@@ -120,6 +120,7 @@ class Target:
             try:
                 arm: Arm = await opened.enter_async_context(self.manager())
             except NoManagerError:
+                typer.echo(f"no controller manager is running for {self.robot_ip}: this command runs its own", err=True)
                 arm = await opened.enter_async_context(self._open_alone())
             else:
                 typer.echo(f"through the controller manager that is running for {self.robot_ip}", err=True)
