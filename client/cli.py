@@ -25,6 +25,10 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "controllers:publish_goals_command",
         "Send the goals of a file, each once the previous one is reached; Ctrl-C brings the arm to rest.",
     ),
+    "forward": (
+        "controllers:forward_app",
+        "Command positions or speeds through a forward controller; Ctrl-C brings the arm to rest.",
+    ),
     "record": ("record:record_command", "Record what a robot does, until Ctrl-C."),
     "stream": (
         "record:stream_command",
@@ -73,7 +77,10 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "traffic:compare_command",
         "Show whether two recordings agree, and where they diverge; exit status 1 when they differ.",
     ),
-    "controllers": ("controllers:controllers_app", "ros2_control's controllers."),
+    "controllers": (
+        "controllers:controllers_app",
+        "ros2_control's controllers: a manager that runs, and what other shells ask of it.",
+    ),
 }  # name: where it is below client.commands, and the beginning of its own help: listing it does not load it
 
 app = application(__doc__, no_args_is_help=True)

@@ -20,6 +20,8 @@ ClientError
 ├── StateError               a state of the robot holds numbers that no arm has
 ├── ControllerError          a controller, or a change of controllers, that cannot be had
 │   └── GoalRejectedError    a controller does not take a goal
+├── ManagerError             a running controller manager cannot be talked to, or cannot do what it is asked
+│   └── NoManagerError       none runs for this robot
 └── MotionError              the arm did not do what it was asked to
     ├── OutOfReachError      a target beyond the joints' limits, or without joint angles
     ├── MotionStoppedError   somebody stopped the arm
@@ -205,6 +207,21 @@ class GoalRejectedError(ControllerError):
     def __init__(self, controller: str, code: int, reason: str) -> None:
         super().__init__(controller, reason)
         self.code = code
+
+
+class ManagerError(ClientError):
+    """A running controller manager cannot be talked to, or cannot do what it is asked."""
+
+
+class NoManagerError(ManagerError):
+    """No controller manager runs for the robot at ``host``."""
+
+    def __init__(self, host: str) -> None:
+        super().__init__(
+            f"no controller manager is running for {host}: start one in another terminal with "
+            f"`ur-client controllers serve --robot-ip {host}`"
+        )
+        self.host = host
 
 
 class MotionError(ClientError):

@@ -69,7 +69,9 @@ CLIENT_LAYERS: dict[str, Layer] = {
         "ros2_control's controllers without ROS", ("client.controllers",), ("ports", "driver", "robot", "recording")
     ),
     "ros2": Layer("ROS 2", ("client.ros2",), ("ports", "driver", "robot", "controllers")),
-    "pendant": Layer("teach pendant", ("client.pendant",), ("ports", "driver", "robot", "recording", "programs")),
+    "pendant": Layer(
+        "teach pendant", ("client.pendant",), ("ports", "driver", "robot", "recording", "controllers", "programs")
+    ),
     "doctor": Layer("command line: what is between this machine and a robot", ("client.doctor",), ("ports", "driver")),
     "commands": Layer(
         "command line: `ur-client`",

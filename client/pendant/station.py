@@ -19,6 +19,7 @@ from client.pendant.dialogues import Dialogues, Stops
 from client.pendant.emulator_control import EmulatorControl
 from client.pendant.events import EventLog
 from client.pendant.feeds import Feeds
+from client.pendant.manager_link import ManagerLink
 from client.pendant.mover import Mover
 from client.pendant.polling import Poller, PortRegisters, keep_following
 from client.pendant.programs import Programs
@@ -75,6 +76,7 @@ class Station:
     connected: the state comes. problem: why it does not. emulator: its control API, which an arm does not have.
     remote_control: e-Series from 5.6. frame: how many states came. feeds: states of other recipes. port_registers: what
     its Modbus server keeps for anybody. meshes: folder of the user's. poses, tools: poses and TCPs that somebody saved.
+    manager: the controller manager that is running for the robot, if there is one.
     """
 
     def __init__(
@@ -115,6 +117,7 @@ class Station:
         self.remote_control = Poller(self._ask_remote_control, _REMOTE_EVERY_S, self.wake)
         self.tools = Tools(tools)
         self.feeds = Feeds(self._open_feed)
+        self.manager = ManagerLink(robot_ip, self.ports["rtde"], self.wake)
         self.port_registers = PortRegisters(robot_ip, self.ports["modbus"], self.wake)
         self.mover = Mover(self._open_robot)
         self._primary: PrimaryClient | None = None
@@ -132,6 +135,7 @@ class Station:
             opening.push_async_callback(self.mover.close)
             opening.push_async_callback(self.feeds.close)
             opening.push_async_callback(self.port_registers.close)
+            opening.push_async_callback(self.manager.close)
             for work in (
                 keep_following(self._follow_states, self._lose_states),
                 keep_following(self._follow_messages, lambda why: self.log.note(f"no messages: {why}")),

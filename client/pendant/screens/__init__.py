@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from client.pendant.page import Page
-from client.pendant.screens import graph, initialize, installation, io, log, move, run, simulation
+from client.pendant.screens import controllers, graph, initialize, installation, io, log, move, run, simulation
 
 __all__ = ["SCREENS", "Screen"]
 
@@ -28,6 +28,7 @@ SCREENS: Final = (
     Screen("io", "I/O", "settings_input_component", io.build),
     Screen("log", "Log", "list_alt", log.build),
     Screen("graph", "Graph", "show_chart", graph.build),
+    Screen("controllers", "Controllers", "account_tree", controllers.build),
     Screen("installation", "Installation", "tune", installation.build),
     Screen("simulation", "Simulation", "science", simulation.build, only_emulated=True),
 )
