@@ -68,10 +68,14 @@ class Target:
     speed_slider: float | None = None
     prefix: str = ""
 
+    @property
+    def ports(self) -> dict[str, int]:
+        """Where the robot listens."""
+        return {name: port + self.port_offset for name, port in ROBOT_PORTS.items()}
+
     @asynccontextmanager
     async def open(self) -> AsyncIterator[ControlledRobot]:
         """Its control loop; the arm is at rest and its program ended afterwards."""
-        ports = {name: port + self.port_offset for name, port in ROBOT_PORTS.items()}
         file = controllers_file(self.controllers, self.prefix)
         robot = ControlledRobot(
             self.robot_ip,
@@ -79,7 +83,7 @@ class Target:
             prefix=self.prefix,
             make_ready=self.make_ready,
             record=self.record,
-            robot_ports=ports,
+            robot_ports=self.ports,
         )
         with real_time(robot.driver.config.realtime):  # this process does nothing else
             async with robot as loop:
