@@ -43,10 +43,13 @@ class PlannedMotion:
         """
         from client.planning import Planner, PoseGoal
 
-        state = RobotState(self._driver.state)
+        q_rad = RobotState(self._driver.state).q_rad
         if isinstance(goal, PoseGoal) and goal.tcp_offset is None:
-            goal = replace(goal, tcp_offset=tuple(self._driver.state["tcp_offset"]))
-        return await asyncio.to_thread(Planner(scene).plan, state.q_rad, goal, **options)
+            state = self._driver.robot.primary_state
+            if state is None or state.cartesian is None:
+                raise PlanningError("the robot has not said yet which TCP it has: give the goal's tcp_offset")
+            goal = replace(goal, tcp_offset=state.cartesian.tcp_offset)
+        return await asyncio.to_thread(Planner(scene).plan, q_rad, goal, **options)
 
     async def execute(self, plan: "Plan", *, wait: bool = True) -> None:
         """Let the robot follow a plan, from where it begins. Raises PlanningError when the arm stands elsewhere."""
