@@ -21,6 +21,10 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "controllers:goal_command",
         "Move the arm to joint angles and stop there; Ctrl-C brings it to rest.",
     ),
+    "plan": (
+        "planning:plan_command",
+        "Find a way around what is in the way, and let the arm take it if told to.",
+    ),
     "publish-goals": (
         "controllers:publish_goals_command",
         "Send the goals of a file, each once the previous one is reached; Ctrl-C brings the arm to rest.",

@@ -17,6 +17,8 @@ ClientError
 ├── ProgramNotRunningError   the robot's control program is not connected to the driver
 ├── ProgramEndedError        it ended while something was under way
 ├── ProgramStaysError        it was told to end, and does not
+├── PlanningError            no way was found, for a reason that it tells
+│   └── SceneError           a planning scene, or a file of one, that cannot be
 ├── StateError               a state of the robot holds numbers that no arm has
 ├── ControllerError          a controller, or a change of controllers, that cannot be had
 │   └── GoalRejectedError    a controller does not take a goal
@@ -271,3 +273,11 @@ class SafetyStopError(MotionError):
 
 class ProtectiveStopError(SafetyStopError):
     """A protective stop."""
+
+
+class PlanningError(ClientError):
+    """No way was found; the text says why."""
+
+
+class SceneError(PlanningError):
+    """A planning scene that cannot be."""

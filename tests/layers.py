@@ -56,8 +56,11 @@ CLIENT_LAYERS: dict[str, Layer] = {
             "client.tool_communication",
         ),
     ),
+    "planning": Layer("driver library: ways around what is in the way", ("client.planning",), ("ports",)),
     "driver": Layer("driver library: External Control", ("client.driver",), ("ports",)),
-    "robot": Layer("driver library: the robot that most programs want", ("client.robot",), ("ports", "driver")),
+    "robot": Layer(
+        "driver library: the robot that most programs want", ("client.robot",), ("ports", "planning", "driver")
+    ),
     "face": Layer("driver library: the names that `import client` gives", ("client",), ("ports", "driver", "robot")),
     "recording": Layer(
         "recordings: written, read, drawn, streamed", ("client.recording",), ("ports", "driver", "robot")
@@ -78,6 +81,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
         ("client.cli", "client.commands", "client.__main__"),
         (
             "ports",
+            "planning",
             "driver",
             "robot",
             "recording",

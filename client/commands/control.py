@@ -109,6 +109,11 @@ class Target:
     speed_slider: float | None = None
     prefix: str = ""
 
+    @property
+    def ports(self) -> dict[str, int]:
+        """Where the robot listens."""
+        return {name: port + self.port_offset for name, port in ROBOT_PORTS.items()}
+
     def manager(self) -> _Shared:
         """The one that is running for this robot; entering it raises NoManagerError when there is none."""
         return _Shared(self.robot_ip, ROBOT_PORTS["rtde"] + self.port_offset)
@@ -136,14 +141,13 @@ class Target:
 
     @asynccontextmanager
     async def _open_alone(self) -> AsyncIterator[Arm]:
-        ports = {name: port + self.port_offset for name, port in ROBOT_PORTS.items()}
         robot = ControlledRobot(
             self.robot_ip,
             controllers_file(self.controllers, self.prefix),
             prefix=self.prefix,
             make_ready=self.make_ready,
             outputs=DEFAULT_FIELDS if self.record else (),
-            robot_ports=ports,
+            robot_ports=self.ports,
         )
         with real_time(robot.driver.config.realtime):  # this process does nothing else
             async with robot:
