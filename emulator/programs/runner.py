@@ -19,6 +19,7 @@ from typing import Any, Final
 from emulator.builtins.host import ProgramHost, ProgramServices, StepHook
 from emulator.lifecycle.runstate import RunEvent, next_run_state
 from emulator.machine import Machine
+from emulator.programs.breakpoints import Breakpoints
 from emulator.programs.compiling import Compiling, Submission, WorkShare
 from emulator.programs.interpreter import Interpreter
 from emulator.programs.loading import LoadedProgram, Player
@@ -135,9 +136,10 @@ class Programs:
     ``state``: the main program's run state. ``view``: the main program that runs or ran last.
     ``socket_backend``: where script sockets come from. ``step_hook``: asked before each
     statement of programs submitted while it is set; a thread for which it says True waits a
-    period and asks again. ``interpreter``: lines for the main program. ``history``, ``flags``,
-    ``outputs``, ``modbus`` and ``loaded`` outlive a program. ``start_held``, ``frames_held``:
-    faults keep programs from starting, or from going on.
+    period and asks again. ``breakpoints``: nodes at which the main program is paused.
+    ``interpreter``: lines for the main program. ``history``, ``flags``, ``outputs``, ``modbus``
+    and ``loaded`` outlive a program. ``start_held``, ``frames_held``: faults keep programs from
+    starting, or from going on.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -146,6 +148,7 @@ class Programs:
         self.view: ProgramView | None = None
         self.socket_backend: ScriptSocketBackend = NoNetwork()
         self.step_hook: StepHook | None = None
+        self.breakpoints = Breakpoints(self.pause)
         self.start_held = self.frames_held = False
         self.watchdogs = Watchdogs()
         self.history = MotionHistory(machine.period_s)
@@ -245,7 +248,10 @@ class Programs:
 
         Raises ProgramLoadError or OSError; then what was loaded remains.
         """
+        before = self.loaded
         yield from self._player.load_steps(path)
+        if before is None or before.path != path:
+            self.breakpoints.set(())
         self.stop("another program was loaded")
 
     def load_default_steps(self, path: Path) -> Steps[None]:
@@ -403,6 +409,7 @@ class Programs:
         self._host.attach(self._main)
         self.view = ProgramView(self.view.number + 1 if self.view else 1, self._main)
         self.interpreter.program_started(self._main)
+        self.breakpoints.program_started()
         self._event(RunEvent.START)
         self.outputs.program_started()
         self.modbus.program_started()
@@ -484,6 +491,7 @@ class Programs:
         assert host is not None
         main.stop()
         self.interpreter.program_ended()
+        self.breakpoints.program_stopped()
         if len(host.sockets):
             host.sockets.close_all()
             self._not_before = machine.step_count + host.frames(_SOCKET_GAP_S)
