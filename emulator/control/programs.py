@@ -18,6 +18,7 @@ from emulator.services.urcap import DriverAddress
 from urproto.modes import RuntimeState
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.outline import OutlineNode, outline_steps
+from urscript.polyscope.starting import StartingNode
 from urscript.polyscope.tree import TreeError
 from urscript.work import Steps
 
@@ -127,6 +128,26 @@ class ProgramVerbs(Verbs):
         if programs.state is RuntimeState.PLAYING:
             raise NotPossible("the program runs: pause it first")
         return self._wait(_stepped(programs))
+
+    @verb
+    def play_from(self, node: int) -> bool:
+        """Start the loaded program tree at a node, by its number; returns whether it starts, which the log explains.
+
+        What lies before the node is skipped, at its own level and at each around it; loops come back to it. Variables
+        have their first values, BeforeStart is done, threads and events run. Refused for nodes that are suppressed,
+        outside the robot program, or within a node that begins as a whole.
+        """
+        programs = self.controller.programs
+        tree = None if programs.loaded is None else programs.loaded.tree
+        if tree is None:
+            raise NotPossible("no program tree is loaded: load a .urp file first")
+        if programs.busy:
+            raise NotPossible("a program runs, or is paused: stop it first")
+        try:
+            StartingNode(tree, node)
+        except TreeError as error:
+            raise NotPossible(str(error)) from error
+        return self._wait(_decided(programs.play(node)))
 
     @verb
     def program(self) -> dict[str, Any]:

@@ -258,8 +258,11 @@ class Programs:
         """As `load_steps`, for a controller that boots: what clients chose or started meanwhile stays."""
         return self._player.load_steps(path, by_default=True)
 
-    def play(self) -> Submission:
-        """Resume the paused program or start the loaded one; not accepted when neither is possible."""
+    def play(self, start_at: int = 0) -> Submission:
+        """Resume the paused program or start the loaded one; not accepted when neither is possible.
+
+        start_at: number of the node at which a program tree begins, 0 for all of it.
+        """
         if self.state in (RuntimeState.PAUSED, RuntimeState.PAUSING):
             return self._answer(self.resume())
         if self.state is RuntimeState.PLAYING or self._next is not None:
@@ -267,7 +270,7 @@ class Programs:
         coming = [submission for submission in (*self._compiling.waiting, self._player.waiting) if submission]
         if mains := [submission for submission in coming if submission.main]:
             return mains[-1]
-        submission = self._player.submission(stepped=self.step_hook is not None)
+        submission = self._player.submission(stepped=self.step_hook is not None, start_at=start_at)
         if submission is None:
             return self._answer(False)
         return submission if submission is self._player.waiting else self._compile(submission)

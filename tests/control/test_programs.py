@@ -226,3 +226,97 @@ def test_a_step_that_cannot_begin_is_forgotten(ways: VirtualRobot) -> None:
     ways.dashboard("play")
     ways.step(50)
     assert ways.variables() == {}  # it went to its end
+
+
+# play from a node
+
+
+def written(text: str) -> str:
+    """An expression, as the editor stores it."""
+    letters = text.replace('"', "&quot;")
+    parts = letters.split("&quot;")
+    shown = '<ExpressionChar character="&quot;"/>'.join(
+        "".join(f'<ExpressionChar character="{letter}"/>' for letter in part) for part in parts
+    )
+    return f"<expression>{shown}</expression>"
+
+
+def note(letter: str) -> str:
+    text = f's = s + "{letter}"'
+    return f'<Script type="Line">{written(text)}</Script>'
+
+
+ORDERED = "".join(
+    (
+        '<URProgram name="t"><children><MainProgram runOnlyOnce="true" InitVariablesNode="true"><children>',
+        '<InitVariablesNode><variables><ProgramVariable name="s">',  # 2
+        written('""').replace("expression>", "initializeExpression>"),
+        "</ProgramVariable></variables></InitVariablesNode>",
+        note("a"),  # 3
+        f'<Folder name="F"><children>{note("b")}{note("c")}</children></Folder>',  # 4, 5, 6
+        f'<If type="If">{written("False")}<children>{note("d")}</children></If>',  # 7, 8
+        f'<If type="Else"><children>{note("e")}{note("f")}</children></If>',  # 9, 10, 11
+        '<Loop type="Counting" count="2"><loopVariable name="k"/><children>',  # 12
+        f"{note('g')}{note('h')}</children></Loop>",  # 13, 14
+        f'<Loop type="While">{written("False")}<children>{note("i")}</children></Loop>',  # 15, 16
+        f'<If type="If" checkContinuously="true">{written("False")}<children>{note("x")}</children></If>',  # 17, 18
+        "<SuppressedNode><suppressedNode class='Folder' name='Later'/></SuppressedNode>",  # 19
+        '<Wait type="Sleep"><waitTime>60</waitTime></Wait></children></MainProgram>',  # 20
+        '<Thread name="T" runOnlyOnce="true"><children>',  # 21
+        '<Wait type="Sleep"><waitTime>1</waitTime></Wait></children></Thread>',
+        "</children></URProgram>",
+    )
+)
+
+
+@pytest.fixture
+def ordered(robot: VirtualRobot, tmp_path: Path) -> VirtualRobot:
+    (tmp_path / "ordered.urp").write_bytes(gzip.compress(ORDERED.encode()))
+    robot.dashboard("load ordered.urp")
+    return robot
+
+
+def test_a_program_is_played_from_a_node_and_loops_come_back_to_those_before_it(ordered: VirtualRobot) -> None:
+    whole = "abcefghgh"
+    went = {}
+    for node in (1, 3, 4, 6, 7, 8, 11, 14, 16, 20):
+        assert ordered.play_from(node)
+        ordered.step(50)
+        went[node] = ordered.variables()["s"]
+        assert ordered.variables()["threadId_T"] == "1"  # threads run, variables have their first values
+        ordered.dashboard("stop")
+        ordered.run_until("runtime_state == STOPPED")
+    assert went == {
+        **{1: whole, 3: whole, 4: whole[1:], 6: whole[2:], 7: whole[3:]},
+        **{8: "dghgh", 11: "fghgh", 14: "hgh", 16: "i", 20: ""},
+    }
+
+
+@pytest.mark.parametrize(
+    ("node", "reason"),
+    [
+        (0, "has no node 0"),
+        (2, "not part of the robot program"),
+        (9, "part of the node before"),
+        (18, "node 17, If, whose expression is checked continuously"),
+        (19, "suppressed"),
+        (22, "not part of the robot program"),
+        (23, "has no node 23"),
+    ],
+)
+def test_where_no_program_can_begin_the_reason_is_given(ordered: VirtualRobot, node: int, reason: str) -> None:
+    with pytest.raises(NotPossible, match=reason):
+        ordered.play_from(node)
+    assert ordered.state(["runtime_state"])["runtime_state"] == "STOPPED"
+
+
+def test_only_a_loaded_tree_that_does_not_run_is_played_from_a_node(ordered: VirtualRobot) -> None:
+    ordered.dashboard("play")
+    ordered.run_until("runtime_state == PLAYING")
+    with pytest.raises(NotPossible, match="stop it first"):
+        ordered.play_from(3)
+    ordered.dashboard("stop")
+    ordered.run_until("runtime_state == STOPPED")
+    ordered.dashboard("load count.script")
+    with pytest.raises(NotPossible, match="no program tree"):
+        ordered.play_from(3)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
 from urscript.polyscope.document import Element
+from urscript.polyscope.starting import SKIPPING
 from urscript.polyscope.tree import TreeError
 from urscript.polyscope.writer import Writer
 from urscript.work import Steps
@@ -52,7 +53,17 @@ def translate(writer: Writer, element: Element) -> Steps[None]:
 
 
 def translate_children(writer: Writer, element: Element) -> Steps[None]:
-    """Write the nodes below a node."""
-    children = element.child("children")
-    for child in children or ():
-        yield from translate(writer, child)
+    """Write the nodes below a node; those before the one at which the program begins are skipped by it."""
+    nodes = [child.resolved() for child in element.child("children") or ()]
+    starting = writer.starting
+    first = starting.first(nodes) if starting is not None else None
+    if starting is not None and first is not None:
+        if before := starting.skipped(nodes[:first]):
+            with writer.block(f"if (not {SKIPPING}):"):
+                for node in before:
+                    yield from translate(writer, node)
+        nodes = [node for node in nodes[:first] if node not in before] + nodes[first:]
+    for node in nodes:
+        if starting is not None and node is starting.element:
+            writer.line(f"{SKIPPING} = False")
+        yield from translate(writer, node)
