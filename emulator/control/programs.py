@@ -3,6 +3,7 @@
 import base64
 import binascii
 import os
+import tempfile
 from collections.abc import Generator
 from contextlib import suppress
 from dataclasses import asdict, replace
@@ -55,8 +56,10 @@ class ProgramVerbs(Verbs):
 
         ``path``: relative to the folder, ending in .urp, .script, .txt, .variables or .installation; folders are
         made as needed. ``data``: the file's bytes in base64, at most 2 MiB of them. A loaded program stays as it was
-        until it is loaded again.
+        until it is loaded again. An emulator without ``--programs`` makes a temporary folder,
+        and its log says where.
         """
+        self._have_a_folder()
         place = self._place(path)
         try:
             content = base64.b64decode(data, validate=True)
@@ -86,10 +89,18 @@ class ProgramVerbs(Verbs):
         except OSError as error:
             raise NotPossible(f"{path} cannot be read: {error.strerror or error}") from error
 
+    def _have_a_folder(self) -> None:
+        """One that the system may clear, where no other was given: programs that are made here can be played."""
+        controller = self.controller
+        if controller.config.programs_dir is None:
+            folder = Path(tempfile.mkdtemp(prefix="ur-emulator-programs-"))
+            controller.config = replace(controller.config, programs_dir=folder)
+            controller.messages.note(f"there is no programs folder: programs are saved to {folder}; see --programs")
+
     def _place(self, path: str) -> Path:
         root = self.controller.config.programs_dir
         if root is None:
-            raise NotPossible("this emulator has no programs folder: start it with --programs FOLDER")
+            raise NotPossible(f"{path} cannot be read: this emulator has no programs folder, see --programs")
         place = ProgramsFolder(root).place(path)
         if place is None:
             raise BadArguments(f"{path!r} does not lead into the programs folder: give a path below it, as job.urp")

@@ -142,9 +142,19 @@ def test_what_cannot_be_saved_is_refused_with_its_reason(robot: VirtualRobot, tm
         robot.save_program("count.script/x.script", encoded(""))
     with pytest.raises(NotPossible, match=r"nowhere\.urp cannot be read"):
         robot.read_program("nowhere.urp")
-    without = VirtualRobot(ControllerConfig(model=load_model("ur3")))
+
+
+def test_without_a_folder_programs_are_saved_to_a_temporary_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    robot = VirtualRobot(ControllerConfig(model=load_model("ur3"), running=True))
     with pytest.raises(NotPossible, match="--programs"):
-        without.save_program("x.script", encoded(""))
+        robot.read_program("x.script")
+    robot.save_program("x.script", encoded(SCRIPT))
+    assert robot.programs() == ["x.script"]
+    assert robot.dashboard("load x.script").startswith("Loading program")
+    assert str(tmp_path) in robot.log()[0]
 
 
 # breakpoints and steps
