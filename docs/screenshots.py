@@ -46,7 +46,7 @@ def main() -> None:
             robot.add_object("table", {"box": [0.8, 0.5, 0.04], "pose": [0.0, -0.55, -0.02, 0.0, 0.0, 0.0]})
             with _pendant(robot, folder) as url, sync_playwright() as playwright:
                 browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
-                for screen in ("graph", "initialize", "run", "move", "io", "log", "installation", "simulation"):
+                for screen in ("graph", "initialize", "run", "program", "move", "io", "log", "installation", "simulation"):
                     scheme = "dark" if screen in DARK else "light"
                     _look(browser.new_page(viewport=SIZE, color_scheme=scheme), url, screen)  # type: ignore[arg-type]
                 browser.close()
@@ -64,7 +64,7 @@ def _look(page: Page, url: str, screen: str) -> None:
 @contextmanager
 def _pendant(robot: EmulatorProcess, folder: str) -> Iterator[str]:
     words = ["--robot-ip", robot.host, "--host", robot.host, "--modbus-port", str(robot.ports["modbus"])]
-    words += ["--poses", f"{folder}/poses.json", "--tools", f"{folder}/tools.json", "--with-parent"]
+    words += ["--poses", f"{folder}/poses.json", "--tools", f"{folder}/tools.json", "--drafts", folder, "--with-parent"]
     process = Popen([sys.executable, "-u", "-m", "client", "pendant", *words], stdin=PIPE, stdout=PIPE, text=True)
     assert process.stdout is not None
     assert process.stdin is not None

@@ -89,6 +89,18 @@ class ProgramVerbs(Verbs):
         except OSError as error:
             raise NotPossible(f"{path} cannot be read: {error.strerror or error}") from error
 
+    @verb
+    def delete_program(self, path: str) -> bool:
+        """Delete a file of the programs folder; returns whether it was there. ``path`` as for ``save_program``."""
+        place = self._place(path)
+        try:
+            place.unlink()
+        except FileNotFoundError:
+            return False
+        except OSError as error:
+            raise NotPossible(f"{path} cannot be deleted: {error.strerror or error}") from error
+        return True
+
     def _have_a_folder(self) -> None:
         """One that the system may clear, where no other was given: programs that are made here can be played."""
         controller = self.controller
@@ -100,7 +112,7 @@ class ProgramVerbs(Verbs):
     def _place(self, path: str) -> Path:
         root = self.controller.config.programs_dir
         if root is None:
-            raise NotPossible(f"{path} cannot be read: this emulator has no programs folder, see --programs")
+            raise NotPossible(f"{path}: this emulator has no programs folder, see --programs")
         place = ProgramsFolder(root).place(path)
         if place is None:
             raise BadArguments(f"{path!r} does not lead into the programs folder: give a path below it, as job.urp")

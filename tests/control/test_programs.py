@@ -116,6 +116,9 @@ def test_a_program_is_saved_read_back_and_loaded(robot: VirtualRobot, tmp_path: 
     assert robot.programs() == ["cell/new.script", "count.script", "tree.urp"]
     assert robot.dashboard("load cell/new.script").startswith("Loading program")
     assert [path.name for path in (tmp_path / "cell").iterdir()] == ["new.script"]
+    assert robot.delete_program("cell/new.script")
+    assert not robot.delete_program("cell/new.script")
+    assert not list((tmp_path / "cell").iterdir())
 
 
 @pytest.mark.parametrize(
@@ -128,8 +131,9 @@ def test_no_file_is_saved_elsewhere_or_as_something_else(robot: VirtualRobot, tm
     before = sorted(tmp_path.rglob("*"))
     with pytest.raises(BadArguments):
         robot.save_program(path, encoded(SCRIPT))
-    with pytest.raises(BadArguments):
-        robot.read_program(path)
+    for other in (robot.read_program, robot.delete_program):
+        with pytest.raises(BadArguments):
+            other(path)
     assert sorted(tmp_path.rglob("*")) == before
 
 
