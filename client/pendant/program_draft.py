@@ -5,7 +5,6 @@ done one after the other, and nothing is lost. What cannot be done raises a Valu
 """
 
 import asyncio
-import gzip
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
@@ -14,10 +13,12 @@ from typing import Any, Final, TypeVar
 
 from client.errors import FileError
 from client.pendant.program_file import KeptProgram, ProgramFile
-from urproto.robots import RobotModel
+from urproto.robots import RobotModel, load_model
+from urproto.text import to_bytes
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
-from urscript.polyscope.document import DocumentError, read_document
+from urscript.polyscope.document import DocumentError, Element, packed, read_document
 from urscript.polyscope.editing import EditError, ProgramEditor, Row
+from urscript.polyscope.files import new_program, outline_text
 from urscript.polyscope.installation_file import InstallationFile
 from urscript.polyscope.registry import NODES, kinds
 from urscript.polyscope.transplant import Clip
@@ -26,6 +27,7 @@ from urscript.polyscope.tree import ProgramTree, TreeError
 _SAVED_AFTER_S: Final = 0.3  # a change is on the disk within a second, also on a busy machine
 _UNNAMED: Final = "unnamed"
 _EXTENSION: Final = ".urp"
+_ANY: Final = "ur5e"
 _FROM: Final = "from"  # key of the position that a relative waypoint starts from
 _GROUPS: Final = ("Basic", "Advanced", "Templates", "URCaps", "Program")
 
@@ -63,7 +65,13 @@ _ICONS: Final = {  # of Material Icons, by the key of the kind; what has none he
     "robot_program": "smart_toy", "variables_setup": "data_object", "before_start": "first_page",
     "default_case": "subdirectory_arrow_right", "circle_move": "rotate_right",
 }  # fmt: skip
-_GROUP_ICONS: Final = {"Basic": "crop_square", "Advanced": "widgets", "Templates": "grid_view", "URCaps": "extension", "Program": "smart_toy"}
+_GROUP_ICONS: Final = {
+    "Basic": "crop_square",
+    "Advanced": "widgets",
+    "Templates": "grid_view",
+    "URCaps": "extension",
+    "Program": "smart_toy",
+}
 
 
 def palette(version: PolyscopeVersion | None) -> dict[str, list[PaletteEntry]]:
@@ -115,7 +123,7 @@ class ProgramDraft:
     def editor(self) -> ProgramEditor:
         """The program; what was kept on this machine, at first."""
         if self._editor is None:
-            self._editor = self._restored() or self._made(new_program(_UNNAMED, self._polyscope()), _UNNAMED)
+            self._editor = self._restored() or self._empty()
         version, model = self._known()
         program = self._editor.program
         if (version is not None and version != program.version) or model != program.model:
@@ -125,14 +133,23 @@ class ProgramDraft:
             self.version += 1
         return self._editor
 
-    def _polyscope(self) -> PolyscopeVersion:
-        return self._known()[0] or DEFAULT_VERSION[Series.E]
+    def _empty(self) -> ProgramEditor:
+        version, model = self._robot()
+        return self._editor_of(new_program(_UNNAMED, version, model), _UNNAMED)
+
+    def _robot(self) -> tuple[PolyscopeVersion, RobotModel]:
+        """The one that is connected; before that, any."""
+        version, model = self._known()
+        return version or DEFAULT_VERSION[model.series if model else Series.E], model or load_model(_ANY)
+
+    def _editor_of(self, root: Element, name: str) -> ProgramEditor:
+        version, model = self._robot()
+        return ProgramEditor(root, name, InstallationFile(), version, model)
 
     def _made(self, data: bytes, name: str) -> ProgramEditor:
         """Raises ValueError for what is no program."""
         try:
-            root = read_document(data)
-            return ProgramEditor(root, name, InstallationFile(), self._polyscope(), self._known()[1])
+            return self._editor_of(read_document(data), name)
         except (DocumentError, TreeError) as error:
             raise ValueError(f"{name} cannot be opened: {error}") from error
 
@@ -164,24 +181,26 @@ class ProgramDraft:
 
     def data(self) -> bytes:
         """The bytes of its ``.urp``."""
-        return gzip.compress(self.editor.document(), mtime=0)
+        return packed(self.editor.document())
 
     def tree(self) -> ProgramTree:
         """For the translation."""
         return self.editor.tree
 
-    def files(self, stem: str) -> dict[str, bytes]:
-        """What is saved under a name: the program, and its script unless that has to come from a driver."""
+    def files(self, stem: str) -> dict[str, bytes | None]:
+        """What is saved under a name: program, script and tree; None for the script of a program that cannot be run."""
         editor = self.editor
         editor.name = stem
-        files = {f"{stem}{_EXTENSION}": self.data()}
-        if not editor.problems() and not editor.tree.needs_external_control:
-            files[f"{stem}.script"] = editor.written().text().encode()
-        return files
+        try:
+            script = to_bytes(editor.written().text())
+        except TreeError:
+            script = None
+        text = to_bytes(outline_text(editor))
+        return {f"{stem}.script": script, f"{stem}.txt": text, f"{stem}{_EXTENSION}": self.data()}
 
     def new(self) -> None:
         """An empty program instead."""
-        self._take_up(self._made(new_program(_UNNAMED, self._polyscope()), _UNNAMED), "")
+        self._take_up(self._empty(), "")
 
     def open(self, data: bytes, path: str) -> None:
         """Another program instead: the bytes of a ``.urp``. Raises ValueError for what is none."""
@@ -412,9 +431,7 @@ class ProgramDraft:
         self.editor.set(node, key, value)
         self._touch()
 
-    def teach(
-        self, node: str, key: str, joints: Sequence[float], pose: Sequence[float], tcp: Sequence[float]
-    ) -> None:
+    def teach(self, node: str, key: str, joints: Sequence[float], pose: Sequence[float], tcp: Sequence[float]) -> None:
         """Let a position be where the arm is. joints [rad]; pose: of the TCP, and tcp: flange to TCP [m, rad]."""
         self.editor.teach(node, joints, pose, tcp, start=key == _FROM)
         self._touch()

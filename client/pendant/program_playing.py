@@ -34,8 +34,11 @@ async def save(station: Station, path: str) -> None:
     revision = draft.version
     for name, data in draft.files(PurePosixPath(path).stem).items():
         place = str(PurePosixPath(path).with_name(name))
-        saved = await station.emulator.call("save_program", path=place, data=base64.b64encode(data).decode())
-        path = saved if name.endswith(EXTENSION) else path
+        if data is None:
+            await station.emulator.call("delete_program", path=place)
+        else:
+            saved = await station.emulator.call("save_program", path=place, data=base64.b64encode(data).decode())
+            path = saved if name.endswith(EXTENSION) else path
     draft.saved(path, revision)
 
 
