@@ -91,8 +91,8 @@ _Answer = TypeVar("_Answer")
 class ProgramDraft:
     """path: of the file in the robot's programs folder, "" before the first save.
 
-    version: counts the changes of all that pages show. breakpoints: ids of nodes. played_version: which version the robot
-    got last. note: told what goes wrong with the file that keeps the program. tell: called when there is news to show.
+    version: counts the changes of all that pages show. breakpoints: ids of nodes. played_version: which of them the
+    robot got last. note: told what goes wrong with the file that keeps the program. tell: called when there is news to show.
     known: the robot's version and arm, None while they are not known.
     """
 
@@ -407,7 +407,7 @@ class ProgramDraft:
         return (beside[index + 1 : index + 2] or beside[max(0, index - 1) : index] or [row.parent])[0]
 
     def shift(self, node: str, by: int) -> None:
-        """Move a node before the one above it (-1) or behind the one below it (1), at the ends out of the one around."""
+        """Move a node before the one above it (-1) or behind the one below it (1), or out of the one around it."""
         row = self._row(node)
         if row is None:
             raise ValueError("this node is not in the program any more")

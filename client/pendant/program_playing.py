@@ -136,8 +136,8 @@ def script(station: Station, start_at: int = 0) -> str:
     tree = station.program_draft.tree()
     if tree.needs_external_control:
         raise PlayError(
-            "a program with External Control nodes gets their code when the robot itself plays it: download it, copy it "
-            "to the robot, and play it at the robot's own pendant"
+            "a program with External Control nodes gets their code when the robot itself plays it: download it, copy "
+            "it to the robot, and play it at the robot's own pendant"
         )
     options = {} if station.version is None else {"version": station.version}
     try:

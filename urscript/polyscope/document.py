@@ -1,12 +1,15 @@
-"""Reading the XML that PolyScope saves, from any bytes, a bounded piece at a time.
+"""The XML that PolyScope saves: read from any bytes, a bounded piece at a time; changed; written as PolyScope does.
 
 PolyScope writes its files with XStream: an object that occurs twice is written once, and
 the second time as a relative path to the first (``reference="../../Move[2]/feature"``).
+`link` turns the paths into the objects themselves, so that nodes can be moved, copied and deleted;
+`write_document` finds the paths anew.
 """
 
+import gzip
 import re
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 from xml.parsers import expat
 
@@ -19,6 +22,7 @@ _MAX_BYTES: Final = 16 << 20  # of XML; the largest of 643 public programs has 3
 _MAX_ELEMENTS: Final = 1_000_000
 _MAX_DEPTH: Final = 200
 _MAX_REFERENCES: Final = 20  # references that lead to references
+_REFERENCE: Final = "reference"
 _STEP: Final = re.compile(r"([^\[\]]+)(?:\[([0-9]{1,9})\])?")
 
 
@@ -27,9 +31,13 @@ class DocumentError(ValueError):
 
 
 class Element:
-    """One XML element; what it refers to is looked up when asked for."""
+    """One XML element; what it refers to is looked up when asked for.
 
-    __slots__ = ("attributes", "children", "parent", "tag", "text")
+    ``shared``: the element that has the content, in a document that is linked. ``open``: without content it is written
+    with an end tag of its own, as XStream writes an empty text. ``parent``: where it was read, or first put.
+    """
+
+    __slots__ = ("attributes", "children", "open", "parent", "shared", "tag", "text")
 
     def __init__(self, tag: str, attributes: dict[str, str], parent: "Element | None") -> None:
         self.tag = tag
@@ -37,6 +45,8 @@ class Element:
         self.parent = parent
         self.children: list[Element] = []
         self.text = ""
+        self.open = False
+        self.shared: Element | None = None
 
     def __iter__(self) -> Iterator["Element"]:
         return iter(self.children)
@@ -60,11 +70,26 @@ class Element:
             yield element
             waiting.extend(reversed(element.children))
 
+    def places(self) -> Iterator["Element"]:
+        """This place and all below it, also in objects that other places have, each object once, in order."""
+        seen = set[int]()
+        waiting = [self]
+        while waiting:
+            place = waiting.pop()
+            yield place
+            element = place.resolved()
+            if id(element) not in seen:
+                seen.add(id(element))
+                waiting.extend(reversed(element.children))
+
     def resolved(self) -> "Element":
         """The element itself, or the one that its reference leads to. Raises DocumentError if that is nowhere."""
         element = self
         for _ in range(_MAX_REFERENCES):
-            path = element.attributes.get("reference")
+            if element.shared is not None:
+                element = element.shared
+                continue
+            path = element.attributes.get(_REFERENCE)
             if path is None:
                 return element
             element = element._follow(path)
@@ -96,8 +121,8 @@ def read_document(data: bytes) -> Element:
 
 def read_steps(data: bytes) -> Steps[Element]:
     """`read_document` in pieces that each take well under a millisecond."""
-    builder = _Builder()
     parser = expat.ParserCreate()
+    builder = _Builder(parser)
     parser.buffer_text = True
     parser.StartElementHandler = builder.start
     parser.EndElementHandler = builder.end
@@ -110,6 +135,7 @@ def read_steps(data: bytes) -> Steps[Element]:
             if size > _MAX_BYTES:
                 raise DocumentError(f"more than {_MAX_BYTES >> 20} MiB of XML")
             pending += piece
+            builder.source += piece
             if len(pending) >= enough:
                 seen = builder.events
                 parser.Parse(bytes(pending), False)
@@ -161,10 +187,12 @@ def _refuse_doctype(*_: Any) -> None:
 
 
 class _Builder:
-    """Puts the elements together."""
+    """Puts the elements together. ``source``: what was read, where the two ways to write an empty element differ."""
 
-    def __init__(self) -> None:
+    def __init__(self, parser: expat.XMLParserType) -> None:
         self.root: Element | None = None
+        self.source = bytearray()
+        self._parser = parser
         self.events = 0
         self._current: Element | None = None
         self._count = 0
@@ -191,6 +219,9 @@ class _Builder:
         assert self._current is not None
         self.events += 1
         self._put_text()
+        if not self._current.children and not self._current.text:
+            behind = self._parser.CurrentByteIndex
+            self._current.open = self.source[behind - 2 : behind] != b"/>"
         self._current = self._current.parent
         self._depth -= 1
 
@@ -202,3 +233,197 @@ class _Builder:
         if self._current is not None and self._text:
             self._current.text += "".join(self._text)
         self._text.clear()
+
+
+# writing
+
+_OF_PLACE: Final = ("class", "referenceName")  # attributes of the place where an object is, not of the object
+_ESCAPES: Final = {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "'": "&apos;", "\r": "&#xd;"}
+_ESCAPED: Final = re.compile("[&<>\"'\r]")
+_ESCAPED_IN_ATTRIBUTE: Final = re.compile("[&<>\"'\r\n\t]")
+_NOT_IN_XML: Final = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def make(tag: str, *children: Element, text: str = "", **attributes: str) -> Element:
+    """A new element with what belongs into it. ``class_`` is the attribute class."""
+    element = Element(tag, {name.removesuffix("_"): value for name, value in attributes.items()}, None)
+    element.text = text
+    for child in children:
+        child.parent = element
+        element.children.append(child)
+    return element
+
+
+def sharing(tag: str, owner: Element, **attributes: str) -> Element:
+    """A place that has the same object as another element. attributes: of the place, such as ``class_``."""
+    element = make(tag, **attributes)
+    element.shared = owner.resolved()
+    return element
+
+
+def link(root: Element) -> Element:
+    """Turn the paths of a document into the objects that they lead to. Raises DocumentError if one leads nowhere."""
+    index: dict[int, dict[str, list[Element]]] = {}
+
+    def children_of(element: Element) -> dict[str, list[Element]]:
+        found = index.get(id(element))
+        if found is None:
+            found = index[id(element)] = {}
+            for child in element.children:
+                found.setdefault(child.tag, []).append(child)
+        return found
+
+    places = [element for element in root.walk() if _REFERENCE in element.attributes]
+    owners = []
+    for place in places:
+        path = place.attributes[_REFERENCE]
+        element: Element | None = place
+        for step in path.split("/"):
+            assert element is not None
+            match = _STEP.fullmatch(step)
+            same = children_of(element).get(match[1], []) if match and step != ".." else []
+            position = int((match and match[2]) or 1) - 1
+            element = element.parent if step == ".." else same[position] if 0 <= position < len(same) else None
+            if element is None:
+                raise DocumentError(f"<{place.tag}> refers to {path}, where nothing is")
+        owners.append(element)
+    for place, owner in zip(places, owners, strict=True):
+        place.shared = owner
+        del place.attributes[_REFERENCE]
+    for place in places:
+        place.shared = place.resolved()
+    return root
+
+
+def write_document(root: Element) -> bytes:
+    """The XML of a document as PolyScope writes it, byte for byte; `packed` compresses it.
+
+    The first place that has an object gets it whole, in the order of the document, the others the path to it.
+    Raises DocumentError for text that XML cannot hold, and elements nested too deep to be read again.
+    """
+    link(root)
+    shared = {id(place.shared) for place in root.places() if place.shared is not None}
+    places: dict[int, tuple[str, ...]] = {}
+    pieces: list[str] = []
+
+    def write(place: Element, path: tuple[str, ...]) -> None:
+        element = place.resolved()
+        if len(path) > _MAX_DEPTH:
+            raise DocumentError(f"elements more than {_MAX_DEPTH} deep")
+        attributes = {name: value for name, value in place.attributes.items() if name in _OF_PLACE}
+        before = places.get(id(element))
+        if before is not None:
+            attributes[_REFERENCE] = _relative(path, before)
+            pieces.append(f"{'  ' * (len(path) - 1)}<{place.tag}{_attributes_text(attributes)}/>\n")
+            return
+        if id(element) in shared:
+            places[id(element)] = path
+        if place is element:
+            attributes = element.attributes
+        else:
+            attributes |= {name: value for name, value in element.attributes.items() if name not in _OF_PLACE}
+        head = f"{'  ' * (len(path) - 1)}<{place.tag}{_attributes_text(attributes)}"
+        text = _escaped(element.text, _ESCAPED)
+        if not element.children:
+            pieces.append(f"{head}>{text}</{place.tag}>\n" if text or element.open else f"{head}/>\n")
+            return
+        pieces.append(f"{head}>{'' if element.text.isspace() else text}\n")
+        counts: dict[str, int] = {}
+        for child in element.children:
+            number = counts[child.tag] = counts.get(child.tag, 0) + 1
+            write(child, (*path, child.tag if number == 1 else f"{child.tag}[{number}]"))
+        pieces.append(f"{'  ' * (len(path) - 1)}</{place.tag}>\n")
+
+    write(root, (root.tag,))
+    return "".join(pieces).removesuffix("\n").encode()
+
+
+def _relative(here: tuple[str, ...], there: tuple[str, ...]) -> str:
+    common = 0
+    while common < min(len(here), len(there)) and here[common] == there[common]:
+        common += 1
+    return "/".join([".."] * (len(here) - common) + list(there[common:]))
+
+
+def _attributes_text(attributes: dict[str, str]) -> str:
+    return "".join(f' {name}="{_escaped(value, _ESCAPED_IN_ATTRIBUTE)}"' for name, value in attributes.items())
+
+
+def _escaped(text: str, which: re.Pattern[str]) -> str:
+    check_text(text)
+    return which.sub(lambda match: _ESCAPES.get(match[0]) or f"&#x{ord(match[0]):x};", text)
+
+
+def check_text(text: str) -> None:
+    """Raises DocumentError for text that XML cannot hold."""
+    if wrong := _NOT_IN_XML.search(text):
+        raise DocumentError(f"{text[:60]!r} has the character {wrong[0]!r}, which XML cannot hold")
+
+
+def packed(xml: bytes) -> bytes:
+    """Compressed, as PolyScope keeps its files."""
+    return gzip.compress(xml, mtime=0)
+
+
+class Changes:
+    """What is done to the elements of a linked document, so that it can be undone exactly."""
+
+    def __init__(self) -> None:
+        self.steps: list[tuple[Element, str, Any, Any]] = []
+
+    def put(self, element: Element, slot: str, value: Any) -> None:
+        """Set a slot of an element: tag, attributes, text, children, open or shared."""
+        before = getattr(element, slot)
+        if before != value:
+            self.steps.append((element, slot, before, value))
+            setattr(element, slot, value)
+
+    def undo(self, down_to: int = 0) -> None:
+        """Take back what was done since there were so many steps; they are forgotten."""
+        while len(self.steps) > down_to:
+            element, slot, before, _ = self.steps.pop()
+            setattr(element, slot, before)
+
+    def set_attribute(self, element: Element, name: str, value: str | None, order: Sequence[str] = ()) -> None:
+        """Give the object an attribute, or take it away (None). A new one stands where ``order`` has it."""
+        element = element.resolved()
+        attributes = dict(element.attributes)
+        if value is None:
+            attributes.pop(name, None)
+        elif name in attributes or name not in order:
+            attributes[name] = value
+        else:
+            behind = order[order.index(name) + 1 :]
+            first = next((given for given in attributes if given in behind), None)
+            attributes = {}
+            for given, old in element.attributes.items():
+                if given == first:
+                    attributes[name] = value
+                attributes[given] = old
+            attributes.setdefault(name, value)
+        self.put(element, "attributes", attributes)
+
+    def set_child(self, element: Element, tag: str, child: Element | None, order: Sequence[str] = ()) -> None:
+        """Put a child in the place of the one with this tag, take that away (None), or add it where ``order`` says."""
+        element = element.resolved()
+        children = list(element.children)
+        at = next((index for index, old in enumerate(children) if old.tag == tag), None)
+        if child is not None:
+            child.parent = element
+        if at is not None:
+            children[at : at + 1] = [] if child is None else [child]
+        elif child is not None:
+            behind = order[order.index(tag) + 1 :] if tag in order else ()
+            at = next((index for index, old in enumerate(children) if old.tag in behind), len(children))
+            children.insert(at, child)
+        self.put(element, "children", children)
+
+    def set_text(self, element: Element, tag: str, text: str | None, order: Sequence[str] = ()) -> None:
+        """The text of a child, which is made if it is not there, or taken away (None)."""
+        child = element.child(tag)
+        if text is None:
+            self.set_child(element, tag, None)
+        elif child is None:
+            self.set_child(element, tag, make(tag, text=text), order)
+        else:
+            self.put(child, "text", text)

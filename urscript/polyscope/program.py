@@ -1,7 +1,7 @@
 """The URScript that a program tree is run as."""
 
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
-from urscript.polyscope.document import DocumentError
+from urscript.polyscope.document import DocumentError, Element
 from urscript.polyscope.installation_file import InstallationFile
 from urscript.polyscope.naming import identifier, quoted
 from urscript.polyscope.nodes import NODE_MODULES
@@ -101,10 +101,15 @@ def write_steps(
     *,
     version: PolyscopeVersion,
     external_control: ExternalControlCode | None,
+    problems: list[tuple[Element, str]] | None = None,
     start_at: int = 0,
 ) -> Steps[Writer]:
-    """Everything written that `script_of` puts together, with the labels of the nodes."""
-    writer = Writer(tree, installation, version, external_control, StartingNode(tree, start_at) if start_at else None)
+    """Everything written that `script_of` puts together, with the labels of the nodes.
+
+    problems: takes in what is wrong with nodes, which then raises nothing.
+    """
+    starting = StartingNode(tree, start_at) if start_at else None
+    writer = Writer(tree, installation, version, external_control, problems, starting)
     children = tree.root.child("children")
     assert children is not None
     try:

@@ -43,7 +43,7 @@ class StartingNode:
     def first(self, nodes: Sequence[Element]) -> int | None:
         """Which of these siblings the program begins with, or within; None when it begins elsewhere."""
         for index, node in enumerate(nodes):
-            if id(node) in self.path:
+            if id(node.resolved()) in self.path:
                 while index and node.tag == "If" and node.get("type") != "If":  # written with its If
                     index -= 1
                     node = nodes[index]
@@ -57,11 +57,16 @@ class StartingNode:
 
     def condition(self, part: Element, chain: Sequence[Element], expression: str) -> str:
         """Expression of a branch or loop, so that the way leads to the node. chain: all branches beside it."""
-        if id(part) in self.path and part is not self.element:
+        if self._leads_on(part):
             return f"{SKIPPING} or ({expression})"
-        if any(id(each) in self.path and each is not self.element for each in chain):
+        if any(map(self._leads_on, chain)):
             return f"not {SKIPPING} and ({expression})"
         return expression
+
+    def _leads_on(self, part: Element) -> bool:
+        """Whether the node lies in this one."""
+        part = part.resolved()
+        return id(part) in self.path and part is not self.element
 
 
 def _around(lines: list[TreeLine], line: TreeLine) -> list[TreeLine]:

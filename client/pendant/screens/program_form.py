@@ -91,9 +91,7 @@ class NodeForm:
         """A number, a text, an expression, a variable."""
         words = [str(value) for value, _ in field.choices]
         box = ui.input(field.title, value=_text(field.value), autocomplete=words or None)
-        box.props(
-            f'dense outlined data-testid=field-{field.key} autocapitalize=off spellcheck=false aria-label="{_named(field)}"'
-        )
+        box.props(f'dense outlined data-testid=field-{field.key} spellcheck=false aria-label="{_named(field)}"')
         if field.unit:
             box.props(f'suffix="{field.unit}"')
         if field.kind in _NUMBERS:
