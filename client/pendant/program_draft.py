@@ -92,8 +92,8 @@ class ProgramDraft:
     """path: of the file in the robot's programs folder, "" before the first save.
 
     version: counts the changes of all that pages show. breakpoints: ids of nodes. played_version: which of them the
-    robot got last. note: told what goes wrong with the file that keeps the program. tell: called when there is news to show.
-    known: the robot's version and arm, None while they are not known.
+    robot got last. note: told what goes wrong with the file that keeps the program. tell: called when there is news to
+    show. known: the robot's version and arm, None while they are not known.
     """
 
     def __init__(
@@ -435,6 +435,16 @@ class ProgramDraft:
         """Let a position be where the arm is. joints [rad]; pose: of the TCP, and tcp: flange to TCP [m, rad]."""
         self.editor.teach(node, joints, pose, tcp, start=key == _FROM)
         self._touch()
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is an edit to take back."""
+        return bool(self.editor.can_undo)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether one was taken back."""
+        return bool(self.editor.can_redo)
 
     def undo(self) -> None:
         """Take back the last edit, whoever made it."""

@@ -11,8 +11,9 @@ from client.pendant.program_draft import ProgramDraft
 from client.pendant.station import Station
 from urproto.modes import RuntimeState
 from urscript.polyscope.installation_file import InstallationFile
-from urscript.polyscope.program import script_of
+from urscript.polyscope.program import script_steps
 from urscript.polyscope.tree import TreeError
+from urscript.work import run_to_end
 
 EXTENSION: Final = ".urp"
 _PAUSED: Final = (RuntimeState.PAUSED, RuntimeState.PAUSING)
@@ -139,8 +140,8 @@ def script(station: Station, start_at: int = 0) -> str:
             "a program with External Control nodes gets their code when the robot itself plays it: download it, copy "
             "it to the robot, and play it at the robot's own pendant"
         )
-    options = {} if station.version is None else {"version": station.version}
+    steps = script_steps(tree, InstallationFile(), version=station.program_draft.editor.version, start_at=start_at)
     try:
-        return script_of(tree, InstallationFile(), start_at=start_at, **options)
+        return run_to_end(steps)
     except TreeError as error:
         raise PlayError(str(error)) from error

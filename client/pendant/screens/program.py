@@ -216,9 +216,9 @@ def _play_buttons(page: Page, deeds: Deeds, button: Callable[..., ui.button]) ->
         if emulated:
             page.live.effect(_may_step, made.set_enabled)
             page.live.bind(made, "title", lambda s: "" if playing.saves_here(s) else _ONLY_EMULATED)
-    mark = button("Breakpoint", "stop_circle", page.doing(deeds.breakpoint), "program-breakpoint", _BREAKPOINT)
-    page.live.effect(playing.saves_here, mark.set_enabled)
-    page.live.bind(mark, "title", lambda s: "" if playing.saves_here(s) else _ONLY_EMULATED)
+    halt = button("Breakpoint", "stop_circle", page.doing(deeds.breakpoint), "program-breakpoint", _BREAKPOINT)
+    page.live.effect(playing.saves_here, halt.set_enabled)
+    page.live.bind(halt, "title", lambda s: "" if playing.saves_here(s) else _ONLY_EMULATED)
     page.live.text(_why_not, "program-why").props("data-testid=program-why")
 
 
