@@ -58,8 +58,8 @@ class PaletteEntry:
 
 _ICONS: Final = {  # of Material Icons, by the key of the kind; what has none here gets that of its group
     "move": "timeline", "waypoint": "place", "direction": "north_east", "until": "flag", "wait": "hourglass_empty",
-    "set": "toggle_on", "popup": "chat_bubble_outline", "halt": "stop", "comment": "notes", "folder": "folder_open",
-    "if": "call_split", "else_if": "call_split", "else": "call_split", "loop": "loop", "call": "login",
+    "set": "toggle_on", "set_payload": "scale", "force": "compress", "popup": "chat_bubble_outline", "halt": "stop", "comment": "notes", "folder": "folder_open",
+    "if": "call_split", "elseif": "call_split", "else": "call_split", "loop": "loop", "call": "login",
     "subprogram": "integration_instructions", "assignment": "edit_note", "script": "code", "thread": "alt_route",
     "event": "bolt", "switch": "fork_right", "case": "subdirectory_arrow_right", "timer": "timer", "home": "home",
     "robot_program": "smart_toy", "variables_setup": "data_object", "before_start": "first_page",
