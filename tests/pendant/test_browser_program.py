@@ -119,3 +119,40 @@ def chapter_ten(page: Page, rig: Rig) -> None:
 
 def test_chapter_ten_is_typed_click_by_click(rig: Rig, open_page: Open) -> None:
     chapter_ten(open_page("program"), rig)
+
+
+def waypoint(page: Page, rig: Rig, name: str, q: tuple[float, ...]) -> None:
+    """Teach the selected waypoint: the arm is brought there, as a person would by hand."""
+    fill(page, "name", name)
+    expect(row(page, name)).to_be_visible()
+    rig.control.set_joints(q)
+    eventually(lambda: dist(rig.state("actual_q"), q) < 1e-6)
+    page.wait_for_timeout(300)  # thirty states a second come to the pendant
+    page.get_by_test_id("teach-position").click()
+    expect(page.get_by_test_id("field-position")).to_contain_text("Joints")
+
+
+def pick_and_place(page: Page, rig: Rig) -> None:
+    """Made from nothing: three moves with taught waypoints, two Sets, a Wait; twice, for it is a loop's work."""
+    new_program(page)
+    select(page, "Robot Program")
+    page.get_by_test_id("field-loops").click()
+    insert(page, "waypoint", "Waypoint_1")
+    waypoint(page, rig, "Above", ABOVE)
+    select(page, "MoveJ")
+    insert(page, "move", "MoveJ")
+    choose(page, "motion", "MoveL")
+    select(page, "MoveL")
+
+
+def played(rig: Rig, start: Callable[[], object]) -> list[tuple[float, ...]]:
+    """Where the arm was on the way, and output 2, from one play to its end."""
+    rig.control.set_joints(BIN)
+    way = list[tuple[float, ...]]()
+    with BlockingRTDEClient(rig.host, ("actual_q", "actual_digital_output_bits", "runtime_state")) as watcher:
+        start()
+        while watcher.latest()["runtime_state"] != 2:
+            pass
+        while (state := watcher.receive())["runtime_state"] == 2:
+            way.append((*state["actual_q"], float(state["actual_digital_output_bits"] >> 2 & 1)))
+    return way

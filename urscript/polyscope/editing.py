@@ -5,7 +5,7 @@ people can edit the same program: who speaks of a node that is gone is told so. 
 and what is not touched stays as it was, byte for byte. An editor is for one thread.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
@@ -16,29 +16,19 @@ from urscript.polyscope.document import DocumentError, Element, link, make, writ
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.forms import FieldError, Surroundings, check_name
 from urscript.polyscope.installation_file import InstallationFile
-from urscript.polyscope.nodes.moves import teach
+from urscript.polyscope.nodes.waypoints import teach
+from urscript.polyscope.places import INNER, ROOT, SUPPRESSED, EditError, Places, Spot, Target, node_place
 from urscript.polyscope.program import write_steps
-from urscript.polyscope.registry import NODES, Kind, kinds
+from urscript.polyscope.registry import kinds
 from urscript.polyscope.saved_script import NO_SAVED_SCRIPT, SavedScript
 from urscript.polyscope.transplant import Clip, clipped, planted
 from urscript.polyscope.tree import ProgramTree, TreeError, tag_of
 from urscript.polyscope.writer import ExternalControlCode, Writer
 from urscript.work import run_to_end
 
-ROOT: Final = "program"  # id of the program itself, in which threads and subprograms stand
-_SUPPRESSED: Final = "SuppressedNode"
-_INNER: Final = "suppressedNode"
 _EMPTY: Final = "Placeholder"
 _MOST_STEPS: Final = 10_000  # operations that can be undone; far more than a day's work
 _NO_CODE: Final = ExternalControlCode("", "")
-
-
-class EditError(ValueError):
-    """What was asked for cannot be done. ``node``: id of the node; ``field``: key of its field, empty for none."""
-
-    def __init__(self, message: str, node: str = "", field: str = "") -> None:
-        super().__init__(message)
-        self.node, self.field = node, field
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,42 +62,11 @@ class Problem:
 
 
 @dataclass(frozen=True, slots=True)
-class _Spot:
-    """A node where it stands. place: in the list of its holder; node: what is there, which a place may share;
-    holder: the element whose children it is among. written: place of the node itself, within a suppression."""
-
-    id: str
-    place: Element
-    written: Element
-    node: Element
-    holder: Element
-    parent: "_Spot | None"
-    depth: int
-    suppressed: bool
-    kind: Kind | None
-
-    @property
-    def title(self) -> str:
-        if self.kind is None:
-            return tag_of(self.written)
-        return self.kind.shown(self.node) or self.kind.title
-
-
-@dataclass(frozen=True, slots=True)
 class _Operation:
     """Something that was done. steps: as in `urscript.polyscope.document.Changes`."""
 
     title: str
     steps: list[tuple[Element, str, Any, Any]]
-
-
-@dataclass(frozen=True, slots=True)
-class _Target:
-    """Where nodes go: behind ``behind`` among the children of a node, or at the beginning (None)."""
-
-    parent: Element
-    parent_spot: _Spot | None
-    behind: Element | None
 
 
 class ProgramEditor:
@@ -133,12 +92,10 @@ class ProgramEditor:
         self.saved_script, self.folder = saved_script, folder
         self.program = Surroundings(self.root, installation, version, model, folder)
         self.revision = 0
-        self._ids: dict[int, str] = {id(self.root): ROOT}
-        self._known: dict[str, Element] = {ROOT: self.root}  # keeps them alive, so that no identity is used twice
+        self._places = Places(self.root)
         self._done: list[_Operation] = []
         self._undone: list[_Operation] = []
         self._saved: _Operation | None = None
-        self._spots: tuple[int, list[_Spot], dict[str, _Spot]] | None = None
         self._problems: tuple[int, list[Problem]] | None = None
 
     # what is there
@@ -165,10 +122,10 @@ class ProgramEditor:
     def rows(self) -> list[Row]:
         """The tree line by line, as PolyScope shows it."""
         problems = {problem.node: problem.message for problem in reversed(self.problems())}
-        spots = self._all()
+        spots = self._places.all()
         undefined = set[str]()
         for spot in reversed(spots):
-            if not spot.suppressed and (spot.id in undefined or self._lacks(spot)):
+            if not spot.suppressed and (spot.id in undefined or spot.lacks):
                 undefined.add(spot.id)
                 if spot.parent is not None:
                     undefined.add(spot.parent.id)
@@ -177,7 +134,7 @@ class ProgramEditor:
                 id=spot.id,
                 number=number,
                 depth=spot.depth,
-                title=spot.title,
+                title=self._title(spot),
                 kind=spot.kind.key if spot.kind else "",
                 parent=spot.parent.id if spot.parent else ROOT,
                 suppressed=spot.suppressed,
@@ -189,6 +146,10 @@ class ProgramEditor:
             for number, spot in enumerate(spots, 1)
         ]
 
+    def _title(self, spot: Spot) -> str:
+        by_installation = spot.kind.shown_by if spot.kind else None
+        return by_installation(self.installation) if by_installation else spot.title
+
     def problems(self) -> list[Problem]:
         """What keeps the program from being run: what nodes lack, and what cannot be translated, at its node."""
         if self._problems is None or self._problems[0] != self.revision:
@@ -198,8 +159,8 @@ class ProgramEditor:
     def _find_problems(self) -> list[Problem]:
         found = [
             Problem(spot.id, f"{spot.title} lacks {lack}")
-            for spot in self._all()
-            if not spot.suppressed and (lack := self._lacks(spot))
+            for spot in self._places.all()
+            if not spot.suppressed and (lack := spot.lacks)
         ]
         seen = {problem.node for problem in found}
         wrong: list[tuple[Element, str]] = []
@@ -216,7 +177,7 @@ class ProgramEditor:
         except (TreeError, DocumentError) as error:
             found.append(Problem("", str(error)))
         for element, message in wrong:
-            node = self._ids.get(id(element.resolved()), "")
+            node = self._places.known(element)
             if node not in seen:
                 found.append(Problem(node, message))
         return found
@@ -228,11 +189,11 @@ class ProgramEditor:
 
     def node_of(self, element: Element) -> str:
         """Id of a node by its element, empty for what is none of the tree."""
-        return self._ids.get(id(element.resolved()), "")
+        return self._places.known(element)
 
     def form(self, node: str) -> dict[str, Any]:
         """What can be set at a node, ready for JSON: id, kind, title, shown, fields. Raises EditError."""
-        spot = self._spot(node)
+        spot = self._places.spot(node)
         fields = [
             {**field.description(spot.node, self.program), "node": node}
             for field in (spot.kind.fields if spot.kind else ())
@@ -242,7 +203,7 @@ class ProgramEditor:
             "id": node,
             "kind": spot.kind.key if spot.kind else "",
             "title": spot.kind.title if spot.kind else tag_of(spot.written),
-            "shown": spot.title,
+            "shown": self._title(spot),
             "suppressed": spot.place is not spot.written,
             "revision": self.revision,
             "fields": fields,
@@ -281,9 +242,9 @@ class ProgramEditor:
             raise EditError(f"PolyScope {self.version.short} has no {found.title} ({found.available})")
         with self._operation(f"Insert {found.title}"):
             element = found.new(self.program)
-            self._put([element], self._target(into, before, after, found))
-            node = self._id(element)
-            self._forget()
+            self._put([element], self._places.target(into, before, after, found))
+            node = self._places.id_of(element)
+            self._places.forget()
             for key, value in (values or {}).items():
                 self._set(node, key, value)
         return node
@@ -294,7 +255,7 @@ class ProgramEditor:
 
     def set_all(self, node: str, values: dict[str, Any]) -> None:
         """Set several fields of a node, in this order, or none of them. Raises EditError."""
-        with self._operation(f"Change {self._spot(node).title}"):
+        with self._operation(f"Change {self._places.spot(node).title}"):
             for key, value in values.items():
                 self._set(node, key, value)
 
@@ -312,13 +273,13 @@ class ProgramEditor:
         joints [rad]; pose: TCP in the base frame, tcp: TCP in the flange frame [m, rad]. start: the position that a
         relative waypoint starts from. Raises EditError.
         """
-        spot = self._spot(node)
+        spot = self._places.spot(node)
         if spot.kind is None or spot.kind.key != "waypoint":
             raise EditError(f"{spot.title} is no waypoint, and cannot be taught", node)
         kind, name = spot.node.get("type"), spot.node.get("name")
         same = [
             other.node
-            for other in self._all()
+            for other in self._places.all()
             if other.kind is spot.kind and other.node.get("name") == name and other.node.get("type") == kind
         ]
         with self._operation(f"Teach {spot.title}"):
@@ -330,7 +291,7 @@ class ProgramEditor:
 
     def rename(self, node: str, name: str) -> None:
         """Give a node another name; where its name is that of a variable, the variable, wherever it is used."""
-        spot = self._spot(node)
+        spot = self._places.spot(node)
         variable = spot.node.child("variable", "loopVariable")
         if spot.kind is not None and spot.kind.field("name") and not (variable and spot.kind.key == "waypoint"):
             self.set(node, "name", name)
@@ -358,10 +319,10 @@ class ProgramEditor:
 
     def delete(self, *nodes: str) -> None:
         """Take nodes out, an If with its branches. Raises EditError."""
-        spots = self._whole(nodes)
+        spots = self._places.whole(nodes)
         with self._operation(f"Delete {spots[0].title}"):
             for spot in spots:
-                self._may_go(spot, "deleted")
+                self._places.may_go(spot, "deleted")
                 if spot.kind is not None and spot.kind.key == "variables_setup":
                     self._flag_variables("false")
                 self._take_out(spot.place, spot.holder)
@@ -369,11 +330,11 @@ class ProgramEditor:
 
     def move(self, *nodes: str, into: str = "", before: str = "", after: str = "") -> None:
         """Put nodes elsewhere, an If with its branches, in the order in which they stand. Raises EditError."""
-        spots = self._whole(nodes)
+        spots = self._places.whole(nodes)
         for spot in spots:
-            self._may_go(spot, "moved")
+            self._places.may_go(spot, "moved")
         moved = {id(spot.node) for spot in spots}
-        anchor = self._spot(into or before or after) if (into or before or after) != ROOT else None
+        anchor = self._places.spot(into or before or after) if (into or before or after) != ROOT else None
         around = anchor
         while around is not None:
             if id(around.node) in moved:
@@ -381,16 +342,16 @@ class ProgramEditor:
             around = around.parent
         with self._operation(f"Move {spots[0].title}"):
             places = [spot.place for spot in spots]
-            target = self._group_target(places, into, before, after)
+            target = self._places.group_target(places, into, before, after)
             for spot in spots:
                 self._take_out(spot.place, spot.holder, keep=target.parent)
             self._put(places, target)
 
     def copy(self, *nodes: str) -> Clip:
         """Nodes to be pasted, here or into another program. Raises EditError."""
-        spots = self._whole(nodes)
+        spots = self._places.whole(nodes)
         for spot in spots:
-            self._may_go(spot, "copied")
+            self._places.may_go(spot, "copied")
         return clipped([spot.place for spot in spots])
 
     def paste(self, clip: Clip, *, into: str = "", before: str = "", after: str = "") -> list[str]:
@@ -400,16 +361,16 @@ class ProgramEditor:
                 places = planted(clip, self.program)
             except FieldError as error:
                 raise EditError(str(error)) from None
-            self._put(places, self._group_target(places, into, before, after))
-            return [self._id(_inner(place).resolved()) for place in places]
+            self._put(places, self._places.group_target(places, into, before, after))
+            return [self._places.id_of(node_place(place).resolved()) for place in places]
 
     def suppress(self, *nodes: str, on: bool = True) -> None:
         """Leave nodes out of the program without taking them away, an If with its branches; or not any more."""
-        spots = self._whole(nodes)
+        spots = self._places.whole(nodes)
         with self._operation(f"{'Suppress' if on else 'Unsuppress'} {spots[0].title}"):
             for spot in spots:
                 if on and (spot.place is spot.written):
-                    self._may_go(spot, "suppressed")
+                    self._places.may_go(spot, "suppressed")
                     self._wrap(spot)
                 elif not on and spot.place is not spot.written:
                     self._unwrap(spot)
@@ -465,225 +426,24 @@ class ProgramEditor:
             yield
         except BaseException:
             changes.undo()
-            self._forget()
+            self._places.forget()
             raise
         steps, changes.steps = changes.steps, []
-        self._forget()
+        self._places.forget()
         if steps:
             self._done.append(_Operation(title, steps))
-            del self._done[:-_MOST_STEPS]
+            if len(self._done) > _MOST_STEPS:
+                oldest = self._done.pop(0)
+                self._saved = self._saved or oldest  # the program as it was opened cannot be reached any more
             self._undone.clear()
             self._changed()
 
     def _changed(self) -> None:
         self.revision += 1
-        self._forget()
-
-    # nodes and where they stand
-
-    def _forget(self) -> None:
-        """The tree is another one, or may be."""
-        self._spots = None
-
-    def _id(self, element: Element) -> str:
-        element = element.resolved()
-        found = self._ids.get(id(element))
-        if found is None:
-            found = self._ids[id(element)] = f"n{len(self._ids)}"
-            self._known[found] = element
-        return found
-
-    def _kind(self, place: Element) -> Kind | None:
-        found = NODES.get(tag_of(place))
-        node = place.resolved()
-        return next((kind for kind in found.kinds if kind.matches(node)), None) if found else None
-
-    def _all(self) -> list[_Spot]:
-        return self._index()[1]
-
-    def _index(self) -> tuple[int, list[_Spot], dict[str, _Spot]]:
-        if self._spots is None:
-            spots = list(self._walk())
-            self._spots = (self.revision, spots, {spot.id: spot for spot in spots})
-        return self._spots
-
-    def _walk(self) -> Iterator[_Spot]:
-        """Every node in the order of the tree; a node that several places have stands at the first."""
-        seen = set[int]()
-        waiting = [(place, holder, None, 0, False) for place, holder in reversed(_children(self.root))]
-        stack: list[tuple[Element, Element, _Spot | None, int, bool]] = list(waiting)
-        while stack:
-            place, holder, parent, depth, suppressed = stack.pop()
-            written = _inner(place)
-            node = written.resolved()
-            if id(node) in seen:
-                continue
-            seen.add(id(node))
-            left_out = suppressed or written is not place
-            spot = _Spot(self._id(node), place, written, node, holder, parent, depth, left_out, self._kind(written))
-            yield spot
-            stack.extend((child, inner, spot, depth + 1, left_out) for child, inner in reversed(_children(node)))
-
-    def _spot(self, node: str) -> _Spot:
-        spot = self._index()[2].get(node)
-        if spot is None:
-            gone = self._known.get(node)
-            if gone is self.root:
-                raise EditError("that is the whole program; name a node of it", node)
-            shown = f" ({tag_of(gone)})" if gone is not None else ""
-            raise EditError(f"the node {node}{shown} is not in the program any more", node)
-        return spot
-
-    def _lacks(self, spot: _Spot) -> str:
-        return spot.kind.undefined(spot.node) if spot.kind else ""
-
-    def _whole(self, nodes: Iterable[str]) -> list[_Spot]:
-        """The nodes in the order of the tree, without those that lie in others, an If with its branches."""
-        wanted = {self._spot(node).id for node in nodes}
-        if not wanted:
-            raise EditError("name a node")
-        for spot in self._all():
-            if spot.id in wanted and spot.kind is not None and spot.kind.key == "if":
-                wanted.update(other.id for other in self._branches(spot))
-        found = []
-        for spot in self._all():
-            around = spot.parent
-            while around is not None and around.id not in wanted:
-                around = around.parent
-            if spot.id in wanted and around is None:
-                found.append(spot)
-        return found
-
-    def _branches(self, spot: _Spot) -> list[_Spot]:
-        """The ElseIf and Else nodes that belong to an If."""
-        beside = [other for other in self._all() if other.holder is spot.holder]
-        found = []
-        for other in beside[beside.index(spot) + 1 :]:
-            if other.kind is None or other.kind.stands != "if":
-                break
-            found.append(other)
-        return found
-
-    # where nodes may go
-
-    def _target(self, into: str, before: str, after: str, kind: Kind) -> _Target:
-        """Where a node of a kind goes. Raises EditError where it may not stand."""
-        if sum(map(bool, (into, before, after))) != 1 and kind.stands != "program":
-            raise EditError("say where: into a node, before or after one")
-        if kind.stands == "program":
-            return self._in_program(before, after, kind)
-        if into == ROOT:
-            main = next(spot for spot in self._all() if spot.kind is not None and spot.kind.key == "robot_program")
-            into = main.id
-        anchor = self._spot(into or before or after)
-        if kind.stands == "if":
-            return self._behind_if(anchor, kind)
-        if into:
-            parent: _Spot | None = anchor
-            behind = _last_place(anchor.node)
-        else:
-            parent, behind = anchor.parent, self._neighbour(anchor, first=bool(before))
-        if parent is None:
-            raise EditError(f"a {kind.title} does not stand beside {anchor.title}; put it into one of these", anchor.id)
-        self._may_hold(parent, kind)
-        if kind.key == "default_case" and any(s.kind is kind and s.parent == parent for s in self._all()):
-            raise EditError(f"{parent.title} has a default case already", parent.id)
-        return _Target(parent.node, parent, behind)
-
-    def _group_target(self, places: list[Element], into: str, before: str, after: str) -> _Target:
-        """Where several nodes go together. Raises EditError where one of them may not stand."""
-        target = None
-        chain = False
-        for place in places:
-            kind = self._kind(_inner(place))
-            if kind is None:
-                raise EditError(f"<{tag_of(_inner(place))}> is not known, and stays where it is")
-            if not (chain and kind.stands == "if"):
-                found = self._target(into, before, after, kind)
-                if target is not None and target.parent is not found.parent:
-                    raise EditError("these nodes do not stand in the same place; take them one by one")
-                target = target or found
-            chain = kind.key == "if" or (chain and kind.key == "elseif")
-        if target is None:
-            raise EditError("there is nothing to put there")
-        return target
-
-    def _neighbour(self, anchor: _Spot, *, first: bool) -> Element | None:
-        """The place behind which something goes that shall stand before or after a node: not between branches."""
-        beside = [spot for spot in self._all() if spot.holder is anchor.holder]
-        at = beside.index(anchor)
-        if first:
-            while beside[at].kind is not None and beside[at].kind.stands == "if" and at:  # type: ignore[union-attr]
-                at -= 1
-            return beside[at - 1].place if at else None
-        while at + 1 < len(beside) and (behind := beside[at + 1].kind) is not None and behind.stands == "if":
-            at += 1
-        return beside[at].place
-
-    def _in_program(self, before: str, after: str, kind: Kind) -> _Target:
-        """In the program itself: the nodes that come first in their order, the others at the end or where asked."""
-        top = [spot for spot in self._all() if spot.parent is None]
-        keys = [spot.kind.key if spot.kind else "" for spot in top]
-        once = ("variables_setup", "before_start", "robot_program")
-        if kind.key in once:
-            if kind.key in keys:
-                raise EditError(f"the program has its {kind.title} already")
-            earlier = [spot.place for spot, key in zip(top, keys, strict=True) if key in once[: once.index(kind.key)]]
-            return _Target(self.root, None, earlier[-1] if earlier else None)
-        anchor = self._spot(before or after) if before or after else None
-        while anchor is not None and anchor.parent is not None:
-            anchor = anchor.parent
-        if anchor is None or (anchor.kind is not None and anchor.kind.key in once):
-            return _Target(self.root, None, top[-1].place)
-        return _Target(self.root, None, self._neighbour(anchor, first=bool(before)))
-
-    def _behind_if(self, anchor: _Spot, kind: Kind) -> _Target:
-        """Behind an If, or one of its branches."""
-        if anchor.kind is None or anchor.kind.key not in ("if", "elseif", "else"):
-            raise EditError(f"an {kind.title} stands behind an If, not at {anchor.title}", anchor.id)
-        chain = [anchor, *self._branches(anchor)]
-        if any(spot.kind is not None and spot.kind.key == "else" for spot in chain):
-            if kind.key == "else":
-                raise EditError("the If has its Else already", anchor.id)
-            chain = chain[:-1]
-            if not chain:
-                raise EditError("an ElseIf stands before the Else", anchor.id)
-        at = chain[-1] if kind.key == "else" or anchor.kind.key == "if" else anchor
-        return _Target(anchor.parent.node if anchor.parent else self.root, anchor.parent, at.place)
-
-    def _may_hold(self, parent: _Spot, kind: Kind) -> None:
-        """Raises EditError where a node of a kind may not stand in another."""
-        holds = parent.kind.contains if parent.kind else ""
-        if parent.kind is not None and parent.kind.key == "until" and parent.node.get("allowActions") != "true":
-            raise EditError(f"{parent.title} has no actions; allow them first", parent.id, "actions")
-        if kind.stands in ("switch", "direction"):
-            if holds != kind.stands:
-                where = "Switch" if kind.stands == "switch" else "Direction"
-                raise EditError(f"a {kind.title} stands in a {where}, not in {parent.title}", parent.id)
-        elif holds != "nodes":
-            what = {"switch": "only cases", "direction": "only Untils", "circle": "its two waypoints"}.get(holds)
-            raise EditError(f"{parent.title} holds {what or 'no nodes'}", parent.id)
-
-    def _in_move(self, spot: _Spot | None) -> bool:
-        while spot is not None:
-            if spot.node.get("motionType"):
-                return True
-            spot = spot.parent
-        return False
-
-    def _may_go(self, spot: _Spot, how: str) -> None:
-        key = spot.kind.key if spot.kind else ""
-        if key in ("robot_program", "empty") or (key == "variables_setup" and how != "deleted"):
-            raise EditError(f"{spot.title} cannot be {how}", spot.id)
-        if how == "copied" and key == "before_start":
-            raise EditError(f"{spot.title} cannot be {how}: a program has one", spot.id)
-        if how != "copied" and spot.parent is not None and spot.parent.kind and spot.parent.kind.contains == "circle":
-            raise EditError(f"{spot.title} cannot be {how}: the CircleMove around it needs two waypoints", spot.id)
-
-    # changing
+        self._places.forget()
 
     def _set(self, node: str, key: str, value: Any) -> None:
-        spot = self._spot(node)
+        spot = self._places.spot(node)
         field = spot.kind.field(key) if spot.kind else None
         if field is None or not field.shown(spot.node):
             shown = [f.key for f in spot.kind.fields if f.shown(spot.node)] if spot.kind else []
@@ -694,10 +454,10 @@ class ProgramEditor:
         except (FieldError, DocumentError) as error:
             raise EditError(f"{spot.title}, {field.title}: {error}", node, key) from None
 
-    def _put(self, places: list[Element], target: _Target) -> None:
+    def _put(self, places: list[Element], target: Target) -> None:
         """Put places among the children of a node, in a Move of their own if they need one and none is there."""
-        loose = [place for place in places if (kind := self._kind(_inner(place))) and kind.stands == "move"]
-        if loose and not self._in_move(target.parent_spot):
+        loose = [place for place in places if (kind := self._places.kind(node_place(place))) and kind.stands == "move"]
+        if loose and not self._places.in_move(target.parent_spot):
             move = kinds()["move"].new
             assert move is not None
             around = move(self.program)
@@ -718,7 +478,7 @@ class ProgramEditor:
         children[at:at] = places
         self.program.changes.put(holder, "children", [child for child in children if child.tag != _EMPTY] or children)
         for place in places:
-            if (kind := self._kind(_inner(place))) is not None and kind.key == "variables_setup":
+            if (kind := self._places.kind(node_place(place))) is not None and kind.key == "variables_setup":
                 self._flag_variables("true")
 
     def _adopt(self, place: Element, holder: Element) -> None:
@@ -746,18 +506,18 @@ class ProgramEditor:
     def _wants_empty_line(self, holder: Element) -> bool:
         return holder.parent is not None and tag_of(holder.parent) not in ("Switch",)
 
-    def _wrap(self, spot: _Spot) -> None:
+    def _wrap(self, spot: Spot) -> None:
         changes, place = self.program.changes, spot.place
-        wrapper = make(_SUPPRESSED)
+        wrapper = make(SUPPRESSED)
         wrapper.parent = spot.holder
         children = [wrapper if child is place else child for child in spot.holder.children]
         changes.put(place, "attributes", {"class": place.tag, **place.attributes})
-        changes.put(place, "tag", _INNER)
+        changes.put(place, "tag", INNER)
         self._adopt(place, wrapper)
         wrapper.children = [place]
         changes.put(spot.holder, "children", children)
 
-    def _unwrap(self, spot: _Spot) -> None:
+    def _unwrap(self, spot: Spot) -> None:
         changes, place = self.program.changes, spot.written
         children = [place if child is spot.place else child for child in spot.holder.children]
         changes.put(place, "tag", place.attributes["class"])
@@ -767,11 +527,11 @@ class ProgramEditor:
 
     def _flag_variables(self, value: str) -> None:
         """The robot program says whether the variables are set up."""
-        main = next((spot for spot in self._all() if tag_of(spot.written) == "MainProgram"), None)
+        main = next((spot for spot in self._places.all() if tag_of(spot.written) == "MainProgram"), None)
         if main is not None and main.node.get("InitVariablesNode"):
             self.program.set_attribute(main.node, "InitVariablesNode", value)
 
-    def _no_calls_of(self, spot: _Spot) -> None:
+    def _no_calls_of(self, spot: Spot) -> None:
         """A Call of a subprogram that is deleted calls nothing any more (guess: PolyScope shows it yellow)."""
         if spot.kind is None or spot.kind.key != "subprogram":
             return
@@ -780,21 +540,3 @@ class ProgramEditor:
                 called = place.child("subprogram")
                 if called is not None and called is spot.node:
                     self.program.set_child(place, "subprogram", None)
-
-
-def _inner(place: Element) -> Element:
-    """The place of the node itself, which is within the suppression of one that is suppressed."""
-    if place.tag != _SUPPRESSED:
-        return place
-    return next((child for child in place.resolved().children if child.tag == _INNER), place)
-
-
-def _children(node: Element) -> list[tuple[Element, Element]]:
-    """The places in a node, with the element whose children they are."""
-    holder = node.child("children")
-    return [(place, holder) for place in holder.children] if holder is not None else []
-
-
-def _last_place(node: Element) -> Element | None:
-    found = _children(node)
-    return found[-1][0] if found else None

@@ -15,8 +15,8 @@ from urproto.text import to_bytes
 from urproto.versions import PolyscopeVersion, Series
 from urscript.polyscope.document import Element, make, packed
 from urscript.polyscope.editing import ProgramEditor
-from urscript.polyscope.nodes.moves import kinematics_element
 from urscript.polyscope.nodes.urcaps import new_external_control
+from urscript.polyscope.nodes.waypoints import kinematics_element
 from urscript.polyscope.registry import empty_children
 from urscript.polyscope.tree import TreeError
 
@@ -72,9 +72,20 @@ class Saved:
 
 
 def outline_text(editor: ProgramEditor) -> str:
-    """The tree as PolyScope writes it into the ``.txt``: a line a node, and how deep it lies."""
-    rows = ((row.depth, row.title) for row in editor.rows())
-    return "".join(f" {_INDENT * depth}{title}\n" for depth, title in [(0, "Program"), *((d + 1, t) for d, t in rows)])
+    """The tree as PolyScope writes it into the ``.txt``: a line a node, and how deep it lies.
+
+    A suppressed node stands between apostrophes, without what lies in it.
+    """
+    lines = [" Program"]
+    hidden = set[str]()
+    for row in editor.rows():
+        if row.suppressed:
+            hidden.add(row.id)
+        if row.parent in hidden:
+            continue
+        title = f"'{row.title}'" if row.suppressed_itself else row.title
+        lines.append(f" {_INDENT * (row.depth + 1)}{title}")
+    return "".join(f"{line}\n" for line in lines)
 
 
 def save_program(editor: ProgramEditor, path: Path) -> Saved:

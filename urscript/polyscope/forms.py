@@ -541,6 +541,11 @@ def expression_field(key: str, title: str, tag: str = "expression", **more: Any)
     return Field(key, title, "expression", lambda element, _: expression_shown(element.child(tag)), write, **more)
 
 
+def titled(title: str, text: str) -> str:
+    """What a node is and says, as its line in the tree."""
+    return f"{title} {text}" if text else title
+
+
 def lacks_expression(element: Element, tag: str = "expression") -> bool:
     """Whether a node's expression is empty, which PolyScope shows as undefined."""
     return not expression_shown(element.child(tag)).strip()

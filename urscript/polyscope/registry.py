@@ -12,6 +12,7 @@ from typing import Final, Literal, TypeAlias
 from urproto.versions import Availability, PolyscopeVersion
 from urscript.polyscope.document import DocumentError, Element, make
 from urscript.polyscope.forms import ORDERS, Field, Surroundings
+from urscript.polyscope.installation_file import InstallationFile
 from urscript.polyscope.starting import SKIPPING
 from urscript.polyscope.tree import TreeError, tag_of
 from urscript.polyscope.writer import Writer
@@ -41,7 +42,7 @@ class Kind:
     new: makes one, as PolyScope would; None for those that are only read. shown: its line in the tree. stands: where it
     may stand. contains: what may stand in it: "nodes", or only the cases of a Switch and so on; empty for nothing.
     undefined: what it still lacks, in words; empty when it is complete. matches: whether an element of the tag is one.
-    available: the PolyScope versions that have it.
+    available: the PolyScope versions that have it. shown_by: its line in the tree, where the installation gives it.
     """
 
     key: str
@@ -55,6 +56,7 @@ class Kind:
     undefined: Callable[[Element], str] = _nothing_undefined
     matches: Callable[[Element], bool] = _every
     available: Availability | None = None
+    shown_by: Callable[[InstallationFile], str] | None = None
 
     def field(self, key: str) -> Field | None:
         """The field of a key."""

@@ -18,7 +18,7 @@ from urscript.polyscope.forms import (
     pin_field,
 )
 from urscript.polyscope.naming import truth
-from urscript.polyscope.nodes.moves import DIRECTION, move_of
+from urscript.polyscope.nodes.motion import DIRECTION, move_of
 from urscript.polyscope.nodes.waits import analog_condition, child_text, of_type
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
 from urscript.polyscope.writer import Writer, expression_label, expression_text, pin_reading

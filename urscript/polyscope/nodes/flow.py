@@ -13,6 +13,7 @@ from urscript.polyscope.forms import (
     expression_field,
     expression_shown,
     lacks_expression,
+    titled,
     variable_field,
 )
 from urscript.polyscope.nodes.operator import variable_shown
@@ -33,7 +34,7 @@ def _branch(key: str, title: str, kind: str) -> Kind:
         return make("If", make("expression"), empty_children(), type=kind, checkContinuously="false")
 
     def shown(element: Element) -> str:
-        return f"{title} {expression_shown(element.child('expression'))}".rstrip()
+        return titled(title, expression_shown(element.child("expression")))
 
     is_else = kind == "Else"
     return Kind(
@@ -162,7 +163,8 @@ def _is(kind: str) -> Callable[[Element], bool]:
 def _loop_shown(element: Element) -> str:
     if element.get("type") == "Counting":
         return f"Loop {element.get('count')} times"
-    return f"Loop {expression_shown(element.child('expression'))}" if element.get("type") == "While" else "Loop"
+    shown = expression_shown(element.child("expression")) if element.get("type") == "While" else ""
+    return titled("Loop", shown)
 
 
 def _loop_lacks(element: Element) -> str:
@@ -236,7 +238,7 @@ SWITCH: Final = Kind(
     "switch",
     "Switch",
     "Advanced",
-    lambda element: f"Switch {expression_shown(element.child('expression'))}".rstrip(),
+    lambda element: titled("Switch", expression_shown(element.child("expression"))),
     new=lambda program: make("Switch", make("expression"), make("children", _new_case(program))),
     contains="switch",
     undefined=_lacks_expression,

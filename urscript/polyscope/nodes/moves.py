@@ -1,17 +1,11 @@
-"""Moves and their waypoints."""
+"""Moves, and the way home."""
 
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final
+from collections.abc import Callable
+from typing import Final
 
-from urproto.robots import RobotModel
-from urproto.robots.pose import pose_inv, pose_trans
-from urproto.vectors import ZERO6
 from urproto.versions import Availability
 from urscript.polyscope.document import DocumentError, Element, make
 from urscript.polyscope.forms import (
-    DEGREES,
     MILLI,
     Field,
     FieldError,
@@ -20,71 +14,17 @@ from urscript.polyscope.forms import (
     attribute_choice,
     attribute_number,
     feature_field,
-    java_number,
-    node_name,
-    variable_field,
 )
-from urscript.polyscope.naming import identifier
-from urscript.polyscope.nodes.operator import variable_shown
+from urscript.polyscope.nodes.motion import JOINT_DEFAULTS, JOINTS, TOOL_DEFAULTS, speed_fields
 from urscript.polyscope.nodes.outputs import tcp_names
-from urscript.polyscope.nodes.waits import of_type
-from urscript.polyscope.numbers import inverse_text, list_text, pose_text, six, taught_pose
+from urscript.polyscope.nodes.waypoints import new_waypoint
+from urscript.polyscope.numbers import list_text
 from urscript.polyscope.registry import Kind, node, translate_children
-from urscript.polyscope.writer import BASE, NO_POSE, TOOL, Writer, variable_name
+from urscript.polyscope.writer import BASE, Writer
 from urscript.work import Steps
 
-DIRECTION: Final = "gui.program.direction.MoveDirectionNode"
-
-_JOINTS: Final = "JointAngles"
-_NO_TCP: Final = ZERO6
-
-
-@dataclass(frozen=True, slots=True)
-class Move:
-    """What a Move node says for the waypoints in it. kind: MoveJ, MoveL or MoveP."""
-
-    element: Element
-    kind: str
-    optimove: bool
-
-    @property
-    def of_flange(self) -> bool:
-        """Whether the flange is moved, and not the TCP."""
-        return self.element.get("useActiveTCP") == "false" and self.element.child("tcp") is None
-
-    @property
-    def call(self) -> str:
-        """The built-in that moves."""
-        return ("opti" if self.optimove else "") + self.kind.lower()
-
-    def speeds(self, waypoint: Element | None) -> tuple[str, str]:
-        """Acceleration and speed, the waypoint's own if it has them."""
-        space = "joint" if self.kind == "MoveJ" else "cartesian"
-        own = waypoint.child("motionParameters") if waypoint is not None else None
-        if own is not None and own.get(f"{space}Speed"):
-            return own.get(f"{space}Acceleration"), own.get(f"{space}Speed")
-        if self.optimove:
-            return self.element.get("optiMoveAcceleration"), self.element.get("optiMoveSpeed")
-        return self.element.get("acceleration", "1.2"), self.element.get("speed", "0.25")
-
-
-def move_of(element: Element) -> Move:
-    """The Move node around a node. Raises DocumentError without one."""
-    around: Element | None = element
-    while around is not None and not around.attributes.get("motionType"):
-        around = around.parent
-    if around is None:
-        raise DocumentError(f"<{element.tag}> {element.get('name')} is in no Move node")
-    return Move(around, around.get("motionType"), around.get("optimoveEnabled") == "true")
-
-
-# what a new Move has, as PolyScope makes it: 60 degrees/s and 80 degrees/s2, or 250 mm/s and 1200 mm/s2
-_JOINT_DEFAULTS: Final = {"speed": "1.0471975511965976", "acceleration": "1.3962634015954636"}
-_TOOL_DEFAULTS: Final = {"speed": "0.25", "acceleration": "1.2"}
 _BLEND_DEFAULT: Final = "0.025"  # m, of a MoveP
 _OPTIMOVES: Final = Availability.since(None, "5.21")  # seen from there on
-_SPEED_LIMIT, _ACCELERATION_LIMIT = 360.0, 2292.0  # guess [degrees/s, degrees/s2]: what the largest joints can do
-_TOOL_SPEED_LIMIT, _TOOL_ACCELERATION_LIMIT = 5000.0, 150000.0  # guess [mm/s, mm/s2]
 _ACTIVE, _FLANGE = "Active TCP", "Tool flange"
 
 
@@ -95,9 +35,9 @@ def _is_joint(element: Element) -> bool:
 def _choose_motion(element: Element, value: str, program: Surroundings) -> None:
     """Another motion has other units, so speeds begin anew."""
     if (value == "MoveJ") != _is_joint(element):
-        for name, default in (_JOINT_DEFAULTS if value == "MoveJ" else _TOOL_DEFAULTS).items():
+        for name, default in (JOINT_DEFAULTS if value == "MoveJ" else TOOL_DEFAULTS).items():
             program.set_attribute(element, name, default)
-        if element.get("positionType") == _JOINTS:
+        if element.get("positionType") == JOINTS:
             program.set_attribute(element, "positionType", "CartesianPose")
     program.set_attribute(element, "motionType", value)
     program.set_attribute(element, "blendRadius", _BLEND_DEFAULT if value == "MoveP" else None)
@@ -119,16 +59,16 @@ def _tcp_write(element: Element, value: str, program: Surroundings) -> None:
 
 
 def _joint_angles_write(element: Element, value: bool, program: Surroundings) -> None:
-    program.set_attribute(element, "positionType", _JOINTS if value else "CartesianPose")
+    program.set_attribute(element, "positionType", JOINTS if value else "CartesianPose")
 
 
 def _new_move(program: Surroundings) -> Element:
     element = make(
         "Move",
         program.feature(BASE),
-        make("children", _new_waypoint(program)),
+        make("children", new_waypoint(program)),
         motionType="MoveJ",
-        **_JOINT_DEFAULTS,
+        **JOINT_DEFAULTS,
         useActiveTCP="true",
     )
     if not program.cb3:
@@ -136,30 +76,6 @@ def _new_move(program: Surroundings) -> Element:
     if _OPTIMOVES.covers(program.version):
         element.attributes |= {"optimoveEnabled": "false", "optiMoveSpeed": "0.3", "optiMoveAcceleration": "0.09"}
     return element
-
-
-def _speeds(prefix: str, title: str, names: tuple[str, str], shown: Callable[[Element], bool]) -> tuple[Field, ...]:
-    """Speed and acceleration of joints or of the tool. names: the attributes."""
-    joint = prefix == "joint"
-    factor, unit = (DEGREES, "°/s") if joint else (MILLI, "mm/s")
-    speed, acceleration = (
-        (_SPEED_LIMIT, _ACCELERATION_LIMIT) if joint else (_TOOL_SPEED_LIMIT, _TOOL_ACCELERATION_LIMIT)
-    )
-    return (
-        attribute_number(
-            f"{prefix}_speed", f"{title} speed", names[0], unit=unit, factor=factor, low=0.0, high=speed, shown=shown
-        ),
-        attribute_number(
-            f"{prefix}_acceleration",
-            f"{title} acceleration",
-            names[1],
-            unit=f"{unit}²",
-            factor=factor,
-            low=0.0,
-            high=acceleration,
-            shown=shown,
-        ),
-    )
 
 
 MOVE: Final = Kind(
@@ -180,8 +96,8 @@ MOVE: Final = Kind(
         ),
         Field("tcp", "Set TCP", "tcp", _tcp_read, _tcp_write, options=lambda p: [_ACTIVE, _FLANGE, *tcp_names(p)]),
         feature_field("feature", "Feature"),
-        *_speeds("joint", "Joint", ("speed", "acceleration"), _is_joint),
-        *_speeds("tool", "Tool", ("speed", "acceleration"), lambda element: not _is_joint(element)),
+        *speed_fields("joint", "Joint", ("speed", "acceleration"), _is_joint),
+        *speed_fields("tool", "Tool", ("speed", "acceleration"), lambda element: not _is_joint(element)),
         attribute_number(
             "blend",
             "Blend radius",
@@ -195,7 +111,7 @@ MOVE: Final = Kind(
             "joint_angles",
             "Use joint angles",
             "boolean",
-            lambda element, _: element.get("positionType") == _JOINTS,
+            lambda element, _: element.get("positionType") == JOINTS,
             _joint_angles_write,
             shown=lambda element: _is_joint(element) and bool(element.get("positionType")),
         ),
@@ -232,391 +148,6 @@ def move(writer: Writer, element: Element) -> Steps[None]:
     yield from translate_children(writer, element)
 
 
-_TAUGHT: Final = ("relativeFromPosition", "position", "poseInFeatureCoordinates", "outputFlangePose", "BaseToFeature")
-_UNKNOWN_FLAGS: Final = "-1"  # configuration of the arm at a waypoint that is no fixed one
-_OWN_SPEEDS: Final = ("jointSpeed", "jointAcceleration", "cartesianSpeed", "cartesianAcceleration")
-
-
-def _new_waypoint(program: Surroundings) -> Element:
-    name = program.unused("Waypoint", program.names("Waypoint"))
-    return make("Waypoint", make("motionParameters"), type="Fixed", name=name, kinematicsFlags="1")
-
-
-def _choose_type(element: Element, value: str, program: Surroundings) -> None:
-    """What was taught, or the variable, goes with the type."""
-    for tag in (*_TAUGHT, "variable"):
-        if value != "Relative" or tag not in ("position", "BaseToFeature"):
-            program.set_child(element, tag, None)
-    program.set_attribute(element, "type", value)
-    program.set_attribute(element, "kinematicsFlags", _UNKNOWN_FLAGS if value == "Variable" else "1")
-
-
-def _parameter(field: Field) -> Field:
-    """A field of the waypoint's own motion, which lies in a child."""
-
-    def read(element: Element, program: Surroundings) -> Any:
-        own = element.child("motionParameters")
-        return field.read(own, program) if own is not None else None
-
-    def write(element: Element, value: Any, program: Surroundings) -> None:
-        own = element.child("motionParameters")
-        if own is None:
-            program.set_child(element, "motionParameters", make("motionParameters"))
-            own = element.child("motionParameters")
-        assert own is not None
-        field.write(own, value, program)
-
-    return replace(field, read=read, write=write)
-
-
-def _motion_read(element: Element, _: Surroundings) -> str:
-    own = element.child("motionParameters")
-    if own is None:
-        return "shared"
-    return "time" if own.get("nextMotionTime") else "speed" if own.get("jointSpeed") else "shared"
-
-
-def _motion_write(element: Element, value: str, program: Surroundings) -> None:
-    if element.child("motionParameters") is None:
-        program.set_child(element, "motionParameters", make("motionParameters"))
-    own = element.child("motionParameters")
-    assert own is not None
-    for name in (*_OWN_SPEEDS, "nextMotionTime"):
-        program.set_attribute(own, name, None)
-    if value == "speed":
-        defaults = (*_JOINT_DEFAULTS.values(), *_TOOL_DEFAULTS.values())
-        for name, default in zip(_OWN_SPEEDS, defaults, strict=True):
-            program.set_attribute(own, name, default)
-    elif value == "time":
-        program.set_attribute(own, "nextMotionTime", "2.0")
-
-
-def _has_motion(value: str) -> Callable[[Element], bool]:
-    def shown(element: Element) -> bool:
-        own = element.child("motionParameters")
-        return own is not None and bool(own.get("nextMotionTime" if value == "time" else "jointSpeed"))
-
-    return shown
-
-
-def _position_read(tag: str) -> Callable[[Element, Surroundings], Any]:
-    def read(element: Element, _: Surroundings) -> Any:
-        """Joints [rad] and TCP pose in the base frame, None before it is taught."""
-        position = element.child(tag)
-        if position is None:
-            return None
-        joints, pose = taught_pose(position)
-        return {"joints": list(joints), "pose": list(pose)}
-
-    return read
-
-
-def _position_write(element: Element, value: Any, _: Surroundings) -> None:
-    raise FieldError("a position is taught, with joints, pose and TCP")
-
-
-def _position_field(key: str, title: str, tag: str, *types: str) -> Field:
-    return Field(key, title, "position", _position_read(tag), _position_write, shown=of_type(*types), optional=True)
-
-
-def _waypoint_lacks(element: Element) -> str:
-    kind = element.get("type")
-    if kind == "Variable":
-        return "" if element.child("variable") else "the variable with its pose"
-    if kind == "Relative" and element.child("relativeFromPosition") is None:
-        return "the position it is relative to"
-    return "" if element.child("position") else "its position: teach it"
-
-
-WAYPOINT: Final = Kind(
-    "waypoint",
-    "Waypoint",
-    "Basic",
-    lambda element: (
-        variable_shown(element.child("variable"))
-        if element.get("type") == "Variable"
-        else element.get("name") or "Waypoint"
-    ),
-    new=_new_waypoint,
-    stands="move",
-    undefined=_waypoint_lacks,
-    fields=(
-        node_name(what="waypoint"),
-        Field(
-            "type",
-            "Type",
-            "choice",
-            lambda element, _: element.get("type"),
-            _choose_type,
-            choices=(("Fixed", "Fixed position"), ("Relative", "Relative position"), ("Variable", "Variable position")),
-        ),
-        _position_field("position", "Position", "position", "Fixed"),
-        _position_field("from", "From", "relativeFromPosition", "Relative"),
-        _position_field("to", "To", "position", "Relative"),
-        variable_field("variable", "Variable", shown=of_type("Variable")),
-        Field(
-            "own_motion",
-            "Speed",
-            "choice",
-            _motion_read,
-            _motion_write,
-            choices=(("shared", "Shared parameters"), ("speed", "Own speed"), ("time", "Time")),
-        ),
-        *map(_parameter, _speeds("joint", "Joint", _OWN_SPEEDS[:2], _has_motion("speed"))),
-        *map(_parameter, _speeds("tool", "Tool", _OWN_SPEEDS[2:], _has_motion("speed"))),
-        _parameter(attribute_number("time", "Time", "nextMotionTime", unit="s", low=0.0, shown=_has_motion("time"))),
-        _parameter(
-            attribute_number("blend", "Blend radius", "blendRadius", unit="mm", factor=MILLI, low=0.0, optional=True)
-        ),
-    ),
-)
-
-
-def teach(
-    element: Element,
-    program: Surroundings,
-    joints: Sequence[float],
-    pose: Sequence[float],
-    tcp: Sequence[float],
-    *,
-    start: bool = False,
-) -> None:
-    """Give a waypoint the position where the arm is.
-
-    joints [rad]; pose: TCP in the base frame, and tcp: TCP in the flange frame [m, rad]. start: the first of the two
-    positions of a relative waypoint. Raises FieldError for a waypoint whose pose is in a variable, or without an arm.
-    """
-    kind = element.get("type")
-    if kind == "Variable":
-        raise FieldError("its pose is in a variable, and is not taught")
-    if start and kind != "Relative":
-        raise FieldError("only a relative waypoint has a position it starts from")
-    tag = "relativeFromPosition" if start else "position"
-    feature = _taught_feature(element, program)
-    if program.cb3:
-        flange = pose_trans(pose, pose_inv(tcp))
-        program.set_child(element, tag, make(tag, joints=_six_text(joints), pose=_six_text(pose)))
-        if not start:
-            in_feature = pose_trans(pose_inv(feature), pose)
-            program.set_child(
-                element, "poseInFeatureCoordinates", make("poseInFeatureCoordinates", pose=_six_text(in_feature))
-            )
-            program.set_child(element, "outputFlangePose", make("outputFlangePose", pose=_six_text(flange)))
-    else:
-        position = make(
-            tag, make("JointAngles", angles=_six_text(joints)), make("TCPOffset", pose=_six_text(tcp)), _arm(program)
-        )
-        program.set_child(element, tag, position)
-        if not start:
-            program.set_child(element, "BaseToFeature", make("BaseToFeature", pose=_six_text(feature)))
-    if not start:
-        program.set_attribute(element, "kinematicsFlags", str(configuration(joints, program)))
-
-
-def _six_text(values: Sequence[float]) -> str:
-    if len(values) != 6 or not all(math.isfinite(value) for value in values):
-        raise FieldError(f"{list(values)} is not six numbers")
-    return ", ".join(java_number(value) for value in values)
-
-
-def _taught_feature(element: Element, program: Surroundings) -> Sequence[float]:
-    """Pose of the feature that the Move around a waypoint has, in the base frame."""
-    try:
-        reference = move_of(element).element.child("feature")
-    except DocumentError:
-        return ZERO6
-    name = (reference.get("referencedName") or reference.get("featureName")) if reference else ""
-    return program.installation.features.get(name, ZERO6)
-
-
-def _arm(program: Surroundings) -> Element:
-    """The dimensions of the arm that teaches: those the program was saved with, or of the model."""
-    saved = program.root.child("kinematics")
-    if saved is not None:
-        arm = make("Kinematics", *(make(child.tag, **child.attributes) for child in saved.children))
-        arm.attributes = dict(saved.attributes)
-        return arm
-    if program.model is None:
-        raise FieldError("which arm teaches is not known: the program does not say it")
-    return kinematics_element("Kinematics", program.model)
-
-
-def kinematics_element(tag: str, model: RobotModel) -> Element:
-    """The dimensions of an arm as PolyScope saves those of one that is not calibrated."""
-    rows = {"deltaTheta": model.dh.theta, "a": model.dh.a, "d": model.dh.d, "alpha": model.dh.alpha}
-    return make(
-        tag,
-        *(make(name, value=_six_text(row)) for name, row in rows.items()),
-        make("jointChecksum", value=", ".join(["-1"] * 6)),
-        status="NOT_INITIALIZED",
-        validChecksum="false",
-    )
-
-
-def configuration(joints: Sequence[float], program: Surroundings) -> int:
-    """``kinematicsFlags``: which of its eight postures the arm has.
-
-    Bit 1: wrist 2 is turned below zero; bit 2: the elbow bends below zero; bit 0: it does not. So it is in 97 % of 6600
-    taught waypoints; what tells bits 0 and 2 apart in the others is not known.
-    """
-    elbow, wrist = (math.remainder(joints[index], 2 * math.pi) for index in (2, 4))
-    return (1 if elbow >= 0 else 0) | (2 if wrist < 0 else 0) | (4 if elbow < 0 else 0)
-
-
-@node(
-    "Waypoint",
-    WAYPOINT,
-    attributes="type name kinematicsFlags",
-    children="motionParameters variable relativeFromPosition position poseInFeatureCoordinates outputFlangePose "
-    "BaseToFeature",
-)
-def waypoint(writer: Writer, element: Element) -> None:
-    """A place to move to: fixed, relative or in a variable, with its own speed, time or blend."""
-    way = move_of(element)
-    writer.label(element, _shown_name(element), "breakAfter")
-    if not (way.kind == "MoveJ" and way.element.get("positionType") == _JOINTS):  # joints need no TCP
-        _set_tcp(writer, way)
-    target = _target(writer, element, way)
-    own = element.child("motionParameters")
-    time = own.get("nextMotionTime") if own else ""
-    if time and way.kind != "MoveP" and not way.optimove:
-        writer.line(f"{way.call}({target}, t={time}{_blend(writer, element, way)})")
-        return
-    acceleration, speed = way.speeds(element)
-    writer.line(f"{way.call}({target}, a={acceleration}, v={speed}{_blend(writer, element, way)})")
-
-
-def _set_tcp(writer: Writer, way: Move) -> None:
-    """PolyScope sets the TCP of a Move before each of its waypoints."""
-    tcp = way.element.child("tcp")
-    if way.element.get("useActiveTCP") == "false" and tcp:
-        writer.line(f"set_tcp({writer.tcp(tcp)})")
-
-
-def _shown_name(element: Element) -> str:
-    if element.get("type") == "Variable" and element.child("variable"):
-        return variable_name(element.child("variable"))
-    return element.get("name") or "Waypoint"
-
-
-def _blend(writer: Writer, element: Element, way: Move) -> str:
-    own = element.child("motionParameters")
-    radius = own.get("blendRadius") if own else ""
-    if way.kind == "MoveP":
-        return f", r={_path_blend(writer, element, way, radius)}"
-    return f", r={radius}" if radius and float(radius) > 0.0 else ""
-
-
-def _path_blend(writer: Writer, point: Element, way: Move, own: str) -> str:
-    """A path's blend. It ends, without one, where the next line of the tree is a Move of another kind; not if that
-    begins with a Direction, and not if anything else is between (seen in 700 MoveP of public pairs)."""
-    tree = writer.home(point)
-    after = [line.element for line in tree.lines[writer.line_in(tree, point) :][:2]]
-    moves_on = bool(after) and after[0].tag == "Move" and after[0].get("motionType") != "MoveP"
-    if moves_on and not (len(after) > 1 and after[1].tag == DIRECTION):
-        return "0.0"
-    return own or way.element.get("blendRadius") or "0.0"
-
-
-def _target(writer: Writer, element: Element, way: Move) -> str:
-    """What the move's first argument is."""
-    kind = element.get("type")
-    if kind == "Variable":
-        return _of_flange(way, _in_feature(writer, way, variable_name(element.child("variable"))))
-    if kind == "Relative":
-        return _relative(writer, element)
-    if kind and kind != "Fixed":
-        raise DocumentError(f"a waypoint of type {kind!r}, which is not known")
-    pose, joints = writer.waypoint(element)
-    if way.kind != "MoveJ":
-        return _of_flange(way, _followed(writer, element, way, pose))
-    if way.element.get("positionType") == _JOINTS or way.optimove:
-        return joints
-    of_tcp = way.element.get("useActiveTCP") == "true"
-    if not way.element.get("positionType") and not of_tcp:  # before 5.0 such a MoveJ went to the joints taught
-        position = element.child("position")
-        assert position is not None
-        return list_text(taught_pose(position)[0])
-    return f"get_inverse_kin({_of_flange(way, _followed(writer, element, way, pose))}, qnear={joints})"
-
-
-def _of_flange(way: Move, pose: str) -> str:
-    """Where the TCP has to be when the pose is one for the flange (seen with MoveJ; with variables it is a guess)."""
-    return f"pose_trans({pose}, get_tcp_offset())" if way.of_flange else pose
-
-
-def _in_feature(writer: Writer, way: Move, pose: str) -> str:
-    """A pose that is relative to the move's feature, as it is by then if it is a variable."""
-    feature = writer.feature(way.element.child("feature"), variable=True)
-    return pose if feature == NO_POSE else f"pose_trans({feature}, {pose})"
-
-
-def _followed(writer: Writer, element: Element, way: Move, pose: str) -> str:
-    """A taught pose, which follows its feature when that is a variable and has been moved."""
-    reference = way.element.child("feature")
-    name = reference.get("referencedName") or reference.get("featureName") if reference else ""
-    taught = element.child("BaseToFeature")
-    if name in ("", BASE, TOOL) or taught is None or name not in writer.installation.feature_variables:
-        return pose
-    return f"pose_trans({identifier(name)}, pose_trans({inverse_text(six(taught.get('pose')))}, {pose}))"
-
-
-def _relative(writer: Writer, element: Element) -> str:
-    """As far from where the arm is as the second taught position is from the first."""
-    start, goal = element.child("relativeFromPosition"), element.child("position")
-    if start is None or goal is None:
-        raise DocumentError(f"the relative waypoint {element.get('name')} was never taught")
-    name = identifier(element.get("name") or "Waypoint")
-    if writer.once(f"relative waypoint {name}"):
-        with writer.into("waypoints"):
-            writer.line(f"global {name}_from_p={pose_text(taught_pose(start)[1])}")
-            writer.line(f"global {name}_to_p={pose_text(taught_pose(goal)[1])}")
-    return f"pose_add(get_target_tcp_pose(), pose_sub({name}_to_p, {name}_from_p))"
-
-
-def _new_circle(program: Surroundings) -> Element:
-    via = _new_waypoint(program)
-    end = _new_waypoint(program)
-    end.attributes["name"] = program.unused("Waypoint", [*program.names("Waypoint"), via.attributes["name"]])
-    return make("CircleMove", make("children", via, end), OrientationMode="UNCONSTRAINED")
-
-
-CIRCLE: Final = Kind(
-    "circle_move",
-    "CircleMove",
-    "Basic",
-    lambda _: "CircleMove",
-    new=_new_circle,
-    stands="move",
-    contains="circle",
-    fields=(
-        attribute_choice(
-            "orientation", "Mode", "OrientationMode", {"UNCONSTRAINED": "Unconstrained", "FIXED": "Fixed"}
-        ),
-    ),
-)
-
-
-@node("CircleMove", CIRCLE)
-def circle_move(writer: Writer, element: Element) -> None:
-    """An arc through one waypoint to another."""
-    way = move_of(element)
-    children = element.child("children")
-    points = [child for child in children or () if child.tag == "Waypoint"]
-    if len(points) != 2:
-        raise DocumentError("a CircleMove needs a via point and an end point")
-    writer.label(element, "CircleMove")
-    writer.label(points[0], _shown_name(points[0]), "noBreak")
-    writer.label(points[1], _shown_name(points[1]), "breakAfter")
-    _set_tcp(writer, way)
-    via, end = (_target(writer, point, way) for point in points)
-    acceleration, speed = way.speeds(points[1])
-    own = points[1].child("motionParameters")
-    blend = _path_blend(writer, points[1], way, own.get("blendRadius") if own else "")
-    mode = ", mode=1" if element.get("OrientationMode") == "FIXED" else ""
-    writer.line(f"movec({via}, {end}, a={acceleration}, v={speed}, r={blend}{mode})")
-
-
 _BY_SPEED, _BY_TIME = "SPEED_AND_ACCELERATION", "TIME"  # guess: the second, which no public file has
 
 
@@ -629,13 +160,13 @@ HOME: Final = Kind(
     "Home",
     "Advanced",
     lambda _: "Home",
-    new=lambda _: make("SafeHome", positionOptionType=_BY_SPEED, **_JOINT_DEFAULTS, nextMotionTime="2.0"),
+    new=lambda _: make("SafeHome", positionOptionType=_BY_SPEED, **JOINT_DEFAULTS, nextMotionTime="2.0"),
     available=Availability.since(None, "5.4"),  # guess: seen from 5.11 on
     fields=(
         attribute_choice(
             "option", "Move by", "positionOptionType", {_BY_SPEED: "Speed and acceleration", _BY_TIME: "Time"}
         ),
-        *_speeds("joint", "Joint", ("speed", "acceleration"), _by(_BY_SPEED)),
+        *speed_fields("joint", "Joint", ("speed", "acceleration"), _by(_BY_SPEED)),
         attribute_number("time", "Time", "nextMotionTime", unit="s", low=0.0, shown=_by(_BY_TIME)),
     ),
 )

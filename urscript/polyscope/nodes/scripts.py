@@ -174,7 +174,7 @@ CALL: Final = Kind(
     "call",
     "Call",
     "Advanced",
-    lambda element: f"Call {_called(element) or ''}".rstrip(),
+    lambda element: f"Call {_called(element) or ''}",
     new=lambda _: make("CallSubProgram"),
     undefined=lambda element: "" if _called(element) else "the subprogram to call",
     fields=(

@@ -12,9 +12,10 @@ from urscript.polyscope.forms import (
     expression_shown,
     lacks_expression,
     node_name,
+    titled,
 )
 from urscript.polyscope.naming import identifier
-from urscript.polyscope.nodes.moves import circle_move
+from urscript.polyscope.nodes.waypoints import circle_move
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
 from urscript.polyscope.writer import Writer, expression_text, variable_name
 from urscript.work import Steps
@@ -130,7 +131,7 @@ EVENT: Final = Kind(
     "event",
     "Event",
     "Advanced",
-    lambda element: f"Event {expression_shown(element.child('expression'))}".rstrip(),
+    lambda element: titled("Event", expression_shown(element.child("expression"))),
     new=lambda _: make("Event", make("expression"), empty_children()),
     stands="program",
     contains="nodes",

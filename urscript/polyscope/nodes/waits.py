@@ -1,5 +1,6 @@
 """Waiting."""
 
+import re
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -14,6 +15,7 @@ from urscript.polyscope.forms import (
     expression_shown,
     lacks_expression,
     pin_field,
+    titled,
 )
 from urscript.polyscope.naming import truth
 from urscript.polyscope.registry import Kind, node
@@ -41,10 +43,14 @@ def of_type(*types: str) -> Callable[[Element], bool]:
     return lambda element: element.get("type") in types
 
 
+_SHORT: Final = re.compile(r"(digital|tool|analog|config)_(in|out)\[")
+
+
 def pin_shown(element: Element) -> str:
-    """The name of a node's pin; a question mark without one."""
+    """The name of a node's pin as the tree has it, DO[0] for digital_out[0] (seen; the others alike: a guess)."""
     pin = element.child("pin")
-    return (pin.get("referencedName") if pin else "") or "?"
+    name = (pin.get("referencedName") if pin else "") or "?"
+    return _SHORT.sub(lambda match: f"{match[1][0]}{match[2][0]}[".upper(), name)
 
 
 def _choose(element: Element, value: str, program: Surroundings) -> None:
@@ -69,7 +75,7 @@ def _shown(element: Element) -> str:
     if kind == "Sleep":
         return f"Wait: {child_text(element, 'waitTime')}"
     if kind == "Condition":
-        return f"Wait {expression_shown(element.child('expression'))}".rstrip()
+        return titled("Wait", expression_shown(element.child("expression")))
     if kind == "DigitalInput":
         return f"Wait {pin_shown(element)}={truth(child_text(element, 'digitalValue'))}"
     if kind == "AnalogInput":
