@@ -46,7 +46,17 @@ def main() -> None:
             robot.add_object("table", {"box": [0.8, 0.5, 0.04], "pose": [0.0, -0.55, -0.02, 0.0, 0.0, 0.0]})
             with _pendant(robot, folder) as url, sync_playwright() as playwright:
                 browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
-                for screen in ("graph", "initialize", "run", "program", "move", "io", "log", "installation", "simulation"):
+                for screen in (
+                    "graph",
+                    "initialize",
+                    "run",
+                    "program",
+                    "move",
+                    "io",
+                    "log",
+                    "installation",
+                    "simulation",
+                ):
                     scheme = "dark" if screen in DARK else "light"
                     _look(browser.new_page(viewport=SIZE, color_scheme=scheme), url, screen)  # type: ignore[arg-type]
                 browser.close()

@@ -58,7 +58,8 @@ class PaletteEntry:
 
 _ICONS: Final = {  # of Material Icons, by the key of the kind; what has none here gets that of its group
     "move": "timeline", "waypoint": "place", "direction": "north_east", "until": "flag", "wait": "hourglass_empty",
-    "set": "toggle_on", "set_payload": "scale", "force": "compress", "popup": "chat_bubble_outline", "halt": "stop", "comment": "notes", "folder": "folder_open",
+    "set": "toggle_on", "set_payload": "scale", "force": "compress", "popup": "chat_bubble_outline", "halt": "stop",
+    "comment": "notes", "folder": "folder_open",
     "if": "call_split", "elseif": "call_split", "else": "call_split", "loop": "loop", "call": "login",
     "subprogram": "integration_instructions", "assignment": "edit_note", "script": "code", "thread": "alt_route",
     "event": "bolt", "switch": "fork_right", "case": "subdirectory_arrow_right", "timer": "timer", "home": "home",
@@ -151,7 +152,7 @@ class ProgramDraft:
         try:
             return self._editor_of(read_document(data), name)
         except (DocumentError, TreeError) as error:
-            raise ValueError(f"{name} cannot be opened: {error}") from error
+            raise ValueError(f"{name}.urp cannot be opened: {error}") from error
 
     def _restored(self) -> ProgramEditor | None:
         try:
