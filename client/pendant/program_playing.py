@@ -76,7 +76,7 @@ async def play(station: Station, *, at: str | None = None) -> None:
     if at is None and is_paused(station):
         await station.ask(dashboard.PLAY)
         return
-    number = None if at is None else station.program_draft.number(at)
+    number = None if at is None else station.program_draft.view.number(at)
     if not saves_here(station):
         await _play_as_script(station, number or 0)
         return
@@ -102,12 +102,12 @@ async def tell_breakpoints(station: Station) -> None:
 
 
 def _numbers(draft: ProgramDraft) -> list[int]:
-    return sorted(draft.number(node) for node in draft.breakpoints)
+    return sorted(draft.view.number(node) for node in draft.view.breakpoints)
 
 
 async def _load(station: Station) -> None:
     draft = station.program_draft
-    _check(draft.problems())
+    _check(draft.view.problems())
     if not draft.path:
         raise PlayError("the program has no name yet: save it first")
     if draft.changed:
@@ -126,7 +126,7 @@ def _check(problems: Iterable[str]) -> None:
 
 async def _play_as_script(station: Station, start_at: int) -> None:
     draft = station.program_draft
-    _check(draft.problems())
+    _check(draft.view.problems())
     await station.mover.give_back()
     await station.send_script(script(station, start_at))
     draft.played_version = draft.version

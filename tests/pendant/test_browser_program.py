@@ -287,3 +287,36 @@ def test_what_is_being_made_outlives_a_pendant_that_is_killed(rig: Rig, browser:
         expect(row(page, "'half done'")).to_be_visible()
         expect(page.get_by_test_id("program-title")).to_have_attribute("data-state", "changed")
     context.close()
+
+
+@pytest.mark.long
+def test_on_an_e_series_chapter_ten_outlives_emulator_and_pendant(tmp_path: Path, browser: Browser) -> None:
+    """The same clicks on a UR5e; then both are killed and started anew, and the program is there, saved or not."""
+    rig = Rig("ur5e", tmp_path)
+    context = browser.new_context(viewport=SIZE)
+    context.add_init_script(FEW_FRAMES)
+    try:
+        page = context.new_page()
+        page.goto(f"{rig.url}/program")
+        expect(page.locator(".robot-name")).to_contain_text("UR5e")
+        chapter_ten(page, rig)
+        insert(page, "comment", "Comment")
+        fill(page, "comment", "half done")
+        expect(row(page, "'half done'")).to_be_visible()
+        page.wait_for_timeout(1000)
+        page.close()
+        rig.robot.kill()
+        os.kill(rig.pendant_pid, signal.SIGKILL)
+        rig.robot.start()
+        with pendant(rig.host, "--drafts", str(tmp_path / "drafts")):
+            page = context.new_page()
+            page.goto(f"{rig.url}/program")
+            expect(row(page, "'half done'")).to_be_visible()
+            page.get_by_test_id("program-open").click()
+            page.get_by_test_id("agree").click()
+            page.get_by_test_id("program-choice").get_by_text("external_control.urp").click()
+            expect(row(page, "'half done'")).to_have_count(0)
+            expect(row(page, "External Control")).to_be_visible()
+    finally:
+        context.close()
+        rig.close()

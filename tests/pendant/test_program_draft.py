@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from client.pendant.program_draft import ProgramDraft, palette
+from client.pendant.program_draft import ProgramDraft
 from client.pendant.program_file import KeptProgram, ProgramFile
+from client.pendant.program_view import palette
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
 from urscript.polyscope.registry import kinds
@@ -30,16 +31,16 @@ def draft(request: pytest.FixtureRequest) -> ProgramDraft:
 
 
 def titles(draft: ProgramDraft) -> list[str]:
-    return [row.title for row in draft.rows()]
+    return [row.title for row in draft.view.rows()]
 
 
 def test_nodes_go_into_the_selected_one_or_behind_it_or_as_near_as_they_may_stand(draft: ProgramDraft) -> None:
-    folder = draft.insert("folder", draft.first())
+    folder = draft.insert("folder", draft.view.first())
     comment = draft.insert("comment", folder)
     wait = draft.insert("wait", comment)
     draft.insert("waypoint", wait)  # gets a Move around it
     draft.insert("thread", wait)  # beside the robot program
-    assert [(row.kind, row.depth) for row in draft.rows()] == [
+    assert [(row.kind, row.depth) for row in draft.view.rows()] == [
         ("variables_setup", 0),
         ("robot_program", 0),
         ("folder", 1),
@@ -55,55 +56,55 @@ def test_nodes_go_into_the_selected_one_or_behind_it_or_as_near_as_they_may_stan
 
 
 def test_what_one_person_deletes_the_other_is_told_and_undoing_brings_back(draft: ProgramDraft) -> None:
-    node = draft.insert("comment", draft.first())
+    node = draft.insert("comment", draft.view.first())
     draft.set(node, "comment", "mine")
     draft.delete(node)
     with pytest.raises(ValueError, match="not in the program any more"):
         draft.set(node, "comment", "yours")
     with pytest.raises(ValueError, match="not in the program any more"):
-        draft.number(node)
+        draft.view.number(node)
     draft.undo()
-    assert draft.text(node) == "'mine'"
+    assert draft.view.text(node) == "'mine'"
     draft.redo()
-    assert not draft.has(node)
+    assert not draft.view.has(node)
 
 
 def test_nodes_are_moved_within_their_level_and_out_of_it(draft: ProgramDraft) -> None:
-    folder = draft.insert("folder", draft.first())
+    folder = draft.insert("folder", draft.view.first())
     first = draft.insert("halt", folder)
     second = draft.insert("comment", first)
-    order = [(row.kind, row.depth) for row in draft.rows()][2:]
+    order = [(row.kind, row.depth) for row in draft.view.rows()][2:]
     assert order == [("folder", 1), ("halt", 2), ("comment", 2)]
     draft.shift(second, -1)
-    assert [row.kind for row in draft.rows()][3:] == ["comment", "halt"]
+    assert [row.kind for row in draft.view.rows()][3:] == ["comment", "halt"]
     draft.shift(second, -1)
-    assert [(row.kind, row.depth) for row in draft.rows()][2:] == [("comment", 1), ("folder", 1), ("halt", 2)]
-    assert draft.neighbour(second) == folder
-    assert draft.neighbour(first) == folder
+    assert [(row.kind, row.depth) for row in draft.view.rows()][2:] == [("comment", 1), ("folder", 1), ("halt", 2)]
+    assert draft.view.neighbour(second) == folder
+    assert draft.view.neighbour(first) == folder
 
 
 def test_rows_say_how_they_look(draft: ProgramDraft) -> None:
-    node = draft.insert("waypoint", draft.first())
-    marks = {row[0]: row[5] for row in draft.shown_rows()}
-    assert marks[node] == marks[draft.first()] == "undefined"
-    assert draft.problem(node)
-    assert any("teach it" in problem for problem in draft.problems())
+    node = draft.insert("waypoint", draft.view.first())
+    marks = {row[0]: row[5] for row in draft.view.shown_rows()}
+    assert marks[node] == marks[draft.view.first()] == "undefined"
+    assert draft.view.problem(node)
+    assert any("teach it" in problem for problem in draft.view.problems())
     draft.teach(node, "position", Q, POSE, NO_TCP)
-    assert draft.problems() == []
+    assert draft.view.problems() == []
     draft.suppress(node)
     draft.toggle_breakpoint(node)
-    assert {row[0]: row[5] for row in draft.shown_rows()}[node].split()[-2:] == ["suppressed", "breakpoint"]
+    assert {row[0]: row[5] for row in draft.view.shown_rows()}[node].split()[-2:] == ["suppressed", "breakpoint"]
     draft.suppress(node)
     draft.toggle_breakpoint(node)
-    assert {row[0]: row[5] for row in draft.shown_rows()}[node] == ""
+    assert {row[0]: row[5] for row in draft.view.shown_rows()}[node] == ""
 
 
 def test_a_taught_waypoint_is_where_the_arm_was(draft: ProgramDraft) -> None:
-    node = draft.insert("waypoint", draft.first())
-    assert draft.waypoints() == ()
+    node = draft.insert("waypoint", draft.view.first())
+    assert draft.view.waypoints() == ()
     draft.teach(node, "position", Q, POSE, NO_TCP)
-    assert draft.joints(node, "position") == pytest.approx(Q)
-    ((where, place),) = draft.waypoints()
+    assert draft.view.joints(node, "position") == pytest.approx(Q)
+    ((where, place),) = draft.view.waypoints()
     assert where == node
     assert len(place) == 3
 
@@ -115,35 +116,35 @@ def test_every_kind_of_the_registry_can_be_chosen_and_has_a_form(draft: ProgramD
         assert entry.title == kinds()[entry.name].title
         assert entry.icon
         try:
-            node = draft.insert(entry.name, draft.first())
+            node = draft.insert(entry.name, draft.view.first())
         except ValueError:
             continue  # it stands in others only
-        assert draft.form(node) or not kinds()[entry.name].fields
+        assert draft.view.form(node) or not kinds()[entry.name].fields
         draft.undo()
 
 
 def test_copies_are_pasted_into_this_program_and_the_next(draft: ProgramDraft) -> None:
-    node = draft.insert("comment", draft.first())
+    node = draft.insert("comment", draft.view.first())
     draft.set(node, "comment", "again")
     draft.copy(node)
     draft.paste(node)
     draft.new()
-    draft.paste(draft.first())
+    draft.paste(draft.view.first())
     assert titles(draft)[-1] == "'again'"
     other, _ = make()
     with pytest.raises(ValueError, match="copy a node first"):
-        other.paste(other.first())
+        other.paste(other.view.first())
 
 
 def test_saving_and_opening_make_the_program_unchanged(draft: ProgramDraft) -> None:
-    draft.insert("halt", draft.first())
+    draft.insert("halt", draft.view.first())
     assert draft.changed
     version, files = draft.version, draft.files("job")
     assert sorted(files) == ["job.script", "job.txt", "job.urp"]
     draft.saved("cell/job.urp", version)
     assert (draft.title, draft.changed) == ("cell/job.urp", False)
     version = draft.version
-    draft.insert("halt", draft.first())  # while it was being saved
+    draft.insert("halt", draft.view.first())  # while it was being saved
     draft.saved("cell/job.urp", version)
     assert draft.changed
     draft.open(files["job.urp"] or b"", "cell/job.urp")
@@ -156,7 +157,7 @@ def test_saving_and_opening_make_the_program_unchanged(draft: ProgramDraft) -> N
 async def test_every_change_is_kept_within_a_second(tmp_path: Path) -> None:
     draft, notes = make(tmp_path)
     keeping = asyncio.create_task(draft.keep())
-    draft.insert("halt", draft.first())
+    draft.insert("halt", draft.view.first())
     async with asyncio.timeout(1.0):
         while not (tmp_path / "robot.json").exists():
             await asyncio.sleep(0.01)

@@ -8,7 +8,8 @@ from nicegui import ui
 
 from client.pendant import program_playing as playing
 from client.pendant.page import Page
-from client.pendant.program_draft import ProgramDraft, palette
+from client.pendant.program_draft import ProgramDraft
+from client.pendant.program_view import palette
 from client.pendant.screens.program_files import FileButtons
 from client.pendant.screens.program_form import NodeForm
 from client.pendant.screens.program_scene import program_scene
@@ -39,18 +40,18 @@ class Selection:
 
     def __init__(self, page: Page) -> None:
         self._draft = page.station.program_draft
-        self._node = self._draft.first()
+        self._node = self._draft.view.first()
 
     @property
     def node(self) -> str:
         """There always is one."""
-        if not self._draft.has(self._node):
-            self._node = self._draft.first()
+        if not self._draft.view.has(self._node):
+            self._node = self._draft.view.first()
         return self._node
 
     def choose(self, node: str) -> None:
         """This one, if it is there."""
-        if self._draft.has(node):
+        if self._draft.view.has(node):
             self._node = node
             self._draft.wake()
 
@@ -118,7 +119,7 @@ class Deeds:
     async def delete(self) -> None:
         """With all below it; its neighbour is selected then."""
         node = self._selection.node
-        beside = self._draft.neighbour(node)
+        beside = self._draft.view.neighbour(node)
         self._draft.delete(node)
         self._selection.choose(beside)
 
@@ -261,7 +262,7 @@ def _tree(page: Page, selection: Selection) -> None:
     with ui.card().classes("panel program-tree-panel"):
         box = ui.element("div").classes("program-tree")
         box.props('role=tree aria-label="Program tree" data-testid=program-tree')
-        page.live.bind(box, "value", lambda _: draft.shown_rows())
+        page.live.bind(box, "value", lambda _: draft.view.shown_rows())
         marks = ui.element("span").classes("hidden")
         page.live.bind(marks, "value", _running)
         chosen = ui.element("span").classes("hidden")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 from nicegui import ui
 
 from client.pendant.page import MISTAKES, Page
-from client.pendant.program_draft import FormField
+from client.pendant.program_view import FormField
 from client.pendant.screens.move_jog import MoveSettings
 from client.pendant.situation import Action
 from client.pendant.station import Station
@@ -32,9 +32,11 @@ class NodeForm:
         self._shown = dict[str, Callable[[Any], object]]()  # lets a field show a value
         self._settings = MoveSettings(page)
         with ui.card().classes("panel program-form").props('role=form aria-label="Selected node"') as self._panel:
-            page.live.text(lambda _: self._draft.text(selection.node), "panel-title").props("data-testid=form-title")
-            page.live.text(lambda _: self._draft.doc(selection.node), "program-doc")
-            problem = page.live.text(lambda _: self._draft.problem(selection.node), "program-form-problem")
+            page.live.text(lambda _: self._draft.view.text(selection.node), "panel-title").props(
+                "data-testid=form-title"
+            )
+            page.live.text(lambda _: self._draft.view.doc(selection.node), "program-doc")
+            problem = page.live.text(lambda _: self._draft.view.problem(selection.node), "program-form-problem")
             problem.props("role=status data-testid=form-problem")
             self._fields = ui.element("div").classes("program-fields")
         page.live.effect(self._layout, lambda _: self._make())
@@ -47,7 +49,7 @@ class NodeForm:
     # what there is
 
     def _form(self) -> tuple[FormField, ...]:
-        return self._draft.form(self._selection.node)
+        return self._draft.view.form(self._selection.node)
 
     def _layout(self, _: Station) -> tuple[object, ...]:
         fields = self._form()
@@ -101,7 +103,7 @@ class NodeForm:
 
         def commit() -> None:
             text = box.value or ""
-            if text == _text(self._draft.value(node, field.key)):
+            if text == _text(self._draft.view.value(node, field.key)):
                 box.error = None
                 return
             box.error = self._set(node, field, None if text == "" and field.optional else text) or None
@@ -126,7 +128,7 @@ class NodeForm:
         def choose() -> None:
             if problem := self._set(node, field, select.value):
                 self._page.complain(problem)
-                select.set_value(self._draft.value(node, field.key))
+                select.set_value(self._draft.view.value(node, field.key))
 
         select.on("update:model-value", choose)
         self._shown[field.key] = lambda value: select.set_value(value if value in select.options else None)
@@ -137,7 +139,7 @@ class NodeForm:
         def choose() -> None:
             if problem := self._set(node, field, box.value):
                 self._page.complain(problem)
-                box.set_value(bool(self._draft.value(node, field.key)))
+                box.set_value(bool(self._draft.view.value(node, field.key)))
 
         box.on("update:model-value", choose)
         self._shown[field.key] = lambda value: box.set_value(bool(value))
@@ -156,10 +158,10 @@ class NodeForm:
             self._draft.teach(node, field.key, values["actual_q"], values["actual_TCP_pose"], tcp)
 
         async def move() -> None:
-            joints = self._draft.joints(node, field.key)
+            joints = self._draft.view.joints(node, field.key)
             if joints is None:
                 raise ValueError(f"{field.title} was never taught")
-            doing = f"Moving to {self._draft.text(node)}"
+            doing = f"Moving to {self._draft.view.text(node)}"
             await self._settings.move(lambda: page.station.mover.move_j(joints, doing, **self._settings.joint_speed))
 
         with ui.row().classes("target-buttons"):

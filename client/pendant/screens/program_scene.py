@@ -40,4 +40,4 @@ def program_scene(page: Page, selection: "Selection") -> None:
                 before = place
 
     draft = page.station.program_draft
-    page.live.effect(lambda _: (draft.waypoints(), selection.node), draw)
+    page.live.effect(lambda _: (draft.view.waypoints(), selection.node), draw)
