@@ -62,13 +62,14 @@ CLIENT_LAYERS: dict[str, Layer] = {
     "recording": Layer(
         "recordings: written, read, drawn, streamed", ("client.recording",), ("ports", "driver", "robot")
     ),
+    "programs": Layer("program trees: opened, checked, saved", ("client.programs",), ("ports",)),
     "decoding": Layer("traffic: captured bytes shown to people", ("client.decoding",)),
     "traffic": Layer("traffic: recorded, replayed, compared", ("client.traffic",), ("ports", "decoding")),
     "controllers": Layer(
         "ros2_control's controllers without ROS", ("client.controllers",), ("ports", "driver", "robot", "recording")
     ),
     "ros2": Layer("ROS 2", ("client.ros2",), ("ports", "driver", "robot", "controllers")),
-    "pendant": Layer("teach pendant", ("client.pendant",), ("ports", "driver", "robot", "recording")),
+    "pendant": Layer("teach pendant", ("client.pendant",), ("ports", "driver", "robot", "recording", "programs")),
     "doctor": Layer("command line: what is between this machine and a robot", ("client.doctor",), ("ports", "driver")),
     "commands": Layer(
         "command line: `ur-client`",
@@ -83,6 +84,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
             "controllers",
             "ros2",
             "pendant",
+            "programs",
             "doctor",
         ),
     ),

@@ -179,7 +179,8 @@ def _always(_: Element) -> bool:
 class Field:
     """Something that can be set at a node.
 
-    kind: number, integer, text, choice, boolean, variable, expression, pin, position, tcp, feature, subprogram or file.
+    kind: number, integer, text, choice, boolean, variable, expression, pin, position, tcp, payload, feature, subprogram
+    or file.
     unit, low, high: of numbers. choices: what can be chosen, value and title; None when it depends on the program.
     shown: whether it has a meaning as the node is now. optional: it may be empty (None).
     """
@@ -204,8 +205,11 @@ class Field:
 
     def set(self, element: Element, value: Any, program: Surroundings) -> None:
         """Set it. Raises FieldError for what it cannot take."""
+        shown = self.read(element, program)
+        if value == shown:
+            return
         value = self.checked(value, program)
-        if value != self.read(element, program):
+        if value != shown:
             self.write(element, value, program)
 
     def checked(self, value: Any, program: Surroundings) -> Value:

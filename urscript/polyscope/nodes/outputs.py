@@ -217,7 +217,7 @@ SET_PAYLOAD: Final = Kind(
         Field(
             "payload",
             "Payload",
-            "choice",
+            "payload",
             lambda element, _: element.get("workpieceName"),
             lambda element, value, program: _choose_payload(element, value, program),
             options=lambda program: sorted(program.installation.payloads),
