@@ -102,7 +102,7 @@ def chapter_ten(page: Page, rig: Rig) -> None:
         assert listens.wait(30.0)
         new_program(page)
         select(page, "Robot Program")
-        insert(page, "external_control", "External Control")
+        insert(page, "external_control", "Control by")
         page.get_by_test_id("tab-installation").click()
         page.get_by_test_id("driver-host").fill(rig.host)
         page.get_by_test_id("driver-port").fill("50002")
@@ -112,7 +112,7 @@ def chapter_ten(page: Page, rig: Rig) -> None:
         save_as(page, "external_control")
         assert (rig.programs / "external_control.urp").is_file()
         page.get_by_test_id("program-play").click()
-        expect(row(page, "External Control")).to_have_class(re.compile("is-running"))
+        expect(row(page, "Control by")).to_have_class(re.compile("is-running"))
         eventually(lambda: rig.state("actual_q") == pytest.approx(goal, abs=1e-3))
         page.get_by_test_id("stop").click()
         assert driver.result(60.0) is TrajectoryResult.SUCCESS
@@ -316,7 +316,7 @@ def test_on_an_e_series_chapter_ten_outlives_emulator_and_pendant(tmp_path: Path
             page.get_by_test_id("agree").click()
             page.get_by_test_id("program-choice").get_by_text("external_control.urp").click()
             expect(row(page, "'half done'")).to_have_count(0)
-            expect(row(page, "External Control")).to_be_visible()
+            expect(row(page, "Control by")).to_be_visible()
     finally:
         context.close()
         rig.close()
