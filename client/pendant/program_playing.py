@@ -1,5 +1,6 @@
 """Playing the program that is being made: an emulator gets it as a file, a robot as a script."""
 
+import asyncio
 import base64
 from collections.abc import Iterable
 from pathlib import PurePosixPath
@@ -11,11 +12,13 @@ from client.pendant.program_draft import ProgramDraft
 from client.pendant.station import Station
 from urproto.modes import RuntimeState
 from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.naming import identifier
 from urscript.polyscope.program import script_steps
 from urscript.polyscope.tree import TreeError
 from urscript.work import run_to_end
 
 EXTENSION: Final = ".urp"
+_STOPS_WITHIN_S: Final = 5.0  # guess: an arm that is braked needs less
 _PAUSED: Final = (RuntimeState.PAUSED, RuntimeState.PAUSING)
 
 
@@ -59,8 +62,12 @@ def with_extension(path: str) -> str:
 
 def is_on_robot(station: Station) -> bool:
     """Whether what is played is the program as it is in the editor: then its nodes have the numbers that are told."""
-    draft, loaded = station.program_draft, station.programs.loaded or ""
-    return draft.played_version == draft.version and (not draft.path or loaded.endswith(draft.path))
+    draft, programs = station.program_draft, station.programs
+    if draft.played_version != draft.version:
+        return False
+    if not saves_here(station):
+        return programs.running == identifier(draft.editor.name)
+    return bool(draft.path) and (programs.loaded or "").endswith(draft.path)
 
 
 def is_paused(station: Station) -> bool:
@@ -102,7 +109,7 @@ async def tell_breakpoints(station: Station) -> None:
 
 
 def _numbers(draft: ProgramDraft) -> list[int]:
-    return sorted(draft.view.number(node) for node in draft.view.breakpoints)
+    return sorted(row.number for row in draft.view.rows() if row.id in draft.view.breakpoints)
 
 
 async def _load(station: Station) -> None:
@@ -110,10 +117,13 @@ async def _load(station: Station) -> None:
     _check(draft.view.problems())
     if not draft.path:
         raise PlayError("the program has no name yet: save it first")
-    if draft.changed:
+    if draft.changed or draft.path not in await station.programs.files(station):
         await save(station, draft.path)
     await station.mover.give_back()
     await station.ask(dashboard.load(draft.path))
+    async with asyncio.timeout(_STOPS_WITHIN_S):  # the program that was paused ends
+        while station.runtime_state is not RuntimeState.STOPPED:
+            await station.next_frame()
     draft.played_version = draft.version
     station.programs.look()
     await station.emulator.call("set_breakpoints", nodes=_numbers(draft))
