@@ -16,6 +16,7 @@ from websockets.sync.server import serve
 
 from client.errors import MissingExtraError, RecordingError
 from client.recording.live import FoxgloveServer, PlotJugglerSender, address_of, datagrams, plotjuggler
+from urproto.compat_asyncio import timeout
 from urproto.rtde.fields import OUTPUT_FIELDS
 
 PATIENCE_S = 20.0
@@ -104,7 +105,7 @@ async def test_a_client_of_foxgloves_protocol_gets_messages_it_can_read(states) 
     server = FoxgloveServer(tuple(states[0]), "127.0.0.1", 0, "<robot name='ur5e'/>")
     try:
         address = f"ws://127.0.0.1:{server.port}"
-        async with asyncio.timeout(PATIENCE_S), websockets.connect(address, subprotocols=["foxglove.sdk.v1"]) as client:
+        async with timeout(PATIENCE_S), websockets.connect(address, subprotocols=["foxglove.sdk.v1"]) as client:
             channels = await _channels(client)
             server.write(states[0], BEGAN_NS)
             channels |= await _channels(client)  # the description's, with its first message

@@ -14,6 +14,7 @@ from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
 from emulator.services.sockets import ScriptNetwork
 from emulator.services.urcap import DriverAddress
+from urproto.compat_asyncio import timeout
 from urproto.modes import RuntimeState
 from urproto.robots import load_model
 
@@ -79,7 +80,7 @@ async def test_a_driver_is_asked_and_its_program_runs(tmp_path: Path, driver: Dr
     async with emulator(tmp_path, driver.port) as robot:
         await ask(robot, "load drive.urp")
         assert await ask(robot, "play") == "Starting program"
-        async with asyncio.timeout(20):
+        async with timeout(20):
             while robot.controller.programs.state is not RuntimeState.STOPPED or driver.ends == 0:
                 await asyncio.sleep(0.005)
         assert driver.requests == [b"request_program\n"]
@@ -108,7 +109,7 @@ async def test_the_script_network_holds_for_it_too(tmp_path: Path, driver: Drive
 
 
 async def popup(robot: Emulator) -> str:
-    async with asyncio.timeout(20):
+    async with timeout(20):
         while not robot.controller.popups.shown:
             await asyncio.sleep(0.005)
     return robot.controller.popups.shown[0].text
