@@ -1,6 +1,5 @@
 """Playing the program that is being made: an emulator gets it as a file, a robot as a script."""
 
-import asyncio
 import base64
 from collections.abc import Iterable
 from pathlib import PurePosixPath
@@ -10,6 +9,7 @@ from client import dashboard
 from client.errors import ClientError
 from client.pendant.program_draft import ProgramDraft
 from client.pendant.station import Station
+from urproto.compat_asyncio import timeout
 from urproto.modes import RuntimeState
 from urscript.polyscope.installation_file import InstallationFile
 from urscript.polyscope.naming import identifier
@@ -121,9 +121,12 @@ async def _load(station: Station) -> None:
         await save(station, draft.path)
     await station.mover.give_back()
     await station.ask(dashboard.load(draft.path))
-    async with asyncio.timeout(_STOPS_WITHIN_S):  # the program that was paused ends
-        while station.runtime_state is not RuntimeState.STOPPED:
-            await station.next_frame()
+    try:
+        async with timeout(_STOPS_WITHIN_S):  # the program that was paused ends
+            while station.runtime_state is not RuntimeState.STOPPED:
+                await station.next_frame()
+    except TimeoutError as error:
+        raise PlayError("the program that ran before does not end: stop it first") from error
     draft.played_version = draft.version
     station.programs.look()
     await station.emulator.call("set_breakpoints", nodes=_numbers(draft))

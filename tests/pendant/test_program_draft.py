@@ -8,6 +8,7 @@ import pytest
 from client.pendant.program_draft import ProgramDraft
 from client.pendant.program_file import KeptProgram, ProgramFile
 from client.pendant.program_view import palette
+from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
 from urscript.polyscope.registry import kinds
@@ -158,7 +159,7 @@ async def test_every_change_is_kept_within_a_second(tmp_path: Path) -> None:
     draft, notes = make(tmp_path)
     keeping = asyncio.create_task(draft.keep())
     draft.insert("halt", draft.view.first())
-    async with asyncio.timeout(1.0):
+    async with timeout(1.0):
         while not (tmp_path / "robot.json").exists():
             await asyncio.sleep(0.01)
     keeping.cancel()
