@@ -79,7 +79,9 @@ def _make_program(folder: Path, robot: EmulatorProcess) -> None:
     grip = draft.insert("set", draft.view.first())
     for key, value in (("type", "DigitalOutput"), ("output", "digital_out[2]"), ("level", "1")):
         draft.set(grip, key, value)
-    draft.set(draft.insert("wait", draft.view.first()), "time", 0.5)
+    wait = draft.insert("wait", draft.view.first())
+    draft.set(wait, "type", "Sleep")
+    draft.set(wait, "time", 0.5)
     draft.insert("move", draft.view.first())
     _teach(draft, "Place", place)
     draft.insert("waypoint", draft.view.rows()[-1].id)

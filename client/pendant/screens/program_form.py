@@ -95,7 +95,7 @@ class NodeForm:
         box = ui.input(field.title, value=_text(field.value), autocomplete=words or None)
         box.props(f'dense outlined data-testid=field-{field.key} spellcheck=false aria-label="{_named(field)}"')
         if field.unit:
-            box.props(f'suffix="{field.unit}"')
+            box.props(f'stack-label suffix="{field.unit}"')
         if field.kind in _NUMBERS:
             box.props("inputmode=decimal")
         if field.help:
