@@ -24,7 +24,7 @@ from urscript.work import run_to_end
 
 CHECKER_LINE: Final = re.compile(r"<stdin>:(\d+):(\d+): (warning: )?(.*)")
 _SYNTAX_ERROR: Final = "syntax error"
-_CHECKED: Final = (0, 1)  # exit statuses of a script without and with errors
+CHECKED: Final = (0, 1)  # exit statuses of a script without and with errors
 _CHECK_S: Final = 60.0  # guess: a second is usual
 
 
@@ -124,7 +124,7 @@ def _script_errors(text: str, version: PolyscopeVersion) -> list[tuple[int, str]
         ran = subprocess.run(checker_command(version), input=to_bytes(text), capture_output=True, timeout=_CHECK_S)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise CheckerError(f"urscript check: {error}") from None
-    if ran.returncode not in _CHECKED:
+    if ran.returncode not in CHECKED:
         raise CheckerError(f"urscript check: {readable(from_bytes(ran.stderr)).strip() or ran.returncode}")
     found = (CHECKER_LINE.fullmatch(line) for line in lines(readable(from_bytes(ran.stdout))))
     written, errors = text.split("\n"), []
