@@ -13,6 +13,7 @@ from urproto.versions import Availability, PolyscopeVersion
 from urscript.polyscope.document import DocumentError, Element, make
 from urscript.polyscope.forms import ORDERS, Field, Surroundings
 from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.starting import SKIPPING
 from urscript.polyscope.tree import TreeError, tag_of
 from urscript.polyscope.writer import Writer
 from urscript.work import Steps
@@ -139,7 +140,17 @@ def translate(writer: Writer, element: Element) -> Steps[None]:
 
 
 def translate_children(writer: Writer, element: Element) -> Steps[None]:
-    """Write the nodes below a node."""
-    children = element.child("children")
-    for child in children or ():
-        yield from translate(writer, child)
+    """Write the nodes below a node; those before the one at which the program begins are skipped by it."""
+    nodes = list(element.child("children") or ())
+    starting = writer.starting
+    first = starting.first(nodes) if starting is not None else None
+    if starting is not None and first is not None:
+        if before := starting.skipped(nodes[:first]):
+            with writer.block(f"if (not {SKIPPING}):"):
+                for node in before:
+                    yield from translate(writer, node)
+        nodes = [node for node in nodes[:first] if node not in before] + nodes[first:]
+    for node in nodes:
+        if starting is not None and node.resolved() is starting.element:
+            writer.line(f"{SKIPPING} = False")
+        yield from translate(writer, node)

@@ -1,7 +1,7 @@
 """The URScript of a program tree while it is being written."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
@@ -12,6 +12,7 @@ from urscript.polyscope.features import BASE_VARIABLE
 from urscript.polyscope.installation_file import InstallationFile, PayloadSetting
 from urscript.polyscope.naming import identifier, quoted
 from urscript.polyscope.numbers import list_text, pose_text, taught_pose
+from urscript.polyscope.starting import StartingNode
 from urscript.polyscope.tree import ProgramTree, TreeError
 
 _NUMBERED: Final = re.compile(r"(\w+)\[([0-9]{1,9})\]")
@@ -151,6 +152,7 @@ class Writer:
     """Collects the lines of a program by section, in the order PolyScope writes the sections.
 
     labels: what the nodes are called, by their line in the program tree. timers: variables that count seconds.
+    starting: the node at which the program begins, None for all of it.
     problems: where a list stands for them, what is wrong with nodes is collected there, and does not end the writing.
     """
 
@@ -161,9 +163,11 @@ class Writer:
         version: PolyscopeVersion,
         external_control: ExternalControlCode | None,
         problems: list[tuple[Element, str]] | None = None,
+        starting: StartingNode | None = None,
     ) -> None:
         self.problems = problems
         self.tree = tree
+        self.starting = starting
         self.version = version
         self.installation = installation
         self.external_control = external_control
@@ -306,6 +310,11 @@ class Writer:
         if variable and name in self.installation.feature_variables:
             return identifier(name)
         return pose_text(self.installation.features[name])
+
+    def condition(self, part: Element, chain: Sequence[Element] = ()) -> str:
+        """URScript of the expression of a branch or loop. chain: all branches beside it."""
+        text = expression_text(self, part.child("expression"))
+        return text if self.starting is None else self.starting.condition(part, chain, text)
 
     def payload(self, setting: PayloadSetting) -> str:
         """URScript that sets a payload of the installation."""

@@ -86,7 +86,7 @@ def _branches(writer: Writer, chain: list[Element]) -> Steps[None]:
         label = f"{part.get('type')} {expression_label(writer, expression)}"
         if not index:
             writer.label(part, label)
-        writer.line(f"{'elif' if index else 'if'} ({expression_text(writer, expression)}):")
+        writer.line(f"{'elif' if index else 'if'} ({writer.condition(part, chain)}):")
         with writer.indented():
             if index:
                 writer.label(part, label)
@@ -221,7 +221,7 @@ def _while(writer: Writer, element: Element) -> Steps[None]:
     expression = expression_text(writer, element.child("expression"))
     writer.label(element, f"Loop {expression_label(writer, element.child('expression'))}")
     if element.get("checkContinuously") != "true":
-        with writer.block(f"while ({expression}):"):
+        with writer.block(f"while ({writer.condition(element)}):"):
             yield from translate_children(writer, element)
         return
     number = writer.number(element)
