@@ -44,7 +44,8 @@ soak: $(VENV)/.dev
 	RANDOM_PROGRAMS=10000 RANDOM_EXTREMES=2000 RANDOM_COSTS=2000 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 \
 		tests/motion/test_random_programs.py tests/fuzzing
 	EXAMPLES=20 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 -m hypothesis
-	HOSTILE_ROBOTS=4000 $(BIN)/python -m pytest --timeout 0 tests/client/test_hostile_robots.py
+	HOSTILE_ROBOTS=4000 $(BIN)/python -m pytest --timeout 0 tests/client/test_hostile_robots.py \
+		tests/ros2/test_hostile_robots.py
 
 # What enemies and accidents do, against bars; a quarter of an hour or more. ARGS=--quick takes a minute.
 chaos: $(VENV)/.dev
@@ -74,7 +75,7 @@ docs: $(VENV)/.dev
 	$(BIN)/python docs/generate.py
 
 $(VENV)/bin/python:
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed; set PYTHON=python3.12 or such" >&2; exit 2; }
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo "Python 3.10 or newer is needed; set PYTHON=python3.12 or such" >&2; exit 2; }
 	$(PYTHON) -m venv $(VENV) || { echo "python3-venv is missing: install it (Debian: apt install python3-venv)" >&2; exit 2; }
 	$(BIN)/python -m pip install --quiet --upgrade pip
 
@@ -95,10 +96,10 @@ $(VENV)/.fuzz: $(VENV)/.dev
 	$(BIN)/python -m pip install --quiet --editable '.[fuzz]'
 	touch $@
 
-# The newest packages that fit pyproject.toml, for every Python from 3.11 on and every system, with their hashes.
+# The newest packages that fit pyproject.toml, for every Python from 3.10 on and every system, with their hashes.
 constraints: | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet uv
-	$(BIN)/uv pip compile pyproject.toml --extra test --extra check --universal --python-version 3.11 --upgrade \
+	$(BIN)/uv pip compile pyproject.toml --extra test --extra check --universal --python-version 3.10 --upgrade \
 	    --generate-hashes --custom-compile-command "make constraints" --quiet --output-file constraints.txt
 
 clean:

@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from jitter import child, connect, gaps, result
@@ -113,8 +113,11 @@ def insistent(serve: "subprocess.Popen[str]", ports: Mapping[str, int]) -> Itera
 
 def _descriptors(process: "subprocess.Popen[str]") -> int:
     """Sockets that the emulator has: its clients and its ports."""
-    links = (link for link in Path(f"/proc/{process.pid}/fd").iterdir())
-    return sum(1 for link in links if "socket:" in str(link.readlink()))
+    count = 0
+    for link in Path(f"/proc/{process.pid}/fd").iterdir():
+        with suppress(FileNotFoundError):  # closed since it was listed
+            count += "socket:" in str(link.readlink())
+    return count
 
 
 CROWDS = {"nobody": nobody, f"{IDLE:,} idle clients": idle, "insistent, no descriptors left": insistent}

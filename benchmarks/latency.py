@@ -18,7 +18,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, Self
+from typing import Final
 
 from jitter import serve_at
 from rtde_control import RTDEControlInterface
@@ -28,6 +28,7 @@ from client import BlockingRTDEClient
 from client.driver import URDriver
 from client.driver.blocking import Blocking, blocking
 from client.driver.endpoint import LONGEST_REAL_TIME_S
+from urproto.compat import Self
 
 SAMPLES: Final = 200
 OFFSET_RAD: Final = 0.002  # of the last joint: too little to matter, far above rounding

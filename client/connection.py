@@ -23,9 +23,11 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import partial
 from types import TracebackType
-from typing import Final, Generic, Literal, Self, TypeVar
+from typing import Final, Generic, Literal, TypeVar
 
 from client.errors import ClientError, ConnectionLostError, NoAnswerError, RobotUnreachableError
+from urproto.compat import Self
+from urproto.compat_asyncio import timeout
 
 Result = TypeVar("Result")
 
@@ -181,7 +183,7 @@ class AsyncConnection(Connection):
 
     async def _open(self) -> None:
         try:
-            async with asyncio.timeout(self.timeout_s):
+            async with timeout(self.timeout_s):
                 self._streams = await asyncio.open_connection(self.host, self.port)
         except _NO_CONNECTION as error:
             raise RobotUnreachableError(self.host, self.port, _reason(error)) from error
@@ -208,12 +210,12 @@ class AsyncConnection(Connection):
         if wanted is POLL:
             return await self._poll(reader)
         if isinstance(wanted, bytes):
-            async with asyncio.timeout(left_s):
+            async with timeout(left_s):
                 writer.write(wanted)
                 await writer.drain()
                 return b""
         try:
-            async with asyncio.timeout(left_s):
+            async with timeout(left_s):
                 return self._not_ended(await reader.read(_CHUNK))
         except TimeoutError:
             return await self._last_look(reader)
@@ -228,7 +230,7 @@ class AsyncConnection(Connection):
     async def _poll(self, reader: asyncio.StreamReader) -> bytes:
         await asyncio.sleep(0)  # lets the loop look at the socket
         try:
-            async with asyncio.timeout(0):
+            async with timeout(0):
                 return self._not_ended(await reader.read(_CHUNK))
         except TimeoutError:
             return b""

@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from enum import StrEnum
 from importlib.metadata import PackageNotFoundError, version
 from itertools import pairwise
 from pathlib import Path
@@ -25,6 +24,7 @@ from client.connection import DEFAULT_TIMEOUT_S
 from client.driver.endpoint import REVERSE_PORT, SENDER_PORT
 from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
 from client.errors import FileError
+from urproto.compat import StrEnum
 from urproto.errors import URError
 from urproto.robots import Calibration, CalibrationError
 from urproto.rtde.fields import LONGEST_S

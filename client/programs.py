@@ -5,11 +5,11 @@ The trees themselves, and all that edits them, are `urscript.polyscope`.
 
 import re
 import subprocess
-import sys
 from pathlib import Path
 from typing import Final
 
 from client.errors import ClientError, FileError
+from urproto.compat import module_command
 from urproto.robots import RobotModel, choose_version, default_model, load_model
 from urproto.text import from_bytes, lines, readable, to_bytes
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -35,7 +35,7 @@ class CheckerError(ClientError):
 def checker_command(version: PolyscopeVersion) -> tuple[str, ...]:
     """What checks a script on standard input. The client does not import the language; it runs its command, as any
     editor would."""
-    return (sys.executable, "-P", "-m", "urscript", "check", "--polyscope", str(version), "-")
+    return (*module_command("urscript"), "check", "--polyscope", str(version), "-")
 
 
 def controller(model: str | None, polyscope: str | None) -> tuple[RobotModel, PolyscopeVersion]:

@@ -14,10 +14,12 @@ import stat
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self, cast
+from typing import Final, cast
 
 from client.connection import DEFAULT_TIMEOUT_S
 from client.errors import DeviceError, RobotUnreachableError
+from urproto.compat import Self
+from urproto.compat_asyncio import timeout
 
 PORT: Final = 54321
 _PAUSE_S: Final = 0.5  # between attempts to connect again (guess)
@@ -82,7 +84,7 @@ class ToolCommunication:
 
     async def _connect(self) -> "_Stream":
         try:
-            async with asyncio.timeout(DEFAULT_TIMEOUT_S):
+            async with timeout(DEFAULT_TIMEOUT_S):
                 _, stream = await asyncio.get_running_loop().create_connection(
                     lambda: _Stream(self._near, self._read), self.host, self.port
                 )

@@ -12,7 +12,7 @@ from collections import ChainMap
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import AsyncExitStack
 from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 from emulator.clock import Clock, RealClock
 from emulator.config import ConfigError, EmulatorConfig
@@ -40,6 +40,7 @@ from emulator.servers.script_sockets import NetworkSockets, OwnPorts, ScriptPort
 from emulator.servers.tool_device import ToolCommunicationServer, open_tool_device
 from emulator.servers.turns import Turns
 from emulator.snapshot import Snapshot
+from urproto.compat import Self
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.primary.state import encode_robot_state
 

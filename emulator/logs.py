@@ -11,11 +11,11 @@ import threading
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from enum import StrEnum
 from queue import SimpleQueue
 from typing import Final, TextIO, cast
 
 from urproto.commandline import console
+from urproto.compat import StrEnum
 from urproto.text import show_anything
 
 _MOST_WAITING: Final = 10_000  # texts: some megabytes (guess)

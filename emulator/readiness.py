@@ -13,6 +13,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from urproto.compat_asyncio import timeout
 from urproto.dashboard import GREETING, LineDecoder
 from urproto.errors import RemoteProtocolError
 from urproto.interpreter import StatementDecoder, TooLong, parse_answer
@@ -268,7 +269,7 @@ async def _find_out(
     name: str, host: str, port: int, timeout_s: float, handshake: Callable[[_Stream], Awaitable[str]]
 ) -> Finding:
     try:
-        async with asyncio.timeout(timeout_s):
+        async with timeout(timeout_s):
             reader, writer = await asyncio.open_connection(host, port)
             try:
                 return Finding(name, host, port, await handshake(_Stream(reader, writer)))

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from shutil import which
 from types import TracebackType
-from typing import Any, Final, Self, TextIO, cast
+from typing import Any, Final, TextIO, cast
 
 from rich.console import Group, RenderableType
 from rich.panel import Panel
@@ -27,6 +27,8 @@ from emulator.ports import PORTS
 from emulator.readiness import check_ready
 from emulator.realtime import RealTime, claim_real_time, give_way_under_overload, spare_the_collector
 from urproto.commandline import console
+from urproto.compat import Self, module_command
+from urproto.compat_asyncio import timeout
 
 _LOOPBACK = "127.0.0.1"
 _ABOUT = {
@@ -155,7 +157,8 @@ class Pendant:
         assert process.stdin is not None
         process.stdin.close()
         try:
-            await asyncio.wait_for(process.wait(), _GOODBYE_S)
+            async with timeout(_GOODBYE_S):
+                await process.wait()
         except TimeoutError:
             with suppress(ProcessLookupError):
                 process.kill()
@@ -218,7 +221,7 @@ class Pendant:
         self._tell(why)
 
     def _command(self) -> list[str]:
-        return [sys.executable, "-P", "-u", "-m", "client", "pendant", *self._options(), "--with-parent"]
+        return [*module_command("client", "-u"), "pendant", *self._options(), "--with-parent"]
 
     def _options(self) -> list[str]:
         """Whoever reaches a pendant can do what it can: other machines get one without the control API."""

@@ -9,9 +9,10 @@ what changed is written to it; at rest a snapshot costs a few microseconds.
 """
 
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Final
 
 from emulator.devices.tool_line import AS_DELIVERED, SerialSettings
+from urproto.compat import Self
 from urproto.modes import (
     ControlMode,
     JointMode,

@@ -8,11 +8,12 @@ from collections.abc import Awaitable, Callable, Iterator
 from contextlib import suppress
 from random import Random
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
+from urproto.compat import Self
 from urproto.ports import CONTROLLER_PORTS
 from urproto.robots import load_model
 

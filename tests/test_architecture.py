@@ -47,6 +47,9 @@ THIRD_PARTY = {
     "mcap": ("client.recording.mcapfile",),
     "numpy": ("urproto.robots.dynamics", "emulator.world.links", "client.recording", "client.traffic"),
     "pytest": ("urproto.pytest_plugin",),
+    "async_timeout": ("urproto.compat_asyncio",),
+    "tomli": ("urproto.compat",),
+    "typing_extensions": ("urproto.compat",),
     "pinocchio": ("urproto.robots.dynamics",),
     "yaml": ("urproto.yamltext", "client.calibration"),
     "typer": (
@@ -60,7 +63,7 @@ THIRD_PARTY = {
     ),
     "rich": ("emulator", "client", "urproto.commandline"),
 }
-URSCRIPT_SEES = ("urproto.robots.pose", "urproto.text", "urproto.versions")
+URSCRIPT_SEES = ("urproto.compat", "urproto.robots.pose", "urproto.text", "urproto.versions")
 URSCRIPT_COMMANDS_SEE = (*URSCRIPT_SEES, "urproto.robots")  # which arm means which version
 POLYSCOPE_SEES = (*URSCRIPT_COMMANDS_SEE, "urproto.vectors")  # the files of PolyScope hold poses and joints of an arm
 # what of `urscript` the client may import: programs are made on the client's side too
@@ -86,6 +89,7 @@ MAY_TOUCH_OUTSIDE = (
     "emulator.check",
     "client",
     "urproto.backdoors",
+    "urproto.compat_asyncio",
     *FOR_TESTS,
 )
 # a module of the standard library that brings sockets along -> what of it may be used: the parts without

@@ -8,7 +8,8 @@ got it.
 import re
 from dataclasses import dataclass
 from enum import Enum
-from typing import Self
+
+from urproto.compat import Self
 
 
 class Series(Enum):

@@ -25,6 +25,7 @@ from urscript.pycode import (
     function,
     load,
     place_of,
+    script_position,
     subscript,
     yield_from,
 )
@@ -389,8 +390,8 @@ class _BodyCompiler(ExpressionCompiler):
 
     def _step(self, place: Place) -> ast.expr:
         """``yield from _step(line, column)``: tell the host what is next, and wait as long as it wants."""
-        line, column = constant(place["lineno"], place), constant(place["col_offset"] + 1, place)
-        return yield_from(call("_step", place, line, column), place)
+        line, column = script_position(place)
+        return yield_from(call("_step", place, constant(line, place), constant(column, place)), place)
 
     def _inner(self, statements: list[Statement], heavy: bool) -> Steps[list[ast.stmt]]:
         return (yield from self._metered(statements) if heavy and self._charged else self._plain(statements))

@@ -11,7 +11,9 @@ is how the controller counts.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
+
+from urproto.compat import Self
 
 
 class RuntimeFault(Exception):  # noqa: N818  # becomes an error only with a place in a script

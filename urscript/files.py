@@ -10,8 +10,9 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Self
+from typing import Final
 
+from urproto.compat import Self
 from urproto.text import from_bytes, to_bytes, words
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet

@@ -1,6 +1,8 @@
 """Small makers of Python syntax tree nodes that carry a URScript position."""
 
 import ast
+import sys
+from types import CodeType
 from typing import TypedDict
 
 from urscript.syntax import Node
@@ -9,7 +11,7 @@ LOAD, STORE = ast.Load(), ast.Store()
 
 
 class Place(TypedDict):
-    """Where a node stands; line and column of the script are line and column of the Python code."""
+    """Where a node stands, as the Python code has it; ``script_position`` and ``instruction_position`` read it."""
 
     lineno: int
     col_offset: int
@@ -17,10 +19,43 @@ class Place(TypedDict):
     end_col_offset: int
 
 
-def place_of(node: Node) -> Place:
-    """The place of a URScript node."""
-    line, column = node.line, node.column
-    return {"lineno": line, "col_offset": column - 1, "end_lineno": line, "end_col_offset": column}
+if sys.version_info >= (3, 11):
+
+    def place_of(node: Node) -> Place:
+        """The place of a URScript node."""
+        line, column = node.line, node.column
+        return {"lineno": line, "col_offset": column - 1, "end_lineno": line, "end_col_offset": column}
+
+    def script_position(place: Place) -> tuple[int, int]:
+        """Line and column of the URScript node."""
+        return place["lineno"], place["col_offset"] + 1
+
+    def script_line(lineno: int) -> int:
+        """The line of the script that a line of the Python code stands for."""
+        return lineno
+
+    def instruction_position(code: CodeType, instruction: int) -> tuple[int, int]:
+        """Line and column (from 1) of an instruction; column 1 when Python runs without column tables."""
+        line, _, column, _ = list(code.co_positions())[instruction // 2]
+        return line or 0, (column or 0) + 1
+
+else:  # 3.10 keeps no columns in its code: its line numbers hold them too, as far as they go
+    _COLUMNS = 1024
+    _LINES = 2**31 // _COLUMNS  # a line number has 32 bits
+
+    def place_of(node: Node) -> Place:
+        number = min(node.line, _LINES - 1) * _COLUMNS + min(node.column, _COLUMNS - 1)
+        return {"lineno": number, "col_offset": 0, "end_lineno": number, "end_col_offset": 1}
+
+    def script_position(place: Place) -> tuple[int, int]:
+        return divmod(place["lineno"], _COLUMNS)
+
+    def script_line(lineno: int) -> int:
+        return lineno // _COLUMNS
+
+    def instruction_position(code: CodeType, instruction: int) -> tuple[int, int]:
+        numbers = (number for begin, end, number in code.co_lines() if begin <= instruction < end)
+        return divmod(next(numbers, None) or 0, _COLUMNS)
 
 
 def constant(value: object, place: Place) -> ast.expr:

@@ -30,7 +30,7 @@ nothing. A kill takes the children of the thread with it.
 import re
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
-from types import CodeType, FrameType, GeneratorType, TracebackType
+from types import FrameType, GeneratorType, TracebackType
 from typing import Any, Final, Protocol, cast
 
 from urscript import operators
@@ -41,14 +41,8 @@ from urscript.errors import RuntimeFault, ScriptRuntimeError
 from urscript.interpreter import STATEMENT_FILE, CompiledStatement, Locals
 from urscript.meter import METER, charge
 from urscript.methods import call_method, member, refuse_list_methods
+from urscript.pycode import instruction_position, script_line
 from urscript.values import TYPE_NAMES, UNSET, Value
-
-
-def position(code: CodeType, instruction: int) -> tuple[int, int]:
-    """Line and column (from 1) of an instruction; column 1 when Python runs without column tables."""
-    positions = list(code.co_positions())
-    line, _, column, _ = positions[instruction // 2]
-    return line or 0, (column or 0) + 1
 
 
 def error_position(trace: TracebackType | None) -> tuple[int, int, bool]:
@@ -63,7 +57,7 @@ def error_position(trace: TracebackType | None) -> tuple[int, int, bool]:
         code = trace.tb_frame.f_code
         inside = code.co_filename in places
         if inside:
-            places[code.co_filename] = position(code, trace.tb_lasti)
+            places[code.co_filename] = instruction_position(code, trace.tb_lasti)
         trace = trace.tb_next
     line, column = places[FILE_NAME] if places[FILE_NAME][0] else places[STATEMENT_FILE]
     return line, column, inside
@@ -157,13 +151,13 @@ class ScriptThread:
     def position(self) -> tuple[int, int]:
         """Line and column (from 1) of what the thread is doing; line 0 before it has started."""
         frame = self._innermost()
-        return (0, 0) if frame is None else position(frame.f_code, frame.f_lasti)
+        return (0, 0) if frame is None else instruction_position(frame.f_code, frame.f_lasti)
 
     @property
     def line(self) -> int:
         """Line (from 1) of what the thread is doing; asked every period, so without the column, which is slow."""
         frame = self._innermost()
-        return 0 if frame is None else frame.f_lineno
+        return 0 if frame is None else script_line(frame.f_lineno)
 
     def _innermost(self) -> FrameType | None:
         """The frame of the program's innermost function, of a statement's when there is none; None before the start."""

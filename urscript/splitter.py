@@ -27,7 +27,8 @@ _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _FIRST_WORD = re.compile(rb"[A-Za-z_][A-Za-z0-9_]{0,6}")  # as far as it takes to know that it opens no block
 _WORD = re.compile(rb"[A-Za-z0-9_]+")
 _DULL = re.compile(  # all but strings, comments, the words that nest, and a word that may go on
-    rb'(?:[^A-Za-z_"#]+|(?!(?:def|sec|thread|if|while|end)(?![A-Za-z0-9_]))[A-Za-z_][A-Za-z0-9_]*+(?!\Z))*+'
+    rb'(?:[^A-Za-z_"#]+|(?!(?:def|sec|thread|if|while|end)(?![A-Za-z0-9_]))[A-Za-z_][A-Za-z0-9_]*(?![A-Za-z0-9_]|\Z))'
+    rb"{0,500}"  # of which it remembers each
 )
 _OPENING = frozenset([b"def", b"sec", b"thread", b"if", b"while"])
 _LONGEST_WORD = max(map(len, _OPENING))  # of those that matter
@@ -161,9 +162,10 @@ class ScriptSplitter:
                     return None
                 continue
             dull = _DULL.match(buffer, self._scanned)
-            self._scanned = at = dull.end() if dull else self._scanned
-            if at == len(buffer):
-                return None
+            if dull and dull.end() > self._scanned:
+                self._scanned = dull.end()
+                continue
+            at = self._scanned
             if buffer[at] in b'"#':
                 self._inside = bytes(buffer[at : at + 1])
                 self._scanned += 1

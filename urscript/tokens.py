@@ -20,13 +20,13 @@ enter_critical exit_critical and or xor not True False None
 KEYWORDS = frozenset(_KEYWORDS.split())
 
 _TOKEN = re.compile(
-    r"""[ \t\r\f\v]{0,1000}+(?:
+    r"""[ \t\r\f\v]{0,1000}(?:
         (?P<newline>\n)
       | (?P<comment>\#[^\n]{0,49999})
       | (?P<name>[A-Za-z_][A-Za-z0-9_]{0,49999})
-      | (?P<number>(?:[0-9]{1,49999}+\.?[0-9]{0,49999}+|\.[0-9]{1,49999}+)(?:[eE][+-]?[0-9]{1,49999}+)?)
+      | (?P<number>(?:[0-9]{1,49999}\.?[0-9]{0,49999}|\.[0-9]{1,49999})(?:[eE][+-]?[0-9]{1,49999})?)
       | (?P<operator>==|!=|<=|>=|[-+*/%<>=()\[\],:.!$])
-      | (?P<string>"(?:[^"]{0,49997}+"|[^"]{49999}))
+      | (?P<string>"(?:[^"]{0,49997}"|[^"]{49999}))
       | (?P<blank>[ \t\r\f\v])
       | (?P<invalid>[^ \t\r\f\v\n]))""",
     re.VERBOSE,

@@ -23,6 +23,7 @@ from client.controllers import (
 from client.driver.config import ROBOT_PORTS
 from client.driver.scheduling import real_time
 from client.errors import ControllerError
+from urproto.compat_asyncio import timeout
 from urproto.modes import SafetyMode
 
 _DRAWN_S: Final = 0.1
@@ -123,7 +124,8 @@ async def follow(loop: ControlledRobot, name: str, trajectory: JointTrajectory, 
                 waiting = _say_waiting(loop, progress, waiting)
                 progress.update(controller.progress, _note(loop))
                 with suppress(TimeoutError):
-                    await asyncio.wait_for(loop.result(handle), _DRAWN_S)
+                    async with timeout(_DRAWN_S):
+                        await loop.result(handle)
             progress.update(1.0 if handle.result.error_code == 0 else controller.progress)
     except asyncio.CancelledError:
         loop.manager.deactivate(name)

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from types import FrameType, TracebackType
-from typing import Annotated, Any, Final, Self, TypeAlias
+from typing import Annotated, Any, Final, TypeAlias
 
 import typer
 from rich.console import Console
@@ -14,6 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from client import rtde
 from client.errors import ClientError
+from urproto.compat import Self
 
 ROBOT_IP_VARIABLE: Final = "UR_ROBOT_IP"  # for a shell in which one works with one robot
 

@@ -6,11 +6,11 @@ A new controller is one class decorated with `controller_type`; its docstring is
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import Any, ClassVar, Final, Generic, Protocol, Self, TypeVar
+from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
 
 from client.driver.endpoint import tell
 from client.errors import ControllerError
+from urproto.compat import Self, StrEnum
 
 
 class Hardware(Protocol):

@@ -11,7 +11,7 @@ import asyncio
 import logging
 from collections.abc import Coroutine, Mapping
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from client.controllers.calls import Call
 from client.controllers.configuration import ControllersFile, usual_controllers
@@ -21,6 +21,8 @@ from client.controllers.ur_hardware import URHardware
 from client.controllers.ur_states import RTDE_OUTPUTS
 from client.driver import URDriver
 from client.errors import ControllerError, NoAnswerError
+from urproto.compat import Self
+from urproto.compat_asyncio import timeout
 
 _FIRST_STATE_S: Final = 5.0  # guess: a robot that sends states at all does so within this
 _REST_S: Final = 3.0  # guess: a ramp to rest takes less than one second
@@ -71,7 +73,7 @@ class ControlLoop:
 
     async def _first_cycle(self) -> None:
         try:
-            async with asyncio.timeout(_FIRST_STATE_S):
+            async with timeout(_FIRST_STATE_S):
                 await self._cycled.wait()
         except TimeoutError:
             config = self.driver.config

@@ -4,8 +4,9 @@ Source: the mode compatibilities of the hardware interface in Universal_Robots_R
 """
 
 from collections.abc import Iterable
-from enum import StrEnum
 from typing import Final
+
+from urproto.compat import StrEnum
 
 
 class CommandMode(StrEnum):

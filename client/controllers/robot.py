@@ -16,7 +16,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self, TypeVar
+from typing import Any, Final, TypeVar
 
 from client.controllers.configuration import ControllersFile
 from client.controllers.controller import LifecycleState
@@ -32,6 +32,7 @@ from client.errors import MotionError
 from client.recording import DEFAULT_FIELDS, BackgroundRecorder
 from client.robot import AsyncRobot
 from client.robot.reach import Reach
+from urproto.compat import Self
 from urproto.joints import JOINT_NAMES
 
 _WITH_CONTROLLERS = ".mcap"  # other formats have no place for their states

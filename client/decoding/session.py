@@ -4,7 +4,7 @@ import re
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta, timezone
 from enum import Enum
 
 from client.decoding.capture import MAGIC_SIZE, Packet, PacketReader, open_capture
@@ -28,7 +28,7 @@ _HEX_TEXT = re.compile(rb"(?:#[^\n]*(?:\n|$)|0[xX]|[0-9a-fA-F]|[\s,:;])*")
 _HEX_NOISE = re.compile(rb"#[^\n]*(?=\n|$)|0[xX]|[\s,:;]")
 _LOOKED_AT = 4096  # bytes of an input that tell its form
 _LONGEST_HEX_LINE = 1 << 20
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _LISTED = 8  # ports named in a note
 _COUNTED = 1024  # ports that are counted for it
 

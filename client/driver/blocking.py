@@ -15,7 +15,9 @@ import threading
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, contextmanager
 from types import TracebackType
-from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, cast, overload
+from typing import Any, Concatenate, Generic, ParamSpec, TypeVar, cast, overload
+
+from urproto.compat import Self
 
 Inner = TypeVar("Inner", bound=AbstractAsyncContextManager[Any])
 Component = TypeVar("Component")

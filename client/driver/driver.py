@@ -13,7 +13,7 @@ with BlockingURDriver("192.168.56.101") as driver:
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from client.driver.blocking import Blocking, blocking, straight
 from client.driver.config import DriverConfig, calibration_problem
@@ -23,6 +23,7 @@ from client.driver.program import ProgramSupervisor, Pulse
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.robot import RobotLink
 from client.driver.trajectories import Trajectories
+from urproto.compat import Self
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import (
     ControlMode,

@@ -18,10 +18,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from types import TracebackType
-from typing import Final, Self, cast
+from typing import Final, cast
 
 from client.connection import DEFAULT_TIMEOUT_S
 from client.errors import LateSetpointError, ProgramNotRunningError, ProgramStaysError
+from urproto.compat import Self
+from urproto.compat_asyncio import timeout
 from urproto.errors import LocalProtocolError
 from urproto.external_control import (
     REQUEST_PROGRAM,
@@ -219,7 +221,7 @@ class Endpoint:
             raise ProgramStaysError(self.port, timeout_s) from None
 
     async def _wait_until(self, connected: bool, timeout_s: float) -> None:
-        async with asyncio.timeout(timeout_s):
+        async with timeout(timeout_s):
             while self.connected is not connected:
                 future = asyncio.get_running_loop().create_future()
 

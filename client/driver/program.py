@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping
 from contextlib import AsyncExitStack, suppress
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from client import dashboard
 from client.driver.config import DriverConfig
@@ -18,6 +18,8 @@ from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.robot import MOVABLE, RobotLink, cancel
 from client.driver.scheduling import RealTime, real_time_thread
 from client.errors import ProgramNotRunningError, ProgramStaysError
+from urproto.compat import Self
+from urproto.compat_asyncio import timeout
 from urproto.errors import LocalProtocolError, RobotRefused, URError
 from urproto.external_control import ControlMode
 from urproto.modes import RobotMode, RuntimeState
@@ -431,7 +433,7 @@ class ProgramSupervisor:
         """The program that was lost through our own fault. The arm rests until somebody moves it."""
         try:
             await self.reverse.wait_disconnected(_END_TIMEOUT_S)
-            async with asyncio.timeout(_END_TIMEOUT_S):
+            async with timeout(_END_TIMEOUT_S):
                 while self._robot.state["runtime_state"] != RuntimeState.STOPPED:
                     await self._robot.next_state()
             self._restart = None  # from here on it is not given up but waited for

@@ -7,6 +7,7 @@ from typing import Final
 
 from client.driver.endpoint import Endpoint, Peer
 from client.errors import NoAnswerError, ProgramEndedError
+from urproto.compat_asyncio import timeout
 from urproto.errors import RemoteProtocolError
 from urproto.external_control import (
     Answer,
@@ -44,7 +45,7 @@ class ResultEndpoint(Endpoint):
         if not self.connected and self._results.empty():
             raise ProgramEndedError(self.port, self.doing)
         try:
-            async with asyncio.timeout(timeout_s):
+            async with timeout(timeout_s):
                 result = await self._results.get()
         except TimeoutError:
             raise NoAnswerError(self.peer.address, self.port, timeout_s or 0.0) from None
@@ -124,7 +125,7 @@ class ScriptCommandEndpoint(ResultEndpoint):
             given = sum(1 << index for index, values in enumerate(arguments) if values is not None)
             self.send(ScriptCommand.ask(question, given, number))
             try:
-                async with asyncio.timeout(_ANSWER_S):
+                async with timeout(_ANSWER_S):
                     answer = await self._answers.get()
             except TimeoutError:
                 raise NoAnswerError(self.peer.address, self.port, _ANSWER_S) from None

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack, suppress
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from client import dashboard
 from client.dashboard import DashboardClient
@@ -18,6 +18,8 @@ from client.driver.feed import StateFeed
 from client.errors import ClientError, ConnectionLostError, NoAnswerError, RobotUnreachableError, ScriptFailedError
 from client.primary import PrimaryClient
 from client.rtde import BlockingRTDEClient, RTDEClient
+from urproto.compat import Self
+from urproto.compat_asyncio import timeout
 from urproto.errors import RemoteProtocolError, RobotRefused
 from urproto.modes import RobotMode, SafetyMode, mode_of
 from urproto.primary.messages import ErrorCodeMessage, PopupMessage, RuntimeExceptionMessage, TextMessage
@@ -173,7 +175,7 @@ class RobotLink:
         self._awaited = True
         while self.feed.count == before:
             try:
-                async with asyncio.timeout(self.config.silence_s):
+                async with timeout(self.config.silence_s):
                     await self._news.wait()
             except TimeoutError:
                 if self.feed.silent:
@@ -186,7 +188,8 @@ class RobotLink:
         """The calibrated Denavit-Hartenberg parameters [m, rad]. Raises NoAnswerError when the robot does not tell."""
         primary = self._primary
         try:
-            return await asyncio.wait_for(asyncio.shield(self._kinematics), primary.timeout_s)
+            async with timeout(primary.timeout_s):
+                return await asyncio.shield(self._kinematics)
         except TimeoutError:
             raise NoAnswerError(primary.host, primary.port, primary.timeout_s, "its calibration") from None
 
@@ -204,7 +207,7 @@ class RobotLink:
         else:
             await self.send_script(_UNLOCK_LINE)
         try:
-            async with asyncio.timeout(_UNLOCK_TIMEOUT_S):
+            async with timeout(_UNLOCK_TIMEOUT_S):
                 while self.safety_mode not in MOVABLE:
                     await self.next_state()
         except TimeoutError:

@@ -11,6 +11,7 @@ from typing import Final
 
 from client.pendant.draft import Draft, ScriptError
 from client.programs import CHECKED, CHECKER_LINE, CheckerError, checker_command
+from urproto.compat_asyncio import timeout
 from urproto.text import from_bytes, lines, readable, to_bytes
 from urproto.versions import PolyscopeVersion
 
@@ -31,7 +32,7 @@ async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]
     try:
         if hasattr(os, "setpriority"):
             os.setpriority(os.PRIO_PROCESS, process.pid, _NICE)
-        async with asyncio.timeout(_LONGEST_S):
+        async with timeout(_LONGEST_S):
             output, complaint = await process.communicate(to_bytes(text))
     finally:
         if process.returncode is None:

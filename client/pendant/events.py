@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from itertools import islice
 from typing import Any, Final, Literal, NamedTuple
 
@@ -111,7 +111,7 @@ def as_text(events: "Iterable[Event]") -> str:
 
 def _cells(events: "Iterable[Event]") -> Iterator[tuple[str, ...]]:
     for event in events:
-        when = datetime.fromtimestamp(event.time_s, UTC).isoformat(timespec="milliseconds")
+        when = datetime.fromtimestamp(event.time_s, timezone.utc).isoformat(timespec="milliseconds")
         uptime = "" if event.uptime_s is None else f"{event.uptime_s:.3f}"
         yield when, uptime, event.severity, event.source, event.code, event.text
 

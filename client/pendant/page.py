@@ -1,10 +1,9 @@
 """What one browser shows: the frame around the screens, and what all screens share."""
 
-import asyncio
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from nicegui import background_tasks, ui
 from nicegui.elements.mixins.value_element import ValueElement
@@ -14,6 +13,8 @@ from client.errors import ClientError
 from client.pendant.live import Live
 from client.pendant.situation import Action
 from client.pendant.station import Station
+from urproto.compat import Self
+from urproto.compat_asyncio import timeout
 from urproto.errors import URError
 from urproto.text import readable
 
@@ -60,7 +61,7 @@ async def take(
 async def happens(station: Station, condition: Callable[[Station], bool]) -> bool:
     """Whether it holds soon."""
     try:
-        async with asyncio.timeout(_SOON_S):
+        async with timeout(_SOON_S):
             while not condition(station):
                 await station.next_frame()
     except TimeoutError:

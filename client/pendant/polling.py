@@ -6,6 +6,7 @@ from typing import Final, Generic, NoReturn, TypeVar
 
 from client.errors import ClientError
 from client.modbus import GENERAL_REGISTERS, ModbusClient
+from urproto.compat_asyncio import timeout
 from urproto.errors import URError
 
 _AGAIN_S: Final = 0.5  # between attempts to reach a robot
@@ -98,7 +99,7 @@ class Poller(Generic[Answer]):
 
     async def _wait(self) -> None:
         try:
-            async with asyncio.timeout(self._every_s):
+            async with timeout(self._every_s):
                 await self._again.wait()
         except TimeoutError:
             return

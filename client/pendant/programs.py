@@ -9,6 +9,7 @@ from typing import Any, Final, Protocol, TypeVar
 from client import dashboard
 from client.pendant.draft import Draft
 from client.pendant.emulator_control import EmulatorControl, EmulatorControlError
+from urproto.compat_asyncio import timeout
 from urproto.errors import URError
 from urproto.modes import RuntimeState
 from urproto.primary.messages import (
@@ -133,7 +134,8 @@ class Programs:
                 emulated = available if await self._see(station) else None  # then once more
             self.draft.look(clock())
             with suppress(TimeoutError):
-                await asyncio.wait_for(self._changed.wait(), _LOOK_AGAIN_S)
+                async with timeout(_LOOK_AGAIN_S):
+                    await self._changed.wait()
 
     async def _ask_loaded(self, station: Robot) -> None:
         loaded = await station.ask(dashboard.LOADED_PROGRAM)

@@ -7,7 +7,7 @@ from contextlib import AsyncExitStack
 from math import ceil
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self, TypeVar
+from typing import Any, Final, TypeVar
 
 from client import dashboard, primary, rtde
 from client.calibration import model_of
@@ -28,6 +28,7 @@ from client.pendant.variables import Variables
 from client.primary import PrimaryClient, PrimaryCore
 from client.robot import AsyncRobot
 from client.rtde import RTDEClient
+from urproto.compat import Self
 from urproto.dashboard import NOT_IN_REMOTE_CONTROL
 from urproto.errors import RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode

@@ -15,11 +15,12 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from queue import SimpleQueue
 from types import TracebackType
-from typing import IO, Any, BinaryIO, Final, NamedTuple, Self
+from typing import IO, Any, BinaryIO, Final, NamedTuple
 
 from client.errors import RecordingError
 from client.recording.files import Recorder, field_names
 from client.recording.recording import DEFAULT_FIELDS, Info
+from urproto.compat import Self
 
 _READY: Final = b"ready\n"
 _ENDS_S: Final = 30.0  # guess: compressing an hour of npz takes less

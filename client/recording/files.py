@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Protocol, Self
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from client.recording.recording import DEFAULT_FIELDS, Info, Recording
 from client.recording.tables import CsvWriter, NpzWriter, read_csv, read_npz
 from client.recording.timestamps import Stamps
 from client.rtde import unknown_fields
+from urproto.compat import Self
 from urproto.rtde.fields import LONGEST_S
 
 FORMATS: Final = (".mcap", ".csv", ".npz")

@@ -17,6 +17,7 @@ from client.errors import (
     SafetyStopError,
     ScriptFailedError,
 )
+from urproto.compat_asyncio import timeout
 from urproto.errors import URError
 from urproto.modes import ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
@@ -106,7 +107,7 @@ class Diagnosis:
     async def hear(self, heard: Callable[[], bool]) -> None:
         """Wait for what the robot says by another connection, as long as that may take."""
         with suppress(TimeoutError):
-            async with asyncio.timeout(_WORDS_S):
+            async with timeout(_WORDS_S):
                 while not heard():
                     await asyncio.sleep(_LISTEN_EVERY_S)
 

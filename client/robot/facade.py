@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from types import TracebackType
-from typing import Any, Final, Self, cast
+from typing import Any, Final, cast
 
 from client.calibration import geometry_of
 from client.driver import URDriver, points
@@ -22,6 +22,7 @@ from client.robot.readiness import Readiness
 from client.robot.settings import Settings
 from client.robot.state import MORE_OUTPUTS, OUTPUTS, RobotState
 from client.robot.streaming import Follow, setpoint_stream
+from urproto.compat import Self
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import Question, TrajectoryPoint
 from urproto.robots import Joints

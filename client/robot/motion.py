@@ -10,6 +10,7 @@ from client.driver.control_program import DECELERATION, SPEED_ACCELERATION
 from client.errors import ClientError, MotionStoppedError, WaitTimeoutError
 from client.robot.readiness import PROGRAM_GONE, Readiness
 from client.robot.state import RobotState
+from urproto.compat_asyncio import timeout
 from urproto.errors import LocalProtocolError
 from urproto.external_control import ControlMode
 
@@ -165,7 +166,7 @@ class MotionRunner:
         for a silent robot. The condition must be quick and must not call the robot.
         """
         try:
-            async with asyncio.timeout(timeout_s):
+            async with timeout(timeout_s):
                 while not condition(state := self.state):
                     if self._motion is not None and self._motion.done() and _failed(self._motion):
                         await self.wait_done()
@@ -202,7 +203,7 @@ class MotionRunner:
             self.driver.idle()
             await self.diagnosis.next_state("stop")  # the program reads it once a control period
         with suppress(TimeoutError):
-            async with asyncio.timeout(_REST_S):
+            async with timeout(_REST_S):
                 while not self.state.at_rest:
                     await self.diagnosis.next_state("stop")
 

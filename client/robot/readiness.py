@@ -1,6 +1,5 @@
 """Whether the arm can move: the control program started, and kept from starting when somebody has ended it."""
 
-import asyncio
 from collections.abc import Coroutine, Sequence
 from typing import Any, Final
 
@@ -8,6 +7,7 @@ from client import dashboard
 from client.driver import URDriver
 from client.errors import NoAnswerError, OutOfReachError, ProgramEndedError, ProgramNotRunningError
 from client.robot.diagnosis import Diagnosis
+from urproto.compat_asyncio import timeout
 from urproto.errors import RobotRefused
 from urproto.external_control import Question
 from urproto.modes import RobotMode
@@ -111,7 +111,7 @@ class Readiness:
         else:
             await self.driver.robot.send_script(_RUN_LINE)
         try:
-            async with asyncio.timeout(_POWER_UP_S):
+            async with timeout(_POWER_UP_S):
                 while self.driver.robot.robot_mode is not RobotMode.RUNNING:
                     await self.diagnosis.next_state("make_ready")
                     self.diagnosis.check_safety("make_ready")

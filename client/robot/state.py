@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Self, cast
+from typing import Any, Final, cast
 
+from urproto.compat import Self
 from urproto.errors import LocalProtocolError
 from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_of
 from urproto.robots import Joints

@@ -4,7 +4,6 @@ What is asked of the robot is answered when the robot has it; a request that mak
 controller is not active, gets ``success`` false and a line in the log.
 """
 
-import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -21,6 +20,7 @@ from client.driver.availability import GATES
 from client.errors import ClientError, ControllerError
 from client.ros2.host import NodeHost, interface
 from client.ros2.topics import Scene, seconds
+from urproto.compat_asyncio import timeout
 from urproto.errors import URError
 from urproto.robots.pose import pose_trans
 
@@ -142,8 +142,9 @@ def _handler(
     async def ask(request: Any) -> None:
         call = row.begin(controller, request, scene)
         try:
-            await asyncio.wait_for(loop.answer(call), ANSWER_S)
-        except asyncio.TimeoutError:  # noqa: UP041 # not the builtin one before Python 3.11
+            async with timeout(ANSWER_S):
+                await loop.answer(call)
+        except TimeoutError:
             call.end(False)
             raise ControllerError(controller.name, f"the robot does not answer within {ANSWER_S:g} s") from None
 

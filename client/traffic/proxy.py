@@ -15,12 +15,14 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 from client.errors import RobotUnreachableError
 from client.traffic.ports import DRIVER_PORTS, ROBOT_PORTS, ask_identity
 from client.traffic.recording import FLUSH_S, Recorder
 from client.traffic.relay import DIAL_S, Relay, reason_of
+from urproto.compat import Self
+from urproto.compat_asyncio import timeout
 from urproto.errors import LocalProtocolError
 
 _LAST_PORT: Final = 65535
@@ -203,7 +205,7 @@ class Proxy:
 async def _refusal(route: Route) -> str | None:
     """Why a port cannot be connected to; None when it can."""
     try:
-        async with asyncio.timeout(DIAL_S):
+        async with timeout(DIAL_S):
             _, writer = await asyncio.open_connection(route.host, route.target)
     except OSError as error:  # TimeoutError is one
         return reason_of(error)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Self
+from typing import Final
 
 from client.decoding.capture import MAGIC_SIZE, PacketReader, head_of_capture, open_capture, packet_block
 from client.decoding.codecs import ConnectionFrames
@@ -14,6 +14,7 @@ from client.decoding.connections import Closed, Connections, Data, Ends, Event, 
 from client.decoding.packets import Endpoint, Segment, UnreadablePacketError, tcp_segment
 from client.errors import FileError
 from client.traffic.ports import is_traffic
+from urproto.compat import Self
 from urproto.errors import RemoteProtocolError
 
 FLUSH_S: Final = 0.25  # how often ``flush`` is to be called [s]

@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from itertools import cycle
 from types import TracebackType
-from typing import Final, Self, TypeVar, cast
+from typing import Final, TypeVar, cast
 
 from client.decoding.states import PRIMARY, REALTIME
 from client.decoding.streams import Framing
@@ -35,6 +35,7 @@ from client.traffic.recording import Conversation, Recording
 from client.traffic.relay import reason_of
 from client.traffic.rtde_log import RTDELog
 from client.traffic.rtde_player import RTDELibrary, RTDEPlayer
+from urproto.compat import Self
 from urproto.errors import LocalProtocolError, ProtocolError
 from urproto.versions import PolyscopeVersion
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from emulator.commands import dashboard
 from emulator.control.verbs import BadArguments, Verbs, Waiting, verb
 from emulator.programs.compiling import Submission, in_periods
-from emulator.programs.loading import program_files
+from emulator.programs.loading import DRIVER_PROGRAMS, program_files
 from emulator.services.urcap import DriverAddress
 from urscript.polyscope.outline import OutlineNode, outline_steps
 from urscript.polyscope.tree import TreeError
@@ -33,8 +33,8 @@ class ProgramVerbs(Verbs):
     @verb
     def programs(self) -> list[str]:
         """The program files of the programs folder, as ``load`` of the dashboard takes them."""
-        folder = self.controller.config.programs_dir
-        return [] if folder is None else self._wait(program_files(folder.resolve()))
+        folder = self.controller.config.programs_dir or DRIVER_PROGRAMS
+        return self._wait(program_files(folder.resolve()))
 
     @verb
     def program(self) -> dict[str, Any]:

@@ -18,12 +18,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Final, Self
+from typing import Final
 
 import urproto.robots.dynamics  # noqa: F401 # loaded here, Pinocchio is shared by the forks
 from emulator.config import EmulatorConfig
 from emulator.fleet import worker
 from emulator.fleet.worker import Ended, Failed, Ready
+from urproto.compat import Self
 
 _PAUSE_S: Final = 1.0  # before a process is started again: its ports may need it (guess)
 _MOST_TRIES: Final = 5  # to bring a process back, without a success in between

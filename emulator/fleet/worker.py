@@ -85,12 +85,15 @@ class _Worker:
         try:
             if _claim(self._configs):
                 watching = asyncio.create_task(give_way_under_overload())
-            async with asyncio.TaskGroup() as robots:
-                for index, emulator in enumerate(self._emulators):
-                    robots.create_task(self._live(index, emulator))
-        except* (OSError, NotReady, ConfigError, RealTimeRefused) as errors:
-            first = errors.exceptions[0]
-            self._tell(Failed(getattr(first, "strerror", None) or str(first)))
+            robots = [asyncio.create_task(self._live(index, each)) for index, each in enumerate(self._emulators)]
+            try:
+                await asyncio.gather(*robots)
+            finally:  # one that fails takes the others along
+                for robot in robots:
+                    robot.cancel()
+                await asyncio.gather(*robots, return_exceptions=True)
+        except (OSError, NotReady, ConfigError, RealTimeRefused) as error:
+            self._tell(Failed(getattr(error, "strerror", None) or str(error)))
         finally:
             if watching is not None:
                 watching.cancel()

@@ -59,6 +59,10 @@ def _entries(folder: Path) -> list[Path]:
         return []
 
 
+DRIVER_PROGRAMS: Final = Path(__file__).with_name("urcap")
+"""A programs folder for robots that got none: its ``external_control.urp`` is an External Control node in a loop."""
+
+
 @dataclass(frozen=True, slots=True)
 class _PendingPlay:
     """A program that waits for what a driver sends."""

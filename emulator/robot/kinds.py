@@ -1,6 +1,6 @@
 """The two kinds of arm, by name: what a command line needs to know of them."""
 
-from enum import StrEnum
+from urproto.compat import StrEnum
 
 
 class ArmKind(StrEnum):

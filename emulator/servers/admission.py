@@ -17,9 +17,9 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Final
 
+from urproto.compat import StrEnum
 from urproto.seldom import Seldom
 
 _SPARE_DESCRIPTORS: Final = 32  # for files, scripts and clients' programs: not given to clients (guess)

@@ -15,6 +15,7 @@ from typing import Final
 
 from emulator.servers.script_sockets import OwnPorts
 from emulator.services.modbus import DISCONNECTED, ModbusExchange, ModbusUnit
+from urproto.compat_asyncio import timeout
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.modbus import (
     Frame,
@@ -177,7 +178,7 @@ class _Link(asyncio.Protocol):
     async def _connect(self) -> None:
         error = 0
         try:
-            async with asyncio.timeout(_CONNECT_S):
+            async with timeout(_CONNECT_S):
                 await self._loop.create_connection(lambda: self, self._address, self._port)
         except TimeoutError:
             error = errno.ETIMEDOUT

@@ -10,8 +10,9 @@ browsers send is known by its first line or its first nine bytes, and no client 
 """
 
 import re
-from enum import StrEnum
 from typing import Final
+
+from urproto.compat import StrEnum
 
 _METHOD: Final = re.compile(rb"[A-Z][A-Z0-9_-]{0,31}")
 _CONNECT: Final = b"CONNECT"  # the one method whose target is host and port
@@ -57,10 +58,10 @@ def _tls(start: bytes) -> Visitor | bool:
         return False
     if len(start) < 6:
         return True
-    length = int.from_bytes(start[3:5]) - 4
+    length = int.from_bytes(start[3:5], "big") - 4
     if start[5] != _CLIENT_HELLO or length < 0:
         return False
-    announced, seen = length.to_bytes(3), start[6:9]
+    announced, seen = length.to_bytes(3, "big"), start[6:9]
     if seen == announced:
         return Visitor.TLS
     return announced.startswith(seen)

@@ -4,8 +4,9 @@ A backend opens connections; the interpreter never waits for one, it looks at ``
 and ``inbox`` once per control period. ``MemorySockets`` is a backend without a network.
 """
 
-from enum import StrEnum
 from typing import Final, Literal, Protocol
+
+from urproto.compat import StrEnum
 
 MOST_SOCKETS: Final = 64
 """Connections of one program (a guess); a file descriptor each."""

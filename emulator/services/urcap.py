@@ -10,9 +10,10 @@ the URCap itself ends with what has arrived when it looks, which cuts a program 
 
 import re
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Final
 
 from emulator.services.sockets import ScriptSocket, ScriptSocketBackend
+from urproto.compat import Self
 from urproto.text import from_bytes
 from urscript.polyscope.installation_file import InstallationFile
 from urscript.polyscope.naming import quoted

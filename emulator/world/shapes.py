@@ -6,13 +6,13 @@ iteration, nothing to load.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from itertools import product
 from math import isfinite, sqrt
 from typing import Final
 
 from emulator.motion.contact import Contact
 from emulator.snapshot import plausible
+from urproto.compat import StrEnum
 from urproto.robots.pose import Pose, axes_of, pose_trans
 from urproto.vectors import ZERO3, ZERO6, Axes, Vector3, Vector6, cross, dot, out_of, out_of6
 

@@ -6,7 +6,6 @@ Everything that touches the robot is ur_rtde and the dashboard; nothing here kno
 import time
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Self
 
 from dashboard_client import DashboardClient
 from rtde_control import RTDEControlInterface
@@ -35,7 +34,7 @@ class Cell:
         self.control = RTDEControlInterface(host)
         self._last = (self.receive.getTimestamp(), time.monotonic())
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Cell":
         return self
 
     def __exit__(

@@ -15,6 +15,7 @@ import pytest
 
 from client.errors import DeviceError, RobotUnreachableError
 from client.tool_communication import PORT, ToolCommunication
+from urproto.compat_asyncio import timeout
 
 HOST = "127.0.0.1"
 
@@ -70,7 +71,7 @@ async def exchange(path: Path, data: bytes) -> bytes:
     loop.add_reader(descriptor, readable)
     try:
         os.write(descriptor, data)
-        async with asyncio.timeout(20):
+        async with timeout(20):
             await done.wait()
     finally:
         loop.remove_reader(descriptor)
@@ -115,7 +116,7 @@ async def test_it_connects_again(robot: Robot, tmp_path: Path) -> None:
         while not said:
             await asyncio.sleep(0)
         await robot.start()
-        async with asyncio.timeout(20):
+        async with timeout(20):
             await back.wait()
         assert await exchange(device, b"after") == b"after"
         running.cancel()
@@ -195,7 +196,7 @@ async def read_until(descriptor: int, end: bytes | None) -> bytes:
 
     loop.add_reader(descriptor, readable)
     try:
-        async with asyncio.timeout(30):
+        async with timeout(30):
             await done.wait()
     finally:
         loop.remove_reader(descriptor)

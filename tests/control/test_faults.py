@@ -15,6 +15,7 @@ from emulator.config import EmulatorConfig
 from emulator.control.remote import RemoteControl
 from emulator.control.verbs import BadArguments, NotPossible
 from emulator.machine import ControllerConfig
+from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 
 HOST = "127.0.0.1"
@@ -114,7 +115,7 @@ async def test_our_client_comes_back(emulator: Emulator, kind: str, arguments: d
         if kind != "restart_controller":
             arguments = {"port": "rtde", **arguments}
         emulator.control.inject_fault(kind, **arguments)
-        async with asyncio.timeout(20):
+        async with timeout(20):
             while not rtde.core.reconnects:
                 await rtde.receive()
             await rtde.receive()

@@ -49,9 +49,9 @@ def test_many_files_take_their_time(robot: VirtualRobot, tmp_path: Path) -> None
     assert robot.time()["time_s"] > before
 
 
-def test_without_a_folder_there_are_no_programs_and_before_the_first_none_runs() -> None:
+def test_without_a_folder_there_is_the_program_of_drivers_and_before_the_first_none_runs() -> None:
     robot = VirtualRobot(ControllerConfig(model=load_model("ur5e"), running=True))
-    assert robot.programs() == []
+    assert robot.programs() == ["external_control.urp"]  # for drivers
     assert robot.program() == {"file": None, "running": False, "text": "", "tree": []}
 
 

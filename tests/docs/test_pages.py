@@ -12,7 +12,6 @@ import signal
 import subprocess
 import sys
 import time
-import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -20,12 +19,14 @@ from pathlib import Path
 import pytest
 import yaml
 
+from urproto.compat import load_toml
+
 sys.path.insert(0, str(Path(__file__).parent))  # the helper beside this file; importlib mode does not add its folder
 
 from pages import LANGUAGES, PAGES, ROOT, Block, blocks, indented, robots
 
 ELSEWHERE = {
-    ROOT / "docs" / "thesis.md": {"sh", "shell", "python"},  # tests/driver/test_thesis_page.py
+    ROOT / "docs" / "thesis.md": {"sh", "shell", "python", "ros"},  # tests/driver/test_thesis_page.py
     ROOT / "docs" / "client.md": {"python"},  # tests/real_clients/test_examples.py
 }
 DEADLINE_S = 120.0
@@ -75,7 +76,7 @@ def test_every_block_says_what_it_is(page: Path) -> None:
 
 def test_what_is_installed_can_be_had() -> None:
     """From a copy of the repository, as the package is on no index; with extras that there are."""
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    extras = load_toml((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     found = 0
     for page in PAGES:
         for arguments in re.findall(r"pip install ([^\n`#]+)", page.read_text()):

@@ -15,6 +15,7 @@ from emulator.app import Emulator
 from emulator.clock import RealClock
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
+from urproto.compat_asyncio import timeout
 from urproto.modes import RuntimeState
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
@@ -140,7 +141,7 @@ class Pair:
 
         unsubscribe = self.robot.controller.subscribe(look)
         try:
-            async with asyncio.timeout(timeout_s):
+            async with timeout(timeout_s):
                 await met
         except TimeoutError:
             raise AssertionError(f"not within {timeout_s} s; the log says {self.log[-10:]}") from None

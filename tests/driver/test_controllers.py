@@ -28,6 +28,7 @@ from client.controllers import (
 from client.controllers.goal_files import read_goals
 from client.errors import ControllerError, MotionError, OutOfReachError
 from client.recording import read
+from urproto.compat_asyncio import timeout
 
 SCALED = "scaled_joint_trajectory_controller"
 PASSTHROUGH = "passthrough_trajectory_controller"
@@ -162,7 +163,7 @@ async def test_a_robot_that_falls_silent_ends_the_goal(robot):
         handle = bench.controller(SCALED).send_goal(way((3.0, moved(0.5, 0, 0, 0, 0, 0))))
         await bench.after(0.2)
         robot.clock.close()
-        async with asyncio.timeout(PATIENCE_S):
+        async with timeout(PATIENCE_S):
             result = await bench.loop.result(handle)
         assert "the robot is silent" in result.error_string
         robot.clock.start(robot._tick)
@@ -382,7 +383,7 @@ async def test_an_interrupted_goal_stops_softly(robot, target):
     speeds = []
     unsubscribe = robot.controller.subscribe(lambda snapshot: speeds.append(snapshot.target_qd[0]))
     going = asyncio.create_task(go(target, SCALED, way((2.0, moved(1.0, 0, 0, 0, 0, 0)))))
-    async with asyncio.timeout(PATIENCE_S):
+    async with timeout(PATIENCE_S):
         while not speeds or speeds[-1] < 0.5:
             await asyncio.sleep(0.01)
         going.cancel()

@@ -11,6 +11,7 @@ from driver_rig import PATIENCE_S
 from client.driver import ReverseEndpoint, ScriptCommandEndpoint, ScriptSender, TrajectoryEndpoint, points
 from client.driver.endpoint import read_timeout_ms
 from client.errors import NoAnswerError, ProgramEndedError, ProgramNotRunningError
+from urproto.compat_asyncio import timeout
 from urproto.errors import LocalProtocolError
 from urproto.external_control import (
     ControlMode,
@@ -40,12 +41,12 @@ class Robot:
         return robot
 
     async def words(self, count: int) -> tuple[int, ...]:
-        async with asyncio.timeout(PATIENCE_S):
+        async with timeout(PATIENCE_S):
             return struct.unpack(f">{count}i", await self.reader.readexactly(4 * count))
 
     async def gone(self) -> None:
         """Wait until the driver has ended the connection."""
-        async with asyncio.timeout(PATIENCE_S):
+        async with timeout(PATIENCE_S):
             with suppress(ConnectionError):
                 while await self.reader.read(65536):
                     pass

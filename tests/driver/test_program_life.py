@@ -13,6 +13,7 @@ from client.driver.control_program import GONE_TEXT
 from client.errors import NoAnswerError, ProgramEndedError, ProgramNotRunningError, ScriptFailedError
 from client.rtde import RTDEClient
 from emulator.lifecycle.power import PowerEvent
+from urproto.compat_asyncio import timeout
 from urproto.errors import RobotRefused
 from urproto.external_control import GREETING, ControlMode, TrajectoryResult
 from urproto.modes import SafetyMode
@@ -133,7 +134,7 @@ async def test_a_program_that_reaches_one_port_only_is_ended(connect):
     async with connect(start=False) as pair:
         reader, writer = await asyncio.open_connection(HOST, pair.driver.reverse.port)
         writer.write(GREETING + pair.driver.reverse.token.encode() + b"\n")
-        async with asyncio.timeout(PATIENCE_S):
+        async with timeout(PATIENCE_S):
             while struct.unpack(">8i", await reader.readexactly(32))[7] != ControlMode.STOPPED:
                 pass
         writer.close()
@@ -208,14 +209,14 @@ async def test_an_idle_program_lives_as_long_as_its_driver(connect):
 async def test_a_robot_that_freezes_is_noticed_and_works_again(connect, robot):
     async with connect(silence_s=1.0) as pair:
         robot.clock.close()
-        async with asyncio.timeout(PATIENCE_S):
+        async with timeout(PATIENCE_S):
             while pair.driver.program_running:
                 await asyncio.sleep(0.02)
         with pytest.raises(NoAnswerError):
             await pair.driver.next_state()
         robot.clock.start(robot._tick)
         await pair.until(lambda: pair.program_ended)
-        async with asyncio.timeout(PATIENCE_S):
+        async with timeout(PATIENCE_S):
             before = pair.driver.state["timestamp"]
             while pair.driver.state["timestamp"] == before:
                 await asyncio.sleep(0.02)

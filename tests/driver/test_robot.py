@@ -23,6 +23,7 @@ from client.robot.reach import Reach
 from emulator.app import Emulator
 from emulator.lifecycle.power import PowerEvent, PowerState
 from emulator.lifecycle.safety import SafetyEvent
+from urproto.compat_asyncio import timeout
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.modes import RobotMode, SafetyMode
 
@@ -129,7 +130,7 @@ async def test_servoing_paces_and_follows(lab):
 
 async def test_a_target_too_far_for_servoing_is_told(lab):
     async def jump():
-        async with lab.arm.servo_j() as follow, asyncio.timeout(PATIENCE_S):
+        async with lab.arm.servo_j() as follow, timeout(PATIENCE_S):
             while True:
                 await follow(off(2.0))
 
@@ -278,7 +279,7 @@ async def test_a_program_lost_through_our_own_fault_is_back_and_rests(lab, monke
     with pytest.raises(ProgramEndedError, match="heard nothing from this machine"):
         await lab.arm.wait_done(PATIENCE_S)
     monkeypatch.setattr(lab.driver.pulse, "_beat", beat)
-    async with asyncio.timeout(PATIENCE_S):
+    async with timeout(PATIENCE_S):
         while not lab.driver.program_running:
             await asyncio.sleep(0.02)
     q = lab.q
@@ -454,7 +455,7 @@ async def test_a_protective_stop_ends_whatever_is_under_way(lab, context):
     await lab.periods(50)
     await lab.driver.robot.send_script(STOP_IT)
     with pytest.raises(ProtectiveStopError, match=r"C\d+A\d+"):
-        async with asyncio.timeout(PATIENCE_S):
+        async with timeout(PATIENCE_S):
             await task
 
 
@@ -513,7 +514,7 @@ async def test_a_robot_that_freezes_in_a_move(enter, robot):
         await under_way(lab)
         robot.clock.close()
         with pytest.raises(RobotUnreachableError, match="during move_j"):
-            async with asyncio.timeout(PATIENCE_S):
+            async with timeout(PATIENCE_S):
                 await lab.arm.wait_done()
         with pytest.raises(RobotUnreachableError):
             await lab.arm.move_j(HOME)
@@ -527,7 +528,7 @@ async def test_a_robot_that_goes_away_in_a_move(tmp_path):
         await lab.arm.__aenter__()
         await under_way(lab)
     with pytest.raises(RobotUnreachableError, match="during move_j"):
-        async with asyncio.timeout(PATIENCE_S):
+        async with timeout(PATIENCE_S):
             await lab.arm.wait_done()
     await lab.arm.__aexit__(None, None, None)
 

@@ -22,8 +22,5 @@ async def _turn_base(host: str) -> float:
 
 
 def test_a_robot_moves() -> None:
-    with (
-        EmulatorProcess(["--model", "ur3", "--running"]) as process,
-        asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner,
-    ):
-        assert runner.run(_turn_base(process.host)) == pytest.approx(0.1, abs=1e-3)
+    with EmulatorProcess(["--model", "ur3", "--running"]) as process:
+        assert uvloop.run(_turn_base(process.host)) == pytest.approx(0.1, abs=1e-3)

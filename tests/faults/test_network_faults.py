@@ -8,6 +8,7 @@ import pytest
 from fault_rig import HOST, Client, Robot
 
 from emulator.control.verbs import NotPossible
+from urproto.compat_asyncio import timeout
 
 REALTIME = 1108  # bytes of a package of PolyScope 3.15
 
@@ -142,7 +143,7 @@ async def test_a_port_that_somebody_took_is_had_back(ur3: Robot, caplog: pytest.
     await ur3.step(20)
     await ur3.until(lambda: "another program uses it" in caplog.text)
     thief.close()
-    async with asyncio.timeout(10):
+    async with timeout(10):
         while not server.listening:
             await asyncio.sleep(0.05)
     await ur3.stream()

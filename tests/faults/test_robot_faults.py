@@ -13,6 +13,7 @@ from emulator.config import EmulatorConfig
 from emulator.control.control import VirtualRobot
 from emulator.control.verbs import NotPossible
 from emulator.machine import ControllerConfig
+from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 from urproto.robots.kinematics import Kinematics
 
@@ -197,7 +198,7 @@ async def test_faults_reach_the_clock() -> None:
         loop = asyncio.get_running_loop()
         times: list[float] = []
         emulator.controller.subscribe(lambda snapshot: times.append(loop.time()))
-        async with asyncio.timeout(20):
+        async with timeout(20):
             while not any(later - earlier > 0.09 for earlier, later in pairwise(times)):
                 await asyncio.sleep(0.01)
 

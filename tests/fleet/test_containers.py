@@ -4,7 +4,6 @@ import fnmatch
 import json
 import re
 import shlex
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ import yaml
 
 from emulator.cli import ROBOT_OPTIONS, app, configure
 from emulator.ports import PORTS
+from urproto.compat import load_toml
 from urproto.ports import PENDANT_PORT
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -72,7 +72,7 @@ def test_the_image_does_not_run_as_root() -> None:
 
 
 def test_its_command_is_a_console_script_of_the_project() -> None:
-    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
+    scripts = load_toml((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
     assert json_form("ENTRYPOINT") == ["ur-emulator"]
     assert "ur-emulator" in scripts
 

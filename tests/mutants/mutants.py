@@ -24,7 +24,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import tomllib
 from collections.abc import Callable, Iterable
 from compileall import compile_dir
 from concurrent.futures import ThreadPoolExecutor
@@ -33,6 +32,8 @@ from pathlib import Path
 from py_compile import PycInvalidationMode
 from queue import SimpleQueue
 from typing import TypeVar
+
+from urproto.compat import load_toml
 
 ROOT = Path(__file__).resolve().parents[2]
 LIST = Path(__file__).with_name("mutants.toml")
@@ -62,7 +63,7 @@ class GoneError(Exception):
 
 
 def read_list(path: Path) -> list[Mutant]:
-    rows = tomllib.loads(path.read_text())["mutant"]
+    rows = load_toml(path.read_text())["mutant"]
     return [Mutant(**{**row, "tests": tuple(row["tests"])}) for row in rows]
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from client.pendant.checking import check, keep_checking, parsed
 from client.pendant.draft import Draft
+from urproto.compat_asyncio import timeout
 from urproto.versions import PolyscopeVersion
 from urscript import cli
 from urscript.files import ScriptFile
@@ -37,7 +38,7 @@ async def test_the_draft_is_checked_whenever_it_is_another(monkeypatch: pytest.M
     checking = asyncio.create_task(keep_checking(draft, lambda: VERSION, problems.append))
     try:
         draft.write("def go():\n  nowhere()\nend\n")
-        async with asyncio.timeout(20):
+        async with timeout(20):
             while not draft.diagnoses:
                 await asyncio.sleep(0.05)
             assert draft.diagnoses[0].line == 2

@@ -7,6 +7,7 @@ from contextlib import asynccontextmanager
 
 from client.pendant.dialogues import Dialogues
 from client.pendant.emulator_control import EmulatorControl
+from urproto.compat_asyncio import timeout
 
 
 @asynccontextmanager
@@ -34,7 +35,7 @@ async def server(status: int, answers: dict[str, object]) -> AsyncIterator[int]:
 async def found(status: int, answers: dict[str, object], **also: object) -> EmulatorControl:
     """After it has looked."""
     news = asyncio.Event()
-    async with server(status, answers) as port, asyncio.timeout(20.0):
+    async with server(status, answers) as port, timeout(20.0):
         emulator = EmulatorControl("127.0.0.1", port, "", news.set)
         following = asyncio.create_task(emulator.follow(Dialogues()))
         while not (emulator.locked or emulator.time):

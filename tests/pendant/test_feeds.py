@@ -6,6 +6,7 @@ from typing import Any
 
 from client.errors import ConnectionLostError
 from client.pendant.feeds import Feed, Feeds
+from urproto.compat_asyncio import timeout
 
 Q = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 
@@ -85,7 +86,7 @@ class Client:
 
 
 async def until(condition) -> None:
-    async with asyncio.timeout(10):
+    async with timeout(10):
         while not condition():
             await asyncio.sleep(0)
 

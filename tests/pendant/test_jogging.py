@@ -12,6 +12,7 @@ import pytest
 from client.pendant.jogging import Bounds, Ramp
 from client.pendant.mover import STALE_S
 from client.pendant.screens.move_jog import JogPanels
+from urproto.compat_asyncio import timeout
 from urproto.robots import MODELS, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import pose_add, rotvec_to_matrix
 
@@ -190,7 +191,7 @@ async def test_freedrive_ends_when_its_button_is_silent_and_begins_again_when_it
     (say,) = live.on_held
 
     async def until(free: bool, *, said: bool) -> None:
-        async with asyncio.timeout(20.0):
+        async with timeout(20.0):
             while hand.freedrive != free:
                 if said:
                     say({"freedrive": True})

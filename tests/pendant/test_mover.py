@@ -14,6 +14,7 @@ from emulator.config import EmulatorConfig
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.machine import ControllerConfig
+from urproto.compat_asyncio import timeout
 from urproto.errors import RobotRefused
 from urproto.modes import ControlMode, RobotMode, RuntimeState
 from urproto.robots import load_model
@@ -62,7 +63,7 @@ class Bench:
 
         forget = self.robot.controller.subscribe(look)
         try:
-            async with asyncio.timeout(PATIENCE_S):
+            async with timeout(PATIENCE_S):
                 await met
         finally:
             forget()
@@ -83,7 +84,7 @@ class Bench:
 
     async def idle(self) -> None:
         """Nothing is under way any more."""
-        async with asyncio.timeout(PATIENCE_S):
+        async with timeout(PATIENCE_S):
             while self.mover.doing:
                 await asyncio.sleep(0.01)
 

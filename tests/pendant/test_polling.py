@@ -8,11 +8,12 @@ import pytest
 
 from client.errors import ClientError
 from client.pendant.polling import Newest, Poller, PortRegisters, keep_following
+from urproto.compat_asyncio import timeout
 from urproto.modbus import Frame, FrameDecoder, encode_frame
 
 
 async def until(condition: Callable[[], object]) -> None:
-    async with asyncio.timeout(20.0):
+    async with timeout(20.0):
         while not condition():
             await asyncio.sleep(0)
 

@@ -21,6 +21,8 @@ from emulator.machine import ControllerConfig
 from emulator.serve import Pendant
 from tests.servers.test_cli import read_until
 from urproto.backdoors import leads_behind_a_robot
+from urproto.compat import module_command
+from urproto.compat_asyncio import timeout
 from urproto.ports import CONTROL_API_PORT
 from urproto.robots import load_model
 from urproto.testing.process import claim_address
@@ -33,7 +35,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="wants an addres
 @contextmanager
 def emulator(*arguments: str) -> Iterator[tuple["subprocess.Popen[str]", str]]:
     address = claim_address()
-    command = [sys.executable, "-P", "-u", "-m", "emulator", "--model", "ur3", "--host", address.host, *arguments]
+    command = [*module_command("emulator", "-u"), "--model", "ur3", "--host", address.host, *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
         yield process, address.host
@@ -106,7 +108,7 @@ async def test_a_pendant_that_dies_at_each_start_is_given_up(monkeypatch: pytest
 
     config = EmulatorConfig(controller=ControllerConfig(model=load_model("ur3")), ephemeral_ports=True)
     async with Emulator(config) as robot, Pendant(robot, 6080, tell) as pendant:
-        async with asyncio.timeout(DEADLINE_S):
+        async with timeout(DEADLINE_S):
             await given_up.wait()
         assert robot.control.pendant() == pendant.report()
     assert [line.partition(" after ")[0] for line in said] == ["The teach pendant was killed (SIGKILL)"] * 3

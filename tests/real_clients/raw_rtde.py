@@ -9,10 +9,12 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from pose_matrices import rotation_matrix
+
+from urproto.compat import Self
 
 RTDE_PORT = 30004
 _FORMATS = {

@@ -5,11 +5,13 @@ import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Protocol, Self
+from typing import Protocol
 
 from emulator_process import EmulatorProcess
 from raw_rtde import InputWriter, Sample, StateStream
 from track import Track
+
+from urproto.compat import Self
 
 # Away from every singularity and limit, tool pointing down, room for 0.1 m in every direction.
 START_Q = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)

@@ -1,6 +1,5 @@
 """Streams: JSON as PlotJuggler takes it, and a server that a websocket client asks as Foxglove does."""
 
-import asyncio
 import json
 import math
 import queue
@@ -16,6 +15,7 @@ from websockets.sync.server import serve
 
 from client.errors import MissingExtraError, RecordingError
 from client.recording.live import FoxgloveServer, PlotJugglerSender, address_of, datagrams, plotjuggler
+from urproto.compat_asyncio import timeout
 from urproto.rtde.fields import OUTPUT_FIELDS
 
 PATIENCE_S = 20.0
@@ -104,7 +104,7 @@ async def test_a_client_of_foxgloves_protocol_gets_messages_it_can_read(states) 
     server = FoxgloveServer(tuple(states[0]), "127.0.0.1", 0, "<robot name='ur5e'/>")
     try:
         address = f"ws://127.0.0.1:{server.port}"
-        async with asyncio.timeout(PATIENCE_S), websockets.connect(address, subprotocols=["foxglove.sdk.v1"]) as client:
+        async with timeout(PATIENCE_S), websockets.connect(address, subprotocols=["foxglove.sdk.v1"]) as client:
             channels = await _channels(client)
             server.write(states[0], BEGAN_NS)
             channels |= await _channels(client)  # the description's, with its first message
@@ -141,7 +141,8 @@ async def _messages(client) -> dict[int, bytes]:
     found = {}
     try:
         while True:
-            message = await asyncio.wait_for(client.recv(), 0.1)
+            async with timeout(0.1):
+                message = await client.recv()
             if isinstance(message, bytes):
                 kind, subscription, _ = struct.unpack_from("<BIQ", message)
                 assert kind == 1

@@ -14,6 +14,7 @@ from typing import Any
 from client.ros2 import message_packages
 from client.ros2.driver import DriverOptions, Ros2Driver
 from emulator.app import Emulator
+from urproto.compat_asyncio import timeout
 
 HOST = "127.0.0.1"
 SCALED = "scaled_joint_trajectory_controller"
@@ -47,7 +48,7 @@ class Peer:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(f"{json.dumps(order)}\n".encode())
-        async with asyncio.timeout(PATIENCE_S):
+        async with timeout(PATIENCE_S):
             line = await self._process.stdout.readline()
         assert line, f"it ended at {order}"
         answer: dict[str, Any] = json.loads(line)
@@ -63,7 +64,7 @@ class Peer:
     async def close(self) -> None:
         assert self._process.stdin is not None
         self._process.stdin.close()
-        async with asyncio.timeout(PATIENCE_S):
+        async with timeout(PATIENCE_S):
             await self._process.wait()
 
 

@@ -18,6 +18,7 @@ from client.ros2.urscript_interface import URScriptNode
 from emulator.app import Emulator
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.safety import SafetyEvent
+from urproto.compat_asyncio import timeout
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 
 SPEED = 3.0
@@ -57,7 +58,7 @@ class Bench:
                             message={"data": program})  # fmt: skip
 
     async def until(self, condition: Any) -> None:
-        async with asyncio.timeout(60.0):
+        async with timeout(60.0):
             while not condition():
                 await asyncio.sleep(0.01)
 
@@ -180,7 +181,7 @@ async def test_scripts() -> None:
         assert await bench.begin_script(ENDLESS)
         assert not await bench.begin_script("sync()")  # one at a time
         await bench.peer.call(f"{SCRIPT}/_action/cancel_goal", "action_msgs/srv/CancelGoal")  # all of them, at once
-        async with asyncio.timeout(60.0):
+        async with timeout(60.0):
             while not await bench.begin_script("sync()"):
                 await asyncio.sleep(0.05)
         assert (await bench.peer.ask(result=SCRIPT))["status"] == SUCCEEDED

@@ -1,6 +1,5 @@
 """The ROS 2 driver before a plain rclpy program in another process: one robot for all of them, at its usual speed."""
 
-import asyncio
 import json
 import math
 import os
@@ -19,6 +18,7 @@ from client.errors import ClientError
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
+from urproto.compat_asyncio import timeout
 from urproto.joints import JOINT_NAMES
 from urproto.robots import load_model
 
@@ -218,7 +218,7 @@ async def test_controllers_are_switched_as_a_whole_or_not_at_all(lab: Lab) -> No
     now = await states(lab)
     assert (now[SCALED], now["forward_velocity_controller"]) == ("inactive", "active")
     turning = {"data": [0.0, 0.0, 0.0, 0.0, 0.0, 0.2]}
-    async with asyncio.timeout(60.0):  # the first message may be lost, while both sides still meet
+    async with timeout(60.0):  # the first message may be lost, while both sides still meet
         while q(lab)[5] < HOME[5] + 0.05:
             await lab.peer.ask(
                 publish="/forward_velocity_controller/commands", type="std_msgs/msg/Float64MultiArray", message=turning
@@ -420,6 +420,6 @@ async def test_options_that_make_no_sense_are_refused_in_words(options: dict[str
 
 
 async def until(lab: Lab, met: Callable[[dict[str, str]], bool]) -> None:
-    async with asyncio.timeout(60.0):
+    async with timeout(60.0):
         while not met(await states(lab)):
             pass

@@ -17,6 +17,7 @@ from emulator.servers import admission
 from emulator.servers.admission import ClientLimits, Reason
 from emulator.servers.connection import Connection
 from emulator.servers.port import PortServer
+from urproto.compat_asyncio import timeout
 from urproto.realtime import RealtimeDecoder
 from urproto.seldom import EVERY_S
 from urproto.testing.process import EmulatorProcess
@@ -57,7 +58,7 @@ async def let_in(server: PortServer, clients: ExitStack, source: str = HOST) -> 
     client.bind((source, 0))
     client.setblocking(False)
     loop = asyncio.get_running_loop()
-    async with asyncio.timeout(WAIT_S):
+    async with timeout(WAIT_S):
         await loop.sock_connect(client, (HOST, server.port))
         with suppress(ConnectionResetError):
             return client if await loop.sock_recv(client, 10) == b"hello" else None
@@ -65,7 +66,7 @@ async def let_in(server: PortServer, clients: ExitStack, source: str = HOST) -> 
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(WAIT_S):
+    async with timeout(WAIT_S):
         while not condition():
             await asyncio.sleep(0)
 

@@ -17,6 +17,7 @@ from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
 from emulator.readiness import NotReady, check_ready
 from emulator.serve import first_screen
+from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 from urproto.rtde.codec import GetVersion, RequestProtocol, RTDEDecoder, SetupOutputs, Start
 
@@ -163,7 +164,7 @@ async def test_a_client_that_does_not_read_disturbs_nobody() -> None:
 
         flood = GetVersion().encode(1) * 2_000
         rtde = emulator.servers["rtde"]
-        async with asyncio.timeout(60):
+        async with timeout(60):
             while not rtde.connections:
                 await asyncio.sleep(0)
             while rtde.connections:

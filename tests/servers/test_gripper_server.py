@@ -16,6 +16,7 @@ from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
 from emulator.servers.script_sockets import OwnPorts
 from emulator.services.sockets import ScriptNetwork
+from urproto.compat_asyncio import timeout
 from urproto.modes import RuntimeState
 from urproto.primary.messages import TextMessage
 from urproto.robotiq import Get
@@ -46,7 +47,7 @@ class Client:
         """The answer, however many control periods it takes."""
         self.writer.write(request)
         answer = asyncio.create_task(self.reader.read(1000))
-        async with asyncio.timeout(10):
+        async with timeout(10):
             while not answer.done():
                 await asyncio.sleep(0)
                 self.emulator.controller.tick()
@@ -87,7 +88,7 @@ async def test_the_last_request_is_answered_before_the_connection_ends(emulator:
     client.writer.write(b"GET STA\nGET POS")
     client.writer.write_eof()
     answer = asyncio.create_task(client.reader.read(-1))
-    async with asyncio.timeout(10):
+    async with timeout(10):
         while not answer.done():
             await asyncio.sleep(0)
             emulator.controller.tick()
@@ -98,7 +99,7 @@ async def test_a_flood_ends_only_its_own_connection(emulator: Emulator, client: 
     _, flooding = await asyncio.open_connection(HOST, emulator.ports["gripper"])
     flooding.write(b"x" * 100_000)
     server = emulator.servers["gripper"]
-    async with asyncio.timeout(10):
+    async with timeout(10):
         while len(server.connections) != 1:
             await asyncio.sleep(0)
     assert await client.ask(b"GET STA\n") == b"STA 0\n"
@@ -154,7 +155,7 @@ async def test_a_program_reaches_the_gripper_of_its_own_controller(network: Scri
         texts = []
         controller.subscribe(lambda snapshot: texts.extend(snapshot.messages))
         controller.programs.submit(PROGRAM)
-        async with asyncio.timeout(30):
+        async with timeout(30):
             while controller.programs.busy:
                 controller.tick()
                 await asyncio.sleep(0)
@@ -177,7 +178,7 @@ async def test_a_program_reaches_the_dashboard_of_its_own_controller(address: st
         )
         ended = asyncio.Event()
         controller.subscribe(lambda snapshot: None if controller.programs.busy else ended.set())
-        async with asyncio.timeout(30):
+        async with timeout(30):
             await ended.wait()
         assert [message.text for message in texts if isinstance(message, TextMessage)] == ["Robotmode: RUNNING"]
 
@@ -200,7 +201,7 @@ async def test_signals_of_a_program_reach_its_own_modbus_server() -> None:
             'def ask():\n  modbus_add_signal("127.0.0.1", 255, 130, 2, "own")\n'
             '  while modbus_get_signal_status("own") != 4711:\n    sync()\n  end\nend\n'
         )
-        async with asyncio.timeout(30):
+        async with timeout(30):
             while controller.programs.busy:
                 controller.tick()
                 await asyncio.sleep(0)

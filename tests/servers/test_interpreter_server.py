@@ -18,6 +18,7 @@ from emulator.readiness import NotReady, check_ready
 from emulator.servers.hooks import Direction
 from emulator.servers.interpreter import InterpreterServer
 from tests.budget import examples
+from urproto.compat_asyncio import timeout
 from urproto.interpreter import MAX_LINE
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
@@ -142,7 +143,7 @@ class Client:
         return cls(*await asyncio.open_connection(HOST, emulator.ports["interpreter"]))
 
     async def answer(self) -> str:
-        async with asyncio.timeout(10):
+        async with timeout(10):
             return (await self.reader.readline()).decode().rstrip("\n")
 
     async def ask(self, line: str) -> str:
@@ -167,7 +168,7 @@ async def begin(emulator: Emulator, script: bytes = b"interpreter_mode()\n") -> 
     """Send a script and wait until it is in interpreter mode."""
     _, writer = await asyncio.open_connection(HOST, emulator.ports["secondary"])
     writer.write(script)
-    async with asyncio.timeout(10):
+    async with timeout(10):
         while not emulator.controller.programs.interpreter.active:
             await asyncio.sleep(0)
     return writer
@@ -182,7 +183,7 @@ async def test_a_session(emulator: Emulator) -> None:
     assert await client.number("movej([2.0, -1.57, 0, -1.57, 0, 0])") == 2
     assert await client.ask("set_digital_out(") == "discard: Syntax error: set_digital_out("
     last = await client.number("set_digital_out(2, True)")
-    async with asyncio.timeout(20):
+    async with timeout(20):
         while await client.number("statelastexecuted") < 2:
             await asyncio.sleep(0)
         while emulator.controller.snapshot.target_q[0] < 0.5:
@@ -196,7 +197,7 @@ async def test_a_session(emulator: Emulator) -> None:
     assert 0.5 <= emulator.controller.snapshot.actual_q[0] < 1.9
     assert await client.number("clear_interpreter()") == last + 1
     assert await client.number("end_interpreter()") == last + 2
-    async with asyncio.timeout(10):
+    async with timeout(10):
         while not (await client.ask("statelastexecuted")).startswith(NO_PROGRAM):
             await asyncio.sleep(0)
     client.writer.close()
@@ -213,7 +214,7 @@ async def test_several_clients_share_one_queue(emulator: Emulator) -> None:
     for each in answers:
         ids = [int(answer.split(": ")[1]) for answer in each]
         assert ids == sorted(ids)
-    async with asyncio.timeout(10):
+    async with timeout(10):
         while emulator.controller.programs.variables["n"] != 200:
             await asyncio.sleep(0)
     for client in clients:
@@ -226,7 +227,7 @@ async def test_a_client_that_sends_and_goes(emulator: Emulator) -> None:
     client = await Client.connect(emulator)
     client.writer.write(b"n = 1\nn = n * 5\nend_interpreter()\n")
     client.writer.close()
-    async with asyncio.timeout(10):
+    async with timeout(10):
         while emulator.controller.programs.interpreter.active:
             await asyncio.sleep(0)
     assert emulator.controller.programs.variables["n"] == 5

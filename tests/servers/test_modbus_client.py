@@ -15,6 +15,7 @@ from emulator.config import ConfigError, EmulatorConfig
 from emulator.machine import ControllerConfig
 from emulator.servers.modbus_client import ModbusClient
 from emulator.services.modbus import DISCONNECTED, ModbusExchange, ModbusSignal, ModbusUnit
+from urproto.compat_asyncio import timeout
 from urproto.modbus import Function, ModbusRequest
 from urproto.robots import load_model
 
@@ -76,7 +77,7 @@ def emulator(port: int) -> Emulator:
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(10):
+    async with timeout(10):
         while not condition():
             await asyncio.sleep(0.001)
 

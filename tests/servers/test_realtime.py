@@ -33,6 +33,22 @@ def test_overload_is_given_way_to_at_once_and_forgotten_slowly() -> None:
     assert not overload.over
 
 
+def test_room_for_descriptors_is_made_before_clients_come() -> None:
+    """Else the kernel stops the process for some 20 ms when the 256th, the 512th, the 1024th comes."""
+    code = """
+import resource
+from emulator.realtime import RealTime, claim_real_time
+hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+resource.setrlimit(resource.RLIMIT_NOFILE, (600, hard))
+claim_real_time(RealTime.OFF)
+print(*(line.split()[1] for line in open("/proc/self/status") if line.startswith("FDSize:")))
+"""
+    printed = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=DEADLINE_S
+    )
+    assert int(printed.stdout) >= 600
+
+
 async def test_a_flooded_loop_gives_its_priority_up(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -11,6 +11,7 @@ import pytest
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
+from urproto.compat_asyncio import timeout
 from urproto.modes import RuntimeState
 from urproto.primary.messages import RobotMessage, RuntimeExceptionMessage, TextMessage
 from urproto.robots import load_model
@@ -99,7 +100,7 @@ async def run(emulator: Emulator, body: str) -> list[RobotMessage]:
 
     unsubscribe = emulator.controller.subscribe(watch)
     emulator.controller.programs.submit(f"def prog():\n{body}\nend\n")
-    async with asyncio.timeout(20):
+    async with timeout(20):
         await ended.wait()
     unsubscribe()
     return [message for message in said if isinstance(message, TextMessage | RuntimeExceptionMessage)]

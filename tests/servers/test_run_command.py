@@ -3,13 +3,13 @@
 import io
 import socketserver
 import threading
-import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from emulator.script_peers import PeersError, read_peers
+from urproto.compat import load_toml
 from urscript import cli
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -19,7 +19,7 @@ Go = Callable[..., tuple[int, str]]
 @pytest.fixture(autouse=True)
 def _installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
     """The metadata an installation of this source tree would have."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    project = load_toml((ROOT / "pyproject.toml").read_text())["project"]
     folder = tmp_path_factory.mktemp("site") / f"ur_emulator-{project['version']}.dist-info"
     folder.mkdir()
     (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")

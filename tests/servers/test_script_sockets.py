@@ -17,6 +17,7 @@ from emulator.servers import script_sockets
 from emulator.servers.script_sockets import NetworkSockets
 from emulator.services.sockets import ScriptNetwork, ScriptSocket
 from urproto.backdoors import BackdoorMark, leads_behind_a_robot
+from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 from urproto.testing.process import EmulatorProcess
 
@@ -57,7 +58,7 @@ async def sockets() -> AsyncIterator[NetworkSockets]:
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(5):
+    async with timeout(5):
         while not condition():
             await asyncio.sleep(0)
 
@@ -258,7 +259,7 @@ async def test_why_a_connection_closed(sockets: NetworkSockets, peer: Peer) -> N
 
 async def test_a_name_that_means_nothing_is_a_failure_with_a_reason(sockets: NetworkSockets) -> None:
     nowhere = sockets.open("host.invalid", 50002)
-    async with asyncio.timeout(20):
+    async with timeout(20):
         while nowhere.state != "closed":
             await asyncio.sleep(0.005)
     assert nowhere.failure

@@ -10,6 +10,7 @@ import pytest
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
+from urproto.compat_asyncio import timeout
 from urproto.modes import RuntimeState
 from urproto.robots import load_model
 
@@ -53,7 +54,7 @@ def start(emulator: Emulator, port: int, body: str) -> None:
 async def ended(emulator: Emulator) -> list[str]:
     """What the log says once the program has ended."""
     log = emulator.controller.messages.history
-    async with asyncio.timeout(20):
+    async with timeout(20):
         while not any("PROGRAM_XXX_STARTED" in line for line in log):
             await asyncio.sleep(0.005)
         while emulator.controller.programs.state is not RuntimeState.STOPPED:
@@ -102,7 +103,7 @@ async def test_many_long_sends_arrive_whole(emulator: Emulator, driver: tuple[Dr
     body = f'i = 0\nwhile i < 500:\n  if not socket_send_line("{line}", "s"):\n    halt\n  end\n  i = i + 1\nend'
     start(emulator, port, body)
     reader, _ = await peer.connected
-    async with asyncio.timeout(20):
+    async with timeout(20):
         assert await reader.read(-1) == f"{line}\n".encode() * 500
 
 

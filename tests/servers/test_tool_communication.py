@@ -16,6 +16,7 @@ from emulator.config import ConfigError, EmulatorConfig
 from emulator.devices.tool_line import SerialSettings
 from emulator.machine import ControllerConfig
 from emulator.readiness import check_ready
+from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 
 HOST = "127.0.0.1"
@@ -52,7 +53,7 @@ class Client:
 
     async def echoed(self, data: bytes) -> bytes:
         self.writer.write(data)
-        async with asyncio.timeout(20):
+        async with timeout(20):
             return await self.reader.readexactly(len(data))
 
     async def close(self) -> None:
@@ -75,7 +76,7 @@ async def test_one_client_at_a_time_has_the_line(echo: Emulator) -> None:
     assert await first.echoed(b"again") == b"again"
     assert not waiting.done()
     await first.close()
-    async with asyncio.timeout(20):
+    async with timeout(20):
         assert await waiting == b"second", "what it sent while it waited is not lost"
     await second.close()
 
@@ -130,7 +131,7 @@ async def read(descriptor: int, count: int) -> bytes:
 
     loop.add_reader(descriptor, readable)
     try:
-        async with asyncio.timeout(20):
+        async with timeout(20):
             await done.wait()
     finally:
         loop.remove_reader(descriptor)
@@ -145,11 +146,11 @@ async def test_a_device_of_the_users_on_a_pseudo_terminal() -> None:
             client.writer.write(b"\x09\x03\x07\xd0")
             assert await read(device, 4) == b"\x09\x03\x07\xd0"
             os.write(device, b"\x00\xff\n\r\x03\x11")
-            async with asyncio.timeout(20):
+            async with timeout(20):
                 assert await client.reader.readexactly(6) == b"\x00\xff\n\r\x03\x11", "no byte means anything to it"
         with opened(emulator.tool_device) as device:
             os.write(device, b"again")
-            async with asyncio.timeout(20):
+            async with timeout(20):
                 assert await client.reader.readexactly(5) == b"again", "the device may come and go"
         await client.close()
 
@@ -168,7 +169,7 @@ async def test_a_serial_port_of_this_machine() -> None:
             client.writer.write(b"ping")
             assert await read(wire, 4) == b"ping"
             os.write(wire, b"pong")
-            async with asyncio.timeout(20):
+            async with timeout(20):
                 assert await client.reader.readexactly(4) == b"pong"
             await client.close()
     finally:
@@ -183,7 +184,7 @@ async def test_a_device_that_is_pulled_out(caplog: pytest.LogCaptureFixture) -> 
         switch_on(emulator)
         os.close(port)
         os.close(wire)
-        async with asyncio.timeout(20):
+        async with timeout(20):
             while "is gone" not in caplog.text:
                 await asyncio.sleep(0)
         client = await Client.connect(emulator)

@@ -35,8 +35,8 @@ REQUESTS = {
     "a WebSocket": b"GET / HTTP/1.1\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n\r\n" + SCRIPT,
 }
 TICKET = b"\npower on\n" + SCRIPT  # chosen by the page's server, which the browser returns
-HELLO = b"\1" + (len(TICKET) + 36).to_bytes(3) + b"\3\3" + bytes(34) + TICKET
-TLS = b"\x16\3\1" + len(HELLO).to_bytes(2) + HELLO
+HELLO = b"\1" + (len(TICKET) + 36).to_bytes(3, "big") + b"\3\3" + bytes(34) + TICKET
+TLS = b"\x16\3\1" + len(HELLO).to_bytes(2, "big") + HELLO
 SENT = {**REQUESTS, "TLS": TLS}
 TEXT_PORTS = ["dashboard", "primary", "secondary", "realtime", "interpreter", "gripper"]
 PORTS = [*TEXT_PORTS, "primary read-only", "secondary read-only", "realtime read-only", "modbus", "rtde", "tool line"]

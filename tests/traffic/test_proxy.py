@@ -25,6 +25,7 @@ from client.traffic.tracks import tracks_of
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
+from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 
 HOST = "127.0.0.1"
@@ -111,7 +112,8 @@ async def test_a_client_that_does_not_read_holds_its_own_connection_up_and_no_ot
             writer.write(bytes(1 << 16))
             sent += 1 << 16
             try:
-                await asyncio.wait_for(writer.drain(), 1)
+                async with timeout(1):
+                    await writer.drain()
             except TimeoutError:
                 blocked.set()
                 return
@@ -157,7 +159,7 @@ async def test_a_robot_that_goes_away_while_the_proxy_runs():
         with pytest.raises(ConnectionRefusedError):
             await asyncio.open_connection(HOST, port)
         assert told == [f"one: {HOST}:{target} is not there (Connection refused); closed here as well"]
-        async with serving(echo_until_end, target), asyncio.timeout(30):
+        async with serving(echo_until_end, target), timeout(30):
             while "one" not in proxy.ports:
                 await asyncio.sleep(0.05)
         assert proxy.ports["one"] == port

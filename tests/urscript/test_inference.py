@@ -38,7 +38,7 @@ def _outcome(text, *, inferred):
         runtime.step()
         if runtime.finished:
             break
-    values = {name: (value.__class__.__name__, to_text(value)) for name, value in runtime.globals.items()}
+    values = {name: (value.__class__.__name__, to_text(value, limit=10**6)) for name, value in runtime.globals.items()}
     return values, runtime.error is not None, runtime.error and runtime.error.line
 
 

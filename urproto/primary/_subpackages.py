@@ -13,9 +13,10 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from itertools import chain
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 from urproto._wire import Reader, pack
+from urproto.compat import Self
 from urproto.modes import (
     ControlMode,
     JointMode,

@@ -10,9 +10,10 @@ tests of the official C++ client.
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 from urproto._wire import Reader, pack, short_text
+from urproto.compat import Self
 from urproto.errors import RemoteProtocolError
 from urproto.modes import MessageSource, ReportDataType, ReportLevel, RequestedType
 from urproto.primary._wire import ROBOT_MESSAGE, frame

@@ -14,8 +14,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import atan2, cos, hypot, sin, tau
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple
 
+from urproto.compat import Self
 from urproto.errors import URError
 from urproto.robots.model import DH, Joints, RobotModel
 from urproto.text import quoted

@@ -6,14 +6,14 @@ Everything model-specific in the project comes from here. A new arm is a new fil
 
 import re
 import sys
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from math import inf
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple
 
+from urproto.compat import Self, load_toml
 from urproto.vectors import Vector3, Vector6
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
@@ -129,7 +129,7 @@ class RobotModel:
     @classmethod
     def from_toml(cls, text: str, name: str) -> Self:
         """Build from a data file's text. Raises ValueError naming the entry that is missing or wrong."""
-        table = _Table(tomllib.loads(text), f"{name}.toml")
+        table = _Table(load_toml(text), f"{name}.toml")
         limits, motion, links = table.sub("limits"), table.sub("motion"), table.tables("links")
         shape = table.sub("shape")
         if len(links) != 6:

@@ -2,8 +2,9 @@
 
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, Self
+from typing import Any
 
+from urproto.compat import Self
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.rtde.fields import Field
 from urproto.rtde.types import NOT_FOUND

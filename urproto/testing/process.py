@@ -13,8 +13,9 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final
 
+from urproto.compat import Self
 from urproto.joints import JOINT_NAMES
 from urproto.testing import launch
 from urproto.testing.launch import load
@@ -74,7 +75,7 @@ class ClaimedAddress:
 def claim_address() -> ClaimedAddress:
     """An own address. Raises NoAddress when something on this machine has the usual ports of all addresses."""
     for number in itertools.islice(_next, _TRIES):
-        host = socket.inet_ntoa((_FIRST + number % _COUNT).to_bytes(4))
+        host = socket.inet_ntoa((_FIRST + number % _COUNT).to_bytes(4, "big"))
         lock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             lock.bind((host, _LOCK_PORT))
@@ -147,7 +148,7 @@ class EmulatorProcess:
             raise EmulatorError(f"the emulator on {self.host} runs already")
         self._ports_file.unlink(missing_ok=True)
         place = ["--host", self.host, "--no-pendant", "--ports-file", str(self._ports_file)]
-        command = [sys.executable, "-P", str(Path(launch.__file__)), *place, *self._arguments]
+        command = [sys.executable, launch.__file__, *place, *self._arguments]
         self._ended_here = False
         with self._output_file.open("wb") as output:
             self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=output, stderr=subprocess.STDOUT)

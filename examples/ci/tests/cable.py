@@ -6,7 +6,6 @@ It is a process of its own, since drivers written in C++ may stop all Python of 
 import asyncio
 import subprocess
 import sys
-from typing import Self
 
 from urproto.testing.process import claim_address
 
@@ -21,7 +20,7 @@ class Cable:
         self.host = self._address.host
         self._command = [sys.executable, __file__, self.host, robot_host]
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Cable":
         self._process = subprocess.Popen(self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self._wait_for("plugged")
         return self

@@ -69,7 +69,7 @@ def primary(data: bytes) -> None:
         in_any_split(lambda version=version: PrimaryDecoder(version), data)
 
 
-@target(lambda: (b"\xff" + size.to_bytes(4) + bytes(size - 4) for size in (1044, 1060, 1108, 1220)))
+@target(lambda: (b"\xff" + size.to_bytes(4, "big") + bytes(size - 4) for size in (1044, 1060, 1108, 1220)))
 def realtime(data: bytes) -> None:
     in_any_split(RealtimeDecoder, data)
 

@@ -1,0 +1,125 @@
+"""The oldest Python that is promised takes every file, whichever Python runs the tests.
+
+In the packages, mypy finds names newer than that Python, for which it takes them; ruff finds newer syntax. This finds
+what they do not look at: names in the files beside the packages, regular expressions, and errors that are one only in
+newer Pythons.
+"""
+
+import ast
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from urproto.compat import load_toml
+
+ROOT = Path(__file__).resolve().parents[2]
+PROJECT = load_toml((ROOT / "pyproject.toml").read_text())
+OLDEST = PROJECT["project"]["requires-python"].removeprefix(">=")
+COMPAT = {"urproto/compat.py", "urproto/compat_asyncio.py"}  # they have the newer names, where they are
+PACKAGES = ("urproto/", "urscript/", "emulator/", "client/")
+
+# what Python 3.10 lacks -> what to take instead
+NEWER = {
+    "asyncio.Runner": "asyncio.run",
+    "asyncio.TaskGroup": "asyncio.gather",
+    "asyncio.timeout": "urproto.compat_asyncio.timeout",
+    "asyncio.timeout_at": "urproto.compat_asyncio.timeout",
+    "contextlib.chdir": "monkeypatch.chdir",
+    "datetime.UTC": "datetime.timezone.utc",
+    "enum.StrEnum": "urproto.compat.StrEnum",
+    "hashlib.file_digest": "hashlib.sha256",
+    "itertools.batched": "a loop",
+    "tomllib": "urproto.compat.load_toml",
+    "typing.Never": "typing.NoReturn",
+    "typing.Self": "urproto.compat.Self",
+    "typing.assert_never": "an error",
+    "typing.override": "nothing",
+}
+SUSPECT = re.compile(rf"except\*|to_bytes|wait_for|\bre\.|\b(?:{'|'.join(name.split('.')[-1] for name in NEWER)})\b")
+POSSESSIVE = re.compile(r"(?<!\\)(?:[+*?]|\{[0-9,]+\})\+|\(\?>")
+
+
+def complaints(source: str, *, packaged: bool) -> Iterator[str]:
+    """What the oldest Python would not take, each with its line. packaged: waiting must time out the same in all."""
+    if not SUSPECT.search(source):
+        return  # most files: reading them all takes seconds
+    try:
+        tree = ast.parse(source, feature_version=tuple(map(int, OLDEST.split("."))))
+    except SyntaxError as error:
+        yield f"{error.lineno}: {error.msg}"
+        return
+    for node in ast.walk(tree):
+        line = getattr(node, "lineno", 0)
+        names = set(_names(node))
+        yield from (f"{line}: {name}: take {NEWER[name]}" for name in sorted(names & NEWER.keys()))
+        if packaged and "asyncio.wait_for" in names:
+            yield f"{line}: asyncio.wait_for: take urproto.compat_asyncio.timeout: its TimeoutError is Python's"
+        match node:
+            case ast.Call(func=ast.Attribute(value=ast.Name("re")), args=[pattern, *_]):
+                texts = (part.value for part in ast.walk(pattern) if isinstance(part, ast.Constant))
+                if any(isinstance(text, str | bytes) and POSSESSIVE.search(_text(text)) for text in texts):
+                    yield f"{line}: possessive quantifiers and atomic groups: write it so that it need not go back"
+            case ast.Call(func=ast.Attribute(attr="to_bytes"), args=[_], keywords=[]):
+                yield f"{line}: to_bytes: say which byte comes first"
+
+
+def _names(node: ast.AST) -> Iterator[str]:
+    match node:
+        case ast.Import(names):
+            yield from (alias.name for alias in names)
+        case ast.ImportFrom(str(module), names):
+            yield from (module, *(f"{module}.{alias.name}" for alias in names))
+        case ast.Attribute(ast.Name(module), name):
+            yield f"{module}.{name}"
+
+
+def _text(value: str | bytes) -> str:
+    return value if isinstance(value, str) else value.decode("latin-1")
+
+
+def test_the_oldest_python_takes_every_file() -> None:
+    listed = subprocess.run(["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    files = [file for file in listed.split() if file not in COMPAT and (ROOT / file).exists()]
+    assert len(files) > 500
+    found = [
+        f"{file}:{complaint}"
+        for file in files
+        for complaint in complaints((ROOT / file).read_text(), packaged=file.startswith(PACKAGES))
+    ]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize(
+    ("source", "complaint"),
+    [
+        ("try:\n  pass\nexcept* OSError:\n  pass", "[34]: (Exception groups|invalid syntax)"),
+        ("import asyncio\nasync def f():\n  async with asyncio.timeout(1):\n    pass", "3: asyncio.timeout: take"),
+        ("import asyncio\nasync def f():\n  await asyncio.wait_for(g(), 1)", "3: asyncio.wait_for: take"),
+        ("from typing import Any, Self", "1: typing.Self: take urproto.compat.Self"),
+        ("import tomllib", "1: tomllib: take urproto.compat.load_toml"),
+        ("import re\nre.compile(rb'[a-z]*+x')", "2: possessive"),
+        ("import re\nre.match('(?>a)' + 'b', text)", "2: possessive"),
+        ("length.to_bytes(3)", "1: to_bytes: say which"),
+    ],
+)
+def test_what_is_newer_is_found(source: str, complaint: str) -> None:
+    (found,) = complaints(source, packaged=True)
+    assert re.match(complaint, found)
+
+
+def test_old_ways_are_not_complained_about() -> None:
+    source = "import re, asyncio\nre.compile(r'\\++[+]+ a{2}')\nx.to_bytes(2, 'big')\nfrom enum import Enum"
+    assert not list(complaints(source, packaged=True))
+
+
+def test_one_python_is_named_everywhere() -> None:
+    assert PROJECT["tool"]["mypy"]["python_version"] == OLDEST
+    assert PROJECT["tool"]["ruff"]["target-version"] == f"py{OLDEST.replace('.', '')}"
+    assert f"Programming Language :: Python :: {OLDEST}" in PROJECT["project"]["classifiers"]
+    makefile = (ROOT / "Makefile").read_text()
+    assert f"sys.version_info < ({OLDEST.replace('.', ', ')})" in makefile
+    assert f"--python-version {OLDEST} " in makefile
+    assert f'"{OLDEST}"' in (ROOT / ".github/workflows/ci.yml").read_text()

@@ -1,0 +1,46 @@
+"""What Python 3.10 lacks of its standard library, in one place: from 3.11 on, these are the standard library's own.
+
+What of asyncio it lacks is in `urproto.compat_asyncio`, since the language and the codecs need no event loop.
+"""
+
+import sys
+from typing import Any
+
+if sys.version_info >= (3, 11):
+    from enum import StrEnum
+    from typing import Self
+else:
+    from enum import Enum
+
+    from typing_extensions import Self
+
+    class StrEnum(str, Enum):
+        """Members are strings, and print as their values."""
+
+        __str__ = str.__str__
+
+        def __format__(self, format_spec: str) -> str:
+            return str.__format__(self, format_spec)
+
+
+__all__ = ["Self", "StrEnum", "load_toml", "module_command"]
+
+
+def load_toml(text: str) -> dict[str, Any]:
+    """The table that a TOML file holds. Raises ValueError for what is not TOML."""
+    if sys.version_info >= (3, 11):
+        import tomllib
+    else:
+        import tomli as tomllib
+    return tomllib.loads(text)
+
+
+def module_command(module: str, *options: str) -> list[str]:
+    """What runs a module in another process of this Python, as ``python -P -m``: the current folder is not searched.
+
+    options: of Python, such as ``-u``.
+    """
+    if sys.version_info >= (3, 11):
+        return [sys.executable, "-P", *options, "-m", module]
+    run = f"import sys, runpy; sys.path.remove(''); runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
+    return [sys.executable, *options, "-c", run]
