@@ -107,7 +107,7 @@ def network(request: pytest.FixtureRequest) -> Iterator[list[str]]:
 
 
 @pytest.mark.page
-@pytest.mark.timeout(2 * DEADLINE_S)
+@pytest.mark.timeout(3 * DEADLINE_S)
 @pytest.mark.parametrize(
     ("network", "page"), [(page, page) for page in RUN], indirect=["network"], ids=[page.stem for page in RUN]
 )
