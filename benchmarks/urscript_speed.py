@@ -211,8 +211,8 @@ class _OneFrame:
 
     period_s = 1e6
 
-    def on_label(self, number: int, text: str, thread: ScriptThread) -> None:
-        pass
+    def on_label(self, number: int, text: str, option: str, thread: ScriptThread) -> bool:
+        return False
 
 
 def measure() -> Table:

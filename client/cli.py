@@ -21,9 +21,17 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "controllers:goal_command",
         "Move the arm to joint angles and stop there; Ctrl-C brings it to rest.",
     ),
+    "plan": (
+        "planning:plan_command",
+        "Find a way around what is in the way, and let the arm take it if told to.",
+    ),
     "publish-goals": (
         "controllers:publish_goals_command",
         "Send the goals of a file, each once the previous one is reached; Ctrl-C brings the arm to rest.",
+    ),
+    "forward": (
+        "controllers:forward_app",
+        "Command positions or speeds through a forward controller; Ctrl-C brings the arm to rest.",
     ),
     "record": ("record:record_command", "Record what a robot does, until Ctrl-C."),
     "stream": (
@@ -52,6 +60,7 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "Examine this machine, the network and the robot, in some seconds. Exit status 1 if something cannot work.",
     ),
     "pendant": ("pendant:pendant_command", "Serve a teach pendant for a robot or an emulator, until Ctrl-C."),
+    "program": ("program:program_app", "PolyScope programs, without PolyScope."),
     "tool-comm": (
         "robot:tool_comm_command",
         "Make the serial line at the robot's tool (e-Series) a device of this machine, until Ctrl-C.",
@@ -72,7 +81,10 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "traffic:compare_command",
         "Show whether two recordings agree, and where they diverge; exit status 1 when they differ.",
     ),
-    "controllers": ("controllers:controllers_app", "ros2_control's controllers."),
+    "controllers": (
+        "controllers:controllers_app",
+        "ros2_control's controllers: a manager that runs, and what other shells ask of it.",
+    ),
 }  # name: where it is below client.commands, and the beginning of its own help: listing it does not load it
 
 app = application(__doc__, no_args_is_help=True)

@@ -17,9 +17,13 @@ ClientError
 ├── ProgramNotRunningError   the robot's control program is not connected to the driver
 ├── ProgramEndedError        it ended while something was under way
 ├── ProgramStaysError        it was told to end, and does not
+├── PlanningError            no way was found, for a reason that it tells
+│   └── SceneError           a planning scene, or a file of one, that cannot be
 ├── StateError               a state of the robot holds numbers that no arm has
 ├── ControllerError          a controller, or a change of controllers, that cannot be had
 │   └── GoalRejectedError    a controller does not take a goal
+├── ManagerError             a running controller manager cannot be talked to, or cannot do what it is asked
+│   └── NoManagerError       none runs for this robot
 └── MotionError              the arm did not do what it was asked to
     ├── OutOfReachError      a target beyond the joints' limits, or without joint angles
     ├── MotionStoppedError   somebody stopped the arm
@@ -207,6 +211,21 @@ class GoalRejectedError(ControllerError):
         self.code = code
 
 
+class ManagerError(ClientError):
+    """A running controller manager cannot be talked to, or cannot do what it is asked."""
+
+
+class NoManagerError(ManagerError):
+    """No controller manager runs for the robot at ``host``."""
+
+    def __init__(self, host: str) -> None:
+        super().__init__(
+            f"no controller manager is running for {host}: start one in another terminal with "
+            f"`ur-client controllers serve --robot-ip {host}`"
+        )
+        self.host = host
+
+
 class MotionError(ClientError):
     """``doing`` was not carried out, and ``why``."""
 
@@ -254,3 +273,11 @@ class SafetyStopError(MotionError):
 
 class ProtectiveStopError(SafetyStopError):
     """A protective stop."""
+
+
+class PlanningError(ClientError):
+    """No way was found; the text says why."""
+
+
+class SceneError(PlanningError):
+    """A planning scene that cannot be."""

@@ -13,6 +13,9 @@ from subprocess import PIPE, Popen
 
 from playwright.sync_api import Page, sync_playwright
 
+from client.pendant.program_draft import ProgramDraft
+from client.pendant.program_file import KeptProgram, ProgramFile
+from urproto.robots import kinematics_of, load_model
 from urproto.testing.process import EmulatorProcess
 
 IMAGES = Path(__file__).with_name("images")
@@ -44,12 +47,53 @@ def main() -> None:
             robot.dashboard("load pick_and_place.script")
             robot.dashboard("play")
             robot.add_object("table", {"box": [0.8, 0.5, 0.04], "pose": [0.0, -0.55, -0.02, 0.0, 0.0, 0.0]})
+            _make_program(Path(folder), robot)
             with _pendant(robot, folder) as url, sync_playwright() as playwright:
                 browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
-                for screen in ("graph", "initialize", "run", "move", "io", "log", "installation", "simulation"):
+                for screen in (
+                    "graph",
+                    "initialize",
+                    "run",
+                    "program",
+                    "move",
+                    "io",
+                    "log",
+                    "installation",
+                    "simulation",
+                ):
                     scheme = "dark" if screen in DARK else "light"
                     _look(browser.new_page(viewport=SIZE, color_scheme=scheme), url, screen)  # type: ignore[arg-type]
                 browser.close()
+
+
+def _make_program(folder: Path, robot: EmulatorProcess) -> None:
+    """The program that the pendant finds on its machine, as if somebody had made it there before."""
+    file = ProgramFile(folder, f"{robot.host}_{robot.ports['primary']}")
+    draft = ProgramDraft(file, print, lambda: None, lambda: (None, load_model("ur5e")))
+    above, pick = (0.6, -1.3, 1.4, -1.7, -1.57, 0.3), (0.6, -1.2, 1.5, -1.9, -1.57, 0.3)
+    place = (-0.6, -1.2, 1.2, -1.6, -1.57, 0.0)
+    for motion, name, q in (("MoveJ", "Above", above), ("MoveL", "Pick", pick)):
+        move = draft.insert("move", draft.view.first())
+        draft.set(move, "motion", motion)
+        _teach(draft, name, q)
+    grip = draft.insert("set", draft.view.first())
+    for key, value in (("type", "DigitalOutput"), ("output", "digital_out[2]"), ("level", "1")):
+        draft.set(grip, key, value)
+    wait = draft.insert("wait", draft.view.first())
+    draft.set(wait, "type", "Sleep")
+    draft.set(wait, "time", 0.5)
+    draft.insert("move", draft.view.first())
+    _teach(draft, "Place", place)
+    draft.insert("waypoint", draft.view.rows()[-1].id)
+    file.write(KeptProgram("pick_and_place.urp", False, draft.data()))
+
+
+def _teach(draft: ProgramDraft, name: str, q: tuple[float, ...]) -> None:
+    """The waypoint at the end."""
+    node = draft.view.rows()[-1].id
+    draft.set(node, "name", name)
+    pose = kinematics_of(load_model("ur5e")).forward(q)
+    draft.teach(node, "position", q, pose, (0.0,) * 6)
 
 
 def _look(page: Page, url: str, screen: str) -> None:
@@ -64,7 +108,7 @@ def _look(page: Page, url: str, screen: str) -> None:
 @contextmanager
 def _pendant(robot: EmulatorProcess, folder: str) -> Iterator[str]:
     words = ["--robot-ip", robot.host, "--host", robot.host, "--modbus-port", str(robot.ports["modbus"])]
-    words += ["--poses", f"{folder}/poses.json", "--tools", f"{folder}/tools.json", "--with-parent"]
+    words += ["--poses", f"{folder}/poses.json", "--tools", f"{folder}/tools.json", "--drafts", folder, "--with-parent"]
     process = Popen([sys.executable, "-u", "-m", "client", "pendant", *words], stdin=PIPE, stdout=PIPE, text=True)
     assert process.stdout is not None
     assert process.stdin is not None

@@ -60,7 +60,7 @@ _SILENT: Final = ("no answer in time", "wrong address, a firewall, or a controll
 _DISTRIBUTION: Final = "ur-emulator"
 _RENAME: Final = (
     "rename it, or work elsewhere. The commands (ur-emulator, ur-client, ...) and the pytest plugin do not look "
-    "there; python -P does not either"
+    "there; python -P, which is new in Python 3.11, does not either"
 )
 _OFF_THE_PATH: Final = "take that folder off PYTHONPATH, or rename the package in it"
 _ENVIRONMENT: Final = "remove it, or install ur-emulator into a virtual environment of its own (python -m venv)"

@@ -59,7 +59,11 @@ def configure(
     port_offset: Annotated[int, typer.Option(help="Added to each of the usual ports.")] = 0,
     ephemeral_ports: Annotated[bool, typer.Option("--ephemeral-ports", help="Use free ports instead.")] = False,
     programs: Annotated[
-        Path | None, typer.Option(help="Programs folder of the robot; default.installation in it is loaded at boot.")
+        Path | None,
+        typer.Option(
+            help="Programs folder of the robot; default.installation in it is loaded at boot. "
+            "Without one: external_control.urp alone."
+        ),
     ] = None,
     initial_positions: Annotated[
         Path | None, typer.Option(help="YAML file: joint names to radians (default: URSim's).")

@@ -27,7 +27,7 @@ from emulator.ports import PORTS
 from emulator.readiness import check_ready
 from emulator.realtime import RealTime, claim_real_time, give_way_under_overload, spare_the_collector
 from urproto.commandline import console
-from urproto.compat import Self
+from urproto.compat import Self, module_command
 from urproto.compat_asyncio import timeout
 
 _LOOPBACK = "127.0.0.1"
@@ -221,7 +221,7 @@ class Pendant:
         self._tell(why)
 
     def _command(self) -> list[str]:
-        return [sys.executable, "-P", "-u", "-m", "client", "pendant", *self._options(), "--with-parent"]
+        return [*module_command("client", "-u"), "pendant", *self._options(), "--with-parent"]
 
     def _options(self) -> list[str]:
         """Whoever reaches a pendant can do what it can: other machines get one without the control API."""

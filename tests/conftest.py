@@ -6,6 +6,8 @@ slows the robot's time down; one that cannot is marked ``flaky(reruns=...)`` at 
 
 import logging
 import os
+import shutil
+import tempfile
 from collections.abc import Iterator
 
 import pytest
@@ -22,9 +24,19 @@ CHUNK = 16  # tests that a worker gets at a time; a share of all that are left, 
 # for minutes while the other has most of those in real time
 
 
+RUNTIME: list[str] = []  # where controller managers of these tests are found, and no others
+
+
 def pytest_configure(config: pytest.Config) -> None:
+    RUNTIME.append(tempfile.mkdtemp(prefix="ur"))  # short, as the paths of Unix sockets have to be
+    os.environ["XDG_RUNTIME_DIR"] = RUNTIME[0]
     if getattr(config.option, "maxschedchunk", CHUNK) is None:
         config.option.maxschedchunk = CHUNK
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    while RUNTIME:
+        shutil.rmtree(RUNTIME.pop(), ignore_errors=True)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

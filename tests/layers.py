@@ -56,25 +56,32 @@ CLIENT_LAYERS: dict[str, Layer] = {
             "client.tool_communication",
         ),
     ),
+    "planning": Layer("driver library: ways around what is in the way", ("client.planning",), ("ports",)),
     "driver": Layer("driver library: External Control", ("client.driver",), ("ports",)),
-    "robot": Layer("driver library: the robot that most programs want", ("client.robot",), ("ports", "driver")),
+    "robot": Layer(
+        "driver library: the robot that most programs want", ("client.robot",), ("ports", "planning", "driver")
+    ),
     "face": Layer("driver library: the names that `import client` gives", ("client",), ("ports", "driver", "robot")),
     "recording": Layer(
         "recordings: written, read, drawn, streamed", ("client.recording",), ("ports", "driver", "robot")
     ),
+    "programs": Layer("program trees: opened, checked, saved", ("client.programs",), ("ports",)),
     "decoding": Layer("traffic: captured bytes shown to people", ("client.decoding",)),
     "traffic": Layer("traffic: recorded, replayed, compared", ("client.traffic",), ("ports", "decoding")),
     "controllers": Layer(
         "ros2_control's controllers without ROS", ("client.controllers",), ("ports", "driver", "robot", "recording")
     ),
     "ros2": Layer("ROS 2", ("client.ros2",), ("ports", "driver", "robot", "controllers")),
-    "pendant": Layer("teach pendant", ("client.pendant",), ("ports", "driver", "robot", "recording")),
+    "pendant": Layer(
+        "teach pendant", ("client.pendant",), ("ports", "driver", "robot", "recording", "controllers", "programs")
+    ),
     "doctor": Layer("command line: what is between this machine and a robot", ("client.doctor",), ("ports", "driver")),
     "commands": Layer(
         "command line: `ur-client`",
         ("client.cli", "client.commands", "client.__main__"),
         (
             "ports",
+            "planning",
             "driver",
             "robot",
             "recording",
@@ -83,6 +90,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
             "controllers",
             "ros2",
             "pendant",
+            "programs",
             "doctor",
         ),
     ),

@@ -34,7 +34,8 @@ THIRD_PARTY = {
     "std_srvs": ("client.ros2",),
     "lifecycle_msgs": ("client.ros2",),
     "diagnostic_msgs": ("client.ros2",),
-    "coal": ("emulator.world.links",),
+    "coal": ("emulator.world.links", "client.planning"),
+    "ompl": ("client.planning",),
     "h11": ("emulator.builtins.remote.httpclient", "emulator.control.http"),
     "msgspec": ("emulator.control", "emulator.faults", "emulator.control.http", "emulator.fleet.plan"),
     "fastapi": ("client.pendant.web_security", "client.pendant.live", "client.pendant.server"),
@@ -45,12 +46,18 @@ THIRD_PARTY = {
     "websockets": ("client.recording.live",),
     "matplotlib": ("client.recording.plots",),
     "mcap": ("client.recording.mcapfile",),
-    "numpy": ("urproto.robots.dynamics", "emulator.world.links", "client.recording", "client.traffic"),
+    "numpy": (
+        "urproto.robots.dynamics",
+        "emulator.world.links",
+        "client.recording",
+        "client.traffic",
+        "client.planning",
+    ),
     "pytest": ("urproto.pytest_plugin",),
     "async_timeout": ("urproto.compat_asyncio",),
     "tomli": ("urproto.compat",),
     "typing_extensions": ("urproto.compat",),
-    "pinocchio": ("urproto.robots.dynamics",),
+    "pinocchio": ("urproto.robots.dynamics", "client.planning"),
     "yaml": ("urproto.yamltext", "client.calibration"),
     "typer": (
         "emulator.check",
@@ -237,7 +244,7 @@ def _beyond_the_codec(name: str) -> Iterator[str]:
 def test_pinocchio_is_not_loaded_by_importing_the_language_or_the_protocols() -> None:
     for name in modules():
         if "pinocchio" in imports(name, at_import_time=True):
-            assert name == "urproto.robots.dynamics"
+            assert name in ("urproto.robots.dynamics", "client.planning.collisions")
 
 
 def test_no_import_cycles() -> None:

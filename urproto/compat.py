@@ -23,7 +23,7 @@ else:
             return str.__format__(self, format_spec)
 
 
-__all__ = ["Self", "StrEnum", "load_toml"]
+__all__ = ["Self", "StrEnum", "load_toml", "module_command"]
 
 
 def load_toml(text: str) -> dict[str, Any]:
@@ -33,3 +33,14 @@ def load_toml(text: str) -> dict[str, Any]:
     else:
         import tomli as tomllib
     return tomllib.loads(text)
+
+
+def module_command(module: str, *options: str) -> list[str]:
+    """What runs a module in another process of this Python, as ``python -P -m``: the current folder is not searched.
+
+    options: of Python, such as ``-u``.
+    """
+    if sys.version_info >= (3, 11):
+        return [sys.executable, "-P", *options, "-m", module]
+    run = f"import sys, runpy; sys.path.remove(''); runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
+    return [sys.executable, *options, "-c", run]

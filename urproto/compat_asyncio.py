@@ -3,12 +3,12 @@
 There, `asyncio.wait_for` raises an error of asyncio's own, which no ``except TimeoutError`` catches: use `timeout`.
 """
 
+import asyncio
 import sys
 
 if sys.version_info >= (3, 11):
     from asyncio import timeout
 else:
-    import asyncio
     from collections.abc import AsyncIterator
     from contextlib import asynccontextmanager
 
@@ -24,4 +24,17 @@ else:
             raise TimeoutError from error
 
 
-__all__ = ["timeout"]
+__all__ = ["pause_reading", "timeout"]
+
+
+def pause_reading(transport: asyncio.Transport) -> None:
+    """As the transport's own, which in 3.10 does nothing while the connection is being made."""
+    transport.pause_reading()
+    if sys.version_info < (3, 11):
+        asyncio.get_running_loop().call_soon(_pause_again, transport)
+
+
+def _pause_again(transport: asyncio.Transport) -> None:
+    if not transport.is_closing() and not transport.is_reading():
+        transport.resume_reading()
+        transport.pause_reading()

@@ -9,12 +9,13 @@ EVERY_S: Final = 60.0
 class Seldom:
     """Something is said at once, then once a minute at most, with how often it was left out.
 
-    clock: seconds that only go on, as `time.monotonic`.
+    clock: seconds that only go on, as `time.monotonic`. every_s: another time than a minute.
     """
 
-    def __init__(self, clock: Callable[[], float]) -> None:
+    def __init__(self, clock: Callable[[], float], every_s: float = EVERY_S) -> None:
         self._clock = clock
-        self._next_s = -EVERY_S
+        self._every_s = every_s
+        self._next_s = -every_s
         self._left_out = 0
 
     def due(self) -> str | None:
@@ -24,5 +25,5 @@ class Seldom:
             self._left_out += 1
             return None
         left_out, self._left_out = self._left_out, 0
-        self._next_s = now_s + EVERY_S
+        self._next_s = now_s + self._every_s
         return f" ({left_out} more since the last such line)" if left_out else ""

@@ -513,9 +513,11 @@ class _BodyCompiler(ExpressionCompiler):
         return [ast.Expr(value=code, **place)]
 
     def _label(self, node: Label, place: Place) -> list[ast.stmt]:
+        """``while _label(number, text, option): yield``: tell the host, and wait as long as it wants."""
         self.size += 1
-        code = call("_label", place, constant(node.number, place), constant(node.text, place))
-        return [ast.Expr(value=code, **place)]
+        words = [constant(word, place) for word in (node.number, node.text, node.option)]
+        wait = ast.Expr(value=ast.Yield(value=None, **place), **place)
+        return [ast.While(test=call("_label", place, *words), body=[wait], orelse=[], **place)]
 
 
 def _is_heavy(statement: Statement) -> bool:

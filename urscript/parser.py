@@ -286,6 +286,7 @@ class _Parser(RecoveringParser):
         option = self.take().text[1:-1] if self.token.kind == "string" else ""
         label = Label(token.line, token.column, int(number.text), text, option)
         self._program.labels.append(label)
+        self.scope.waits = True
         return label
 
     # compound statements

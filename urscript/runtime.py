@@ -112,8 +112,8 @@ class Host(Protocol):
     def period_s(self) -> float:
         """Length of a frame [s]."""
 
-    def on_label(self, number: int, text: str, thread: "ScriptThread") -> None:
-        """A thread passed the program label ``$ number "text"``."""
+    def on_label(self, number: int, text: str, option: str, thread: "ScriptThread") -> bool:
+        """A thread reached the program label ``$ number "text" "option"``. True: not on yet, ask in the next frame."""
 
 
 class StepHost(Host, Protocol):
@@ -437,10 +437,11 @@ class Runtime:
         while handle != 0 and handle in self._threads:
             yield
 
-    def _label(self, number: int, text: str) -> None:
-        if self.current is not None:
-            self.current.label = (number, text)
-            self.host.on_label(number, text, self.current)
+    def _label(self, number: int, text: str, option: str) -> bool:
+        if self.current is None:
+            return False
+        self.current.label = (number, text)
+        return self.host.on_label(number, text, option, self.current)
 
     def _step(self, line: int, column: int) -> Generator[None, None, None]:
         assert self.current is not None, "only running threads take steps"

@@ -192,7 +192,7 @@ class Scope:
     calls: list[Call] = field(default_factory=list)
     methods: list[MethodCall] = field(default_factory=list)
     loops: bool = False
-    waits: bool = False  # join, or a method call
+    waits: bool = False  # join, a label, or a method call
     cost: int = 0
 
 

@@ -1,11 +1,12 @@
 """What the commands around controllers share: the robot, the control loop, the way to a goal."""
 
 import asyncio
-from collections.abc import AsyncIterator, Coroutine
-from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
+import signal
+from collections.abc import AsyncIterator, Coroutine, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeAlias
+from typing import Annotated, Any, Final, Protocol, TypeAlias
 
 import typer
 
@@ -13,20 +14,29 @@ from client.commands.following import MotionProgress
 from client.controllers import (
     ControlledRobot,
     ControllersFile,
-    ControlLoop,
     ErrorCode,
     JointTrajectory,
     Result,
     read_controllers,
     usual_controllers,
 )
+from client.controllers.controller import LifecycleState
+from client.controllers.remote import ANSWER_S, RemoteManager
+from client.controllers.running import RunningManager
+from client.controllers.session import Session
 from client.driver.config import ROBOT_PORTS
 from client.driver.scheduling import real_time
-from client.errors import ControllerError
-from urproto.compat_asyncio import timeout
+from client.errors import NoManagerError
+from client.recording import DEFAULT_FIELDS
 from urproto.modes import SafetyMode
 
-_DRAWN_S: Final = 0.1
+ACTIVE: Final = str(LifecycleState.ACTIVE)
+UNCONFIGURED: Final = str(LifecycleState.UNCONFIGURED)
+_LOOK_S: Final = 0.05  # between looks at how a motion goes
+_REST_S: Final = 3.0  # guess: a ramp to rest takes less than one second
+_READY_S: Final = 120.0  # guess: an arm that boots and releases its brakes
+_SLOW: Final = ("make_ready", "set_hardware_component_state", "begin_recording", "end_recording")
+_FREE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 _INTERRUPTED: Final = 130  # exit status of a program that Ctrl-C ended
 _RELEASE: Final = {
     SafetyMode.PROTECTIVE_STOP: "After 5 s, here or on the pendant: ur-client dashboard "
@@ -38,6 +48,13 @@ _ELSEWHERE: Final = "It is released on the pendant."
 ControllersOption: TypeAlias = Annotated[
     Path | None,
     typer.Option("--controllers", help="A ros2_control controllers file (default: the usual controllers)."),
+]
+Headless: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--headless/--no-headless",
+        help="Send the control program to the robot, or wait until its External Control program is played.",
+    ),
 ]
 MakeReady: TypeAlias = Annotated[
     bool, typer.Option("--make-ready", help="Power the arm on and release its brakes first, if necessary.")
@@ -56,6 +73,30 @@ SpeedSlider: TypeAlias = Annotated[
 ]
 
 
+class Arm(Protocol):
+    """Who moves the arm: a running controller manager, or one of this command alone. alone: which of them."""
+
+    alone: bool
+
+    async def ask(self, do: str, /, **arguments: Any) -> Any:
+        """See `client.controllers.session.Session`. Raises URError."""
+
+
+class _Alone(Session):
+    """With a controller manager of its own, which ends with the command."""
+
+    alone = True
+
+
+class _Shared(RemoteManager):
+    """With the controller manager that is running for this robot."""
+
+    alone = False
+
+    async def ask(self, do: str, /, **arguments: Any) -> Any:
+        return await super().ask(do, timeout_s=_READY_S if do in _SLOW else ANSWER_S, **arguments)
+
+
 @dataclass(frozen=True, slots=True)
 class Target:
     """Which robot, and with what. speed_slider: 0.01 to 1, None leaves it where it is."""
@@ -68,26 +109,75 @@ class Target:
     speed_slider: float | None = None
     prefix: str = ""
 
+    @property
+    def ports(self) -> dict[str, int]:
+        """Where the robot listens."""
+        return {name: port + self.port_offset for name, port in ROBOT_PORTS.items()}
+
+    def manager(self) -> _Shared:
+        """The one that is running for this robot; entering it raises NoManagerError when there is none."""
+        return _Shared(self.robot_ip, ROBOT_PORTS["rtde"] + self.port_offset)
+
     @asynccontextmanager
-    async def open(self) -> AsyncIterator[ControlledRobot]:
-        """Its control loop; the arm is at rest and its program ended afterwards."""
-        ports = {name: port + self.port_offset for name, port in ROBOT_PORTS.items()}
-        file = controllers_file(self.controllers, self.prefix)
+    async def open(self) -> AsyncIterator[Arm]:
+        """The running manager, or else a control loop, after which the arm is at rest and its program ended."""
+        async with AsyncExitStack() as opened:
+            try:
+                arm: Arm = await opened.enter_async_context(self.manager())
+            except NoManagerError:
+                typer.echo(f"no controller manager is running for {self.robot_ip}: this command runs its own", err=True)
+                arm = await opened.enter_async_context(self._open_alone())
+            else:
+                typer.echo(f"through the controller manager that is running for {self.robot_ip}", err=True)
+                if self.make_ready:
+                    await arm.ask("make_ready")
+            if self.record is not None:
+                await arm.ask("begin_recording", path=str(self.record.absolute()))
+                opened.push_async_callback(arm.ask, "end_recording")
+                typer.echo(f"recording into {self.record}", err=True)
+            if self.speed_slider is not None:
+                await arm.ask("set_speed_slider", fraction=self.speed_slider)
+            yield arm
+
+    @asynccontextmanager
+    async def _open_alone(self) -> AsyncIterator[Arm]:
         robot = ControlledRobot(
             self.robot_ip,
-            file,
+            controllers_file(self.controllers, self.prefix),
             prefix=self.prefix,
             make_ready=self.make_ready,
-            record=self.record,
-            robot_ports=ports,
+            outputs=DEFAULT_FIELDS if self.record else (),
+            robot_ports=self.ports,
         )
         with real_time(robot.driver.config.realtime):  # this process does nothing else
-            async with robot as loop:
-                if self.record is not None:
-                    typer.echo(f"recording into {self.record}", err=True)
-                if self.speed_slider is not None:
-                    await loop.robot.set_speed_slider(self.speed_slider)
-                yield loop
+            async with robot:
+                session = _Alone(RunningManager(robot))
+                try:
+                    yield session
+                finally:
+                    await session.close()
+
+    async def activate(self, arm: Arm, name: str) -> None:
+        """Load and configure a controller if need be, and let it take the place of what moves the arm."""
+        states = {one["name"]: one["state"] for one in await arm.ask("list_controllers")}
+        if name not in states:
+            await arm.ask("load_controller", name=name, **self._described(arm, name))
+        elif self.controllers is not None and not arm.alone:
+            typer.echo(f"note: {name} is loaded already: it keeps the parameters it has", err=True)
+        if states.get(name, UNCONFIGURED) == UNCONFIGURED:
+            await arm.ask("configure_controller", name=name)
+        if states.get(name) != ACTIVE:
+            others = await arm.ask("moving_controllers")
+            await arm.ask("switch_controller", activate=[name], deactivate=others)
+            if others:
+                typer.echo(f"note: {name} takes the place of {', '.join(others)}", err=True)
+
+    def _described(self, arm: Arm, name: str) -> dict[str, Any]:
+        """Type and parameters of a controller, where the manager does not have them from the same file."""
+        if arm.alone or self.controllers is None:
+            return {}
+        file = controllers_file(self.controllers, self.prefix)
+        return {"type": file.type_of(name), "parameters": file.parameters_of(name)}
 
 
 def controllers_file(path: Path | None, prefix: str = "") -> ControllersFile:
@@ -104,41 +194,65 @@ def controllers_file(path: Path | None, prefix: str = "") -> ControllersFile:
 
 
 def run(work: Coroutine[Any, Any, None]) -> None:
-    """Do it; Ctrl-C ends it in order, with the arm at rest."""
+    """Do it; Ctrl-C and SIGTERM end it in order, with the arm at rest."""
     try:
-        asyncio.run(work)
-    except KeyboardInterrupt:
+        asyncio.run(_until_terminated(work))
+    except (KeyboardInterrupt, asyncio.CancelledError):
         typer.echo("stopped", err=True)
         raise typer.Exit(_INTERRUPTED) from None
 
 
-async def follow(loop: ControlledRobot, name: str, trajectory: JointTrajectory, title: str) -> Result:
+async def _until_terminated(work: Coroutine[Any, Any, None]) -> None:
+    """Work that SIGTERM cancels; Ctrl-C does anyway."""
+    task = asyncio.current_task()
+    assert task is not None
+    with suppress(NotImplementedError, RuntimeError):  # on Windows, and outside the main thread
+        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
+    await work
+
+
+async def follow(arm: Arm, name: str, trajectory: JointTrajectory, title: str) -> Result:
     """Send a goal and show how it goes. When the task is cancelled, the arm is brought to rest first."""
-    loop.check_reach(trajectory)
-    controller = loop.manager.controller(name)
-    handle = controller.send_goal(trajectory)
+    number = await arm.ask("send_goal", controller=name, trajectory=asdict(trajectory))
     try:
         with MotionProgress(title) as progress:
             waiting = False
-            while not handle.done:
-                waiting = _say_waiting(loop, progress, waiting)
-                progress.update(controller.progress, _note(loop))
-                with suppress(TimeoutError):
-                    async with timeout(_DRAWN_S):
-                        await loop.result(handle)
-            progress.update(1.0 if handle.result.error_code == 0 else controller.progress)
+            while "error_code" not in (goal := await arm.ask("goal", goal=number)):
+                state = await arm.ask("robot_state")
+                waiting = _say_waiting(state, progress, waiting)
+                progress.update(goal["progress"], _note(state))
+                await asyncio.sleep(_LOOK_S)
+            progress.update(1.0 if goal["error_code"] == 0 else goal["progress"])
     except asyncio.CancelledError:
-        loop.manager.deactivate(name)
-        await loop.rest()
+        if arm.alone:
+            await arm.ask("switch_controller", deactivate=[name])
+        else:
+            await arm.ask("cancel_goal", goal=number)
+        await rest(arm)
         raise
-    await loop.rest()  # within tolerance it may still be on the way
-    return await loop.result(handle)
+    await rest(arm)  # within tolerance it may still be on the way
+    return Result(ErrorCode(goal["error_code"]), goal["error_string"])
 
 
-def _say_waiting(loop: ControlLoop, progress: MotionProgress, before: bool) -> bool:
+async def rest(arm: Arm) -> None:
+    """Wait until the arm rests, for some seconds of the robot's at most."""
+    state = await arm.ask("robot_state")
+    end_s = state["time_s"] + _REST_S
+    while not state["at_rest"] and state["time_s"] < end_s:
+        await asyncio.sleep(_LOOK_S)
+        state = await arm.ask("robot_state")
+
+
+async def until(arm: Arm, time_s: float) -> None:
+    """Wait for a time of the robot's."""
+    while (await arm.ask("robot_state"))["time_s"] < time_s:
+        await asyncio.sleep(_LOOK_S)
+
+
+def _say_waiting(state: Mapping[str, Any], progress: MotionProgress, before: bool) -> bool:
     """Whether a stop holds the arm; what to do about it is told when it begins."""
-    mode = loop.driver.robot.safety_mode
-    waiting = mode not in (SafetyMode.NORMAL, SafetyMode.REDUCED)
+    mode = SafetyMode[state["safety_mode"]]
+    waiting = mode not in _FREE
     if waiting and not before:
         progress.say(
             f"the arm waits: its safety mode is {mode.name}. Find the cause. {_RELEASE.get(mode, _ELSEWHERE)} "
@@ -147,25 +261,12 @@ def _say_waiting(loop: ControlLoop, progress: MotionProgress, before: bool) -> b
     return waiting
 
 
-def _note(loop: ControlLoop) -> str:
+def _note(state: Mapping[str, Any]) -> str:
     """Why the motion is slower than planned."""
-    if (mode := loop.driver.robot.safety_mode) not in (SafetyMode.NORMAL, SafetyMode.REDUCED):
+    if (mode := SafetyMode[state["safety_mode"]]) not in _FREE:
         return mode.name.replace("_", " ").lower()
-    slider = loop.driver.state["target_speed_fraction"]
+    slider = state["target_speed_fraction"]
     return f"slider {100.0 * slider:.0f} %" if slider < 1.0 else ""
-
-
-async def watch(loop: ControlLoop) -> None:
-    """Tell which controllers there are, whenever that changes. Raises ControllerError when none is left."""
-    before: list[str] = []
-    while True:
-        lines = [f"{info.name} [{info.type}] {info.state}" for info in loop.manager.list_controllers()]
-        if lines != before:
-            typer.echo("\n".join(lines))
-            before = lines
-        if not loop.manager.active():
-            raise ControllerError("controllers", "none is active any more: the lines above and the log say why")
-        await loop.cycles()
 
 
 def say_result(title: str, result: Result) -> None:

@@ -34,6 +34,10 @@ def pendant_command(
     tools: Annotated[
         Path | None, typer.Option(help="File of the saved TCPs, if it is not tools.json in your configuration folder.")
     ] = None,
+    drafts: Annotated[
+        Path | None,
+        typer.Option(help="Folder that keeps programs being made, if it is not drafts in your configuration folder."),
+    ] = None,
     with_parent: Annotated[
         bool, typer.Option("--with-parent", hidden=True, help="Exit when standard input closes.")
     ] = False,
@@ -56,6 +60,7 @@ def pendant_command(
         meshes,
         poses or _own_file("poses"),
         tools or _own_file("tools"),
+        drafts or Path(typer.get_app_dir("ur-client")) / "drafts",
     )
     serve(station, host, port, lambda: typer.echo(f"Teach pendant of {robot_ip}: http://{host}:{port}"))
 

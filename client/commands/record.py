@@ -1,5 +1,6 @@
 """``ur-client record``, ``stream`` and ``convert``: a robot's states into files and onto screens."""
 
+import asyncio
 import ipaddress
 import sys
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from client import primary, rtde
 from client.calibration import calibration_of, described, read_calibration
 from client.commands.following import Interrupts, MotionProgress, PortOffset, RobotIP, Sink, follow
 from client.connection import DEFAULT_TIMEOUT_S
+from client.controllers.remote import check_no_manager
 from client.driver.config import ROBOT_PORTS
 from client.errors import ClientError, FileError, RecordingError
 from client.recording import live
@@ -135,6 +137,7 @@ def replay_command(
         raise typer.BadParameter(f"--speed is above 0 and at most 10, not {speed:g}")
     path = joint_path(read_telling(file), speed)
     ports = {name: port + port_offset for name, port in ROBOT_PORTS.items()}
+    asyncio.run(check_no_manager(robot_ip, ports["rtde"]))
     try:
         with Robot(robot_ip, robot_ports=ports) as robot:
             _check(robot, path)

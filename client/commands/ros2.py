@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from client.commands.control import ControllersOption, MakeReady, controllers_file, run
+from client.commands.control import ControllersOption, Headless, MakeReady, controllers_file, run
 from client.commands.following import PortOffset, RobotIP
 from client.driver.config import ROBOT_PORTS
 from client.driver.scheduling import real_time
@@ -34,13 +34,7 @@ def ros2_command(
     tf_prefix: Annotated[
         str, typer.Option("--tf-prefix", help="Put before the names of joints, frames and interfaces, as left_.")
     ] = "",
-    headless: Annotated[
-        bool,
-        typer.Option(
-            "--headless/--no-headless",
-            help="Send the control program to the robot, or wait until its External Control program is played.",
-        ),
-    ] = True,
+    headless: Headless = True,
     setup: Annotated[
         bool, typer.Option("--setup", help="Make the message packages that ROS 2 lacks here, and leave.")
     ] = False,
@@ -59,13 +53,13 @@ def ros2_command(
         robot_ip,
         {"robot_ports": {name: port + port_offset for name, port in ROBOT_PORTS.items()}},
         controllers_file(controllers, tf_prefix),
-        controller,
-        tf_prefix,
-        namespace,
-        domain,
-        headless,
-        make_ready,
-        tuple(argument for argument in ros_arguments or () if argument != "--ros-args"),
+        controller=controller,
+        tf_prefix=tf_prefix,
+        headless=headless,
+        make_ready=make_ready,
+        namespace=namespace,
+        domain=domain,
+        ros_arguments=tuple(argument for argument in ros_arguments or () if argument != "--ros-args"),
     )
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
     run(serve(options))
@@ -94,5 +88,5 @@ async def serve(options: "DriverOptions") -> None:
 
     async with Ros2Driver(options) as driver:
         with real_time("auto"):  # of the event loop alone: the threads of nodes are there already
-            typer.echo(f"ready: {options.robot_ip}, {driver.summary()}. Ctrl-C ends it.", err=True)
+            typer.echo(f"ready: {options.robot_ip}, {driver.running.summary()}. Ctrl-C ends it.", err=True)
             await asyncio.Event().wait()

@@ -4,6 +4,7 @@ A new controller is one class decorated with `controller_type`; its docstring is
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
@@ -137,6 +138,15 @@ class Interfaces:
 
     def __setitem__(self, name: str, value: float) -> None:
         self._store[self._places[name]] = value
+
+
+def in_short(interfaces: Iterable[str]) -> str:
+    """Their kinds and how many there are of each, for people: "*_joint/position (6)"."""
+    kinds = Counter[str]()
+    for interface in interfaces:
+        component, _, kind = interface.rpartition("/")
+        kinds[f"*_joint/{kind}" if component.endswith("_joint") else f"{component}/*"] += 1
+    return ", ".join(f"{kind} ({count})" for kind, count in kinds.items())
 
 
 class LifecycleState(StrEnum):

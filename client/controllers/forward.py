@@ -1,7 +1,7 @@
 """Hands commands to the joints as they are."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -23,6 +23,33 @@ class JointGroupParameters:
     joints: tuple[str, ...]
 
 
+class _Way:
+    """From values to others, at rest at both ends."""
+
+    def __init__(
+        self, begin: tuple[float, ...], end: tuple[float, ...], duration_s: float, pace: Callable[[], float]
+    ) -> None:
+        self._begin = begin
+        self._end = end
+        self._duration_s = duration_s
+        self._pace = pace
+        self._passed_s = 0.0
+
+    @property
+    def done(self) -> bool:
+        """The end is reached."""
+        return self._passed_s >= self._duration_s
+
+    def after(self, period_s: float) -> tuple[float, ...]:
+        """The next values, when so much more time has passed."""
+        self._passed_s += period_s * self._pace()
+        if self.done:
+            return self._end
+        share = self._passed_s / self._duration_s
+        smooth = share * share * (3.0 - 2.0 * share)
+        return tuple(a + smooth * (b - a) for a, b in zip(self._begin, self._end, strict=True))
+
+
 @controller_type("forward_command_controller/ForwardCommandController")
 class ForwardCommandController(Controller[Any]):
     """Commands positions, speeds or torques exactly as they were given last; nothing until then."""
@@ -32,6 +59,7 @@ class ForwardCommandController(Controller[Any]):
     def __init__(self, name: str, parameters: Any, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
         self._values: tuple[float, ...] | None = None
+        self._way: _Way | None = None
 
     @property
     def interface_name(self) -> str:
@@ -47,19 +75,35 @@ class ForwardCommandController(Controller[Any]):
             raise self.error("joints is empty: name the joints to command")
 
     def on_activate(self, time_s: float) -> None:
-        self._values = None
+        self._values = self._way = None
 
     def on_deactivate(self) -> None:
-        self._values = None
+        self._values = self._way = None
 
     def on_halt(self, reason: str) -> None:
-        self._values = None
+        self._values = self._way = None
 
     def command(self, values: Sequence[float]) -> None:
         """What to command from now on, joint by joint. Raises ControllerError, also while it is not active."""
         self.check_active()
         self.check(values)
-        self._values = tuple(values)
+        self._values, self._way = tuple(values), None
+
+    def go_to(self, values: Sequence[float], duration_s: float, pace: Callable[[], float]) -> None:
+        """The same, but gradually from what is commanded now: a cubic from rest to rest.
+
+        pace: how fast the time passes that it takes, 0 while the arm waits. Raises ControllerError, also where
+        positions are not what it commands.
+        """
+        self.check_active()
+        self.check(values)
+        if self.interface_name != "position":
+            raise self.error("only positions can be gone to")
+        self._way = _Way(tuple(self.commands.get()), tuple(values), duration_s, pace)
+
+    def stay(self) -> None:
+        """Give up what it goes to: command what it commands now."""
+        self._way = None
 
     def check(self, values: Sequence[float]) -> None:
         """Whether they could be commanded. Raises ControllerError."""
@@ -69,6 +113,10 @@ class ForwardCommandController(Controller[Any]):
             raise self.error(f"these commands are not numbers: {list(values)}")
 
     def update(self, time_s: float, period_s: float) -> None:
+        if (way := self._way) is not None:
+            self._values = way.after(period_s)
+            if way.done:
+                self._way = None
         if self._values is not None:
             self.commands.put(self._values)
 

@@ -1,6 +1,6 @@
 """Trajectories, goals and results, as trajectory_msgs and control_msgs/FollowJointTrajectory have them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Final
@@ -46,6 +46,20 @@ class JointTrajectory:
     joint_names: tuple[str, ...]
     points: tuple[JointTrajectoryPoint, ...]
     stamp_s: float = 0.0
+
+    @classmethod
+    def sampled(
+        cls,
+        joint_names: tuple[str, ...],
+        times_s: Sequence[float],
+        q_rad: Sequence[Sequence[float]],
+        qd_rad_s: Sequence[Sequence[float]],
+        qdd_rad_s2: Sequence[Sequence[float]],
+    ) -> "JointTrajectory":
+        """Of samples (n,) and (n, joints), the first of which is where the arm stands and is left out."""
+        rows = zip(q_rad[1:], qd_rad_s[1:], qdd_rad_s2[1:], times_s[1:], strict=True)
+        points = (JointTrajectoryPoint(tuple(q), tuple(qd), tuple(qdd), (), time_s) for q, qd, qdd, time_s in rows)
+        return cls(joint_names, tuple(points))
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ from client.driver import URDriver
 from client.errors import ControllerError, NoAnswerError
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
+from urproto.joints import JOINT_NAMES
 
 _FIRST_STATE_S: Final = 5.0  # guess: a robot that sends states at all does so within this
 _REST_S: Final = 3.0  # guess: a ramp to rest takes less than one second
@@ -139,6 +140,11 @@ class ControlLoop:
         """Let cycles pass."""
         for _ in range(count):
             await self._cycled.wait()
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the arm's joints, base to wrist 3, with the prefix."""
+        return tuple(self.prefix + joint for joint in JOINT_NAMES)
 
     @property
     def at_rest(self) -> bool:

@@ -3,10 +3,12 @@
 A field that has no meaning here, though ROS 2 knows it, is declared by `without_effect`, which
 says why; a field with the metadata `BY_NAME` takes every other key whose value is a mapping,
 as `constraints` takes one mapping a joint. What else a file says is reported as unknown.
+
+Source of what is read-only: the parameter files of ros2_controllers and ur_controllers.
 """
 
-from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from math import isfinite, isinf
 from types import GenericAlias
 from typing import Any, Final, TypeVar, cast, get_args, get_origin, get_type_hints
@@ -120,3 +122,69 @@ def _scalar(hint: Any, value: Any, owner: str, place: str) -> Any:
     if isinstance(value, hint) and (hint is bool or not isinstance(value, bool)):
         return value
     raise ControllerError(owner, f"{place} is {_WORDS[hint]}, not {quoted(value)}")
+
+
+_READ_ONLY: Final = frozenset(
+    (
+        "action_monitor_rate",
+        "command_interfaces",
+        "command_joints",
+        "constraints.decelerate_on_cancel",
+        "frame_id",
+        "initial_scaling_factor",
+        "interface_name",
+        "interfaces",
+        "interpolate_from_desired_state",
+        "interpolation_method",
+        "joints",
+        "max_deceleration_on_cancel",
+        "pose_name",
+        "sensor_name",
+        "speed_scaling.command_interface",
+        "speed_scaling.state_interface",
+        "speed_scaling_interface_name",
+        "state_interfaces",
+        "state_publish_rate",
+        "tf_prefix",
+    )
+)
+
+
+def is_read_only(name: str) -> bool:
+    """Whether a parameter, named with dots, is settled when its controller is loaded."""
+    parts = name.split(".")
+    return any(".".join(parts[place:]) in _READ_ONLY for place in range(len(parts)))
+
+
+def flat(parameters: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Names with dots, type hints and values, tuples as lists; groups by joint are there for every joint."""
+    return _flat(parameters, getattr(parameters, "joints", ()), "")
+
+
+def _flat(parameters: Any, joints: Sequence[str], prefix: str) -> Iterator[tuple[str, Any, Any]]:
+    hints = get_type_hints(type(parameters))
+    for entry in fields(parameters):
+        value, hint = getattr(parameters, entry.name), hints[entry.name]
+        name = prefix + entry.name
+        if set(BY_NAME) <= set(entry.metadata):
+            group = get_args(hint)[1]
+            for joint in dict.fromkeys((*joints, *value)):
+                yield from _flat(value.get(joint) or group(), joints, f"{prefix}{joint}.")
+        elif is_dataclass(value):
+            yield from _flat(value, joints, f"{name}.")
+        else:
+            yield name, hint, list(value) if isinstance(value, tuple) else value
+
+
+def with_changes(kind: type[Parameters], before: Parameters, values: Mapping[str, Any], owner: str) -> Parameters:
+    """The same parameters but for ``values``, named with dots.
+
+    Raises ControllerError, named after ``owner``, for what there is not, is read-only, or has another type.
+    """
+    whole = {name: value for name, _, value in flat(before)}
+    for name in values:
+        if name not in whole:
+            raise ControllerError(owner, f"it has no parameter {quoted(name)}")
+        if is_read_only(name):
+            raise ControllerError(owner, f"{name} is read-only: unload the controller and load it with another value")
+    return read_parameters(kind, whole | dict(values), owner, Reading())

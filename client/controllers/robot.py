@@ -54,16 +54,26 @@ async def recorded(driver: URDriver, path: Path) -> AsyncIterator[BackgroundReco
         await asyncio.to_thread(recorder.close)
 
 
-def listen(recorder: BackgroundRecorder, manager: ControllerManager) -> None:
-    """Record the states of the trajectory controllers, too, that are loaded from now on."""
+def listen(recorder: BackgroundRecorder, manager: ControllerManager) -> Callable[[], None]:
+    """Record the states of the trajectory controllers, too, that are loaded or will be; gives what ends that."""
+    ends: list[Callable[[], None]] = []
 
     def begin(controller: object) -> None:
         if isinstance(controller, JointTrajectoryController):
             name = controller.name
-            controller.state_topic.subscribe(lambda state: recorder.write_controller(name, state))
+            ends.append(controller.state_topic.subscribe(lambda state: recorder.write_controller(name, state)))
 
-    if recorder.path.suffix.lower() == _WITH_CONTROLLERS:
-        manager.on_load.append(begin)
+    def end() -> None:
+        manager.on_load.remove(begin)
+        for unsubscribe in ends:
+            unsubscribe()
+
+    if recorder.path.suffix.lower() != _WITH_CONTROLLERS:
+        return lambda: None
+    manager.on_load.append(begin)
+    for info in manager.list_controllers():
+        begin(manager.controller(info.name))
+    return end
 
 
 Answer = TypeVar("Answer")

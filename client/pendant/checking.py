@@ -6,13 +6,11 @@ arm's motion nor the pages a moment.
 
 import asyncio
 import os
-import re
-import sys
 from collections.abc import Callable
 from typing import Final
 
-from client.errors import ClientError
 from client.pendant.draft import Draft, ScriptError
+from client.programs import CHECKED, CHECKER_LINE, CheckerError, checker_command
 from urproto.compat_asyncio import timeout
 from urproto.text import from_bytes, lines, readable, to_bytes
 from urproto.versions import PolyscopeVersion
@@ -21,18 +19,12 @@ _QUIET_S: Final = 0.5  # guess: who pauses for so long wants to know
 _LOOK_AGAIN_S: Final = 0.2
 _LONGEST_S: Final = 20.0  # guess: 2 MB take a tenth of that
 _NICE: Final = 10  # a robot beside it comes first
-_STATUSES: Final = (0, 1)  # of a script without and with errors
-_LINE: Final = re.compile(r"<stdin>:(\d+):(\d+): (warning: )?(.*)")
-
-
-class CheckerError(ClientError):
-    """The checker did not run: the text is what it wrote."""
 
 
 async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]:
     """Everything that is wrong with a script for a controller of this version. Raises CheckerError, TimeoutError."""
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-P", "-m", "urscript", "check", "--polyscope", str(version), "-"),
+        *checker_command(version),
         stdin=asyncio.subprocess.PIPE,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
@@ -46,14 +38,14 @@ async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]
         if process.returncode is None:
             process.kill()
             await process.wait()
-    if process.returncode not in _STATUSES:
+    if process.returncode not in CHECKED:
         raise CheckerError(f"urscript check: {readable(from_bytes(complaint)).strip() or process.returncode}")
     return parsed(readable(from_bytes(output)))
 
 
 def parsed(output: str) -> tuple[ScriptError, ...]:
     """The problems among the lines that the checker writes, in the order of the script."""
-    found = (_LINE.fullmatch(line) for line in lines(output))
+    found = (CHECKER_LINE.fullmatch(line) for line in lines(output))
     problems = (
         ScriptError(int(match[1]), int(match[2]), match[4], "check", "warning" if match[3] else "error")
         for match in found

@@ -18,7 +18,9 @@ from nicegui import ui
 from client.pendant.station import Station
 from client.pendant.web_security import Nonsense
 
-Kind = Literal["text", "state", "title", "value", "width", "bits", "cells", "plot", "samples", "lines", "ghost"]
+Kind = Literal[
+    "text", "state", "title", "value", "width", "bits", "cells", "plot", "samples", "lines", "ghost", "sliders"
+]
 Read = Callable[[Station], Any]
 Take = Callable[[bool], Any]
 Held = Callable[[Mapping[str, Any] | None], None]

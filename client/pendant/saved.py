@@ -165,7 +165,7 @@ class OwnFile(Generic[_T]):
     def change(self, content: dict[str, _T]) -> None:
         """Have this instead. Raises FileError; then nothing has changed."""
         if self._path is not None:
-            _write(self._path, content)
+            write_json(self._path, content)
         self._read = content
         self.version += 1
 
@@ -188,12 +188,15 @@ def checked_name(name: str, of: str) -> str:
     return name
 
 
-def _write(path: Path, content: Any) -> None:
+def write_json(path: Path, content: Any) -> None:
     """A new file takes the place of the old one. Raises FileError."""
     new = path.with_name(f"{path.name}.new")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        new.write_text(json.dumps(content, indent=1) + "\n", "utf-8")
+        with new.open("w", encoding="utf-8") as file:
+            file.write(json.dumps(content, indent=1) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
         os.replace(new, path)
     except OSError as error:
         raise FileError(path, error.strerror or str(error)) from error

@@ -19,8 +19,11 @@ from client.pendant.dialogues import Dialogues, Stops
 from client.pendant.emulator_control import EmulatorControl
 from client.pendant.events import EventLog
 from client.pendant.feeds import Feeds
+from client.pendant.manager_link import ManagerLink
 from client.pendant.mover import Mover
 from client.pendant.polling import Poller, PortRegisters, keep_following
+from client.pendant.program_draft import ProgramDraft
+from client.pendant.program_file import ProgramFile
 from client.pendant.programs import Programs
 from client.pendant.saved import Poses, Tools
 from client.pendant.situation import Known, Situation, situation
@@ -75,6 +78,8 @@ class Station:
     connected: the state comes. problem: why it does not. emulator: its control API, which an arm does not have.
     remote_control: e-Series from 5.6. frame: how many states came. feeds: states of other recipes. port_registers: what
     its Modbus server keeps for anybody. meshes: folder of the user's. poses, tools: poses and TCPs that somebody saved.
+    manager: the controller manager that is running for the robot, if there is one.
+    program_draft: the program that is being made; drafts: the folder that keeps it, None for memory only.
     """
 
     def __init__(
@@ -87,6 +92,7 @@ class Station:
         meshes: Path | None = None,
         poses: Path | None = None,
         tools: Path | None = None,
+        drafts: Path | None = None,
     ) -> None:
         self.robot_ip = robot_ip
         self.ports: Mapping[str, int] = {
@@ -114,7 +120,10 @@ class Station:
         )
         self.remote_control = Poller(self._ask_remote_control, _REMOTE_EVERY_S, self.wake)
         self.tools = Tools(tools)
+        kept = ProgramFile(drafts, f"{robot_ip}_{self.ports['primary']}")
+        self.program_draft = ProgramDraft(kept, self.log.note, self.wake, lambda: (self.version, self.model))
         self.feeds = Feeds(self._open_feed)
+        self.manager = ManagerLink(robot_ip, self.ports["rtde"], self.wake)
         self.port_registers = PortRegisters(robot_ip, self.ports["modbus"], self.wake)
         self.mover = Mover(self._open_robot)
         self._primary: PrimaryClient | None = None
@@ -132,12 +141,14 @@ class Station:
             opening.push_async_callback(self.mover.close)
             opening.push_async_callback(self.feeds.close)
             opening.push_async_callback(self.port_registers.close)
+            opening.push_async_callback(self.manager.close)
             for work in (
                 keep_following(self._follow_states, self._lose_states),
                 keep_following(self._follow_messages, lambda why: self.log.note(f"no messages: {why}")),
                 self.emulator.follow(self.dialogues),
                 self.programs.follow(self),
                 keep_checking(self.programs.draft, lambda: self.version, self.log.note),
+                self.program_draft.keep(),
             ):
                 opening.push_async_callback(_cancel, asyncio.create_task(work))
             self._running = opening.pop_all()

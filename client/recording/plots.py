@@ -108,6 +108,29 @@ def draw(
         raise RecordingError(f"cannot write {path}: {error.strerror}") from error
 
 
+def draw_trajectory(time_s: NDArray[Any], q: NDArray[Any], qd: NDArray[Any], path: Path) -> None:
+    """Draw joint angles and speeds (n, 6) over time [s] (n,); path: .png, .svg or .pdf. Raises RecordingError."""
+    formats = FORMATS[:-1]
+    if path.suffix.lower() not in formats:
+        raise RecordingError(f"{path} is none of the formats of pictures: {', '.join(formats)}")
+    with extra("plots", "drawing"):
+        from matplotlib import rc_context
+        from matplotlib.figure import Figure
+    with rc_context(_STYLE):
+        figure = Figure(figsize=(_WIDTH_IN, _WIDTH_IN * 0.7), layout="constrained")
+        every = figure.subplots(2, 1, sharex=True)
+        for axes, values, label in zip(every, (q, qd), ("angle [rad]", "speed [rad/s]"), strict=True):
+            axes.plot(time_s, values, linewidth=0.9, label=list(JOINT_LABELS))
+            axes.set_ylabel(label)
+            axes.margins(x=0.0)
+        every[0].legend(ncols=3)
+        every[1].set_xlabel("time [s]")
+        try:
+            figure.savefig(path, dpi=_DPI)
+        except OSError as error:
+            raise RecordingError(f"cannot write {path}: {error.strerror}") from error
+
+
 @dataclass(frozen=True, slots=True)
 class _Picture:
     """What is drawn."""

@@ -13,6 +13,7 @@ from client.robot.contact import Contact, Force
 from client.robot.facade import AsyncRobot
 from client.robot.io import IO
 from client.robot.kinematics import Dynamics, Kinematics
+from client.robot.planned import PlannedMotion
 from client.robot.programs import Dashboard, Programs
 from client.robot.state import RobotState
 from client.robot.streaming import Follow
@@ -63,6 +64,14 @@ class BlockingForce(Part[Force]):
     set_mode_parameters = blocking(Force.set_mode_parameters)
     use_external_sensor = blocking(Force.use_external_sensor)
     set_external_wrench = blocking(Force.set_external_wrench)
+
+
+class BlockingPlannedMotion(Part[PlannedMotion]):
+    """`PlannedMotion` for scripts and notebooks."""
+
+    model = blocking(PlannedMotion.model)
+    plan = blocking(PlannedMotion.plan)
+    execute = blocking(PlannedMotion.execute)
 
 
 class BlockingIO(Part[IO]):
@@ -151,6 +160,7 @@ class Robot(Blocking[AsyncRobot]):
         self.dynamics = BlockingDynamics(self, lambda robot: robot.dynamics)
         self.contact = BlockingContact(self, lambda robot: robot.contact)
         self.force = BlockingForce(self, lambda robot: robot.force)
+        self.planning = BlockingPlannedMotion(self, lambda robot: robot.planning)
         self.io = BlockingIO(self, lambda robot: robot.io)
         self.programs = BlockingPrograms(self, lambda robot: robot.programs)
         self.dashboard = BlockingDashboard(self, lambda robot: robot.dashboard)
@@ -166,6 +176,7 @@ class Robot(Blocking[AsyncRobot]):
     move_p = blocking(AsyncRobot.move_p)
     move_c = blocking(AsyncRobot.move_c)
     sequence = blocking(AsyncRobot.sequence)
+    plan_to = blocking(AsyncRobot.plan_to)
     speed_j = blocking(AsyncRobot.speed_j)
     speed_l = blocking(AsyncRobot.speed_l)
     jog = blocking(AsyncRobot.jog)

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from types import TracebackType
-from typing import Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from client.calibration import geometry_of
 from client.driver import URDriver, points
@@ -17,6 +17,7 @@ from client.robot.io import IO
 from client.robot.kinematics import Dynamics, Kinematics
 from client.robot.motion import MotionRunner
 from client.robot.moves import MotionProgress, Moves, six, turn_of
+from client.robot.planned import PlannedMotion
 from client.robot.programs import Dashboard, Programs
 from client.robot.readiness import Readiness
 from client.robot.settings import Settings
@@ -27,6 +28,9 @@ from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import Question, TrajectoryPoint
 from urproto.robots import Joints
 from urproto.robots.pose import Pose, pose_trans
+
+if TYPE_CHECKING:
+    from client.planning import Goal, PlanningScene
 
 _FREE_PORTS: Final = {"reverse_port": 0, "trajectory_port": 0, "command_port": 0, "sender_port": 0}
 _JOINT_SPEED: Final = 1.04  # rad/s and rad/s2, m/s and m/s2: the defaults of URScript
@@ -61,15 +65,15 @@ class AsyncRobot:
 
     - state: `state`, `q`, `tcp_pose`, `digital_in`, `digital_out`, `tcp_pose_at`
     - readiness: `make_ready`, `recover`
-    - motions: `move_j`, `move_l`, `move_p`, `move_c`, `sequence`, `speed_j`, `speed_l`, `jog`, `move_until_contact`
+    - motions: `move_j`, `move_l`, `move_p`, `move_c`, `sequence`, `plan_to`, `speed_j`, `speed_l`, `jog`,
+      `move_until_contact`
     - the motion under way: `progress`, `moving`, `wait_done`, `wait_for`, `stop`
-    - contexts: `servo_j`, `servo_pose`, `velocity_j`, `velocity_l`, `direct_torque`, `freedrive`, `force_mode`;
-      `stream`
+    - contexts: `servo_j` to `force_mode`; `stream`
     - settings: `set_digital_out`, `set_payload`, `set_tcp`, `set_speed_slider`, `set_watchdog` and others
     - questions: `tcp_offset`, `history`, `is_steady`, `step_time`, `target_waypoint`
     - for programs of the caller's own: `need_program`, `ask`, `free`, `start_again`
 
-    Kinematics, dynamics, contact, force, I/O, other programs and the dashboard are parts of their own, below.
+    Kinematics, dynamics, contact, force, planning, I/O, other programs and the dashboard are parts of their own, below.
     """
 
     driver: URDriver
@@ -82,6 +86,8 @@ class AsyncRobot:
     """Whether the tool touches something."""
     force: Force
     """The force sensor, and force mode while it is in effect."""
+    planning: PlannedMotion
+    """Ways around what is in the way."""
     io: IO
     """Analog signals, tool voltage and registers."""
     programs: Programs
@@ -104,6 +110,7 @@ class AsyncRobot:
         self.dynamics = Dynamics(self._readiness)
         self.contact = Contact(self._readiness)
         self.force = Force(self._readiness)
+        self.planning = PlannedMotion(self.driver, self._moves)
         self.io = IO(self.driver)
         self.programs = Programs(self._motion)
         self.dashboard = Dashboard(self.driver)
@@ -259,6 +266,10 @@ class AsyncRobot:
         move begins. The last one does not blend.
         """
         await self._moves.execute("the sequence", list(moves), wait)
+
+    async def plan_to(self, goal: "Goal", scene: "PlanningScene", /, *, wait: bool = True, **options: Any) -> None:
+        """Go to a goal around what is in the scene; options are those of `client.planning.Planner.plan`."""
+        await self.planning.execute(await self.planning.plan(goal, scene, **options), wait=wait)
 
     async def speed_j(
         self,

@@ -5,7 +5,7 @@ its end comes from the controller, in the event loop, and wakes the action's cor
 """
 
 import time
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
@@ -32,25 +32,41 @@ def serve_actions(host: NodeHost, node: Node, controller: Controller[Any], robot
         ToolContactAction(host, node, controller)
 
 
-class FollowTrajectoryAction:
-    """``~/follow_joint_trajectory`` of a controller."""
+class _Action:
+    """An action of a controller; goals are accepted one at a time, and executed in the order they were.
 
-    def __init__(self, host: NodeHost, node: Node, controller: Any, robot: ControlledRobot) -> None:
+    A subclass begins a goal in the event loop, executes it in the node's thread, and stops it in the event loop.
+    """
+
+    name: ClassVar[str]
+    type_name: ClassVar[str]
+
+    def __init__(self, host: NodeHost, node: Node, controller: Any) -> None:
         self._host = host
         self._node = node
         self._controller = controller
-        self._robot = robot
-        self._type = interface("control_msgs/action/FollowJointTrajectory")
-        self._accepted: _Begun | None = None  # and not executed yet: callbacks come in turn
-        self._goals: dict[bytes, _Begun] = {}
+        self._type = interface(self.type_name)
+        self._accepted: Any = None  # what was begun and is not executed yet: callbacks come in turn
         self._server = ActionServer(
             node,
             self._type,
-            "~/follow_joint_trajectory",
+            self.name,
             self._execute,
             goal_callback=self._accept,
             cancel_callback=self._cancel,
         )
+
+    def _begin(self, request: Any) -> Any:
+        """In the event loop; what is begun. Raises ClientError for a goal that is refused."""
+        raise NotImplementedError
+
+    async def _execute(self, goal: Any) -> Any:
+        """In the node's thread, when a goal has been accepted: wait for its end, and give the action's result."""
+        raise NotImplementedError
+
+    def _stop(self, goal: Any) -> None:
+        """In the event loop: a client wants it to end. Raises ClientError when it does not."""
+        raise NotImplementedError
 
     def _accept(self, request: Any) -> GoalResponse:
         try:
@@ -59,6 +75,31 @@ class FollowTrajectoryAction:
             self._node.get_logger().error(f"a goal is refused: {error}")
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
+
+    def _take_accepted(self) -> Any:
+        accepted, self._accepted = self._accepted, None
+        assert accepted is not None
+        return accepted
+
+    def _cancel(self, goal: Any) -> CancelResponse:
+        try:
+            self._host.do(lambda: self._stop(goal))
+        except ClientError as error:
+            self._node.get_logger().error(f"a goal cannot be canceled: {error}")
+            return CancelResponse.REJECT
+        return CancelResponse.ACCEPT
+
+
+class FollowTrajectoryAction(_Action):
+    """``~/follow_joint_trajectory`` of a controller."""
+
+    name = "~/follow_joint_trajectory"
+    type_name = "control_msgs/action/FollowJointTrajectory"
+
+    def __init__(self, host: NodeHost, node: Node, controller: Any, robot: ControlledRobot) -> None:
+        self._robot = robot
+        self._goals: dict[bytes, _Begun] = {}
+        super().__init__(host, node, controller)
 
     def _begin(self, request: Any) -> "_Begun":
         """In the event loop."""
@@ -72,8 +113,7 @@ class FollowTrajectoryAction:
         return begun
 
     async def _execute(self, goal: Any) -> Any:
-        begun, self._accepted = self._accepted, None
-        assert begun is not None
+        begun = self._take_accepted()
         begun.goal, self._goals[bytes(goal.goal_id.uuid)] = goal, begun
         result = await begun.ended
         del self._goals[bytes(goal.goal_id.uuid)]
@@ -85,19 +125,10 @@ class FollowTrajectoryAction:
             goal.abort()
         return self._type.Result(error_code=int(result.error_code), error_string=result.error_string)
 
-    def _cancel(self, goal: Any) -> CancelResponse:
+    def _stop(self, goal: Any) -> None:
+        """A goal that was replaced or has ended stops nothing."""
         begun = self._goals.get(bytes(goal.goal_id.uuid))
-        if begun is not None:
-            try:
-                self._host.do(lambda: self._stop(begun))
-            except ClientError as error:
-                self._node.get_logger().error(f"a goal cannot be canceled: {error}")
-                return CancelResponse.REJECT
-        return CancelResponse.ACCEPT
-
-    def _stop(self, begun: "_Begun") -> None:
-        """In the event loop; a goal that was replaced or has ended stops nothing."""
-        if self._controller.goal is begun.handle:
+        if begun is not None and self._controller.goal is begun.handle:
             self._controller.cancel()
 
     def _feed_back(self, begun: "_Begun", feedback: Feedback) -> None:
@@ -147,41 +178,19 @@ def _tolerances(messages: Any) -> dict[str, Tolerance]:
     return {one.name: Tolerance(one.position, one.velocity, one.acceleration) for one in messages}
 
 
-class ToolContactAction:
+class ToolContactAction(_Action):
     """``~/detect_tool_contact``: ends when the tool has touched something and the arm is back where it did."""
 
-    def __init__(self, host: NodeHost, node: Node, controller: ToolContactController) -> None:
-        self._host = host
-        self._node = node
-        self._controller = controller
-        self._type = interface("ur_msgs/action/ToolContact")
-        self._accepted: tuple[Call, Any] | None = None  # and not executed yet
-        self._server = ActionServer(
-            node,
-            self._type,
-            "~/detect_tool_contact",
-            self._execute,
-            goal_callback=self._accept,
-            cancel_callback=self._cancel,
-        )
+    name = "~/detect_tool_contact"
+    type_name = "ur_msgs/action/ToolContact"
 
-    def _accept(self, request: Any) -> GoalResponse:
-        try:
-            self._accepted = self._host.do(self._begin)
-        except ClientError as error:
-            self._node.get_logger().error(f"a goal is refused: {error}")
-            return GoalResponse.REJECT
-        return GoalResponse.ACCEPT
-
-    def _begin(self) -> tuple[Call, Any]:
+    def _begin(self, request: Any) -> tuple[Call, Any]:
         call, ended = self._controller.detect_tool_contact(), self._host.ending(self._node)
         call.on_end.append(ended.set_result)
         return call, ended
 
     async def _execute(self, goal: Any) -> Any:
-        accepted, self._accepted = self._accepted, None
-        assert accepted is not None
-        call, ended = accepted
+        call, ended = self._take_accepted()
         success = await ended
         if success:
             goal.succeed()
@@ -192,10 +201,5 @@ class ToolContactAction:
             goal.abort()
         return self._type.Result()
 
-    def _cancel(self, goal: Any) -> CancelResponse:
-        try:
-            self._host.do(self._controller.cancel)
-        except ClientError as error:
-            self._node.get_logger().error(f"a goal cannot be canceled: {error}")
-            return CancelResponse.REJECT
-        return CancelResponse.ACCEPT
+    def _stop(self, goal: Any) -> None:
+        self._controller.cancel()

@@ -11,13 +11,12 @@ from typing import Any, Final
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from lifecycle_msgs.msg import State
 
+from client.controllers.component import PLUGIN
 from client.controllers.configuration import sections, text_of
 from client.controllers.controller import CONTROLLER_TYPES, Controller, LifecycleState
 from client.controllers.manager import ControllerManager
-from client.controllers.robot import ControlledRobot
+from client.controllers.running import RunningManager
 from client.errors import ClientError, ControllerError
-from client.ros2.controller_nodes import ControllerNodes
-from client.ros2.hardware import HardwareComponent
 from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
 from urproto.errors import URError
 
@@ -27,6 +26,7 @@ _STATES: Final = {
     LifecycleState.ACTIVE: State.PRIMARY_STATE_ACTIVE,
     LifecycleState.FINALIZED: State.PRIMARY_STATE_FINALIZED,
 }
+_PRIMARY: Final = {number: state for state, number in _STATES.items()}
 _BASE: Final = "controller_interface::ControllerInterface"
 _DIAGNOSTICS_S: Final = 1.0  # diagnostic_updater
 _ACTIVITY_S: Final = 0.1  # how often it is looked for changes; guess
@@ -48,13 +48,10 @@ _TYPES: Final = (
 class ControllerManagerNode:
     """Offers a controller manager to ROS 2; creation spins its node."""
 
-    def __init__(
-        self, host: NodeHost, robot: ControlledRobot, controllers: ControllerNodes, hardware: HardwareComponent
-    ) -> None:
+    def __init__(self, host: NodeHost, running: RunningManager) -> None:
         self._host = host
-        self._robot = robot
-        self._controllers = controllers
-        self._hardware = hardware
+        self._running = running
+        self._hardware = running.component
         self.node = host.node(
             "controller_manager",
             allow_undeclared_parameters=True,
@@ -76,7 +73,7 @@ class ControllerManagerNode:
 
     @property
     def _manager(self) -> ControllerManager:
-        return self._robot.manager
+        return self._running.manager
 
     def _declare(self) -> None:
         values: dict[str, Any] = {"update_rate": int(self._manager.update_rate_hz)}
@@ -126,12 +123,11 @@ class ControllerManagerNode:
             if not name:
                 raise ControllerError("load_controller", "its name is empty")
             type_name, parameters = self._given(name)
-            controller = self._host.do(lambda: self._manager.load(name, type_name, parameters))
+            self._host.wait(self._running.load(name, type_name, parameters))
         except (ClientError, OSError) as error:
             self.node.get_logger().error(f"load_controller: {error}")
             response.ok = False
             return response
-        self._controllers.open(controller)
         response.ok = True
         return response
 
@@ -143,7 +139,7 @@ class ControllerManagerNode:
             return type_name, None
         parameters: dict[str, Any] = {}
         for file in files:
-            found = sections(text_of(Path(file)), file, {"tf_prefix": self._robot.prefix})
+            found = sections(text_of(Path(file)), file, {"tf_prefix": self._running.robot.prefix})
             parameters = {**parameters, **found.get("**", {}), **found.get(name, {})}
         return type_name, parameters
 
@@ -170,9 +166,12 @@ class ControllerManagerNode:
 
     def unload_controller(self, request: Any, response: Any) -> Any:
         """Forget it, and end its node."""
-        self._done("unload_controller", lambda: self._manager.unload(request.name), response)
-        if response.ok:
-            self._controllers.close(request.name)
+        try:
+            self._host.wait(self._running.unload(request.name))
+            response.ok = True
+        except ClientError as error:
+            self._refused("unload_controller", error)
+            response.ok = False
         return response
 
     def reload_controller_libraries(self, request: Any, response: Any) -> Any:
@@ -215,10 +214,10 @@ class ControllerManagerNode:
         component.type = "system"
         for field in ("plugin_name", "class_type"):
             if hasattr(component, field):
-                setattr(component, field, "ur_robot_driver/URPositionHardwareInterface")
+                setattr(component, field, PLUGIN)
         if hasattr(component, "rw_rate"):
             component.rw_rate = int(self._manager.update_rate_hz)
-        component.state = self._hardware.message()
+        component.state = _message(self._hardware.state)
         component.command_interfaces, component.state_interfaces = self._interfaces()
         response.component = [component]
         return response
@@ -244,19 +243,28 @@ class ControllerManagerNode:
         try:
             if request.name != self._hardware.name:
                 raise ControllerError(request.name, f"the hardware component here is {self._hardware.name}")
-            self._host.wait(self._hardware.go_to(request.target_state.id, request.target_state.label))
+            self._host.wait(self._hardware.go_to(self._wanted(request.target_state)))
             response.ok = True
         except URError as error:
             self._refused("set_hardware_component_state", error)
             response.ok = False
-        response.state = self._hardware.message()
+        response.state = _message(self._hardware.state)
         return response
+
+    def _wanted(self, message: State) -> LifecycleState:
+        """By its number, or else its label. Raises ControllerError."""
+        if message.id in _PRIMARY:
+            return _PRIMARY[message.id]
+        if not message.id and message.label in map(str, LifecycleState):
+            return LifecycleState(message.label)
+        reason = f"state {message.id} {message.label!r} is not unconfigured, inactive or active"
+        raise ControllerError(self._hardware.name, reason)
 
     # what is told unasked
 
     def _tell_activity(self) -> None:
         states = self._host.do(lambda: [(info.name, info.state) for info in self._manager.list_controllers()])
-        hardware = self._hardware.message()
+        hardware = _message(self._hardware.state)
         key = (tuple(states), hardware.id)
         if key == self._last_activity:
             return
@@ -264,9 +272,7 @@ class ControllerManagerNode:
         named = interface("controller_manager_msgs/msg/NamedLifecycleState")
         message = self._activity_type()
         message.header.stamp = self.node.get_clock().now().to_msg()
-        message.controllers = [
-            named(name=name, state=State(id=_STATES[state], label=str(state))) for name, state in states
-        ]
+        message.controllers = [named(name=name, state=_message(state)) for name, state in states]
         message.hardware_components = [named(name=self._hardware.name, state=hardware)]
         self._activity.publish(message)
 
@@ -295,3 +301,7 @@ class ControllerManagerNode:
             hardware_id=self._hardware.name,
             values=[KeyValue(key=key, value=value) for key, value in values],
         )
+
+
+def _message(state: LifecycleState) -> State:
+    return State(id=_STATES[state], label=str(state))

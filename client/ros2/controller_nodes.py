@@ -1,19 +1,23 @@
 """A node for each controller that is loaded, with its parameters, topics, services and actions."""
 
 import time
+from collections.abc import Mapping
 from typing import Any, Final
 
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from client.controllers.controller import Controller
 from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.robot import ControlledRobot
+from client.controllers.running import RunningManager
 from client.errors import ClientError
 from client.ros2 import parameters, services
 from client.ros2.actions import serve_actions
 from client.ros2.host import SYSTEM_DEFAULT, NodeHost, interface
 from client.ros2.publishing import Outbox, publisher
 from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, Moment, Subscription
+from urproto.seldom import Seldom
 
 _QUIET_S: Final = 1.0  # the same complaint again only after this; guess
 
@@ -21,9 +25,9 @@ _QUIET_S: Final = 1.0  # the same complaint again only after this; guess
 class ControllerNodes:
     """Opens and closes the nodes of controllers; not from the event loop, which would be held up."""
 
-    def __init__(self, host: NodeHost, robot: ControlledRobot, outbox: Outbox) -> None:
+    def __init__(self, host: NodeHost, running: RunningManager, outbox: Outbox) -> None:
         self._host = host
-        self._robot = robot
+        self._robot = running.robot
         self._outbox = outbox
         self._nodes: dict[str, ControllerNode] = {}
 
@@ -31,14 +35,20 @@ class ControllerNodes:
         """The node of a controller that has been loaded."""
         self._nodes[controller.name] = ControllerNode(self._host, self._robot, self._outbox, controller)
 
-    def close(self, name: str) -> None:
+    def close(self, controller: Controller[Any]) -> None:
         """The node of a controller that has been unloaded."""
-        self._nodes.pop(name).close()
+        self._nodes.pop(controller.name).close()
+
+    def set_parameters(self, controller: Controller[Any], values: Mapping[str, Any]) -> None:
+        """Let a node tell what somebody has set past it."""
+        node = self._nodes[controller.name].node
+        node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
 
     def close_all(self) -> None:
         """All of them."""
-        for name in list(self._nodes):
-            self.close(name)
+        while self._nodes:
+            _, node = self._nodes.popitem()
+            node.close()
 
 
 class ControllerNode:
@@ -89,7 +99,8 @@ class _Listener:
         self._robot = robot
         self._controller = controller
         self._row = row
-        self._complaint = ("", 0.0)
+        self._reason = ""  # why the last one was refused
+        self._seldom = Seldom(time.monotonic, _QUIET_S)
         node.create_subscription(interface(row.type), row.name, self._arrived, SYSTEM_DEFAULT)
 
     def _arrived(self, message: Any) -> None:
@@ -107,9 +118,7 @@ class _Listener:
         self._row.give(self._controller, order)
 
     def _complain(self, text: str) -> None:
-        """The same reason at most once a second."""
-        now_s = time.monotonic()
-        before, logged_s = self._complaint
-        if text != before or now_s - logged_s >= _QUIET_S:
-            self._complaint = text, now_s
-            self._node.get_logger().error(f"{self._row.name.lstrip('~/')}: a message is refused: {text}")
+        if text != self._reason:
+            self._reason, self._seldom = text, Seldom(time.monotonic, _QUIET_S)
+        if (more := self._seldom.due()) is not None:
+            self._node.get_logger().error(f"{self._row.name.lstrip('~/')}: a message is refused: {text}{more}")

@@ -9,7 +9,7 @@ from typing import Final, cast
 
 from client.decoding.packets import Endpoint
 from client.traffic.recording import Recorded, Recorder
-from urproto.compat_asyncio import timeout
+from urproto.compat_asyncio import pause_reading, timeout
 
 DIAL_S: Final = 5.0  # how long a robot may take to accept a connection (guess)
 _LINGER: Final = struct.pack("ii", 1, 0)  # closing breaks off
@@ -51,7 +51,7 @@ class Relay:
         self._open += 1
         if end is self.client:
             assert end.transport is not None
-            end.transport.pause_reading()
+            pause_reading(end.transport)
             self._dialing = asyncio.get_running_loop().create_task(self._dial())
 
     def data(self, end: "_End", data: bytes) -> None:

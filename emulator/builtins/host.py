@@ -55,6 +55,16 @@ class InterpreterMode(Protocol):
         """Forget the statements that were executed."""
 
 
+class LabelBreaks(Protocol):
+    """Where the main program is to be paused (`emulator.programs.breakpoints`)."""
+
+    armed: bool
+    """Whether there is anything to ask at a label."""
+
+    def hold(self, number: int, option: str, thread: ScriptThread) -> bool:
+        """Whether a thread at this label has to wait."""
+
+
 class ProgramServices(Protocol):
     """What outlives a program, and what all programs of a controller share."""
 
@@ -76,6 +86,10 @@ class ProgramServices(Protocol):
     @property
     def interpreter(self) -> InterpreterMode:
         """Interpreter mode."""
+
+    @property
+    def breakpoints(self) -> LabelBreaks:
+        """Nodes at which the main program is paused."""
 
 
 class ProgramHost:
@@ -134,9 +148,11 @@ class ProgramHost:
         measured, target, now = self.arm.q, self.motion.program_q, self.motion.q
         return measured if target == now else as_six(q + a - b for q, a, b in zip(measured, target, now, strict=True))
 
-    def on_label(self, number: int, text: str, thread: ScriptThread) -> None:
-        """A thread reached a program label (``$ number "text"``)."""
+    def on_label(self, number: int, text: str, option: str, thread: ScriptThread) -> bool:
+        """A thread reached a program label (``$ number "text"``); True holds it there."""
         self.label = text
+        breakpoints = self.programs.breakpoints
+        return breakpoints.armed and not self.secondary and breakpoints.hold(number, option, thread)
 
     def on_step(self, line: int, column: int, thread: ScriptThread) -> bool:
         """A thread of a stepped program is about to execute a statement; True holds it."""

@@ -23,6 +23,7 @@ from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import is_running
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.programs.compiling import in_periods
+from emulator.programs.loading import DRIVER_PROGRAMS
 from emulator.robot.installation import InstallationError
 from urproto import dashboard as replies
 from urproto.modes import RuntimeState, SafetyMode
@@ -441,7 +442,12 @@ def _no_program(controller: Controller) -> str:
 
 def _existing(controller: Controller, name: str) -> Path | None:
     """The file of the programs directory that a client means, None when there is none."""
-    return ProgramsFolder(controller.config.programs_dir).find(name)
+    return ProgramsFolder(_programs(controller)).find(name)
+
+
+def _programs(controller: Controller) -> Path:
+    """The programs directory; one with an ``external_control.urp`` where none was given, as drivers' users have it."""
+    return controller.config.programs_dir or DRIVER_PROGRAMS
 
 
 def _installation(controller: Controller) -> str:
@@ -459,7 +465,7 @@ def _as_named(controller: Controller, path: Path, name: str) -> str:
 
 def _shown(controller: Controller, path: Path) -> str:
     """The path as the controller shows it to clients."""
-    root = controller.config.programs_dir
-    if root is not None and path.resolve().is_relative_to(root.resolve()):
+    root = _programs(controller)
+    if path.resolve().is_relative_to(root.resolve()):
         path = path.resolve().relative_to(root.resolve())
     return f"{_SHOWN_ROOT}/{PurePosixPath(path).as_posix().lstrip('/')}"

@@ -1,20 +1,35 @@
 """Verbs about programs and what they say."""
 
+import base64
+import binascii
+import os
+import shutil
+import tempfile
 from collections.abc import Generator
+from contextlib import suppress
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 from emulator.commands import dashboard
-from emulator.control.verbs import BadArguments, Verbs, Waiting, verb
+from emulator.control.verbs import BadArguments, NotPossible, Verbs, Waiting, verb
 from emulator.programs.compiling import Submission, in_periods
-from emulator.programs.loading import program_files
+from emulator.programs.loading import DRIVER_PROGRAMS, program_files
+from emulator.programs.runner import Programs
 from emulator.services.urcap import DriverAddress
+from urproto.modes import RuntimeState
+from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.outline import OutlineNode, outline_steps
+from urscript.polyscope.starting import StartingNode
 from urscript.polyscope.tree import TreeError
 from urscript.work import Steps
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
+
+
+_SAVED: Final = (".urp", ".script", ".txt", ".variables", ".installation")  # what PolyScope writes
+_LARGEST: Final = 2 << 20  # bytes of a file: in base64 it has to fit into a request; programs have some 10 kB
 
 
 class ProgramVerbs(Verbs):
@@ -33,8 +48,131 @@ class ProgramVerbs(Verbs):
     @verb
     def programs(self) -> list[str]:
         """The program files of the programs folder, as ``load`` of the dashboard takes them."""
-        folder = self.controller.config.programs_dir
-        return [] if folder is None else self._wait(program_files(folder.resolve()))
+        folder = self.controller.config.programs_dir or DRIVER_PROGRAMS
+        return self._wait(program_files(folder.resolve()))
+
+    @verb
+    def save_program(self, path: str, data: str) -> str:
+        """Write a file into the programs folder, whole or not at all; returns its path as ``load`` takes it.
+
+        ``path``: relative to the folder, ending in .urp, .script, .txt, .variables or .installation; folders are
+        made as needed. ``data``: the file's bytes in base64, at most 2 MiB of them. A loaded program stays as it was
+        until it is loaded again. An emulator without ``--programs`` makes a temporary folder,
+        and its log says where.
+        """
+        self._have_a_folder()
+        place = self._place(path)
+        try:
+            content = base64.b64decode(data, validate=True)
+        except (binascii.Error, ValueError) as error:
+            raise BadArguments(f"data is not base64: {error}") from error
+        if len(content) > _LARGEST:
+            raise BadArguments(f"{path}: a file has at most {_LARGEST >> 20} MiB")
+        new = place.with_name(f".{place.name}.new")
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            new.write_bytes(content)
+            os.replace(new, place)
+        except OSError as error:
+            with suppress(OSError):
+                new.unlink()
+            raise NotPossible(f"{path} cannot be written: {error.strerror or error}") from error
+        return self._name(place)
+
+    @verb
+    def read_program(self, path: str) -> str:
+        """A file of the programs folder, its bytes in base64; ``path`` as for ``save_program``."""
+        place = self._place(path)
+        try:
+            if place.stat().st_size > _LARGEST:
+                raise NotPossible(f"{path} has more than {_LARGEST >> 20} MiB")
+            return base64.b64encode(place.read_bytes()).decode()
+        except OSError as error:
+            raise NotPossible(f"{path} cannot be read: {error.strerror or error}") from error
+
+    @verb
+    def delete_program(self, path: str) -> bool:
+        """Delete a file of the programs folder; returns whether it was there. ``path`` as for ``save_program``."""
+        place = self._place(path)
+        try:
+            place.unlink()
+        except FileNotFoundError:
+            return False
+        except OSError as error:
+            raise NotPossible(f"{path} cannot be deleted: {error.strerror or error}") from error
+        return True
+
+    def _have_a_folder(self) -> None:
+        """One that the system may clear, where no other was given: programs that are made here can be played."""
+        controller = self.controller
+        if controller.config.programs_dir is None:
+            folder = Path(tempfile.mkdtemp(prefix="ur-emulator-programs-"))
+            shutil.copytree(DRIVER_PROGRAMS, folder, dirs_exist_ok=True)  # what was there without one stays there
+            controller.config = replace(controller.config, programs_dir=folder)
+            controller.messages.note(f"there is no programs folder: programs are saved to {folder}; see --programs")
+
+    def _place(self, path: str) -> Path:
+        root = self.controller.config.programs_dir
+        if root is None:
+            raise NotPossible(f"{path}: this emulator has no programs folder, see --programs")
+        place = ProgramsFolder(root).place(path)
+        if place is None:
+            raise BadArguments(f"{path!r} does not lead into the programs folder: give a path below it, as job.urp")
+        if place.suffix not in _SAVED:
+            raise BadArguments(f"{path}: files of the programs folder end in {', '.join(_SAVED)}")
+        return place
+
+    def _name(self, place: Path) -> str:
+        root = self.controller.config.programs_dir
+        assert root is not None
+        return place.relative_to(root.resolve()).as_posix()
+
+    @verb
+    def breakpoints(self) -> list[int]:
+        """The nodes at which the main program is paused, by their numbers in the program tree."""
+        return sorted(self.controller.programs.breakpoints.numbers)
+
+    @verb
+    def set_breakpoints(self, nodes: list[int]) -> None:
+        """Pause the main program whenever it reaches one of these nodes, instead of those given before.
+
+        ``nodes``: numbers in the program tree, as the program's labels have them (``$ 4 "Wait"``); at a waypoint the
+        pause comes behind it, when the program goes on from there. ``play`` goes on. Loading another file clears them.
+        """
+        if not all(0 < node < 1_000_000_000 for node in nodes):
+            raise BadArguments(f"{nodes}: nodes have numbers from 1 on")
+        self.controller.programs.breakpoints.set(nodes)
+
+    @verb
+    def step_program(self) -> bool:
+        """Single step: go on, or start the loaded program, and pause at the next node; returns whether it does.
+
+        Only labels are nodes, so a script without them runs to its end.
+        """
+        programs = self.controller.programs
+        if programs.state is RuntimeState.PLAYING:
+            raise NotPossible("the program runs: pause it first")
+        return self._wait(_stepped(programs))
+
+    @verb
+    def play_from(self, node: int) -> bool:
+        """Start the loaded program tree at a node, by its number; returns whether it starts, which the log explains.
+
+        What lies before the node is skipped, at its own level and at each around it; loops come back to it. Variables
+        have their first values, BeforeStart is done, threads and events run. Refused for nodes that are suppressed,
+        outside the robot program, or within a node that begins as a whole.
+        """
+        programs = self.controller.programs
+        tree = None if programs.loaded is None else programs.loaded.tree
+        if tree is None:
+            raise NotPossible("no program tree is loaded: load a .urp file first")
+        if programs.busy:
+            raise NotPossible("a program runs, or is paused: stop it first")
+        try:
+            StartingNode(tree, node)
+        except TreeError as error:
+            raise NotPossible(str(error)) from error
+        return self._wait(_decided(programs.play(node)))
 
     @verb
     def program(self) -> dict[str, Any]:
@@ -105,6 +243,14 @@ def _or_nothing(steps: Steps[list[OutlineNode]]) -> Steps[list[OutlineNode]]:
         return (yield from steps)
     except TreeError:
         return []
+
+
+def _stepped(programs: Programs) -> Waiting[bool]:
+    programs.breakpoints.step()
+    accepted = yield from _decided(programs.play())
+    if not accepted:
+        programs.breakpoints.program_stopped()
+    return accepted
 
 
 def _decided(submission: Submission) -> Waiting[bool]:

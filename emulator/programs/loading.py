@@ -59,6 +59,10 @@ def _entries(folder: Path) -> list[Path]:
         return []
 
 
+DRIVER_PROGRAMS: Final = Path(__file__).with_name("urcap")
+"""A programs folder for robots that got none: its ``external_control.urp`` is an External Control node in a loop."""
+
+
 @dataclass(frozen=True, slots=True)
 class _PendingPlay:
     """A program that waits for what a driver sends."""
@@ -66,6 +70,7 @@ class _PendingPlay:
     submission: Submission
     tree: ProgramTree
     request: ProgramRequest
+    start_at: int
 
 
 class Player:
@@ -102,8 +107,11 @@ class Player:
         """Whether this program is the loaded one, as it was last played."""
         return self._played is not None and self._played.program is program
 
-    def submission(self, *, stepped: bool) -> Submission | None:
-        """What to compile now, or ``waiting`` if its driver has to be asked first; None without a loaded program."""
+    def submission(self, *, stepped: bool, start_at: int = 0) -> Submission | None:
+        """What to compile now, or ``waiting`` if its driver has to be asked first; None without a loaded program.
+
+        start_at: number of the node of the program tree at which it begins, 0 for all of it.
+        """
         if self.loaded is None:
             return None
         tree = self.loaded.tree
@@ -111,10 +119,10 @@ class Player:
         if tree is None:
             return submission
         if tree.needs_external_control:
-            self._ask(tree, submission)
+            self._ask(tree, submission, start_at)
         else:
             file, version = self._machine.installation.file, self._machine.version
-            submission.translation = script_steps(tree, file, version=version)
+            submission.translation = script_steps(tree, file, version=version, start_at=start_at)
         return submission
 
     def step(self) -> Submission | None:
@@ -125,7 +133,9 @@ class Player:
             return None
         self._pending = None
         file, version = self._machine.installation.file, self._machine.version
-        pending.submission.translation = script_steps(pending.tree, file, version=version, external_control=code)
+        pending.submission.translation = script_steps(
+            pending.tree, file, version=version, external_control=code, start_at=pending.start_at
+        )
         return pending.submission
 
     def drop(self) -> bool:
@@ -137,12 +147,12 @@ class Player:
         pending.submission.accepted = False
         return True
 
-    def _ask(self, tree: ProgramTree, submission: Submission) -> None:
+    def _ask(self, tree: ProgramTree, submission: Submission, start_at: int) -> None:
         machine = self._machine
         address = machine.external_control.complete
         machine.messages.note(f"External Control asks {address[0]}:{address[1]} for its program")
         request = ProgramRequest(self._services.socket_backend, address, machine.period_s)
-        self._pending = _PendingPlay(submission, tree, request)
+        self._pending = _PendingPlay(submission, tree, request, start_at)
 
 
 class ProgramLoadError(ValueError):

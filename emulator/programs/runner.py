@@ -19,6 +19,7 @@ from typing import Any, Final
 from emulator.builtins.host import ProgramHost, ProgramServices, StepHook
 from emulator.lifecycle.runstate import RunEvent, next_run_state
 from emulator.machine import Machine
+from emulator.programs.breakpoints import Breakpoints
 from emulator.programs.compiling import Compiling, Submission, WorkShare
 from emulator.programs.interpreter import Interpreter
 from emulator.programs.loading import LoadedProgram, Player
@@ -135,9 +136,10 @@ class Programs:
     ``state``: the main program's run state. ``view``: the main program that runs or ran last.
     ``socket_backend``: where script sockets come from. ``step_hook``: asked before each
     statement of programs submitted while it is set; a thread for which it says True waits a
-    period and asks again. ``interpreter``: lines for the main program. ``history``, ``flags``,
-    ``outputs``, ``modbus`` and ``loaded`` outlive a program. ``start_held``, ``frames_held``:
-    faults keep programs from starting, or from going on.
+    period and asks again. ``breakpoints``: nodes at which the main program is paused.
+    ``interpreter``: lines for the main program. ``history``, ``flags``, ``outputs``, ``modbus``
+    and ``loaded`` outlive a program. ``start_held``, ``frames_held``: faults keep programs from
+    starting, or from going on.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -146,6 +148,7 @@ class Programs:
         self.view: ProgramView | None = None
         self.socket_backend: ScriptSocketBackend = NoNetwork()
         self.step_hook: StepHook | None = None
+        self.breakpoints = Breakpoints(self.pause)
         self.start_held = self.frames_held = False
         self.watchdogs = Watchdogs()
         self.history = MotionHistory(machine.period_s)
@@ -245,15 +248,21 @@ class Programs:
 
         Raises ProgramLoadError or OSError; then what was loaded remains.
         """
+        before = self.loaded
         yield from self._player.load_steps(path)
+        if before is None or before.path != path:
+            self.breakpoints.set(())
         self.stop("another program was loaded")
 
     def load_default_steps(self, path: Path) -> Steps[None]:
         """As `load_steps`, for a controller that boots: what clients chose or started meanwhile stays."""
         return self._player.load_steps(path, by_default=True)
 
-    def play(self) -> Submission:
-        """Resume the paused program or start the loaded one; not accepted when neither is possible."""
+    def play(self, start_at: int = 0) -> Submission:
+        """Resume the paused program or start the loaded one; not accepted when neither is possible.
+
+        start_at: number of the node at which a program tree begins, 0 for all of it.
+        """
         if self.state in (RuntimeState.PAUSED, RuntimeState.PAUSING):
             return self._answer(self.resume())
         if self.state is RuntimeState.PLAYING or self._next is not None:
@@ -261,7 +270,7 @@ class Programs:
         coming = [submission for submission in (*self._compiling.waiting, self._player.waiting) if submission]
         if mains := [submission for submission in coming if submission.main]:
             return mains[-1]
-        submission = self._player.submission(stepped=self.step_hook is not None)
+        submission = self._player.submission(stepped=self.step_hook is not None, start_at=start_at)
         if submission is None:
             return self._answer(False)
         return submission if submission is self._player.waiting else self._compile(submission)
@@ -403,6 +412,7 @@ class Programs:
         self._host.attach(self._main)
         self.view = ProgramView(self.view.number + 1 if self.view else 1, self._main)
         self.interpreter.program_started(self._main)
+        self.breakpoints.program_started()
         self._event(RunEvent.START)
         self.outputs.program_started()
         self.modbus.program_started()
@@ -484,6 +494,7 @@ class Programs:
         assert host is not None
         main.stop()
         self.interpreter.program_ended()
+        self.breakpoints.program_stopped()
         if len(host.sockets):
             host.sockets.close_all()
             self._not_before = machine.step_count + host.frames(_SOCKET_GAP_S)

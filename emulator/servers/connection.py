@@ -18,6 +18,7 @@ from emulator.servers.admission import Reason, TurnedAway
 from emulator.servers.hooks import BytesHook, Direction, Hooks
 from emulator.servers.read_budget import Intake
 from emulator.servers.web import Opening, Visitor
+from urproto.compat_asyncio import pause_reading
 from urproto.errors import RemoteProtocolError
 
 SEND_BUFFER: Final = 256 * 1024
@@ -284,7 +285,7 @@ class Connection(asyncio.BufferedProtocol):
         if going:
             transport.resume_reading()
         else:
-            transport.pause_reading()
+            pause_reading(transport)
 
     def _set_option(self, option: int, value: int | bytes) -> None:
         own = self._transport.get_extra_info("socket") if self._transport is not None else None

@@ -1,11 +1,13 @@
 """Verbs that say which programs there are, and what runs."""
 
+import base64
 import gzip
 from pathlib import Path
 
 import pytest
 
 from emulator.control.control import VirtualRobot
+from emulator.control.verbs import BadArguments, NotPossible
 from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 
@@ -49,9 +51,9 @@ def test_many_files_take_their_time(robot: VirtualRobot, tmp_path: Path) -> None
     assert robot.time()["time_s"] > before
 
 
-def test_without_a_folder_there_are_no_programs_and_before_the_first_none_runs() -> None:
+def test_without_a_folder_there_is_the_program_of_drivers_and_before_the_first_none_runs() -> None:
     robot = VirtualRobot(ControllerConfig(model=load_model("ur5e"), running=True))
-    assert robot.programs() == []
+    assert robot.programs() == ["external_control.urp"]  # for drivers
     assert robot.program() == {"file": None, "running": False, "text": "", "tree": []}
 
 
@@ -98,3 +100,237 @@ def test_a_tree_has_its_nodes_and_once_played_its_script(robot: VirtualRobot) ->
     playing = robot.program()
     assert playing["tree"] == loaded["tree"]
     assert '$ 3 "Wait: 30"' in playing["text"]
+
+
+# files
+
+
+def encoded(text: str) -> str:
+    return base64.b64encode(text.encode()).decode()
+
+
+def test_a_program_is_saved_read_back_and_loaded(robot: VirtualRobot, tmp_path: Path) -> None:
+    assert robot.save_program("cell/new.script", encoded(SCRIPT)) == "cell/new.script"
+    assert robot.save_program("/programs/cell/new.script", encoded("# again\n" + SCRIPT)) == "cell/new.script"
+    assert base64.b64decode(robot.read_program("cell/new.script")).decode() == "# again\n" + SCRIPT
+    assert robot.programs() == ["cell/new.script", "count.script", "tree.urp"]
+    assert robot.dashboard("load cell/new.script").startswith("Loading program")
+    assert [path.name for path in (tmp_path / "cell").iterdir()] == ["new.script"]
+    assert robot.delete_program("cell/new.script")
+    assert not robot.delete_program("cell/new.script")
+    assert not list((tmp_path / "cell").iterdir())
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["../out.urp", "/etc/out.urp", "a/../../out.urp", "out/x.urp", "link.urp", "x.py", ".hidden.urp", "", "a\0.urp"],
+)
+def test_no_file_is_saved_elsewhere_or_as_something_else(robot: VirtualRobot, tmp_path: Path, path: str) -> None:
+    (tmp_path / "out").symlink_to("/tmp", target_is_directory=True)
+    (tmp_path / "link.urp").symlink_to(tmp_path / "count.script")
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(BadArguments):
+        robot.save_program(path, encoded(SCRIPT))
+    for other in (robot.read_program, robot.delete_program):
+        with pytest.raises(BadArguments):
+            other(path)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_what_cannot_be_saved_is_refused_with_its_reason(robot: VirtualRobot, tmp_path: Path) -> None:
+    with pytest.raises(BadArguments, match="at most 2 MiB"):
+        robot.save_program("big.script", encoded("#" * (2 << 20) + "\n"))
+    with pytest.raises(BadArguments, match="not base64"):
+        robot.save_program("x.script", "?")
+    with pytest.raises(NotPossible, match="cannot be written"):
+        robot.save_program("count.script/x.script", encoded(""))
+    with pytest.raises(NotPossible, match=r"nowhere\.urp cannot be read"):
+        robot.read_program("nowhere.urp")
+
+
+def test_without_a_folder_programs_are_saved_to_a_temporary_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    robot = VirtualRobot(ControllerConfig(model=load_model("ur3"), running=True))
+    with pytest.raises(NotPossible, match="--programs"):
+        robot.read_program("x.script")
+    robot.save_program("x.script", encoded(SCRIPT))
+    assert robot.programs() == ["x.script"]
+    assert robot.dashboard("load x.script").startswith("Loading program")
+    assert str(tmp_path) in robot.log()[0]
+
+
+# breakpoints and steps
+
+WAYS = """def ways():
+  global n = 0
+  def sub():
+    $ 5 "sub"
+    n = n + 100
+  end
+  thread beside():
+    while (True):
+      $ 9 "beside"
+      sync()
+    end
+  end
+  run beside()
+  while (n < 1000):
+    $ 1 "one"
+    n = n + 1
+    $ 2 "way" "breakAfter"
+    n = n + 10
+    $ 3 "via" "noBreak"
+    sub()
+  end
+end
+"""
+
+
+@pytest.fixture
+def ways(robot: VirtualRobot, tmp_path: Path) -> VirtualRobot:
+    (tmp_path / "ways.script").write_text(WAYS)
+    robot.dashboard("load ways.script")
+    return robot
+
+
+def paused_at(robot: VirtualRobot) -> str:
+    robot.step(50)  # a pause may come in the very period in which the program goes on
+    assert robot.state(["runtime_state"])["runtime_state"] == "PAUSED"
+    return robot.variables()["n"]
+
+
+def test_a_breakpoint_pauses_before_its_node_and_behind_a_waypoint(ways: VirtualRobot) -> None:
+    ways.set_breakpoints([1, 2, 3])
+    ways.dashboard("play")
+    reached = []
+    for _ in range(4):
+        reached.append(paused_at(ways))
+        ways.dashboard("play")
+    assert reached == ["0", "11", "111", "122"]  # 3 is no place to pause
+    assert ways.breakpoints() == [1, 2, 3]
+    paused_at(ways)
+    ways.set_breakpoints([])
+    ways.dashboard("play")
+    ways.run_until("runtime_state == STOPPED")
+
+
+def test_steps_lead_from_node_to_node_of_the_main_program(ways: VirtualRobot) -> None:
+    reached = []
+    for _ in range(5):
+        assert ways.step_program()
+        reached.append(paused_at(ways))
+    assert reached == ["0", "1", "11", "111", "112"]  # and never in the thread beside
+    ways.set_breakpoints([1])
+    ways.dashboard("load count.script")
+    assert ways.breakpoints() == []
+    ways.dashboard("play")
+    ways.run_until("runtime_state == PLAYING")
+    with pytest.raises(NotPossible, match="pause it first"):
+        ways.step_program()
+
+
+def test_a_step_that_cannot_begin_is_forgotten(ways: VirtualRobot) -> None:
+    ways.dashboard("power off")
+    ways.run_until("robot_mode == POWER_OFF")
+    assert not ways.step_program()
+    ways.release_brakes()
+    ways.run_until("robot_mode == RUNNING")
+    ways.dashboard("play")
+    ways.step(50)
+    assert ways.variables() == {}  # it went to its end
+
+
+# play from a node
+
+
+def written(text: str) -> str:
+    """An expression, as the editor stores it."""
+    letters = text.replace('"', "&quot;")
+    parts = letters.split("&quot;")
+    shown = '<ExpressionChar character="&quot;"/>'.join(
+        "".join(f'<ExpressionChar character="{letter}"/>' for letter in part) for part in parts
+    )
+    return f"<expression>{shown}</expression>"
+
+
+def note(letter: str) -> str:
+    text = f's = s + "{letter}"'
+    return f'<Script type="Line">{written(text)}</Script>'
+
+
+ORDERED = "".join(
+    (
+        '<URProgram name="t"><children><MainProgram runOnlyOnce="true" InitVariablesNode="true"><children>',
+        '<InitVariablesNode><variables><ProgramVariable name="s">',  # 2
+        written('""').replace("expression>", "initializeExpression>"),
+        "</ProgramVariable></variables></InitVariablesNode>",
+        note("a"),  # 3
+        f'<Folder name="F"><children>{note("b")}{note("c")}</children></Folder>',  # 4, 5, 6
+        f'<If type="If">{written("False")}<children>{note("d")}</children></If>',  # 7, 8
+        f'<If type="Else"><children>{note("e")}{note("f")}</children></If>',  # 9, 10, 11
+        '<Loop type="Counting" count="2"><loopVariable name="k"/><children>',  # 12
+        f"{note('g')}{note('h')}</children></Loop>",  # 13, 14
+        f'<Loop type="While">{written("False")}<children>{note("i")}</children></Loop>',  # 15, 16
+        f'<If type="If" checkContinuously="true">{written("False")}<children>{note("x")}</children></If>',  # 17, 18
+        "<SuppressedNode><suppressedNode class='Folder' name='Later'/></SuppressedNode>",  # 19
+        '<Wait type="Sleep"><waitTime>60</waitTime></Wait></children></MainProgram>',  # 20
+        '<Thread name="T" runOnlyOnce="true"><children>',  # 21
+        '<Wait type="Sleep"><waitTime>1</waitTime></Wait></children></Thread>',
+        "</children></URProgram>",
+    )
+)
+
+
+@pytest.fixture
+def ordered(robot: VirtualRobot, tmp_path: Path) -> VirtualRobot:
+    (tmp_path / "ordered.urp").write_bytes(gzip.compress(ORDERED.encode()))
+    robot.dashboard("load ordered.urp")
+    return robot
+
+
+def test_a_program_is_played_from_a_node_and_loops_come_back_to_those_before_it(ordered: VirtualRobot) -> None:
+    whole = "abcefghgh"
+    went = {}
+    for node in (1, 3, 4, 6, 7, 8, 11, 14, 16, 20):
+        assert ordered.play_from(node)
+        ordered.step(50)
+        went[node] = ordered.variables()["s"]
+        assert ordered.variables()["threadId_T"] == "1"  # threads run, variables have their first values
+        ordered.dashboard("stop")
+        ordered.run_until("runtime_state == STOPPED")
+    assert went == {
+        **{1: whole, 3: whole, 4: whole[1:], 6: whole[2:], 7: whole[3:]},
+        **{8: "dghgh", 11: "fghgh", 14: "hgh", 16: "i", 20: ""},
+    }
+
+
+@pytest.mark.parametrize(
+    ("node", "reason"),
+    [
+        (0, "has no node 0"),
+        (2, "not part of the robot program"),
+        (9, "part of the node before"),
+        (18, "node 17, If, whose expression is checked continuously"),
+        (19, "suppressed"),
+        (22, "not part of the robot program"),
+        (23, "has no node 23"),
+    ],
+)
+def test_where_no_program_can_begin_the_reason_is_given(ordered: VirtualRobot, node: int, reason: str) -> None:
+    with pytest.raises(NotPossible, match=reason):
+        ordered.play_from(node)
+    assert ordered.state(["runtime_state"])["runtime_state"] == "STOPPED"
+
+
+def test_only_a_loaded_tree_that_does_not_run_is_played_from_a_node(ordered: VirtualRobot) -> None:
+    ordered.dashboard("play")
+    ordered.run_until("runtime_state == PLAYING")
+    with pytest.raises(NotPossible, match="stop it first"):
+        ordered.play_from(3)
+    ordered.dashboard("stop")
+    ordered.run_until("runtime_state == STOPPED")
+    ordered.dashboard("load count.script")
+    with pytest.raises(NotPossible, match="no program tree"):
+        ordered.play_from(3)

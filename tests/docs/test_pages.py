@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # the helper beside this file; i
 from pages import LANGUAGES, PAGES, ROOT, Block, blocks, indented, robots
 
 ELSEWHERE = {
-    ROOT / "docs" / "thesis.md": {"sh", "shell", "python"},  # tests/driver/test_thesis_page.py
+    ROOT / "docs" / "thesis.md": {"sh", "shell", "python", "ros"},  # tests/driver/test_thesis_page.py
     ROOT / "docs" / "client.md": {"python"},  # tests/real_clients/test_examples.py
 }
 DEADLINE_S = 120.0

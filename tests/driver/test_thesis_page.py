@@ -21,11 +21,16 @@ PAGE = (ROOT / "docs" / "thesis.md").read_text()
 CONTROLLER = "scaled_joint_trajectory_controller"
 DEADLINE_S = 120.0
 SPEED = 1.5  # robot seconds a second: the page is to be tried in a minute
-# the commands of this source tree; the doctor may find something on this machine
-PRELUDE = f"""set -euo pipefail
-ur-client() {{ {shlex.quote(sys.executable)} -c 'from client.cli import main; main()' "$@" || test "$1$?" = doctor1; }}
-ur-emulator() {{ {shlex.quote(sys.executable)} -m emulator "$@"; }}
-"""
+# Programs and not functions, so that what goes on in the background can be ended; the doctor may find something here.
+PROGRAMS = {
+    "ur-client": """#!/bin/bash
+run=(PYTHON -c 'from client.cli import main; main()' "$@")
+if [ "$1" = doctor ]; then "${run[@]}" || test $? = 1; else exec "${run[@]}"; fi
+""",
+    "ur-emulator": """#!/bin/bash
+exec PYTHON -m emulator "$@"
+""",
+}
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="emulators need the loopback addresses of Linux")
 
 
@@ -52,11 +57,15 @@ def emulator() -> Iterator[EmulatorProcess]:
 @pytest.mark.timeout(4 * DEADLINE_S)
 def test_a_student_gets_along(emulator: EmulatorProcess, tmp_path: Path) -> None:
     (tmp_path / "examples").symlink_to(ROOT / "examples")
+    (tmp_path / "bin").mkdir()
+    for name, text in PROGRAMS.items():
+        (program := tmp_path / "bin" / name).write_text(text.replace("PYTHON", shlex.quote(sys.executable)))
+        program.chmod(0o755)
     for block in fences("sh"):
         # the stop has to come while the arm moves, however slow this machine is
         emulator.control.set_speed(1.0 if "protective_stop" in block else SPEED)
-        run(["bash", "-c", PRELUDE + without_address(block)], emulator.host, tmp_path)
-    recordings = {name: read(tmp_path / f"{name}.mcap") for name in ("full", "slow", "stop")}
+        run(["bash", "-euo", "pipefail", "-c", without_address(block)], emulator.host, tmp_path)
+    recordings = {name: read(tmp_path / f"{name}.mcap") for name in ("full", "slow", "stop", "shared")}
     for recording in recordings.values():
         assert recording.tracking(CONTROLLER).largest_path_deviation < 0.02
     assert recordings["slow"].time_s[-1] > 2.0 / 0.3
@@ -64,9 +73,9 @@ def test_a_student_gets_along(emulator: EmulatorProcess, tmp_path: Path) -> None
     assert recordings["stop"]["actual_q"][-1] == pytest.approx((0.8, -1.2, -0.6, -1.57, 0.4, 0.0), abs=0.01)
     for name in ("full.png", "slow.html", "stop.png", "full.csv", "my_robot_calibration.yaml", "my_robot.urdf"):
         assert (tmp_path / name).stat().st_size > 500, name
-    (program,) = fences("python")
-    assert '"192.168.1.10"' in program
-    run([sys.executable, "-c", program.replace("192.168.1.10", emulator.host)], emulator.host, tmp_path)
+    (example,) = fences("python")
+    assert '"192.168.1.10"' in example
+    run([sys.executable, "-c", example.replace("192.168.1.10", emulator.host)], emulator.host, tmp_path)
     assert (tmp_path / "home.pdf").exists()
 
 
@@ -76,7 +85,8 @@ def without_address(block: str) -> str:
 
 
 def run(command: list[str], host: str, folder: Path) -> None:
-    environment = os.environ | {"UR_ROBOT_IP": host, "PYTHONPATH": str(ROOT)}
+    path = f"{folder / 'bin'}:{os.environ['PATH']}"
+    environment = os.environ | {"UR_ROBOT_IP": host, "PYTHONPATH": str(ROOT), "PATH": path}
     done = subprocess.run(
         command, cwd=folder, env=environment, timeout=DEADLINE_S, capture_output=True, text=True, check=False
     )

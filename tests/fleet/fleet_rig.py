@@ -7,12 +7,13 @@ import select
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from ipaddress import ip_address
 from pathlib import Path
+
+from urproto.compat import module_command
 
 DEADLINE_S = 60  # a machine busy with other tests
 DASHBOARD = 29999
@@ -29,7 +30,7 @@ class Fleet:
     """``ur-emulator fleet`` in a process of its own, from ``first host`` on."""
 
     def __init__(self, folder: Path, *arguments: str) -> None:
-        command = [sys.executable, "-P", "-m", "emulator", "fleet", "--first-host", host(0), *arguments]
+        command = [*module_command("emulator"), "fleet", "--first-host", host(0), *arguments]
         self.process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         self.seen = ""
 

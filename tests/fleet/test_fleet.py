@@ -10,6 +10,7 @@ import pytest
 from fleet_rig import DEADLINE_S, alive, answers, dashboard, host, running, wait_for_end
 
 from emulator.control.remote import RemoteControl
+from urproto.compat import module_command
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has many loopback addresses")
 READY = "Ready: every port of 4 robots answers"
@@ -49,7 +50,7 @@ def test_four_robots_answer_each_for_itself(tmp_path) -> None:
 def test_the_command_of_the_control_api_reaches_each(tmp_path) -> None:
     with running(tmp_path, "--count", "2", "--port-offset", "40") as fleet:
         fleet.read_until("Ready: every port of 2 robots answers")
-        command = [sys.executable, "-P", "-m", "emulator", "ctl", "--host", host(1), "--port", "30120", "describe"]
+        command = [*module_command("emulator"), "ctl", "--host", host(1), "--port", "30120", "describe"]
         done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         assert json.loads(done.stdout)["model"] == "ur3"

@@ -66,8 +66,9 @@ class Rig:
         self.programs = folder
         self.url = f"http://{self.host}:6080"
         options = ("--modbus-port", str(self.robot.ports["modbus"]), "--tools", str(folder / "tools.json"))
+        options += ("--poses", str(folder / "poses.json"), "--drafts", str(folder / "drafts"))
         self._opened = ExitStack()
-        self._pendant = self._opened.enter_context(pendant(self.host, *options, "--poses", str(folder / "poses.json")))
+        self._pendant = self._opened.enter_context(pendant(self.host, *options))
 
     @property
     def pendant_pid(self) -> int:

@@ -21,6 +21,7 @@ from emulator.machine import ControllerConfig
 from emulator.serve import Pendant
 from tests.servers.test_cli import read_until
 from urproto.backdoors import leads_behind_a_robot
+from urproto.compat import module_command
 from urproto.compat_asyncio import timeout
 from urproto.ports import CONTROL_API_PORT
 from urproto.robots import load_model
@@ -34,7 +35,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="wants an addres
 @contextmanager
 def emulator(*arguments: str) -> Iterator[tuple["subprocess.Popen[str]", str]]:
     address = claim_address()
-    command = [sys.executable, "-P", "-u", "-m", "emulator", "--model", "ur3", "--host", address.host, *arguments]
+    command = [*module_command("emulator", "-u"), "--model", "ur3", "--host", address.host, *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
         yield process, address.host

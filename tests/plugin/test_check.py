@@ -91,7 +91,12 @@ def test_mistakes(words: list[str], complaint: str) -> None:
 class TestInstall:
     """Each in a process of its own, as the command has it."""
 
-    COMMAND = (sys.executable, "-P", "-c", "from urproto.testing.launch import check; check()", "--install")
+    COMMAND = (
+        sys.executable,
+        "-c",
+        "import sys; sys.path.remove(''); from urproto.testing.launch import check; check()",
+        "--install",
+    )
 
     def run(self, folder: Path, *search: Path) -> tuple[int, str]:
         path = os.pathsep.join(map(str, (*search, launch.ROOT)))

@@ -1,6 +1,5 @@
 """Streams: JSON as PlotJuggler takes it, and a server that a websocket client asks as Foxglove does."""
 
-import asyncio
 import json
 import math
 import queue
@@ -142,7 +141,8 @@ async def _messages(client) -> dict[int, bytes]:
     found = {}
     try:
         while True:
-            message = await asyncio.wait_for(client.recv(), 0.1)
+            async with timeout(0.1):
+                message = await client.recv()
             if isinstance(message, bytes):
                 kind, subscription, _ = struct.unpack_from("<BIQ", message)
                 assert kind == 1

@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 import pytest_asyncio
 from driver_rig import HOME, driver_options, emulator
-from ros2_rig import SCALED, Lab, laboratory
+from ros2_rig import HOST, SCALED, Lab, laboratory
 
+from client.controllers.remote import RemoteManager
 from client.errors import ClientError
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
@@ -343,6 +344,29 @@ async def test_parameters(lab: Lab) -> None:
     assert not (await put("constraints.goal_time", type=4, string_value="late"))["successful"]
     assert controller.parameters.constraints.goal_time == 0.5
     assert (await put("constraints.goal_time", type=3, double_value=0.0))["successful"]
+
+
+async def test_shells_without_ros_talk_to_the_same_manager(lab: Lab) -> None:
+    """What one side loads, sets and switches, the other has too."""
+    get, second = "rcl_interfaces/srv/GetParameters", "second_controller"
+    async with RemoteManager(HOST, lab.robot.ports["rtde"]) as shell:
+        assert {one["name"]: one["state"] for one in await shell.ask("list_controllers")} == await states(lab)
+        await shell.ask("set_parameters", name=SCALED, parameters={"constraints.goal_time": 0.75})
+        answer = await lab.peer.call(f"/{SCALED}/get_parameters", get, names=["constraints.goal_time"])
+        assert answer["values"][0]["double_value"] == 0.75
+        await shell.ask("set_parameters", name=SCALED, parameters={"constraints.goal_time": 0.0})
+        kind = "velocity_controllers/JointGroupVelocityController"
+        await shell.ask("load_controller", name=second, type=kind, parameters={"joints": list(JOINT_NAMES)})
+        answer = await lab.peer.call(f"/{second}/get_parameters", get, names=["joints"])  # it has a node
+        assert answer["values"][0]["string_array_value"] == list(JOINT_NAMES)
+        await shell.ask("configure_controller", name=second)
+        await shell.ask("switch_controller", activate=[second], deactivate=[SCALED])
+        assert ((await states(lab))[second], (await states(lab))[SCALED]) == ("active", "inactive")
+        await shell.ask("switch_controller", activate=[SCALED], deactivate=[second])
+        await shell.ask("unload_controller", name=second)
+        assert second not in await states(lab)
+        (component,) = await shell.ask("list_hardware_components")
+        assert (component["name"], component["state"]) == ("ur5e", "active")
 
 
 async def test_the_program_is_lost_and_comes_back(lab: Lab) -> None:

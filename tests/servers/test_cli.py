@@ -16,13 +16,14 @@ from typer.testing import CliRunner
 
 from emulator.cli import app
 from emulator.control.remote import RemoteControl
+from urproto.compat import module_command
 
 DEADLINE_S = 30  # a machine busy with other tests
 
 
 def emulator_command(*arguments: str) -> list[str]:
     """As the console script does it: without the current folder on the module path."""
-    return [sys.executable, "-P", "-m", "emulator", *arguments]
+    return [*module_command("emulator"), *arguments]
 
 
 @contextmanager

@@ -62,8 +62,9 @@ async def driver() -> AsyncIterator[Driver]:
         yield driver
 
 
-def emulator(folder: Path, port: int, network: ScriptNetwork = ScriptNetwork.ANY) -> Emulator:
-    (folder / "drive.urp").write_bytes(gzip.compress(URP.encode()))
+def emulator(folder: Path | None, port: int, network: ScriptNetwork = ScriptNetwork.ANY) -> Emulator:
+    if folder is not None:
+        (folder / "drive.urp").write_bytes(gzip.compress(URP.encode()))
     controller = ControllerConfig(
         model=load_model("ur5e"), running=True, programs_dir=folder, external_control=DriverAddress(HOST, port)
     )
@@ -85,6 +86,19 @@ async def test_a_driver_is_asked_and_its_program_runs(tmp_path: Path, driver: Dr
                 await asyncio.sleep(0.005)
         assert driver.requests == [b"request_program\n"]
         assert any("driven" in line for line in robot.controller.messages.history)
+
+
+async def test_a_robot_without_programs_has_the_one_that_drivers_load(driver: Driver) -> None:
+    async with emulator(None, driver.port) as robot:
+        loaded = await ask(robot, "load external_control.urp")
+        assert loaded.startswith("Loading program: /programs/external_control.urp,")
+        assert await ask(robot, "get loaded program") == "Loaded program: /programs/external_control.urp"
+        assert await ask(robot, "play") == "Starting program"
+        async with timeout(20):
+            while not any("driven" in line for line in robot.controller.messages.history):
+                await asyncio.sleep(0.005)
+        assert robot.controller.programs.state is RuntimeState.PLAYING  # it begins anew
+        assert (await ask(robot, "load loading.py")).startswith("File not found")
 
 
 async def test_a_port_nobody_listens_on(tmp_path: Path) -> None:

@@ -112,7 +112,8 @@ async def test_a_client_that_does_not_read_holds_its_own_connection_up_and_no_ot
             writer.write(bytes(1 << 16))
             sent += 1 << 16
             try:
-                await asyncio.wait_for(writer.drain(), 1)
+                async with timeout(1):
+                    await writer.drain()
             except TimeoutError:
                 blocked.set()
                 return

@@ -21,8 +21,9 @@ class Bench:
     log: list[str] = field(default_factory=list)
     labels: list[tuple[int, str, str]] = field(default_factory=list)
 
-    def on_label(self, number: int, text: str, thread: ScriptThread) -> None:
+    def on_label(self, number: int, text: str, option: str, thread: ScriptThread) -> bool:
         self.labels.append((number, text, thread.name))
+        return False
 
 
 @ROBOT.builtin()

@@ -184,7 +184,7 @@ def test_refused_names_compile_and_fail_when_called():
     class Host:
         period_s = 0.002
 
-        def on_label(self, number, text, thread): ...
+        def on_label(self, number, text, option, thread): ...
 
     runtime = Runtime(program, Host())
     runtime.step()

@@ -147,7 +147,7 @@ class Robot:
     sent: list[tuple[str, int]] = field(default_factory=list)
     log: list[str] = field(default_factory=list)
 
-    def on_label(self, number: int, text: str, thread: ScriptThread) -> None:
+    def on_label(self, number: int, text: str, option: str, thread: ScriptThread) -> bool:
         raise AssertionError("the program has no labels")
 
 

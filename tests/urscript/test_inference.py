@@ -17,7 +17,7 @@ VERSION = PolyscopeVersion.parse("5.22")
 class _Host:
     period_s = 0.002
 
-    def on_label(self, number, text, thread):
+    def on_label(self, number, text, option, thread):
         raise AssertionError("these programs have no labels")
 
 

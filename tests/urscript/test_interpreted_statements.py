@@ -25,7 +25,7 @@ class Host:
         self.line: list[Callable[[], Generator[bool | None, None, object]]] = []
         self.over = False
 
-    def on_label(self, number: int, text: str, thread: ScriptThread) -> None:
+    def on_label(self, number: int, text: str, option: str, thread: ScriptThread) -> bool:
         raise AssertionError("no program here has labels")
 
 

@@ -237,7 +237,7 @@ ARITHMETIC = st.recursive(
 class Host:
     period_s = 0.002
 
-    def on_label(self, number, text, thread):
+    def on_label(self, number, text, option, thread):
         pass
 
 

@@ -76,7 +76,7 @@ ATOMS = [
 class Host:
     period_s = 0.002
 
-    def on_label(self, number, text, thread):
+    def on_label(self, number, text, option, thread):
         pass
 
 

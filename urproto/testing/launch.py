@@ -1,6 +1,6 @@
 """The project's own packages in a process that may have others of the same names, such as ``client`` and ``emulator``.
 
-Tests run an emulator by this file, ``python -P launch.py [options of ur-emulator]``, since ``-m emulator`` would take
+Tests run an emulator by this file, ``python launch.py [options of ur-emulator]``, since ``-m emulator`` would take
 whatever is called ``emulator`` in the folder or on the PYTHONPATH of the test. It ends with the test's own process.
 
 In the test's process ``load`` imports ours beside a user's: theirs stay what ``import emulator`` finds, ours are then
@@ -101,6 +101,8 @@ def _end_with_parent() -> None:
 
 
 def _main() -> None:
+    if not getattr(sys.flags, "safe_path", False):
+        del sys.path[0]  # the folder of this file, which nobody is to import from
     pin()
     threading.Thread(target=_end_with_parent, name="parent watch", daemon=True).start()
     importlib.import_module("emulator.__main__").main()

@@ -148,7 +148,7 @@ class EmulatorProcess:
             raise EmulatorError(f"the emulator on {self.host} runs already")
         self._ports_file.unlink(missing_ok=True)
         place = ["--host", self.host, "--no-pendant", "--ports-file", str(self._ports_file)]
-        command = [sys.executable, "-P", str(Path(launch.__file__)), *place, *self._arguments]
+        command = [sys.executable, launch.__file__, *place, *self._arguments]
         self._ended_here = False
         with self._output_file.open("wb") as output:
             self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=output, stderr=subprocess.STDOUT)

@@ -36,6 +36,17 @@ class ProgramsFolder:
         except (OSError, RuntimeError, ValueError):  # names too long, loops of links
             return None
 
+    def place(self, name: str) -> Path | None:
+        """Where a file of this name belongs in the folder, there or not; None for a name that leads out of it."""
+        wanted = _relative(name)
+        if self.root is None or wanted is None or "\0" in name or any(part.startswith(".") for part in wanted.parts):
+            return None
+        try:
+            path = self.root.joinpath(*wanted.parts)
+            return path if path.resolve().is_relative_to(self.root) and path.name == path.resolve().name else None
+        except (OSError, RuntimeError, ValueError):  # names too long, loops of links
+            return None
+
     def installation(self, *names: str) -> Path | None:
         """The first of these installations that is there; names have no extension."""
         return next((path for name in names if name and (path := self.find(f"{name}.installation"))), None)

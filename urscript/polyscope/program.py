@@ -3,12 +3,13 @@
 from typing import Final
 
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
-from urscript.polyscope.document import DocumentError
+from urscript.polyscope.document import DocumentError, Element
 from urscript.polyscope.installation_file import InstallationFile
 from urscript.polyscope.naming import identifier, quoted
 from urscript.polyscope.nodes import NODE_MODULES
 from urscript.polyscope.numbers import list_text, pose_text
 from urscript.polyscope.registry import NODES, translate
+from urscript.polyscope.starting import SKIPPING, StartingNode
 from urscript.polyscope.tree import ProgramTree, TreeError
 from urscript.polyscope.writer import ExternalControlCode, Writer, find_pin
 from urscript.work import Steps, run_to_end
@@ -39,6 +40,8 @@ def write_preamble(writer: Writer) -> None:
             writer.line(f"global {identifier(name)}={value}")
         for name in sorted(writer.installation.feature_variables):
             writer.line(f"global {identifier(name)}={pose_text(writer.installation.features[name])}")
+        if writer.starting is not None:
+            writer.line(f"global {SKIPPING}=True")
 
 
 def _inputs_and_outputs(writer: Writer) -> None:
@@ -102,9 +105,12 @@ def script_steps(
     *,
     version: PolyscopeVersion = DEFAULT_VERSION[Series.E],
     external_control: ExternalControlCode | None = None,
+    start_at: int = 0,
 ) -> Steps[str]:
-    """`script_of` in pieces, for a control loop."""
-    writer = yield from write_steps(tree, installation, version=version, external_control=external_control)
+    """`script_of` in pieces, for a control loop. start_at: number of the node at which it begins, 0 for all of it."""
+    writer = yield from write_steps(
+        tree, installation, version=version, external_control=external_control, start_at=start_at
+    )
     return writer.text()
 
 
@@ -114,9 +120,15 @@ def write_steps(
     *,
     version: PolyscopeVersion,
     external_control: ExternalControlCode | None,
+    problems: list[tuple[Element, str]] | None = None,
+    start_at: int = 0,
 ) -> Steps[Writer]:
-    """Everything written that `script_of` puts together, with the labels of the nodes."""
-    writer = Writer(tree, installation, version, external_control)
+    """Everything written that `script_of` puts together, with the labels of the nodes.
+
+    problems: takes in what is wrong with nodes, which then raises nothing.
+    """
+    starting = StartingNode(tree, start_at) if start_at else None
+    writer = Writer(tree, installation, version, external_control, problems, starting)
     children = tree.root.child("children")
     assert children is not None
     try:

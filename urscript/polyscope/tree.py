@@ -21,9 +21,15 @@ class TreeError(ValueError):
     """The program tree cannot be run; the text names the node and the reason."""
 
 
+def tag_of(element: Element) -> str:
+    """The tag of a node, also of a suppressed one, which says it in another place."""
+    own = element.attributes.get("class", "") if element.tag == "suppressedNode" else element.tag
+    return own or element.tag
+
+
 def is_external_control(element: Element) -> bool:
     """Whether a node is one of the External Control URCap."""
-    return element.tag == "Contributed" and element.get("strategyURCapName") == EXTERNAL_CONTROL
+    return tag_of(element) == "Contributed" and element.get("strategyURCapName") == EXTERNAL_CONTROL
 
 
 @dataclass(frozen=True, slots=True)

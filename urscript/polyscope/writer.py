@@ -1,7 +1,7 @@
 """The URScript of a program tree while it is being written."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
@@ -12,6 +12,7 @@ from urscript.polyscope.features import BASE_VARIABLE
 from urscript.polyscope.installation_file import InstallationFile, PayloadSetting
 from urscript.polyscope.naming import identifier, quoted
 from urscript.polyscope.numbers import list_text, pose_text, taught_pose
+from urscript.polyscope.starting import StartingNode
 from urscript.polyscope.tree import ProgramTree, TreeError
 
 _NUMBERED: Final = re.compile(r"(\w+)\[([0-9]{1,9})\]")
@@ -151,6 +152,8 @@ class Writer:
     """Collects the lines of a program by section, in the order PolyScope writes the sections.
 
     labels: what the nodes are called, by their line in the program tree. timers: variables that count seconds.
+    starting: the node at which the program begins, None for all of it.
+    problems: where a list stands for them, what is wrong with nodes is collected there, and does not end the writing.
     """
 
     def __init__(
@@ -159,12 +162,17 @@ class Writer:
         installation: InstallationFile,
         version: PolyscopeVersion,
         external_control: ExternalControlCode | None,
+        problems: list[tuple[Element, str]] | None = None,
+        starting: StartingNode | None = None,
     ) -> None:
+        self.problems = problems
         self.tree = tree
+        self.starting = starting
         self.version = version
         self.installation = installation
         self.external_control = external_control
         self._sections: dict[str, list[str]] = {name: [] for name in SECTIONS}
+        self._authors: dict[str, list[Element | None]] = {name: [] for name in SECTIONS}
         self._levels: dict[str, int] = dict.fromkeys(SECTIONS, 1)
         self._section = "main"
         self.labels: dict[int, str] = {}
@@ -173,24 +181,25 @@ class Writer:
         self._numbers = dict(tree.numbers)
         self._counters: dict[str, int] = {}
         self._once: set[str] = set()
-        self._depth = 0
+        self._nodes: list[Element] = []
         self._size = 0
         self._waypoints: dict[str, tuple[str, str]] = {}
 
     @contextmanager
-    def node(self, tag: str) -> Iterator[None]:
+    def node(self, element: Element) -> Iterator[None]:
         """While a node is written. Raises TreeError when too many lie in each other: references can lead in circles."""
-        self._depth += 1
-        if self._depth > _MAX_DEPTH:
-            raise TreeError(f"nodes are nested more than {_MAX_DEPTH} deep at <{tag}>")
+        if len(self._nodes) >= _MAX_DEPTH:
+            raise TreeError(f"nodes are nested more than {_MAX_DEPTH} deep at <{element.tag}>")
+        self._nodes.append(element)
         yield
-        self._depth -= 1
+        self._nodes.pop()
 
     def _write(self, line: str) -> None:
         self._size += len(line) + 1
         if self._size > _MAX_SIZE:
             raise TreeError(f"the program has more than {_MAX_SIZE >> 20} MiB of script")
         self._sections[self._section].append(line)
+        self._authors[self._section].append(self._nodes[-1] if self._nodes else None)
 
     def line(self, text: str) -> None:
         """Write one line; further lines of a text are written as they are."""
@@ -302,6 +311,11 @@ class Writer:
             return identifier(name)
         return pose_text(self.installation.features[name])
 
+    def condition(self, part: Element, chain: Sequence[Element] = ()) -> str:
+        """URScript of the expression of a branch or loop. chain: all branches beside it."""
+        text = expression_text(self, part.child("expression"))
+        return text if self.starting is None else self.starting.condition(part, chain, text)
+
     def payload(self, setting: PayloadSetting) -> str:
         """URScript that sets a payload of the installation."""
         mass, cog = setting.mass, list_text(setting.cog)
@@ -335,7 +349,14 @@ class Writer:
 
     def text(self) -> str:
         """The whole program."""
-        program = [line for name in SECTIONS[1:] for line in self._sections[name]]
-        lines = [f"def {identifier(self.tree.name)}():", *self._sections[SECTIONS[0]]]
-        lines += self.tree.saved_script.used_by("\n".join(program))
-        return "\n".join([*lines, *program, "end", ""])
+        return "\n".join([*(line for line, _ in self.lines()), ""])
+
+    def lines(self) -> list[tuple[str, Element | None]]:
+        """The whole program line by line, with the nodes that wrote them."""
+        program = [
+            written for name in SECTIONS[1:] for written in zip(self._sections[name], self._authors[name], strict=True)
+        ]
+        lines: list[tuple[str, Element | None]] = [(f"def {identifier(self.tree.name)}():", None)]
+        lines += [(line, None) for line in self._sections[SECTIONS[0]]]
+        lines += [(line, None) for line in self.tree.saved_script.used_by("\n".join(line for line, _ in program))]
+        return [*lines, *program, ("end", None)]

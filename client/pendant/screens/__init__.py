@@ -5,7 +5,18 @@ from dataclasses import dataclass
 from typing import Final
 
 from client.pendant.page import Page
-from client.pendant.screens import graph, initialize, installation, io, log, move, run, simulation
+from client.pendant.screens import (
+    controllers,
+    graph,
+    initialize,
+    installation,
+    io,
+    log,
+    move,
+    program,
+    run,
+    simulation,
+)
 
 __all__ = ["SCREENS", "Screen"]
 
@@ -24,10 +35,12 @@ class Screen:
 SCREENS: Final = (
     Screen("initialize", "Initialize", "power_settings_new", initialize.build),
     Screen("run", "Run", "play_circle", run.build),
+    Screen("program", "Program", "account_tree", program.build),
     Screen("move", "Move", "open_with", move.build),
     Screen("io", "I/O", "settings_input_component", io.build),
     Screen("log", "Log", "list_alt", log.build),
     Screen("graph", "Graph", "show_chart", graph.build),
+    Screen("controllers", "Controllers", "linear_scale", controllers.build),
     Screen("installation", "Installation", "tune", installation.build),
     Screen("simulation", "Simulation", "science", simulation.build, only_emulated=True),
 )

@@ -1,5 +1,16 @@
 """The node types of program trees, a module for each kind. Importing this package registers them all."""
 
-from urscript.polyscope.nodes import direction, flow, moves, operator, outputs, scripts, structure, urcaps, waits
+from urscript.polyscope.nodes import (
+    direction,
+    flow,
+    moves,
+    operator,
+    outputs,
+    scripts,
+    structure,
+    urcaps,
+    waits,
+    waypoints,
+)
 
-NODE_MODULES = (direction, flow, moves, operator, outputs, scripts, structure, urcaps, waits)
+NODE_MODULES = (direction, flow, moves, operator, outputs, scripts, structure, urcaps, waits, waypoints)

@@ -2,11 +2,25 @@
 
 from typing import Final
 
-from urscript.polyscope.document import DocumentError, Element
+from urscript.polyscope.document import DocumentError, Element, make
+from urscript.polyscope.forms import (
+    DIGITAL_INPUTS,
+    FEATURE_TITLES,
+    MILLI,
+    Field,
+    Surroundings,
+    attribute_choice,
+    attribute_number,
+    child_number,
+    expression_field,
+    feature_field,
+    lacks_expression,
+    pin_field,
+)
 from urscript.polyscope.naming import truth
-from urscript.polyscope.nodes.moves import DIRECTION, move_of
-from urscript.polyscope.nodes.waits import analog_condition, child_text
-from urscript.polyscope.registry import node, translate_children
+from urscript.polyscope.nodes.motion import DIRECTION, move_of
+from urscript.polyscope.nodes.waits import analog_condition, child_text, of_type
+from urscript.polyscope.registry import Kind, empty_children, node, translate_children
 from urscript.polyscope.writer import Writer, expression_label, expression_text, pin_reading
 from urscript.work import Steps
 
@@ -18,6 +32,7 @@ _AXES: Final = {
     "ZPlus": ("Z+", "[0.0, 0.0, 1.0]"),
     "ZMinus": ("Z-", "[0.0, 0.0, -1.0]"),
 }
+_EXPRESSION: Final = "expression"
 _FAR: Final = "1000.0"  # m; without a distance PolyScope moves that far
 _NO_RETRACTION: Final = "NONE"
 _BLEND: Final = "BLEND"
@@ -25,7 +40,56 @@ _RETREAT_SPEED: Final = "0.1"  # m/s
 _FUNCTION: Final = "calculate_point_to_move_towards"  # PolyScope's name: other lines of programs call it
 
 
-@node(DIRECTION)
+def _by_expression(element: Element) -> bool:
+    return element.child("expression") is not None
+
+
+def _choose_direction(element: Element, value: str, program: Surroundings) -> None:
+    """An axis of the feature, or an expression that gives the vector."""
+    by_expression = value == _EXPRESSION
+    program.set_attribute(element, "selectedDirection", None if by_expression else value)
+    if by_expression != _by_expression(element):
+        program.set_child(element, "expression", make("expression") if by_expression else None)
+
+
+def _direction_shown(element: Element) -> str:
+    """The feature, which is the Move's without one of its own, and the axis."""
+    around: Element | None = element
+    while around is not None and around.child("feature") is None:
+        around = around.parent
+    feature = around.child("feature") if around is not None else None
+    name = (feature.get("referencedName") or feature.get("featureName")) if feature else ""
+    axis = "" if _by_expression(element) else _AXES.get(element.get("selectedDirection"), ("?",))[0]
+    return f"Direction: {FEATURE_TITLES.get(name, name) or 'Base'} {axis}".rstrip()
+
+
+DIRECTION_KIND: Final = Kind(
+    "direction",
+    "Direction",
+    "Basic",
+    _direction_shown,
+    new=lambda program: make(DIRECTION, make("children", _new_until(program)), selectedDirection="ZPlus"),
+    stands="move",
+    contains="direction",
+    undefined=lambda element: (
+        "the direction to move in" if _by_expression(element) and lacks_expression(element) else ""
+    ),
+    fields=(
+        Field(
+            "direction",
+            "Direction",
+            "choice",
+            lambda element, _: _EXPRESSION if _by_expression(element) else element.get("selectedDirection"),
+            _choose_direction,
+            choices=(*((key, shown) for key, (shown, _) in _AXES.items()), (_EXPRESSION, "An expression")),
+        ),
+        expression_field("expression", "Vector", shown=_by_expression),
+        feature_field("feature", "Feature", optional=True, help="without one the Move's"),
+    ),
+)
+
+
+@node(DIRECTION, DIRECTION_KIND, attributes="selectedDirection toolParams", children="expression feature children")
 def direction(writer: Writer, element: Element) -> Steps[None]:
     """Move along an axis or a vector until a distance, a contact, an input or an expression ends it."""
     untils = [child for child in element.child("children") or () if child.tag == "Until"]
@@ -163,7 +227,109 @@ def _write_retraction(writer: Writer, stop: str, back: str) -> None:
     writer.line(f"movel(contact_pose, a={stop}, v={_RETREAT_SPEED})")
 
 
-@node("Until")
+_UNTILS: Final = {
+    "DISTANCE": "A distance",
+    "TOOL_CONTACT_DETECTION": "Tool contact",
+    "EXPRESSION": "An expression",
+    "IO": "A digital input",
+}
+_STOP: Final = {"decelerationAcceleration": "3.0", "decelerationAngularAcceleration": "34.90658503988659"}
+_ATTRIBUTES: Final = {
+    "DISTANCE": {"deceleration": "3.0", "distanceNodeType": "STOP"},
+    "TOOL_CONTACT_DETECTION": {"retraction": "0.0", **_STOP},
+    "EXPRESSION": _STOP,  # guess: no public file has one
+    "IO": {"ioType": "DIGITAL_INPUT", "digitalValue": "1", **_STOP},  # guess, as well
+}
+
+
+def _new_until(_: Surroundings) -> Element:
+    return make("Until", type="NONE", allowActions="false")
+
+
+def _choose_until(element: Element, value: str, program: Surroundings) -> None:
+    """Another thing that ends the movement, with what files have for it."""
+    kept = ("type", "allowActions")
+    for name in [name for name in element.resolved().attributes if name not in kept]:
+        program.set_attribute(element, name, None)
+    program.set_attribute(element, "type", value)
+    for name, default in _ATTRIBUTES.get(value, {}).items():
+        program.set_attribute(element, name, default)
+    for tag in ("Distance", "motionParameters", "pin", "expression"):
+        program.set_child(element, tag, None)
+    if value == "DISTANCE":
+        program.set_text(element, "Distance", "0.1")
+        program.set_child(element, "motionParameters", make("motionParameters", blendRadius="0.0"))
+    elif value == "EXPRESSION":
+        program.set_child(element, "expression", make("expression"))
+
+
+def _allow_actions(element: Element, value: bool, program: Surroundings) -> None:
+    program.set_attribute(element, "allowActions", "true" if value else "false")
+    if element.child("children") is None and value:
+        program.set_child(element, "children", empty_children())
+    elif not value:
+        program.set_child(element, "children", None)
+
+
+def _until_lacks(element: Element) -> str:
+    kind = element.get("type")
+    if kind in ("", "NONE"):
+        return "what ends the movement"
+    if kind == "EXPRESSION" and lacks_expression(element):
+        return "the expression that ends the movement"
+    return "the input that ends the movement" if kind == "IO" and element.child("pin") is None else ""
+
+
+UNTIL: Final = Kind(
+    "until",
+    "Until",
+    "Basic",
+    lambda element: f"Until ({element.get('type').lower()})",
+    new=_new_until,
+    stands="direction",
+    contains="nodes",
+    undefined=_until_lacks,
+    fields=(
+        Field("type", "Until", "choice", lambda e, _: e.get("type"), _choose_until, choices=tuple(_UNTILS.items())),
+        child_number("distance", "Distance", "Distance", unit="mm", factor=MILLI, low=0.0, shown=of_type("DISTANCE")),
+        attribute_choice(
+            "distance_end",
+            "At the end",
+            "distanceNodeType",
+            {"STOP": "Stop", _BLEND: "Blend"},
+            shown=of_type("DISTANCE"),
+        ),
+        expression_field("expression", "Expression", shown=of_type("EXPRESSION")),
+        pin_field("input", "Input", DIGITAL_INPUTS, shown=of_type("IO")),
+        attribute_choice("level", "Level", "digitalValue", {"1": "High", "0": "Low"}, shown=of_type("IO")),
+        attribute_number(
+            "deceleration",
+            "Deceleration",
+            "decelerationAcceleration",
+            unit="mm/s²",
+            factor=MILLI,
+            low=0.0,
+            shown=of_type("TOOL_CONTACT_DETECTION", "EXPRESSION", "IO"),
+            optional=True,
+        ),
+        Field(
+            "actions",
+            "Add action",
+            "boolean",
+            lambda element, _: element.get("allowActions") == "true",
+            _allow_actions,
+        ),
+    ),
+)
+
+
+@node(
+    "Until",
+    UNTIL,
+    attributes="type allowActions deceleration distanceNodeType retraction ioType digitalValue "
+    "decelerationAcceleration decelerationAngularAcceleration",
+    children="Distance motionParameters pin expression children",
+)
 def until_node(writer: Writer, element: Element) -> None:
     """What ends a Direction, which writes it."""
     raise DocumentError("an Until outside a Direction")
@@ -173,7 +339,20 @@ _FORCE_TYPES: Final = {"Simple": 2, "Frame": 2, "Point": 1, "Motion": 3}  # Scri
 _FORCE_STOP: Final = "5.0"  # m/s2
 
 
-@node("Force")
+FORCE: Final = Kind(
+    "force",
+    "Force",
+    "Templates",
+    lambda _: "Force",
+    contains="nodes",
+    fields=(
+        attribute_choice("type", "Type", "type", {kind: kind for kind in _FORCE_TYPES}),
+        feature_field("feature", "Feature", declared=True),
+    ),
+)
+
+
+@node("Force", FORCE)
 def force(writer: Writer, element: Element) -> Steps[None]:
     """Nodes during which the arm yields to forces, or presses."""
     kind = _FORCE_TYPES.get(element.get("type"))

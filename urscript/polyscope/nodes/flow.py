@@ -1,16 +1,64 @@
 """Branches, loops and timers."""
 
+from collections.abc import Callable
 from typing import Final
 
-from urscript.polyscope.document import DocumentError, Element
-from urscript.polyscope.registry import node, translate_children
+from urscript.polyscope.document import DocumentError, Element, make
+from urscript.polyscope.forms import (
+    Field,
+    Surroundings,
+    attribute_boolean,
+    attribute_choice,
+    attribute_number,
+    expression_field,
+    expression_shown,
+    lacks_expression,
+    titled,
+    variable_field,
+)
+from urscript.polyscope.nodes.operator import variable_shown
+from urscript.polyscope.registry import Kind, empty_children, node, translate_children
 from urscript.polyscope.writer import Writer, expression_label, expression_text, variable_name
 from urscript.work import Steps
 
 _DEFAULT_CASE: Final = "2147483647"
+_CONTINUOUSLY: Final = attribute_boolean("continuously", "Check expression continuously", "checkContinuously")
 
 
-@node("If")
+def _lacks_expression(element: Element) -> str:
+    return "its expression" if lacks_expression(element) else ""
+
+
+def _branch(key: str, title: str, kind: str) -> Kind:
+    def new(_: Surroundings) -> Element:
+        return make("If", make("expression"), empty_children(), type=kind, checkContinuously="false")
+
+    def shown(element: Element) -> str:
+        return titled(title, expression_shown(element.child("expression")))
+
+    is_else = kind == "Else"
+    return Kind(
+        key,
+        title,
+        "Advanced",
+        (lambda _: title) if is_else else shown,
+        new=new,
+        fields=() if is_else else (expression_field("expression", "Expression"), _CONTINUOUSLY),
+        stands="nodes" if kind == "If" else "if",
+        contains="nodes",
+        undefined=(lambda _: "") if is_else else _lacks_expression,
+        matches=lambda element: element.get("type") == kind,
+    )
+
+
+@node(
+    "If",
+    _branch("if", "If", "If"),
+    _branch("elseif", "ElseIf", "ElseIf"),
+    _branch("else", "Else", "Else"),
+    attributes="type checkContinuously",
+    children="expression removedSiblings children",
+)
 def branch(writer: Writer, element: Element) -> Steps[None]:
     """If with the ElseIf and Else nodes behind it; the expression may be checked continuously."""
     if element.get("type") != "If":
@@ -38,7 +86,7 @@ def _branches(writer: Writer, chain: list[Element]) -> Steps[None]:
         label = f"{part.get('type')} {expression_label(writer, expression)}"
         if not index:
             writer.label(part, label)
-        writer.line(f"{'elif' if index else 'if'} ({expression_text(writer, expression)}):")
+        writer.line(f"{'elif' if index else 'if'} ({writer.condition(part, chain)}):")
         with writer.indented():
             if index:
                 writer.label(part, label)
@@ -93,7 +141,58 @@ def _watched(writer: Writer, part: Element, rest: list[Element]) -> Steps[None]:
             yield from _branches(writer, rest)
 
 
-@node("Loop")
+_LOOPS: Final = {"Forever": "Always", "Counting": "A number of times", "While": "While an expression is true"}
+
+
+def _choose_loop(element: Element, value: str, program: Surroundings) -> None:
+    """Another type of loop, with the attributes and children that files have for it."""
+    program.set_attribute(element, "type", value)
+    program.set_attribute(element, "count", "3" if value == "Counting" else None)
+    program.set_attribute(element, "checkContinuously", "false" if value == "While" else None)
+    program.set_child(element, "expression", make("expression") if value == "While" else None)
+    variable = None
+    if value == "Counting":
+        variable = program.variable(program.unused("Loop", program.variables()), "loopVariable")
+    program.set_child(element, "loopVariable", variable)
+
+
+def _is(kind: str) -> Callable[[Element], bool]:
+    return lambda element: element.get("type") == kind
+
+
+def _loop_shown(element: Element) -> str:
+    if element.get("type") == "Counting":
+        return f"Loop {element.get('count')} times"
+    shown = expression_shown(element.child("expression")) if element.get("type") == "While" else ""
+    return titled("Loop", shown)
+
+
+def _loop_lacks(element: Element) -> str:
+    kind = element.get("type")
+    if kind == "While":
+        return _lacks_expression(element)
+    return "the variable that counts" if kind == "Counting" and element.child("loopVariable") is None else ""
+
+
+LOOP: Final = Kind(
+    "loop",
+    "Loop",
+    "Advanced",
+    _loop_shown,
+    new=lambda _: make("Loop", empty_children(), type="Forever"),
+    contains="nodes",
+    undefined=_loop_lacks,
+    fields=(
+        Field("type", "Loop", "choice", lambda e, _: e.get("type"), _choose_loop, choices=tuple(_LOOPS.items())),
+        attribute_number("count", "Times", "count", whole=True, low=0, high=2147483647, shown=_is("Counting")),
+        variable_field("variable", "Counts in", "loopVariable", shown=_is("Counting")),
+        expression_field("expression", "Expression", shown=_is("While")),
+        attribute_boolean("continuously", "Check expression continuously", "checkContinuously", shown=_is("While")),
+    ),
+)
+
+
+@node("Loop", LOOP, attributes="type checkContinuously count", children="loopVariable expression children")
 def loop(writer: Writer, element: Element) -> Steps[None]:
     """Repeat a number of times, for ever, or while an expression holds, which may be checked continuously."""
     kind = element.get("type")
@@ -122,7 +221,7 @@ def _while(writer: Writer, element: Element) -> Steps[None]:
     expression = expression_text(writer, element.child("expression"))
     writer.label(element, f"Loop {expression_label(writer, element.child('expression'))}")
     if element.get("checkContinuously") != "true":
-        with writer.block(f"while ({expression}):"):
+        with writer.block(f"while ({writer.condition(element)}):"):
             yield from translate_children(writer, element)
         return
     number = writer.number(element)
@@ -135,7 +234,50 @@ def _while(writer: Writer, element: Element) -> Steps[None]:
         writer.line(f"kill thread_handler_{number}")
 
 
-@node("Switch")
+SWITCH: Final = Kind(
+    "switch",
+    "Switch",
+    "Advanced",
+    lambda element: titled("Switch", expression_shown(element.child("expression"))),
+    new=lambda program: make("Switch", make("expression"), make("children", _new_case(program))),
+    contains="switch",
+    undefined=_lacks_expression,
+    fields=(expression_field("expression", "Expression"),),
+)
+
+
+def _new_case(_: Surroundings) -> Element:
+    return make("Case", empty_children(), caseValue="0")
+
+
+def _is_default(element: Element) -> bool:
+    return element.get("caseValue") in ("", _DEFAULT_CASE)
+
+
+CASE: Final = Kind(
+    "case",
+    "Case",
+    "Advanced",
+    lambda element: f"Case {element.get('caseValue')}",
+    new=_new_case,
+    stands="switch",
+    contains="nodes",
+    matches=lambda element: not _is_default(element),
+    fields=(attribute_number("value", "Value", "caseValue", whole=True, low=-2147483648, high=2147483646),),
+)
+DEFAULT: Final = Kind(
+    "default_case",
+    "Default Case",
+    "Advanced",
+    lambda _: "Default Case",
+    new=lambda _: make("Case", empty_children(), caseValue=_DEFAULT_CASE),
+    stands="switch",
+    contains="nodes",
+    matches=_is_default,
+)
+
+
+@node("Switch", SWITCH, children="expression children")
 def switch(writer: Writer, element: Element) -> Steps[None]:
     """The case whose number the expression has."""
     cases = [child for child in element.child("children") or () if child.tag == "Case"]
@@ -164,13 +306,31 @@ def _default_case(writer: Writer, case: Element) -> Steps[None]:
     yield from translate_children(writer, case)
 
 
-@node("Case")
+@node("Case", CASE, DEFAULT)
 def case(writer: Writer, element: Element) -> None:
     """A branch of a Switch, which writes it."""
     raise DocumentError("a Case outside a Switch")
 
 
-@node("Timer")
+def _new_timer(program: Surroundings) -> Element:
+    return make("Timer", program.variable(program.unused("timer", program.variables())), action="Start")
+
+
+TIMER: Final = Kind(
+    "timer",
+    "Timer",
+    "Advanced",
+    lambda element: f"{variable_shown(element.child('variable'))}: {element.get('action')}",
+    new=_new_timer,
+    undefined=lambda element: "" if element.child("variable") else "the variable that counts",
+    fields=(
+        variable_field("variable", "Variable"),
+        attribute_choice("action", "Action", "action", {"Start": "Start", "Stop": "Stop", "Reset": "Reset"}),
+    ),
+)
+
+
+@node("Timer", TIMER)
 def timer(writer: Writer, element: Element) -> None:
     """Start, stop or reset a variable that counts seconds."""
     name = count_time(writer, element)

@@ -1,194 +1,178 @@
-"""Moves and their waypoints."""
+"""Moves, and the way home."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Final
 
-from urproto.vectors import ZERO6
-from urscript.polyscope.document import DocumentError, Element
-from urscript.polyscope.naming import identifier
-from urscript.polyscope.numbers import inverse_text, list_text, pose_text, six, taught_pose
-from urscript.polyscope.registry import node, translate_children
-from urscript.polyscope.writer import BASE, NO_POSE, TOOL, Writer, variable_name
+from urproto.versions import Availability
+from urscript.polyscope.document import DocumentError, Element, make
+from urscript.polyscope.forms import (
+    MILLI,
+    Field,
+    FieldError,
+    Surroundings,
+    attribute_boolean,
+    attribute_choice,
+    attribute_number,
+    feature_field,
+)
+from urscript.polyscope.nodes.motion import JOINT_DEFAULTS, JOINTS, TOOL_DEFAULTS, speed_fields
+from urscript.polyscope.nodes.outputs import tcp_names
+from urscript.polyscope.nodes.waypoints import new_waypoint
+from urscript.polyscope.numbers import list_text
+from urscript.polyscope.registry import Kind, node, translate_children
+from urscript.polyscope.writer import BASE, Writer
 from urscript.work import Steps
 
-DIRECTION: Final = "gui.program.direction.MoveDirectionNode"
-
-_JOINTS: Final = "JointAngles"
-_NO_TCP: Final = ZERO6
-
-
-@dataclass(frozen=True, slots=True)
-class Move:
-    """What a Move node says for the waypoints in it. kind: MoveJ, MoveL or MoveP."""
-
-    element: Element
-    kind: str
-    optimove: bool
-
-    @property
-    def of_flange(self) -> bool:
-        """Whether the flange is moved, and not the TCP."""
-        return self.element.get("useActiveTCP") == "false" and self.element.child("tcp") is None
-
-    @property
-    def call(self) -> str:
-        """The built-in that moves."""
-        return ("opti" if self.optimove else "") + self.kind.lower()
-
-    def speeds(self, waypoint: Element | None) -> tuple[str, str]:
-        """Acceleration and speed, the waypoint's own if it has them."""
-        space = "joint" if self.kind == "MoveJ" else "cartesian"
-        own = waypoint.child("motionParameters") if waypoint is not None else None
-        if own is not None and own.get(f"{space}Speed"):
-            return own.get(f"{space}Acceleration"), own.get(f"{space}Speed")
-        if self.optimove:
-            return self.element.get("optiMoveAcceleration"), self.element.get("optiMoveSpeed")
-        return self.element.get("acceleration", "1.2"), self.element.get("speed", "0.25")
+_BLEND_DEFAULT: Final = "0.025"  # m, of a MoveP
+_OPTIMOVES: Final = Availability.since(None, "5.21")  # seen from there on
+_ACTIVE, _FLANGE = "Active TCP", "Tool flange"
 
 
-def move_of(element: Element) -> Move:
-    """The Move node around a node. Raises DocumentError without one."""
-    around: Element | None = element
-    while around is not None and not around.attributes.get("motionType"):
-        around = around.parent
-    if around is None:
-        raise DocumentError(f"<{element.tag}> {element.get('name')} is in no Move node")
-    return Move(around, around.get("motionType"), around.get("optimoveEnabled") == "true")
+def _is_joint(element: Element) -> bool:
+    return element.get("motionType") == "MoveJ"
 
 
-@node("Move")
+def _choose_motion(element: Element, value: str, program: Surroundings) -> None:
+    """Another motion has other units, so speeds begin anew."""
+    if (value == "MoveJ") != _is_joint(element):
+        for name, default in (JOINT_DEFAULTS if value == "MoveJ" else TOOL_DEFAULTS).items():
+            program.set_attribute(element, name, default)
+        if element.get("positionType") == JOINTS:
+            program.set_attribute(element, "positionType", "CartesianPose")
+    program.set_attribute(element, "motionType", value)
+    program.set_attribute(element, "blendRadius", _BLEND_DEFAULT if value == "MoveP" else None)
+
+
+def _tcp_read(element: Element, _: Surroundings) -> str:
+    tcp = element.child("tcp")
+    if tcp is not None:
+        return tcp.get("referencedName")
+    return _FLANGE if element.get("useActiveTCP") == "false" else _ACTIVE
+
+
+def _tcp_write(element: Element, value: str, program: Surroundings) -> None:
+    own = value not in (_ACTIVE, _FLANGE)
+    if own and value not in program.installation.tcps:
+        raise FieldError(f"the installation {program.installation.name} has no TCP called {value!r}")
+    program.set_attribute(element, "useActiveTCP", "true" if value == _ACTIVE else "false")
+    program.set_child(element, "tcp", program.named("tcp", value) if own else None)
+
+
+def _joint_angles_write(element: Element, value: bool, program: Surroundings) -> None:
+    program.set_attribute(element, "positionType", JOINTS if value else "CartesianPose")
+
+
+def _new_move(program: Surroundings) -> Element:
+    element = make(
+        "Move",
+        program.feature(BASE),
+        make("children", new_waypoint(program)),
+        motionType="MoveJ",
+        **JOINT_DEFAULTS,
+        useActiveTCP="true",
+    )
+    if not program.cb3:
+        element.attributes["positionType"] = "CartesianPose"
+    if _OPTIMOVES.covers(program.version):
+        element.attributes |= {"optimoveEnabled": "false", "optiMoveSpeed": "0.3", "optiMoveAcceleration": "0.09"}
+    return element
+
+
+MOVE: Final = Kind(
+    "move",
+    "Move",
+    "Basic",
+    lambda element: element.get("motionType"),
+    new=_new_move,
+    contains="nodes",
+    fields=(
+        Field(
+            "motion",
+            "Motion",
+            "choice",
+            lambda element, _: element.get("motionType"),
+            _choose_motion,
+            choices=tuple((kind, kind) for kind in ("MoveJ", "MoveL", "MoveP")),
+        ),
+        Field("tcp", "Set TCP", "tcp", _tcp_read, _tcp_write, options=lambda p: [_ACTIVE, _FLANGE, *tcp_names(p)]),
+        feature_field("feature", "Feature"),
+        *speed_fields("joint", "Joint", ("speed", "acceleration"), _is_joint),
+        *speed_fields("tool", "Tool", ("speed", "acceleration"), lambda element: not _is_joint(element)),
+        attribute_number(
+            "blend",
+            "Blend radius",
+            "blendRadius",
+            unit="mm",
+            factor=MILLI,
+            low=0.0,
+            shown=lambda element: element.get("motionType") == "MoveP",
+        ),
+        Field(
+            "joint_angles",
+            "Use joint angles",
+            "boolean",
+            lambda element, _: element.get("positionType") == JOINTS,
+            _joint_angles_write,
+            shown=lambda element: _is_joint(element) and bool(element.get("positionType")),
+        ),
+        attribute_boolean(
+            "optimove", "OptiMove", "optimoveEnabled", shown=lambda element: bool(element.get("optimoveEnabled"))
+        ),
+        *(
+            attribute_number(
+                f"optimove_{name.lower()}",
+                f"OptiMove {name.lower()}",
+                f"optiMove{name}",
+                unit="%",
+                factor=0.01,
+                low=0.0,
+                high=100.0,
+                shown=lambda element: element.get("optimoveEnabled") == "true",
+            )
+            for name in ("Speed", "Acceleration")
+        ),
+    ),
+)
+
+
+@node(
+    "Move",
+    MOVE,
+    attributes="motionType speed acceleration blendRadius useActiveTCP positionType optimoveEnabled optiMoveSpeed "
+    "optiMoveAcceleration",
+    children="tcp feature children",
+)
 def move(writer: Writer, element: Element) -> Steps[None]:
     """A way through waypoints: MoveJ, MoveL or MoveP, with an own TCP or feature."""
     writer.label(element, element.get("motionType"))
     yield from translate_children(writer, element)
 
 
-@node("Waypoint")
-def waypoint(writer: Writer, element: Element) -> None:
-    """A place to move to: fixed, relative or in a variable, with its own speed, time or blend."""
-    way = move_of(element)
-    writer.label(element, _shown_name(element), "breakAfter")
-    if not (way.kind == "MoveJ" and way.element.get("positionType") == _JOINTS):  # joints need no TCP
-        _set_tcp(writer, way)
-    target = _target(writer, element, way)
-    own = element.child("motionParameters")
-    time = own.get("nextMotionTime") if own else ""
-    if time and way.kind != "MoveP" and not way.optimove:
-        writer.line(f"{way.call}({target}, t={time}{_blend(writer, element, way)})")
-        return
-    acceleration, speed = way.speeds(element)
-    writer.line(f"{way.call}({target}, a={acceleration}, v={speed}{_blend(writer, element, way)})")
+_BY_SPEED, _BY_TIME = "SPEED_AND_ACCELERATION", "TIME"  # guess: the second, which no public file has
 
 
-def _set_tcp(writer: Writer, way: Move) -> None:
-    """PolyScope sets the TCP of a Move before each of its waypoints."""
-    tcp = way.element.child("tcp")
-    if way.element.get("useActiveTCP") == "false" and tcp:
-        writer.line(f"set_tcp({writer.tcp(tcp)})")
+def _by(option: str) -> Callable[[Element], bool]:
+    return lambda element: element.get("positionOptionType") == option
 
 
-def _shown_name(element: Element) -> str:
-    if element.get("type") == "Variable" and element.child("variable"):
-        return variable_name(element.child("variable"))
-    return element.get("name") or "Waypoint"
+HOME: Final = Kind(
+    "home",
+    "Home",
+    "Advanced",
+    lambda _: "Home",
+    new=lambda _: make("SafeHome", positionOptionType=_BY_SPEED, **JOINT_DEFAULTS, nextMotionTime="2.0"),
+    available=Availability.since(None, "5.4"),  # guess: seen from 5.11 on
+    fields=(
+        attribute_choice(
+            "option", "Move by", "positionOptionType", {_BY_SPEED: "Speed and acceleration", _BY_TIME: "Time"}
+        ),
+        *speed_fields("joint", "Joint", ("speed", "acceleration"), _by(_BY_SPEED)),
+        attribute_number("time", "Time", "nextMotionTime", unit="s", low=0.0, shown=_by(_BY_TIME)),
+    ),
+)
 
 
-def _blend(writer: Writer, element: Element, way: Move) -> str:
-    own = element.child("motionParameters")
-    radius = own.get("blendRadius") if own else ""
-    if way.kind == "MoveP":
-        return f", r={_path_blend(writer, element, way, radius)}"
-    return f", r={radius}" if radius and float(radius) > 0.0 else ""
-
-
-def _path_blend(writer: Writer, point: Element, way: Move, own: str) -> str:
-    """A path's blend. It ends, without one, where the next line of the tree is a Move of another kind; not if that
-    begins with a Direction, and not if anything else is between (seen in 700 MoveP of public pairs)."""
-    tree = writer.home(point)
-    after = [line.element for line in tree.lines[writer.line_in(tree, point) :][:2]]
-    moves_on = bool(after) and after[0].tag == "Move" and after[0].get("motionType") != "MoveP"
-    if moves_on and not (len(after) > 1 and after[1].tag == DIRECTION):
-        return "0.0"
-    return own or way.element.get("blendRadius") or "0.0"
-
-
-def _target(writer: Writer, element: Element, way: Move) -> str:
-    """What the move's first argument is."""
-    kind = element.get("type")
-    if kind == "Variable":
-        return _of_flange(way, _in_feature(writer, way, variable_name(element.child("variable"))))
-    if kind == "Relative":
-        return _relative(writer, element)
-    if kind and kind != "Fixed":
-        raise DocumentError(f"a waypoint of type {kind!r}, which is not known")
-    pose, joints = writer.waypoint(element)
-    if way.kind != "MoveJ":
-        return _of_flange(way, _followed(writer, element, way, pose))
-    if way.element.get("positionType") == _JOINTS or way.optimove:
-        return joints
-    of_tcp = way.element.get("useActiveTCP") == "true"
-    if not way.element.get("positionType") and not of_tcp:  # before 5.0 such a MoveJ went to the joints taught
-        position = element.child("position")
-        assert position is not None
-        return list_text(taught_pose(position)[0])
-    return f"get_inverse_kin({_of_flange(way, _followed(writer, element, way, pose))}, qnear={joints})"
-
-
-def _of_flange(way: Move, pose: str) -> str:
-    """Where the TCP has to be when the pose is one for the flange (seen with MoveJ; with variables it is a guess)."""
-    return f"pose_trans({pose}, get_tcp_offset())" if way.of_flange else pose
-
-
-def _in_feature(writer: Writer, way: Move, pose: str) -> str:
-    """A pose that is relative to the move's feature, as it is by then if it is a variable."""
-    feature = writer.feature(way.element.child("feature"), variable=True)
-    return pose if feature == NO_POSE else f"pose_trans({feature}, {pose})"
-
-
-def _followed(writer: Writer, element: Element, way: Move, pose: str) -> str:
-    """A taught pose, which follows its feature when that is a variable and has been moved."""
-    reference = way.element.child("feature")
-    name = reference.get("referencedName") or reference.get("featureName") if reference else ""
-    taught = element.child("BaseToFeature")
-    if name in ("", BASE, TOOL) or taught is None or name not in writer.installation.feature_variables:
-        return pose
-    return f"pose_trans({identifier(name)}, pose_trans({inverse_text(six(taught.get('pose')))}, {pose}))"
-
-
-def _relative(writer: Writer, element: Element) -> str:
-    """As far from where the arm is as the second taught position is from the first."""
-    start, goal = element.child("relativeFromPosition"), element.child("position")
-    if start is None or goal is None:
-        raise DocumentError(f"the relative waypoint {element.get('name')} was never taught")
-    name = identifier(element.get("name") or "Waypoint")
-    if writer.once(f"relative waypoint {name}"):
-        with writer.into("waypoints"):
-            writer.line(f"global {name}_from_p={pose_text(taught_pose(start)[1])}")
-            writer.line(f"global {name}_to_p={pose_text(taught_pose(goal)[1])}")
-    return f"pose_add(get_target_tcp_pose(), pose_sub({name}_to_p, {name}_from_p))"
-
-
-@node("CircleMove")
-def circle_move(writer: Writer, element: Element) -> None:
-    """An arc through one waypoint to another."""
-    way = move_of(element)
-    children = element.child("children")
-    points = [child for child in children or () if child.tag == "Waypoint"]
-    if len(points) != 2:
-        raise DocumentError("a CircleMove needs a via point and an end point")
-    writer.label(element, "CircleMove")
-    writer.label(points[0], _shown_name(points[0]), "noBreak")
-    writer.label(points[1], _shown_name(points[1]), "breakAfter")
-    _set_tcp(writer, way)
-    via, end = (_target(writer, point, way) for point in points)
-    acceleration, speed = way.speeds(points[1])
-    own = points[1].child("motionParameters")
-    blend = _path_blend(writer, points[1], way, own.get("blendRadius") if own else "")
-    mode = ", mode=1" if element.get("OrientationMode") == "FIXED" else ""
-    writer.line(f"movec({via}, {end}, a={acceleration}, v={speed}, r={blend}{mode})")
-
-
-@node("SafeHome")
+@node("SafeHome", HOME)
 def safe_home(writer: Writer, element: Element) -> None:
     """Move to the home position of the installation."""
     home = writer.installation.home

@@ -2,15 +2,73 @@
 
 from typing import Final
 
-from urscript.polyscope.document import DocumentError, Element
+from urscript.polyscope.document import DocumentError, Element, make
+from urscript.polyscope.forms import (
+    Field,
+    Surroundings,
+    attribute_boolean,
+    attribute_choice,
+    attribute_text,
+    expression_field,
+    expression_shown,
+    lacks_expression,
+    variable_field,
+)
 from urscript.polyscope.naming import quoted
-from urscript.polyscope.registry import node
+from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.writer import Writer, expression_label, expression_text, variable_name
 
 _FLAGS: Final = {"Message": "False, False", "Warning": "True, False", "Error": "False, True"}  # warning, error
 
 
-@node("Popup")
+def variable_shown(element: Element | None) -> str:
+    """The name of a variable, or of the feature that is used as one; a question mark without one."""
+    return (element.get("name") or element.get("featureName") if element else "") or "?"
+
+
+def _asks_for_variable(element: Element) -> bool:
+    return element.get("inputType") == "Variable"
+
+
+def _choose_input(element: Element, value: str, program: Surroundings) -> None:
+    """A popup shows a text or a variable; the other one goes."""
+    program.set_attribute(element, "inputType", value)
+    if value == "Text":
+        program.set_child(element, "variable", None)
+    program.set_attribute(element, "message", "" if value == "Text" else None)
+
+
+def _popup_lacks(element: Element) -> str:
+    if _asks_for_variable(element):
+        return "" if element.child("variable") else "the variable to show"
+    return "" if element.get("message") else "the text to show"
+
+
+POPUP: Final = Kind(
+    "popup",
+    "Popup",
+    "Basic",
+    lambda element: f"Popup: {element.get('message')}" if element.get("message") else "Popup",
+    new=lambda _: make("Popup", type="Message", haltProgram="false", message="", inputType="Text"),
+    undefined=_popup_lacks,
+    fields=(
+        attribute_choice("type", "Type", "type", {"Message": "Message", "Warning": "Warning", "Error": "Error"}),
+        Field(
+            "shows",
+            "Shows",
+            "choice",
+            lambda element, _: "Variable" if _asks_for_variable(element) else "Text",
+            _choose_input,
+            choices=(("Text", "A text"), ("Variable", "A variable")),
+        ),
+        attribute_text("message", "Text", "message", shown=lambda element: not _asks_for_variable(element)),
+        variable_field("variable", "Variable", shown=_asks_for_variable),
+        attribute_boolean("halts", "Halt program execution at this popup", "haltProgram"),
+    ),
+)
+
+
+@node("Popup", POPUP, attributes="type haltProgram message inputType")
 def popup(writer: Writer, element: Element) -> None:
     """A text on the screen, which may end the program."""
     kind = element.get("type")
@@ -25,14 +83,70 @@ def popup(writer: Writer, element: Element) -> None:
         writer.line("halt")
 
 
-@node("Halt")
+@node("Halt", Kind("halt", "Halt", "Basic", lambda _: "Halt", new=lambda _: make("Halt")))
 def halt(writer: Writer, element: Element) -> None:
     """The program ends here."""
     writer.label(element, "Halt")
     writer.line("halt")
 
 
-@node("Assignment")
+_SOURCES: Final = {"Expression": "An expression", "Operator": "The operator"}
+_ANSWERS: Final = {"Boolean": "Yes or no", "Integer": "A whole number", "Float": "A number", "String": "A text"}
+
+
+def _of_operator(element: Element) -> bool:
+    return element.get("valueSource") == "Operator"
+
+
+def _choose_source(element: Element, value: str, program: Surroundings) -> None:
+    operator = value == "Operator"
+    program.set_attribute(element, "valueSource", value)
+    program.set_attribute(element, "message", "" if operator else None)
+    program.set_attribute(element, "valueType", "Boolean" if operator else None)
+    program.set_child(element, "expression", None if operator else make("expression"))
+
+
+def _new_assignment(program: Surroundings) -> Element:
+    variable = program.variable(program.unused("var", program.variables()))
+    return make("Assignment", variable, make("expression"), valueSource="Expression")
+
+
+def _assignment_shown(element: Element) -> str:
+    shown = f"'{element.get('message')}'" if _of_operator(element) else expression_shown(element.child("expression"))
+    return f"{variable_shown(element.child('variable'))}≔{shown}"
+
+
+def _assignment_lacks(element: Element) -> str:
+    if element.child("variable") is None:
+        return "the variable to assign to"
+    return "" if _of_operator(element) or not lacks_expression(element) else "the expression to assign"
+
+
+ASSIGNMENT: Final = Kind(
+    "assignment",
+    "Assignment",
+    "Advanced",
+    _assignment_shown,
+    new=_new_assignment,
+    undefined=_assignment_lacks,
+    fields=(
+        variable_field("variable", "Variable"),
+        Field(
+            "source",
+            "Source",
+            "choice",
+            lambda element, _: element.get("valueSource"),
+            _choose_source,
+            choices=tuple(_SOURCES.items()),
+        ),
+        expression_field("expression", "Expression", shown=lambda element: not _of_operator(element)),
+        attribute_text("message", "Question", "message", shown=_of_operator),
+        attribute_choice("answer", "Answer", "valueType", _ANSWERS, shown=_of_operator),
+    ),
+)
+
+
+@node("Assignment", ASSIGNMENT, attributes="valueSource message valueType", children="variable expression")
 def assignment(writer: Writer, element: Element) -> None:
     """A variable gets the value of an expression, or what the operator answers."""
     name = variable_name(element.child("variable"))

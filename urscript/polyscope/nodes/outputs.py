@@ -1,12 +1,29 @@
 """Setting outputs, the tool and the payload."""
 
-from typing import Final
+from dataclasses import replace
+from typing import Any, Final
 
-from urscript.polyscope.document import DocumentError, Element
+from urproto.versions import Availability
+from urscript.polyscope.document import DocumentError, Element, make
+from urscript.polyscope.forms import (
+    ANALOG_OUTPUTS,
+    DIGITAL_OUTPUTS,
+    OUTPUTS,
+    Field,
+    FieldError,
+    Surroundings,
+    attribute_boolean,
+    attribute_number,
+    child_number,
+    expression_field,
+    expression_shown,
+    lacks_expression,
+    pin_field,
+)
 from urscript.polyscope.naming import truth
-from urscript.polyscope.nodes.waits import child_text
+from urscript.polyscope.nodes.waits import child_text, level_field, of_type, pin_shown
 from urscript.polyscope.numbers import list_text, number, number_text
-from urscript.polyscope.registry import node
+from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.writer import Writer, expression_text, pin_name, pin_writing, resolve_pin
 
 _PULSE: Final = "SingleDigitalPulseActionState"
@@ -14,7 +31,125 @@ _VOLTS: Final = 10.0  # what an analogue output gives at most
 _MILLIAMPERES: Final = (4.0, 20.0)
 
 
-@node("Set", status="partial", note="no single pulses from high to low: how files describe them is not known")
+_ACTIONS: Final = {
+    "NoAction": "No action",
+    "DigitalOutput": "A digital output",
+    "AnalogOutput": "An analog output",
+    "ExpressionOutput": "An output to an expression",
+    _PULSE: "A single pulse",
+}
+_PARTS: Final = {  # the children that files have for each
+    "DigitalOutput": ("pin", "digitalValue"),
+    "AnalogOutput": ("pin", "analogValue"),
+    "ExpressionOutput": ("pin", "expression"),
+    _PULSE: (_PULSE,),
+}
+
+
+def _choose(element: Element, value: str, program: Surroundings) -> None:
+    for child in list(element.resolved().children):
+        if child.tag != "tcp":
+            program.set_child(element, child.tag, None)
+    program.set_attribute(element, "type", value)
+    parts = _PARTS.get(value, ())
+    if "digitalValue" in parts:
+        program.set_text(element, "digitalValue", "1")
+    if "analogValue" in parts:
+        program.set_text(element, "analogValue", "0.0")
+    if "expression" in parts:
+        program.set_child(element, "expression", make("expression"))
+    if _PULSE in parts:
+        program.set_child(element, _PULSE, make(_PULSE, hiPulseInSeconds="0.5"))
+
+
+def _of_pulse(field: Field) -> Field:
+    """A field of the pulse that lies in a Set."""
+
+    def read(element: Element, program: Surroundings) -> Any:
+        pulse = element.child(_PULSE)
+        return field.read(pulse, program) if pulse else None
+
+    def write(element: Element, value: Any, program: Surroundings) -> None:
+        pulse = element.child(_PULSE)
+        if pulse is None:
+            raise FieldError("the node sets no single pulse")
+        field.write(pulse, value, program)
+
+    return replace(field, read=read, write=write, shown=of_type(_PULSE))
+
+
+def tcp_names(program: Surroundings) -> list[str]:
+    """The TCPs of the installation."""
+    return sorted(program.installation.tcps)
+
+
+def _set_tcp(element: Element, value: str | None, program: Surroundings) -> None:
+    if value is not None and value not in program.installation.tcps:
+        raise FieldError(f"the installation {program.installation.name} has no TCP called {value!r}")
+    program.set_child(element, "tcp", program.named("tcp", value) if value else None)
+
+
+def _tcp_read(element: Element, _: Surroundings) -> str | None:
+    tcp = element.child("tcp")
+    return (tcp.get("referencedName") or None) if tcp else None
+
+
+def _set_shown(element: Element) -> str:
+    kind = element.get("type")
+    if kind == "DigitalOutput":
+        return f"Set {pin_shown(element)}={'On' if truth(child_text(element, 'digitalValue')) == 'True' else 'Off'}"
+    if kind == "AnalogOutput":
+        return f"Set {pin_shown(element)}={child_text(element, 'analogValue')}"
+    if kind == "ExpressionOutput":
+        return f"Set {pin_shown(element)}={expression_shown(element.child('expression'))}"
+    pulse = element.child(_PULSE)
+    return f"Set {pin_shown(pulse)}=HI:Pulse {pulse.get('hiPulseInSeconds')}" if pulse else "Set"
+
+
+def _set_lacks(element: Element) -> str:
+    kind = element.get("type")
+    holder = element.child(_PULSE) if kind == _PULSE else element
+    if kind != "NoAction" and (holder is None or holder.child("pin") is None):
+        return "the output to set"
+    return "the expression to set the output to" if kind == "ExpressionOutput" and lacks_expression(element) else ""
+
+
+SET: Final = Kind(
+    "set",
+    "Set",
+    "Basic",
+    _set_shown,
+    new=lambda _: make("Set", type="NoAction"),
+    undefined=_set_lacks,
+    fields=(
+        Field("type", "Set", "choice", lambda e, _: e.get("type"), _choose, choices=tuple(_ACTIONS.items())),
+        pin_field("output", "Output", DIGITAL_OUTPUTS, shown=of_type("DigitalOutput")),
+        level_field(shown=of_type("DigitalOutput")),
+        pin_field("analog_output", "Output", ANALOG_OUTPUTS, shown=of_type("AnalogOutput")),
+        child_number(
+            "value", "Value", "analogValue", shown=of_type("AnalogOutput"), help="V or mA, as the installation has it"
+        ),
+        pin_field("any_output", "Output", OUTPUTS, shown=of_type("ExpressionOutput")),
+        expression_field("expression", "Expression", shown=of_type("ExpressionOutput")),
+        _of_pulse(pin_field("pulse_output", "Output", DIGITAL_OUTPUTS)),
+        _of_pulse(attribute_number("pulse", "Pulse", "hiPulseInSeconds", unit="s", low=0.0)),
+        Field("tcp", "TCP", "tcp", _tcp_read, _set_tcp, options=tcp_names, optional=True),
+        attribute_number("payload", "Payload", "payload", unit="kg", low=0.0, optional=True),
+        attribute_boolean(
+            "tcp_as_cog", "Centre of gravity at the TCP", "tcpAsCog", shown=lambda e: bool(e.get("payload"))
+        ),
+    ),
+)
+
+
+@node(
+    "Set",
+    SET,
+    status="partial",
+    note="no single pulses from high to low: how files describe them is not known",
+    attributes="type payload tcpAsCog centerOfGravity",
+    children=f"tcp pin digitalValue analogValue expression {_PULSE}",
+)
 def set_node(writer: Writer, element: Element) -> None:
     """Set an output, for a time or for good, the TCP or the payload."""
     _set_output(writer, element)
@@ -70,7 +205,34 @@ def _pulse(writer: Writer, element: Element) -> None:
     writer.line(f"singlePulse{name} = run SinglePulse{name}()")
 
 
-@node("SetPayload")
+SET_PAYLOAD: Final = Kind(
+    "set_payload",
+    "Set Payload",
+    "Basic",
+    lambda element: f"Set Payload: {element.get('workpieceName')}".rstrip(": "),
+    new=lambda program: make("SetPayload", workpieceName=next(iter(program.installation.payloads), "")),
+    undefined=lambda element: "" if element.get("workpieceName") else "the payload to set",
+    available=Availability.since(None, "5.10"),
+    fields=(
+        Field(
+            "payload",
+            "Payload",
+            "payload",
+            lambda element, _: element.get("workpieceName"),
+            lambda element, value, program: _choose_payload(element, value, program),
+            options=lambda program: sorted(program.installation.payloads),
+        ),
+    ),
+)
+
+
+def _choose_payload(element: Element, value: str, program: Surroundings) -> None:
+    if value not in program.installation.payloads:
+        raise FieldError(f"the installation {program.installation.name} has no payload called {value!r}")
+    program.set_attribute(element, "workpieceName", value)
+
+
+@node("SetPayload", SET_PAYLOAD)
 def set_payload(writer: Writer, element: Element) -> None:
     """Set a payload that the installation has under a name (PolyScope 5.10 and later)."""
     name = element.get("workpieceName")

@@ -1,15 +1,86 @@
 """URScript written by the user, and subprograms."""
 
+from typing import Final
+
 from urproto.text import lines
-from urscript.polyscope.document import DocumentError, Element
+from urscript.polyscope.document import DocumentError, Element, make, sharing
+from urscript.polyscope.forms import (
+    Field,
+    FieldError,
+    Surroundings,
+    attribute_boolean,
+    expression_field,
+    expression_shown,
+    lacks_expression,
+    node_name,
+)
 from urscript.polyscope.naming import identifier
-from urscript.polyscope.nodes.waits import child_text
-from urscript.polyscope.registry import node, translate_children
+from urscript.polyscope.nodes.waits import child_text, of_type
+from urscript.polyscope.registry import Kind, empty_children, node, translate_children
+from urscript.polyscope.tree import tag_of
 from urscript.polyscope.writer import Writer, expression_label, expression_text
 from urscript.work import Steps
 
 
-@node("Script")
+def _choose_type(element: Element, value: str, program: Surroundings) -> None:
+    for child in list(element.resolved().children):
+        program.set_child(element, child.tag, None)
+    program.set_attribute(element, "type", value)
+    if value == "Line":
+        program.set_child(element, "expression", make("expression"))
+
+
+def _choose_file(element: Element, value: str, program: Surroundings) -> None:
+    """Name a file; its text goes into the program too, as PolyScope keeps it there."""
+    program.set_text(element, "file", value)
+    text = program.folder.text(value)
+    program.set_text(element, "cachedContents", text if text is not None else "")
+
+
+def _script_shown(element: Element) -> str:
+    if element.get("type") != "File":
+        return expression_shown(element.child("expression")) or "Script"
+    name = child_text(element, "file").rpartition("/")[2]
+    return f"Script: {name}" if name else "Script"
+
+
+def _script_lacks(element: Element) -> str:
+    if element.get("type") == "File":
+        return "" if child_text(element, "file") else "the script file"
+    return "the line of script" if lacks_expression(element) else ""
+
+
+SCRIPT: Final = Kind(
+    "script",
+    "Script",
+    "Advanced",
+    _script_shown,
+    new=lambda _: make("Script", make("expression"), type="Line"),
+    undefined=_script_lacks,
+    fields=(
+        Field(
+            "type",
+            "Script",
+            "choice",
+            lambda element, _: element.get("type"),
+            _choose_type,
+            choices=(("Line", "Line"), ("File", "File")),
+        ),
+        expression_field("line", "Line", shown=of_type("Line")),
+        Field(
+            "file",
+            "File",
+            "file",
+            lambda element, _: child_text(element, "file") or None,
+            _choose_file,
+            shown=of_type("File"),
+            help="a path in the programs folder",
+        ),
+    ),
+)
+
+
+@node("Script", SCRIPT, children="cachedContents file expression")
 def script(writer: Writer, element: Element) -> None:
     """A line of URScript, or a file of it, taken from the folder and else from the copy in the program."""
     if element.get("type") != "File":
@@ -38,7 +109,29 @@ def _file_text(writer: Writer, element: Element, name: str) -> str:
     return copy.text
 
 
-@node("SubProgram")
+SUBPROGRAM: Final = Kind(
+    "subprogram",
+    "SubProgram",
+    "Advanced",
+    lambda element: element.get("name"),
+    new=lambda program: make(
+        "SubProgram",
+        empty_children(),
+        name=program.unused("SubProgram", program.names("SubProgram")),
+        keepHidden="false",
+        keepSynchronizedWithDisk="false",
+    ),
+    stands="program",
+    contains="nodes",
+    fields=(
+        node_name(what="subprogram"),
+        attribute_boolean("hidden", "Hide subprogram tree", "keepHidden"),
+        attribute_boolean("synchronized", "Keep in step with the file", "keepSynchronizedWithDisk"),
+    ),
+)
+
+
+@node("SubProgram", SUBPROGRAM)
 def subprogram(writer: Writer, element: Element) -> Steps[None]:
     """A part of the program that others call; a function of the script."""
     yield from _write_subprogram(writer, element)
@@ -55,7 +148,50 @@ def _write_subprogram(writer: Writer, element: Element) -> Steps[None]:
         yield from translate_children(writer, body)
 
 
-@node("CallSubProgram")
+def _subprograms(program: Surroundings) -> dict[str, Element]:
+    """The subprograms that stand in the program, by their names."""
+    children = program.root.child("children")
+    return {
+        place.get("name"): place.resolved()
+        for place in children or ()
+        if tag_of(place) == "SubProgram" and place.get("name")
+    }
+
+
+def _choose_subprogram(element: Element, value: str | None, program: Surroundings) -> None:
+    found = _subprograms(program)
+    if value is not None and value not in found:
+        raise FieldError(f"there is no subprogram called {value!r} in the program")
+    program.set_child(element, "subprogram", sharing("subprogram", found[value]) if value else None)
+
+
+def _called(element: Element, _: Surroundings | None = None) -> str | None:
+    subprogram = element.child("subprogram")
+    return subprogram.get("name") if subprogram else None
+
+
+CALL: Final = Kind(
+    "call",
+    "Call",
+    "Advanced",
+    lambda element: f"Call {_called(element) or ''}",
+    new=lambda _: make("CallSubProgram"),
+    undefined=lambda element: "" if _called(element) else "the subprogram to call",
+    fields=(
+        Field(
+            "subprogram",
+            "Subprogram",
+            "subprogram",
+            _called,
+            _choose_subprogram,
+            options=lambda program: list(_subprograms(program)),
+            optional=True,
+        ),
+    ),
+)
+
+
+@node("CallSubProgram", CALL)
 def call(writer: Writer, element: Element) -> Steps[None]:
     """Call a subprogram, which may be a program file of its own."""
     called = element.child("subprogram")

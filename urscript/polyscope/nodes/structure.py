@@ -1,14 +1,47 @@
 """The program itself and what only orders it."""
 
-from urscript.polyscope.document import DocumentError, Element
+from typing import Final
+
+from urscript.polyscope.document import DocumentError, Element, make
+from urscript.polyscope.forms import (
+    Field,
+    Surroundings,
+    attribute_boolean,
+    attribute_text,
+    expression_field,
+    expression_shown,
+    lacks_expression,
+    node_name,
+    titled,
+)
 from urscript.polyscope.naming import identifier
-from urscript.polyscope.nodes.moves import circle_move
-from urscript.polyscope.registry import node, translate_children
+from urscript.polyscope.nodes.waypoints import circle_move
+from urscript.polyscope.registry import Kind, empty_children, node, translate_children
 from urscript.polyscope.writer import Writer, expression_text, variable_name
 from urscript.work import Steps
 
 
-@node("MainProgram")
+def _loops_field(title: str) -> Field:
+    """That it begins anew when it is at its end, which files have the other way round."""
+
+    def write(element: Element, value: bool, program: Surroundings) -> None:
+        program.set_attribute(element, "runOnlyOnce", "false" if value else "true")
+
+    return Field("loops", title, "boolean", lambda element, _: element.get("runOnlyOnce") != "true", write)
+
+
+ROBOT_PROGRAM: Final = Kind(
+    "robot_program",
+    "Robot Program",
+    "Program",
+    lambda _: "Robot Program",
+    stands="program",
+    contains="nodes",
+    fields=(_loops_field("Program loops forever"),),
+)
+
+
+@node("MainProgram", ROBOT_PROGRAM, attributes="runOnlyOnce InitVariablesNode")
 def main_program(writer: Writer, element: Element) -> Steps[None]:
     """The robot program, for ever unless it runs only once."""
     if element.get("runOnlyOnce") == "true":
@@ -20,7 +53,17 @@ def main_program(writer: Writer, element: Element) -> Steps[None]:
         yield from translate_children(writer, element)
 
 
-@node("InitVariablesNode")
+VARIABLES_SETUP: Final = Kind(
+    "variables_setup",
+    "Variables Setup",
+    "Program",
+    lambda _: "Variables Setup",
+    new=lambda _: make("InitVariablesNode"),
+    stands="program",
+)
+
+
+@node("InitVariablesNode", VARIABLES_SETUP)
 def init_variables(writer: Writer, element: Element) -> None:
     """First values of variables."""
     with writer.into("variables"):
@@ -30,7 +73,19 @@ def init_variables(writer: Writer, element: Element) -> None:
                 writer.line(f"global {variable_name(variable)}={text}")
 
 
-@node("SpecialSequence", status="partial", note="BeforeStart, and the CircleMove of old files")
+BEFORE_START: Final = Kind(
+    "before_start",
+    "BeforeStart",
+    "Program",
+    lambda element: element.get("type"),
+    new=lambda _: make("SpecialSequence", empty_children(), type="BeforeStart"),
+    stands="program",
+    contains="nodes",
+    matches=lambda element: element.get("type") == "BeforeStart",
+)
+
+
+@node("SpecialSequence", BEFORE_START, status="partial", note="BeforeStart, and the CircleMove of old files")
 def special_sequence(writer: Writer, element: Element) -> Steps[None]:
     """What is done once before the program starts."""
     if element.get("type") == "CircleMove":
@@ -43,7 +98,21 @@ def special_sequence(writer: Writer, element: Element) -> Steps[None]:
         yield from translate_children(writer, element)
 
 
-@node("Thread")
+THREAD: Final = Kind(
+    "thread",
+    "Thread",
+    "Advanced",
+    lambda element: element.get("name"),
+    new=lambda program: make(
+        "Thread", empty_children(), name=program.unused("Thread", program.names("Thread")), runOnlyOnce="false"
+    ),
+    stands="program",
+    contains="nodes",
+    fields=(node_name(what="thread"), _loops_field("Loops forever")),
+)
+
+
+@node("Thread", THREAD)
 def thread(writer: Writer, element: Element) -> Steps[None]:
     """Runs beside the robot program, for ever unless it runs only once."""
     name = identifier(element.get("name"))
@@ -58,7 +127,20 @@ def thread(writer: Writer, element: Element) -> Steps[None]:
         writer.line(f"threadId_{name} = run {name}()")
 
 
-@node("Event")
+EVENT: Final = Kind(
+    "event",
+    "Event",
+    "Advanced",
+    lambda element: titled("Event", expression_shown(element.child("expression"))),
+    new=lambda _: make("Event", make("expression"), empty_children()),
+    stands="program",
+    contains="nodes",
+    undefined=lambda element: "its expression" if lacks_expression(element) else "",
+    fields=(expression_field("expression", "Expression"),),
+)
+
+
+@node("Event", EVENT, children="expression children")
 def event(writer: Writer, element: Element) -> Steps[None]:
     """Done whenever its expression is true, beside the robot program; one thread looks for the first that is due."""
     if not writer.once("events"):
@@ -79,7 +161,21 @@ def event(writer: Writer, element: Element) -> Steps[None]:
         writer.line("eventThread = run EventThread()")
 
 
-@node("Folder")
+FOLDER: Final = Kind(
+    "folder",
+    "Folder",
+    "Basic",
+    lambda element: element.get("name") or "Folder",
+    new=lambda _: make("Folder", empty_children(), name="Folder", keepHidden="false"),
+    contains="nodes",
+    fields=(
+        node_name(what="folder", free=True),
+        attribute_boolean("hidden", "Hide folder program tree", "keepHidden"),
+    ),
+)
+
+
+@node("Folder", FOLDER)
 def folder(writer: Writer, element: Element) -> Steps[None]:
     """Nodes under a name."""
     writer.label(element, element.get("name") or "Folder")
@@ -91,12 +187,25 @@ def suppressed(writer: Writer, element: Element) -> None:
     """Left out."""
 
 
-@node("Placeholder")
+@node(
+    "Placeholder",
+    Kind("empty", "<empty>", "Program", lambda _: "<empty>", undefined=lambda _: "what is done here"),
+)
 def placeholder(writer: Writer, element: Element) -> None:
     """An empty line of the tree."""
 
 
-@node("Comment")
+COMMENT: Final = Kind(
+    "comment",
+    "Comment",
+    "Basic",
+    lambda element: f"'{element.get('comment')}'" if element.get("comment") else "Comment",
+    new=lambda _: make("Comment"),
+    fields=(attribute_text("comment", "Comment", "comment", empty=False),),
+)
+
+
+@node("Comment", COMMENT)
 def comment(writer: Writer, element: Element) -> None:
     """A remark: a label that clients see."""
     text = element.get("comment")

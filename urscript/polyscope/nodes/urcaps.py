@@ -3,19 +3,57 @@
 from typing import Final
 
 from urproto.text import lines
-from urscript.polyscope.document import Element
+from urscript.polyscope.document import Element, make
+from urscript.polyscope.installation_file import InstallationFile
 from urscript.polyscope.nodes.direction import write_direction_function
 from urscript.polyscope.nodes.flow import count_time
-from urscript.polyscope.nodes.moves import DIRECTION
-from urscript.polyscope.registry import node
+from urscript.polyscope.nodes.motion import DIRECTION
+from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.tree import EXTERNAL_CONTROL, TreeError, is_external_control
 from urscript.polyscope.writer import Writer
 
 _UNNAMED: Final = "192.168.56.1"  # what the URCap calls a driver without a name
 
 
+def new_external_control(_: object = None) -> Element:
+    """The node as the URCap saves it: host and port are the installation's."""
+    return make(
+        "Contributed",
+        make("dataModel"),
+        strategyClass="com.fzi.externalcontrol.ExternalControlNode",
+        strategyProgramNodeType=EXTERNAL_CONTROL,
+        strategyURCapDeveloper="FZI Research Center for Information Technology",
+        strategyURCapName=EXTERNAL_CONTROL,
+    )
+
+
+def _shown(installation: InstallationFile) -> str:
+    page = installation.contributions.get(EXTERNAL_CONTROL, {})
+    return f"Control by {page.get('name') or _UNNAMED}"
+
+
+EXTERNAL_CONTROL_KIND: Final = Kind(
+    "external_control",
+    "External Control",
+    "URCaps",
+    lambda _: EXTERNAL_CONTROL,
+    new=new_external_control,
+    matches=is_external_control,
+    shown_by=_shown,
+)
+OTHER_URCAP: Final = Kind(
+    "urcap",
+    "Another URCap's node",
+    "URCaps",
+    lambda element: element.get("strategyProgramNodeType"),
+    contains="nodes",
+)
+
+
 @node(
     "Contributed",
+    EXTERNAL_CONTROL_KIND,
+    OTHER_URCAP,
     status="partial",
     note="External Control; others if the .script that PolyScope saved beside the program holds their code",
 )
@@ -60,8 +98,7 @@ def _external_control(writer: Writer, element: Element) -> None:
     code = writer.external_control
     if code is None:
         raise TreeError("the program has External Control nodes, and no driver has given their code")
-    page = writer.installation.contributions.get(EXTERNAL_CONTROL, {})
-    writer.label(element, f"Control by {page.get('name') or _UNNAMED}")
+    writer.label(element, _shown(writer.installation))
     if writer.once("external control header"):
         writer.raw(lines(code.header))
     writer.raw(lines(code.node))

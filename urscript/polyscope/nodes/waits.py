@@ -1,23 +1,147 @@
 """Waiting."""
 
-from typing import Final
+import re
+from collections.abc import Callable
+from typing import Any, Final
 
-from urscript.polyscope.document import DocumentError, Element
+from urscript.polyscope.document import DocumentError, Element, make
+from urscript.polyscope.forms import (
+    ANALOG_INPUTS,
+    DIGITAL_INPUTS,
+    Field,
+    Surroundings,
+    child_number,
+    expression_field,
+    expression_shown,
+    lacks_expression,
+    pin_field,
+    titled,
+)
 from urscript.polyscope.naming import truth
-from urscript.polyscope.registry import node
+from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.writer import Writer, expression_label, expression_text, pin_name, pin_reading
 
 _COMPARISONS: Final = {"0": "<", "1": ">"}  # guess: which is which
+_LEVELS: Final = {"1": "On", "0": "Off"}
 
 
-@node("Wait", status="partial", note="which of < and > an analogue condition means is a guess")
+def level_field(key: str = "level", title: str = "Level", tag: str = "digitalValue", **more: Any) -> Field:
+    """High or low, as the text of a child."""
+
+    def write(element: Element, value: str, program: Surroundings) -> None:
+        program.set_text(element, tag, value)
+
+    def read(element: Element, _: Surroundings) -> str:
+        text = child_text(element, tag)
+        return "" if not text else "1" if truth(text) == "True" else "0"
+
+    return Field(key, title, "choice", read, write, choices=tuple(_LEVELS.items()), **more)
+
+
+def of_type(*types: str) -> Callable[[Element], bool]:
+    """Whether a node's attribute ``type`` is one of these."""
+    return lambda element: element.get("type") in types
+
+
+_SHORT: Final = re.compile(r"(digital|tool|analog|config)_(in|out)\[")
+
+
+def pin_shown(element: Element) -> str:
+    """The name of a node's pin as the tree has it, DO[0] for digital_out[0] (seen; the others alike: a guess)."""
+    pin = element.child("pin")
+    name = (pin.get("referencedName") if pin else "") or "?"
+    return _SHORT.sub(lambda match: f"{match[1][0]}{match[2][0]}[".upper(), name)
+
+
+def _choose(element: Element, value: str, program: Surroundings) -> None:
+    """Another type of wait, with the children that files have for it."""
+    wanted = {"Sleep": ["waitTime"], "DigitalInput": ["pin", "digitalValue"], "Condition": ["expression"]}
+    wanted["AnalogInput"] = ["pin", "analogComparison", "analogValue"]
+    keep = wanted.get(value, [])
+    for child in list(element.resolved().children):
+        if child.tag not in keep or child.tag == "pin":
+            program.set_child(element, child.tag, None)
+    program.set_attribute(element, "type", value)
+    texts = {"waitTime": "0.01", "digitalValue": "1", "analogComparison": "1", "analogValue": "0.0"}
+    for tag in keep:
+        if tag in texts and element.child(tag) is None:
+            program.set_text(element, tag, texts[tag])
+        elif tag == "expression" and element.child(tag) is None:
+            program.set_child(element, tag, make(tag))
+
+
+def _shown(element: Element) -> str:
+    kind = element.get("type")
+    if kind == "Sleep":
+        return f"Wait: {child_text(element, 'waitTime')}"
+    if kind == "Condition":
+        return titled("Wait", expression_shown(element.child("expression")))
+    if kind == "DigitalInput":
+        return f"Wait {pin_shown(element)}={truth(child_text(element, 'digitalValue'))}"
+    if kind == "AnalogInput":
+        comparison = _COMPARISONS.get(child_text(element, "analogComparison"), "?")
+        return f"Wait {pin_shown(element)}{comparison}{child_text(element, 'analogValue')}"
+    return "Wait"
+
+
+def _lacks(element: Element) -> str:
+    kind = element.get("type")
+    if kind == "Condition":
+        return "the condition to wait for" if lacks_expression(element) else ""
+    if kind in ("DigitalInput", "AnalogInput"):
+        return "" if element.child("pin") else "the input to wait for"
+    return "what to wait for" if kind == "Undefined" else ""
+
+
+_WAITS: Final = {
+    "NoWait": "No wait",
+    "Sleep": "A time",
+    "DigitalInput": "A digital input",
+    "AnalogInput": "An analog input",
+    "Condition": "An expression",
+}
+WAIT: Final = Kind(
+    "wait",
+    "Wait",
+    "Basic",
+    _shown,
+    new=lambda _: make("Wait", type="NoWait"),
+    undefined=_lacks,
+    fields=(
+        Field("type", "Wait for", "choice", lambda e, _: e.get("type"), _choose, choices=tuple(_WAITS.items())),
+        child_number("time", "Time", "waitTime", unit="s", low=0.0, shown=of_type("Sleep")),
+        pin_field("input", "Input", DIGITAL_INPUTS, shown=of_type("DigitalInput")),
+        level_field(shown=of_type("DigitalInput")),
+        pin_field("analog_input", "Input", ANALOG_INPUTS, shown=of_type("AnalogInput")),
+        Field(
+            "comparison",
+            "Comparison",
+            "choice",
+            lambda e, _: child_text(e, "analogComparison"),
+            lambda e, value, program: program.set_text(e, "analogComparison", value),
+            choices=tuple(_COMPARISONS.items()),
+            shown=of_type("AnalogInput"),
+        ),
+        child_number("value", "Value", "analogValue", shown=of_type("AnalogInput")),
+        expression_field("condition", "Condition", shown=of_type("Condition")),
+    ),
+)
+
+
+@node(
+    "Wait",
+    WAIT,
+    status="partial",
+    note="which of < and > an analogue condition means is a guess",
+    children="waitTime pin digitalValue analogComparison analogValue expression",
+)
 def wait(writer: Writer, element: Element) -> None:
     """Wait for a time, an input or a condition."""
     kind = element.get("type")
     if kind == "Sleep":
         writer.label(element, f"Wait: {child_text(element, 'waitTime')}")
         writer.line(f"sleep({child_text(element, 'waitTime')})")
-    elif kind == "NoWait":
+    elif kind in ("NoWait", "Undefined"):
         writer.label(element, "Wait")
     else:
         label, waiting = _condition(writer, element, kind)

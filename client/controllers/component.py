@@ -2,25 +2,22 @@
 
 import asyncio
 import logging
+from types import TracebackType
 from typing import Any, Final
-
-from lifecycle_msgs.msg import State
 
 from client.controllers.controller import LifecycleState
 from client.controllers.robot import ControlledRobot
 from client.driver.robot import MOVABLE
 from client.errors import ControllerError
+from urproto.compat import Self
 from urproto.errors import URError
 from urproto.modes import RobotMode
 
-_LABELS: Final = {
-    State.PRIMARY_STATE_UNCONFIGURED: LifecycleState.UNCONFIGURED,
-    State.PRIMARY_STATE_INACTIVE: LifecycleState.INACTIVE,
-    State.PRIMARY_STATE_ACTIVE: LifecycleState.ACTIVE,
-}
+PLUGIN: Final = "ur_robot_driver/URPositionHardwareInterface"
+"""What a hardware component of a UR arm is called in ROS 2."""
+
 _TRIES: Final = 10
 _AGAIN_S: Final = 1.0  # between them; guess
-_IDS: Final = {state: number for number, state in _LABELS.items()}
 
 _logger = logging.getLogger(__name__)
 
@@ -47,19 +44,10 @@ class HardwareComponent:
         """Why it is not active; empty while it is."""
         return "" if self.state is LifecycleState.ACTIVE else f"{self.name} is {self.state}"
 
-    def message(self) -> State:
-        """As lifecycle_msgs/State."""
-        return State(id=_IDS[self.state], label=str(self.state))
-
-    async def go_to(self, number: int, label: str = "") -> None:
-        """Change the state, by its number or else its label. Raises ControllerError."""
-        named = [state for state in _LABELS.values() if str(state) == label]
-        if number in _LABELS:
-            target = _LABELS[number]
-        elif not number and named:
-            target = named[0]
-        else:
-            raise ControllerError(self.name, f"state {number} {label!r} is not unconfigured, inactive or active")
+    async def go_to(self, target: LifecycleState) -> None:
+        """Change the state. Raises ControllerError."""
+        if target is LifecycleState.FINALIZED:
+            raise ControllerError(self.name, "its state is unconfigured, inactive or active: end the driver instead")
         hardware: Any = self._robot.manager.hardware
         if target is LifecycleState.ACTIVE:
             hardware.withheld = None
@@ -87,17 +75,24 @@ async def start_if_ready(robot: ControlledRobot) -> bool:
 
 
 class ControllerStopper:
-    """Activates again what had to end because the arm could not be moved, once it can be: the official one's part."""
+    """Activates again what had to end because the arm could not be moved, once it can be: the official one's part.
+
+    Use it with ``with``.
+    """
 
     def __init__(self, robot: ControlledRobot) -> None:
         self._manager = robot.manager
         self._robot = robot
         self._stopped: list[str] = []
+
+    def __enter__(self) -> Self:
         self._manager.on_stop.append(self._note)
         self._manager.on_cycle.append(self._look)
+        return self
 
-    def close(self) -> None:
-        """Activate nothing any more."""
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._manager.on_stop.remove(self._note)
         self._manager.on_cycle.remove(self._look)
 
@@ -129,18 +124,23 @@ class ControllerStopper:
 class ProgramKeeper:
     """Starts the control program again on a robot that was silent and is back, as was done at the first connection.
 
-    A program that somebody has stopped stays so, as with the official driver: resend_robot_program starts it.
+    A program that somebody has stopped stays so, as with the official driver: resend_robot_program starts it. Use it
+    with ``with``.
     """
 
     def __init__(self, robot: ControlledRobot) -> None:
         self._robot = robot
         self._was_silent = False
         self._starting: asyncio.Task[None] | None = None
-        robot.driver.robot.on_silence.append(self._note)
-        robot.manager.on_cycle.append(self._look)
 
-    def close(self) -> None:
-        """Start nothing any more."""
+    def __enter__(self) -> Self:
+        self._robot.driver.robot.on_silence.append(self._note)
+        self._robot.manager.on_cycle.append(self._look)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._robot.driver.robot.on_silence.remove(self._note)
         self._robot.manager.on_cycle.remove(self._look)
         if self._starting is not None:

@@ -1,0 +1,169 @@
+"""``ur-client plan``: a way around what is in the way."""
+
+import re
+from math import radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from client.commands.control import MakeReady, RecordOption, Target, follow, run, say_result
+from client.commands.following import PortOffset, RobotIP
+from client.commands.record import Overwrite, check_free
+from client.controllers import JOINT_NAMES, JointTrajectory
+from client.robot import AsyncRobot
+from urproto.commandline import AsJson, print_json
+from urproto.robots import load_model
+
+if TYPE_CHECKING:
+    from client.planning import Goal, Plan, PlanningScene
+
+_NUMBERS = re.compile(r"(p?)\[?([^\[\]]*)\]?")
+
+
+def plan_command(
+    goal: Annotated[
+        str,
+        typer.Argument(
+            help='Joint angles "0,-1.57,0,-1.57,0,0" [rad], a pose of the TCP "p[0.3,0.1,0.2,0,3.14,0]" '
+            "[m, rotation vector], or a posture: home, up, test_configuration."
+        ),
+    ],
+    scene: Annotated[
+        Path | None, typer.Option(help="What stands around the arm: a file as `ur-emulator --world` takes it.")
+    ] = None,
+    execute: Annotated[bool, typer.Option("--execute", help="Let the arm take the way.")] = False,
+    degrees: Annotated[bool, typer.Option("--degrees", help="Joint angles are in degrees.")] = False,
+    padding: Annotated[float, typer.Option(help="How far the arm keeps from everything [m].")] = 0.01,
+    planner: Annotated[str, typer.Option(help="RRTConnect, RRTstar or PRM.")] = "RRTConnect",
+    time_limit: Annotated[float, typer.Option(help="How long to look for a way [s].")] = 5.0,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same way.")] = 0,
+    velocity: Annotated[float, typer.Option(help="Share of the joints' speeds, up to 1.")] = 0.3,
+    acceleration: Annotated[float, typer.Option(help="Share of the accelerations, up to 1.")] = 0.3,
+    plot: Annotated[Path | None, typer.Option(help="Draw joint angles and speeds into this file (.png, .pdf).")] = None,
+    start: Annotated[
+        str | None, typer.Option(help="Joint angles to plan from without a robot; needs --model.", show_default=False)
+    ] = None,
+    model: Annotated[str | None, typer.Option(help="The arm, for a plan without a robot: ur3, ur5e ...")] = None,
+    controller: Annotated[
+        str, typer.Option(help="Trajectory controller to use.")
+    ] = "passthrough_trajectory_controller",
+    make_ready: MakeReady = False,
+    record: RecordOption = None,
+    overwrite: Overwrite = False,
+    robot_ip: RobotIP = "127.0.0.1",
+    port_offset: PortOffset = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Find a way around what is in the way, and let the arm take it if told to."""
+    if (start is None) != (model is None):
+        raise typer.BadParameter("--start and --model plan without a robot: give both, or none")
+    if start is not None and execute:
+        raise typer.BadParameter("--execute needs a robot: leave --start and --model away")
+    if record is not None:
+        check_free(record, overwrite)
+    options: dict[str, Any] = {
+        "planner": planner,
+        "time_limit_s": time_limit,
+        "seed": seed,
+        "velocity_scaling": velocity,
+        "acceleration_scaling": acceleration,
+    }
+    wanted = _goal(goal, degrees)
+
+    async def work() -> None:
+        from client.planning import Planner, PlanningScene
+
+        if start is not None and model is not None:
+            around = _scene(PlanningScene(load_model(model), padding_m=padding), scene)
+            _tell(Planner(around).plan(_angles(start, degrees), wanted, **options), as_json, plot)
+            return
+
+        target = Target(robot_ip, port_offset, make_ready=make_ready, record=record)
+        async with AsyncRobot(robot_ip, robot_ports=target.ports) as robot:
+            around = _scene(PlanningScene(await robot.planning.model(), padding_m=padding), scene)
+            plan = await robot.planning.plan(wanted, around, **options)
+        _tell(plan, as_json, plot)
+        if execute:
+            await _execute(plan, target, controller)
+
+    run(work())
+
+
+async def _execute(plan: "Plan", target: Target, controller: str) -> None:
+    samples = (values.tolist() for values in (plan.timed.times_s, plan.timed.q, plan.timed.qd, plan.timed.qdd))
+    async with target.open() as arm:
+        stands = (await arm.ask("robot_state"))["positions"]  # by name, with the manager's prefix, base to wrist 3
+        plan.check_start(list(stands.values()))
+        await target.activate(arm, controller)
+        result = await follow(arm, controller, JointTrajectory.sampled(tuple(stands), *samples), "plan")
+    say_result("plan", result)
+
+
+def _scene(scene: "PlanningScene", path: Path | None) -> "PlanningScene":
+    if path is not None:
+        try:
+            scene.update(path)
+        except OSError as error:
+            raise typer.BadParameter(f"cannot read {path}: {error.strerror}") from error
+    return scene
+
+
+def _goal(text: str, degrees: bool) -> "Goal":
+    from client.planning import NAMED, JointGoal, NamedGoal, PoseGoal
+
+    if text in NAMED:
+        return NamedGoal(text)
+    match = _NUMBERS.fullmatch(text.strip())
+    if match and match[1]:
+        return PoseGoal(_six(match[2], text))
+    return JointGoal(_angles(text, degrees))
+
+
+def _angles(text: str, degrees: bool) -> tuple[float, ...]:
+    match = _NUMBERS.fullmatch(text.strip())
+    angles = _six(match[2] if match and not match[1] else "", text)
+    return tuple(map(radians, angles)) if degrees else angles
+
+
+def _six(numbers: str, text: str) -> tuple[float, ...]:
+    try:
+        values = tuple(float(part) for part in numbers.replace(",", " ").split())
+    except ValueError:
+        values = ()
+    if len(values) != 6:
+        raise typer.BadParameter(
+            f"{text!r} is neither six joint angles, nor a pose p[x,y,z,rx,ry,rz], nor a posture: home, up, "
+            "test_configuration"
+        )
+    return values
+
+
+def _tell(plan: "Plan", as_json: bool, plot: Path | None) -> None:
+    if plot is not None:
+        from client.recording.plots import draw_trajectory
+
+        draw_trajectory(plan.timed.times_s, plan.timed.q, plan.timed.qd, plot)
+    if as_json:
+        print_json(_as_json(plan))
+        return
+    corners = len(plan.way) - 2
+    typer.echo(
+        f"a way of {plan.duration_s:.2f} s {f'with {corners} corners' if corners else 'straight ahead'}, by "
+        f"{plan.planner}: found in {1000 * plan.search_s:.0f} ms, shortened in {1000 * plan.shortening_s:.0f} ms, "
+        f"timed in {1000 * plan.timing_s:.0f} ms"
+    )
+
+
+def _as_json(plan: "Plan") -> dict[str, Any]:
+    timed = plan.timed
+    return {
+        "planner": plan.planner,
+        "duration_s": plan.duration_s,
+        "way": plan.way,
+        "joint_names": JOINT_NAMES,
+        "times_s": timed.times_s.tolist(),
+        "positions": timed.q.tolist(),
+        "velocities": timed.qd.tolist(),
+        "accelerations": timed.qdd.tolist(),
+    }

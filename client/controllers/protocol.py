@@ -1,0 +1,141 @@
+"""How other processes of this user talk to a running controller manager: JSON, one message a line.
+
+Manager and client are on the same machine. They meet at a Unix socket in a folder that only this user can enter, named
+by the robot's address; where there are no Unix sockets, a file there says the port on the loopback interface and the
+token that the first line has to bring.
+
+Client: {"protocol": 1, "token": ""}, then requests {"id": 1, "do": "list_controllers", ...arguments}
+Manager: {"protocol": 1, "robot": "192.168.1.10", "pid": 4711}, then {"id": 1, "result": ...} or {"id": 1, "error": ...}
+"""
+
+import json
+import os
+import re
+import socket
+import stat
+import tempfile
+from collections.abc import Mapping
+from hashlib import sha256
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final
+
+from client.errors import ControllerError, FileError, GoalRejectedError, ManagerError
+from urproto.errors import URError
+from urproto.ports import CONTROLLER_PORTS
+from urproto.text import quoted
+
+VERSION: Final = 1
+LONGEST_REQUEST: Final = 2**18  # bytes: a trajectory of a thousand points; parsed within a few milliseconds
+LONGEST_ANSWER: Final = 2**22
+HAS_UNIX_SOCKETS: Final = hasattr(socket, "AF_UNIX")
+_LONGEST_PATH: Final = 100  # bytes: of a Unix socket, 104 with its end on macOS, 108 on Linux
+_UNSAFE: Final = re.compile(r"[^A-Za-z0-9.-]")
+
+Message = dict[str, Any]
+
+
+# where they meet
+
+
+def meeting_place(robot_ip: str, rtde_port: int) -> Path:
+    """Where the manager of a robot is found, without the ending that says how. Raises FileError."""
+    robot = _numeric(robot_ip)
+    if rtde_port != CONTROLLER_PORTS["rtde"]:
+        robot += f"-{rtde_port}"
+    name = _UNSAFE.sub("_", robot)
+    if name != robot or len(name) > 40:  # another robot must not have the same one
+        name = f"{name[:20]}-{sha256(robot.encode()).hexdigest()[:12]}"
+    place = _private_folder() / name
+    if len(os.fsencode(place)) + len(".sock") > _LONGEST_PATH:
+        raise FileError(place, "the path is too long for a Unix socket: set XDG_RUNTIME_DIR to a shorter one")
+    return place
+
+
+def _numeric(host: str) -> str:
+    """A robot by its name and by its address is the same one."""
+    try:
+        return str(socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0][4][0])
+    except (OSError, UnicodeError):
+        return host.lower()
+
+
+def _private_folder() -> Path:
+    """That of this user, made if need be. Raises FileError when somebody else may enter it."""
+    folder = _runtime_folder()
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if hasattr(os, "getuid"):
+            found = os.lstat(folder)
+            if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
+                raise FileError(folder, "it is not a folder of this user: remove it, or set XDG_RUNTIME_DIR")
+            if found.st_mode & 0o077:
+                folder.chmod(0o700)
+    except OSError as error:
+        raise FileError(
+            folder, f"it cannot be used ({error.strerror}): set XDG_RUNTIME_DIR to a folder of yours"
+        ) from None
+    return folder
+
+
+def _runtime_folder() -> Path:
+    if given := os.environ.get("XDG_RUNTIME_DIR"):
+        return Path(given) / "ur-client"
+    if not hasattr(os, "getuid"):
+        return Path(os.environ.get("LOCALAPPDATA", Path.home())) / "ur-client"
+    usual = Path(f"/run/user/{os.getuid()}")  # of systemd, which sets the variable in some shells only
+    return usual / "ur-client" if usual.is_dir() else Path(tempfile.gettempdir()) / f"ur-client-{os.getuid()}"
+
+
+# messages
+
+
+def encoded(message: Mapping[str, Any]) -> bytes:
+    """A message as a line; numbers that JSON lacks are null."""
+    return json.dumps(_plain(message), separators=(",", ":")).encode() + b"\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(name): _plain(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, float) and not isfinite(value):
+        return None
+    return str(value) if isinstance(value, str) else value  # of enumerations, their texts
+
+
+def decoded(line: bytes) -> Message:
+    """The message of a line. Raises ManagerError for what is none."""
+    try:
+        message = json.loads(line, parse_constant=_refuse)
+    except (ValueError, RecursionError):  # UnicodeDecodeError and JSONDecodeError are ValueErrors
+        raise ManagerError(f"this is not a message of JSON: {quoted(line[:80])}") from None
+    if not isinstance(message, dict):
+        raise ManagerError(f"a message is an object of JSON, not {quoted(line[:80])}")
+    return message
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(constant)
+
+
+def described_error(error: URError) -> Message:
+    """An error as it is sent."""
+    if isinstance(error, GoalRejectedError):
+        return {"controller": error.controller, "code": int(error.code), "reason": error.reason}
+    if isinstance(error, ControllerError):
+        return {"controller": error.controller, "reason": error.reason}
+    return {"text": str(error)}
+
+
+def error_of(message: Any) -> ManagerError | ControllerError:
+    """The error that was sent."""
+    if not isinstance(message, Mapping):
+        return ManagerError(f"the controller manager sent an error that says nothing: {quoted(message)}")
+    if "controller" not in message:
+        return ManagerError(str(message.get("text")))
+    controller, reason = str(message["controller"]), str(message.get("reason"))
+    if isinstance(code := message.get("code"), int):
+        return GoalRejectedError(controller, code, reason)
+    return ControllerError(controller, reason)

@@ -1,0 +1,137 @@
+"""A running controller manager, from another process.
+
+async with RemoteManager("192.168.1.10") as manager:
+    await manager.ask("switch_controller", activate=["forward_velocity_controller"], deactivate=[SCALED])
+
+What can be asked: `client.controllers.session.Session`.
+"""
+
+import asyncio
+import json
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final
+
+from client.controllers import protocol
+from client.errors import ManagerError, NoManagerError
+from urproto.compat import Self
+from urproto.compat_asyncio import timeout
+from urproto.ports import CONTROLLER_PORTS
+
+ANSWER_S: Final = 10.0  # guess: a manager that is at work answers within milliseconds
+_CONNECT_S: Final = 5.0
+
+_LOST: Final = "the controller manager of {} has ended: start it again with `ur-client controllers serve`"
+
+
+class RemoteManager:
+    """The manager of the robot at an address; use it with ``async with``, which raises NoManagerError.
+
+    rtde_port: of the robot; it tells robots at the same address apart. pid: of the manager's process. Requests are
+    carried out one after the other. When the connection ends, what was begun over it ends too: goals are canceled,
+    speeds are zero, recordings are closed.
+    """
+
+    def __init__(self, robot_ip: str, rtde_port: int = CONTROLLER_PORTS["rtde"]) -> None:
+        self.robot_ip = robot_ip
+        self.pid = 0
+        self._rtde_port = rtde_port
+        self._count = 0
+        self._asking = asyncio.Lock()
+        self._reader: asyncio.StreamReader
+        self._writer: asyncio.StreamWriter
+
+    async def __aenter__(self) -> Self:
+        token = await self._open()
+        try:
+            self._writer.write(protocol.encoded({"protocol": protocol.VERSION, "token": token}))
+            hello = await self._next(_CONNECT_S)
+            if "error" in hello:
+                raise protocol.error_of(hello["error"])
+            self.pid = hello.get("pid", 0)
+        except BaseException:
+            self._writer.close()
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._writer.close()
+
+    async def _open(self) -> str:
+        """Connect; the token that is needed."""
+        place = protocol.meeting_place(self.robot_ip, self._rtde_port)
+        limit = protocol.LONGEST_ANSWER
+        try:
+            async with timeout(_CONNECT_S):
+                if protocol.HAS_UNIX_SOCKETS:
+                    path = place.with_name(f"{place.name}.sock")
+                    self._reader, self._writer = await asyncio.open_unix_connection(str(path), limit=limit)
+                    return ""
+                port, token = _read_port(place.with_name(f"{place.name}.json"))
+                self._reader, self._writer = await asyncio.open_connection("127.0.0.1", port, limit=limit)
+                return token
+        except (FileNotFoundError, ConnectionRefusedError):  # the latter of one that was killed
+            raise NoManagerError(self.robot_ip) from None
+        except (OSError, TimeoutError) as error:
+            reason = error.strerror if isinstance(error, OSError) and error.strerror else "it does not answer"
+            raise ManagerError(f"no connection to the controller manager of {self.robot_ip}: {reason}") from None
+
+    async def ask(self, do: str, /, *, timeout_s: float = ANSWER_S, **arguments: Any) -> Any:
+        """What it answers to a request.
+
+        Raises ControllerError and GoalRejectedError as the manager did, ManagerError for everything else.
+        """
+        async with self._asking:
+            self._count += 1
+            line = protocol.encoded({"id": self._count, "do": do, **arguments})
+            if len(line) > protocol.LONGEST_REQUEST:
+                raise ManagerError(f"{do}: {len(line)} bytes are too many, {protocol.LONGEST_REQUEST} can be sent")
+            try:
+                self._writer.write(line)
+                await self._writer.drain()
+            except OSError:
+                raise ManagerError(_LOST.format(self.robot_ip)) from None
+            while True:  # answers to requests that somebody gave up are still to come
+                answer = await self._next(timeout_s)
+                if answer.get("id") == self._count or "id" not in answer:
+                    break
+        if "error" in answer:
+            raise protocol.error_of(answer["error"])
+        return answer.get("result")
+
+    async def _next(self, timeout_s: float) -> protocol.Message:
+        try:
+            async with timeout(timeout_s):
+                line = await self._reader.readline()
+        except TimeoutError:
+            raise ManagerError(
+                f"the controller manager of {self.robot_ip} has not answered for {timeout_s:g} s: is it suspended?"
+            ) from None
+        except (OSError, ValueError):
+            line = b""
+        if not line.endswith(b"\n"):
+            raise ManagerError(_LOST.format(self.robot_ip))
+        return protocol.decoded(line)
+
+
+async def check_no_manager(robot_ip: str, rtde_port: int) -> None:
+    """For who drives the arm by a control program of its own. Raises ManagerError while a manager does."""
+    try:
+        async with RemoteManager(robot_ip, rtde_port) as manager:
+            raise ManagerError(
+                f"a controller manager is running for {robot_ip} (process {manager.pid}), and a robot runs one control "
+                "program at a time: end the manager first"
+            )
+    except NoManagerError:
+        return
+
+
+def _read_port(path: Path) -> tuple[int, str]:
+    """Raises FileNotFoundError; what is not the file of a manager is taken for none."""
+    try:
+        content = json.loads(path.read_text("utf-8"))
+        return int(content["port"]), str(content["token"])
+    except (ValueError, KeyError, TypeError):
+        raise FileNotFoundError(path) from None

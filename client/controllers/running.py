@@ -1,0 +1,180 @@
+"""A controller manager that keeps running, whatever the robot does: there is one, and everybody talks to it.
+
+`ur-client controllers serve` is this in the foreground, the ROS 2 driver is this with nodes. Other processes reach it
+by `client.controllers.remote`.
+"""
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass
+from typing import Any, Final
+
+from client.calibration import model_of
+from client.controllers.component import ControllerStopper, HardwareComponent, ProgramKeeper, start_if_ready
+from client.controllers.configuration import ControllersFile
+from client.controllers.controller import Controller
+from client.controllers.manager import ControllerManager
+from client.controllers.modes import mode_of
+from client.controllers.parameters import with_changes
+from client.controllers.robot import ControlledRobot
+from client.driver.config import ROBOT_PORTS
+from client.errors import ClientError, ConnectionLostError, ControllerError, NoAnswerError, RobotUnreachableError
+from client.recording import DEFAULT_FIELDS
+
+_AGAIN_S: Final = 1.0  # between tries to reach the robot; guess
+_SAID_S: Final = 10.0  # how often it is said that it is still out of reach; guess
+_OUTPUTS: Final = ("payload", "payload_cog", "payload_inertia", "tcp_offset")
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class ManagerOptions:
+    """Which robot, and which controllers.
+
+    robot: options of `client.driver.DriverConfig`. file: the usual controllers when None. controller: the one that is
+    active at first, beside those that move nothing; "" for none. headless: the control program is sent to the robot;
+    else it waits until somebody plays External Control there.
+    """
+
+    robot_ip: str
+    robot: dict[str, Any]
+    file: ControllersFile | None = None
+    controller: str = "scaled_joint_trajectory_controller"
+    tf_prefix: str = ""
+    headless: bool = True
+    make_ready: bool = False
+
+    @property
+    def rtde_port(self) -> int:
+        """Of the robot."""
+        return int(self.robot.get("robot_ports", ROBOT_PORTS)["rtde"])
+
+
+@asynccontextmanager
+async def reached(options: ManagerOptions) -> AsyncIterator[ControlledRobot]:
+    """The robot, as soon as it answers; what it refuses is raised."""
+    said_s = -_SAID_S
+    async with AsyncExitStack() as opened:
+        while True:
+            robot = ControlledRobot(
+                options.robot_ip,
+                options.file,
+                prefix=options.tf_prefix,
+                make_ready=options.make_ready,
+                start=False,
+                headless=options.headless,
+                outputs=DEFAULT_FIELDS,  # somebody may want to record
+                outputs_if_any=_OUTPUTS,
+                **options.robot,
+            )
+            try:
+                await opened.enter_async_context(robot)
+                break
+            except (RobotUnreachableError, ConnectionLostError, NoAnswerError) as error:
+                now_s = asyncio.get_running_loop().time()
+                if now_s - said_s >= _SAID_S:
+                    said_s = now_s
+                    _logger.warning("%s; it is tried again", error)
+                await asyncio.sleep(_AGAIN_S)
+        yield robot
+
+
+class RunningManager:
+    """The manager of a robot that has been entered, and who has to know what becomes of its controllers.
+
+    component: the arm, as ros2_control has it. on_loaded, on_unloaded: awaited with a controller that is new, or no
+    longer there. on_parameters: awaited with a controller and what has been set, by names with dots.
+    """
+
+    def __init__(self, robot: ControlledRobot, *, headless: bool = True) -> None:
+        self.robot = robot
+        arm = robot.driver.robot.configuration
+        model = model_of(arm) if arm else None
+        self.component = HardwareComponent(robot, model.name if model else "ur", headless=headless)
+        self.on_loaded: list[Callable[[Controller[Any]], Awaitable[object]]] = []
+        self.on_unloaded: list[Callable[[Controller[Any]], Awaitable[object]]] = []
+        self.on_parameters: list[Callable[[Controller[Any], Mapping[str, Any]], Awaitable[object]]] = []
+
+    @property
+    def manager(self) -> ControllerManager:
+        """Everything that needs no waiting is asked of it, in the event loop."""
+        return self.robot.manager
+
+    # what others have to know about
+
+    async def load(
+        self, name: str, type_name: str | None = None, parameters: Mapping[str, Any] | None = None
+    ) -> Controller[Any]:
+        """As `ControllerManager.load`. Raises ControllerError."""
+        controller: Controller[Any] = self.manager.load(name, type_name, parameters)
+        for tell in self.on_loaded:
+            await tell(controller)
+        return controller
+
+    async def unload(self, name: str) -> None:
+        """As `ControllerManager.unload`. Raises ControllerError."""
+        controller = self.manager.controller(name)
+        self.manager.unload(name)
+        for tell in self.on_unloaded:
+            await tell(controller)
+
+    async def set_parameters(self, name: str, values: Mapping[str, Any]) -> None:
+        """Set parameters of a controller, all of them or, with an error, none. Raises ControllerError."""
+        controller = self.manager.controller(name)
+        controller.reconfigure(with_changes(controller.parameters_type, controller.parameters, values, name))
+        for tell in self.on_parameters:
+            await tell(controller, values)
+
+    # from the beginning to the end
+
+    def load_all(self) -> list[Controller[Any]]:
+        """All controllers of the file that there are here, configured."""
+        loaded = []
+        for name in self.manager.file.types:
+            try:
+                controller = self.manager.load(name)
+                self.manager.configure(name)
+            except ControllerError as error:
+                _logger.warning("%s", error)
+            else:
+                loaded.append(controller)
+        return loaded
+
+    @asynccontextmanager
+    async def at_work(self, options: ManagerOptions) -> AsyncIterator[None]:
+        """Controllers are active whenever they can be, and the control program runs if it is ours to start.
+
+        Raises ControllerError when there is no controller of the name that is to be active.
+        """
+        with ControllerStopper(self.robot) as stopper:
+            self._activate(options, stopper)
+            if not options.headless:
+                yield
+                return
+            with ProgramKeeper(self.robot):
+                await start_if_ready(self.robot)
+                yield
+
+    def _activate(self, options: ManagerOptions, stopper: ControllerStopper) -> None:
+        """What moves nothing at once, what shall move the arm as soon as it can."""
+        names = [info.name for info in self.manager.list_controllers()]
+        if options.controller and options.controller not in names:
+            raise ControllerError(options.controller, f"the controllers here are {', '.join(names)}")
+        for name in names:
+            claims = self.manager.controller(name).command_interfaces
+            if name == options.controller:
+                stopper.activate_when_possible(name)
+            elif not {mode_of(claim, options.tf_prefix) for claim in claims} - {None}:
+                try:
+                    self.manager.activate(name)
+                except ClientError as error:
+                    _logger.warning("%s", error)
+
+    def summary(self) -> str:
+        """What there is, in some words."""
+        infos, active = self.manager.list_controllers(), self.manager.active()
+        program = "runs" if self.robot.driver.program_running else "does not run yet"
+        return f"{len(infos)} controllers, {len(active)} of them active; the control program {program}"

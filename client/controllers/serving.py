@@ -1,0 +1,200 @@
+"""A running controller manager answers other processes: the socket, and who may talk to it.
+
+What can be asked: `client.controllers.session`.
+"""
+
+import asyncio
+import hmac
+import json
+import logging
+import os
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import AsyncExitStack, contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, TextIO
+
+from client.controllers import protocol
+from client.controllers.running import RunningManager
+from client.controllers.session import Session
+from client.errors import ManagerError
+from urproto.backdoors import BackdoorMark
+from urproto.compat import Self
+from urproto.compat_asyncio import timeout
+from urproto.errors import URError
+from urproto.text import quoted
+
+_HELLO_S: Final = 5.0  # guess: for the first line of a connection
+_UNREAD_S: Final = 5.0  # guess: how long an answer may wait for who asked
+_MOST_CONNECTIONS: Final = 32
+_PAUSE_S: Final = 0.001  # after each request: whoever asks without end leaves the control loop its time
+
+_logger = logging.getLogger(__name__)
+
+
+@contextmanager
+def claim(robot_ip: str, rtde_port: int) -> Iterator[Path]:
+    """Be the only manager of a robot on this machine; where others meet it. Raises ManagerError, FileError."""
+    place = protocol.meeting_place(robot_ip, rtde_port)
+    path = place.with_name(f"{place.name}.lock")
+    with _lock(path) as lock:
+        if lock is None:
+            process = path.read_text().strip() or "?"
+            raise ManagerError(
+                f"a controller manager for {robot_ip} is running already (process {process}): use it from other "
+                "shells by `ur-client controllers`, or end it first"
+            )
+        lock.write(str(os.getpid()))
+        lock.flush()
+        try:
+            yield place
+        finally:
+            path.unlink(missing_ok=True)
+
+
+@contextmanager
+def _lock(path: Path) -> Iterator[TextIO | None]:
+    """A file that nobody else has locked, empty; None where somebody has. The lock ends with the process."""
+    while True:
+        with path.open("a+") as file:
+            if not _locked(file.fileno()):
+                yield None
+                return
+            with suppress(FileNotFoundError):
+                if path.stat().st_ino == os.fstat(file.fileno()).st_ino:  # else it was removed meanwhile
+                    file.truncate(0)
+                    yield file
+                    return
+
+
+def _locked(descriptor: int) -> bool:
+    """Whether it is this process that has the lock; true where there are no such locks."""
+    try:
+        import fcntl
+    except ImportError:  # not on this system
+        return True
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+class ManagerServer:
+    """Answers the processes of this user while the context lasts. place: as `claim` gives it."""
+
+    def __init__(self, running: RunningManager, place: Path) -> None:
+        self._running = running
+        self._place = place
+        self._token = ""
+        self._clients: set[asyncio.Task[None]] = set()
+        self._opened = AsyncExitStack()
+
+    async def __aenter__(self) -> Self:
+        async with AsyncExitStack() as opening:
+            server = await (self._on_unix if protocol.HAS_UNIX_SOCKETS else self._on_loopback)(opening)
+            opening.push_async_callback(self._close, server)
+            self._opened = opening.pop_all()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self._opened.aclose()
+
+    async def _on_unix(self, opening: AsyncExitStack) -> asyncio.Server:
+        path = self._place.with_name(f"{self._place.name}.sock")
+        path.unlink(missing_ok=True)  # of one that was killed: its lock would be held otherwise
+        server = await asyncio.start_unix_server(self._come, str(path), limit=protocol.LONGEST_REQUEST)
+        opening.callback(path.unlink, missing_ok=True)
+        path.chmod(0o600)
+        return server
+
+    async def _on_loopback(self, opening: AsyncExitStack) -> asyncio.Server:
+        server = await asyncio.start_server(self._come, "127.0.0.1", 0, limit=protocol.LONGEST_REQUEST)
+        port = server.sockets[0].getsockname()[1]
+        opening.callback(BackdoorMark("127.0.0.1", port).close)
+        self._token = secrets.token_hex(16)
+        path = self._place.with_name(f"{self._place.name}.json")
+        path.unlink(missing_ok=True)
+        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+            json.dump({"port": port, "token": self._token}, file)
+        opening.callback(path.unlink, missing_ok=True)
+        return server
+
+    async def _close(self, server: asyncio.Server) -> None:
+        server.close()
+        for client in self._clients:
+            client.cancel()
+        await asyncio.gather(*self._clients, return_exceptions=True)
+
+    def _come(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.get_running_loop().create_task(self._serve(reader, writer))
+        self._clients.add(task)
+        task.add_done_callback(self._clients.discard)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        session = Session(self._running)
+        try:
+            await self._greet(reader, writer)
+            while line := await _line(reader):
+                await _send(writer, await _answer(session, line))
+                await asyncio.sleep(_PAUSE_S)
+        except ManagerError as error:
+            with suppress(OSError, TimeoutError):
+                await _send(writer, {"error": protocol.described_error(error)})
+        except (OSError, TimeoutError):  # it is gone, or does not read
+            pass
+        except Exception:
+            _logger.exception("a client of the controller manager is sent away")
+        finally:
+            writer.transport.abort() if writer.transport.get_write_buffer_size() else writer.close()
+            await session.close()
+
+    async def _greet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Raises ManagerError for who is none of ours."""
+        if len(self._clients) > _MOST_CONNECTIONS:
+            raise ManagerError(f"{_MOST_CONNECTIONS} programs talk to this controller manager already: end some")
+        async with timeout(_HELLO_S):
+            hello = protocol.decoded(await _line(reader))
+        token = hello.get("token")
+        if self._token and not (isinstance(token, str) and hmac.compare_digest(token.encode(), self._token.encode())):
+            raise ManagerError("the token is not that of this controller manager")
+        if hello.get("protocol") != protocol.VERSION:
+            raise ManagerError(
+                f"this controller manager speaks protocol {protocol.VERSION}, not {quoted(hello.get('protocol'))}: use "
+                "the same version of ur-client on both sides"
+            )
+        robot = self._running.robot.driver.config.robot
+        await _send(writer, {"protocol": protocol.VERSION, "robot": robot, "pid": os.getpid()})
+
+
+async def _line(reader: asyncio.StreamReader) -> bytes:
+    """The next one, empty at the end. Raises ManagerError for one that is too long."""
+    try:
+        return await reader.readline()
+    except ValueError:
+        raise ManagerError(f"a message is {protocol.LONGEST_REQUEST} bytes at most") from None
+
+
+async def _send(writer: asyncio.StreamWriter, message: Mapping[str, Any]) -> None:
+    """Raises OSError, and TimeoutError when it is not read."""
+    writer.write(protocol.encoded(message))
+    async with timeout(_UNREAD_S):
+        await writer.drain()
+
+
+async def _answer(session: Session, line: bytes) -> protocol.Message:
+    """Raises ManagerError for what is no request: nobody knows what else comes from there."""
+    message = protocol.decoded(line)
+    number, do = message.pop("id", None), message.pop("do", None)
+    if isinstance(number, bool) or not isinstance(number, int) or not isinstance(do, str):
+        raise ManagerError("a request has an id, which is a whole number, and what to do, which is a text")
+    try:
+        return {"id": number, "result": await session.ask(do, **message)}
+    except URError as error:
+        return {"id": number, "error": protocol.described_error(error)}
+    except Exception as error:  # a request must not end the control loop, nor the connection
+        _logger.exception("the request %s failed", do)
+        return {"id": number, "error": {"text": f"{do} failed: {error!r}; the log of the controller manager says more"}}

@@ -1,0 +1,427 @@
+"""What other processes may ask of a running controller manager.
+
+The words and outcomes are those of the services of ros2_control's controller manager. Requests are carried out in the
+event loop, between two control cycles, so two shells that switch at once do so one after the other.
+"""
+
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import AsyncExitStack
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+from client.controllers.component import PLUGIN
+from client.controllers.configuration import REFUSED, help_of
+from client.controllers.controller import CONTROLLER_TYPES, Controller, LifecycleState
+from client.controllers.forward import ForwardCommandController
+from client.controllers.goals import GoalHandle, JointTrajectory, JointTrajectoryPoint
+from client.controllers.joint_trajectory import JointTrajectoryController
+from client.controllers.manager import ControllerManager
+from client.controllers.parameters import flat, is_read_only
+from client.controllers.passthrough import PassthroughTrajectoryController
+from client.controllers.robot import listen, recorded
+from client.controllers.running import RunningManager
+from client.errors import ControllerError, ManagerError
+from urproto.text import quoted
+
+_MOST_GOALS: Final = 1000
+_POINT: Final = ("positions", "velocities", "accelerations", "effort")
+STRICT: Final = "strict"
+BEST_EFFORT: Final = "best_effort"
+
+
+class Request:
+    """The arguments of a request; what is missing or of another type is a ManagerError."""
+
+    def __init__(self, message: Mapping[str, Any]) -> None:
+        self._message = message
+
+    def __contains__(self, name: str) -> bool:
+        return self._message.get(name) is not None
+
+    def text(self, name: str) -> str:
+        """A text that is not empty."""
+        value = self._message.get(name)
+        if isinstance(value, str) and value:
+            return value
+        raise self._wrong(name, "a text")
+
+    def texts(self, name: str) -> list[str]:
+        """A list of texts; empty when it is left out."""
+        value = self._message.get(name, [])
+        if isinstance(value, list | tuple) and all(isinstance(item, str) for item in value):
+            return list(value)
+        raise self._wrong(name, "a list of texts")
+
+    def number(self, name: str, default: float | None = None) -> float:
+        """A finite number."""
+        value = self._message.get(name, default)
+        if _is_number(value):
+            return float(value)
+        raise self._wrong(name, "a finite number")
+
+    def numbers(self, name: str) -> tuple[float, ...]:
+        """A list of finite numbers; empty when it is left out."""
+        value = self._message.get(name, [])
+        if isinstance(value, list | tuple) and all(map(_is_number, value)):
+            return tuple(map(float, value))
+        raise self._wrong(name, "a list of finite numbers")
+
+    def flag(self, name: str) -> bool:
+        """False when it is left out."""
+        value = self._message.get(name, False)
+        if isinstance(value, bool):
+            return value
+        raise self._wrong(name, "true or false")
+
+    def group(self, name: str) -> "Request":
+        """An object of JSON."""
+        return Request(self.mapping(name))
+
+    def groups(self, name: str) -> list["Request"]:
+        """A list of objects of JSON."""
+        value = self._message.get(name)
+        if isinstance(value, list | tuple) and all(isinstance(item, Mapping) for item in value):
+            return [Request(item) for item in value]
+        raise self._wrong(name, "a list of objects")
+
+    def mapping(self, name: str) -> Mapping[str, Any]:
+        """The same, as it is."""
+        value = self._message.get(name)
+        if isinstance(value, Mapping):
+            return value
+        raise self._wrong(name, "an object")
+
+    def _wrong(self, name: str, kind: str) -> ManagerError:
+        return ManagerError(f"the argument {name} is {kind}, not {quoted(self._message.get(name))}")
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return isfinite(value)
+    except OverflowError:  # an integer beyond all floats
+        return False
+
+
+Follower: TypeAlias = JointTrajectoryController | PassthroughTrajectoryController
+Answer: TypeAlias = Any
+_Deed = Callable[["Session", Request], Answer | Awaitable[Answer]]
+_DEEDS: dict[str, _Deed] = {}
+
+
+def _deed(method: Any) -> Any:
+    """What can be asked for under the method's name."""
+    _DEEDS[method.__name__] = method
+    return method
+
+
+class Session:
+    """What one client asks, and what it has begun: `close` ends that.
+
+    Each deed takes a `Request` and gives what JSON can carry. Raises URError.
+    """
+
+    def __init__(self, running: RunningManager) -> None:
+        self._running = running
+        self._goals: dict[int, tuple[Follower, GoalHandle]] = {}
+        self._count = 0
+        self._driven: set[ForwardCommandController] = set()
+        self._recording = AsyncExitStack()
+
+    async def ask(self, do: str, /, **arguments: Any) -> Answer:
+        """Carry out a request. Raises ManagerError for one that there is not, and whatever else the robot says."""
+        if do not in _DEEDS:
+            raise ManagerError(f"there is nothing called {quoted(do)}: this may be another version of ur-client")
+        answer = _DEEDS[do](self, Request(arguments))
+        return await answer if isinstance(answer, Awaitable) else answer
+
+    async def close(self) -> None:
+        """The client is gone: goals are canceled, speeds are zero, its recording is complete."""
+        for controller, handle in self._goals.values():
+            self._cancel(controller, handle)
+        for forward in self._driven:
+            self._let_go(forward)
+        await self._recording.aclose()
+
+    @property
+    def _manager(self) -> ControllerManager:
+        return self._running.manager
+
+    # controllers
+
+    @_deed
+    def list_controllers(self, request: Request) -> Answer:
+        """All that are loaded, with what they claim, need, and follow."""
+        return [self._describe(self._manager.controller(info.name)) for info in self._manager.list_controllers()]
+
+    def _describe(self, controller: Controller[Any]) -> Answer:
+        configured = controller.state is not LifecycleState.UNCONFIGURED
+        commands = list(controller.command_interfaces)
+        return {
+            "name": controller.name,
+            "type": controller.type_name,
+            "state": str(controller.state),
+            "claimed_interfaces": commands if controller.active else [],
+            "required_command_interfaces": commands if configured else [],
+            "required_state_interfaces": self._manager.state_interfaces_of(controller) if configured else [],
+            "joints": list(controller.joints) if isinstance(controller, Follower) else [],
+        }
+
+    @_deed
+    def list_available(self, request: Request) -> Answer:
+        """What the manager's controllers file names, with types."""
+        return dict(self._manager.file.types)
+
+    @_deed
+    def list_controller_types(self, request: Request) -> Answer:
+        """All types, with what each does, and those that are refused, with what to do instead."""
+        return available_types()
+
+    @_deed
+    async def load_controller(self, request: Request) -> Answer:
+        """name, and type and parameters where they are not those of the manager's file. Gives notes."""
+        known = len(self._manager.notes)
+        await self._running.load(
+            request.text("name"),
+            request.text("type") if "type" in request else None,
+            request.mapping("parameters") if "parameters" in request else None,
+        )
+        return {"notes": self._manager.notes[known:]}
+
+    @_deed
+    def configure_controller(self, request: Request) -> Answer:
+        """From unconfigured, or from inactive once more, to inactive."""
+        name = request.text("name")
+        if self._manager.controller(name).state is LifecycleState.INACTIVE:
+            self._manager.cleanup(name)
+        self._manager.configure(name)
+
+    @_deed
+    def cleanup_controller(self, request: Request) -> Answer:
+        """From inactive to unconfigured."""
+        self._manager.cleanup(request.text("name"))
+
+    @_deed
+    async def unload_controller(self, request: Request) -> Answer:
+        """Forget one that is not active."""
+        await self._running.unload(request.text("name"))
+
+    @_deed
+    def switch_controller(self, request: Request) -> Answer:
+        """activate, deactivate: names. strictness: all or nothing, or what is possible. Gives what has changed."""
+        strictness = request.text("strictness") if "strictness" in request else STRICT
+        if strictness not in (STRICT, BEST_EFFORT):
+            raise ManagerError(f"strictness is {STRICT} or {BEST_EFFORT}, not {quoted(strictness)}")
+        activate, deactivate = request.texts("activate"), request.texts("deactivate")
+        before = {controller.name for controller in self._manager.active()}
+        self._manager.switch(activate=activate, deactivate=deactivate, best_effort=strictness == BEST_EFFORT)
+        after = {controller.name for controller in self._manager.active()}
+        return {"activated": sorted(after - before), "deactivated": sorted(before - after)}
+
+    @_deed
+    def moving_controllers(self, request: Request) -> Answer:
+        """Names of those that move the arm: the next one that does takes their place."""
+        return [controller.name for controller in self._manager.moving()]
+
+    @_deed
+    def list_parameters(self, request: Request) -> Answer:
+        """Of the controller name: value and whether it is read-only, by name."""
+        controller = self._manager.controller(request.text("name"))
+        values = flat(controller.parameters)
+        return {name: {"value": value, "read_only": is_read_only(name)} for name, _, value in values}
+
+    @_deed
+    async def set_parameters(self, request: Request) -> Answer:
+        """name, parameters: all of them or none."""
+        await self._running.set_parameters(request.text("name"), request.mapping("parameters"))
+
+    # hardware
+
+    @_deed
+    def list_hardware_components(self, request: Request) -> Answer:
+        """The arm, which is one component."""
+        component = self._running.component
+        return [{"name": component.name, "type": "system", "plugin_name": PLUGIN, "state": str(component.state)}]
+
+    @_deed
+    def list_hardware_interfaces(self, request: Request) -> Answer:
+        """All of the arm's, with their values and who has them."""
+        hardware, available = self._manager.hardware, self._running.component.available
+        return [
+            {
+                "name": info.name,
+                "kind": info.kind,
+                "value": (hardware.commands if info.kind == "command" else hardware.states)[info.name],
+                "is_available": available,
+                "claimed_by": info.claimed_by,
+            }
+            for info in self._manager.list_interfaces()
+        ]
+
+    @_deed
+    async def set_hardware_component_state(self, request: Request) -> Answer:
+        """name, state: active, inactive or unconfigured. Gives its state."""
+        component, name, state = self._running.component, request.text("name"), request.text("state")
+        if name != component.name:
+            raise ControllerError(name, f"the hardware component here is {component.name}")
+        if state not in map(str, LifecycleState):
+            raise ControllerError(name, f"its state is unconfigured, inactive or active, not {quoted(state)}")
+        await component.go_to(LifecycleState(state))
+        return str(component.state)
+
+    # motion
+
+    @_deed
+    def send_goal(self, request: Request) -> Answer:
+        """controller, trajectory; beyond the joints' limits it is refused. Gives a number to ask for it by `goal`."""
+        controller = self._follower(request)
+        trajectory = _trajectory(request.group("trajectory"))
+        controller.check_active()
+        self._running.robot.check_reach(trajectory)
+        if len(self._goals) >= _MOST_GOALS:
+            raise ManagerError(f"{_MOST_GOALS} results of goals have not been asked for: ask for them")
+        self._count += 1
+        self._goals[self._count] = controller, controller.send_goal(trajectory)
+        return self._count
+
+    @_deed
+    def goal(self, request: Request) -> Answer:
+        """How the goal of a number goes: progress from 0 to 1, and its result, after which it is forgotten."""
+        number = int(request.number("goal"))
+        if number not in self._goals:
+            raise ManagerError(f"there is no goal {number} of this connection, or its result has been told")
+        controller, handle = self._goals[number]
+        if handle.result is None:
+            return {"progress": controller.progress}
+        del self._goals[number]
+        return {
+            "progress": controller.progress,
+            "error_code": int(handle.result.error_code),
+            "error_string": handle.result.error_string,
+        }
+
+    @_deed
+    def cancel_goal(self, request: Request) -> Answer:
+        """The goal of a number, if it is still under way."""
+        if found := self._goals.get(int(request.number("goal"))):
+            self._cancel(*found)
+
+    @_deed
+    def joint_trajectory(self, request: Request) -> Answer:
+        """controller, trajectory: followed without a result, as from the topic of that name."""
+        controller = self._follower(request)
+        if not isinstance(controller, JointTrajectoryController):
+            raise controller.error("it takes goals only")
+        trajectory = _trajectory(request.group("trajectory"))
+        controller.check_active()
+        controller.check(trajectory)
+        self._running.robot.check_reach(trajectory, speeds=False)  # the tolerances judge those
+        controller.command(trajectory)
+
+    @_deed
+    def forward_command(self, request: Request) -> Answer:
+        """controller, values: from now on. hold: only as long as this connection lasts.
+
+        time_s: of positions, how long the way there takes, with the speed of a cubic; else they are commanded at once.
+        """
+        controller = self._manager.controller(request.text("controller"))
+        if not isinstance(controller, ForwardCommandController):
+            raise ControllerError(controller.name, f"{controller.type_name} takes no commands of this kind")
+        values, time_s = request.numbers("values"), request.number("time_s", 0.0)
+        controller.check_active()
+        controller.check(values)
+        if controller.interface_name == "position":
+            end = JointTrajectoryPoint(values, (0.0,) * len(values), time_from_start_s=time_s)
+            way = JointTrajectory(controller.parameters.joints, (end,))
+            self._running.robot.check_reach(way, speeds=time_s > 0.0)
+        elif time_s:
+            raise controller.error("time_s is for positions")
+        if time_s > 0.0:
+            scaling = f"{self._running.robot.prefix}speed_scaling/speed_scaling_factor"
+            states = self._manager.hardware.states
+            controller.go_to(values, time_s, lambda: states[scaling])
+        else:
+            controller.command(values)
+        if request.flag("hold"):
+            self._driven.add(controller)
+
+    def _follower(self, request: Request) -> Follower:
+        controller = self._manager.controller(request.text("controller"))
+        if isinstance(controller, Follower):
+            return controller
+        raise ControllerError(controller.name, f"{controller.type_name} follows no trajectories")
+
+    def _cancel(self, controller: Follower, handle: GoalHandle) -> None:
+        if controller.active and controller.goal is handle:
+            controller.cancel()
+
+    def _let_go(self, controller: ForwardCommandController) -> None:
+        """Speeds and torques end; positions stay where they are."""
+        if not controller.active:
+            return
+        if controller.interface_name == "position":
+            controller.stay()
+        else:
+            controller.command((0.0,) * len(controller.parameters.joints))
+
+    # the robot
+
+    @_deed
+    def robot_state(self, request: Request) -> Answer:
+        """What a client needs to tell how a motion goes; time_s is the robot's."""
+        robot = self._running.robot
+        state, link = robot.driver.state, robot.driver.robot
+        return {
+            "time_s": self._manager.time_s,
+            "positions": dict(zip(robot.joints, state["actual_q"], strict=True)),
+            "at_rest": robot.at_rest,
+            "robot_mode": link.robot_mode.name,
+            "safety_mode": link.safety_mode.name,
+            "target_speed_fraction": state["target_speed_fraction"],
+            "program_running": robot.driver.program_running,
+        }
+
+    @_deed
+    async def make_ready(self, request: Request) -> Answer:
+        """Power on, release the brakes, start the control program: what is still to be done."""
+        await self._running.robot.robot.make_ready()
+
+    @_deed
+    async def set_speed_slider(self, request: Request) -> Answer:
+        """fraction: 0.01 to 1."""
+        fraction = request.number("fraction")
+        if not 0.01 <= fraction <= 1.0:
+            raise ManagerError(f"the speed slider goes from 0.01 to 1, not to {fraction:g}")
+        await self._running.robot.robot.set_speed_slider(fraction)
+
+    @_deed
+    async def begin_recording(self, request: Request) -> Answer:
+        """path: absolute; what robot and trajectory controllers do until this connection ends goes into that file."""
+        path = Path(request.text("path"))
+        if not path.is_absolute():
+            raise ManagerError(f"the path of a recording is absolute, not {quoted(str(path))}")
+        recorder = await self._recording.enter_async_context(recorded(self._running.robot.driver, path))
+        self._recording.callback(listen(recorder, self._manager))
+
+    @_deed
+    async def end_recording(self, request: Request) -> Answer:
+        """Gives an answer when the file is complete."""
+        await self._recording.aclose()
+
+
+def available_types() -> Answer:
+    """Types of controllers with what each does, and those that are refused, with what to do instead."""
+    types = {name: help_of(kind) for name, kind in sorted(CONTROLLER_TYPES.items())}
+    return {"types": types, "refused": REFUSED}
+
+
+def _trajectory(request: Request) -> JointTrajectory:
+    points = tuple(
+        JointTrajectoryPoint(
+            **{part: point.numbers(part) for part in _POINT}, time_from_start_s=point.number("time_from_start_s", 0.0)
+        )
+        for point in request.groups("points")
+    )
+    return JointTrajectory(tuple(request.texts("joint_names")), points)

@@ -1,0 +1,184 @@
+"""The controller manager that is running for the pendant's robot: what it has, and sliders that drive the arm by it."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from math import isfinite
+from typing import Any, ClassVar, Final
+
+from client.controllers.remote import RemoteManager
+from client.errors import ClientError, ManagerError
+from client.pendant.polling import Poller
+from urproto.errors import RobotRefused, URError
+from urproto.joints import JOINT_NAMES
+from urproto.robots import RobotModel
+
+_EVERY_S: Final = 1.0  # rqt_joint_trajectory_controller and rqt_controller_manager look as often
+
+Controllers = tuple[dict[str, Any], ...]
+
+
+class ManagerLink:
+    """Looking at ``controllers`` keeps them new. tell: called when they are others.
+
+    driver: who drives the arm by sliders now, for only one browser may.
+    """
+
+    def __init__(self, robot_ip: str, rtde_port: int, tell: Callable[[], object]) -> None:
+        self.driver: ControlPanel | None = None
+        self._address = robot_ip, rtde_port
+        self._manager: RemoteManager | None = None
+        self._connecting = asyncio.Lock()
+        self._poller = Poller(self._look, _EVERY_S, tell, self.disconnect)
+
+    @property
+    def controllers(self) -> Controllers:
+        """Those that are loaded, then those that could be, in the state "unloaded"; none without a manager."""
+        return self._poller.value or ()
+
+    @property
+    def problem(self) -> str:
+        """Why nothing is known, "" while it is."""
+        return self._poller.problem
+
+    async def ask(self, do: str, /, **arguments: Any) -> Any:
+        """See `client.controllers.session.Session`. Raises ClientError."""
+        async with self._connecting:
+            if self._manager is None:
+                self._manager = await RemoteManager(*self._address).__aenter__()
+        try:
+            return await self._manager.ask(do, **arguments)
+        except ManagerError:  # it may have ended; the next one is asked over a new connection
+            await self.disconnect()
+            raise
+
+    async def change(self, do: str, /, **arguments: Any) -> None:
+        """The same for what changes controllers, which are looked at again. Raises ClientError."""
+        try:
+            await self.ask(do, **arguments)
+        finally:
+            self._poller.refresh()
+
+    async def disconnect(self) -> None:
+        """Until something is asked again."""
+        manager, self._manager = self._manager, None
+        if manager is not None:
+            await manager.__aexit__(None, None, None)
+
+    async def close(self) -> None:
+        """End the connection."""
+        await self._poller.close()
+        await self.disconnect()
+
+    async def _look(self) -> Controllers:
+        loaded: list[dict[str, Any]] = await self.ask("list_controllers")
+        names = {one["name"] for one in loaded}
+        known: dict[str, str] = await self.ask("list_available")
+        rest = [{"name": name, "type": kind, "state": "unloaded"} for name, kind in known.items() if name not in names]
+        return (*loaded, *rest)
+
+
+def choices(controllers: Controllers) -> list[str]:
+    """Names of the active joint trajectory controllers, which is what sliders may use."""
+    return sorted(
+        one["name"] for one in controllers if one["state"] == "active" and "JointTrajectoryController" in one["type"]
+    )
+
+
+class ControlPanel:
+    """Six sliders: while they are enabled the arm follows them, else they follow the arm.
+
+    As rqt_joint_trajectory_controller does it: ten times a second a trajectory of one point, which the fastest joint
+    would reach at its highest speed times the speed scaling, and which takes half a second at least.
+
+    link: to the manager. read: the arm's angles (6,) [rad] and its model, None while they are not known. controller:
+    which one is used. scaling: 0.01 to 1. on_end: told why the arm follows no longer, "" when somebody wanted it so.
+    """
+
+    COMMAND_HZ: ClassVar[float] = 10.0
+    SHORTEST_S: ClassVar[float] = 5.0 / COMMAND_HZ
+
+    def __init__(self, link: ManagerLink, read: Callable[[], tuple[Sequence[float], RobotModel] | None]) -> None:
+        self._link = link
+        self._read = read
+        self._sending: asyncio.Task[None] | None = None
+        self.controller = ""
+        self.scaling = 0.5
+        self.targets: tuple[float, ...] = ()
+        self.on_end: list[Callable[[str], object]] = []
+
+    @property
+    def enabled(self) -> bool:
+        """The arm follows."""
+        return self._sending is not None
+
+    def enable(self) -> None:
+        """Let the arm follow from where it is. Raises RobotRefused."""
+        if self.enabled:
+            return
+        if self.controller not in choices(self._link.controllers):
+            raise RobotRefused("the control panel", "no joint trajectory controller is active", "activate one first")
+        if self._link.driver is not None:
+            raise RobotRefused("the control panel", "another browser drives the arm by its sliders", "disable it there")
+        if (now := self._read()) is None:
+            raise RobotRefused("the control panel", "the arm's angles are not known", "wait until it is connected")
+        self.targets = tuple(now[0])
+        self._link.driver = self
+        self._sending = asyncio.get_running_loop().create_task(self._send())
+
+    def disable(self, why: str = "") -> None:
+        """Let the sliders follow the arm, which goes to where it was sent last."""
+        if self._sending is None:
+            return
+        if self._sending is not asyncio.current_task():
+            self._sending.cancel()
+        self._sending = self._link.driver = None
+        for tell in self.on_end:
+            tell(why)
+
+    def choose(self, controller: str) -> None:
+        """Another controller begins by being watched."""
+        if controller != self.controller:
+            self.disable()
+            self.controller = controller
+
+    def hear(self, targets: Any) -> None:
+        """Where a browser's sliders are [rad]; None when it is gone. Raises ValueError for what no slider says."""
+        if targets is None:
+            self.disable()
+            return
+        if not isinstance(targets, list) or len(targets) != len(JOINT_NAMES) or not all(map(_is_number, targets)):
+            raise ValueError("sliders say six numbers")
+        if self.enabled and (now := self._read()) is not None:
+            limits = zip(targets, *now[1].position_limits, strict=True)
+            self.targets = tuple(min(max(float(target), low), high) for target, low, high in limits)
+
+    def duration_s(self, q: Sequence[float], qd_max: Sequence[float]) -> float:
+        """How long the way from these angles to those of the sliders takes, at full speed of the robot."""
+        ways = zip(self.targets, q, qd_max, strict=True)
+        return max(max(abs(target - angle) / top, self.SHORTEST_S) for target, angle, top in ways) / self.scaling
+
+    async def _send(self) -> None:
+        try:
+            while (now := self._read()) is not None:
+                q, model = now
+                names = self._joints()
+                point = {"positions": self.targets, "time_from_start_s": self.duration_s(q, model.qd_max)}
+                trajectory = {"joint_names": names, "points": [point]}
+                await self._link.ask("joint_trajectory", controller=self.controller, trajectory=trajectory)
+                await asyncio.sleep(1.0 / self.COMMAND_HZ)
+            self.disable("the robot does not answer any more")
+        except (URError, ClientError) as error:
+            self.disable(str(error))
+
+    def _joints(self) -> list[str]:
+        """The controller's, in the order of the sliders; names may have a prefix. Raises ManagerError."""
+        found = [one for one in self._link.controllers if one["name"] == self.controller]
+        joints = found[0].get("joints", []) if found else []
+        names = [next((joint for joint in joints if joint.endswith(name)), "") for name in JOINT_NAMES]
+        if not found or not all(names) or len(joints) != len(names):
+            raise ManagerError(f"{self.controller} does not move the six joints of this arm any more")
+        return names
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)

@@ -1,0 +1,283 @@
+"""The program that is being made: one for all browsers of a station, kept on this machine as it changes.
+
+Every edit is one operation on a node, known by an id that stays when others are moved; so what two people do at once is
+done one after the other, and nothing is lost. What cannot be done raises a ValueError that says why.
+"""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import PurePosixPath
+from typing import Any, Final, TypeVar
+
+from client.errors import FileError
+from client.pendant.program_file import KeptProgram, ProgramFile
+from client.pendant.program_view import ProgramView
+from urproto.robots import RobotModel, load_model
+from urproto.text import to_bytes
+from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+from urscript.polyscope.document import DocumentError, Element, packed, read_document
+from urscript.polyscope.editing import ProgramEditor
+from urscript.polyscope.files import new_program, outline_text
+from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.places import EditError
+from urscript.polyscope.transplant import Clip
+from urscript.polyscope.tree import ProgramTree, TreeError
+
+_SAVED_AFTER_S: Final = 0.3  # a change is on the disk within a second, also on a busy machine
+_UNNAMED: Final = "unnamed"
+_EXTENSION: Final = ".urp"
+_ANY: Final = "ur5e"
+_FROM: Final = "from"  # key of the position that a relative waypoint starts from
+
+
+_Answer = TypeVar("_Answer")
+
+
+class ProgramDraft:
+    """path: of the file in the robot's programs folder, "" before the first save.
+
+    version: counts the changes of all that pages show. view: what is shown of it. played_version: which of them the
+    robot got last. note: told what goes wrong with the file that keeps the program. tell: called when there is news to
+    show. known: the robot's version and arm, None while they are not known.
+    """
+
+    def __init__(
+        self,
+        file: ProgramFile,
+        note: Callable[[str], object],
+        tell: Callable[[], object],
+        known: Callable[[], tuple[PolyscopeVersion | None, RobotModel | None]],
+    ) -> None:
+        self._file = file
+        self._note = note
+        self._tell = tell
+        self._known = known
+        self._edited = asyncio.Event()
+        self._editor: ProgramEditor | None = None
+        self._changed_before = False  # when it was taken up
+        self._clip: Clip | None = None
+        self.view = ProgramView(lambda: self.editor)
+        self.path = ""
+        self.version = 0
+        self.played_version = -1
+
+    # the program
+
+    @property
+    def editor(self) -> ProgramEditor:
+        """The program; what was kept on this machine, at first."""
+        if self._editor is None:
+            self._editor = self._restored() or self._empty()
+        version, model = self._known()
+        program = self._editor.program
+        if (version is not None and version != program.version) or model != program.model:
+            self._editor.version = program.version = version or program.version
+            program.model = model
+            self._editor.revision += 1
+            self.version += 1
+        return self._editor
+
+    def _empty(self) -> ProgramEditor:
+        version, model = self._robot()
+        return self._editor_of(new_program(_UNNAMED, version, model), _UNNAMED)
+
+    def _robot(self) -> tuple[PolyscopeVersion, RobotModel]:
+        """The one that is connected; before that, any."""
+        version, model = self._known()
+        return version or DEFAULT_VERSION[model.series if model else Series.E], model or load_model(_ANY)
+
+    def _editor_of(self, root: Element, name: str) -> ProgramEditor:
+        version, model = self._robot()
+        return ProgramEditor(root, name, InstallationFile(), version, model)
+
+    def _made(self, data: bytes, name: str) -> ProgramEditor:
+        """Raises ValueError for what is no program."""
+        try:
+            return self._editor_of(read_document(data), name)
+        except (DocumentError, TreeError) as error:
+            raise ValueError(f"{name}.urp cannot be opened: {error}") from error
+
+    def _restored(self) -> ProgramEditor | None:
+        try:
+            kept = self._file.read()
+        except FileError as error:
+            self._note(str(error))
+            return None
+        if kept is None:
+            return None
+        try:
+            editor = self._made(kept.data, PurePosixPath(kept.path or _UNNAMED).stem)
+        except ValueError as error:
+            self._note(f"{error}: {self._file.set_aside()}")
+            return None
+        self.path, self._changed_before = kept.path, kept.changed
+        return editor
+
+    @property
+    def title(self) -> str:
+        """What it is called."""
+        return self.path or _UNNAMED
+
+    @property
+    def changed(self) -> bool:
+        """Since it was saved."""
+        return self._changed_before or self.editor.modified
+
+    def data(self) -> bytes:
+        """The bytes of its ``.urp``."""
+        return packed(self.editor.document())
+
+    def tree(self) -> ProgramTree:
+        """For the translation."""
+        return self.editor.tree
+
+    def files(self, stem: str) -> dict[str, bytes | None]:
+        """What is saved under a name: program, script and tree; None for the script of a program that cannot be run."""
+        editor = self.editor
+        editor.name = stem
+        try:
+            script = to_bytes(editor.written().text())
+        except TreeError:
+            script = None
+        text = to_bytes(outline_text(editor))
+        return {f"{stem}.script": script, f"{stem}.txt": text, f"{stem}{_EXTENSION}": self.data()}
+
+    def new(self) -> None:
+        """An empty program instead."""
+        self._take_up(self._empty(), "")
+
+    def open(self, data: bytes, path: str) -> None:
+        """Another program instead: the bytes of a ``.urp``. Raises ValueError for what is none."""
+        self._take_up(self._made(data, PurePosixPath(path).stem), path)
+
+    def _take_up(self, editor: ProgramEditor, path: str) -> None:
+        self._editor, self.path, self._changed_before = editor, path, False
+        self.view.breakpoints = frozenset()
+        self.played_version = -1
+        self._touch()
+
+    def saved(self, path: str, version: int) -> None:
+        """It was saved as it was in a version; whoever edited it meanwhile has more to save."""
+        self.path, self._changed_before = path, version != self.version
+        self.editor.saved()
+        self._touch(edited=False)
+
+    async def keep(self) -> None:
+        """Write every change to the disk soon, for ever."""
+        while True:
+            await self._edited.wait()
+            await asyncio.sleep(_SAVED_AFTER_S)
+            self._edited.clear()
+            try:
+                await asyncio.to_thread(self._file.write, KeptProgram(self.path, self.changed, self.data()))
+            except FileError as error:
+                self._note(f"the program is not kept on this machine: {error}")
+
+    def _touch(self, *, edited: bool = True) -> None:
+        """There is something new to show, and to keep."""
+        if edited:
+            self.version += 1
+        self._edited.set()
+        self._tell()
+
+    def wake(self) -> None:
+        """Let the pages look: something of a page has changed."""
+        self._tell()
+
+    # edits
+
+    def insert(self, kind: str, at: str) -> str:
+        """Put a new node into the selected one or behind it, or as near as it may stand; its id."""
+        node = self._near(at, partial(self.editor.insert, kind))
+        self._touch()
+        return node
+
+    def paste(self, at: str) -> str:
+        """What was copied last, as `insert`; the id of the first node."""
+        clip = self._clip
+        if clip is None:
+            raise ValueError("nothing was copied yet: copy a node first")
+        nodes = self._near(at, partial(self.editor.paste, clip))
+        self._touch()
+        return nodes[0]
+
+    def _near(self, at: str, put: Callable[..., _Answer]) -> _Answer:
+        """Try the places by which somebody may have meant it, from the selected node outwards."""
+        first: EditError | None = None
+        row = self.view.row(at)
+        places = [{"into": at}] if row is not None and row.holds_nodes else []
+        while row is not None:
+            places.append({"after": row.id})
+            row = self.view.row(row.parent)
+        for place in places:
+            try:
+                return put(**place)
+            except EditError as error:
+                first = first or error
+        raise first or ValueError("this node is not in the program any more")
+
+    def delete(self, node: str) -> None:
+        """With all below it."""
+        self.editor.delete(node)
+        self._touch()
+
+    def copy(self, node: str) -> None:
+        """For `paste`, in this program or the next; one clipboard for all browsers."""
+        self._clip = self.editor.copy(node)
+
+    def shift(self, node: str, by: int) -> None:
+        """Move a node before the one above it (-1) or behind the one below it (1), or out of the one around it."""
+        row = self.view.row(node)
+        if row is None:
+            raise ValueError("this node is not in the program any more")
+        beside = [other.id for other in self.view.rows() if other.parent == row.parent]
+        index = beside.index(node) + by
+        anchor = beside[index] if 0 <= index < len(beside) else row.parent
+        if by < 0:
+            self.editor.move(node, before=anchor)
+        else:
+            self.editor.move(node, after=anchor)
+        self._touch()
+
+    def suppress(self, node: str) -> None:
+        """Leave a node out, or not any more."""
+        row = self.view.row(node)
+        self.editor.suppress(node, on=row is None or not row.suppressed_itself)
+        self._touch()
+
+    def set(self, node: str, key: str, value: Any) -> None:
+        """Set a field. Raises ValueError for what it cannot take."""
+        self.editor.set(node, key, value)
+        self._touch()
+
+    def teach(self, node: str, key: str, joints: Sequence[float], pose: Sequence[float], tcp: Sequence[float]) -> None:
+        """Let a position be where the arm is. joints [rad]; pose: of the TCP, and tcp: flange to TCP [m, rad]."""
+        self.editor.teach(node, joints, pose, tcp, start=key == _FROM)
+        self._touch()
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is an edit to take back."""
+        return bool(self.editor.can_undo)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether one was taken back."""
+        return bool(self.editor.can_redo)
+
+    def undo(self) -> None:
+        """Take back the last edit, whoever made it."""
+        self.editor.undo()
+        self._touch()
+
+    def redo(self) -> None:
+        """Do again what was taken back last."""
+        self.editor.redo()
+        self._touch()
+
+    def toggle_breakpoint(self, node: str) -> None:
+        """Pause at a node, or not any more."""
+        self.view.number(node)
+        self.view.breakpoints ^= {node}
+        self._tell()

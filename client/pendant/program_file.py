@@ -1,0 +1,70 @@
+"""The program that is being made on a pendant, as this machine keeps it: it outlives pendant, browsers and emulator."""
+
+import base64
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from client.errors import FileError
+from client.pendant.saved import write_json
+from urproto.text import json_document
+
+_UNFIT: Final = re.compile(r"[^A-Za-z0-9.-]")  # in names of files
+
+
+@dataclass(frozen=True, slots=True)
+class KeptProgram:
+    """path: of the file in the robot's programs folder, "" for one that was never saved. changed: since it was saved.
+
+    data: the bytes that its ``.urp`` would have now.
+    """
+
+    path: str
+    changed: bool
+    data: bytes
+
+
+class ProgramFile:
+    """In a folder, one file for each robot address; without a folder nothing is kept."""
+
+    def __init__(self, folder: Path | None, address: str) -> None:
+        self.path = None if folder is None else folder / f"{_UNFIT.sub('_', address)}.json"
+
+    def read(self) -> KeptProgram | None:
+        """What was kept last, None without. Raises FileError for a file that cannot be used; it is moved aside."""
+        path = self.path
+        if path is None:
+            return None
+        try:
+            content = json_document(path.read_text("utf-8"))
+            kept = KeptProgram(
+                str(content["path"]), bool(content["changed"]), base64.b64decode(content["urp"], None, True)
+            )
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise FileError(path, error.strerror or str(error)) from error
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            raise FileError(
+                path, f"this is not a program that a pendant has kept: {error}; {self.set_aside()}"
+            ) from error
+        return kept
+
+    def set_aside(self) -> str:
+        """Have what cannot be used under another name, so that it is not written over; says where it is."""
+        if self.path is None:
+            return "it is not kept"
+        aside = self.path.with_suffix(".unreadable")
+        try:
+            os.replace(self.path, aside)
+        except OSError as error:
+            return f"it stays there: {error.strerror or error}"
+        return f"it is {aside} from now on"
+
+    def write(self, kept: KeptProgram) -> None:
+        """Instead of what was kept before, whole or not at all. Raises FileError."""
+        if self.path is not None:
+            urp = base64.b64encode(kept.data).decode()
+            write_json(self.path, {"path": kept.path, "changed": kept.changed, "urp": urp})

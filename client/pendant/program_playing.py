@@ -1,0 +1,160 @@
+"""Playing the program that is being made: an emulator gets it as a file, a robot as a script."""
+
+import base64
+from collections.abc import Iterable
+from pathlib import PurePosixPath
+from typing import Final
+
+from client import dashboard
+from client.errors import ClientError
+from client.pendant.program_draft import ProgramDraft
+from client.pendant.station import Station
+from urproto.compat_asyncio import timeout
+from urproto.modes import RuntimeState
+from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.naming import identifier
+from urscript.polyscope.program import script_steps
+from urscript.polyscope.tree import TreeError
+from urscript.work import run_to_end
+
+EXTENSION: Final = ".urp"
+_STOPS_WITHIN_S: Final = 5.0  # guess: an arm that is braked needs less
+_PAUSED: Final = (RuntimeState.PAUSED, RuntimeState.PAUSING)
+
+
+class PlayError(ClientError):
+    """The program cannot be played as it is, or not here."""
+
+
+def saves_here(station: Station) -> bool:
+    """Whether files can be saved in the robot's programs folder: an emulator's control API does that."""
+    return station.emulator.available and "save_program" in station.emulator.verbs
+
+
+async def save(station: Station, path: str) -> None:
+    """Write the program and what belongs beside it into an emulator's programs folder. Raises ClientError."""
+    draft = station.program_draft
+    path = with_extension(path)
+    revision = draft.version
+    for name, data in draft.files(PurePosixPath(path).stem).items():
+        place = str(PurePosixPath(path).with_name(name))
+        if data is None:
+            await station.emulator.call("delete_program", path=place)
+        else:
+            saved = await station.emulator.call("save_program", path=place, data=base64.b64encode(data).decode())
+            path = saved if name.endswith(EXTENSION) else path
+    draft.saved(path, revision)
+
+
+async def open_file(station: Station, path: str) -> None:
+    """Take up a program of an emulator's programs folder. Raises ClientError, ValueError."""
+    data = base64.b64decode(await station.emulator.call("read_program", path=path))
+    station.program_draft.open(data, path)
+
+
+def with_extension(path: str) -> str:
+    """As PolyScope completes a name. Raises ValueError for none."""
+    path = path.strip()
+    if not path.removesuffix(EXTENSION):
+        raise ValueError("give the program a name")
+    return path if path.endswith(EXTENSION) else path + EXTENSION
+
+
+def is_on_robot(station: Station) -> bool:
+    """Whether what is played is the program as it is in the editor: then its nodes have the numbers that are told."""
+    draft, programs = station.program_draft, station.programs
+    if draft.played_version != draft.version:
+        return False
+    if not saves_here(station):
+        return programs.running == identifier(draft.editor.name)
+    return bool(draft.path) and (programs.loaded or "").endswith(draft.path)
+
+
+def is_paused(station: Station) -> bool:
+    """The program of the editor is held where it is."""
+    return station.runtime_state in _PAUSED and is_on_robot(station)
+
+
+async def play(station: Station, *, at: str | None = None) -> None:
+    """From the start, or from the node with an id; a paused program goes on if it is asked for no node.
+
+    Raises ClientError.
+    """
+    if at is None and is_paused(station):
+        await station.ask(dashboard.PLAY)
+        return
+    number = None if at is None else station.program_draft.view.number(at)
+    if not saves_here(station):
+        await _play_as_script(station, number or 0)
+        return
+    await _load(station)
+    if number is None:
+        await station.ask(dashboard.PLAY)
+    elif not await station.emulator.call("play_from", node=number):
+        raise PlayError(f"the program does not start at node {number}: see Log")
+
+
+async def step(station: Station) -> None:
+    """To the next node, from where the program is paused, or from its start. Raises ClientError."""
+    if not is_paused(station):
+        await _load(station)
+    if not await station.emulator.call("step_program"):
+        raise PlayError("the program does not start: see Log")
+
+
+async def tell_breakpoints(station: Station) -> None:
+    """Have the robot pause at the nodes that are marked, if it has this program."""
+    if saves_here(station) and is_on_robot(station):
+        await station.emulator.call("set_breakpoints", nodes=_numbers(station.program_draft))
+
+
+def _numbers(draft: ProgramDraft) -> list[int]:
+    return sorted(row.number for row in draft.view.rows() if row.id in draft.view.breakpoints)
+
+
+async def _load(station: Station) -> None:
+    draft = station.program_draft
+    _check(draft.view.problems())
+    if not draft.path:
+        raise PlayError("the program has no name yet: save it first")
+    if draft.changed or draft.path not in await station.programs.files(station):
+        await save(station, draft.path)
+    await station.mover.give_back()
+    await station.ask(dashboard.load(draft.path))
+    try:
+        async with timeout(_STOPS_WITHIN_S):  # the program that was paused ends
+            while station.runtime_state is not RuntimeState.STOPPED:
+                await station.next_frame()
+    except TimeoutError as error:
+        raise PlayError("the program that ran before does not end: stop it first") from error
+    draft.played_version = draft.version
+    station.programs.look()
+    await station.emulator.call("set_breakpoints", nodes=_numbers(draft))
+
+
+def _check(problems: Iterable[str]) -> None:
+    for problem in problems:
+        raise PlayError(f"{problem}: complete the program, or suppress the node")
+
+
+async def _play_as_script(station: Station, start_at: int) -> None:
+    draft = station.program_draft
+    _check(draft.view.problems())
+    await station.mover.give_back()
+    await station.send_script(script(station, start_at))
+    draft.played_version = draft.version
+
+
+def script(station: Station, start_at: int = 0) -> str:
+    """The URScript of the program, with an installation that leaves tool and mounting as they are. Raises PlayError."""
+    tree = station.program_draft.tree()
+    if tree.needs_external_control:
+        raise PlayError(
+            "a program with External Control nodes gets their code when the robot itself plays it: download it, copy "
+            "it to the robot, and play it at the robot's own pendant"
+        )
+    steps = script_steps(tree, InstallationFile(), version=station.program_draft.editor.version, start_at=start_at)
+    try:
+        return run_to_end(steps)
+    except TreeError as error:
+        raise PlayError(str(error)) from error

@@ -1,0 +1,214 @@
+"""What pages show of the program that is being made: the tree, forms, waypoints, and what can be inserted."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any, Final, TypeVar
+
+from urproto.versions import PolyscopeVersion
+from urscript.polyscope.editing import ProgramEditor, Row
+from urscript.polyscope.registry import NODES, kinds
+
+_GROUPS: Final = ("Basic", "Advanced", "Templates", "URCaps", "Program")
+
+
+@dataclass(frozen=True, slots=True)
+class FormField:
+    """A field of a node: see `urscript.polyscope.forms.Field`. choices: value and title."""
+
+    key: str
+    title: str
+    kind: str
+    unit: str
+    optional: bool
+    help: str
+    choices: tuple[tuple[str, str], ...]
+    value: Any
+
+
+@dataclass(frozen=True, slots=True)
+class PaletteEntry:
+    """A kind of node that can be inserted."""
+
+    name: str
+    title: str
+    icon: str
+    doc: str
+
+
+_ICONS: Final = {  # of Material Icons, by the key of the kind; what has none here gets that of its group
+    "move": "timeline", "waypoint": "place", "direction": "north_east", "until": "flag", "wait": "hourglass_empty",
+    "set": "toggle_on", "set_payload": "scale", "force": "compress", "popup": "chat_bubble_outline", "halt": "stop",
+    "comment": "notes", "folder": "folder_open",
+    "if": "call_split", "elseif": "call_split", "else": "call_split", "loop": "loop", "call": "login",
+    "subprogram": "integration_instructions", "assignment": "edit_note", "script": "code", "thread": "alt_route",
+    "event": "bolt", "switch": "fork_right", "case": "subdirectory_arrow_right", "timer": "timer", "home": "home",
+    "robot_program": "smart_toy", "variables_setup": "data_object", "before_start": "first_page",
+    "default_case": "subdirectory_arrow_right", "circle_move": "rotate_right",
+}  # fmt: skip
+_GROUP_ICONS: Final = {
+    "Basic": "crop_square",
+    "Advanced": "widgets",
+    "Templates": "grid_view",
+    "URCaps": "extension",
+    "Program": "smart_toy",
+}
+
+
+def palette(version: PolyscopeVersion | None) -> dict[str, list[PaletteEntry]]:
+    """What can be inserted, by group, in the order of the registry; for all versions while none is known."""
+    groups: dict[str, list[PaletteEntry]] = {group: [] for group in _GROUPS}
+    for found in NODES.values():
+        for kind in found.kinds:
+            if kind.group in groups and kind.new is not None and (version is None or kind.exists_in(version)):
+                icon = _ICONS.get(kind.key, _GROUP_ICONS[kind.group])
+                groups[kind.group].append(PaletteEntry(kind.key, kind.title, icon, found.doc))
+    return {group: entries for group, entries in groups.items() if entries}
+
+
+_Answer = TypeVar("_Answer")
+
+
+class ProgramView:
+    """editor: the program, another one after New or Open. breakpoints: ids of nodes."""
+
+    def __init__(self, editor: Callable[[], ProgramEditor]) -> None:
+        self._editor = editor
+        self._memory = dict[str, tuple[ProgramEditor, int, Any]]()
+        self.breakpoints = frozenset[str]()
+
+    def _remembered(self, what: str, make: Callable[[], _Answer]) -> _Answer:
+        """Made once for each revision: thirty times a second somebody looks."""
+        editor = self._editor()
+        found = self._memory.get(what)
+        if found is None or found[0] is not editor or found[1] != editor.revision:
+            if found is not None:
+                self._memory.clear()  # of a program as it was
+            found = self._memory[what] = (editor, editor.revision, make())
+        answer: _Answer = found[2]
+        return answer
+
+    def rows(self) -> list[Row]:
+        """The nodes in the order of the tree."""
+        return self._remembered("rows", lambda: self._editor().rows())
+
+    def row(self, node: str) -> Row | None:
+        """A node, None for one that is gone."""
+        rows = self._remembered("by id", lambda: {row.id: row for row in self.rows()})
+        return rows.get(node)
+
+    def has(self, node: str) -> bool:
+        """Whether there is such a node."""
+        return self.row(node) is not None
+
+    def first(self) -> str:
+        """Where a selection begins: the robot program."""
+        rows = self.rows()
+        return next((row.id for row in rows if row.kind == "robot_program"), rows[0].id)
+
+    def shown_rows(self) -> list[list[Any]]:
+        """For static/screen_program.js: id, number, depth, icon, text, marks, problem."""
+        return self._remembered(f"shown {sorted(self.breakpoints)}", self._show_rows)
+
+    def _show_rows(self) -> list[list[Any]]:
+        return [
+            [row.id, row.number, row.depth, _icon(row.kind), row.title, self._marks(row), row.problem]
+            for row in self.rows()
+        ]
+
+    def _marks(self, row: Row) -> str:
+        marks = {
+            "undefined": not row.defined,
+            "problem": bool(row.problem) and row.defined,
+            "suppressed": row.suppressed,
+            "breakpoint": row.id in self.breakpoints,
+        }
+        return " ".join(word for word, there in marks.items() if there)
+
+    def number(self, node: str) -> int:
+        """By which labels name a node. Raises ValueError for one that is gone."""
+        row = self.row(node)
+        if row is None:
+            raise ValueError("this node is not in the program any more")
+        return row.number
+
+    def text(self, node: str) -> str:
+        """What a node is called."""
+        row = self.row(node)
+        return "" if row is None else row.title
+
+    def doc(self, node: str) -> str:
+        """What a kind of node is for."""
+        row = self.row(node)
+        return "" if row is None else _docs().get(row.kind, "")
+
+    def problem(self, node: str) -> str:
+        """What is wrong with a node."""
+        row = self.row(node)
+        return "" if row is None else row.problem
+
+    def problems(self) -> list[str]:
+        """What keeps the program from being played."""
+        names = {row.id: f"node {row.number}: " for row in self.rows()}
+        return [f"{names.get(problem.node, '')}{problem.message}" for problem in self._editor().problems()]
+
+    def form(self, node: str) -> tuple[FormField, ...]:
+        """The fields of a node that have a meaning now."""
+        return self._remembered(f"form {node}", partial(self._read_form, node))
+
+    def _read_form(self, node: str) -> tuple[FormField, ...]:
+        if not self.has(node):
+            return ()
+        return tuple(
+            FormField(
+                field["key"],
+                field["title"],
+                field["kind"],
+                field["unit"],
+                field["optional"],
+                field["help"],
+                tuple((choice["value"], choice["title"]) for choice in field["choices"]),
+                field["value"],
+            )
+            for field in self._editor().form(node)["fields"]
+        )
+
+    def value(self, node: str, key: str) -> Any:
+        """Of a field, None when there is none."""
+        return next((field.value for field in self.form(node) if field.key == key), None)
+
+    def joints(self, node: str, key: str) -> tuple[float, ...] | None:
+        """Of a taught position [rad], None before it is taught."""
+        value = self.value(node, key)
+        return None if value is None else tuple(value["joints"])
+
+    def waypoints(self) -> tuple[tuple[str, tuple[float, ...]], ...]:
+        """Where the taught waypoints are that are not suppressed: id of the node, x, y, z in the base frame [m]."""
+        return self._remembered("waypoints", self._find_waypoints)
+
+    def _find_waypoints(self) -> tuple[tuple[str, tuple[float, ...]], ...]:
+        found = list[tuple[str, tuple[float, ...]]]()
+        for row in self.rows():
+            if row.kind == "waypoint" and not row.suppressed and (value := self.value(row.id, "position")):
+                found.append((row.id, tuple(value["pose"][:3])))
+        return tuple(found)
+
+    def neighbour(self, node: str) -> str:
+        """Which node is selected when this one goes."""
+        row = self.row(node)
+        if row is None:
+            return self.first()
+        beside = [other.id for other in self.rows() if other.parent == row.parent]
+        index = beside.index(node)
+        return (beside[index + 1 : index + 2] or beside[max(0, index - 1) : index] or [row.parent])[0]
+
+
+def _icon(kind: str) -> str:
+    found = kinds().get(kind)
+    return _ICONS.get(kind, _GROUP_ICONS[found.group] if found else "help_outline")
+
+
+@cache
+def _docs() -> dict[str, str]:
+    """What kinds of nodes are for, by their keys."""
+    return {kind.key: found.doc for found in NODES.values() for kind in found.kinds}

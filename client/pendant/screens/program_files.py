@@ -1,0 +1,122 @@
+"""New, open, save and download of the program that is being made."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import PurePosixPath
+
+from nicegui import events, ui
+
+from client.pendant import program_playing as playing
+from client.pendant.page import Page
+
+_LARGEST = 2_000_000  # bytes
+
+
+class FileButtons:
+    """What stands first in the toolbar. why_not_saved: what the hint of Save says where there is no folder."""
+
+    def __init__(self, page: Page, button: Callable[..., ui.button]) -> None:
+        self._page = page
+        self._draft = page.station.program_draft
+        button("New", "note_add", page.doing(self.new), "program-new")
+        button("Open", "folder_open", page.doing(self.open), "program-open")
+        keep = button("Save", "save", page.doing(self.save), "program-save")
+        keep_as = button("Save as", "save_as", page.doing(self.save_as), "program-save-as")
+        for each in (keep, keep_as):
+            page.live.effect(playing.saves_here, each.set_enabled)
+            page.live.bind(
+                each,
+                "title",
+                lambda s: "" if playing.saves_here(s) else "A robot saves no files for others: download the program",
+            )
+        button("Download", "download", page.doing(self.download), "program-download")
+        self._picker = ui.upload(on_upload=self._uploaded, auto_upload=True, max_file_size=_LARGEST).classes("hidden")
+        self._picker.on("rejected", lambda: page.complain("a program has at most 2 MB"))
+        self._picker.props('accept=".urp" data-testid=program-file')
+
+    async def _may_replace(self) -> bool:
+        """Whether the program may go: asked if something would be lost."""
+        draft = self._draft
+        if not draft.changed:
+            return True
+        text = f"The changes to {draft.title} are not saved, and everybody here sees this program."
+        return await self._page.confirm("Leave this program?", text, "Leave it")
+
+    async def new(self) -> None:
+        """An empty program."""
+        if await self._may_replace():
+            self._draft.new()
+
+    async def open(self) -> None:
+        """A file of the programs folder, or of the browser's machine."""
+        page = self._page
+        if not await self._may_replace():
+            return
+        if not playing.saves_here(page.station):
+            self._picker.run_method("pickFiles")
+            return
+        names = [name for name in await page.station.programs.files(page.station) if name.endswith(playing.EXTENSION)]
+        with page.content, ui.dialog(value=True) as dialog, ui.card().classes("program-files"):
+            ui.label("Open a program").classes("panel-title")
+            if not names:
+                ui.label("The programs folder has no .urp files.")
+            with ui.list().props("dense separator").classes("run-file-list"):
+                for name in names:
+                    ui.item(name, on_click=partial(dialog.submit, name)).props("data-testid=program-choice")
+            with ui.row().classes("w-full justify-end"):
+                upload = ui.button("From this machine", icon="upload_file", on_click=lambda: dialog.submit(""))
+                upload.props("flat no-caps data-testid=program-upload")
+                ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat no-caps")
+        chosen = await dialog
+        dialog.delete()
+        if chosen:
+            await playing.open_file(page.station, chosen)
+        elif chosen == "":
+            self._picker.run_method("pickFiles")
+
+    async def _uploaded(self, upload: events.UploadEventArguments) -> None:
+        data, name = await upload.file.read(), PurePosixPath(upload.file.name).name
+
+        async def take() -> None:
+            self._draft.open(data, name)
+
+        await self._page.attempt(take)
+        self._picker.reset()
+
+    async def save(self) -> None:
+        """Under its name, or the one that somebody gives it."""
+        if not self._draft.path:
+            await self.save_as()
+            return
+        await playing.save(self._page.station, self._draft.path)
+        self._page.tell(f"{self._draft.path} is saved")
+
+    async def save_as(self) -> bool:
+        """Under another name; whether that was done."""
+        page, draft = self._page, self._draft
+        with page.content, ui.dialog(value=True) as dialog, ui.card():
+            ui.label("Save the program as").classes("text-h6")
+            box = ui.input("Name", value=draft.path or "").props("autofocus outlined dense data-testid=program-name")
+            box.props('suffix=".urp"' if not draft.path else "")
+            box.on("keydown.enter", lambda: dialog.submit(box.value))
+            with ui.row().classes("w-full justify-end"):
+                ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat no-caps")
+                save = ui.button("Save", on_click=lambda: dialog.submit(box.value))
+                save.props("no-caps data-testid=program-save-it")
+        name = await dialog
+        dialog.delete()
+        if name is None:
+            return False
+        path = playing.with_extension(name)
+        if path != draft.path and path in await page.station.programs.files(page.station):
+            text = f"{path} is there already."
+            if not await page.confirm("Replace the program?", text, "Replace it"):
+                return False
+        await playing.save(page.station, path)
+        page.tell(f"{path} is saved")
+        return True
+
+    async def download(self) -> None:
+        """The file of the program, to the browser's machine."""
+        name = PurePosixPath(self._draft.path or "unnamed.urp").name
+        ui.download(self._draft.data(), name)

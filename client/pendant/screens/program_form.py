@@ -1,0 +1,188 @@
+"""The form of the selected node, made from the fields of its type: a new type or field needs nothing here."""
+
+from collections.abc import Callable, Mapping
+from math import degrees
+from typing import TYPE_CHECKING, Any, Final
+
+from nicegui import ui
+
+from client.pendant.page import MISTAKES, Page
+from client.pendant.program_view import FormField
+from client.pendant.screens.move_jog import MoveSettings
+from client.pendant.situation import Action
+from client.pendant.station import Station
+from urproto.errors import RobotRefused
+from urproto.text import readable
+
+if TYPE_CHECKING:
+    from client.pendant.screens.program import Selection
+
+_CHOSEN: Final = ("choice", "pin", "tcp", "feature", "subprogram")  # kinds of fields whose values are in a list
+_NUMBERS: Final = ("number", "integer")
+_POSITION: Final = "position"
+
+
+class NodeForm:
+    """The panel with it. It is made anew when another node is selected or other fields have a meaning."""
+
+    def __init__(self, page: Page, selection: "Selection") -> None:
+        self._page = page
+        self._selection = selection
+        self._draft = page.station.program_draft
+        self._shown = dict[str, Callable[[Any], object]]()  # lets a field show a value
+        self._settings = MoveSettings(page)
+        with ui.card().classes("panel program-form").props('role=form aria-label="Selected node"') as self._panel:
+            page.live.text(lambda _: self._draft.view.text(selection.node), "panel-title").props(
+                "data-testid=form-title"
+            )
+            page.live.text(lambda _: self._draft.view.doc(selection.node), "program-doc")
+            problem = page.live.text(lambda _: self._draft.view.problem(selection.node), "program-form-problem")
+            problem.props("role=status data-testid=form-problem")
+            self._fields = ui.element("div").classes("program-fields")
+        page.live.effect(self._layout, lambda _: self._make())
+        page.live.effect(self._values, self._show)
+
+    def focus(self) -> None:
+        """Where somebody types first."""
+        ui.run_javascript(f"pendantProgram.edit({self._fields.id})")
+
+    # what there is
+
+    def _form(self) -> tuple[FormField, ...]:
+        return self._draft.view.form(self._selection.node)
+
+    def _layout(self, _: Station) -> tuple[object, ...]:
+        fields = self._form()
+        return (self._selection.node, *((each.key, each.kind, each.unit, each.choices) for each in fields))
+
+    def _values(self, _: Station) -> tuple[object, ...]:
+        return tuple((each.key, each.value) for each in self._form())
+
+    def _show(self, values: tuple[tuple[str, Any], ...]) -> None:
+        """What another browser, or undoing, has changed."""
+        for key, value in values:
+            if key in self._shown:
+                self._shown[key](value)
+
+    def _make(self) -> None:
+        self._fields.clear()
+        self._shown.clear()
+        node = self._selection.node
+        with self._fields:
+            for field in self._form():
+                if field.kind == _POSITION:
+                    self._position(node, field)
+                elif field.kind == "boolean":
+                    self._checkbox(node, field)
+                elif field.kind in _CHOSEN:
+                    self._select(node, field)
+                else:
+                    self._box(node, field)
+
+    # kinds of fields
+
+    def _set(self, node: str, field: FormField, value: Any) -> str:
+        """Set it; what is wrong with the value, "" if nothing."""
+        try:
+            self._draft.set(node, field.key, value)
+        except MISTAKES as error:
+            return readable(str(error))
+        return ""
+
+    def _box(self, node: str, field: FormField) -> None:
+        """A number, a text, an expression, a variable."""
+        words = [str(value) for value, _ in field.choices]
+        box = ui.input(field.title, value=_text(field.value), autocomplete=words or None)
+        box.props(f'dense outlined data-testid=field-{field.key} spellcheck=false aria-label="{_named(field)}"')
+        if field.unit:
+            box.props(f'stack-label suffix="{field.unit}"')
+        if field.kind in _NUMBERS:
+            box.props("inputmode=decimal")
+        if field.help:
+            box.props(f'hint="{field.help}"')
+
+        def commit() -> None:
+            text = box.value or ""
+            if text == _text(self._draft.view.value(node, field.key)):
+                box.error = None
+                return
+            box.error = self._set(node, field, None if text == "" and field.optional else text) or None
+
+        box.on("blur", commit)
+        box.on("keydown.enter", commit)
+
+        def show(value: Any) -> None:
+            box.set_value(_text(value))
+            box.error = None
+
+        self._shown[field.key] = show
+
+    def _select(self, node: str, field: FormField) -> None:
+        options = dict(field.choices)
+        if field.value not in (None, "") and field.value not in options:
+            options[str(field.value)] = str(field.value)  # the installation has lost it: the node says so
+        value = field.value if field.value in options else None
+        select = ui.select(options, label=field.title, value=value, clearable=field.optional)
+        select.props(f'dense outlined options-dense data-testid=field-{field.key} aria-label="{_named(field)}"')
+
+        def choose() -> None:
+            if problem := self._set(node, field, select.value):
+                self._page.complain(problem)
+                select.set_value(self._draft.view.value(node, field.key))
+
+        select.on("update:model-value", choose)
+        self._shown[field.key] = lambda value: select.set_value(value if value in select.options else None)
+
+    def _checkbox(self, node: str, field: FormField) -> None:
+        box = ui.checkbox(field.title, value=bool(field.value)).props(f"data-testid=field-{field.key}")
+
+        def choose() -> None:
+            if problem := self._set(node, field, box.value):
+                self._page.complain(problem)
+                box.set_value(bool(self._draft.view.value(node, field.key)))
+
+        box.on("update:model-value", choose)
+        self._shown[field.key] = lambda value: box.set_value(bool(value))
+
+    def _position(self, node: str, field: FormField) -> None:
+        """Taught from the arm, which can be sent there."""
+        page = self._page
+        shown = ui.label(_place(field.value)).classes("program-doc").props(f"data-testid=field-{field.key}")
+        self._shown[field.key] = lambda value: shown.set_text(_place(value))
+
+        async def teach() -> None:
+            values = page.station.values
+            if "actual_q" not in values or "actual_TCP_pose" not in values:
+                raise RobotRefused("teaching", "the robot has not reported where it is", "wait until it is connected")
+            tcp = values.get("tcp_offset") or (0.0,) * 6
+            self._draft.teach(node, field.key, values["actual_q"], values["actual_TCP_pose"], tcp)
+
+        async def move() -> None:
+            joints = self._draft.view.joints(node, field.key)
+            if joints is None:
+                raise ValueError(f"{field.title} was never taught")
+            doing = f"Moving to {self._draft.view.text(node)}"
+            await self._settings.move(lambda: page.station.mover.move_j(joints, doing, **self._settings.joint_speed))
+
+        with ui.row().classes("target-buttons"):
+            taught = ui.button(f"Teach {field.title.lower()}", icon="my_location", on_click=page.doing(teach))
+            taught.props(f"unelevated no-caps data-testid=teach-{field.key}")
+            go = ui.button("Move here", icon="near_me").props(f"flat no-caps data-testid=move-{field.key}")
+            page.button_for(Action.MOVE, move, go)
+
+
+def _named(field: FormField) -> str:
+    return f"{field.title} in {field.unit}" if field.unit else field.title
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def _place(value: Any) -> str:
+    """Joint angles of a taught position, in words."""
+    if not isinstance(value, Mapping) or not value.get("joints"):
+        return "Not taught yet"
+    return "Joints " + ", ".join(f"{degrees(angle):.1f}°" for angle in value["joints"])

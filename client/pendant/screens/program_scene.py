@@ -1,0 +1,43 @@
+"""The arm, with the waypoints of the program and the way through them."""
+
+from typing import TYPE_CHECKING, Final
+
+from nicegui import ui
+from nicegui.elements.scene.scene_object3d import Object3D
+
+from client.pendant.arm_scene import arm_scene, camera_buttons
+from client.pendant.page import Page
+
+if TYPE_CHECKING:
+    from client.pendant.screens.program import Selection
+
+_RADIUS_M: Final = 0.012
+_COLOR: Final = "#e08a00"
+_CHOSEN: Final = "#2f7fb8"
+_MOST: Final = 300  # waypoints drawn; more are no picture any more
+
+
+def program_scene(page: Page, selection: "Selection") -> None:
+    """Put it on the page. Waypoints are where their poses are; lines between them are straight, as those of MoveL."""
+    with ui.card().classes("panel program-scene").props("data-testid=program-scene"):
+        scene = arm_scene(page)
+        camera_buttons(page, scene)
+    drawn = list[Object3D]()
+
+    def draw(what: tuple[tuple[tuple[str, tuple[float, ...]], ...], str]) -> None:
+        for each in drawn:
+            each.delete()
+        drawn.clear()
+        waypoints, chosen = what
+        with scene:
+            before: tuple[float, ...] | None = None
+            for node, place in waypoints[:_MOST]:
+                x, y, z = place
+                ball = scene.sphere(_RADIUS_M).material(_CHOSEN if node == chosen else _COLOR).move(x, y, z)
+                drawn.append(ball.with_name(f"waypoint {node}"))
+                if before is not None:
+                    drawn.append(scene.line(list(before), list(place)).material(_COLOR))
+                before = place
+
+    draft = page.station.program_draft
+    page.live.effect(lambda _: (draft.view.waypoints(), selection.node), draw)

@@ -1,0 +1,193 @@
+"use strict";
+// Program: the tree of nodes, by pointer, touch and keyboard. What is done in it is said by the word "program".
+const pendantProgram = (() => {
+  // Rows are [id, number, depth, icon, text, marks, problem]; marks are words: undefined, problem, suppressed, breakpoint.
+  const ID = 0, NUMBER = 1, DEPTH = 2, ICON = 3, TEXT = 4, MARKS = 5, PROBLEM = 6;
+  const say = (word, id) => pendant.say({ program: [word, id] });
+
+  function part(parent, kind, text) {
+    const made = document.createElement("span");
+    made.className = kind;
+    made.textContent = text;
+    parent.appendChild(made);
+    return made;
+  }
+
+  // Keys of the whole screen, wherever the focus is but in a field; keys of a node only in the tree.
+  const DEEDS = {
+    "ctrl+z": "undo", "ctrl+y": "redo", "ctrl+shift+z": "redo", "ctrl+s": "save",
+  };
+  const NODE_DEEDS = {
+    "ctrl+x": "cut", "ctrl+c": "copy", "ctrl+v": "paste", delete: "delete", backspace: "delete",
+    "alt+arrowup": "up", "alt+arrowdown": "down", "ctrl+e": "suppress", f9: "breakpoint", enter: "edit",
+  };
+
+  function chord(event) {
+    const words = [];
+    if (event.ctrlKey || event.metaKey) words.push("ctrl");
+    if (event.altKey) words.push("alt");
+    if (event.shiftKey) words.push("shift");
+    return [...words, event.key.toLowerCase()].join("+");
+  }
+
+  const writes = (target) => target.closest && target.closest("input, textarea, [contenteditable=true], .q-dialog");
+
+  // boxId: the tree; marksId: numbers of the nodes that are carried out; chosenId: the selected node.
+  function tree(boxId, marksId, chosenId) {
+    const closed = new Set(); // ids of nodes whose children are hidden
+    let rows = [];
+    let items = new Map(); // id -> element of a row in view
+    let running = new Set();
+    let chosen = null;
+    let box = null;
+
+    const hasChildren = (index) => index + 1 < rows.length && rows[index + 1][DEPTH] > rows[index][DEPTH];
+    const indexOf = (id) => rows.findIndex((row) => row[ID] === id);
+
+    function draw() {
+      if (!box) return;
+      const focused = box.contains(document.activeElement);
+      items = new Map();
+      let hidden = Infinity; // depth below which nothing is shown
+      const made = [];
+      rows.forEach((row, index) => {
+        if (row[DEPTH] > hidden) return;
+        hidden = closed.has(row[ID]) && hasChildren(index) ? row[DEPTH] : Infinity;
+        const item = line(row, hasChildren(index));
+        items.set(row[ID], item);
+        made.push(item);
+      });
+      box.replaceChildren(...made);
+      mark(focused);
+    }
+
+    function line(row, opens) {
+      const item = document.createElement("div");
+      const marks = row[MARKS].split(" ").filter((word) => word);
+      item.className = ["program-row", ...marks.map((word) => `is-${word}`)].join(" ");
+      item.setAttribute("role", "treeitem");
+      item.setAttribute("aria-level", row[DEPTH] + 1);
+      item.dataset.node = row[ID];
+      item.dataset.number = row[NUMBER];
+      if (opens) item.setAttribute("aria-expanded", String(!closed.has(row[ID])));
+      const words = [`${row[NUMBER]} ${row[TEXT]}`, ...marks, ...(row[PROBLEM] ? [row[PROBLEM]] : [])];
+      item.setAttribute("aria-label", words.join(", "));
+      if (row[PROBLEM]) item.title = row[PROBLEM];
+      part(item, "program-break", "").setAttribute("aria-hidden", "true");
+      part(item, "program-row-number", row[NUMBER]);
+      const indented = part(item, "program-row-name", "");
+      indented.style.paddingLeft = `${row[DEPTH] * 20}px`;
+      const fold = part(indented, "program-fold material-icons", opens ? (closed.has(row[ID]) ? "chevron_right" : "expand_more") : "");
+      fold.setAttribute("aria-hidden", "true");
+      part(indented, "program-icon material-icons", row[ICON]).setAttribute("aria-hidden", "true");
+      part(indented, "program-row-text", row[TEXT]);
+      if (row[PROBLEM]) part(indented, "program-row-problem", row[PROBLEM]);
+      return item;
+    }
+
+    function mark(focus) {
+      for (const [id, item] of items) {
+        const row = rows[indexOf(id)];
+        const selected = id === chosen;
+        item.setAttribute("aria-selected", String(selected));
+        item.tabIndex = selected ? 0 : -1;
+        item.classList.toggle("is-running", running.has(row[NUMBER]));
+        if (running.has(row[NUMBER])) item.setAttribute("aria-current", "step");
+        else item.removeAttribute("aria-current");
+      }
+      const item = items.get(chosen);
+      if (item && focus) item.focus();
+      if (!item && items.size) items.values().next().value.tabIndex = 0;
+    }
+
+    function intoView(item) {
+      if (item) item.scrollIntoView({ block: "nearest" });
+    }
+
+    function choose(id) {
+      if (id === undefined || id === null) return;
+      chosen = id;
+      mark(true);
+      intoView(items.get(id));
+      say("select", id);
+    }
+
+    function fold(id, close) {
+      if (close) closed.add(id);
+      else closed.delete(id);
+      draw();
+    }
+
+    function walk(event) {
+      const shown = [...items.keys()];
+      const at = Math.max(0, shown.indexOf(chosen));
+      const index = indexOf(chosen);
+      const key = event.key;
+      if (key === "ArrowDown") choose(shown[Math.min(at + 1, shown.length - 1)]);
+      else if (key === "ArrowUp") choose(shown[Math.max(at - 1, 0)]);
+      else if (key === "Home") choose(shown[0]);
+      else if (key === "End") choose(shown[shown.length - 1]);
+      else if (key === "ArrowRight" && index >= 0 && hasChildren(index))
+        closed.has(chosen) ? fold(chosen, false) : choose(rows[index + 1][ID]);
+      else if (key === "ArrowLeft" && index >= 0) {
+        if (hasChildren(index) && !closed.has(chosen)) fold(chosen, true);
+        else choose(rows.slice(0, index).reverse().find((row) => row[DEPTH] < rows[index][DEPTH])?.[ID]);
+      } else return false;
+      return true;
+    }
+
+    function key(event) {
+      const word = chord(event);
+      const plain = !event.ctrlKey && !event.metaKey && !event.altKey;
+      const done = (plain && walk(event)) || (NODE_DEEDS[word] && (say(NODE_DEEDS[word], chosen), true));
+      if (!done) return;
+      event.preventDefault();
+      event.stopPropagation();
+    }
+
+    function click(event) {
+      const item = event.target.closest(".program-row");
+      if (!item) return;
+      const id = item.dataset.node;
+      if (event.target.closest(".program-fold") && item.hasAttribute("aria-expanded")) fold(id, !closed.has(id));
+      else if (event.target.closest(".program-break")) say("breakpoint", id);
+      choose(id);
+    }
+
+    pendant.followers.set(boxId, (content, target) => {
+      if (box !== target) {
+        box = target;
+        box.addEventListener("keydown", key);
+        box.addEventListener("click", click);
+      }
+      rows = content;
+      draw();
+    });
+    pendant.followers.set(marksId, (numbers) => {
+      const before = running;
+      running = new Set(numbers);
+      mark(false);
+      const news = rows.find((row) => running.has(row[NUMBER]) && !before.has(row[NUMBER]));
+      if (news) intoView(items.get(news[ID]));
+    });
+    pendant.followers.set(chosenId, (id) => {
+      chosen = id;
+      for (let index = indexOf(id), depth = Infinity; index >= 0; index--) {
+        if (rows[index][DEPTH] < depth) closed.delete(depth === Infinity ? null : rows[index][ID]);
+        depth = Math.min(depth, rows[index][DEPTH]);
+      }
+      draw();
+      intoView(items.get(id));
+    });
+    window.addEventListener("keydown", (event) => {
+      if (!box || !box.offsetParent || writes(event.target) || !DEEDS[chord(event)]) return;
+      event.preventDefault();
+      say(DEEDS[chord(event)], chosen);
+    });
+  }
+
+  // The first field of the form, for whoever pressed Enter at a node.
+  const edit = (formId) => document.getElementById(`c${formId}`)?.querySelector("input, textarea, button")?.focus();
+
+  return { tree, edit };
+})();

@@ -1,0 +1,34 @@
+"""Ways around what is in the way: planned here, executed by any robot. Needs the extra ``plan``."""
+
+from client.planning.collisions import CollisionChecker, Nearness
+from client.planning.goals import NAMED, Goal, GoalUnreachableError, JointGoal, NamedGoal, PoseGoal
+from client.planning.planner import NoPathError, Plan, Planner, PlannerName, StartInCollisionError, usual_limits
+from client.planning.scene import Box, Cylinder, Mesh, Plane, PlanningScene, SceneObject, Shape, Sphere
+from client.planning.timing import Limits, TimedPath
+
+__all__ = [
+    "NAMED",
+    "Box",
+    "CollisionChecker",
+    "Cylinder",
+    "Goal",
+    "GoalUnreachableError",
+    "JointGoal",
+    "Limits",
+    "Mesh",
+    "NamedGoal",
+    "Nearness",
+    "NoPathError",
+    "Plan",
+    "Plane",
+    "Planner",
+    "PlannerName",
+    "PlanningScene",
+    "PoseGoal",
+    "SceneObject",
+    "Shape",
+    "Sphere",
+    "StartInCollisionError",
+    "TimedPath",
+    "usual_limits",
+]

@@ -1,0 +1,221 @@
+"""Whether an arm touches anything, and how far it is from it: by Pinocchio and coal, one capsule a link.
+
+A motion between two joint configurations is free where its whole length is shown to be: at each place looked at, the
+distance to the nearest thing says how far the arm may go on before another look is needed. Nothing thinner than a step
+is missed.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import hypot, sqrt
+from typing import Any, Final
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from client.errors import SceneError
+from client.planning.scene import LINKS, Box, Cylinder, Mesh, Plane, PlanningScene, SceneObject, Sphere
+from urproto.robots.calibration import chain_of
+from urproto.robots.pose import Pose, rotvec_to_matrix
+from urproto.robots.shapes import Capsule, capsules
+from urproto.vectors import dot, sub3
+
+# of the links: neighbours touch always, and so do the base and the upper arm, the forearm and wrist 2, wrist 1 and 3
+_BESIDE: Final = 3
+_OWN_PAIRS: Final = tuple((i, j) for i in range(7) for j in range(i + 2, 7) if j - i >= _BESIDE or (i, j) == (1, 3))
+_MOVED: Final = range(2, 7)  # the links that things are kept from: the base stands, the shoulder turns on the spot
+_FINEST_M: Final = 0.001
+_Vector = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Nearness:
+    """Two things, links or objects, and how far they are apart [m]; negative: how deep one is in the other."""
+
+    one: str
+    other: str
+    distance_m: float
+
+    def __str__(self) -> str:
+        if self.distance_m < 0.0:
+            return f"{self.one} is {-1000 * self.distance_m:.1f} mm deep in {self.other}"
+        return f"{self.one} is {1000 * self.distance_m:.1f} mm from {self.other}"
+
+
+class CollisionChecker:
+    """Of a scene as it is when it is asked."""
+
+    def __init__(self, scene: PlanningScene) -> None:
+        self.scene = scene
+        self._revision = -1
+        self._low, self._high = (np.array(limits) for limits in scene.model.position_limits)
+        self._build()
+
+    def is_free(self, q_rad: Sequence[float] | _Vector) -> bool:
+        """Whether the arm is within its limits, and nothing nearer than the padding."""
+        self._follow()
+        q = np.asarray(q_rad, dtype=float)
+        if (q < self._low).any() or (q > self._high).any():
+            return False
+        return not pin.computeCollisions(self._arm, self._data, self._geometry, self._geometry_data, q, True)
+
+    def clearance(self, q_rad: Sequence[float] | _Vector) -> float:
+        """The least distance of any pair that may not touch [m]; infinite when there is none."""
+        self._follow()
+        q = np.asarray(q_rad, dtype=float)
+        nearest = pin.computeDistances(self._arm, self._data, self._geometry, self._geometry_data, q)
+        results = self._geometry_data.distanceResults
+        return float(results[nearest].min_distance) if nearest < len(results) else float("inf")
+
+    def nearest(self, q_rad: Sequence[float]) -> list[Nearness]:
+        """All pairs that may not touch, nearest first."""
+        self.clearance(q_rad)
+        distances = [float(result.min_distance) for result in self._geometry_data.distanceResults]
+        pairs = [Nearness(*names, distance) for names, distance in zip(self._pairs, distances, strict=True)]
+        return sorted(pairs, key=lambda pair: pair.distance_m)
+
+    def collisions(self, q_rad: Sequence[float]) -> list[Nearness]:
+        """Pairs that are nearer than the padding, deepest first."""
+        return [pair for pair in self.nearest(q_rad) if pair.distance_m < self.scene.padding_m]
+
+    def way_is_free(self, start_rad: Sequence[float] | _Vector, end_rad: Sequence[float] | _Vector) -> bool:
+        """Whether the arm may go straight, in joint space, from one configuration to another."""
+        start, end = np.asarray(start_rad, dtype=float), np.asarray(end_rad, dtype=float)
+        way = end - start
+        return self.is_free(end) and self.blocked_at(lambda share: start + share * way, abs(way)) is None
+
+    def blocked_at(self, path: Callable[[float], _Vector], travel_rad: _Vector) -> float | None:
+        """Where on a path something is too near, as a share of it from 0 to 1; None for a free one.
+
+        travel_rad: how far each joint goes at most (6,) if the whole path is as fast as its fastest place. It is some
+        such place, not the first.
+        """
+        self._follow()
+        length = float(self._reach @ travel_rad)  # no point of the arm goes farther
+        padding, finest = self.scene.padding_m, _FINEST_M / max(length, _FINEST_M)
+        parts = [(0.0, 1.0)]
+        while parts:
+            low, high = parts.pop()
+            middle, half = 0.5 * (low + high), 0.5 * (high - low)
+            free = self.clearance(path(middle)) - padding
+            if free < 0.0:
+                return middle
+            known = max(free / length, finest) if length else 1.0
+            if known < half:
+                parts += ((middle + known, high), (low, middle - known))
+        return None
+
+    # the model
+
+    def _follow(self) -> None:
+        if self._revision != self.scene.revision:
+            self._build()
+
+    def _build(self) -> None:
+        scene = self.scene
+        model = scene.model
+        self._arm, self._geometry = pin.Model(), pin.GeometryModel()
+        self._pairs: list[tuple[str, str]] = []
+        parts = capsules(model)
+        own = [self._add(LINKS[0], 0, *_capsule(parts[0]))]
+        joint = 0
+        self._chain = chain_of(model.dh if model.calibration is None else model.calibration)
+        for number, frame in enumerate(self._chain):
+            placement = pin.SE3(np.array(frame.axes).reshape(3, 3), np.array(frame.position))
+            joint = self._arm.addJoint(joint, pin.JointModelRZ(), placement, f"joint_{number}")
+            own.append(self._add(LINKS[number + 1], joint, *_capsule(parts[number + 1])))
+        carried, around = {}, {}
+        for name, thing in scene.objects.items():
+            if thing.attached:
+                carried[name] = self._add(name, joint, _placement(thing.pose), _solid(name, thing))
+            else:
+                around[name] = self._add(name, 0, _placement(thing.pose), _solid(name, thing))
+        for i, j in _OWN_PAIRS:
+            self._pair(LINKS[i], own[i], LINKS[j], own[j])
+        for name, number in around.items():
+            for i in _MOVED:
+                self._pair(LINKS[i], own[i], name, number)
+            for other, held in carried.items():
+                self._pair(other, held, name, number)
+        for name, number in carried.items():
+            for i in range(4):  # wrist 2 and 3 are where it is mounted; wrist 1 is next to them
+                self._pair(LINKS[i], own[i], name, number)
+        self._data, self._geometry_data = self._arm.createData(), self._geometry.createData()
+        for request in self._geometry_data.collisionRequests:
+            request.security_margin = scene.padding_m
+        self._reach = self._farthest()
+        self._revision = scene.revision
+
+    def _add(self, name: str, joint: int, placement: Any, shape: Any) -> int:
+        return int(self._geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, shape)))
+
+    def _pair(self, one: str, first: int, other: str, second: int) -> None:
+        if not self.scene.allows(one, other):
+            self._geometry.addCollisionPair(pin.CollisionPair(first, second))
+            self._pairs.append((one, other))
+
+    def _farthest(self) -> _Vector:
+        """How far any point of the arm, with what it carries, may be from each joint's axis [m] (6,)."""
+        parts = capsules(self.scene.model)[1:]
+        beyond = [max(hypot(*part.start), hypot(*part.end)) + part.radius for part in parts]
+        carried = (_extent(name, thing) for name, thing in self.scene.objects.items() if thing.attached)
+        far = max(beyond[-1], *carried, 0.0)
+        reach = [far]
+        for own, link in zip(reversed(beyond[:-1]), reversed(self._chain[1:]), strict=True):
+            far = max(own, hypot(*link.position) + far)
+            reach.append(far)
+        return np.array(reach[::-1])
+
+
+def _capsule(part: Capsule) -> tuple[Any, Any]:
+    along = sub3(part.end, part.start)
+    length = sqrt(dot(along, along))
+    z = np.array((0.0, 0.0, 1.0))
+    turn = pin.Quaternion.FromTwoVectors(z, np.array(along) / length if length else z)
+    middle = 0.5 * (np.array(part.start) + np.array(part.end))
+    return pin.SE3(turn.matrix(), middle), coal.Capsule(part.radius, length)
+
+
+def _placement(pose: Pose) -> Any:
+    return pin.SE3(np.array(rotvec_to_matrix(*pose[3:])).reshape(3, 3), np.array(pose[:3]))
+
+
+def _solid(name: str, thing: SceneObject) -> Any:
+    match thing.shape:
+        case Box(size):
+            return coal.Box(*size)
+        case Sphere(radius):
+            return coal.Sphere(radius)
+        case Cylinder(radius, length):
+            return coal.Cylinder(radius, length)
+        case Plane():
+            return coal.Halfspace(np.array((0.0, 0.0, 1.0)), 0.0)
+        case Mesh(path, scale):
+            return _hull(name, str(path), scale)
+    raise SceneError(f"{name} has a shape that is not known")
+
+
+def _hull(name: str, path: str, scale: float) -> Any:
+    try:
+        mesh = coal.MeshLoader().load(path, np.full(3, scale))
+        mesh.buildConvexHull(True, "Qt")
+    except (RuntimeError, ValueError) as error:
+        raise SceneError(f"{name}: {path} is not a mesh that can be read: {error}") from error
+    return mesh.convex
+
+
+def _extent(name: str, thing: SceneObject) -> float:
+    """How far its farthest point is from the flange [m]."""
+    away = hypot(*thing.pose[:3])
+    match thing.shape:
+        case Box(size):
+            return away + 0.5 * hypot(*size)
+        case Sphere(radius):
+            return away + radius
+        case Cylinder(radius, length):
+            return away + hypot(radius, 0.5 * length)
+    hull = _solid(name, thing)
+    hull.computeLocalAABB()
+    return away + float(np.linalg.norm(hull.aabb_center)) + float(hull.aabb_radius)

@@ -1,0 +1,126 @@
+"""Where an arm is to go: joint angles, a pose of the TCP, or a name.
+
+A pose can be reached with up to eight postures, each with joints turned once more; all of them are candidates.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import pi, tau
+from typing import Final, TypeAlias
+
+from client.errors import PlanningError
+from client.planning.collisions import CollisionChecker, Nearness
+from urproto.joints import JOINT_LABELS
+from urproto.robots import Joints, RobotModel
+from urproto.robots.kinematics import unwind
+from urproto.robots.pose import pose_inv, pose_trans
+from urproto.vectors import ZERO6
+
+NAMED: Final[dict[str, Joints]] = {
+    "home": (0.0, -pi / 2, 0.0, 0.0, 0.0, 0.0),
+    "up": (0.0, -pi / 2, 0.0, -pi / 2, 0.0, 0.0),
+    "test_configuration": (1.54, -1.62, 1.4, -1.2, -1.6, -0.11),
+}
+"""Those of ur_moveit_config's SRDF."""
+
+_MOST_TURNED: Final = 1.5 * pi  # a joint that would go farther is tried turned back, too
+
+
+@dataclass(frozen=True, slots=True)
+class JointGoal:
+    """These joint angles [rad] (6,), exactly."""
+
+    q_rad: Sequence[float]
+
+
+@dataclass(frozen=True, slots=True)
+class PoseGoal:
+    """A pose of the TCP (6,) [m, rotation vector] in the base frame.
+
+    tcp_offset: flange to TCP; None is the robot's where one is asked to go there, and the flange without a robot.
+    """
+
+    pose: Sequence[float]
+    tcp_offset: Sequence[float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class NamedGoal:
+    """A posture of `NAMED`."""
+
+    name: str
+
+
+Goal: TypeAlias = JointGoal | PoseGoal | NamedGoal
+
+
+class GoalUnreachableError(PlanningError):
+    """No joint angles take the arm there; the text says what is in the way."""
+
+
+def candidates(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker) -> list[Joints]:
+    """Joint angles that reach the goal and are free of collisions, nearest to the start first.
+
+    Raises GoalUnreachableError, saying which limit or which collision is in the way of the nearest.
+    """
+    reaching = _reaching(goal, start_rad, checker)
+    free = [q for q in reaching if checker.is_free(q)]
+    if not free:
+        raise GoalUnreachableError(f"the goal cannot be reached: {_why(reaching, checker)}")
+    return sorted(free, key=lambda q: _distance(q, start_rad))
+
+
+def _reaching(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker) -> list[Joints]:
+    model = checker.scene.model
+    if isinstance(goal, NamedGoal):
+        if goal.name not in NAMED:
+            raise GoalUnreachableError(f"there is no posture {goal.name!r}; known are {', '.join(NAMED)}")
+        return [NAMED[goal.name]]
+    if isinstance(goal, JointGoal):
+        a, b, c, d, e, f = (float(value) for value in goal.q_rad)
+        _check_limits((a, b, c, d, e, f), model)
+        return [(a, b, c, d, e, f)]
+    flange = pose_trans(goal.pose, pose_inv(goal.tcp_offset or ZERO6))
+    postures = checker.scene.kinematics.inverse_all(flange, start_rad)
+    if not postures:
+        raise GoalUnreachableError(
+            f"the goal cannot be reached: p[{', '.join(f'{value:.4f}' for value in goal.pose)}] is out of the reach of "
+            f"a {model.title}"
+        )
+    low, high = model.position_limits
+    nearest = [unwind(q, start_rad, low, high) for q in postures]
+    return [q for near in nearest for q in _turns(near, start_rad, low, high)]
+
+
+def _turns(q: Joints, start_rad: Sequence[float], low: Joints, high: Joints) -> Iterator[Joints]:
+    """A posture, and those with one joint turned once around that would have to go far."""
+    yield q
+    for i, (angle, start) in enumerate(zip(q, start_rad, strict=True)):
+        turned = angle - tau if angle > start else angle + tau
+        if abs(turned - start) <= _MOST_TURNED and low[i] <= turned <= high[i]:
+            a, b, c, d, e, f = (turned if k == i else q[k] for k in range(6))
+            yield (a, b, c, d, e, f)
+
+
+def _check_limits(q_rad: Joints, model: RobotModel) -> None:
+    lowest, highest = model.position_limits
+    for i, name in enumerate(JOINT_LABELS):
+        low, angle, high = lowest[i], q_rad[i], highest[i]
+        if not low <= angle <= high:
+            raise GoalUnreachableError(
+                f"the goal cannot be reached: {name} would be at {angle:.4f} rad, its limits are {low:.4f} and "
+                f"{high:.4f} rad"
+            )
+
+
+def _why(reaching: Sequence[Joints], checker: CollisionChecker) -> str:
+    least: list[Nearness] = min(
+        (checker.collisions(q) for q in reaching),
+        key=lambda pairs: -min((pair.distance_m for pair in pairs), default=0.0),
+    )
+    many = f"in the least bad of {len(reaching)} postures, " if len(reaching) > 1 else ""
+    return f"{many}{'; '.join(map(str, least[:3]))}, and {1000 * checker.scene.padding_m:g} mm are to be kept"
+
+
+def _distance(q: Sequence[float], other: Sequence[float]) -> float:
+    return sum((one - two) ** 2 for one, two in zip(q, other, strict=True))

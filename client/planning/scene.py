@@ -1,0 +1,268 @@
+"""What an arm must keep clear of while it moves: things around it, things it carries, and what may touch what.
+
+Poses are x, y, z [m] and a rotation vector [rad]: of things in the base frame, as the controller has it, of attached
+ones in the flange's. Links have the names of ur_description.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+from client.errors import SceneError
+from urproto.robots import Kinematics, RobotModel, kinematics_of, load_model
+from urproto.robots.pose import Pose, pose_inv, pose_trans
+from urproto.vectors import ZERO6, Vector3
+from urproto.yamltext import NotYaml, load_yaml
+
+LINKS: Final = ("base_link", "shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link",
+                "wrist_3_link")  # fmt: skip
+"""From the base on; one capsule each."""
+
+PADDING_M: Final = 0.01
+_FARTHEST_M: Final = 100.0  # no arm is near such a thing (guess)
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """Edge lengths along x, y, z [m]; its middle is at its pose."""
+
+    size: Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class Sphere:
+    """radius [m]."""
+
+    radius: float
+
+
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """radius and length along z [m]; its middle is at its pose."""
+
+    radius: float
+    length: float
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """Solid below the x-y plane of its pose, without end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mesh:
+    """The convex hull of what an STL, OBJ or DAE file holds, scaled. A hollow thing is several meshes."""
+
+    path: Path
+    scale: float = 1.0
+
+
+Shape: TypeAlias = Box | Sphere | Cylinder | Plane | Mesh
+
+
+@dataclass(frozen=True, slots=True)
+class SceneObject:
+    """attached: it moves with the flange, in whose frame its pose is."""
+
+    shape: Shape
+    pose: Pose
+    attached: bool = False
+
+
+class PlanningScene:
+    """One arm and what is around it.
+
+    model: a name such as ``ur3`` or an arm's own model, calibrated or not. padding_m: how near links and attached
+    things may come to others. revision: counts changes.
+    """
+
+    def __init__(self, model: RobotModel | str, *, padding_m: float = PADDING_M) -> None:
+        if not (isfinite(padding_m) and 0.0 <= padding_m < 1.0):
+            raise SceneError(f"a padding is from 0 to 1 m, not {padding_m}")
+        self.model = load_model(model) if isinstance(model, str) else model
+        self.kinematics: Kinematics = kinematics_of(self.model)
+        self.padding_m = padding_m
+        self.revision = 0
+        self._objects: dict[str, SceneObject] = {}
+        self._allowed: set[frozenset[str]] = set()
+
+    # what is there
+
+    @property
+    def objects(self) -> Mapping[str, SceneObject]:
+        """By name."""
+        return self._objects
+
+    def add(self, name: str, shape: Shape, pose: Sequence[float] = ZERO6) -> None:
+        """Put a thing into the scene, or another one in its place. Raises SceneError."""
+        self._put(name, SceneObject(_checked(name, shape), _pose(name, pose)))
+
+    def attach(self, name: str, shape: Shape | None = None, pose: Sequence[float] = ZERO6) -> None:
+        """Let a thing move with the flange: a tool, or a part that was gripped. Raises SceneError.
+
+        shape: None takes what is in the scene by this name. A part that the arm holds touches the tool that holds it:
+        see `allow`.
+        """
+        if shape is None:
+            shape = self._of(name).shape
+        if isinstance(shape, Plane):
+            raise SceneError(f"{name} is a plane, which has no end: an arm cannot carry it")
+        self._put(name, SceneObject(_checked(name, shape), _pose(name, pose), attached=True))
+
+    def pick(self, name: str, q_rad: Sequence[float]) -> None:
+        """Attach a thing of the scene as it is to the flange that is where these joint angles take it."""
+        thing = self._of(name)
+        if thing.attached:
+            raise SceneError(f"{name} is attached already")
+        flange = self.kinematics.forward(q_rad)
+        self.attach(name, thing.shape, pose_trans(pose_inv(flange), thing.pose))
+
+    def place(self, name: str, q_rad: Sequence[float]) -> None:
+        """Leave an attached thing where the flange has it with these joint angles."""
+        thing = self._of(name)
+        if not thing.attached:
+            raise SceneError(f"{name} is not attached")
+        self._put(name, SceneObject(thing.shape, pose_trans(self.kinematics.forward(q_rad), thing.pose)))
+
+    def move(self, name: str, pose: Sequence[float]) -> None:
+        """Give a thing another pose."""
+        self._put(name, replace(self._of(name), pose=_pose(name, pose)))
+
+    def remove(self, name: str) -> None:
+        """Take a thing away."""
+        self._of(name)
+        del self._objects[name]
+        self._allowed = {pair for pair in self._allowed if name not in pair}
+        self.revision += 1
+
+    # what may touch
+
+    def allow(self, one: str, other: str) -> None:
+        """Let two things, or a thing and a link, or two links, touch."""
+        self._allowed.add(frozenset((self._known(one), self._known(other))))
+        self.revision += 1
+
+    def forbid(self, one: str, other: str) -> None:
+        """Undo `allow`."""
+        self._allowed.discard(frozenset((self._known(one), self._known(other))))
+        self.revision += 1
+
+    def allows(self, one: str, other: str) -> bool:
+        """Whether these may touch."""
+        return frozenset((one, other)) in self._allowed
+
+    @property
+    def allowed(self) -> Iterator[tuple[str, str]]:
+        """All pairs that may touch, in alphabetical order."""
+        for pair in sorted(tuple(sorted(pair)) for pair in self._allowed):
+            yield pair[0], pair[-1]
+
+    # in and out
+
+    @classmethod
+    def read(cls, model: RobotModel | str, path: Path, *, padding_m: float = PADDING_M) -> "PlanningScene":
+        """The scene of a world file, as ``ur-emulator --world`` takes it; its tool is attached. Raises SceneError,
+        OSError."""
+        scene = cls(model, padding_m=padding_m)
+        scene.update(path)
+        return scene
+
+    def update(self, path: Path) -> None:
+        """Add what a world file has. Raises SceneError, naming the file and the place, and OSError."""
+        try:
+            content = load_yaml(path.read_bytes())
+            if not isinstance(content, dict):
+                raise SceneError("the file must be a mapping of tool, objects and links")
+            things = content.get("objects") or {}
+            if not isinstance(things, dict):
+                raise SceneError("objects must be a mapping of names")
+            tool = content.get("tool")
+            for name, given in things.items():
+                self.add(str(name), *_described(str(name), given, path.parent))
+            if tool is not None:
+                self.attach("tool", *_described("tool", tool, path.parent))
+        except NotYaml as error:
+            raise SceneError(f"{path} is not YAML: {error}") from error
+        except SceneError as error:
+            raise SceneError(f"{path}: {error}") from None
+
+    def _put(self, name: str, thing: SceneObject) -> None:
+        if not name or name in LINKS:
+            raise SceneError(f"{name!r} cannot be the name of a thing: it is empty or a link's")
+        self._objects[name] = thing
+        self.revision += 1
+
+    def _of(self, name: str) -> SceneObject:
+        if name not in self._objects:
+            raise SceneError(f"the scene has no {name!r}; it has {', '.join(sorted(self._objects)) or 'nothing'}")
+        return self._objects[name]
+
+    def _known(self, name: str) -> str:
+        if name not in LINKS:
+            self._of(name)
+        return name
+
+
+_SHAPES: Final = {"box": Box, "sphere": Sphere, "cylinder": Cylinder, "plane": Plane, "mesh": Mesh}
+_MATERIAL: Final = ("stiffness", "damping", "friction")  # for the emulator
+
+
+def _described(name: str, given: Any, folder: Path) -> tuple[Shape, Sequence[float]]:
+    """Shape and pose of a thing of a world file."""
+    if not isinstance(given, dict):
+        raise SceneError(f"{name} must be a mapping of a shape and a pose, not {given!r}")
+    strange = [key for key in given if key not in (*_SHAPES, "pose", *_MATERIAL)]
+    shapes = [key for key in given if key in _SHAPES]
+    if strange or len(shapes) != 1:
+        wrong = f"has {strange[0]!r}" if strange else f"has {len(shapes)} shapes"
+        raise SceneError(f"{name} {wrong}: it takes one of {', '.join(_SHAPES)}, and a pose")
+    pose = given.get("pose", ZERO6)
+    if not isinstance(pose, list | tuple) or len(pose) not in (3, 6):
+        raise SceneError(f"{name}: a pose is x, y, z or x, y, z, rx, ry, rz, not {pose!r}")
+    return _shape(name, shapes[0], given[shapes[0]], folder), (*pose, 0.0, 0.0, 0.0)[:6]
+
+
+def _shape(name: str, kind: str, given: Any, folder: Path) -> Shape:
+    match kind, given:
+        case "plane", None | {}:
+            return Plane()
+        case "sphere", float() | int():
+            return Sphere(given)
+        case "box", [x, y, z]:
+            return Box((x, y, z))
+        case "cylinder", [radius, length]:
+            return Cylinder(radius, length)
+        case "mesh", str():
+            return Mesh(folder / given)
+    raise SceneError(f"{name}: {given!r} is not what a {kind} takes; see `client.planning.scene`")
+
+
+def _checked(name: str, shape: Shape) -> Shape:
+    sizes: tuple[float, ...] = ()
+    match shape:
+        case Box(size):
+            sizes = tuple(size)
+        case Sphere(radius):
+            sizes = (radius,)
+        case Cylinder(radius, length):
+            sizes = (radius, length)
+        case Mesh(path, scale):
+            sizes = (scale,)
+            if not path.is_file():
+                raise SceneError(f"{name}: there is no file {path}")
+    if not all(_is_number(size) and 0.0 < size < _FARTHEST_M for size in sizes):
+        raise SceneError(f"{name}: sizes are above 0 and below {_FARTHEST_M:g} m, not {list(sizes)}")
+    return shape
+
+
+def _pose(name: str, pose: Sequence[float]) -> Pose:
+    if len(pose) != 6 or not all(_is_number(value) and abs(value) < _FARTHEST_M for value in pose):
+        raise SceneError(f"{name}: a pose is six numbers below {_FARTHEST_M:g}, not {list(pose)}")
+    x, y, z, rx, ry, rz = map(float, pose)
+    return (x, y, z, rx, ry, rz)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)

@@ -1,0 +1,174 @@
+"""When an arm is where on its path: as fast as its limits of speed and acceleration allow, then gentler for the jerk.
+
+The first is Pham's and Pham's time-optimal path parameterisation by reachability analysis (TOPP-RA, IEEE T-RO 2018):
+with x = (ds/dt)^2 and u = d2s/dt2, each limit is linear in u and x at each place s of the path. Going backwards, the
+largest x from which the end can be reached is found; going forwards, the largest u that stays below it is taken. For
+one path, the limits of all joints are inequalities in two unknowns, whose solution needs no solver.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from client.errors import PlanningError
+
+Array: TypeAlias = npt.NDArray[np.float64]
+PathFunction = Callable[[Array], tuple[Array, Array, Array]]
+"""Of places s (n,): q, dq/ds and d2q/ds2, each (n, 6)."""
+
+_TINY: Final = 1e-9
+_ALMOST: Final = 1.0 - 1e-9
+_MOST_STEPS: Final = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Of each joint (6,): speed [rad/s], acceleration [rad/s2], jerk [rad/s3]."""
+
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+
+    def scaled(self, velocity: float, acceleration: float) -> "Limits":
+        """Slower: shares from above 0 to 1; the jerk goes with the acceleration. Raises PlanningError."""
+        for name, share in (("velocity", velocity), ("acceleration", acceleration)):
+            if not 0.0 < share <= 1.0:
+                raise PlanningError(f"the {name} scaling is above 0 and at most 1, not {share}")
+        return Limits(self.velocity * velocity, self.acceleration * acceleration, self.jerk * acceleration)
+
+
+@dataclass(frozen=True, slots=True)
+class TimedPath:
+    """Samples at equal distances in time: times [s] (n,), q [rad], qd [rad/s], qdd [rad/s2], each (n, 6)."""
+
+    times_s: Array
+    q: Array
+    qd: Array
+    qdd: Array
+
+    @property
+    def duration_s(self) -> float:
+        """From rest to rest."""
+        return float(self.times_s[-1])
+
+
+def time_optimal(path: PathFunction, places: Array, limits: Limits, *, step_s: float) -> TimedPath:
+    """A path as fast as the limits allow, from rest to rest.
+
+    places: ascending, from the path's beginning to its end, dense where it bends. step_s: between the samples.
+    """
+    speeds = _fastest(path, places, limits)
+    when = _times(places, speeds)
+    smooth_s = float(np.max(limits.acceleration / limits.jerk))
+    stretch = 1.0
+    for _ in range(_MOST_STEPS):
+        timed = _sampled(path, places, speeds, when, smooth_s, stretch, step_s)
+        excess = _excess(timed, limits)
+        if excess <= 1.0 + 1e-6:
+            break
+        stretch *= excess * 1.001
+    return timed
+
+
+def _fastest(path: PathFunction, s: Array, limits: Limits) -> Array:
+    """The largest ds/dt at each place."""
+    _, first, second = path(s)
+    with np.errstate(divide="ignore"):
+        largest = np.min((limits.velocity / np.maximum(abs(first), _TINY)) ** 2, axis=1)
+    steps = np.diff(s)
+    a, b, c = first, second, limits.acceleration
+    x = np.empty(len(s))
+    x[-1] = 0.0
+    for i in range(len(s) - 2, -1, -1):
+        x[i] = _controllable(a[i], b[i], c, float(largest[i]), float(x[i + 1]), float(steps[i]))
+    x[0] = 0.0
+    for i in range(len(steps)):
+        highest = _accelerations(a[i], b[i] * x[i], c)[1]
+        x[i + 1] = max(0.0, min(float(x[i + 1]), x[i] + 2.0 * float(steps[i]) * highest))
+    return np.sqrt(x)
+
+
+def _accelerations(a: Array, bx: Array, c: Array) -> tuple[float, float]:
+    """The least and the largest u for which |a u + bx| <= c in all joints."""
+    moving = abs(a) > _TINY
+    a, bx, c = a[moving], bx[moving], c[moving]
+    one, other = (-c - bx) / a, (c - bx) / a
+    return float(np.minimum(one, other).max(initial=-np.inf)), float(np.maximum(one, other).min(initial=np.inf))
+
+
+def _controllable(a: Array, b: Array, c: Array, largest: float, after: float, step: float) -> float:
+    """The largest x from which some u leads to 0 <= x + 2 step u <= after.
+
+    Each joint bounds u from below and above by lines in x; so do the two ends of the next interval. u exists where
+    the highest lower line is below the lowest upper one.
+    """
+    moving = abs(a) > _TINY
+    still = ~moving & (b != 0.0)
+    if still.any():
+        largest = min(largest, float(np.min(c[still] / abs(b[still]))))
+    am, bm, cm = a[moving], b[moving], c[moving]
+    slope, half = -bm / am, abs(cm / am)
+    low0, low1 = np.append(-half, 0.0), np.append(slope, -0.5 / step)
+    high0, high1 = np.append(half, 0.5 * after / step), np.append(slope, -0.5 / step)
+    # low0 + low1 x <= high0 + high1 x for each pair
+    rise, room = low1[:, None] - high1[None, :], high0[None, :] - low0[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bounds = np.where(rise > _TINY, room / rise, np.inf)
+    return max(0.0, min(largest, float(bounds.min()))) * _ALMOST
+
+
+def _times(s: Array, speed: Array) -> Array:
+    """When each place is reached, with constant acceleration between places."""
+    mean = 0.5 * (speed[1:] + speed[:-1])
+    return np.concatenate(((0.0,), np.cumsum(np.diff(s) / np.maximum(mean, _TINY))))
+
+
+def _sampled(
+    path: PathFunction, s: Array, speed: Array, when: Array, smooth_s: float, stretch: float, step_s: float
+) -> TimedPath:
+    """The path over time, its way along it averaged over ``smooth_s``, which bounds the jerk, and slowed down."""
+    total = float(when[-1]) + smooth_s
+    times = np.linspace(0.0, total, max(2, int(np.ceil(total * stretch / step_s)) + 1))
+    ahead, behind = _profile(when, s, speed, times), _profile(when, s, speed, times - smooth_s)
+    # the mean of a function over a window is the difference of its integral
+    place, rate, gain = ((one - other) / smooth_s for one, other in zip(ahead, behind, strict=True))
+    q, first, second = path(np.clip(place, s[0], s[-1]))
+    qd = first * rate[:, None] / stretch
+    qdd = (first * gain[:, None] + second * (rate**2)[:, None]) / stretch**2
+    return TimedPath(times * stretch, q, qd, qdd)
+
+
+def _profile(when: Array, s: Array, speed: Array, times: Array) -> tuple[Array, Array, Array]:
+    """The integral of the place over time, the place, and the speed at these times; at rest before and after."""
+    spans = np.diff(when)
+    quickening = np.diff(speed) / np.maximum(spans, _TINY)
+    areas = s[:-1] * spans + 0.5 * speed[:-1] * spans**2 + quickening * spans**3 / 6.0
+    whole = np.concatenate(((0.0,), np.cumsum(areas)))
+    inside = np.clip(times, 0.0, when[-1])
+    i = np.clip(np.searchsorted(when, inside, side="right") - 1, 0, len(spans) - 1)
+    t = inside - when[i]
+    place = s[i] + speed[i] * t + 0.5 * quickening[i] * t**2
+    area = whole[i] + s[i] * t + 0.5 * speed[i] * t**2 + quickening[i] * t**3 / 6.0
+    area += np.minimum(times, 0.0) * s[0] + np.maximum(times - when[-1], 0.0) * s[-1]
+    moving = (times > 0.0) & (times < when[-1])
+    return area, place, np.where(moving, speed[i] + quickening[i] * t, 0.0)
+
+
+def _excess(timed: TimedPath, limits: Limits) -> float:
+    """By what factor it has to be slower to keep all limits; at most 1 when it keeps them."""
+    step = float(timed.times_s[1] - timed.times_s[0])
+    jerk = np.diff(timed.qdd, axis=0) / step
+    shares = (timed.qd / limits.velocity, timed.qdd / limits.acceleration, jerk / limits.jerk)
+    excess: float = max(float(np.max(abs(share))) ** (1.0 / order) for order, share in enumerate(shares, 1))
+    return excess
+
+
+def spread(lengths: Sequence[float], finest: int) -> Array:
+    """Places along pieces of these lengths, each cut into so many parts."""
+    ends = np.concatenate(((0.0,), np.cumsum(lengths)))
+    parts = [np.linspace(low, high, finest, endpoint=False) for low, high in pairwise(ends)]
+    return np.concatenate([*parts, ends[-1:]])

@@ -1,0 +1,140 @@
+"""Program trees on this machine: a new one, opened with its installation, checked, saved.
+
+The trees themselves, and all that edits them, are `urscript.polyscope`.
+"""
+
+import re
+import subprocess
+from pathlib import Path
+from typing import Final
+
+from client.errors import ClientError, FileError
+from urproto.compat import module_command
+from urproto.robots import RobotModel, choose_version, default_model, load_model
+from urproto.text import from_bytes, lines, readable, to_bytes
+from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+from urscript.polyscope.document import DocumentError, Element, link, packed, read_document, write_document
+from urscript.polyscope.editing import Problem, ProgramEditor
+from urscript.polyscope.files import new_installation, set_external_control, write_file
+from urscript.polyscope.folder import ProgramsFolder
+from urscript.polyscope.installation_file import InstallationFile, load_installation_file
+from urscript.polyscope.saved_script import read_saved_script
+from urscript.polyscope.tree import TreeError
+from urscript.work import run_to_end
+
+CHECKER_LINE: Final = re.compile(r"<stdin>:(\d+):(\d+): (warning: )?(.*)")
+_SYNTAX_ERROR: Final = "syntax error"
+CHECKED: Final = (0, 1)  # exit statuses of a script without and with errors
+_CHECK_S: Final = 60.0  # guess: a second is usual
+
+
+class CheckerError(ClientError):
+    """The checker did not run: the text is what it wrote."""
+
+
+def checker_command(version: PolyscopeVersion) -> tuple[str, ...]:
+    """What checks a script on standard input. The client does not import the language; it runs its command, as any
+    editor would."""
+    return (*module_command("urscript"), "check", "--polyscope", str(version), "-")
+
+
+def controller(model: str | None, polyscope: str | None) -> tuple[RobotModel, PolyscopeVersion]:
+    """The arm and the PolyScope that are meant, with the emulator's defaults. Raises ClientError."""
+    try:
+        arm = load_model((model or default_model(polyscope)).lower())
+        return arm, choose_version(polyscope, arm)
+    except ValueError as error:
+        raise ClientError(str(error)) from None
+
+
+def saved_in(root: Element) -> PolyscopeVersion:
+    """The PolyScope that saved a program last; the usual one when it does not say."""
+    try:
+        return PolyscopeVersion.parse(root.get("lastSavedIn"))
+    except ValueError:
+        return DEFAULT_VERSION[Series.CB3]
+
+
+def open_program(path: Path, model: str | None = None, polyscope: str | None = None) -> ProgramEditor:
+    """A program with the installation beside it that it was saved with, and the code of URCaps in its script.
+
+    Raises FileError for what is no program, ClientError for an arm or a version that is not known.
+    """
+    folder = ProgramsFolder(path.absolute().parent)
+    try:
+        root = read_document(path.read_bytes())
+        version = saved_in(root)
+        arm, version = controller(model, polyscope or (None if model else str(version)))
+        installation = find_installation(root, folder)
+        script = path.with_suffix(".script")
+        saved = run_to_end(read_saved_script(from_bytes(script.read_bytes()) if script.is_file() else ""))
+        return ProgramEditor(root, path.stem, installation, version, arm, saved_script=saved, folder=folder)
+    except (OSError, DocumentError, TreeError) as error:
+        raise FileError(path, _reason(error)) from None
+
+
+def find_installation(root: Element, folder: ProgramsFolder) -> InstallationFile:
+    """The installation that a program was saved with, if it is in the folder, else one that sets nothing."""
+    found = folder.installation(root.get("installationRelativePath"), root.get("installation"))
+    if found is None:
+        return InstallationFile(root.get("installation") or "default")
+    try:
+        return load_installation_file(found)
+    except (OSError, DocumentError) as error:
+        raise FileError(found, _reason(error)) from None
+
+
+def set_driver(path: Path, host: str, port: int, version: PolyscopeVersion) -> bool:
+    """Let an installation name the driver of External Control; True if a new one had to be made. Raises FileError."""
+    try:
+        is_new = not path.exists()
+        root = new_installation(path.stem, version) if is_new else link(read_document(path.read_bytes()))
+        set_external_control(root, host, port)
+        write_file(path, packed(write_document(root)))
+    except (OSError, DocumentError) as error:
+        raise FileError(path, _reason(error)) from None
+    return is_new
+
+
+def all_problems(editor: ProgramEditor) -> list[Problem]:
+    """What keeps a program from being run: of its nodes, and, when these are complete, of its script.
+
+    Raises CheckerError when the script cannot be checked.
+    """
+    found = editor.problems()
+    if found:
+        return found
+    written = editor.written()
+    authors: list[Element | None] = []
+    for line, author in written.lines():
+        authors += [author] * (line.count("\n") + 1)
+    errors = _script_errors(written.text(), editor.version)
+    return [
+        Problem(editor.node_of(author) if (author := authors[min(line, len(authors)) - 1]) else "", message)
+        for line, message in errors
+    ]
+
+
+def _script_errors(text: str, version: PolyscopeVersion) -> list[tuple[int, str]]:
+    """Line and message of each error; warnings keep nothing from running.
+
+    Statements end where nothing can follow, so what the first word of a line may not follow is in the line before.
+    """
+    try:
+        ran = subprocess.run(checker_command(version), input=to_bytes(text), capture_output=True, timeout=_CHECK_S)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise CheckerError(f"urscript check: {error}") from None
+    if ran.returncode not in CHECKED:
+        raise CheckerError(f"urscript check: {readable(from_bytes(ran.stderr)).strip() or ran.returncode}")
+    found = (CHECKER_LINE.fullmatch(line) for line in lines(readable(from_bytes(ran.stdout))))
+    written, errors = text.split("\n"), []
+    for match in found:
+        if match is not None and not match[3]:
+            line, column = int(match[1]), int(match[2])
+            begins = not written[line - 1][: column - 1].strip()
+            errors.append((line - (begins and match[4].startswith(_SYNTAX_ERROR)), match[4]))
+    return errors
+
+
+def _reason(error: Exception) -> str:
+    return (error.strerror or str(error)) if isinstance(error, OSError) else str(error)

@@ -1,0 +1,162 @@
+"""``controllers serve`` on an emulated arm, in real time: commands of other shells go through it."""
+
+import asyncio
+import contextlib
+from dataclasses import replace
+
+import pytest
+from driver_rig import HOME, HOST, PATIENCE_S, driver_options
+from emulator_process import EmulatorProcess
+
+from client.commands.control import Target
+from client.commands.controllers import ForwardKind, forward, go, publish, serve
+from client.controllers import JOINT_NAMES, JointTrajectory, JointTrajectoryPoint
+from client.controllers.goal_files import read_goals
+from client.controllers.remote import RemoteManager
+from client.controllers.running import ManagerOptions
+from client.errors import ControllerError, ManagerError, NoManagerError
+from client.recording import read
+from urproto.compat_asyncio import timeout
+
+SCALED = "scaled_joint_trajectory_controller"
+REST = (0.0,) * 6
+ON_CB3 = pytest.mark.parametrize("robot", ["ur3"], indirect=True)
+
+
+def moved(*offsets):
+    return tuple(q + offset for q, offset in zip(HOME, offsets, strict=True))
+
+
+def way(q, time_s=1.0):
+    return JointTrajectory(JOINT_NAMES, (JointTrajectoryPoint(q, REST, time_from_start_s=time_s),))
+
+
+@contextlib.asynccontextmanager
+async def serving(options):
+    """``controllers serve``, from when it is ready."""
+    task = asyncio.create_task(serve(options))
+    async with timeout(PATIENCE_S):
+        while True:
+            try:
+                async with RemoteManager(options.robot_ip, options.rtde_port):
+                    break
+            except NoManagerError:
+                if task.done():
+                    task.result()
+                await asyncio.sleep(0.01)
+    try:
+        yield
+    finally:
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+
+
+@contextlib.asynccontextmanager
+async def shell(options):
+    async with RemoteManager(options.robot_ip, options.rtde_port) as manager:
+        yield manager
+
+
+async def state_of(manager, name):
+    return {one["name"]: one["state"] for one in await manager.ask("list_controllers")}[name]
+
+
+async def until(condition):
+    async with timeout(PATIENCE_S):
+        while not await condition():
+            await asyncio.sleep(0.02)
+
+
+@pytest.fixture
+def options(robot):
+    return ManagerOptions(HOST, driver_options(robot))
+
+
+@pytest.fixture
+def target(robot, monkeypatch):
+    monkeypatch.setattr("client.commands.control.ROBOT_PORTS", robot.ports)
+    return Target(HOST, 0)
+
+
+GOALS = """
+publisher_joint_trajectory_controller:
+  ros__parameters:
+    controller_name: scaled_joint_trajectory_controller
+    wait_sec_between_publish: 0
+    goal_names: [there, back]
+    there: {{positions: {there}}}
+    back: {{positions: {back}}}
+"""
+
+
+@ON_CB3
+async def test_commands_of_the_thesis_go_through_the_running_manager(robot, options, target, tmp_path, capsys):
+    there = moved(0.3, 0.0, 0.2, 0.0, 0.0, 0.0)
+    (file := tmp_path / "goals.yaml").write_text(GOALS.format(there=list(there), back=list(HOME)))
+    async with serving(options), shell(options) as manager:
+        await until(lambda: _is(manager, SCALED, "active"))
+        await publish(replace(target, record=tmp_path / "run.mcap", speed_slider=0.8), read_goals(file), 0.7, 1)
+        said = capsys.readouterr()
+        assert [line.split(":")[:2] for line in said.out.splitlines()] == [
+            ["there", " SUCCESSFUL"],
+            ["back", " SUCCESSFUL"],
+        ]
+        assert f"through the controller manager that is running for {HOST}" in said.err
+        found = read(tmp_path / "run.mcap")
+        assert max(found.tracking(SCALED).actual_q[:, 0]) == pytest.approx(there[0], abs=1e-2)
+        assert await state_of(manager, SCALED) == "active"  # it goes on
+
+        await forward(target, "forward_velocity_controller", ForwardKind.VELOCITY, (0, 0, 0, 0, 0, -0.3), 1.0, False)
+        q = robot.controller.snapshot.actual_q
+        assert q[5] == pytest.approx(HOME[5] - 0.3, abs=0.05)
+        assert not any(robot.controller.snapshot.target_qd)
+        assert f"forward_velocity_controller takes the place of {SCALED}" in capsys.readouterr().err
+        await forward(target, "forward_position_controller", ForwardKind.POSITION, HOME, 0.8, False)
+        assert robot.controller.snapshot.actual_q == pytest.approx(HOME, abs=0.01)
+        with pytest.raises(ManagerError, match="limit"):
+            await forward(target, "forward_position_controller", ForwardKind.POSITION, (9.0,) * 6, 0.8, False)
+
+        going = asyncio.create_task(go(target, SCALED, way(moved(1.0, 0, 0, 0, 0, 0), 3.0)))
+        await until(lambda: _moves(robot))
+        going.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await going
+        assert max(map(abs, robot.controller.snapshot.target_qd)) < 0.005
+        assert await state_of(manager, SCALED) == "active"
+        await go(target, SCALED, way(HOME))
+
+
+async def _is(manager, name, state):
+    return await state_of(manager, name) == state
+
+
+async def _moves(robot):
+    return max(map(abs, robot.controller.snapshot.target_qd)) > 0.2
+
+
+@pytest.mark.long
+async def test_the_robot_goes_and_comes_back():
+    with EmulatorProcess(["--model", "ur3", "--running", "--no-pendant"]) as robot:
+        free = dict.fromkeys(("reverse_port", "sender_port", "trajectory_port", "command_port"), 0)
+        options = ManagerOptions(robot.host, free)
+        async with serving(options), shell(options) as manager:
+            await until(lambda: _is(manager, SCALED, "active"))
+            robot.kill()
+            await until(lambda: _is(manager, SCALED, "inactive"))
+            trajectory = {"joint_names": JOINT_NAMES, "points": [{"positions": HOME, "time_from_start_s": 1.0}]}
+            with pytest.raises(ControllerError, match=f"{SCALED}: it is inactive: activate it first"):
+                await manager.ask("joint_trajectory", controller=SCALED, trajectory=trajectory)
+            await asyncio.to_thread(robot.start)
+            await until(lambda: _is(manager, SCALED, "active"))
+            await manager.ask("set_hardware_component_state", name="ur3", state="unconfigured")
+            assert await state_of(manager, SCALED) == "inactive"
+            with pytest.raises(ControllerError, match="the hardware component ur3 is unconfigured: activate it first"):
+                await manager.ask("switch_controller", activate=[SCALED])
+            await manager.ask("set_hardware_component_state", name="ur3", state="active")
+            await until(lambda: _program_runs(manager))
+            await manager.ask("switch_controller", activate=[SCALED])
+
+
+async def _program_runs(manager):
+    return (await manager.ask("robot_state"))["program_running"]

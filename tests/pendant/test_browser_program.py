@@ -1,0 +1,322 @@
+"""Program, in a browser: programs are made from nothing, saved, played, edited by two people, and kept."""
+
+import asyncio
+import os
+import re
+import signal
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from math import dist
+from pathlib import Path
+from threading import Event
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, expect
+
+from client.driver import TrajectoryResult, URDriver, points
+from client.rtde import BlockingRTDEClient
+from tests.pendant.conftest import FEW_FRAMES, SIZE, Rig, eventually
+from tests.pendant.pendants import pendant
+from urproto.modes import RuntimeState
+
+Open = Callable[[str], Page]
+ABOVE = (0.3, -1.3, 1.4, -1.7, -1.57, 0.3)
+DOWN = (0.3, -1.2, 1.5, -1.9, -1.57, 0.3)
+BIN = (-0.3, -1.2, 1.2, -1.6, -1.57, 0.0)
+HOME = (0.0, -1.2, 1.2, -1.6, -1.57, 0.0)
+BY_HAND = f"""def by_hand():
+  movej({list(ABOVE)}, a=1.4, v=1.05)
+  movel({list(DOWN)}, a=1.2, v=0.25)
+  set_standard_digital_out(2, True)
+  sleep(0.3)
+  movel({list(ABOVE)}, a=1.2, v=0.25)
+  movej({list(BIN)}, a=1.4, v=1.05)
+  set_standard_digital_out(2, False)
+end
+"""
+
+
+def row(page: Page, text: str) -> Locator:
+    return page.locator(".program-row", has=page.locator(".program-row-text", has_text=re.compile(f"^{text}"))).last
+
+
+def insert(page: Page, kind: str, shown: str) -> None:
+    """By the palette; the new node is selected then."""
+    page.get_by_test_id(f"insert-{kind}").click()
+    expect(row(page, shown)).to_have_attribute("aria-selected", "true")
+
+
+def select(page: Page, shown: str) -> None:
+    row(page, shown).locator(".program-row-text").click()
+    expect(page.get_by_test_id("form-title")).to_contain_text(re.compile(f"^{shown}", re.IGNORECASE))
+
+
+def fill(page: Page, key: str, value: str) -> None:
+    box = page.get_by_test_id(f"field-{key}")
+    box.fill(value)
+    box.press("Enter")
+
+
+def choose(page: Page, key: str, title: str) -> None:
+    page.get_by_test_id(f"field-{key}").click()
+    page.get_by_role("option", name=title, exact=True).click()
+
+
+def new_program(page: Page) -> None:
+    page.get_by_test_id("program-new").click()
+    title, agree = page.get_by_test_id("program-title"), page.get_by_test_id("agree")
+    eventually(lambda: agree.is_visible() or title.inner_text() == "unnamed")
+    if agree.is_visible():
+        agree.click()
+    expect(title).to_have_text("unnamed")
+    expect(page.locator(".program-row-text")).to_have_text(["Variables Setup", "Robot Program", "<empty>"])
+
+
+def save_as(page: Page, name: str) -> None:
+    page.get_by_test_id("program-save-as").click()
+    page.get_by_test_id("program-name").fill(name)
+    page.get_by_test_id("program-save-it").click()
+    expect(page.get_by_test_id("program-title")).to_have_text(f"{name}.urp")
+
+
+def drive(host: str, goal: tuple[float, ...], listens: Event) -> TrajectoryResult:
+    """A driver that waits until its External Control node is played, moves the arm, and stays until that ends."""
+
+    async def run() -> TrajectoryResult:
+        async with URDriver(host, headless=False, own_address=host) as driver:
+            listens.set()
+            await driver.wait_for_program(60.0)
+            result = await driver.execute([points.movej(goal)])
+            while driver.program_running:  # a program that loops asks again
+                await driver.next_state()
+            return result
+
+    return asyncio.run(run())
+
+
+def chapter_ten(page: Page, rig: Rig) -> None:
+    """Empty program, URCaps, External Control, host in the installation, save, play: a driver moves the arm."""
+    goal, listens = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1), Event()
+    with ThreadPoolExecutor(1) as pool:  # the browser's library has the loop of this thread
+        driver = pool.submit(drive, rig.host, goal, listens)
+        assert listens.wait(30.0)
+        new_program(page)
+        select(page, "Robot Program")
+        insert(page, "external_control", "Control by")
+        page.get_by_test_id("tab-installation").click()
+        page.get_by_test_id("driver-host").fill(rig.host)
+        page.get_by_test_id("driver-port").fill("50002")
+        page.get_by_test_id("driver-save").click()
+        eventually(lambda: rig.control.external_control() == {"host": rig.host, "port": 50002})
+        page.get_by_test_id("tab-program").click()
+        save_as(page, "external_control")
+        assert (rig.programs / "external_control.urp").is_file()
+        page.get_by_test_id("program-play").click()
+        expect(row(page, "Control by")).to_have_class(re.compile("is-running"))
+        eventually(lambda: rig.state("actual_q") == pytest.approx(goal, abs=1e-3))
+        page.get_by_test_id("stop").click()
+        assert driver.result(60.0) is TrajectoryResult.SUCCESS
+
+
+def test_chapter_ten_is_typed_click_by_click(rig: Rig, open_page: Open) -> None:
+    chapter_ten(open_page("program"), rig)
+
+
+def taught(page: Page, rig: Rig, name: str, q: tuple[float, ...]) -> None:
+    """Teach the waypoint that was inserted last, where the arm is brought as a person would by hand."""
+    select(page, "Waypoint_1")
+    rig.control.set_joints(q)
+    page.wait_for_timeout(300)  # thirty states a second come to the pendant
+    page.get_by_test_id("teach-position").click()
+    expect(page.get_by_test_id("field-position")).to_contain_text("Joints")
+    fill(page, "name", name)
+    expect(row(page, name)).not_to_have_class(re.compile("is-undefined"))
+
+
+def move(page: Page, rig: Rig, motion: str, name: str, q: tuple[float, ...]) -> None:
+    """A Move with a waypoint at the end of the program."""
+    select(page, "Robot Program")
+    insert(page, "move", "MoveJ")
+    if motion != "MoveJ":
+        choose(page, "motion", motion)
+        expect(row(page, motion)).to_be_visible()
+    taught(page, rig, name, q)
+
+
+def switch(page: Page, level: str) -> None:
+    """A Set of digital output 2 at the end of the program."""
+    select(page, "Robot Program")
+    insert(page, "set", "Set")
+    choose(page, "type", "A digital output")
+    choose(page, "output", "digital_out[2]")
+    choose(page, "level", level)
+
+
+def pick_and_place(page: Page, other: Page, rig: Rig) -> None:
+    """Made from nothing, in two browsers."""
+    new_program(page)
+    select(page, "Robot Program")
+    page.get_by_test_id("field-loops").click()
+    move(page, rig, "MoveJ", "Above", ABOVE)
+    expect(row(other, "Above")).to_be_visible()  # and goes on there
+    move(other, rig, "MoveL", "Down", DOWN)
+    switch(other, "On")
+    select(page, "Robot Program")
+    insert(page, "wait", "Wait")
+    choose(page, "type", "A time")
+    fill(page, "time", "0.3")
+    move(page, rig, "MoveL", "Back", ABOVE)
+    move(page, rig, "MoveJ", "Bin", BIN)
+    switch(page, "Off")
+
+
+def played(rig: Rig, start: Callable[[], object]) -> list[tuple[float, ...]]:
+    """Where the arm was on the way, and output 2, from the start to the end."""
+    rig.control.set_joints(HOME)
+    way = list[tuple[float, ...]]()
+    with BlockingRTDEClient(rig.host, ("actual_q", "actual_digital_output_bits", "runtime_state")) as watcher:
+        start()
+        eventually(lambda: watcher.latest()["runtime_state"] == RuntimeState.PLAYING)
+        while (state := watcher.receive())["runtime_state"] == RuntimeState.PLAYING:
+            way.append((*state["actual_q"], float(state["actual_digital_output_bits"] >> 2 & 1)))
+    return way
+
+
+@pytest.mark.long
+def test_two_people_make_a_pick_and_place_that_does_what_a_script_does(rig: Rig, open_page: Open) -> None:
+    page, other = open_page("program"), open_page("program")
+    pick_and_place(page, other, rig)
+    names = "Variables, Robot, MoveJ, Above, MoveL, Down, Set, Wait, MoveL, Back, MoveJ, Bin, Set"
+    for shown in (page, other):
+        expect(shown.locator(".program-row-text")).to_have_text([re.compile(f"^{name}") for name in names.split(", ")])
+    save_as(page, "pick")
+    script = (rig.programs / "pick.script").read_text()
+    assert "set_standard_digital_out(2,True)" in script.replace(" ", "")
+    new_program(other)
+    other.get_by_test_id("program-open").click()
+    other.get_by_test_id("program-choice").get_by_text("pick.urp").click()
+    expect(page.get_by_test_id("program-title")).to_have_text("pick.urp")
+    here = played(rig, page.get_by_test_id("program-play").click)
+    by_hand = played(rig, lambda: rig.control.send_script(BY_HAND))
+    for one, another in ((here, by_hand), (by_hand, here)):
+        assert max(min(dist(place, near) for near in another) for place in one[::10]) < 0.05
+    assert len(here) == pytest.approx(len(by_hand), rel=0.1)
+    # undo is one for both, and what one selects is not what the other does
+    select(page, "Wait")
+    select(other, "Bin")
+    page.keyboard.press("Escape")
+    page.get_by_test_id("program-delete").click()
+    expect(row(other, "Wait")).to_have_count(0)
+    expect(row(other, "Bin")).to_have_attribute("aria-selected", "true")
+    other.get_by_test_id("program-undo").click()
+    expect(row(page, "Wait")).to_be_visible()
+
+
+def test_keys_edit_and_nodes_are_stepped_through_and_played_from(rig: Rig, open_page: Open) -> None:
+    page = open_page("program")
+    new_program(page)
+    select(page, "Robot Program")
+    for text in ("one", "two", "three"):
+        insert(page, "comment", "Comment")
+        fill(page, "comment", text)
+        expect(row(page, f"'{text}'")).to_be_visible()
+    insert(page, "wait", "Wait")
+    choose(page, "type", "An expression")
+    expect(row(page, "Wait")).to_have_class(re.compile("is-undefined"))
+    choose(page, "type", "A time")
+    page.get_by_test_id("field-time").fill("x")
+    page.get_by_test_id("field-time").press("Enter")
+    expect(page.get_by_text("it is a number in s, not 'x'")).to_be_visible()
+    fill(page, "time", "60")
+    expect(page.locator(".program-row.is-undefined")).to_have_count(0)
+    # keys
+    select(page, "'one'")
+    page.keyboard.press("ArrowDown")
+    expect(row(page, "'two'")).to_be_focused()
+    page.keyboard.press("Alt+ArrowUp")
+    shown = page.locator(".program-row-text")
+    expect(shown).to_have_text(["Variables Setup", "Robot Program", "'two'", "'one'", "'three'", re.compile("Wait")])
+    page.keyboard.press("Control+z")
+    expect(shown.nth(2)).to_have_text("'one'")
+    page.keyboard.press("Control+e")
+    expect(row(page, "'two'")).to_have_class(re.compile("is-suppressed"))
+    page.keyboard.press("Control+e")
+    expect(row(page, "'two'")).not_to_have_class(re.compile("is-suppressed"))
+    page.keyboard.press("F9")
+    expect(row(page, "'two'")).to_have_class(re.compile("is-breakpoint"))
+    # played
+    save_as(page, "steps")
+    running = page.locator(".program-row.is-running .program-row-text")
+    page.get_by_test_id("program-play").click()
+    expect(running).to_have_text("'two'")
+    expect(page.get_by_test_id("program-state")).to_have_text("Paused")
+    page.get_by_test_id("program-step").click()
+    expect(running).to_have_text("'three'")
+    page.get_by_test_id("program-play").click()
+    expect(running).to_have_text(re.compile("Wait"))
+    page.get_by_test_id("stop").click()
+    expect(running).to_have_count(0)
+    select(page, "'three'")
+    page.get_by_test_id("program-play-from").click()
+    expect(running).to_have_text(re.compile("Wait"))
+    assert rig.control.variables()["_hidden_play_from_selection"] == "False"
+    page.get_by_test_id("stop").click()
+    select(page, "Variables Setup")
+    page.get_by_test_id("program-play-from").click()
+    expect(page.get_by_text("not part of the robot program")).to_be_visible()
+
+
+def test_what_is_being_made_outlives_a_pendant_that_is_killed(rig: Rig, browser: Browser, tmp_path: Path) -> None:
+    options = ("--port", "6081", "--modbus-port", str(rig.robot.ports["modbus"]), "--drafts", str(tmp_path))
+    context = browser.new_context(viewport=SIZE)
+    context.add_init_script(FEW_FRAMES)
+    page = context.new_page()
+    with pendant(rig.host, *options) as process:
+        page.goto(f"http://{rig.host}:6081/program")
+        expect(page.locator(".program-row")).to_have_count(3)
+        insert(page, "comment", "Comment")
+        fill(page, "comment", "half done")
+        expect(row(page, "'half done'")).to_be_visible()
+        page.wait_for_timeout(1000)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    page.close()
+    with pendant(rig.host, *options):
+        page = context.new_page()
+        page.goto(f"http://{rig.host}:6081/program")
+        expect(row(page, "'half done'")).to_be_visible()
+        expect(page.get_by_test_id("program-title")).to_have_attribute("data-state", "changed")
+    context.close()
+
+
+@pytest.mark.long
+def test_on_an_e_series_chapter_ten_outlives_emulator_and_pendant(tmp_path: Path, browser: Browser) -> None:
+    """The same clicks on a UR5e; then both are killed and started anew, and the program is there, saved or not."""
+    rig = Rig("ur5e", tmp_path)
+    context = browser.new_context(viewport=SIZE)
+    context.add_init_script(FEW_FRAMES)
+    try:
+        page = context.new_page()
+        page.goto(f"{rig.url}/program")
+        expect(page.locator(".robot-name")).to_contain_text("UR5e")
+        chapter_ten(page, rig)
+        insert(page, "comment", "Comment")
+        fill(page, "comment", "half done")
+        expect(row(page, "'half done'")).to_be_visible()
+        page.wait_for_timeout(1000)
+        page.close()
+        rig.robot.kill()
+        os.kill(rig.pendant_pid, signal.SIGKILL)
+        rig.robot.start()
+        with pendant(rig.host, "--drafts", str(tmp_path / "drafts")):
+            page = context.new_page()
+            page.goto(f"{rig.url}/program")
+            expect(row(page, "'half done'")).to_be_visible()
+            page.get_by_test_id("program-open").click()
+            page.get_by_test_id("agree").click()
+            page.get_by_test_id("program-choice").get_by_text("external_control.urp").click()
+            expect(row(page, "'half done'")).to_have_count(0)
+            expect(row(page, "Control by")).to_be_visible()
+    finally:
+        context.close()
+        rig.close()

@@ -1,0 +1,125 @@
+"""Sliders that the arm follows: what is sent when, and what ends it. See test_browser_controllers for the whole."""
+
+import asyncio
+from typing import Any, cast
+
+import pytest
+
+from client.errors import ManagerError
+from client.pendant.manager_link import ControlPanel, ManagerLink
+from urproto.errors import RobotRefused
+from urproto.joints import JOINT_NAMES
+from urproto.robots import load_model
+
+MODEL = load_model("ur3")
+SCALED = "scaled_joint_trajectory_controller"
+JTC = {
+    "name": SCALED,
+    "type": "ur_controllers/ScaledJointTrajectoryController",
+    "state": "active",
+    "joints": [f"left_{name}" for name in reversed(JOINT_NAMES)],
+}
+
+
+class Link:
+    """A manager that takes everything."""
+
+    def __init__(self) -> None:
+        self.controllers: tuple[dict[str, Any], ...] = (JTC,)
+        self.driver: ControlPanel | None = None
+        self.sent: list[dict[str, Any]] = []
+        self.fails = ""
+
+    async def ask(self, do: str, /, **arguments: Any) -> None:
+        if self.fails:
+            raise ManagerError(self.fails)
+        assert do == "joint_trajectory"
+        self.sent.append(arguments)
+
+
+class Bench:
+    def __init__(self) -> None:
+        self.link = Link()
+        self.q: tuple[float, ...] | None = (0.0, -1.5, 0.0, -1.5, 0.0, 0.0)
+        self.ended: list[str] = []
+        self.panel = self.another()
+        self.panel.on_end.append(self.ended.append)
+
+    def another(self) -> ControlPanel:
+        panel = ControlPanel(cast(ManagerLink, self.link), lambda: None if self.q is None else (self.q, MODEL))
+        panel.choose(SCALED)
+        return panel
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    monkeypatch.setattr(ControlPanel, "COMMAND_HZ", 200.0)  # faster, for the test; the rule stays
+    return Bench()
+
+
+async def _settle() -> None:
+    for _ in range(5):
+        await asyncio.sleep(0.005)
+
+
+async def test_trajectories_have_one_point_and_the_duration_of_rqt(bench: Bench) -> None:
+    panel = bench.panel
+    panel.enable()
+    assert panel.targets == bench.q  # nothing jumps
+    await _settle()
+    target = [3.0, -1.5, 0.0, -1.5, 0.0, 0.0]
+    panel.hear(target)
+    await _settle()
+    panel.disable()
+    first, last = bench.link.sent[0]["trajectory"], bench.link.sent[-1]["trajectory"]
+    assert first["joint_names"] == [f"left_{name}" for name in JOINT_NAMES]
+    assert first["points"] == [{"positions": bench.q, "time_from_start_s": 0.5 / 0.5}]  # at the least, at 50 %
+    assert last["points"] == [{"positions": tuple(target), "time_from_start_s": 3.0 / MODEL.qd_max[0] / 0.5}]
+    panel.scaling = 0.01
+    panel.targets = (0.0,) * 6
+    assert panel.duration_s((0.0,) * 6, MODEL.qd_max) == pytest.approx(50.0)
+    count = len(bench.link.sent)
+    await _settle()
+    assert (len(bench.link.sent), bench.ended) == (count, [""])
+
+
+async def test_what_ends_it(bench: Bench) -> None:
+    panel, link = bench.panel, bench.link
+    for break_it, why in (
+        (lambda: setattr(link, "fails", "the manager has ended"), "the manager has ended"),
+        (lambda: setattr(bench, "q", None), "the robot does not answer any more"),
+        (lambda: setattr(link, "controllers", ()), "does not move the six joints"),
+        (lambda: panel.hear(None), ""),  # the browser is gone
+        (lambda: panel.choose("another"), ""),
+    ):
+        panel.enable()
+        await _settle()
+        break_it()
+        await _settle()
+        assert not panel.enabled
+        assert link.driver is None
+        assert why in bench.ended.pop()
+        bench.q, link.controllers, link.fails = (0.0,) * 6, (JTC,), ""
+        panel.choose(SCALED)
+
+
+async def test_one_browser_drives_and_only_by_an_active_controller(bench: Bench) -> None:
+    bench.panel.enable()
+    other = bench.another()
+    with pytest.raises(RobotRefused, match="another browser drives the arm"):
+        other.enable()
+    bench.panel.disable()
+    bench.link.controllers = ({**JTC, "state": "inactive"},)
+    with pytest.raises(RobotRefused, match="no joint trajectory controller is active"):
+        other.enable()
+
+
+@pytest.mark.parametrize("said", ["x", [1.0] * 5, [float("nan")] * 6, [True] * 6, ["1"] * 6, {}])
+async def test_what_no_slider_says_is_nonsense(bench: Bench, said: Any) -> None:
+    bench.panel.enable()
+    with pytest.raises(ValueError, match="sliders say six numbers"):
+        bench.panel.hear(said)
+    bench.panel.hear([1e6, -1e6, 0.0, 0.0, 0.0, 0.0])  # beyond the joints' limits
+    lows, highs = MODEL.position_limits
+    assert bench.panel.targets[:2] == (highs[0], lows[1])
+    bench.panel.disable()

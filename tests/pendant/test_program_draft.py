@@ -1,0 +1,175 @@
+"""The program that is being made: edits of several people, what pages show of it, and how it is kept."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from client.pendant.program_draft import ProgramDraft
+from client.pendant.program_file import KeptProgram, ProgramFile
+from client.pendant.program_view import palette
+from urproto.compat_asyncio import timeout
+from urproto.robots import load_model
+from urproto.versions import PolyscopeVersion
+from urscript.polyscope.registry import kinds
+
+CB3 = (PolyscopeVersion(3, 15, 8), load_model("ur3"))
+E_SERIES = (PolyscopeVersion(5, 11, 0), load_model("ur5e"))
+Q = (0.3, -1.3, 1.4, -1.7, -1.57, 0.3)
+POSE = (0.2, -0.3, 0.25, 0.0, 3.1, 0.0)
+NO_TCP = (0.0,) * 6
+
+
+def make(folder: Path | None = None, robot: tuple[PolyscopeVersion, object] = CB3) -> tuple[ProgramDraft, list[str]]:
+    notes = list[str]()
+    draft = ProgramDraft(ProgramFile(folder, "robot"), notes.append, lambda: None, lambda: robot)  # type: ignore[arg-type, return-value]
+    return draft, notes
+
+
+@pytest.fixture(params=[CB3, E_SERIES], ids=["CB3", "e-Series"])
+def draft(request: pytest.FixtureRequest) -> ProgramDraft:
+    return make(robot=request.param)[0]
+
+
+def titles(draft: ProgramDraft) -> list[str]:
+    return [row.title for row in draft.view.rows()]
+
+
+def test_nodes_go_into_the_selected_one_or_behind_it_or_as_near_as_they_may_stand(draft: ProgramDraft) -> None:
+    folder = draft.insert("folder", draft.view.first())
+    comment = draft.insert("comment", folder)
+    wait = draft.insert("wait", comment)
+    draft.insert("waypoint", wait)  # gets a Move around it
+    draft.insert("thread", wait)  # beside the robot program
+    assert [(row.kind, row.depth) for row in draft.view.rows()] == [
+        ("variables_setup", 0),
+        ("robot_program", 0),
+        ("folder", 1),
+        ("comment", 2),
+        ("wait", 2),
+        ("move", 2),
+        ("waypoint", 3),
+        ("thread", 0),
+        ("empty", 1),
+    ]
+    with pytest.raises(ValueError, match="behind an If"):
+        draft.insert("else", wait)
+
+
+def test_what_one_person_deletes_the_other_is_told_and_undoing_brings_back(draft: ProgramDraft) -> None:
+    node = draft.insert("comment", draft.view.first())
+    draft.set(node, "comment", "mine")
+    draft.delete(node)
+    with pytest.raises(ValueError, match="not in the program any more"):
+        draft.set(node, "comment", "yours")
+    with pytest.raises(ValueError, match="not in the program any more"):
+        draft.view.number(node)
+    draft.undo()
+    assert draft.view.text(node) == "'mine'"
+    draft.redo()
+    assert not draft.view.has(node)
+
+
+def test_nodes_are_moved_within_their_level_and_out_of_it(draft: ProgramDraft) -> None:
+    folder = draft.insert("folder", draft.view.first())
+    first = draft.insert("halt", folder)
+    second = draft.insert("comment", first)
+    order = [(row.kind, row.depth) for row in draft.view.rows()][2:]
+    assert order == [("folder", 1), ("halt", 2), ("comment", 2)]
+    draft.shift(second, -1)
+    assert [row.kind for row in draft.view.rows()][3:] == ["comment", "halt"]
+    draft.shift(second, -1)
+    assert [(row.kind, row.depth) for row in draft.view.rows()][2:] == [("comment", 1), ("folder", 1), ("halt", 2)]
+    assert draft.view.neighbour(second) == folder
+    assert draft.view.neighbour(first) == folder
+
+
+def test_rows_say_how_they_look(draft: ProgramDraft) -> None:
+    node = draft.insert("waypoint", draft.view.first())
+    marks = {row[0]: row[5] for row in draft.view.shown_rows()}
+    assert marks[node] == marks[draft.view.first()] == "undefined"
+    assert draft.view.problem(node)
+    assert any("teach it" in problem for problem in draft.view.problems())
+    draft.teach(node, "position", Q, POSE, NO_TCP)
+    assert draft.view.problems() == []
+    draft.suppress(node)
+    draft.toggle_breakpoint(node)
+    assert {row[0]: row[5] for row in draft.view.shown_rows()}[node].split()[-2:] == ["suppressed", "breakpoint"]
+    draft.suppress(node)
+    draft.toggle_breakpoint(node)
+    assert {row[0]: row[5] for row in draft.view.shown_rows()}[node] == ""
+
+
+def test_a_taught_waypoint_is_where_the_arm_was(draft: ProgramDraft) -> None:
+    node = draft.insert("waypoint", draft.view.first())
+    assert draft.view.waypoints() == ()
+    draft.teach(node, "position", Q, POSE, NO_TCP)
+    assert draft.view.joints(node, "position") == pytest.approx(Q)
+    ((where, place),) = draft.view.waypoints()
+    assert where == node
+    assert len(place) == 3
+
+
+def test_every_kind_of_the_registry_can_be_chosen_and_has_a_form(draft: ProgramDraft) -> None:
+    entries = [entry for group in palette(draft.editor.version).values() for entry in group]
+    assert {entry.name for entry in entries} == {entry["key"] for entry in draft.editor.palette()}
+    for entry in entries:
+        assert entry.title == kinds()[entry.name].title
+        assert entry.icon
+        try:
+            node = draft.insert(entry.name, draft.view.first())
+        except ValueError:
+            continue  # it stands in others only
+        assert draft.view.form(node) or not kinds()[entry.name].fields
+        draft.undo()
+
+
+def test_copies_are_pasted_into_this_program_and_the_next(draft: ProgramDraft) -> None:
+    node = draft.insert("comment", draft.view.first())
+    draft.set(node, "comment", "again")
+    draft.copy(node)
+    draft.paste(node)
+    draft.new()
+    draft.paste(draft.view.first())
+    assert titles(draft)[-1] == "'again'"
+    other, _ = make()
+    with pytest.raises(ValueError, match="copy a node first"):
+        other.paste(other.view.first())
+
+
+def test_saving_and_opening_make_the_program_unchanged(draft: ProgramDraft) -> None:
+    draft.insert("halt", draft.view.first())
+    assert draft.changed
+    version, files = draft.version, draft.files("job")
+    assert sorted(files) == ["job.script", "job.txt", "job.urp"]
+    draft.saved("cell/job.urp", version)
+    assert (draft.title, draft.changed) == ("cell/job.urp", False)
+    version = draft.version
+    draft.insert("halt", draft.view.first())  # while it was being saved
+    draft.saved("cell/job.urp", version)
+    assert draft.changed
+    draft.open(files["job.urp"] or b"", "cell/job.urp")
+    assert not draft.changed
+    assert titles(draft)[-1] == "Halt"
+    with pytest.raises(ValueError, match=r"bad.urp cannot be opened"):
+        draft.open(b"<a/>", "bad.urp")
+
+
+async def test_every_change_is_kept_within_a_second(tmp_path: Path) -> None:
+    draft, notes = make(tmp_path)
+    keeping = asyncio.create_task(draft.keep())
+    draft.insert("halt", draft.view.first())
+    async with timeout(1.0):
+        while not (tmp_path / "robot.json").exists():
+            await asyncio.sleep(0.01)
+    keeping.cancel()
+    again, _ = make(tmp_path)
+    assert titles(again)[-1] == "Halt"
+    assert (again.changed, again.path, notes) == (True, "", [])
+
+
+def test_a_kept_file_that_is_no_program_is_moved_aside_with_a_note(tmp_path: Path) -> None:
+    ProgramFile(tmp_path, "robot").write(KeptProgram("x.urp", True, b"<a/>"))
+    draft, notes = make(tmp_path)
+    assert titles(draft) == ["Variables Setup", "Robot Program", "<empty>"]
+    assert "robot.unreadable" in notes[0]

@@ -1,0 +1,77 @@
+"""What a robot is given of the program that is being made."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from client.pendant import program_playing as playing
+from client.pendant.program_draft import ProgramDraft
+from client.pendant.program_file import ProgramFile
+from urproto.modes import RuntimeState
+from urproto.robots import load_model
+from urproto.versions import PolyscopeVersion
+
+ROBOT = (PolyscopeVersion(3, 15, 8), load_model("ur3"))
+
+
+class Arm(SimpleNamespace):
+    """A robot of aluminium: it has no control API."""
+
+    def __init__(self) -> None:
+        draft = ProgramDraft(ProgramFile(None, ""), lambda _: None, lambda: None, lambda: ROBOT)
+        emulator = SimpleNamespace(available=False, verbs=frozenset())
+        programs = SimpleNamespace(running="", loaded=None, look=lambda: None)
+        super().__init__(program_draft=draft, emulator=emulator, programs=programs, runtime_state=RuntimeState.STOPPED)
+        self.mover = SimpleNamespace(give_back=self._nothing)
+        self.sent = list[str]()
+
+    async def _nothing(self) -> None:
+        pass
+
+    async def send_script(self, text: str) -> None:
+        self.sent.append(text)
+
+
+@pytest.fixture
+def arm() -> Any:
+    return Arm()
+
+
+async def test_a_robot_gets_a_script_from_the_start_or_from_a_node(arm: Any) -> None:
+    draft = arm.program_draft
+    one = draft.insert("comment", draft.view.first())
+    two = draft.insert("halt", one)
+    await playing.play(arm)
+    assert arm.sent[0].startswith("def unnamed():")
+    assert not playing.is_on_robot(arm)  # it has not said so yet
+    arm.programs.running = "unnamed"
+    assert playing.is_on_robot(arm)
+    await playing.play(arm, at=two)
+    assert "play_from_selection" not in arm.sent[0]
+    assert "play_from_selection" in arm.sent[1]
+    draft.delete(one)
+    assert not playing.is_on_robot(arm)
+
+
+async def test_what_is_undefined_or_needs_a_driver_is_not_sent(arm: Any) -> None:
+    draft = arm.program_draft
+    waypoint = draft.insert("waypoint", draft.view.first())
+    with pytest.raises(playing.PlayError, match="teach it: complete the program"):
+        await playing.play(arm)
+    draft.delete(waypoint)
+    draft.insert("external_control", draft.view.first())
+    with pytest.raises(playing.PlayError, match="at the robot's own pendant"):
+        playing.script(arm)
+    assert arm.sent == []
+
+
+@pytest.mark.parametrize(("name", "path"), [("job", "job.urp"), (" cell/job.urp ", "cell/job.urp")])
+def test_names_are_completed(name: str, path: str) -> None:
+    assert playing.with_extension(name) == path
+
+
+@pytest.mark.parametrize("name", ["", "  ", ".urp"])
+def test_a_program_has_a_name(name: str) -> None:
+    with pytest.raises(ValueError, match="a name"):
+        playing.with_extension(name)

@@ -1,0 +1,7 @@
+"""The helpers of these tests, and of the driver's; importlib mode does not add their folders."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "driver"))
+sys.path.insert(0, str(Path(__file__).parent))

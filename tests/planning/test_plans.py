@@ -1,0 +1,207 @@
+"""Plans keep clear of everything, by geometry that is not the planner's, and keep the limits of the joints."""
+
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+
+pytest.importorskip("ompl")
+
+from clearance import Clearance
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import SCENES, free_postures, scene_of
+
+from client.errors import PlanningError, SceneError
+from client.planning import (
+    Box,
+    CollisionChecker,
+    GoalUnreachableError,
+    JointGoal,
+    NamedGoal,
+    NoPathError,
+    Plan,
+    Plane,
+    Planner,
+    PlanningScene,
+    PoseGoal,
+    Sphere,
+    StartInCollisionError,
+)
+from urproto.robots import MODELS, START_Q, Kinematics, load_model
+
+NEAR = 1e-6
+
+
+def samples(plan: Plan) -> np.ndarray:
+    """Five times as many as the trajectory has, by cubics through its points."""
+    timed, rows = plan.timed, []
+    for i in range(len(timed.times_s) - 1):
+        step = timed.times_s[i + 1] - timed.times_s[i]
+        for share in np.linspace(0.0, 1.0, 5, endpoint=False):
+            s, r = share, 1.0 - share
+            rows.append(
+                (1 + 2 * s) * r**2 * timed.q[i]
+                + s * r**2 * step * timed.qd[i]
+                + s**2 * (3 - 2 * s) * timed.q[i + 1]
+                - s**2 * r * step * timed.qd[i + 1]
+            )
+    return np.array([*rows, timed.q[-1]])
+
+
+@pytest.mark.parametrize("place", SCENES)
+@pytest.mark.parametrize("model", ["ur3", "ur10e"])
+def test_plans_keep_clear_and_within_the_limits(model: str, place: str) -> None:
+    scene = scene_of(place, model)
+    planner = Planner(scene)
+    clearance = Clearance(load_model(model), scene)
+    postures = free_postures(planner.checker, Random(f"{model} {place}"), 8)
+    found = 0
+    for number in range(4):
+        start, goal = postures[2 * number : 2 * number + 2]
+        try:
+            plan = planner.plan(start, JointGoal(goal), seed=number, time_limit_s=20.0)
+        except NoPathError:
+            continue
+        found += 1
+        assert plan.timed.q[0] == pytest.approx(start, abs=NEAR)
+        assert plan.timed.q[-1] == pytest.approx(goal, abs=NEAR)
+        assert not plan.timed.qd[[0, -1]].any()
+        nearest = min(clearance(q) for q in samples(plan))
+        assert nearest > scene.padding_m - 0.001, f"{number}: {nearest}"
+        step = np.diff(plan.timed.times_s)[:, None]
+        for values, rates, limit in (
+            (plan.timed.q, plan.timed.qd, planner.limits.velocity),
+            (plan.timed.qd, plan.timed.qdd, planner.limits.acceleration),
+        ):
+            assert (abs(rates) <= limit * (1 + NEAR)).all()
+            assert (abs(np.diff(values, axis=0) / step) <= limit * 1.01).all()
+        assert (abs(np.diff(plan.timed.qdd, axis=0) / step) <= planner.limits.jerk * 1.01).all()
+    assert found >= 3
+
+
+def test_a_seed_gives_the_same_plan_again() -> None:
+    planner = Planner(scene_of("slot", "ur3"))
+    start, goal = free_postures(planner.checker, Random(5), 2)
+    one, other = (planner.plan(start, JointGoal(goal), seed=3, time_limit_s=20.0) for _ in range(2))
+    assert one.way == other.way
+    assert (one.timed.q == other.timed.q).all()
+
+
+@pytest.mark.parametrize("planner", ["RRTConnect", "RRTstar", "PRM"])
+def test_each_planner_finds_a_way_around_a_post(planner: str) -> None:
+    scene = PlanningScene("ur3")
+    scene.add("post", Box((0.1, 0.1, 1.0)), (0.3, 0.0, 0.5, 0.0, 0.0, 0.0))
+    start, goal = (2.4, -1.0, 1.5, -1.0, 0.5, 0.0), (3.9, -1.0, 1.5, -1.0, 0.5, 0.0)
+    assert not CollisionChecker(scene).way_is_free(start, goal)
+    plan = Planner(scene).plan(
+        start, JointGoal(goal), planner=planner, time_limit_s=5.0 if planner == "RRTstar" else 20.0
+    )
+    clearance = Clearance(load_model("ur3"), scene)
+    assert min(clearance(q) for q in samples(plan)) > scene.padding_m - 0.001
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_poses_are_reached_by_any_posture(model: str) -> None:
+    arm = load_model(model)
+    tcp = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
+    q = (0.4, -1.3, 1.4, -1.6, -1.5, 0.2)
+    pose = Kinematics(arm.dh).forward(q, tcp)
+    plan = Planner(PlanningScene(arm)).plan((0.4 + np.pi, -1.3, 1.4, -1.6, -1.5, 0.2), PoseGoal(pose, tcp))
+    assert Kinematics(arm.dh).forward(plan.way[-1], tcp) == pytest.approx(pose, abs=1e-6)
+
+
+def test_names_are_those_of_moveit() -> None:
+    plan = Planner(PlanningScene("ur5e")).plan(START_Q, NamedGoal("up"))
+    assert plan.way[-1] == pytest.approx((0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0))
+
+
+def test_what_cannot_be_planned_says_why() -> None:
+    scene = PlanningScene("ur3")
+    scene.add("table", Plane(), (0.0, 0.0, -0.03, 0.0, 0.0, 0.0))
+    scene.add("box", Box((0.2, 0.2, 0.4)), (0.3, 0.0, 0.2, 0.0, 0.0, 0.0))
+    planner = Planner(scene)
+    above = (0.0, -1.9, 0.5, -1.5, -1.5, 0.0)
+    with pytest.raises(StartInCollisionError, match=r"cannot start here: \w+_link is .* mm (deep in|from) table"):
+        planner.plan((0.0, 0.6, 0.2, 0.0, 0.0, 0.0), JointGoal(above))
+    with pytest.raises(GoalUnreachableError, match=r"out of the reach of a UR3"):
+        planner.plan(above, PoseGoal((2.0, 0.0, 0.3, 0.0, 3.1, 0.0)))
+    with pytest.raises(GoalUnreachableError, match=r"elbow would be at 9.0000 rad, its limits are"):
+        planner.plan(above, JointGoal((0.0, -1.5, 9.0, 0.0, 0.0, 0.0)))
+    with pytest.raises(GoalUnreachableError, match=r"deep in (table|box)"):
+        planner.plan(above, JointGoal((0.0, 0.6, 0.2, 0.0, 0.0, 0.0)))
+    with pytest.raises(GoalUnreachableError, match="no posture 'sleep'; known are home, up"):
+        planner.plan(above, NamedGoal("sleep"))
+    with pytest.raises(PlanningError, match="velocity scaling is above 0 and at most 1, not 2"):
+        planner.plan(above, NamedGoal("up"), velocity_scaling=2.0)
+
+
+def test_no_way_says_what_was_tried() -> None:
+    """The shoulder, which is beside the base's axis, cannot pass these walls."""
+    scene = PlanningScene("ur3")
+    for number, side in enumerate((-1.0, 1.0)):
+        scene.add(f"wall {number}", Box((1.4, 0.02, 3.0)), (side * 0.8, 0.0, 0.0, 0.0, 0.0, 0.0))
+    planner = Planner(scene)
+    (q,) = free_postures(planner.checker, Random(1), 1)
+    with pytest.raises(NoPathError, match=r"RRTConnect looked for one to 1 posture .* padding is 10 mm"):
+        planner.plan(q, JointGoal((q[0] - np.copysign(np.pi, q[0]), *q[1:])), time_limit_s=0.3)
+
+
+def test_things_are_carried_and_left() -> None:
+    scene = PlanningScene("ur3")
+    q = (0.4, -1.3, 1.4, -1.6, -1.5, 0.2)
+    flange = scene.kinematics.forward(q)
+    scene.add("part", Sphere(0.04), flange)
+    scene.pick("part", q)
+    assert scene.objects["part"].attached
+    assert scene.objects["part"].pose == pytest.approx((0.0,) * 6, abs=1e-9)
+    there = (1.4, *q[1:])
+    scene.place("part", there)
+    assert scene.objects["part"].pose == pytest.approx(scene.kinematics.forward(there), abs=1e-9)
+    checker = CollisionChecker(scene)
+    assert not checker.is_free(there)
+    scene.allow("part", "wrist_3_link")
+    scene.allow("part", "wrist_2_link")
+    assert checker.is_free(there)
+    assert list(scene.allowed) == [("part", "wrist_2_link"), ("part", "wrist_3_link")]
+    scene.remove("part")
+    with pytest.raises(SceneError, match="the scene has no 'part'; it has nothing"):
+        scene.allow("part", "wrist_3_link")
+
+
+def test_scenes_are_read_from_world_files(tmp_path: Path) -> None:
+    examples = Path(__file__).parents[2] / "examples"
+    scene = PlanningScene.read("ur3", examples / "table.yaml")
+    assert set(scene.objects) == {"table", "block", "ball", "tool"}
+    assert scene.objects["tool"].attached
+    bad = tmp_path / "bad.yaml"
+    for text, why in (
+        ("objects: {a: {box: [1, 2]}}", "is not what a box takes"),
+        ("objects: {a: {box: [0, 1, 1]}}", "sizes are above 0"),
+        ("objects: {a: {sphere: .inf}}", "sizes are above 0"),
+        ("objects: {a: {sphere: 1, plane: {}}}", "has 2 shapes"),
+        ("objects: {a: {sphere: 1, colour: red}}", "has 'colour'"),
+        ("objects: {upper_arm_link: {sphere: 1}}", "a link's"),
+        ("objects: {a: {mesh: nothing.stl}}", "there is no file"),
+        ("tool: {plane: {}}", "an arm cannot carry it"),
+        ("[1, 2]", "must be a mapping"),
+        ("a: [", "is not YAML"),
+    ):
+        bad.write_text(text)
+        with pytest.raises(SceneError, match=why) as caught:
+            PlanningScene.read("ur3", bad)
+        assert str(bad) in str(caught.value)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.tuples(*[st.floats(-3.0, 3.0)] * 6),
+    st.tuples(*[st.floats(-1.0, 1.0)] * 6),
+)
+def test_a_way_that_is_free_has_no_place_that_is_not(start: tuple[float, ...], way: tuple[float, ...]) -> None:
+    checker = CollisionChecker(scene_of("shelf", "ur3"))
+    end = [one + other for one, other in zip(start, way, strict=True)]
+    places = [np.array(start) + share * np.array(way) for share in np.linspace(0.0, 1.0, 200)]
+    if checker.is_free(start) and checker.way_is_free(start, end):
+        assert min(map(checker.clearance, places)) > checker.scene.padding_m - 0.0006

@@ -1,0 +1,202 @@
+"""The files of a program and of its installation: a new one, and what PolyScope puts beside it when it saves.
+
+A program ``x`` is three files: ``x.urp`` is the program, ``x.script`` the URScript it is run as, ``x.txt`` its tree for
+people. Only the first is read again.
+"""
+
+import os
+import tempfile
+from pathlib import Path, PurePosixPath
+from typing import Final
+
+from urproto.robots import RobotModel
+from urproto.text import to_bytes
+from urproto.versions import PolyscopeVersion, Series
+from urscript.polyscope.document import DocumentError, Element, make, packed
+from urscript.polyscope.editing import ProgramEditor
+from urscript.polyscope.nodes.urcaps import new_external_control
+from urscript.polyscope.nodes.waypoints import kinematics_element
+from urscript.polyscope.registry import empty_children
+from urscript.polyscope.tree import EXTERNAL_CONTROL, TreeError
+
+_SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}  # what simulators say
+_PROGRAM_VERSIONS: Final = PolyscopeVersion(5, 13)  # first version that says which kind of file it writes (seen)
+_PROGRAM_VERSION: Final = "2"
+_INDENT: Final = "  "
+PROGRAM_SUFFIX: Final = ".urp"
+SCRIPT_SUFFIX: Final = ".script"
+TEXT_SUFFIX: Final = ".txt"
+
+
+def new_program(
+    name: str,
+    version: PolyscopeVersion,
+    model: RobotModel,
+    *,
+    installation: str = "default",
+    directory: str = "/programs",
+    external_control: bool = False,
+) -> Element:
+    """An empty program as PolyScope makes it, or one with an External Control node.
+
+    name and installation: without extension; the installation's may be a path relative to the program. directory:
+    where the controller keeps it. PolyScope also saves ``crcValue``, whose rule is not known; many files lack it.
+    """
+    shown = str(version) if version < _PROGRAM_VERSIONS else version.short
+    attributes = {
+        "name": name,
+        "installation": PurePosixPath(installation).name,
+        "installationRelativePath": installation,
+        "directory": directory,
+        "createdIn": shown,
+        "lastSavedIn": shown,
+        "robotSerialNumber": _SERIAL_NUMBERS[model.series],
+    }
+    if version >= _PROGRAM_VERSIONS:
+        attributes["createdInPolyscopeProgramVersion"] = _PROGRAM_VERSION
+        attributes["lastSavedInPolycopeProgramVersion"] = _PROGRAM_VERSION  # PolyScope spells it so
+    nodes = make("children", new_external_control()) if external_control else empty_children()
+    main = make("MainProgram", nodes, runOnlyOnce="true" if external_control else "false", InitVariablesNode="true")
+    return make(
+        "URProgram",
+        kinematics_element("kinematics", model),
+        make("children", make("InitVariablesNode"), main),
+        **attributes,
+    )
+
+
+def outline_text(editor: ProgramEditor) -> str:
+    """The tree as PolyScope writes it into the ``.txt``: a line a node, and how deep it lies.
+
+    A suppressed node stands between apostrophes, without what lies in it.
+    """
+    lines = [" Program"]
+    hidden = set[str]()
+    for row in editor.rows():
+        if row.suppressed:
+            hidden.add(row.id)
+        if row.parent in hidden:
+            continue
+        title = f"'{row.title}'" if row.suppressed_itself else row.title
+        lines.append(f" {_INDENT * (row.depth + 1)}{title}")
+    return "".join(f"{line}\n" for line in lines)
+
+
+def export(editor: ProgramEditor, path: Path) -> None:
+    """Write the ``.script`` or the ``.txt`` of a program, by the ending of the path.
+
+    Raises TreeError when it cannot be run, ValueError for another ending, OSError.
+    """
+    if path.suffix not in (SCRIPT_SUFFIX, TEXT_SUFFIX):
+        raise ValueError(f"export to {SCRIPT_SUFFIX} or {TEXT_SUFFIX}")
+    text = editor.written().text() if path.suffix == SCRIPT_SUFFIX else outline_text(editor)
+    write_file(path, to_bytes(text))
+
+
+def save_program(editor: ProgramEditor, path: Path) -> str:
+    """Write ``.urp``, ``.script`` and ``.txt``, each whole or not at all. Raises OSError or DocumentError.
+
+    The program is saved also when it cannot be run yet. Then there is no ``.script``, and an older one goes, since it
+    would be that of another program; why, in words, is returned. So it is with External Control nodes, whose code the
+    driver gives when the program is played. A program with nodes of other URCaps keeps its old one, which holds the
+    only copy of their code.
+    """
+    write_file(path, packed(editor.document()))
+    script, problem = path.with_suffix(SCRIPT_SUFFIX), ""
+    try:
+        if editor.tree.needs_external_control:
+            raise TreeError("the code of its External Control nodes is the driver's, who is asked at every play")
+        export(editor, script)
+    except TreeError as error:
+        problem = str(error)
+        if not editor.saved_script.blocks:
+            script.unlink(missing_ok=True)
+    export(editor, path.with_suffix(TEXT_SUFFIX))
+    editor.saved()
+    return problem
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """A file that is there whole or not at all. Raises OSError."""
+    handle, draft = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(draft).chmod(path.stat().st_mode & 0o777 if path.exists() else 0o644)
+        Path(draft).replace(path)
+    except BaseException:
+        Path(draft).unlink(missing_ok=True)
+        raise
+
+
+# installations
+
+_URCAP: Final = {  # how the URCap enters itself into an installation
+    "ownerId": "com.fzi.externalcontrol",
+    "id": "com.fzi.externalcontrol.impl.ExternalControlInstallationNodeService",
+    "installationContributionTitle": EXTERNAL_CONTROL,
+    "vendor": "FZI Research Center for Information Technology",
+    "name": EXTERNAL_CONTROL,
+}
+_USUAL_PORT: Final = "50002"  # with it the URCap saves no port
+
+
+def set_external_control(root: Element, host: str, port: int) -> None:
+    """Let an installation name the driver, where the URCap keeps it, and change nothing else of it."""
+    if root.tag != "Installation":
+        raise DocumentError(f"<{root.tag}> is not an installation")
+    page = _child(_child(root, "Contributions"), "URCaps")
+    urcap = next((child for child in page.children if child.get("name") == EXTERNAL_CONTROL), None)
+    if urcap is None:
+        urcap = make("Contributed")
+        urcap.attributes = dict(_URCAP)
+        _add(page, urcap)
+    values = {"host_ip": host, "name": host, "port_nr": str(port)}
+    for key, value in values.items():
+        data = next((child for child in urcap.children if child.get("key") == key), None)
+        if data is not None:
+            data.attributes["value"] = value
+        elif key != "port_nr" or value != _USUAL_PORT:
+            _add(urcap, make("data", key=key, value=value))
+
+
+def _child(element: Element, tag: str) -> Element:
+    found = element.child(tag)
+    if found is None:
+        found = make(tag)
+        _add(element, found)
+    return found
+
+
+def _add(parent: Element, child: Element) -> None:
+    child.parent = parent
+    parent.children.append(child)
+
+
+def new_installation(name: str, version: PolyscopeVersion, *, directory: str = "/programs") -> Element:
+    """A small installation: no tool, no payload, and room for what URCaps keep.
+
+    PolyScope's own say much more (safety, features, names); it is for the emulator, and no robot's.
+    """
+    numbers = ("major", "minor", "bugfix")
+    return make(
+        "Installation",
+        make(
+            "Version",
+            projectName="URSoftware",
+            **{number: str(getattr(version, number)) for number in numbers},
+            buildNumber=str(version.build),
+        ),
+        make(
+            "TCPSettings",
+            make("availablePoses", make("tcp", name="TCP", offset="0.0, 0.0, 0.0, 0.0, 0.0, 0.0")),
+            activePose="TCP",
+            toolPayload="0.0",
+        ),
+        make("Contributions", make("URCaps")),
+        directory=directory,
+        fileName=name,
+        showSpeedSliderOnRunTab="false",
+    )

@@ -1,0 +1,421 @@
+"""Waypoints, fixed, relative and variable: taught, moved to, and the arcs through two of them."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+from urproto.robots import RobotModel
+from urproto.robots.pose import pose_inv, pose_trans
+from urproto.vectors import ZERO6
+from urscript.polyscope.document import DocumentError, Element, make
+from urscript.polyscope.forms import (
+    MILLI,
+    Field,
+    FieldError,
+    Surroundings,
+    attribute_choice,
+    attribute_number,
+    java_number,
+    node_name,
+    variable_field,
+)
+from urscript.polyscope.naming import identifier
+from urscript.polyscope.nodes.motion import (
+    DIRECTION,
+    JOINT_DEFAULTS,
+    JOINTS,
+    TOOL_DEFAULTS,
+    Move,
+    move_of,
+    speed_fields,
+)
+from urscript.polyscope.nodes.operator import variable_shown
+from urscript.polyscope.nodes.waits import of_type
+from urscript.polyscope.numbers import inverse_text, list_text, pose_text, six, taught_pose
+from urscript.polyscope.registry import Kind, node
+from urscript.polyscope.writer import BASE, NO_POSE, TOOL, Writer, variable_name
+
+_TAUGHT: Final = ("relativeFromPosition", "position", "poseInFeatureCoordinates", "outputFlangePose", "BaseToFeature")
+_UNKNOWN_FLAGS: Final = "-1"  # configuration of the arm at a waypoint that is no fixed one
+_OWN_SPEEDS: Final = ("jointSpeed", "jointAcceleration", "cartesianSpeed", "cartesianAcceleration")
+
+
+def new_waypoint(program: Surroundings) -> Element:
+    name = program.unused("Waypoint", program.names("Waypoint"))
+    return make("Waypoint", make("motionParameters"), type="Fixed", name=name, kinematicsFlags="1")
+
+
+def _choose_type(element: Element, value: str, program: Surroundings) -> None:
+    """What was taught, or the variable, goes with the type."""
+    for tag in (*_TAUGHT, "variable"):
+        if value != "Relative" or tag not in ("position", "BaseToFeature"):
+            program.set_child(element, tag, None)
+    program.set_attribute(element, "type", value)
+    program.set_attribute(element, "kinematicsFlags", _UNKNOWN_FLAGS if value == "Variable" else "1")
+
+
+def _parameter(field: Field) -> Field:
+    """A field of the waypoint's own motion, which lies in a child."""
+
+    def read(element: Element, program: Surroundings) -> Any:
+        own = element.child("motionParameters")
+        return field.read(own, program) if own is not None else None
+
+    def write(element: Element, value: Any, program: Surroundings) -> None:
+        own = element.child("motionParameters")
+        if own is None:
+            program.set_child(element, "motionParameters", make("motionParameters"))
+            own = element.child("motionParameters")
+        assert own is not None
+        field.write(own, value, program)
+
+    return replace(field, read=read, write=write)
+
+
+def _motion_read(element: Element, _: Surroundings) -> str:
+    own = element.child("motionParameters")
+    if own is None:
+        return "shared"
+    return "time" if own.get("nextMotionTime") else "speed" if own.get("jointSpeed") else "shared"
+
+
+def _motion_write(element: Element, value: str, program: Surroundings) -> None:
+    if element.child("motionParameters") is None:
+        program.set_child(element, "motionParameters", make("motionParameters"))
+    own = element.child("motionParameters")
+    assert own is not None
+    for name in (*_OWN_SPEEDS, "nextMotionTime"):
+        program.set_attribute(own, name, None)
+    if value == "speed":
+        defaults = (*JOINT_DEFAULTS.values(), *TOOL_DEFAULTS.values())
+        for name, default in zip(_OWN_SPEEDS, defaults, strict=True):
+            program.set_attribute(own, name, default)
+    elif value == "time":
+        program.set_attribute(own, "nextMotionTime", "2.0")
+
+
+def _has_motion(value: str) -> Callable[[Element], bool]:
+    def shown(element: Element) -> bool:
+        own = element.child("motionParameters")
+        return own is not None and bool(own.get("nextMotionTime" if value == "time" else "jointSpeed"))
+
+    return shown
+
+
+def _position_read(tag: str) -> Callable[[Element, Surroundings], Any]:
+    def read(element: Element, _: Surroundings) -> Any:
+        """Joints [rad] and TCP pose in the base frame, None before it is taught."""
+        position = element.child(tag)
+        if position is None:
+            return None
+        joints, pose = taught_pose(position)
+        return {"joints": list(joints), "pose": list(pose)}
+
+    return read
+
+
+def _position_write(element: Element, value: Any, _: Surroundings) -> None:
+    raise FieldError("a position is taught, with joints, pose and TCP")
+
+
+def _position_field(key: str, title: str, tag: str, *types: str) -> Field:
+    return Field(key, title, "position", _position_read(tag), _position_write, shown=of_type(*types), optional=True)
+
+
+def _waypoint_lacks(element: Element) -> str:
+    kind = element.get("type")
+    if kind == "Variable":
+        return "" if element.child("variable") else "the variable with its pose"
+    if kind == "Relative" and element.child("relativeFromPosition") is None:
+        return "the position it is relative to"
+    return "" if element.child("position") else "its position: teach it"
+
+
+WAYPOINT: Final = Kind(
+    "waypoint",
+    "Waypoint",
+    "Basic",
+    lambda element: (
+        variable_shown(element.child("variable"))
+        if element.get("type") == "Variable"
+        else element.get("name") or "Waypoint"
+    ),
+    new=new_waypoint,
+    stands="move",
+    undefined=_waypoint_lacks,
+    fields=(
+        node_name(what="waypoint"),
+        Field(
+            "type",
+            "Type",
+            "choice",
+            lambda element, _: element.get("type"),
+            _choose_type,
+            choices=(("Fixed", "Fixed position"), ("Relative", "Relative position"), ("Variable", "Variable position")),
+        ),
+        _position_field("position", "Position", "position", "Fixed"),
+        _position_field("from", "From", "relativeFromPosition", "Relative"),
+        _position_field("to", "To", "position", "Relative"),
+        variable_field("variable", "Variable", shown=of_type("Variable")),
+        Field(
+            "own_motion",
+            "Speed",
+            "choice",
+            _motion_read,
+            _motion_write,
+            choices=(("shared", "Shared parameters"), ("speed", "Own speed"), ("time", "Time")),
+        ),
+        *map(_parameter, speed_fields("joint", "Joint", _OWN_SPEEDS[:2], _has_motion("speed"))),
+        *map(_parameter, speed_fields("tool", "Tool", _OWN_SPEEDS[2:], _has_motion("speed"))),
+        _parameter(attribute_number("time", "Time", "nextMotionTime", unit="s", low=0.0, shown=_has_motion("time"))),
+        _parameter(
+            attribute_number("blend", "Blend radius", "blendRadius", unit="mm", factor=MILLI, low=0.0, optional=True)
+        ),
+    ),
+)
+
+
+def teach(
+    element: Element,
+    program: Surroundings,
+    joints: Sequence[float],
+    pose: Sequence[float],
+    tcp: Sequence[float],
+    *,
+    start: bool = False,
+) -> None:
+    """Give a waypoint the position where the arm is.
+
+    joints [rad]; pose: TCP in the base frame, and tcp: TCP in the flange frame [m, rad]. start: the first of the two
+    positions of a relative waypoint. Raises FieldError for a waypoint whose pose is in a variable, or without an arm.
+    """
+    kind = element.get("type")
+    if kind == "Variable":
+        raise FieldError("its pose is in a variable, and is not taught")
+    if start and kind != "Relative":
+        raise FieldError("only a relative waypoint has a position it starts from")
+    tag = "relativeFromPosition" if start else "position"
+    feature = _taught_feature(element, program)
+    if program.cb3:
+        flange = pose_trans(pose, pose_inv(tcp))
+        program.set_child(element, tag, make(tag, joints=_six_text(joints), pose=_six_text(pose)))
+        if not start:
+            in_feature = pose_trans(pose_inv(feature), pose)
+            program.set_child(
+                element, "poseInFeatureCoordinates", make("poseInFeatureCoordinates", pose=_six_text(in_feature))
+            )
+            program.set_child(element, "outputFlangePose", make("outputFlangePose", pose=_six_text(flange)))
+    else:
+        position = make(
+            tag, make("JointAngles", angles=_six_text(joints)), make("TCPOffset", pose=_six_text(tcp)), _arm(program)
+        )
+        program.set_child(element, tag, position)
+        if not start:
+            program.set_child(element, "BaseToFeature", make("BaseToFeature", pose=_six_text(feature)))
+    if not start:
+        program.set_attribute(element, "kinematicsFlags", str(configuration(joints, program)))
+
+
+def _six_text(values: Sequence[float]) -> str:
+    if len(values) != 6 or not all(math.isfinite(value) for value in values):
+        raise FieldError(f"{list(values)} is not six numbers")
+    return ", ".join(java_number(value) for value in values)
+
+
+def _taught_feature(element: Element, program: Surroundings) -> Sequence[float]:
+    """Pose of the feature that the Move around a waypoint has, in the base frame."""
+    try:
+        reference = move_of(element).element.child("feature")
+    except DocumentError:
+        return ZERO6
+    name = (reference.get("referencedName") or reference.get("featureName")) if reference else ""
+    return program.installation.features.get(name, ZERO6)
+
+
+def _arm(program: Surroundings) -> Element:
+    """The dimensions of the arm that teaches: those the program was saved with, or of the model."""
+    saved = program.root.child("kinematics")
+    if saved is not None:
+        arm = make("Kinematics", *(make(child.tag, **child.attributes) for child in saved.children))
+        arm.attributes = dict(saved.attributes)
+        return arm
+    if program.model is None:
+        raise FieldError("which arm teaches is not known: the program does not say it")
+    return kinematics_element("Kinematics", program.model)
+
+
+def kinematics_element(tag: str, model: RobotModel) -> Element:
+    """The dimensions of an arm as PolyScope saves those of one that is not calibrated."""
+    rows = {"deltaTheta": model.dh.theta, "a": model.dh.a, "d": model.dh.d, "alpha": model.dh.alpha}
+    return make(
+        tag,
+        *(make(name, value=_six_text(row)) for name, row in rows.items()),
+        make("jointChecksum", value=", ".join(["-1"] * 6)),
+        status="NOT_INITIALIZED",
+        validChecksum="false",
+    )
+
+
+def configuration(joints: Sequence[float], program: Surroundings) -> int:
+    """``kinematicsFlags``: which of its eight postures the arm has.
+
+    Bit 1: wrist 2 is turned below zero; bit 2: the elbow bends below zero; bit 0: it does not. So it is in 97 % of 6600
+    taught waypoints; what tells bits 0 and 2 apart in the others is not known.
+    """
+    elbow, wrist = (math.remainder(joints[index], 2 * math.pi) for index in (2, 4))
+    return (1 if elbow >= 0 else 0) | (2 if wrist < 0 else 0) | (4 if elbow < 0 else 0)
+
+
+@node(
+    "Waypoint",
+    WAYPOINT,
+    attributes="type name kinematicsFlags",
+    children="motionParameters variable relativeFromPosition position poseInFeatureCoordinates outputFlangePose "
+    "BaseToFeature",
+)
+def waypoint(writer: Writer, element: Element) -> None:
+    """A place to move to: fixed, relative or in a variable, with its own speed, time or blend."""
+    way = move_of(element)
+    writer.label(element, _shown_name(element), "breakAfter")
+    if not (way.kind == "MoveJ" and way.element.get("positionType") == JOINTS):  # joints need no TCP
+        _set_tcp(writer, way)
+    target = _target(writer, element, way)
+    own = element.child("motionParameters")
+    time = own.get("nextMotionTime") if own else ""
+    if time and way.kind != "MoveP" and not way.optimove:
+        writer.line(f"{way.call}({target}, t={time}{_blend(writer, element, way)})")
+        return
+    acceleration, speed = way.speeds(element)
+    writer.line(f"{way.call}({target}, a={acceleration}, v={speed}{_blend(writer, element, way)})")
+
+
+def _set_tcp(writer: Writer, way: Move) -> None:
+    """PolyScope sets the TCP of a Move before each of its waypoints."""
+    tcp = way.element.child("tcp")
+    if way.element.get("useActiveTCP") == "false" and tcp:
+        writer.line(f"set_tcp({writer.tcp(tcp)})")
+
+
+def _shown_name(element: Element) -> str:
+    if element.get("type") == "Variable" and element.child("variable"):
+        return variable_name(element.child("variable"))
+    return element.get("name") or "Waypoint"
+
+
+def _blend(writer: Writer, element: Element, way: Move) -> str:
+    own = element.child("motionParameters")
+    radius = own.get("blendRadius") if own else ""
+    if way.kind == "MoveP":
+        return f", r={_path_blend(writer, element, way, radius)}"
+    return f", r={radius}" if radius and float(radius) > 0.0 else ""
+
+
+def _path_blend(writer: Writer, point: Element, way: Move, own: str) -> str:
+    """A path's blend. It ends, without one, where the next line of the tree is a Move of another kind; not if that
+    begins with a Direction, and not if anything else is between (seen in 700 MoveP of public pairs)."""
+    tree = writer.home(point)
+    after = [line.element for line in tree.lines[writer.line_in(tree, point) :][:2]]
+    moves_on = bool(after) and after[0].tag == "Move" and after[0].get("motionType") != "MoveP"
+    if moves_on and not (len(after) > 1 and after[1].tag == DIRECTION):
+        return "0.0"
+    return own or way.element.get("blendRadius") or "0.0"
+
+
+def _target(writer: Writer, element: Element, way: Move) -> str:
+    """What the move's first argument is."""
+    kind = element.get("type")
+    if kind == "Variable":
+        return _of_flange(way, _in_feature(writer, way, variable_name(element.child("variable"))))
+    if kind == "Relative":
+        return _relative(writer, element)
+    if kind and kind != "Fixed":
+        raise DocumentError(f"a waypoint of type {kind!r}, which is not known")
+    pose, joints = writer.waypoint(element)
+    if way.kind != "MoveJ":
+        return _of_flange(way, _followed(writer, element, way, pose))
+    if way.element.get("positionType") == JOINTS or way.optimove:
+        return joints
+    of_tcp = way.element.get("useActiveTCP") == "true"
+    if not way.element.get("positionType") and not of_tcp:  # before 5.0 such a MoveJ went to the joints taught
+        position = element.child("position")
+        assert position is not None
+        return list_text(taught_pose(position)[0])
+    return f"get_inverse_kin({_of_flange(way, _followed(writer, element, way, pose))}, qnear={joints})"
+
+
+def _of_flange(way: Move, pose: str) -> str:
+    """Where the TCP has to be when the pose is one for the flange (seen with MoveJ; with variables it is a guess)."""
+    return f"pose_trans({pose}, get_tcp_offset())" if way.of_flange else pose
+
+
+def _in_feature(writer: Writer, way: Move, pose: str) -> str:
+    """A pose that is relative to the move's feature, as it is by then if it is a variable."""
+    feature = writer.feature(way.element.child("feature"), variable=True)
+    return pose if feature == NO_POSE else f"pose_trans({feature}, {pose})"
+
+
+def _followed(writer: Writer, element: Element, way: Move, pose: str) -> str:
+    """A taught pose, which follows its feature when that is a variable and has been moved."""
+    reference = way.element.child("feature")
+    name = reference.get("referencedName") or reference.get("featureName") if reference else ""
+    taught = element.child("BaseToFeature")
+    if name in ("", BASE, TOOL) or taught is None or name not in writer.installation.feature_variables:
+        return pose
+    return f"pose_trans({identifier(name)}, pose_trans({inverse_text(six(taught.get('pose')))}, {pose}))"
+
+
+def _relative(writer: Writer, element: Element) -> str:
+    """As far from where the arm is as the second taught position is from the first."""
+    start, goal = element.child("relativeFromPosition"), element.child("position")
+    if start is None or goal is None:
+        raise DocumentError(f"the relative waypoint {element.get('name')} was never taught")
+    name = identifier(element.get("name") or "Waypoint")
+    if writer.once(f"relative waypoint {name}"):
+        with writer.into("waypoints"):
+            writer.line(f"global {name}_from_p={pose_text(taught_pose(start)[1])}")
+            writer.line(f"global {name}_to_p={pose_text(taught_pose(goal)[1])}")
+    return f"pose_add(get_target_tcp_pose(), pose_sub({name}_to_p, {name}_from_p))"
+
+
+def _new_circle(program: Surroundings) -> Element:
+    via = new_waypoint(program)
+    end = new_waypoint(program)
+    end.attributes["name"] = program.unused("Waypoint", [*program.names("Waypoint"), via.attributes["name"]])
+    return make("CircleMove", make("children", via, end), OrientationMode="UNCONSTRAINED")
+
+
+CIRCLE: Final = Kind(
+    "circle_move",
+    "CircleMove",
+    "Basic",
+    lambda _: "CircleMove",
+    new=_new_circle,
+    stands="move",
+    contains="circle",
+    fields=(
+        attribute_choice(
+            "orientation", "Mode", "OrientationMode", {"UNCONSTRAINED": "Unconstrained", "FIXED": "Fixed"}
+        ),
+    ),
+)
+
+
+@node("CircleMove", CIRCLE)
+def circle_move(writer: Writer, element: Element) -> None:
+    """An arc through one waypoint to another."""
+    way = move_of(element)
+    children = element.child("children")
+    points = [child for child in children or () if child.tag == "Waypoint"]
+    if len(points) != 2:
+        raise DocumentError("a CircleMove needs a via point and an end point")
+    writer.label(element, "CircleMove")
+    writer.label(points[0], _shown_name(points[0]), "noBreak")
+    writer.label(points[1], _shown_name(points[1]), "breakAfter")
+    _set_tcp(writer, way)
+    via, end = (_target(writer, point, way) for point in points)
+    acceleration, speed = way.speeds(points[1])
+    own = points[1].child("motionParameters")
+    blend = _path_blend(writer, points[1], way, own.get("blendRadius") if own else "")
+    mode = ", mode=1" if element.get("OrientationMode") == "FIXED" else ""
+    writer.line(f"movec({via}, {end}, a={acceleration}, v={speed}, r={blend}{mode})")
