@@ -360,7 +360,7 @@ def test_frames_the_way_of_the_tcp_and_a_ghost_of_the_target(bent: Rig, open_pag
     page.get_by_test_id("joints-move").click()
     eventually(lambda: q(bent)[0] == pytest.approx(radians(40), abs=1e-3))
     eventually(lambda: not page.evaluate(SCENE)["ghost"])
-    assert page.evaluate(SCENE)["points"] > 5
+    assert page.evaluate(SCENE)["points"] > 3
     page.get_by_test_id("trace-clear").click()
     eventually(lambda: page.evaluate(SCENE)["points"] <= 1)
     page.get_by_test_id("show-frames").click()

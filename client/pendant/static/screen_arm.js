@@ -134,7 +134,11 @@
 
   pendant.dress = (id) => {
     scenes.set(id, { scene: null, angles: null, ghost: null });
-    pendant.followers.set(id, (angles) => (scenes.get(id).angles = angles));
+    pendant.followers.set(id, (angles) => {
+      scenes.get(id).angles = angles;
+      const scene = getElement(id);
+      if (scene?.scene?.getObjectByName("trace")?.visible) turn(id, scene); // its way is finer than its pictures
+    });
   };
 
   setInterval(() => [...scenes.keys()].forEach(dress), 200);
