@@ -7,14 +7,32 @@ import sys
 from typing import Any
 
 if sys.version_info >= (3, 11):
-    from enum import StrEnum
+    from enum import IntEnum, IntFlag, StrEnum
     from typing import Self
 else:
-    from enum import Enum
+    import enum
 
     from typing_extensions import Self
 
-    class StrEnum(str, Enum):
+    class IntEnum(enum.IntEnum):
+        """Members are numbers, and print as such: the old ones print their names."""
+
+        def __str__(self) -> str:
+            return int.__repr__(self)
+
+        def __format__(self, format_spec: str) -> str:
+            return int.__format__(self, format_spec)
+
+    class IntFlag(enum.IntFlag):
+        """The same of flags."""
+
+        def __str__(self) -> str:
+            return int.__repr__(self)
+
+        def __format__(self, format_spec: str) -> str:
+            return int.__format__(self, format_spec)
+
+    class StrEnum(str, enum.Enum):
         """Members are strings, and print as their values."""
 
         __str__ = str.__str__
@@ -23,7 +41,7 @@ else:
             return str.__format__(self, format_spec)
 
 
-__all__ = ["Self", "StrEnum", "load_toml", "module_command"]
+__all__ = ["IntEnum", "IntFlag", "Self", "StrEnum", "load_toml", "module_command"]
 
 
 def load_toml(text: str) -> dict[str, Any]:

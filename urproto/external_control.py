@@ -21,10 +21,9 @@ import math
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Final, Generic, NoReturn, TypeVar
 
-from urproto.compat import Self
+from urproto.compat import IntEnum, Self
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 
 SCALE: Final = 1_000_000

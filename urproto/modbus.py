@@ -7,9 +7,9 @@ Source: Modbus Application Protocol 1.1b3 and Modbus Messaging on TCP/IP 1.0b. W
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Final
 
+from urproto.compat import IntEnum
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 
 _HEADER: Final = struct.Struct(">HHHB")  # transaction, protocol (0), bytes that follow, unit

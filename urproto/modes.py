@@ -5,8 +5,9 @@ public client libraries of Universal Robots, the RTDE guide and the ROS message
 definitions; a value only one source has is marked.
 """
 
-from enum import IntEnum, IntFlag
 from typing import TypeVar
+
+from urproto.compat import IntEnum, IntFlag
 
 Mode = TypeVar("Mode", bound=IntEnum)
 

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any, ClassVar, Final
 
 from client.controllers.calls import Call, CallingController
 from client.controllers.controller import Controller, controller_type
 from client.controllers.parameters import without_effect
+from urproto.compat import IntEnum
 
 _IN_ROBOT_TIME: Final = "the answer is waited for in robot time"
 _AXES: Final = ("x", "y", "z", "rx", "ry", "rz")

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum
 from typing import Final
 
 from client.driver.endpoint import tell
+from urproto.compat import IntEnum
 
 
 class ErrorCode(IntEnum):

@@ -6,7 +6,6 @@ is. Source of interfaces and states: ur_controllers.
 """
 
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any, ClassVar, Final
 
 from client.controllers.controller import NO_COMMAND, Controller, controller_type
@@ -22,6 +21,7 @@ from client.controllers.goals import (
 from client.controllers.trajectory import filled
 from client.controllers.validation import ToleranceError, Tolerances, TrajectoryRules, violation, with_goal
 from client.errors import GoalRejectedError
+from urproto.compat import IntEnum
 
 PASSTHROUGH: Final = "trajectory_passthrough"
 _POINT: Final = ("setpoint_positions", "setpoint_velocities", "setpoint_accelerations")

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
-from enum import IntEnum
 from typing import Any
 
 from urproto import modes
+from urproto.compat import IntEnum
 from urproto.primary.messages import NO_TIMESTAMP_US
 from urproto.text import readable
 

@@ -4,11 +4,11 @@ import math
 import operator
 import re
 from collections.abc import Callable
-from enum import IntEnum
 from typing import Any, Final, Protocol
 
 from emulator.control.verbs import BadArguments, ControlledRobot, NotPossible, Verbs, Waiting, verb
 from emulator.snapshot import Snapshot
+from urproto.compat import IntEnum
 from urproto.text import number
 
 _COMPARISONS: Final[dict[str, Callable[[Any, Any], bool]]] = {

@@ -12,8 +12,10 @@ programs and clients of the ASCII interface.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum, IntEnum, auto
+from enum import Enum, auto
 from typing import Final
+
+from urproto.compat import IntEnum
 
 SLAVE_ID: Final = 9  # of a gripper as delivered
 _MOST: Final = 255

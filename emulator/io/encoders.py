@@ -8,11 +8,11 @@ Programs read, and conveyor tracking follows, the filtered count: ticks are inte
 conveyor at constant speed. That a real controller interpolates is in the Script Manual, how it does is not.
 """
 
-from enum import IntEnum
 from math import exp
 from typing import Final
 
 from emulator.snapshot import Snapshot
+from urproto.compat import IntEnum
 
 # Script Manual, encoder_enable_set_tick_count: range_id -> lowest count, number of counts
 RANGES: Final = ((-(2**31), 2**32), (0, 2**8), (0, 2**16), (0, 2**24), (0, 2**32))

@@ -6,9 +6,10 @@ is left, the conditions that still hold are applied again. Violations and faults
 safety system is restarted.
 """
 
-from enum import Enum, IntEnum, auto
+from enum import Enum, auto
 from typing import Final
 
+from urproto.compat import IntEnum
 from urproto.modes import SafetyMode, SafetyStatus, SafetyStatusBits
 
 PROTECTIVE_STOP_LOCK_S: Final = 5.0  # dashboard manual: no unlock earlier than this after the stop

@@ -9,7 +9,6 @@ A new source needs three things: ``step`` to move on, ``apply`` to displace a po
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from math import exp, radians
 from typing import Protocol
 
@@ -18,6 +17,7 @@ from emulator.motion.movement import ActiveMovement
 from emulator.motion.reach import Reach
 from emulator.motion.target import ArmTarget
 from emulator.motion.tracking import LEVER_M, FrameTracking
+from urproto.compat import IntEnum
 from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, axes_of, pose_add, pose_inv, pose_sub, pose_trans
 from urproto.vectors import ZERO6, Axes, Vector3, as_six, cross, into6, largest, lerp, norm3, out_of6, scaled, sub, unit

@@ -1,10 +1,10 @@
 """Outputs that follow the program or drive power: what set_runstate_..._output_to_value() asks for."""
 
 from collections.abc import Callable
-from enum import IntEnum
 from typing import Final, TypeAlias
 
 from emulator.io.signals import RegisterBank, Signals
+from urproto.compat import IntEnum
 from urproto.signals import DigitalGroup
 from urproto.versions import Series
 

@@ -38,12 +38,19 @@ NEWER = {
     "typing.assert_never": "an error",
     "typing.override": "nothing",
 }
-SUSPECT = re.compile(rf"except\*|to_bytes|wait_for|\bre\.|\b(?:{'|'.join(name.split('.')[-1] for name in NEWER)})\b")
+# what Python 3.10 does otherwise -> what to take instead, in the packages
+OTHERWISE = {
+    "asyncio.wait_for": "urproto.compat_asyncio.timeout, whose TimeoutError is Python's own",
+    "enum.IntEnum": "urproto.compat.IntEnum, which prints as a number",
+    "enum.IntFlag": "urproto.compat.IntFlag, which prints as a number",
+}
+_LAST = "|".join(name.split(".")[-1] for name in NEWER | OTHERWISE)
+SUSPECT = re.compile(rf"except\*|to_bytes|\bre\.|\b(?:{_LAST})\b")
 POSSESSIVE = re.compile(r"(?<!\\)(?:[+*?]|\{[0-9,]+\})\+|\(\?>")
 
 
 def complaints(source: str, *, packaged: bool) -> Iterator[str]:
-    """What the oldest Python would not take, each with its line. packaged: waiting must time out the same in all."""
+    """What the oldest Python would not take, each with its line. packaged: what it does otherwise, too."""
     if not SUSPECT.search(source):
         return  # most files: reading them all takes seconds
     try:
@@ -55,8 +62,8 @@ def complaints(source: str, *, packaged: bool) -> Iterator[str]:
         line = getattr(node, "lineno", 0)
         names = set(_names(node))
         yield from (f"{line}: {name}: take {NEWER[name]}" for name in sorted(names & NEWER.keys()))
-        if packaged and "asyncio.wait_for" in names:
-            yield f"{line}: asyncio.wait_for: take urproto.compat_asyncio.timeout: its TimeoutError is Python's"
+        if packaged:
+            yield from (f"{line}: {name}: take {OTHERWISE[name]}" for name in sorted(names & OTHERWISE.keys()))
         match node:
             case ast.Call(func=ast.Attribute(value=ast.Name("re")), args=[pattern, *_]):
                 texts = (part.value for part in ast.walk(pattern) if isinstance(part, ast.Constant))
@@ -98,6 +105,7 @@ def test_the_oldest_python_takes_every_file() -> None:
         ("try:\n  pass\nexcept* OSError:\n  pass", "[34]: (Exception groups|invalid syntax)"),
         ("import asyncio\nasync def f():\n  async with asyncio.timeout(1):\n    pass", "3: asyncio.timeout: take"),
         ("import asyncio\nasync def f():\n  await asyncio.wait_for(g(), 1)", "3: asyncio.wait_for: take"),
+        ("from enum import Enum, IntEnum", "1: enum.IntEnum: take urproto.compat.IntEnum"),
         ("from typing import Any, Self", "1: typing.Self: take urproto.compat.Self"),
         ("import tomllib", "1: tomllib: take urproto.compat.load_toml"),
         ("import re\nre.compile(rb'[a-z]*+x')", "2: possessive"),

@@ -12,10 +12,10 @@ Source: the RTDE guide, checked against the official Python and C++ clients.
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 from urproto._wire import Reader, pack, short_text
+from urproto.compat import IntEnum
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.rtde.recipes import Recipe, split_names
 from urproto.text import from_bytes, to_bytes
