@@ -281,3 +281,24 @@ class ProgramDraft:
         self.view.number(node)
         self.view.breakpoints ^= {node}
         self._tell()
+
+
+class Selection:
+    """The node that one browser has selected; the robot program when that is gone."""
+
+    def __init__(self, draft: ProgramDraft) -> None:
+        self._draft = draft
+        self._node = draft.view.first()
+
+    @property
+    def node(self) -> str:
+        """Its id. There always is one."""
+        if not self._draft.view.has(self._node):
+            self._node = self._draft.view.first()
+        return self._node
+
+    def choose(self, node: str) -> None:
+        """This one, if it is there."""
+        if self._draft.view.has(node):
+            self._node = node
+            self._draft.wake()

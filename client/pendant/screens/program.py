@@ -8,7 +8,7 @@ from nicegui import ui
 
 from client.pendant import program_playing as playing
 from client.pendant.page import Page
-from client.pendant.program_draft import ProgramDraft
+from client.pendant.program_draft import ProgramDraft, Selection
 from client.pendant.program_view import palette
 from client.pendant.screens.program_files import FileButtons
 from client.pendant.screens.program_form import NodeForm
@@ -23,7 +23,7 @@ _BREAKPOINT: Final = "Breakpoint: the program pauses here (F9)"
 
 def build(page: Page) -> None:
     """Put it on the page."""
-    selection = Selection(page)
+    selection = Selection(page.station.program_draft)
     deeds = Deeds(page, selection)
     with ui.element("div").classes("program-screen"):
         _bar(page, deeds)
@@ -33,27 +33,6 @@ def build(page: Page) -> None:
             form = NodeForm(page, selection)
             program_scene(page, selection)
     page.live.hear("program", lambda said: deeds.hear(said, form))
-
-
-class Selection:
-    """The node that this browser has selected; another one when that is gone. node: its id."""
-
-    def __init__(self, page: Page) -> None:
-        self._draft = page.station.program_draft
-        self._node = self._draft.view.first()
-
-    @property
-    def node(self) -> str:
-        """There always is one."""
-        if not self._draft.view.has(self._node):
-            self._node = self._draft.view.first()
-        return self._node
-
-    def choose(self, node: str) -> None:
-        """This one, if it is there."""
-        if self._draft.view.has(node):
-            self._node = node
-            self._draft.wake()
 
 
 class Deeds:

@@ -2,20 +2,18 @@
 
 from collections.abc import Callable, Mapping
 from math import degrees
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from nicegui import ui
 
 from client.pendant.page import MISTAKES, Page
+from client.pendant.program_draft import Selection
 from client.pendant.program_view import FormField
 from client.pendant.screens.move_jog import MoveSettings
 from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.errors import RobotRefused
 from urproto.text import readable
-
-if TYPE_CHECKING:
-    from client.pendant.screens.program import Selection
 
 _CHOSEN: Final = ("choice", "pin", "tcp", "feature", "subprogram")  # kinds of fields whose values are in a list
 _NUMBERS: Final = ("number", "integer")
@@ -25,7 +23,7 @@ _POSITION: Final = "position"
 class NodeForm:
     """The panel with it. It is made anew when another node is selected or other fields have a meaning."""
 
-    def __init__(self, page: Page, selection: "Selection") -> None:
+    def __init__(self, page: Page, selection: Selection) -> None:
         self._page = page
         self._selection = selection
         self._draft = page.station.program_draft

@@ -1,15 +1,13 @@
 """The arm, with the waypoints of the program and the way through them."""
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from nicegui import ui
 from nicegui.elements.scene.scene_object3d import Object3D
 
 from client.pendant.arm_scene import arm_scene, camera_buttons
 from client.pendant.page import Page
-
-if TYPE_CHECKING:
-    from client.pendant.screens.program import Selection
+from client.pendant.program_draft import Selection
 
 _RADIUS_M: Final = 0.012
 _COLOR: Final = "#e08a00"
@@ -17,7 +15,7 @@ _CHOSEN: Final = "#2f7fb8"
 _MOST: Final = 300  # waypoints drawn; more are no picture any more
 
 
-def program_scene(page: Page, selection: "Selection") -> None:
+def program_scene(page: Page, selection: Selection) -> None:
     """Put it on the page. Waypoints are where their poses are; lines between them are straight, as those of MoveL."""
     with ui.card().classes("panel program-scene").props("data-testid=program-scene"):
         scene = arm_scene(page)
