@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+from emulator.control.programs import have_programs_folder
 from emulator.control.verbs import BadArguments, ControlledRobot, NotPossible, Verbs, Waiting, verb
 from emulator.controller import Controller
 from emulator.programs.compiling import in_periods
@@ -37,8 +38,7 @@ class InstallationVerbs(Verbs):
     def installation(self, section: str = "") -> dict[str, Any]:
         """What the installation file says, or one of its sections: lists of rows, in SI units.
 
-        ``file``: its name, which a file that is not there yet will get; ``refusal``: why nothing can be saved, "" where
-        it can. Sections: tcps, payloads, mounting, features, io, modbus, external_control, default_program, safety.
+        ``file``: its name, which a file that is not there yet will get. Sections: tcps, payloads, mounting, features, io, modbus, external_control, default_program, safety.
         """
         if section and section not in SECTIONS:
             raise BadArguments(f"there is no section {section!r}: there are {', '.join(SECTIONS)}")
@@ -70,7 +70,7 @@ class InstallationVerbs(Verbs):
         for name in [section] if section else SECTIONS:
             yield  # a control period for each: an installation may have hundreds of features
             shown[name] = read_section(root, name)
-        return {"file": _DEFAULT if path is None else path.name, "refusal": _refusal(path), "sections": shown}
+        return {"file": _DEFAULT if path is None else path.name, "sections": shown}
 
     def _saved(
         self, section: str, change: Callable[[Element], None], values: Mapping[str, Any] | None = None
@@ -81,9 +81,7 @@ class InstallationVerbs(Verbs):
         self._saving = True
         try:
             controller = self.controller
-            path = _place(controller)
-            if path is None:
-                raise NotPossible(_refusal(path))
+            path = _place(controller) or have_programs_folder(controller).resolve() / _DEFAULT
             root = yield from self._document(path)
             try:
                 change(root)
@@ -125,12 +123,6 @@ def _place(controller: Controller) -> Path | None:
         return controller.installation.path
     folder = controller.config.programs_dir
     return None if folder is None else folder.resolve() / _DEFAULT
-
-
-def _refusal(path: Path | None) -> str:
-    if path is None:
-        return "this emulator has no programs folder to save an installation in: start it with --programs FOLDER"
-    return ""
 
 
 def _check_program(controller: Controller, section: str, root: Element) -> None:

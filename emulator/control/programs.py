@@ -60,7 +60,7 @@ class ProgramVerbs(Verbs):
         until it is loaded again. An emulator without ``--programs`` makes a temporary folder,
         and its log says where.
         """
-        self._have_a_folder()
+        have_programs_folder(self.controller)
         place = self._place(path)
         try:
             content = base64.b64decode(data, validate=True)
@@ -101,15 +101,6 @@ class ProgramVerbs(Verbs):
         except OSError as error:
             raise NotPossible(f"{path} cannot be deleted: {error.strerror or error}") from error
         return True
-
-    def _have_a_folder(self) -> None:
-        """One that the system may clear, where no other was given: programs that are made here can be played."""
-        controller = self.controller
-        if controller.config.programs_dir is None:
-            folder = Path(tempfile.mkdtemp(prefix="ur-emulator-programs-"))
-            shutil.copytree(DRIVER_PROGRAMS, folder, dirs_exist_ok=True)  # what was there without one stays there
-            controller.config = replace(controller.config, programs_dir=folder)
-            controller.messages.note(f"there is no programs folder: programs are saved to {folder}; see --programs")
 
     def _place(self, path: str) -> Path:
         root = self.controller.config.programs_dir
@@ -213,6 +204,17 @@ class ProgramVerbs(Verbs):
             raise BadArguments(f"there is no port {port}: they are 1 to 65535")
         address = DriverAddress(None if host is None else host.strip(), port)
         self.controller.config = replace(self.controller.config, external_control=address)
+
+
+def have_programs_folder(controller: "Controller") -> Path:
+    """The programs folder; one that the system may clear, where none was given: what is made here can be used."""
+    folder = controller.config.programs_dir
+    if folder is None:
+        folder = Path(tempfile.mkdtemp(prefix="ur-emulator-programs-"))
+        shutil.copytree(DRIVER_PROGRAMS, folder, dirs_exist_ok=True)  # what was there without one stays there
+        controller.config = replace(controller.config, programs_dir=folder)
+        controller.messages.note(f"there is no programs folder: files are saved to {folder}; see --programs")
+    return folder
 
 
 def _answered(answer: str | Waiting[str | None] | None) -> Waiting[str]:

@@ -156,7 +156,7 @@ def test_without_a_folder_programs_are_saved_to_a_temporary_one(
     with pytest.raises(NotPossible, match="--programs"):
         robot.read_program("x.script")
     robot.save_program("x.script", encoded(SCRIPT))
-    assert robot.programs() == ["x.script"]
+    assert robot.programs() == ["external_control.urp", "x.script"]
     assert robot.dashboard("load x.script").startswith("Loading program")
     assert str(tmp_path) in robot.log()[0]
 

@@ -153,15 +153,12 @@ def _form(page: Page, views: Views) -> None:
         if not host.value or port.value is None:
             raise ValueError("the address of a driver is a host and a port: fill in both")
         address = {"host": host.value, "port": int(port.value)}
-        refusal = "this emulator has no installation files"
         if installation_settings.can_be_saved(page.station):
-            refusal = (await emulator.call("installation", section="external_control"))["refusal"]
-        if refusal:
-            await emulator.call("set_external_control", **address)
-            page.tell(f"In use until the emulator ends: {refusal}")
-        else:
             await emulator.call("change_installation", section="external_control", values=address)
             page.tell("Saved in the installation file")
+        else:
+            await emulator.call("set_external_control", **address)
+            page.tell("In use until the emulator ends, which has no installation files")
         await read()
 
     with ui.row().classes("items-center"):

@@ -41,7 +41,6 @@ class _Form:
         self._rows: list[Row] = []
         self._row: Row | None = None  # None while a new one is typed
         self._inputs: dict[str, _Input] = {}
-        self._refusal = ""
         with ui.element("div").classes("setting-choice"):
             choice = ui.select({name: section.title for name, section in SECTIONS.items()}, label="Setting")
             choice.props("outlined dense options-dense data-testid=setting").set_value(self._section.name)
@@ -72,10 +71,8 @@ class _Form:
         section = self._section
         if answer is None or section.name not in answer["sections"]:
             return
-        self._rows, self._refusal = answer["sections"][section.name], answer["refusal"]
-        self._file.set_text(f"File: {answer['file']}" if not self._refusal else f"Not saved: {self._refusal}")
-        for button in (self._save_button, self._add_button, self._remove_button):
-            button.set_enabled(not self._refusal)
+        self._rows = answer["sections"][section.name]
+        self._file.set_text(f"File: {answer['file']}")
         if section.refusal:
             self._show_table()
             return
