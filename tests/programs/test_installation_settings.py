@@ -7,13 +7,13 @@ import pytest
 from tree_rig import Arm, main, say
 
 from emulator.control.control import VirtualRobot
-from emulator.control.verbs import BadArguments, NotPossible
+from emulator.control.verbs import BadArguments
 from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 from urproto.signals import STANDARD
 from urproto.versions import DEFAULT_VERSION, Series
 from urscript.polyscope.document import read_document, write_document
-from urscript.polyscope.installation_file import read_installation
+from urscript.polyscope.installation_file import load_installation_file, read_installation
 from urscript.polyscope.installation_sections import SettingError
 from urscript.polyscope.installation_settings import (
     SECTIONS,
@@ -314,8 +314,15 @@ def test_refusals_come_with_their_reason_and_leave_the_file(tmp_path):
         with pytest.raises(BadArguments, match=complaint):
             arm.change_installation(section, values, "Force [N]")
     assert path.read_bytes() == before
-    with pytest.raises(NotPossible, match="--programs FOLDER"):
-        robot(None, "ur5e").change_installation("mounting", {"tilt": 1.0})
+
+
+def test_without_a_folder_an_installation_is_saved_to_a_temporary_one(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    arm = robot(None, "ur5e")
+    arm.change_installation("mounting", {"tilt": 1.0})
+    assert "--programs" in arm.log()[0]
+    (saved_to,) = tmp_path.rglob("default.installation")
+    assert load_installation_file(saved_to).gravity[1] != 0.0
 
 
 def test_actions_of_signals_are_in_force_with_the_next_program(tmp_path):
