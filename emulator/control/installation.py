@@ -38,8 +38,8 @@ class InstallationVerbs(Verbs):
     def installation(self, section: str = "") -> dict[str, Any]:
         """What the installation file says, or one of its sections: lists of rows, in SI units.
 
-        ``file``: its name, which a file that is not there yet will get. Sections: tcps, payloads, mounting, features, io,
-        modbus, external_control, default_program, safety.
+        ``file``: its name, which a file that is not there yet will get. Sections: tcps, payloads, mounting, features,
+        io, modbus, external_control, default_program, safety.
         """
         if section and section not in SECTIONS:
             raise BadArguments(f"there is no section {section!r}: there are {', '.join(SECTIONS)}")
