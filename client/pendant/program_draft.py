@@ -57,6 +57,7 @@ class ProgramDraft:
         self._editor: ProgramEditor | None = None
         self._changed_before = False  # when it was taken up
         self._clip: Clip | None = None
+        self._installation = InstallationFile()
         self.view = ProgramView(lambda: self.editor)
         self.path = ""
         self.version = 0
@@ -89,7 +90,7 @@ class ProgramDraft:
 
     def _editor_of(self, root: Element, name: str) -> ProgramEditor:
         version, model = self._robot()
-        return ProgramEditor(root, name, InstallationFile(), version, model)
+        return ProgramEditor(root, name, self._installation, version, model)
 
     def _made(self, data: bytes, name: str) -> ProgramEditor:
         """Raises ValueError for what is no program."""
@@ -113,6 +114,11 @@ class ProgramDraft:
             return None
         self.path, self._changed_before = kept.path, kept.changed
         return editor
+
+    def use_installation(self, installation: InstallationFile) -> None:
+        """What nodes may name from now on: the TCPs, features, payloads and signals of the robot."""
+        self._installation = self.editor.installation = installation
+        self._touch(edited=False)
 
     @property
     def title(self) -> str:

@@ -7,11 +7,13 @@ from typing import Final
 
 from client import dashboard
 from client.errors import ClientError
+from client.pendant.emulator_control import EmulatorControlError
 from client.pendant.program_draft import ProgramDraft
 from client.pendant.station import Station
 from urproto.compat_asyncio import timeout
 from urproto.modes import RuntimeState
-from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.document import DocumentError
+from urscript.polyscope.installation_file import InstallationFile, read_installation
 from urscript.polyscope.naming import identifier
 from urscript.polyscope.program import script_steps
 from urscript.polyscope.tree import TreeError
@@ -50,6 +52,24 @@ async def open_file(station: Station, path: str) -> None:
     """Take up a program of an emulator's programs folder. Raises ClientError, ValueError."""
     data = base64.b64decode(await station.emulator.call("read_program", path=path))
     station.program_draft.open(data, path)
+
+
+async def take_installation(station: Station) -> None:
+    """Let the program name what is in the installation file of an emulator. Raises ClientError.
+
+    A robot does not show its own; programs for it name what every installation has.
+    """
+    emulator = station.emulator
+    if not saves_here(station) or "installation" not in emulator.verbs:
+        return
+    file = (await emulator.call("installation", section="external_control"))["file"]
+    try:
+        data = base64.b64decode(await emulator.call("read_program", path=file))
+        found = read_installation(data, PurePosixPath(file).stem)
+    except (EmulatorControlError, DocumentError):  # there is none yet
+        found = InstallationFile()
+    if found != station.program_draft.editor.installation:
+        station.program_draft.use_installation(found)
 
 
 def with_extension(path: str) -> str:

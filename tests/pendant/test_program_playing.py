@@ -1,13 +1,18 @@
 """What a robot is given of the program that is being made."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from client.pendant import program_playing as playing
+from client.pendant.emulator_control import EmulatorControlError
 from client.pendant.program_draft import ProgramDraft
 from client.pendant.program_file import ProgramFile
+from emulator.control.control import VirtualRobot
+from emulator.control.verbs import NotPossible
+from emulator.machine import ControllerConfig
 from urproto.modes import RuntimeState
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
@@ -75,3 +80,24 @@ def test_names_are_completed(name: str, path: str) -> None:
 def test_a_program_has_a_name(name: str) -> None:
     with pytest.raises(ValueError, match="a name"):
         playing.with_extension(name)
+
+
+async def test_what_the_installation_of_an_emulator_has_can_be_named(arm: Any, tmp_path: Path) -> None:
+    robot = VirtualRobot(ControllerConfig(model=load_model("ur3"), programs_dir=tmp_path))
+
+    async def call(verb: str, **arguments: Any) -> Any:
+        try:
+            return getattr(robot, verb)(**arguments)
+        except NotPossible as error:
+            raise EmulatorControlError(str(error)) from error
+
+    arm.emulator = SimpleNamespace(available=True, verbs={"save_program", "installation"}, call=call)
+    draft = arm.program_draft
+    move = draft.insert("move", draft.view.first())
+    await playing.take_installation(arm)  # there is no file yet
+    before = draft.version
+    assert "gripper" not in str(draft.editor.form(move))
+    robot.add_to_installation("tcps", {"name": "gripper", "pose": [0.0, 0.0, 0.12, 0.0, 0.0, 0.0]})
+    await playing.take_installation(arm)
+    assert "gripper" in str(draft.editor.form(move))
+    assert draft.version == before  # nobody's edit

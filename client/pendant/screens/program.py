@@ -33,6 +33,10 @@ def build(page: Page) -> None:
             form = NodeForm(page, selection)
             program_scene(page, selection)
     page.live.hear("program", lambda said: deeds.hear(said, form))
+    page.live.effect(
+        lambda station: page.live.screen == "program" and playing.saves_here(station),
+        lambda seen: page.soon(lambda: playing.take_installation(page.station)) if seen else None,
+    )
 
 
 class Deeds:
