@@ -65,6 +65,7 @@ _MOST_UNSENT: Final = 8192  # bytes of a trajectory, beyond what the system buff
 _HINT: Final = "start the program on the robot and wait for it"
 _MOST_WAITING: Final = 8  # connections that have not proved themselves, on each port; guess
 _PATIENCE_S: Final = 10.0  # for one that does not; guess
+_ACCEPTING: Final = 3  # rounds of the event loop until a connection that was accepted is made: a task, and a call
 
 _logger = logging.getLogger(__name__)
 
@@ -143,6 +144,16 @@ class Peer(asyncio.Protocol):
         self._endpoint._left(self)
 
 
+async def _let_in(server: asyncio.Server) -> None:
+    """Accept nobody more, and let in who was accepted just now: closed before, asyncio would leave them open."""
+    loop = asyncio.get_running_loop()
+    with suppress(NotImplementedError, RuntimeError):  # other event loops accept in other ways
+        for listening in server.sockets:
+            loop.remove_reader(listening.fileno())
+    for _ in range(_ACCEPTING):
+        await asyncio.sleep(0)
+
+
 class Endpoint:
     """A server for one robot; use it with ``async with``."""
 
@@ -182,8 +193,9 @@ class Endpoint:
     async def close(self) -> None:
         """Stop listening and end every connection; closing twice does no harm."""
         if self._server is not None:
-            self._server.close()
-            self._server = None
+            server, self._server = self._server, None
+            await _let_in(server)
+            server.close()
         while self._peers:
             peer = next(iter(self._peers))
             peer.transport.close() if not peer.transport.get_write_buffer_size() else peer.abort()

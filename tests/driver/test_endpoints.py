@@ -402,3 +402,16 @@ async def test_closing_ends_every_connection():
     await robot.gone()
     robot.close()
     await reverse.close()
+
+
+async def test_who_is_accepted_while_the_port_closes_is_not_left_open() -> None:
+    """A looping External Control program asks again in the moment in which the driver ends."""
+    for rounds in range(5):
+        async with ScriptSender(lambda: "program", 0, HOST) as endpoint:
+            with socket.create_connection((HOST, endpoint.port)) as robot:
+                for _ in range(rounds):
+                    await asyncio.sleep(0)
+                await endpoint.close()
+                robot.settimeout(PATIENCE_S)
+                with suppress(ConnectionError):
+                    assert robot.recv(1) == b""
