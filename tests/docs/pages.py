@@ -16,7 +16,7 @@ __all__ = ["LANGUAGES", "PAGES", "ROOT", "Block", "Robot", "blocks", "indented",
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "examples" / "ci" / "README.md")
-LANGUAGES = {"sh", "shell", "python", "yaml", "urscript", "text"}
+LANGUAGES = {"sh", "shell", "python", "yaml", "urscript", "text", "ros"}  # ros: typed where ROS 2 is, tests/ros2
 
 _BLOCK = re.compile(
     r"(?:^<!-- (?P<note>[^\n]*?) -->\n)?^```(?P<language>\S*)\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL
