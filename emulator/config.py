@@ -19,7 +19,7 @@ from emulator.safety.files import load_safety_file
 from emulator.servers.admission import ClientLimits
 from emulator.services.sockets import ScriptNetwork
 from emulator.services.urcap import DriverAddress
-from emulator.world.file import WorldFileError, WorldPlan, read_world
+from emulator.world.file import WorldPlan, read_world
 from urproto import robots
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
@@ -28,6 +28,7 @@ from urproto.robots.model import Joints
 from urproto.text import quoted
 from urproto.vectors import as_six
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+from urproto.worldfile import WorldFileError
 from urproto.yamltext import NotYaml, load_yaml
 from urscript.polyscope.safety_configuration import SafetyConfiguration, factory_configuration
 from urscript.polyscope.safety_section import SafetySettingsError

@@ -8,13 +8,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from client.errors import SceneError
 from urproto.robots import Kinematics, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import Pose, pose_inv, pose_trans
 from urproto.vectors import ZERO6, Vector3
-from urproto.yamltext import NotYaml, load_yaml
+from urproto.worldfile import Thing, WorldFileError, read_world_file
 
 LINKS: Final = ("base_link", "shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link",
                 "wrist_3_link")  # fmt: skip
@@ -172,19 +172,14 @@ class PlanningScene:
     def update(self, path: Path) -> None:
         """Add what a world file has. Raises SceneError, naming the file and the place, and OSError."""
         try:
-            content = load_yaml(path.read_bytes())
-            if not isinstance(content, dict):
-                raise SceneError("the file must be a mapping of tool, objects and links")
-            things = content.get("objects") or {}
-            if not isinstance(things, dict):
-                raise SceneError("objects must be a mapping of names")
-            tool = content.get("tool")
-            for name, given in things.items():
-                self.add(str(name), *_described(str(name), given, path.parent))
-            if tool is not None:
-                self.attach("tool", *_described("tool", tool, path.parent))
-        except NotYaml as error:
-            raise SceneError(f"{path} is not YAML: {error}") from error
+            world = read_world_file(path, _SHAPES)
+        except WorldFileError as error:
+            raise SceneError(str(error)) from error
+        try:
+            for name, thing in world.things.items():
+                self.add(name, _shape(thing, path.parent), thing.pose)
+            if world.tool is not None:
+                self.attach("tool", _shape(world.tool, path.parent), world.tool.pose)
         except SceneError as error:
             raise SceneError(f"{path}: {error}") from None
 
@@ -205,38 +200,20 @@ class PlanningScene:
         return name
 
 
-_SHAPES: Final = {"box": Box, "sphere": Sphere, "cylinder": Cylinder, "plane": Plane, "mesh": Mesh}
-_MATERIAL: Final = ("stiffness", "damping", "friction")  # for the emulator
+_SHAPES: Final = ("plane", "box", "sphere", "cylinder", "mesh")
 
 
-def _described(name: str, given: Any, folder: Path) -> tuple[Shape, Sequence[float]]:
-    """Shape and pose of a thing of a world file."""
-    if not isinstance(given, dict):
-        raise SceneError(f"{name} must be a mapping of a shape and a pose, not {given!r}")
-    strange = [key for key in given if key not in (*_SHAPES, "pose", *_MATERIAL)]
-    shapes = [key for key in given if key in _SHAPES]
-    if strange or len(shapes) != 1:
-        wrong = f"has {strange[0]!r}" if strange else f"has {len(shapes)} shapes"
-        raise SceneError(f"{name} {wrong}: it takes one of {', '.join(_SHAPES)}, and a pose")
-    pose = given.get("pose", ZERO6)
-    if not isinstance(pose, list | tuple) or len(pose) not in (3, 6):
-        raise SceneError(f"{name}: a pose is x, y, z or x, y, z, rx, ry, rz, not {pose!r}")
-    return _shape(name, shapes[0], given[shapes[0]], folder), (*pose, 0.0, 0.0, 0.0)[:6]
-
-
-def _shape(name: str, kind: str, given: Any, folder: Path) -> Shape:
-    match kind, given:
-        case "plane", None | {}:
-            return Plane()
-        case "sphere", float() | int():
-            return Sphere(given)
-        case "box", [x, y, z]:
+def _shape(thing: Thing, folder: Path) -> Shape:
+    match thing.shape, thing.sizes:
+        case "box", (x, y, z):
             return Box((x, y, z))
-        case "cylinder", [radius, length]:
+        case "sphere", (radius,):
+            return Sphere(radius)
+        case "cylinder", (radius, length):
             return Cylinder(radius, length)
-        case "mesh", str():
-            return Mesh(folder / given)
-    raise SceneError(f"{name}: {given!r} is not what a {kind} takes; see `client.planning.scene`")
+        case "mesh", _:
+            return Mesh(folder / thing.mesh)
+    return Plane()
 
 
 def _checked(name: str, shape: Shape) -> Shape:

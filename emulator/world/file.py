@@ -1,18 +1,4 @@
-"""World files: what stands around the arm, in YAML.
-
-    tool: {sphere: 0.005}              # what touches; without it, the TCP alone does
-    objects:
-      table:
-        plane: {}                      # solid below the x-y plane of its pose
-        pose: [0, 0, -0.02]            # in the base frame, m; with a rotation vector (rad) where it is turned
-        stiffness: 20000               # N/m
-        damping: 200                   # N s/m
-        friction: 0.3
-      block: {box: [0.1, 0.1, 0.05], pose: [0.3, 0.1, 0.0]}
-      ball: {sphere: 0.04, pose: [0.3, -0.1, 0.02]}
-
-``links: true`` lets the arm's own links touch too.
-"""
+"""Worlds out of world files (`urproto.worldfile`): planes, boxes and spheres that push back."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -22,18 +8,16 @@ from typing import TYPE_CHECKING, Any, Final
 from emulator.world.shapes import Box, Plane, Shape, Sphere, WorldObject
 from emulator.world.world import POINT, World
 from urproto.robots import RobotModel
-from urproto.text import quoted
-from urproto.yamltext import NotYaml, load_yaml
+from urproto.worldfile import MATERIAL, Thing, WorldFileError, read_description, read_world_file
 
 if TYPE_CHECKING:
     from emulator.world.links import Links
 
-
-_MATERIAL: Final = ("stiffness", "damping", "friction")
-
-
-class WorldFileError(ValueError):
-    """The file does not say what a world is."""
+_SHAPES: Final[Mapping[str, Callable[[tuple[float, ...]], Shape]]] = {
+    "plane": lambda sizes: Plane(),
+    "box": lambda sizes: Box((sizes[0], sizes[1], sizes[2])),
+    "sphere": lambda sizes: Sphere(sizes[0]),
+}
 
 
 @dataclass(frozen=True)
@@ -66,19 +50,26 @@ def _links(model: RobotModel) -> "Links":
 
 def read_world(path: Path) -> WorldPlan:
     """What a YAML file says. Raises WorldFileError naming the file and the place, and OSError."""
+    world = read_world_file(path, _SHAPES)
     try:
-        content = load_yaml(path.read_bytes())
-    except NotYaml as error:
-        raise WorldFileError(f"{path} is not YAML: {error}") from error
-    try:
-        return _plan(content)
+        tool = POINT if world.tool is None else _object("tool", world.tool)
+        plan = WorldPlan({name: _object(name, thing) for name, thing in world.things.items()}, tool, world.links)
+        plan.check()
     except ValueError as error:
         raise WorldFileError(f"{path}: {error}") from error
+    return plan
 
 
 def read_thing(name: str, description: Any, *, tool: bool = False) -> WorldObject:
     """One thing as a world file describes it; a tool has no material of its own. Raises ValueError."""
-    return _thing(name, description, () if tool else _MATERIAL)
+    return _object(name, read_description(name, description, _SHAPES, tool=tool))
+
+
+def _object(name: str, thing: Thing) -> WorldObject:
+    try:
+        return WorldObject(_SHAPES[thing.shape](thing.sizes), thing.pose, **thing.material)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
 
 
 def describe_thing(thing: WorldObject, *, tool: bool = False) -> dict[str, Any]:
@@ -90,76 +81,5 @@ def describe_thing(thing: WorldObject, *, tool: bool = False) -> dict[str, Any]:
             shape = {"box": list(size)}
         case Sphere(radius):
             shape = {"sphere": radius}
-    material = {} if tool else {name: getattr(thing, name) for name in _MATERIAL}
+    material = {} if tool else {name: getattr(thing, name) for name in MATERIAL}
     return {**shape, "pose": list(thing.pose), **material}
-
-
-def _plan(content: Any) -> WorldPlan:
-    top = _fields("the file", {} if content is None else content, ("tool", "links", "objects"))
-    links = top.get("links", False)
-    if not isinstance(links, bool):
-        raise ValueError(f"links must be true or false, not {quoted(links)}")
-    tool = _thing("tool", top["tool"], ()) if "tool" in top else POINT
-    things = top.get("objects") or {}
-    if not isinstance(things, dict):
-        raise ValueError(f"objects must be a mapping of names, not {quoted(things)}")
-    plan = WorldPlan({str(name): _thing(str(name), given, _MATERIAL) for name, given in things.items()}, tool, links)
-    plan.check()
-    return plan
-
-
-def _thing(name: str, given: Any, material: tuple[str, ...]) -> WorldObject:
-    fields = _fields(name, given, (*_SHAPES, "pose", *material))
-    shapes = [key for key in fields if key in _SHAPES]
-    if len(shapes) != 1:
-        raise ValueError(f"{name} must have exactly one of {', '.join(_SHAPES)}")
-    try:
-        shape = _SHAPES[shapes[0]](fields.pop(shapes[0]))
-        pose = _numbers("pose", fields.pop("pose", [0, 0, 0]))
-        if len(pose) not in (3, 6):
-            raise ValueError(f"pose must be x, y, z or x, y, z, rx, ry, rz, not {quoted(list(pose))}")
-        x, y, z, rx, ry, rz = (*pose, 0.0, 0.0, 0.0)[:6]
-        return WorldObject(shape, (x, y, z, rx, ry, rz), **{key: _number(key, value) for key, value in fields.items()})
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
-
-
-def _fields(name: str, given: Any, known: tuple[str, ...]) -> dict[str, Any]:
-    if not isinstance(given, dict):
-        raise ValueError(f"{name} must be a mapping of {', '.join(known)}, not {quoted(given)}")
-    strange = [key for key in given if key not in known]
-    if strange:
-        raise ValueError(f"{name} has {quoted(strange[0])}; known are {', '.join(known)}")
-    return dict(given)
-
-
-def _plane(given: Any) -> Plane:
-    if given not in (None, {}):
-        raise ValueError(f"a plane takes nothing but a pose: write plane: {{}}, not {quoted(given)}")
-    return Plane()
-
-
-def _sphere(given: Any) -> Sphere:
-    return Sphere(_number("sphere", given))
-
-
-def _box(given: Any) -> Box:
-    size = _numbers("box", given)
-    if len(size) != 3:
-        raise ValueError(f"box must be three lengths [m], not {quoted(list(size))}")
-    return Box((size[0], size[1], size[2]))
-
-
-_SHAPES: Final[Mapping[str, Callable[[Any], Shape]]] = {"plane": _plane, "box": _box, "sphere": _sphere}
-
-
-def _numbers(name: str, given: Any) -> tuple[float, ...]:
-    if not isinstance(given, list):
-        raise ValueError(f"{name} must be a list of numbers, not {quoted(given)}")
-    return tuple(_number(name, value) for value in given)
-
-
-def _number(name: str, given: Any) -> float:
-    if isinstance(given, bool) or not isinstance(given, int | float):
-        raise ValueError(f"{name} must be a number, not {quoted(given)}")
-    return float(given)

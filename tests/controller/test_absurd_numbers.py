@@ -11,9 +11,10 @@ from emulator.control.verbs import BadArguments, NotPossible, verbs_of
 from emulator.machine import ControllerConfig
 from emulator.robot.installation import Payload
 from emulator.safety.files import load_safety_file
-from emulator.world.file import WorldFileError, read_world
+from emulator.world.file import read_world
 from urproto.primary.messages import TextMessage
 from urproto.robots import load_model
+from urproto.worldfile import WorldFileError
 from urscript.polyscope.safety_section import SafetySettingsError
 
 BAD = [math.nan, math.inf, -math.inf, 1e155, -1e200]

@@ -177,15 +177,15 @@ def test_scenes_are_read_from_world_files(tmp_path: Path) -> None:
     assert scene.objects["tool"].attached
     bad = tmp_path / "bad.yaml"
     for text, why in (
-        ("objects: {a: {box: [1, 2]}}", "is not what a box takes"),
+        ("objects: {a: {box: [1, 2]}}", "box must be three lengths"),
         ("objects: {a: {box: [0, 1, 1]}}", "sizes are above 0"),
         ("objects: {a: {sphere: .inf}}", "sizes are above 0"),
-        ("objects: {a: {sphere: 1, plane: {}}}", "has 2 shapes"),
+        ("objects: {a: {sphere: 1, plane: {}}}", "must have exactly one of"),
         ("objects: {a: {sphere: 1, colour: red}}", "has 'colour'"),
         ("objects: {upper_arm_link: {sphere: 1}}", "a link's"),
         ("objects: {a: {mesh: nothing.stl}}", "there is no file"),
         ("tool: {plane: {}}", "an arm cannot carry it"),
-        ("[1, 2]", "must be a mapping"),
+        ("[1, 2]", "the file must be a mapping"),
         ("a: [", "is not YAML"),
     ):
         bad.write_text(text)

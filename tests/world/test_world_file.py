@@ -6,10 +6,11 @@ import pytest
 import yaml
 
 from emulator.config import ConfigError, read_surroundings
-from emulator.world.file import WorldFileError, read_world
+from emulator.world.file import read_world
 from emulator.world.shapes import Box, Plane, Sphere, WorldObject
 from emulator.world.world import POINT
 from urproto.robots import load_model
+from urproto.worldfile import WorldFileError
 
 EXAMPLE = """
 tool: {sphere: 0.005, pose: [0, 0, 0.01]}
