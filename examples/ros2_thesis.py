@@ -1,6 +1,6 @@
 """The four goals of the thesis by ROS 2: from `ur-client ros2`, or any driver with these names, to the arm.
 
-python examples/10_ros2_thesis.py [seconds for each goal]. Turns every joint by up to 2.4 rad.
+python examples/ros2_thesis.py [seconds for each goal]. Turns every joint by up to 2.4 rad.
 """
 
 import sys
