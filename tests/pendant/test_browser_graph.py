@@ -55,6 +55,7 @@ def test_signals_are_searched_and_chosen(rig, open_page):
     row = page.locator(".signals tbody tr", has_text="tool_temperature")
     expect(row).to_contain_text("temperature of the tool board")
     row.locator(".q-checkbox").click()
+    expect(row.locator(".q-checkbox")).to_have_attribute("aria-checked", "true")  # the table is drawn anew meanwhile
     page.get_by_test_id("signals-show").click()
     entry = page.locator(".legend-entry[data-key='tool_temperature']")
     expect(entry).to_contain_text("°C")
