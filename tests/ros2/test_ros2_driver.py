@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import pytest_asyncio
 from driver_rig import HOME, driver_options, emulator
-from ros2_rig import HOST, SCALED, Lab, laboratory
+from ros2_rig import HOST, PATIENCE_S, SCALED, Lab, laboratory
 
 from client.controllers.remote import RemoteManager
 from client.errors import ClientError
@@ -137,8 +137,10 @@ async def test_states_of_the_arm_are_published(lab: Lab) -> None:
     assert abs(state["header"]["stamp"]["sec"] - time.time()) < 5.0
     everything = await lab.peer.echo("/dynamic_joint_states", "control_msgs/msg/DynamicJointState")
     assert {"elbow_joint", "gpio", "tcp_pose"} <= set(everything["joint_names"])
-    scaling = await lab.peer.echo("/speed_scaling_state_broadcaster/speed_scaling", "std_msgs/msg/Float64")
-    assert scaling["data"] == pytest.approx(100.0)
+    scaling = "/speed_scaling_state_broadcaster/speed_scaling"
+    async with timeout(PATIENCE_S):  # the program has just begun, and the robot comes up to speed
+        while (await lab.peer.echo(scaling, "std_msgs/msg/Float64", new=True))["data"] != pytest.approx(100.0):
+            pass
     running = await lab.peer.echo("/io_and_status_controller/robot_program_running", "std_msgs/msg/Bool", latched=True)
     assert running["data"] is True
     description = await lab.peer.echo("/robot_description", "std_msgs/msg/String", latched=True)
