@@ -1,8 +1,8 @@
 """Whether an arm touches anything, and how far it is from it: by Pinocchio and coal, one capsule a link.
 
 A motion between two joint configurations is free where its whole length is shown to be: at each place looked at, the
-distance to the nearest thing says how far the arm may go on before another look is needed. Nothing thinner than a step
-is missed.
+distance to the nearest thing says how far the arm may go on before another look is needed. However thin a thing
+is, it is not missed.
 """
 
 from collections.abc import Callable, Sequence

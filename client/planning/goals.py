@@ -5,7 +5,7 @@ A pose can be reached with up to eight postures, each with joints turned once mo
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import pi, tau
+from math import isfinite, pi, tau
 from typing import Final, TypeAlias
 
 from client.errors import PlanningError
@@ -80,6 +80,8 @@ def _reaching(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker)
         a, b, c, d, e, f = (float(value) for value in goal.q_rad)
         _check_limits((a, b, c, d, e, f), model)
         return [(a, b, c, d, e, f)]
+    if not all(map(isfinite, (*goal.pose, *(goal.tcp_offset or ())))):
+        raise GoalUnreachableError(f"the goal cannot be reached: p{list(goal.pose)} has numbers that no pose has")
     flange = pose_trans(goal.pose, pose_inv(goal.tcp_offset or ZERO6))
     postures = checker.scene.kinematics.inverse_all(flange, start_rad)
     if not postures:

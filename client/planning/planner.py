@@ -8,8 +8,9 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import isfinite
 from random import Random
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
@@ -24,15 +25,15 @@ from urproto.robots import Joints, RobotModel
 PlannerName = Literal["RRTConnect", "RRTstar", "PRM"]
 
 _STEPS_RAD: Final = (0.1, 0.04, 0.015)  # between looks at a way, ever finer
-_RANGE_RAD: Final = (
-    0.5  # of a tree's step: of 24 ways past wall and board it missed 2, with OMPL's own choice of 4 rad, 8
-)
+# of a tree's step: of 24 ways past wall and board it missed 2 in 8 s, and OMPL's own choice, 4 rad, missed 8
+_RANGE_RAD: Final = 0.5
 _AROUND_RAD: Final = np.pi  # how far from start and goals joints are tried
 _SHORTCUTS: Final = 40  # tries
 _AWAY_RAD: Final = 0.02  # guess: more than an arm sags, less than any clearance
 _APART: Final = 1e-6  # rad; nearer points are one
+_SEEDS: Final = 2**31  # OMPL takes 32 bits
 _ROUNDINGS: Final = 7  # halvings of a corner that comes too near to something
-_STEP_S: Final = 0.04  # between points of a trajectory: the controllers' splines lie within 0.1 mrad (measured)
+_STEP_S: Final = 0.04  # between points of a trajectory (guess)
 _A_RAD_S2: Final = 10.0  # guess: what MoveIt users give a UR, and a fourth of what the controller takes
 _J_RAD_S3: Final = 200.0  # guess
 
@@ -102,8 +103,16 @@ class Planner:
         seed: the same one in the same scene gives the same plan. time_limit_s: for the search; RRTstar uses all of it
         to find shorter ways. Raises StartInCollisionError, GoalUnreachableError, NoPathError, PlanningError.
         """
+        if planner not in get_args(PlannerName):
+            raise PlanningError(f"there is no planner {planner!r}; there are {', '.join(get_args(PlannerName))}")
+        if not 0 <= seed < _SEEDS:
+            raise PlanningError(f"a seed is from 0 to {_SEEDS - 1}, not {seed}")
+        if not 0.0 < time_limit_s < float("inf"):
+            raise PlanningError(f"the time limit is above 0 s, not {time_limit_s}")
         limits = self.limits.scaled(velocity_scaling, acceleration_scaling)
         start = _six(start_rad)
+        if not all(map(isfinite, start)):
+            raise PlanningError(f"the start has numbers that no joint has: {list(start)}")
         began_s = time.perf_counter()
         self.check_start(start)
         goals = candidates(goal, start, self.checker)
@@ -147,7 +156,7 @@ class Planner:
             way = _searched(self.checker, start, goals, planner, left_s, seed, step)
             if way is None:
                 break
-            if all(self.checker.way_is_free(one, other) for one, other in _pairs(way)):
+            if all(self.checker.way_is_free(one, other) for one, other in pairwise(way)):
                 return way
         raise NoPathError(
             f"no way was found within {time_limit_s:g} s: {planner} looked for one to {len(goals)} "
@@ -176,7 +185,7 @@ class Planner:
         return way
 
     def _cut(self, way: list[Array], random: Random) -> list[Array]:
-        ends = np.cumsum([0.0, *(float(np.linalg.norm(other - one)) for one, other in _pairs(way))])
+        ends = np.cumsum([0.0, *(float(np.linalg.norm(other - one)) for one, other in pairwise(way))])
         low, high = sorted((random.uniform(0.0, ends[-1]), random.uniform(0.0, ends[-1])))
         i, j = (int(np.searchsorted(ends, at, side="right")) - 1 for at in (low, high))
         if i == j:
@@ -228,7 +237,7 @@ def _searched(
     try:
         from ompl import base, geometric, util
     except ImportError as error:
-        raise PlanningError("planning needs OMPL: pip install 'ur-emulator[plan]'") from error
+        raise PlanningError("planning needs OMPL: in the folder of ur-emulator, pip install '.[plan]'") from error
     util.noOutputHandler()
     util.RNG.setSeed(seed + 1)
     space = base.RealVectorStateSpace(6)
@@ -271,10 +280,6 @@ def _state(space: Any, q: Joints) -> Any:
     for i, angle in enumerate(q):
         state[i] = angle
     return state
-
-
-def _pairs(way: Sequence[Array]) -> Iterator[tuple[Array, Array]]:
-    return pairwise(way)
 
 
 def _distinct(way: Sequence[Array]) -> list[Array]:

@@ -135,6 +135,17 @@ def test_what_cannot_be_planned_says_why() -> None:
         planner.plan(above, NamedGoal("sleep"))
     with pytest.raises(PlanningError, match="velocity scaling is above 0 and at most 1, not 2"):
         planner.plan(above, NamedGoal("up"), velocity_scaling=2.0)
+    nan = float("nan")
+    for wrong, says in (
+        ({"planner": "A*"}, "no planner 'A\\*'; there are RRTConnect"),
+        ({"seed": -1}, "a seed is from 0"),
+        ({"time_limit_s": nan}, "the time limit is above 0 s"),
+        ({"start_rad": (nan, *above[1:])}, "numbers that no joint has"),
+        ({"goal": JointGoal((nan, *above[1:]))}, "base would be at nan rad"),
+        ({"goal": PoseGoal((nan, 0.0, 0.3, 0.0, 3.1, 0.0))}, "numbers that no pose has"),
+    ):
+        with pytest.raises(PlanningError, match=says):
+            planner.plan(**({"start_rad": above, "goal": NamedGoal("up")} | wrong))
 
 
 def test_no_way_says_what_was_tried() -> None:
