@@ -1,5 +1,6 @@
 """Graph, in a browser: what is drawn, and the files that come out."""
 
+import re
 from pathlib import Path
 
 from playwright.sync_api import expect
@@ -59,7 +60,8 @@ def test_signals_are_searched_and_chosen(rig, open_page):
     page.get_by_test_id("signals-show").click()
     entry = page.locator(".legend-entry[data-key='tool_temperature']")
     expect(entry).to_contain_text("°C")
-    temperature = rig.state("tool_temperature")
-    eventually(lambda: abs(float(entry.locator("b").inner_text() or 0) - temperature) < 0.5)
+    value = entry.locator("b")
+    expect(value).to_have_text(re.compile(r"\d"))  # a dash until the first state with this signal is there
+    assert abs(float(value.inner_text()) - rig.state("tool_temperature")) < 0.5
     entry.click()
     expect(entry).to_have_attribute("data-state", "hidden")
