@@ -13,34 +13,37 @@ JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 1)
 # processes, and half of the time of each would go into compiling what the one before compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: emulator test long pages mutants soak chaos fuzz check wheel-check benchmarks docs constraints clean
+.PHONY: help emulator test long pages mutants soak chaos fuzz check wheel-check benchmarks docs site constraints clean
 
-emulator: $(VENV)/.base
+help: ## what there is to make
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
+
+emulator: $(VENV)/.base ## sets up everything and starts a UR3; MODEL=ur5e for another arm, ARGS="--running" for options
 	$(BIN)/ur-emulator --model $(MODEL) $(ARGS)
 
-test: $(VENV)/.dev
+test: $(VENV)/.dev ## sets up what the tests need, and runs them
 	tests/system_packages.sh
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m "$(MARKS)" $(ARGS)
 
 # Further models, keys and ways to be lost of tests that try some, and what takes long by its nature; CI runs them too.
-long: $(VENV)/.dev
+long: $(VENV)/.dev ## further arms and long runs of the same
 	tests/system_packages.sh
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m long $(ARGS)
 
 # What README, docs and examples/ci tell a reader to type is typed, against robots in real time: some minutes.
-pages: $(VENV)/.dev
+pages: $(VENV)/.dev ## what README and docs tell you to type
 	tests/system_packages.sh
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m page $(ARGS)
 
 # Bugs planted one at a time, and whether the tests of their subject find them: an hour. ARGS="rtde motion" for those
 # of some subjects only.
-mutants: $(VENV)/.dev
+mutants: $(VENV)/.dev ## bugs planted one at a time, and whether the tests find them: an hour
 	$(BIN)/python tests/mutants/mutants.py $(ARGS)
 
 # Thousands of random programs in virtual time, some minutes: the arm keeps its limits, no number makes the controller
 # fail, and no text or program takes more than half a control period. Then every test with random examples with twenty
 # times as many, and hostile robots against every part of the client, half an hour. The tests run a few of each.
-soak: $(VENV)/.dev
+soak: $(VENV)/.dev ## thousands of random programs, an hour
 	RANDOM_PROGRAMS=10000 RANDOM_EXTREMES=2000 RANDOM_COSTS=2000 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 \
 		tests/motion/test_random_programs.py tests/fuzzing
 	EXAMPLES=20 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 -m hypothesis
@@ -48,31 +51,35 @@ soak: $(VENV)/.dev
 		tests/ros2/test_hostile_robots.py
 
 # What enemies and accidents do, against bars; a quarter of an hour or more. ARGS=--quick takes a minute.
-chaos: $(VENV)/.dev
+chaos: $(VENV)/.dev ## accidents and enemies, against bars: a quarter of an hour
 	$(BIN)/python benchmarks/chaos.py $(ARGS)
 
 # Inputs that any reader of foreign bytes fails on, looked for with coverage: TIME seconds each, ARGS="rtde scripts" for
 # some of them only, ARGS=--keep to keep what covered more.
 TIME ?= 60
-fuzz: $(VENV)/.fuzz
+fuzz: $(VENV)/.fuzz ## inputs that a reader fails on; TIME=60 seconds each
 	$(BIN)/python tests/fuzzing/fuzz.py --time $(TIME) $(ARGS)
 
-check: $(VENV)/.dev
+check: $(VENV)/.dev ## ruff, mypy and the other static checks
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	@echo "make check: all clean"
 
 # The wheel installs into a clean environment and is not confused by namesakes in the current folder.
-wheel-check: $(VENV)/.dev
+wheel-check: $(VENV)/.dev ## the wheel and the source archive, in a clean environment
 	$(BIN)/python tests/packaging/check_wheel.py
 
-benchmarks: $(VENV)/.dev
+benchmarks: $(VENV)/.dev ## speed, memory, latency
 	$(BIN)/python benchmarks/run.py
 
 # Rewrites the generated tables in docs/ from the registries in the code.
-docs: $(VENV)/.dev
+docs: $(VENV)/.dev ## rewrites the generated pages
 	$(BIN)/python docs/generate.py
+
+# The documentation site, from docs/ and the pages beside it, without the internet; every link is followed.
+site: $(VENV)/.dev ## the documentation site, in build/site
+	$(BIN)/python docs/site.py
 
 $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo "Python 3.10 or newer is needed; set PYTHON=python3.12 or such" >&2; exit 2; }
@@ -97,10 +104,10 @@ $(VENV)/.fuzz: $(VENV)/.dev
 	touch $@
 
 # The newest packages that fit pyproject.toml, for every Python from 3.10 on and every system, with their hashes.
-constraints: | $(VENV)/bin/python
+constraints: | $(VENV)/bin/python ## renews constraints.txt
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/uv pip compile pyproject.toml --extra test --extra check --universal --python-version 3.10 --upgrade \
 	    --generate-hashes --custom-compile-command "make constraints" --quiet --output-file constraints.txt
 
-clean:
+clean: ## removes what the others made
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,14 +1,18 @@
-"""Writes what is generated in docs/ from the code: five pages, and the floors and layers in architecture.md.
+"""Writes what is generated in docs/ from the code: whole pages, and the floors and layers in architecture.md.
 
 ``python docs/generate.py`` rewrites them; ``--check`` fails when they are stale instead.
 """
 
 import argparse
+import ast
 import dataclasses
 import inspect
+import io
+import re
 import runpy
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import tokenize
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
@@ -72,6 +76,7 @@ def pages() -> dict[str, str]:
         "fault_kinds.md": fault_kinds(),
         "architecture.md": architecture(),
         "program_nodes.md": program_nodes(),
+        "guesses.md": guesses(),
     }
 
 
@@ -152,6 +157,58 @@ def states() -> str:
         _transitions(RUN_TABLE),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def guesses() -> str:
+    """Every comment, docstring and remark in a data file that calls something a guess, by package."""
+    parts = [
+        "# Guesses",
+        NOTICE,
+        "What no document, capture or recording that we found tells, by the place in the code that says so. A source "
+        "for any of them is [welcome](../CONTRIBUTING.md#a-difference-from-a-real-robot). What is not in code is on "
+        "the pages: [URScript](urscript.md), [Motion](motion.md), [The arm](arm.md).",
+    ]
+    for package in ("urproto", "urscript", "emulator", "client"):
+        places = dict[str, list[str]]()
+        for path in sorted((DOCS.parent / package).rglob("*")):
+            remarks = {".py": _remarks, ".toml": _notes, ".csv": _notes, ".yaml": _notes}.get(path.suffix)
+            for remark in remarks(path.read_text(encoding="utf-8")) if remarks else ():
+                if re.search(r"\bguess", remark, re.IGNORECASE):
+                    places.setdefault(remark, []).append(path.relative_to(DOCS.parent / package).as_posix())
+        rows = [(", ".join(f"`{place}`" for place in dict.fromkeys(at)), _cell(text)) for text, at in places.items()]
+        parts += [f"## {package}", _table(("where", "what it says"), rows)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _remarks(code: str) -> Iterator[str]:
+    """Comments, each with the code that it stands behind, and paragraphs of docstrings."""
+    block = list[str]()
+    last = 0
+    for token in tokenize.generate_tokens(io.StringIO(code).readline):
+        if token.type == tokenize.COMMENT:
+            text, before = token.string.lstrip("#: "), token.line[: token.start[1]].strip()
+            if before or token.start[0] != last + 1:
+                yield " ".join(block)
+                block = []
+            block.append(f"{before.rstrip('([{,')}: {text}" if before else text)
+            last = token.start[0]
+        elif token.type == tokenize.STRING and token.string.lstrip("rfRF").startswith(('"""', "'''")):
+            for paragraph in ast.literal_eval(token.string).split("\n\n"):
+                yield " ".join(paragraph.split())
+    yield " ".join(block)
+
+
+def _notes(data: str) -> Iterator[str]:
+    """Comments of a data file, each with the entry that it stands behind; of a table without comments its rows."""
+    for line in data.splitlines():
+        entry, mark, text = line.partition("#")
+        if mark:
+            yield f"{entry.split('=')[0].strip()}: {text.strip()}" if entry.strip() else text.strip()
+
+
+def _cell(text: str) -> str:
+    """A remark as a cell of a table: nothing in it is markup."""
+    return re.sub(r"([|<>*_`\[\]\\])", r"\\\1", text)
 
 
 def program_nodes() -> str:

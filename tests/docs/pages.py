@@ -15,7 +15,11 @@ from pathlib import Path
 __all__ = ["LANGUAGES", "PAGES", "ROOT", "Block", "Robot", "blocks", "indented", "robots"]
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "examples" / "ci" / "README.md")
+PAGES = (
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+    ROOT / "examples" / "ci" / "README.md",
+)
 LANGUAGES = {"sh", "shell", "python", "yaml", "urscript", "text", "ros"}  # ros: typed where ROS 2 is, tests/ros2
 
 _BLOCK = re.compile(

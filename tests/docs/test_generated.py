@@ -27,14 +27,3 @@ def test_pages_name_every_type_of_controller_and_every_screen() -> None:
     controllers, pendant = ((ROOT / "docs" / page).read_text() for page in ("controllers.md", "pendant.md"))
     assert [name for name in CONTROLLER_TYPES if f"`{name}`" not in controllers] == []
     assert [screen.title for screen in SCREENS if screen.title not in pendant] == []
-
-
-def test_links_between_pages_lead_somewhere() -> None:
-    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
-        for target in _local_links(page.read_text()):
-            assert (page.parent / target).exists(), f"{page.name} links to {target}, which is not there"
-
-
-def _local_links(text: str) -> list[str]:
-    targets = [part.split(")")[0].split("#")[0] for part in text.split("](")[1:]]
-    return [target for target in targets if target and "://" not in target]

@@ -44,7 +44,7 @@ def _parts(name: str) -> set[str]:
 
 def texts() -> Iterator[tuple[str, str]]:
     """Where a text stands, and the text: pages, and every string of the code with its docstrings."""
-    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+    for page in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")):
         if page.name != "writing.md":
             yield page.name, page.read_text(encoding="utf-8")
     for package in PACKAGES:
