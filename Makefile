@@ -64,6 +64,12 @@ check: $(VENV)/.dev ## ruff, mypy and the other static checks
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-workflows $(wildcard .github/workflows/*.yml examples/ci/.github/workflows/*.yml)
+	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-actions action.yml
+	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-issue-forms .github/ISSUE_TEMPLATE/differs.yml .github/ISSUE_TEMPLATE/problem.yml
+	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.dependabot .github/dependabot.yml
+	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.gitlab-ci --data-transform gitlab-ci examples/ci/.gitlab-ci.yml
+	$(BIN)/zizmor --offline --quiet --no-progress . examples/ci/.github
 	@echo "make check: all clean"
 
 # The wheel installs into a clean environment and is not confused by namesakes in the current folder.

@@ -1,11 +1,14 @@
-"""Build the wheel, install it into a clean environment, run it beside namesakes.
+"""Build the wheel and the source archive, look into them, install the wheel into a clean environment and run it there.
 
 Users often have a file called ``client.py`` or a folder called ``emulator`` next to them;
 neither the console scripts nor the pytest plugin may pick those up.
+
+The source archive holds what a distribution needs: it is unpacked, and the wheel is built from there.
 """
 
 import subprocess
 import sys
+import tarfile
 import tempfile
 import venv
 import zipfile
@@ -28,17 +31,41 @@ def main() -> None:
     """Exit non-zero, with the failing command's output, when the wheel is not fit to ship."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        wheel = build_wheel(folder)
+        wheel, archive = build(folder)
         check_contents(wheel)
+        check_archive(archive)
         environment = install(wheel, folder)
         run_beside_namesakes(environment, folder)
     sys.stdout.write("make wheel-check: the wheel installs and runs\n")
 
 
-def build_wheel(folder: Path) -> Path:
-    run([sys.executable, "-m", "build", "--wheel", "--outdir", str(folder), str(ROOT)])
+def build(folder: Path) -> tuple[Path, Path]:
+    """Wheel and source archive; without --wheel the wheel is built from the archive."""
+    run([sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(ROOT)])
     (wheel,) = folder.glob("ur_emulator-*.whl")
-    return wheel
+    (archive,) = folder.glob("ur_emulator-*.tar.gz")
+    run([sys.executable, "-m", "twine", "check", "--strict", str(wheel), str(archive)])
+    # W002: empty __init__.py are the same file. W009: four packages, as the user gave them.
+    run([str(Path(sys.executable).parent / "check-wheel-contents"), "--ignore", "W002,W009", str(wheel)])
+    return wheel, archive
+
+
+def check_archive(archive: Path) -> None:
+    with tarfile.open(archive) as opened:
+        names = {name.partition("/")[2] for name in opened.getnames()}
+    needed = {
+        "LICENSE",
+        "README.md",
+        "CHANGELOG.md",
+        "Makefile",
+        "docs/index.md",
+        "examples/table.yaml",
+        "tests/layers.py",
+    }
+    if missing := needed - names:
+        raise SystemExit(f"{sorted(missing)} are missing in the source archive")
+    if foreign := [name for name in names if name.startswith((".venv", "build/")) or name.endswith(".pyc")]:
+        raise SystemExit(f"the source archive holds {foreign[:3]}")
 
 
 def check_contents(wheel: Path) -> None:
