@@ -11,6 +11,7 @@ import asyncio
 import logging
 import os
 import stat
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
@@ -97,12 +98,14 @@ class ToolCommunication:
 
     def _open(self) -> None:
         """Both ends stay open here, so that programs may open and close the device as they like."""
-        try:
-            import tty  # not on every system
+        if sys.platform == "win32":
+            raise DeviceError(self.device, "no pseudo terminal: Windows has none")
+        import tty
 
+        try:
             self._near, self._far = os.openpty()
             tty.setraw(self._far)
-        except (AttributeError, ImportError, OSError) as error:
+        except OSError as error:
             raise DeviceError(self.device, f"no pseudo terminal: {error}") from error
         os.set_blocking(self._near, False)
         self._link(os.ttyname(self._far))
@@ -119,7 +122,7 @@ class ToolCommunication:
             raise DeviceError(self.device, error.strerror or str(error)) from error
 
     def _close(self) -> None:
-        if self._near < 0:
+        if self._near < 0 or sys.platform == "win32":
             return
         self._read(False)
         if self.device.is_symlink() and str(self.device.readlink()) == os.ttyname(self._far):

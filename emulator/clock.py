@@ -303,7 +303,8 @@ class _Timer(Protocol):
 def _timer(loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> _Timer:
     if sys.platform == "linux":
         with contextlib.suppress(OSError, AttributeError, NotImplementedError):
-            return _TimerFd(loop, callback)
+            # TFD_NONBLOCK and TFD_CLOEXEC are these
+            return _TimerFd(loop, callback, time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
     return _LoopTimer(loop, callback)
 
 
@@ -340,13 +341,12 @@ class _TimerFd:
     _ABSOLUTE: Final = 1  # TFD_TIMER_ABSTIME
     _EXPIRATIONS: Final = 8  # bytes of the counter read from it
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None], clock: int, flags: int) -> None:
         libc = ctypes.CDLL(None, use_errno=True)
         self._settime = libc.timerfd_settime
         self._times = _Times()
         self._reference = ctypes.byref(self._times)
-        flags = os.O_NONBLOCK | os.O_CLOEXEC  # TFD_NONBLOCK and TFD_CLOEXEC are these
-        self._fd: int = _checked(libc.timerfd_create(time.CLOCK_MONOTONIC, flags))
+        self._fd: int = _checked(libc.timerfd_create(clock, flags))
         self._loop = loop
         self._callback = callback
         loop.add_reader(self._fd, self._expired)

@@ -4,6 +4,7 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Final
@@ -179,6 +180,8 @@ def controller_config(
     ConfigError. Raises TypeError for what is neither an option nor a field.
     """
     chosen = choose_model(model, polyscope)
+    if fields.get("self_collision"):
+        need_coal("--self-collision")
     if (q_rad := fields.pop("initial_q", None)) is None:
         q_rad = read_initial_positions(_path(initial_positions), chosen)
     if (speeds := fields.pop("encoder_speeds", None)) is None:
@@ -371,11 +374,23 @@ def read_driver_address(text: str | None) -> DriverAddress:
 def read_surroundings(path: Path | None) -> WorldPlan | None:
     """What stands around the arm, from a world file. Raises ConfigError."""
     try:
-        return None if path is None else read_world(path)
+        plan = None if path is None else read_world(path)
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
     except WorldFileError as error:
         raise ConfigError(str(error)) from error
+    if plan is not None and plan.links:
+        need_coal(f"links: true in {path}")
+    return plan
+
+
+def need_coal(option: str) -> None:
+    """Raises ConfigError where the library that finds contacts is not installed: it comes with Pinocchio."""
+    if find_spec("coal") is None:
+        raise ConfigError(
+            f"{option} needs Pinocchio (pip install pin), which has no packages for native Windows: leave that out, or "
+            "run the emulator in WSL, in a container or on another machine"
+        )
 
 
 def read_faults(texts: Sequence[str]) -> tuple[Fault, ...]:

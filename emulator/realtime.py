@@ -73,10 +73,17 @@ def spare_the_collector() -> None:
 
 def _take_priority() -> bool:
     """Run before all that has no real-time priority; threads and children of this one do not."""
+    if sys.platform != "linux":
+        return False
     with contextlib.suppress(OSError):  # needs CAP_SYS_NICE or a limit
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_PRIORITY))
         return True
     return False
+
+
+def _give_priority_up() -> None:
+    if sys.platform == "linux":
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _lock_memory(*, everything: bool) -> bool:
@@ -85,6 +92,8 @@ def _lock_memory(*, everything: bool) -> bool:
     Without it the kernel may drop pages of code while the machine is short of memory, and read them from the disk in
     the middle of a control period.
     """
+    if sys.platform == "win32":
+        return False
     import resource
 
     unlimited = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
@@ -109,6 +118,8 @@ def _make_room_for_descriptors() -> None:
     It would do so when the 256th, the 512th, the 1024th client comes, and a process with threads waits for that: 10 to
     27 ms each were measured.
     """
+    if sys.platform == "win32":
+        return
     import fcntl
     import resource
 
@@ -150,7 +161,7 @@ async def give_way_under_overload() -> None:
         share = (used_s - used_before_s) / (now_s - before_s)
         if overload.see(share, now_s - before_s):
             if overload.over:
-                os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+                _give_priority_up()
                 _logger.warning(
                     "clients keep this emulator busy (%.0f %% of a core): real-time priority is given up, so that "
                     "others get their share. It comes back %.0f s after that ends",

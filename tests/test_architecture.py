@@ -47,7 +47,7 @@ THIRD_PARTY = {
     "matplotlib": ("client.recording.plots",),
     "mcap": ("client.recording.mcapfile",),
     "numpy": (
-        "urproto.robots.dynamics",
+        "urproto.robots.pinocchio_dynamics",
         "emulator.world.links",
         "client.recording",
         "client.traffic",
@@ -57,7 +57,7 @@ THIRD_PARTY = {
     "async_timeout": ("urproto.compat_asyncio",),
     "tomli": ("urproto.compat",),
     "typing_extensions": ("urproto.compat",),
-    "pinocchio": ("urproto.robots.dynamics", "client.planning"),
+    "pinocchio": ("urproto.robots.pinocchio_dynamics", "client.planning"),
     "yaml": ("urproto.yamltext", "client.calibration"),
     "typer": (
         "emulator.check",
@@ -244,7 +244,7 @@ def _beyond_the_codec(name: str) -> Iterator[str]:
 def test_pinocchio_is_not_loaded_by_importing_the_language_or_the_protocols() -> None:
     for name in modules():
         if "pinocchio" in imports(name, at_import_time=True):
-            assert name in ("urproto.robots.dynamics", "client.planning.collisions")
+            assert name in ("urproto.robots.pinocchio_dynamics", "client.planning.collisions")
 
 
 def test_no_import_cycles() -> None:

@@ -13,7 +13,6 @@ from typing import Final
 LOOPBACK_OF: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}
 """Where systems reach on this machine what listens everywhere."""
 
-_HAS_NAMES: Final = sys.platform == "linux"
 
 _marked: set[str] = set()  # by this process
 
@@ -27,7 +26,7 @@ class BackdoorMark:
     def __init__(self, address: str, port: int) -> None:
         self._name = _name_of(address, port)
         self._socket: socket.socket | None = None
-        if _HAS_NAMES:
+        if sys.platform == "linux":
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             try:
                 self._socket.bind(self._name)
@@ -70,7 +69,7 @@ def _is_here(address: str, version: int) -> bool:
 
 
 def _is_marked(name: str) -> bool:
-    if name in _marked or not _HAS_NAMES:
+    if name in _marked or sys.platform != "linux":
         return name in _marked
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
         try:

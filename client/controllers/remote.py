@@ -8,6 +8,7 @@ What can be asked: `client.controllers.session.Session`.
 
 import asyncio
 import json
+import sys
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
@@ -65,7 +66,7 @@ class RemoteManager:
         limit = protocol.LONGEST_ANSWER
         try:
             async with timeout(_CONNECT_S):
-                if protocol.HAS_UNIX_SOCKETS:
+                if sys.platform != "win32" and protocol.HAS_UNIX_SOCKETS:
                     path = place.with_name(f"{place.name}.sock")
                     self._reader, self._writer = await asyncio.open_unix_connection(str(path), limit=limit)
                     return ""

@@ -9,6 +9,7 @@ import json
 import logging
 import os
 import secrets
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import AsyncExitStack, contextmanager, suppress
 from pathlib import Path
@@ -70,10 +71,10 @@ def _lock(path: Path) -> Iterator[TextIO | None]:
 
 def _locked(descriptor: int) -> bool:
     """Whether it is this process that has the lock; true where there are no such locks."""
-    try:
-        import fcntl
-    except ImportError:  # not on this system
+    if sys.platform == "win32":
         return True
+    import fcntl
+
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -105,6 +106,8 @@ class ManagerServer:
 
     async def _on_unix(self, opening: AsyncExitStack) -> asyncio.Server:
         path = self._place.with_name(f"{self._place.name}.sock")
+        if sys.platform == "win32":
+            raise NotImplementedError
         path.unlink(missing_ok=True)  # of one that was killed: its lock would be held otherwise
         server = await asyncio.start_unix_server(self._come, str(path), limit=protocol.LONGEST_REQUEST)
         opening.callback(path.unlink, missing_ok=True)

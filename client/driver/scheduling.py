@@ -2,6 +2,7 @@
 
 import logging
 import os
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,9 +29,8 @@ def real_time_thread(how: RealTime) -> bool:
     if how == "off":
         return False
     try:
-        # reset on fork: processes that this program starts are no part of the bargain
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_PRIORITY))
-    except (AttributeError, OSError) as error:
+        _take_priority()
+    except OSError as error:
         if how == "on":
             raise OSError(f"no real-time priority for {threading.current_thread().name} ({error}): {_HINT}") from None
         _logger.info("no real-time priority for %s: %s", threading.current_thread().name, error)
@@ -38,14 +38,20 @@ def real_time_thread(how: RealTime) -> bool:
     return True
 
 
+def _take_priority() -> None:
+    if sys.platform != "linux":
+        raise OSError("only Linux has it")
+    # reset on fork: processes that this program starts are no part of the bargain
+    os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_PRIORITY))
+
+
 @contextmanager
 def real_time(how: RealTime) -> Iterator[bool]:
     """The calling thread has real-time priority for as long as the block lasts, where that is allowed."""
-    try:
-        before = os.sched_getscheduler(0), os.sched_getparam(0)
-    except AttributeError:  # not on this system
+    if sys.platform != "linux":
         yield real_time_thread(how)
         return
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
     granted = real_time_thread(how)
     try:
         yield granted

@@ -6,6 +6,7 @@ arm's motion nor the pages a moment.
 
 import asyncio
 import os
+import sys
 from collections.abc import Callable
 from typing import Final
 
@@ -30,7 +31,7 @@ async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]
         stderr=asyncio.subprocess.PIPE,
     )
     try:
-        if hasattr(os, "setpriority"):
+        if sys.platform != "win32":
             os.setpriority(os.PRIO_PROCESS, process.pid, _NICE)
         async with timeout(_LONGEST_S):
             output, complaint = await process.communicate(to_bytes(text))

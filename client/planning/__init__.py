@@ -1,5 +1,14 @@
 """Ways around what is in the way: planned here, executed by any robot. Needs the extra ``plan``."""
 
+from importlib.util import find_spec
+
+if find_spec("coal") is None:
+    raise ModuleNotFoundError(
+        "planning needs Pinocchio (pip install pin), which has no packages for native Windows: run it in WSL, in a "
+        "container or on another machine",
+        name="coal",
+    )
+
 from client.planning.collisions import CollisionChecker, Nearness
 from client.planning.goals import NAMED, Goal, GoalUnreachableError, JointGoal, NamedGoal, PoseGoal
 from client.planning.planner import NoPathError, Plan, Planner, PlannerName, StartInCollisionError, usual_limits

@@ -11,7 +11,6 @@ values are of the packages in `_VERSIONS`; tests compare their type hashes with 
 """
 
 import contextlib
-import fcntl
 import hashlib
 import importlib
 import importlib.metadata
@@ -208,6 +207,10 @@ def _whole(prefix: Path) -> bool:
 @contextlib.contextmanager
 def _lock(prefix: Path, progress: Progress | None) -> Iterator[None]:
     """Waits for other processes that make the same. The lock of one that dies is gone with it."""
+    if sys.platform == "win32":
+        raise Ros2Error("message packages are made on Linux")
+    import fcntl
+
     with open(f"{prefix}.lock", "w", encoding="utf-8") as file:
         while True:
             try:
@@ -265,7 +268,8 @@ def _run_builder(plan: Plan, log: Path, progress: Progress | None) -> None:
                     progress(float(part), what)
         except BaseException:
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(builder.pid, signal.SIGKILL)
+                if sys.platform != "win32":
+                    os.killpg(builder.pid, signal.SIGKILL)
             raise
         finally:
             builder.stdout.close()

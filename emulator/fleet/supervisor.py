@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Final
+from typing import Any, Final
 
 import urproto.robots.dynamics  # noqa: F401 # loaded here, Pinocchio is shared by the forks
 from emulator.config import EmulatorConfig
@@ -94,7 +94,7 @@ class Supervisor:
         self._shares = share_out(configs, processes)
         self._restart = restart
         self._forks = sys.platform == "linux"
-        self._context = multiprocessing.get_context("fork") if self._forks else multiprocessing.get_context("spawn")
+        self._context: Any = multiprocessing.get_context("fork" if self._forks else "spawn")
         self._crews: list[_Crew] = []
         self._waiting: list[_Crew] = []  # for being started again
         self._stop_read, self._stop_write = os.pipe()

@@ -12,6 +12,7 @@ import errno
 import logging
 import os
 import socket
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -154,10 +155,10 @@ _turns: Final = _Turns()
 
 
 def _most_descriptors() -> int | None:
-    try:
-        import resource  # not on every system
-    except ImportError:
+    if sys.platform == "win32":
         return None
+    import resource
+
     limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return None if limit == resource.RLIM_INFINITY else limit
 

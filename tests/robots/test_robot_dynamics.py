@@ -5,6 +5,7 @@ import math
 import random
 import subprocess
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,10 @@ import pinocchio as pin
 import pytest
 
 from urproto.robots import MODELS, load_model
-from urproto.robots.dynamics import Dynamics
 from urproto.robots.kinematics import Kinematics
+from urproto.robots.model import DH
+from urproto.robots.pinocchio_dynamics import Dynamics
+from urproto.robots.plain_dynamics import PlainDynamics
 
 G = 9.82
 ZERO = (0.0,) * 6
@@ -27,9 +30,14 @@ def name(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
+@pytest.fixture(params=[Dynamics, PlainDynamics], ids=["Pinocchio", "plain"])
+def kind(request: pytest.FixtureRequest) -> Any:
+    return request.param
+
+
 @pytest.fixture
-def dynamics(name: str) -> Dynamics:
-    return Dynamics(load_model(name))
+def dynamics(name: str, kind: Any) -> Any:
+    return kind(load_model(name))
 
 
 def states(count: int, seed: int) -> list[tuple[list[float], list[float], list[float]]]:
@@ -84,6 +92,48 @@ def test_link_frames_make_no_difference(name: str, dynamics: Dynamics) -> None:
         expected = pin.rnea(other, data, np.array(q), np.array(qd), np.array(qdd))
         # 1e-6 Nm on up to 1e3 Nm: what alpha with nine decimals leaves
         assert dynamics.inverse_dynamics(q, qd, qdd) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("calibrated", [False, True])
+def test_plain_python_computes_what_pinocchio_does(name: str, calibrated: bool) -> None:
+    model = load_model(name)
+    if calibrated:
+        model = replace(model, calibration=slightly_off(model.dh))
+    both = Dynamics(model), PlainDynamics(model)
+    for dynamics in both:
+        dynamics.set_payload(2.0, (0.01, -0.02, 0.05), (0.01, 0.02, 0.015, 0.001, -0.002, 0.003))
+        dynamics.set_gravity((1.0, -2.0, 9.0))
+        dynamics.set_rotor_inertia((0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
+    for q, qd, qdd in states(10, 10):
+        for method, arguments in {
+            "inverse_dynamics": (q, qd, qdd),
+            "base_wrench": (q, qd, qdd),
+            "forward_dynamics": (q, qd, qdd),
+            "gravity_torques": (q,),
+            "coriolis_torques": (q, qd),
+            "mass_matrix": (q,),
+            "energy": (q, qd),
+            "linear_momentum": (q, qd),
+            "jacobian_time_derivative": (q, qd, TOOL),
+        }.items():
+            expected, found = (np.array(getattr(dynamics, method)(*arguments)) for dynamics in both)
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * max(1.0, np.abs(expected).max()))
+
+
+def test_both_kinds_have_the_same_methods() -> None:
+    named = {kind: {name for name in vars(kind) if not name.startswith("_")} for kind in (Dynamics, PlainDynamics)}
+    assert named[Dynamics] == named[PlainDynamics]
+
+
+def slightly_off(dh: DH) -> DH:
+    """As a factory calibrates an arm: tenths of a millimetre, and of a milliradian."""
+    source = random.Random(11)
+    moved = {
+        field: tuple(value + source.uniform(-2e-4, 2e-4) for value in getattr(dh, field))
+        for field in ("a", "d", "alpha", "theta")
+    }
+    flange = {field: (*moved[field][:5], getattr(dh, field)[5]) for field in ("a", "alpha")}  # is its joint's frame
+    return replace(dh, **moved | flange)
 
 
 # by hand

@@ -1,171 +1,19 @@
-"""Rigid-body dynamics of an arm with its payload, by Pinocchio.
+"""`Dynamics`: torques, accelerations and momenta of an arm with its payload.
 
-The model is built in code from the arm's data. Pinocchio's joint i turns about z of
-Denavit-Hartenberg frame i-1, and the link's mass properties sit in frame i, one fixed
-transform further. The base frame is the robot's base; joint torques exclude friction, and
-the inertia of the motors unless it is given (``urproto.robots.drivetrain`` has numbers).
+Pinocchio computes them where it is installed. It has no wheels for some systems, native Windows among them: there
+``urproto.robots.plain_dynamics`` gives the same numbers in plain Python, in more time.
 """
 
-from collections.abc import Sequence
-from math import cos, hypot, sin
-from typing import Any, Final
+from typing import TYPE_CHECKING
 
-import numpy as np
-import numpy.typing as npt
-import pinocchio as pin
+if TYPE_CHECKING:
+    from urproto.robots.pinocchio_dynamics import Dynamics
+else:
+    try:
+        from urproto.robots.pinocchio_dynamics import Dynamics
+    except ModuleNotFoundError as missing:
+        if missing.name != "pinocchio":
+            raise
+        from urproto.robots.plain_dynamics import PlainDynamics as Dynamics
 
-from urproto.robots.calibration import chain_of
-from urproto.robots.kinematics import Jacobian
-from urproto.robots.model import DH, Joints, RobotModel
-from urproto.robots.pose import rotvec_to_matrix
-from urproto.vectors import ZERO6
-
-_STANDARD_GRAVITY: Final = (0.0, 0.0, 9.82)  # m/s2, default of URScript's set_gravity (Script Manual)
-_NO_INERTIA: Final = ZERO6
-_Vector = npt.NDArray[np.float64]
-
-
-class Dynamics:
-    """Torques, accelerations and momenta of one arm. Joint vectors are (6,): rad, rad/s, rad/s2, Nm.
-
-    Vectors of another length raise ValueError.
-    """
-
-    def __init__(self, model: RobotModel) -> None:
-        self._pin = _build(model)
-        self._flange = _to_next_link(model.dh, 5) if model.calibration is None else pin.SE3.Identity()
-        self._wrist_3 = pin.Inertia(self._pin.inertias[6])
-        self._tcp = self._pin.addFrame(pin.Frame("tcp", 6, 0, self._flange, pin.FrameType.OP_FRAME))
-        self._data = self._pin.createData()
-        self.set_gravity(_STANDARD_GRAVITY)
-
-    def set_payload(self, mass_kg: float, cog_m: Sequence[float], inertia_kg_m2: Sequence[float] = _NO_INERTIA) -> None:
-        """Mount a payload in place of the one before.
-
-        ``cog_m``: centre of gravity (3,) in the flange frame. ``inertia_kg_m2``: Ixx, Iyy, Izz,
-        Ixy, Ixz, Iyz about it, axes as the flange's (as URScript's set_target_payload). A
-        negative mass raises ValueError.
-        """
-        if mass_kg < 0.0:
-            raise ValueError(f"payload of {mass_kg} kg: a mass cannot be negative")
-        payload = _inertia(mass_kg, cog_m, inertia_kg_m2)
-        self._pin.inertias[6] = self._wrist_3 + self._flange.act(payload)
-
-    def set_gravity(self, acceleration_m_s2: Sequence[float]) -> None:
-        """The acceleration that the base feels (3,), as URScript's set_gravity: (0, 0, 9.82) when it stands upright."""
-        x, y, z = acceleration_m_s2
-        self._pin.gravity.linear = np.array((-x, -y, -z))
-
-    def set_rotor_inertia(self, inertia_kg_m2: Sequence[float]) -> None:
-        """Inertia of the rotors (6,), at the joints' side of the gears; none at first."""
-        a, b, c, d, e, f = inertia_kg_m2
-        self._pin.armature = _vector((a, b, c, d, e, f))
-
-    def inverse_dynamics(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
-        """Torques that give the accelerations ``qdd``."""
-        return _joints(pin.rnea(self._pin, self._data, _vector(q_rad), _vector(qd), _vector(qdd)))
-
-    def base_wrench(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
-        """What arm and payload do to the base (6,): force [N], torque [Nm] about its origin, base axes.
-
-        The weight of an upright arm is a negative z.
-        """
-        pin.rnea(self._pin, self._data, _vector(q_rad), _vector(qd), _vector(qdd))
-        return _joints(-self._data.liMi[1].act(self._data.f[1]).vector)
-
-    def forward_dynamics(self, q_rad: Sequence[float], qd: Sequence[float], torque_Nm: Sequence[float]) -> Joints:
-        """Accelerations under the torques."""
-        return _joints(pin.aba(self._pin, self._data, _vector(q_rad), _vector(qd), _vector(torque_Nm)))
-
-    def gravity_torques(self, q_rad: Sequence[float]) -> Joints:
-        """Torques that hold the arm still."""
-        return _joints(pin.computeGeneralizedGravity(self._pin, self._data, _vector(q_rad)))
-
-    def coriolis_torques(self, q_rad: Sequence[float], qd: Sequence[float]) -> Joints:
-        """Torques that Coriolis and centrifugal forces take: C(q, qd) qd."""
-        q = _vector(q_rad)
-        all_torques = pin.nonLinearEffects(self._pin, self._data, q, _vector(qd))
-        return _joints(all_torques - pin.computeGeneralizedGravity(self._pin, self._data, q))
-
-    def mass_matrix(self, q_rad: Sequence[float]) -> Jacobian:
-        """Joint-space mass matrix [kg m2], six rows; symmetric."""
-        upper = np.triu(pin.crba(self._pin, self._data, _vector(q_rad)))
-        return _rows(upper + np.triu(upper, 1).T)
-
-    def energy(self, q_rad: Sequence[float], qd: Sequence[float]) -> tuple[float, float]:
-        """Kinetic and potential energy of arm, payload and rotors [J]."""
-        q, v = _vector(q_rad), _vector(qd)
-        kinetic = pin.computeKineticEnergy(self._pin, self._data, q, v)
-        return float(kinetic), float(pin.computePotentialEnergy(self._pin, self._data, q))
-
-    def linear_momentum(self, q_rad: Sequence[float], qd: Sequence[float]) -> float:
-        """Magnitude of the linear momentum of arm and payload [kg m/s]."""
-        momentum = pin.computeCentroidalMomentum(self._pin, self._data, _vector(q_rad), _vector(qd))
-        return hypot(*momentum.linear.tolist())
-
-    def jacobian_time_derivative(
-        self, q_rad: Sequence[float], qd: Sequence[float], tcp_offset: Sequence[float] | None = None
-    ) -> Jacobian:
-        """Rate of ``Kinematics.jacobian`` along ``qd``: six rows, linear then angular, base axes, at the TCP."""
-        offset = pin.SE3.Identity() if tcp_offset is None else _placement(tcp_offset)
-        self._pin.frames[self._tcp].placement = self._flange * offset
-        pin.computeJointJacobiansTimeVariation(self._pin, self._data, _vector(q_rad), _vector(qd))
-        pin.updateFramePlacement(self._pin, self._data, self._tcp)
-        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        return _rows(pin.getFrameJacobianTimeVariation(self._pin, self._data, self._tcp, axes))
-
-
-def _build(model: RobotModel) -> Any:  # pinocchio ships no types
-    if model.calibration is not None:
-        return _build_calibrated(model, model.calibration)
-    built = pin.Model()
-    parent, placement = 0, pin.SE3.Identity()
-    for i, link in enumerate(model.links):
-        parent = built.addJoint(parent, pin.JointModelRZ(), placement, f"joint_{i + 1}")
-        placement = _to_next_link(model.dh, i)
-        built.appendBodyToJoint(parent, _inertia(link.mass_kg, link.com_m, link.inertia_kg_m2), placement)
-    return built
-
-
-def _build_calibrated(model: RobotModel, calibration: DH) -> Any:
-    """Joints in the frames of the calibration, and each link in its joint's frame as on the nominal arm."""
-    built, parent = pin.Model(), 0
-    for i, (link, frame) in enumerate(zip(model.links, chain_of(calibration), strict=True)):
-        placement = pin.SE3(np.array(frame.axes).reshape(3, 3), np.array(frame.position))
-        parent = built.addJoint(parent, pin.JointModelRZ(), placement, f"joint_{i + 1}")
-        body = _to_next_link(model.dh, i)
-        body.translation = np.array((model.dh.a[i], 0.0, 0.0))  # the frame has d behind it
-        built.appendBodyToJoint(parent, _inertia(link.mass_kg, link.com_m, link.inertia_kg_m2), body)
-    return built
-
-
-def _to_next_link(dh: DH, i: int) -> Any:
-    """Trans_z(d) Trans_x(a) Rot_x(alpha): what follows the turn of joint i (from 0)."""
-    s, c = sin(dh.alpha[i]), cos(dh.alpha[i])
-    rotation = np.array(((1.0, 0.0, 0.0), (0.0, c, -s), (0.0, s, c)))
-    return pin.SE3(rotation, np.array((dh.a[i], 0.0, dh.d[i])))
-
-
-def _placement(pose: Sequence[float]) -> Any:
-    x, y, z, rx, ry, rz = pose
-    return pin.SE3(np.array(rotvec_to_matrix(rx, ry, rz)).reshape(3, 3), np.array((x, y, z)))
-
-
-def _inertia(mass_kg: float, com_m: Sequence[float], inertia_kg_m2: Sequence[float]) -> Any:
-    xx, yy, zz, xy, xz, yz = inertia_kg_m2
-    tensor = np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
-    return pin.Inertia(mass_kg, np.array(com_m, dtype=float), tensor)
-
-
-def _vector(values: Sequence[float]) -> _Vector:
-    return np.array(values, dtype=np.float64)
-
-
-def _joints(values: _Vector) -> Joints:
-    a, b, c, d, e, f = values.tolist()
-    return (a, b, c, d, e, f)
-
-
-def _rows(matrix: _Vector) -> Jacobian:
-    a, b, c, d, e, f = (_joints(row) for row in matrix)
-    return (a, b, c, d, e, f)
+__all__ = ["Dynamics"]
