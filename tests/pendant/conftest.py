@@ -1,14 +1,15 @@
 """A real browser on a pendant of its own, which is connected to an emulator of its own.
 
 One emulator and one pendant serve all tests of a worker, one browser those of a module; each test has a page of its
-own, and finds the robot as it leaves ``Rig.reset``. Who opens a second page has a second browser for it.
+own, and finds the robot as it leaves ``Rig.reset``. Who opens a second page has a second browser for it. What a test
+that failed has left behind, in the robot, in the pendant or in their files, nobody finds: the next test has new ones.
 """
 
 import os
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -112,17 +113,53 @@ def browser(playwright: Playwright) -> Iterator[Browser]:
     browser.close()
 
 
+class SharedRig:
+    """A rig that is made when it is first wanted, and again after it was discarded."""
+
+    def __init__(self, folders: pytest.TempPathFactory) -> None:
+        self._folders = folders
+        self._rig: Rig | None = None
+
+    def clean(self) -> Rig:
+        """As every test finds it."""
+        if self._rig is None:
+            self._rig = Rig("ur3", self._folders.mktemp("programs"))
+        try:
+            self._rig.reset()
+        except BaseException:
+            self.discard()
+            raise
+        return self._rig
+
+    def discard(self) -> None:
+        rig, self._rig = self._rig, None
+        if rig is not None:
+            rig.close()
+
+
 @pytest.fixture(scope="package")
-def the_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
-    rig = Rig("ur3", tmp_path_factory.mktemp("programs"))
-    yield rig
-    rig.close()
+def shared_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedRig]:
+    shared = SharedRig(tmp_path_factory)
+    yield shared
+    shared.discard()
+
+
+FAILED = pytest.StashKey[bool]()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Note which test failed, for its fixtures."""
+    report = yield
+    item.stash[FAILED] = report.failed
+    return report
 
 
 @pytest.fixture
-def rig(the_rig: Rig) -> Rig:
-    the_rig.reset()
-    return the_rig
+def rig(shared_rig: SharedRig, request: pytest.FixtureRequest) -> Iterator[Rig]:
+    yield shared_rig.clean()
+    if request.node.stash.get(FAILED, False):
+        shared_rig.discard()
 
 
 @pytest.fixture(scope="module")

@@ -55,8 +55,11 @@ OUTLINE = """() => {
 def page(request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: Any) -> Iterator[Page]:
     """The pendant of one robot, on CB3 in its light look, on e-Series in its dark one."""
     e_series = request.param == "e-series"
-    rig = Rig("ur5e", tmp_path_factory.mktemp("programs")) if e_series else request.getfixturevalue("the_rig")
-    rig.reset()
+    if e_series:
+        rig = Rig("ur5e", tmp_path_factory.mktemp("programs"))
+        rig.reset()
+    else:
+        rig = request.getfixturevalue("shared_rig").clean()
     context = browser.new_context(viewport=SIZE, color_scheme="dark" if e_series else "light")
     context.add_init_script(FEW_FRAMES)
     page = context.new_page()

@@ -6,7 +6,7 @@ import re
 import signal
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from math import dist
+from math import degrees, dist
 from pathlib import Path
 from threading import Event
 
@@ -40,15 +40,32 @@ def row(page: Page, text: str) -> Locator:
     return page.locator(".program-row", has=page.locator(".program-row-text", has_text=re.compile(f"^{text}"))).last
 
 
+def selected(page: Page) -> str:
+    """The id of the selected node."""
+    chosen = page.locator(".program-row[aria-selected=true]")
+    expect(chosen).to_have_count(1)
+    return chosen.get_attribute("data-node") or ""
+
+
 def insert(page: Page, kind: str, shown: str) -> None:
-    """By the palette; the new node is selected then."""
+    """By the palette; the new node is selected then, and its fields are there."""
+    before = selected(page)
     page.get_by_test_id(f"insert-{kind}").click()
-    expect(row(page, shown)).to_have_attribute("aria-selected", "true")
+    new = page.locator(f'.program-row[aria-selected=true]:not([data-node="{before}"])')
+    expect(new.locator(".program-row-text")).to_have_text(re.compile(f"^{shown}"))
+    expect_fields(page, shown)
 
 
 def select(page: Page, shown: str) -> None:
     row(page, shown).locator(".program-row-text").click()
+    expect(row(page, shown)).to_have_attribute("aria-selected", "true")
+    expect_fields(page, shown)
+
+
+def expect_fields(page: Page, shown: str) -> None:
+    """Those of the selected node: for a moment, the form still has those of the one before."""
     expect(page.get_by_test_id("form-title")).to_contain_text(re.compile(f"^{shown}", re.IGNORECASE))
+    expect(page.locator(f'.program-fields[data-node="{selected(page)}"]')).to_have_count(1)
 
 
 def fill(page: Page, key: str, value: str) -> None:
@@ -62,12 +79,20 @@ def choose(page: Page, key: str, title: str) -> None:
     page.get_by_role("option", name=title, exact=True).click()
 
 
+def leave(page: Page, mark: str) -> None:
+    """Press a button that takes the program away, and agree if there is something to lose."""
+    title = page.get_by_test_id("program-title")
+    expect(title).to_have_attribute("data-state", re.compile("changed|saved"))
+    changed = title.get_attribute("data-state") == "changed"
+    page.get_by_test_id(mark).click()
+    if changed:
+        page.get_by_test_id("agree").click()
+
+
 def new_program(page: Page) -> None:
-    page.get_by_test_id("program-new").click()
-    title, agree = page.get_by_test_id("program-title"), page.get_by_test_id("agree")
-    eventually(lambda: agree.is_visible() or title.inner_text() == "unnamed")
-    if agree.is_visible():
-        agree.click()
+    leave(page, "program-new")
+    title = page.get_by_test_id("program-title")
+    expect(title).to_have_attribute("data-state", "saved")
     expect(title).to_have_text("unnamed")
     expect(page.locator(".program-row-text")).to_have_text(["Variables Setup", "Robot Program", "<empty>"])
 
@@ -126,11 +151,19 @@ def taught(page: Page, rig: Rig, name: str, q: tuple[float, ...]) -> None:
     """Teach the waypoint that was inserted last, where the arm is brought as a person would by hand."""
     select(page, "Waypoint_1")
     rig.control.set_joints(q)
-    page.wait_for_timeout(300)  # thirty states a second come to the pendant
-    page.get_by_test_id("teach-position").click()
-    expect(page.get_by_test_id("field-position")).to_contain_text("Joints")
+    eventually(lambda: teaches(page, q))  # once the pendant has heard where the arm is
     fill(page, "name", name)
     expect(row(page, name)).not_to_have_class(re.compile("is-undefined"))
+
+
+def teaches(page: Page, q: tuple[float, ...]) -> bool:
+    """Teach the selected waypoint, and whether it is this one then."""
+    page.get_by_test_id("teach-position").click()
+    position = page.get_by_test_id("field-position")
+    expect(position).to_contain_text("Joints")
+    page.wait_for_timeout(100)
+    shown = [float(number) for number in re.findall(r"-?[\d.]+", position.inner_text())]
+    return shown == pytest.approx([degrees(angle) for angle in q], abs=0.1)
 
 
 def move(page: Page, rig: Rig, motion: str, name: str, q: tuple[float, ...]) -> None:
@@ -192,8 +225,9 @@ def test_two_people_make_a_pick_and_place_that_does_what_a_script_does(rig: Rig,
     save_as(page, "pick")
     script = (rig.programs / "pick.script").read_text()
     assert "set_standard_digital_out(2,True)" in script.replace(" ", "")
+    expect(other.get_by_test_id("program-title")).to_have_text("pick.urp")
     new_program(other)
-    other.get_by_test_id("program-open").click()
+    leave(other, "program-open")
     other.get_by_test_id("program-choice").get_by_text("pick.urp").click()
     expect(page.get_by_test_id("program-title")).to_have_text("pick.urp")
     here = played(rig, page.get_by_test_id("program-play").click)
@@ -224,20 +258,29 @@ def test_keys_edit_and_nodes_are_stepped_through_and_played_from(rig: Rig, open_
     choose(page, "type", "An expression")
     expect(row(page, "Wait")).to_have_class(re.compile("is-undefined"))
     choose(page, "type", "A time")
-    page.get_by_test_id("field-time").fill("x")
-    page.get_by_test_id("field-time").press("Enter")
+    fill(page, "time", "x")
     expect(page.get_by_text("it is a number in s, not 'x'")).to_be_visible()
     fill(page, "time", "60")
     expect(page.locator(".program-row.is-undefined")).to_have_count(0)
-    # keys
+    # what is typed stays where another node is chosen without Enter
     select(page, "'one'")
+    page.get_by_test_id("field-comment").fill("once")
+    select(page, "'two'")
+    expect(page.get_by_test_id("field-comment")).to_have_value("two")
+    expect(row(page, "'once'")).to_be_visible()
+    select(page, "Wait")
+    page.get_by_test_id("field-time").fill("y")
+    select(page, "'two'")
+    expect(page.get_by_text("it is a number in s, not 'y'")).to_be_visible()
+    # keys
+    select(page, "'once'")
     page.keyboard.press("ArrowDown")
     expect(row(page, "'two'")).to_be_focused()
     page.keyboard.press("Alt+ArrowUp")
     shown = page.locator(".program-row-text")
-    expect(shown).to_have_text(["Variables Setup", "Robot Program", "'two'", "'one'", "'three'", re.compile("Wait")])
+    expect(shown).to_have_text(["Variables Setup", "Robot Program", "'two'", "'once'", "'three'", re.compile("Wait")])
     page.keyboard.press("Control+z")
-    expect(shown.nth(2)).to_have_text("'one'")
+    expect(shown.nth(2)).to_have_text("'once'")
     page.keyboard.press("Control+e")
     expect(row(page, "'two'")).to_have_class(re.compile("is-suppressed"))
     page.keyboard.press("Control+e")
@@ -312,8 +355,7 @@ def test_on_an_e_series_chapter_ten_outlives_emulator_and_pendant(tmp_path: Path
             page = context.new_page()
             page.goto(f"{rig.url}/program")
             expect(row(page, "'half done'")).to_be_visible()
-            page.get_by_test_id("program-open").click()
-            page.get_by_test_id("agree").click()
+            leave(page, "program-open")
             page.get_by_test_id("program-choice").get_by_text("external_control.urp").click()
             expect(row(page, "'half done'")).to_have_count(0)
             expect(row(page, "Control by")).to_be_visible()
