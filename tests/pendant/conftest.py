@@ -5,6 +5,7 @@ own, and finds the robot as it leaves ``Rig.reset``. Who opens a second page has
 that failed has left behind, in the robot, in the pendant or in their files, nobody finds: the next test has new ones.
 """
 
+import math
 import os
 import shutil
 import sys
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, Playwright, expect, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Locator, Page, Playwright, expect, sync_playwright
 
 from tests.pendant.pendants import pendant
 from urproto.testing.process import EmulatorProcess
@@ -57,19 +58,34 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.xdist_group(item.path.stem))
 
 
+def number(field: Locator) -> float:
+    """What is in a box for numbers; NaN while there is none."""
+    try:
+        return float(field.input_value())
+    except ValueError:
+        return math.nan
+
+
 class Rig:
     """An emulator and the pendant for it."""
 
     def __init__(self, model: str, folder: Path) -> None:
-        self.robot = EmulatorProcess(["--model", model, "--running", "--programs", str(folder)]).start()
+        self.robot = EmulatorProcess(["--model", model, "--running", "--programs", str(folder)])
+        with ExitStack() as opened:
+            opened.callback(self.robot.dispose)
+            self.robot.start()
+            opened.callback(self.robot.stop)
+            self._open(folder, opened)
+            self._opened = opened.pop_all()
+
+    def _open(self, folder: Path, opened: ExitStack) -> None:
         self.host = self.robot.host
         self.control: Any = self.robot.control
         self.programs = folder
         self.url = f"http://{self.host}:6080"
         options = ("--modbus-port", str(self.robot.ports["modbus"]), "--tools", str(folder / "tools.json"))
         options += ("--poses", str(folder / "poses.json"), "--drafts", str(folder / "drafts"))
-        self._opened = ExitStack()
-        self._pendant = self._opened.enter_context(pendant(self.host, *options))
+        self._pendant = opened.enter_context(pendant(self.host, *options))
 
     @property
     def pendant_pid(self) -> int:
@@ -95,8 +111,6 @@ class Rig:
 
     def close(self) -> None:
         self._opened.close()
-        self.robot.stop()
-        self.robot.dispose()
 
 
 @pytest.fixture(scope="module")
