@@ -92,8 +92,9 @@ class Rig:
         return self._pendant.pid
 
     def reset(self) -> None:
-        """Arm on, brakes released, no stop, no program, no fault, full speed."""
+        """Arm on, brakes released, no stop, no program, no fault, full speed, time as ours."""
         control = self.control
+        control.set_speed(1.0)
         control.clear_faults()
         control.dashboard("stop")
         control.release_emergency_stop()

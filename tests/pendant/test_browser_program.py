@@ -1,6 +1,9 @@
 """Program, in a browser: programs are made from nothing, saved, played, edited by two people, and kept."""
 
 import asyncio
+import base64
+import gzip
+import json
 import os
 import re
 import signal
@@ -24,6 +27,7 @@ ABOVE = (0.3, -1.3, 1.4, -1.7, -1.57, 0.3)
 DOWN = (0.3, -1.2, 1.5, -1.9, -1.57, 0.3)
 BIN = (-0.3, -1.2, 1.2, -1.6, -1.57, 0.0)
 HOME = (0.0, -1.2, 1.2, -1.6, -1.57, 0.0)
+FIELDS = ("timestamp", "actual_q", "actual_digital_output_bits", "runtime_state")
 BY_HAND = f"""def by_hand():
   movej({list(ABOVE)}, a=1.4, v=1.05)
   movel({list(DOWN)}, a=1.2, v=0.25)
@@ -203,16 +207,17 @@ def pick_and_place(page: Page, other: Page, rig: Rig) -> None:
     switch(page, "Off")
 
 
-def played(rig: Rig, start: Callable[[], object]) -> list[tuple[float, ...]]:
-    """Where the arm was on the way, and output 2, from the start to the end."""
+def played(rig: Rig, start: Callable[[], object]) -> tuple[list[tuple[float, ...]], float]:
+    """Where the arm was on the way, and output 2, from the start to the end; how long that took [s]."""
     rig.control.set_joints(HOME)
-    way = list[tuple[float, ...]]()
-    with BlockingRTDEClient(rig.host, ("actual_q", "actual_digital_output_bits", "runtime_state")) as watcher:
+    way, times_s = list[tuple[float, ...]](), list[float]()
+    with BlockingRTDEClient(rig.host, FIELDS) as watcher:
         start()
         eventually(lambda: watcher.latest()["runtime_state"] == RuntimeState.PLAYING)
         while (state := watcher.receive())["runtime_state"] == RuntimeState.PLAYING:
             way.append((*state["actual_q"], float(state["actual_digital_output_bits"] >> 2 & 1)))
-    return way
+            times_s.append(state["timestamp"])
+    return way, times_s[-1] - times_s[0]
 
 
 @pytest.mark.long
@@ -230,11 +235,12 @@ def test_two_people_make_a_pick_and_place_that_does_what_a_script_does(rig: Rig,
     leave(other, "program-open")
     other.get_by_test_id("program-choice").get_by_text("pick.urp").click()
     expect(page.get_by_test_id("program-title")).to_have_text("pick.urp")
-    here = played(rig, page.get_by_test_id("program-play").click)
-    by_hand = played(rig, lambda: rig.control.send_script(BY_HAND))
+    rig.control.set_speed(2.0)
+    here, here_s = played(rig, page.get_by_test_id("program-play").click)
+    by_hand, by_hand_s = played(rig, lambda: rig.control.send_script(BY_HAND))
     for one, another in ((here, by_hand), (by_hand, here)):
         assert max(min(dist(place, near) for near in another) for place in one[::10]) < 0.05
-    assert len(here) == pytest.approx(len(by_hand), rel=0.1)
+    assert here_s == pytest.approx(by_hand_s, rel=0.1)
     # undo is one for both, and what one selects is not what the other does
     select(page, "Wait")
     select(other, "Bin")
@@ -309,6 +315,12 @@ def test_keys_edit_and_nodes_are_stepped_through_and_played_from(rig: Rig, open_
     expect(page.get_by_text("not part of the robot program")).to_be_visible()
 
 
+def kept(folder: Path, text: bytes) -> bool:
+    """Whether the program in a pendant's folder of drafts has it."""
+    drafts = [json.loads(file.read_text())["urp"] for file in folder.glob("*.json")]
+    return any(text in gzip.decompress(base64.b64decode(urp)) for urp in drafts)
+
+
 def test_what_is_being_made_outlives_a_pendant_that_is_killed(rig: Rig, browser: Browser, tmp_path: Path) -> None:
     options = ("--port", "6081", "--modbus-port", str(rig.robot.ports["modbus"]), "--drafts", str(tmp_path))
     context = browser.new_context(viewport=SIZE)
@@ -320,7 +332,7 @@ def test_what_is_being_made_outlives_a_pendant_that_is_killed(rig: Rig, browser:
         insert(page, "comment", "Comment")
         fill(page, "comment", "half done")
         expect(row(page, "'half done'")).to_be_visible()
-        page.wait_for_timeout(1000)
+        eventually(lambda: kept(tmp_path, b"half done"))
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
     page.close()
@@ -346,7 +358,7 @@ def test_on_an_e_series_chapter_ten_outlives_emulator_and_pendant(tmp_path: Path
         insert(page, "comment", "Comment")
         fill(page, "comment", "half done")
         expect(row(page, "'half done'")).to_be_visible()
-        page.wait_for_timeout(1000)
+        eventually(lambda: kept(tmp_path / "drafts", b"half done"))
         page.close()
         rig.robot.kill()
         os.kill(rig.pendant_pid, signal.SIGKILL)

@@ -54,9 +54,7 @@ async def test_a_flooded_loop_gives_its_priority_up(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     asked: list[int] = []
-    used_s = (
-        time.monotonic
-    )  # as if this process had a core of its own
+    used_s = time.monotonic  # as if this process had a core of its own
     monkeypatch.setattr(time, "thread_time", lambda: used_s())
     monkeypatch.setattr(realtime, "_LOOK_S", 0.05)
     monkeypatch.setattr(realtime, "_CALM_FOR_S", 0.1)
